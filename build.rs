@@ -1,0 +1,229 @@
+//! GLSL -> SPIR-V -> one typed Rust struct a shader (`src/shader.rs` includes the result).
+//!
+//! In: every `glsl/*.comp|vert|frag` (files under `glsl/lib` are only included). Out: `$OUT_DIR/shader.rs`. The SPIR-V is the only truth:
+//! a shader's bindings become fields by their GLSL names, `&` where the GLSL says `readonly` and `&mut` where it writes; push constants and
+//! structs that live inside buffers become `#[repr(C)]` structs field by field (a padding hole fails the build, because then two layouts
+//! would have to be kept equal by hand); specialisation constants become a `Spec` with the GLSL's own defaults where those are needed.
+
+use spirq::prelude::*;
+use spirq::ty::{ScalarType, StructType};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+fn main() {
+    println!("cargo:rerun-if-changed=glsl");
+    println!("cargo:rerun-if-changed=build.rs");
+    let mut sources: Vec<PathBuf> = std::fs::read_dir("glsl").expect("glsl/").map(|entry| entry.expect("glsl/").path()).collect();
+    sources.retain(|path| stage(path).is_some());
+    sources.sort();
+    let mut rust = String::new();
+    let mut shared = BTreeMap::new();
+    for source in &sources {
+        // Reflected before optimisation, which removes what is unused.
+        let plain = compile(source, shaderc::OptimizationLevel::Zero);
+        let optimised = compile(source, shaderc::OptimizationLevel::Performance);
+        generate(&mut rust, &mut shared, source, &plain, &optimised);
+    }
+    for (name, body) in shared {
+        writeln!(rust, "#[repr(C)]\n#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]\npub struct {name} {{ {body} }}").unwrap();
+    }
+    let out = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR")).join("shader.rs");
+    std::fs::write(out, rust).expect("write shader.rs");
+}
+
+fn stage(path: &Path) -> Option<shaderc::ShaderKind> {
+    Some(match path.extension()?.to_str()? {
+        "comp" => shaderc::ShaderKind::Compute,
+        "vert" => shaderc::ShaderKind::Vertex,
+        "frag" => shaderc::ShaderKind::Fragment,
+        _ => return None,
+    })
+}
+
+/// With debug names kept: reflection, captures and validation messages speak of `depth`, not of `%23`.
+fn compile(source: &Path, level: shaderc::OptimizationLevel) -> Vec<u32> {
+    let text = std::fs::read_to_string(source).expect("read shader");
+    let compiler = shaderc::Compiler::new().expect("shaderc");
+    let mut options = shaderc::CompileOptions::new().expect("shaderc options");
+    options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_3 as u32);
+    options.set_optimization_level(level);
+    options.set_generate_debug_info();
+    options.set_auto_bind_uniforms(true);
+    options.set_warnings_as_errors();
+    options.set_include_callback(|name, _, _, _| {
+        let path = Path::new("glsl/lib").join(name);
+        let content = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        Ok(shaderc::ResolvedInclude { resolved_name: path.display().to_string(), content })
+    });
+    let kind = stage(source).expect("filtered by main");
+    match compiler.compile_into_spirv(&text, kind, &source.display().to_string(), "main", Some(&options)) {
+        Ok(artifact) => artifact.as_binary().to_vec(),
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &Path, plain: &[u32], optimised: &[u32]) {
+    let file = source.file_stem().and_then(|stem| stem.to_str()).expect("ascii shader name");
+    let entry = ReflectConfig::new().spv(without_constant_expressions(plain)).reflect().unwrap_or_else(|error| panic!("{}: {error}", source.display())).remove(0);
+    let code = optimised.iter().map(|word| word.to_string()).collect::<Vec<_>>().join(",");
+    if !source.extension().is_some_and(|extension| extension == "comp") {
+        // A stage of a raster pipeline has no bindings that the graph would track.
+        let name = format!("{}_{}", file, source.extension().unwrap().to_str().unwrap()).to_uppercase();
+        writeln!(rust, "pub static {name}: &[u32] = &[{code}];").unwrap();
+        return;
+    }
+
+    let mut bindings = BTreeMap::new();
+    let (mut push, mut spec) = (None, BTreeMap::new());
+    for variable in &entry.vars {
+        // Built-in inputs, and the unnamed twin of the constant that is the workgroup's width.
+        let Some(name) = variable.name().map(str::to_string) else { continue };
+        match variable {
+            Variable::Descriptor { desc_bind, desc_ty, ty, .. } => {
+                bindings.insert(desc_bind.bind(), (name, binding(source, desc_ty, ty)));
+                if let Some(element) = element_struct(ty) {
+                    let (name, body) = (element.name().expect("named struct").to_string(), fields(source, element));
+                    assert!(shared.insert(name.clone(), body.clone()).is_none_or(|other| other == body), "{name} differs between shaders");
+                }
+            }
+            Variable::PushConstant { ty: Type::Struct(members), .. } => push = Some(fields(source, members)),
+            Variable::SpecConstant { spec_id, ty, .. } => {
+                spec.insert(*spec_id, (name.to_lowercase(), scalar(ty).unwrap_or_else(|| panic!("{}: specialisation of {ty}", source.display()))));
+            }
+            _ => {}
+        }
+    }
+
+    let module = file;
+    let structure: String = file.split('_').map(|part| part[..1].to_uppercase() + &part[1..]).collect();
+    let (mut declared, mut table, mut uses) = (String::new(), String::new(), String::new());
+    for (bind, (name, (kind, access))) in &bindings {
+        let handle = if kind == "Buffer" { "Buffer" } else { "Image" };
+        let reference = if access == "Read" { "&'a" } else { "&'a mut" };
+        writeln!(declared, "    pub {name}: {reference} crate::graph::{handle},").unwrap();
+        writeln!(table, "Binding {{ name: {name:?}, bind: {bind}, kind: Kind::{kind}, access: Access::{access} }},").unwrap();
+        writeln!(uses, "self.{name}.resource(),").unwrap();
+    }
+    let push_field = push.as_ref().map_or(String::new(), |_| format!("    pub push: {module}::Push,\n"));
+    let spec_field = if spec.is_empty() { String::new() } else { format!("    pub spec: {module}::Spec,\n") };
+    let push_bytes = push.as_ref().map_or("&[]".to_string(), |_| "bytemuck::bytes_of(&self.push)".to_string());
+    let push_size = push.as_ref().map_or("0".to_string(), |_| format!("std::mem::size_of::<{module}::Push>() as u32"));
+    let constants = spec.iter().map(|(id, (name, _))| format!("({id}, self.spec.{name} as u32)")).collect::<Vec<_>>().join(", ");
+    let lifetime = if bindings.is_empty() { "" } else { "<'a>" };
+
+    writeln!(rust, "/// `{}`", source.display()).unwrap();
+    writeln!(rust, "pub struct {structure}{lifetime} {{\n{declared}{push_field}{spec_field}}}").unwrap();
+    writeln!(
+        rust,
+        "impl{lifetime} crate::graph::Shader for {structure}{lifetime} {{
+            const CODE: Code = Code {{ name: {module:?}, spirv: &[{code}], bindings: &[{table}], push_bytes: {push_size}, workgroup: {:?} }};
+            fn resources(&self) -> Vec<crate::graph::ResourceId> {{ use crate::graph::Handle; vec![{uses}] }}
+            fn push(&self) -> &[u8] {{ {push_bytes} }}
+            fn constants(&self) -> Vec<(u32, u32)> {{ vec![{constants}] }}
+        }}",
+        workgroup(plain),
+    )
+    .unwrap();
+    writeln!(rust, "pub mod {module} {{").unwrap();
+    if let Some(body) = push {
+        writeln!(rust, "#[repr(C)]\n#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]\npub struct Push {{ {body} }}").unwrap();
+        writeln!(rust, "const _: () = assert!(std::mem::size_of::<Push>() <= 128, \"Vulkan promises 128 bytes of push constants\");").unwrap();
+    }
+    if !spec.is_empty() {
+        let body: String = spec.values().map(|(name, ty)| format!("pub {name}: {ty}, ")).collect();
+        writeln!(rust, "#[derive(Clone, Copy, Debug)]\npub struct Spec {{ {body} }}").unwrap();
+    }
+    writeln!(rust, "}}").unwrap();
+}
+
+/// What a binding is, and what the shader does with it: `readonly` reads, `writeonly` overwrites everything it dispatches over, neither modifies.
+fn binding(source: &Path, descriptor: &DescriptorType, ty: &Type) -> (String, String) {
+    let access = |access: &AccessType| match access {
+        AccessType::ReadOnly => "Read",
+        AccessType::WriteOnly => "Write",
+        AccessType::ReadWrite => "Modify",
+    };
+    match (descriptor, ty) {
+        (DescriptorType::StorageBuffer(a), _) => ("Buffer".into(), access(a).into()),
+        (DescriptorType::StorageImage(a), Type::StorageImage(image)) => (format!("{:?}", image.fmt), access(a).into()),
+        _ => panic!("{}: only storage buffers and storage images are bound, not {ty}", source.display()),
+    }
+}
+
+/// The struct that a storage buffer is an array of.
+fn element_struct(ty: &Type) -> Option<&StructType> {
+    let Type::Struct(block) = ty else { return None };
+    let Type::Array(array) = &block.members.last()?.ty else { return None };
+    let Type::Struct(element) = &*array.element_ty else { return None };
+    Some(element)
+}
+
+/// Rust fields of a scalar-layout struct; a hole between two of them fails the build.
+fn fields(source: &Path, structure: &StructType) -> String {
+    let (mut body, mut end) = (String::new(), 0);
+    for member in &structure.members {
+        let name = member.name.as_deref().expect("named member");
+        let (ty, bytes) = host_type(&member.ty).unwrap_or_else(|| panic!("{}: {name} has type {}", source.display(), member.ty));
+        assert_eq!(member.offset, Some(end), "{}: a padding hole before {name}", source.display());
+        write!(body, "pub {name}: {ty}, ").unwrap();
+        end += bytes;
+    }
+    body
+}
+
+fn host_type(ty: &Type) -> Option<(String, usize)> {
+    Some(match ty {
+        Type::Scalar(_) => (scalar(ty)?, 4),
+        Type::Vector(vector) => (format!("[{}; {}]", scalar(&Type::Scalar(vector.scalar_ty.clone()))?, vector.nscalar), 4 * vector.nscalar as usize),
+        Type::Array(array) => {
+            let (element, bytes) = host_type(&array.element_ty)?;
+            (format!("[{element}; {}]", array.nelement?), bytes * array.nelement? as usize)
+        }
+        _ => return None,
+    })
+}
+
+fn scalar(ty: &Type) -> Option<String> {
+    let Type::Scalar(scalar) = ty else { return None };
+    Some(
+        match scalar {
+            ScalarType::Integer { bits: 32, is_signed: true } => "i32",
+            ScalarType::Integer { bits: 32, is_signed: false } => "u32",
+            ScalarType::Float { bits: 32 } => "f32",
+            ScalarType::Boolean => "bool",
+            _ => return None,
+        }
+        .to_string(),
+    )
+}
+
+/// A copy for reflection: the crate knows few operations of `OpSpecConstantOp`, and nothing that it reports depends on them.
+fn without_constant_expressions(words: &[u32]) -> Vec<u32> {
+    const OP_SPEC_CONSTANT_OP: u32 = 52;
+    let mut kept = words[..5].to_vec();
+    let mut at = 5;
+    while at < words.len() {
+        let end = at + ((words[at] >> 16) as usize).max(1);
+        if words[at] & 0xFFFF != OP_SPEC_CONSTANT_OP {
+            kept.extend_from_slice(&words[at..end]);
+        }
+        at = end;
+    }
+    kept
+}
+
+/// The literal workgroup size (`OpExecutionMode LocalSize`); `[0, 0, 0]` where it is given by specialisation constants.
+fn workgroup(words: &[u32]) -> [u32; 3] {
+    const OP_EXECUTION_MODE: u32 = 16;
+    const LOCAL_SIZE: u32 = 17;
+    let mut at = 5;
+    while at < words.len() {
+        let (op, length) = (words[at] & 0xFFFF, (words[at] >> 16) as usize);
+        if op == OP_EXECUTION_MODE && words[at + 2] == LOCAL_SIZE {
+            return [words[at + 3], words[at + 4], words[at + 5]];
+        }
+        at += length.max(1);
+    }
+    [0; 3]
+}

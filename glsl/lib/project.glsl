@@ -1,0 +1,33 @@
+// Where a point falls: the one function that decides pixels, shared by every way of projecting, so that all agree bit for bit (HARD_CASES 25).
+//
+// Only + - * / and comparisons: they give the same bits on every driver (`dot`, `fma` and `mat4 * vec4` need not).
+
+layout(push_constant, scalar) uniform Push {
+    vec2 centre;          // pixels, of the whole picture within this band
+    vec2 size;            // pixels, of this band
+    float near;
+    uint first_chunk;
+    uint chunk_count;
+    uint points_per_chunk;
+} push;
+
+
+precise float row(vec4 r, vec3 d) {
+    precise float sum = r.x * d.x + r.y * d.y + r.z * d.z + r.w;
+    return sum;
+}
+
+// The pixel as an index into the band (NO_PIXEL where the point is not in it) and the depth.
+const uint NO_PIXEL = 0xFFFFFFFFu;
+
+uint place(vec4 row_x, vec4 row_y, vec4 row_z, ivec3 offset, out float depth) {
+    vec3 d = vec3(offset);
+    depth = row(row_z, d);
+    // Never divides by what is about to be rejected: drivers may assume that there is no infinity (HARD_CASES 0.1).
+    precise float scale = PERSPECTIVE ? 1.0 / (depth >= push.near ? depth : 1.0) : 1.0;
+    precise float x = row(row_x, d) * scale + push.centre.x;
+    precise float y = row(row_y, d) * scale + push.centre.y;
+    // Tested as floats before converting: NaN and infinity fail, and (-1, 0) does not truncate into column 0 (HARD_CASES 1.3).
+    bool inside = depth >= push.near && x >= 0.0 && x < push.size.x && y >= 0.0 && y < push.size.y;
+    return inside ? uint(y) * uint(push.size.x) + uint(x) : NO_PIXEL;
+}

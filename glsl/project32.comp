@@ -1,0 +1,32 @@
+// Points -> keys where a device has no 64-bit atomics: two passes of 32-bit atomicMin on the two words of the same key.
+//
+//   STEP 0: the least depth of each pixel, into its high word
+//   STEP 1: of the points at exactly that depth, the least id, into its low word
+// Depths are recomputed by the same function from the same words, so the front point always meets its own depth (HARD_CASES 25).
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "points.glsl"
+#include "node.glsl"
+
+layout(constant_id = 5) const uint STEP = 0u;
+
+layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
+layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
+layout(scalar) buffer Keys { uint word[]; } keys;
+
+#include "project.glsl"
+
+void meet(uint pixel, float depth, uint point) {
+    uint bits = floatBitsToUint(depth);
+    if (STEP == 0u) {
+        if (!EARLY_READ || bits < keys.word[2u * pixel + 1u]) atomicMin(keys.word[2u * pixel + 1u], bits);
+    } else {
+        if (bits == keys.word[2u * pixel + 1u]) atomicMin(keys.word[2u * pixel], point);
+    }
+}
+
+#include "walk.glsl"

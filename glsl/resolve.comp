@@ -1,0 +1,61 @@
+// Keys -> depth, index and colour images.
+//
+// A key's high word is the depth's bits, its low word the point. The point's attribute word is read here, once a pixel, and not once a point while
+// projecting. Colours come from one table of 256 linear colours, made on the CPU so that every driver gives the same bits: for `rgb` it decodes sRGB,
+// for scalars it is a ramp over lo..hi, for kinds a palette.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "node.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(scalar) readonly buffer Keys { uvec2 key[]; } keys;
+// Of every position page, the address of its attribute page.
+layout(scalar) readonly buffer Attributes { uvec2 page[]; } attributes;
+layout(scalar) readonly buffer Table { vec4 color[]; } table;
+layout(r32f) writeonly uniform image2D depth;
+layout(r32ui) writeonly uniform uimage2D index;
+layout(rgba32f) writeonly uniform image2D color;
+
+layout(constant_id = 0) const uint MODE = 0u;
+const uint RGB = 0u;
+const uint RAMP = 1u;
+const uint PALETTE = 2u;
+const uint NORMAL = 3u;
+const uint CONSTANT = 4u;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size;  // pixels of this band
+    uint top;    // first row of this band in the picture
+    float lo;    // attribute words at the ends of the ramp
+    float scale; // 255 / (hi - lo)
+} push;
+
+const uint POINTS_PER_PAGE_LOG2 = 16u;
+const uint NO_POINT = 0xFFFFFFFFu;
+const uint INFINITY_BITS = 0x7F800000u;
+
+void main() {
+    uvec2 at = gl_GlobalInvocationID.xy;
+    if (at.x >= push.size.x || at.y >= push.size.y) return;
+    uvec2 key = keys.key[at.y * push.size.x + at.x];
+    ivec2 pixel = ivec2(at.x, at.y + push.top);
+    bool empty = key.x == NO_POINT;
+    vec4 c = vec4(0.0);
+    if (!empty) {
+        uint word = 0u;
+        if (MODE != CONSTANT) word = Plane(attributes.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & ((1u << POINTS_PER_PAGE_LOG2) - 1u)];
+        if (MODE == RGB) c = vec4(table.color[word & 255u].r, table.color[(word >> 8) & 255u].g, table.color[(word >> 16) & 255u].b, 1.0);
+        if (MODE == RAMP) c = table.color[uint(clamp((float(word) - push.lo) * push.scale, 0.0, 255.0))];
+        if (MODE == PALETTE) c = table.color[word & 255u];
+        if (MODE == NORMAL) c = vec4(vec3(word & 255u, (word >> 8) & 255u, (word >> 16) & 255u) / 254.0, 1.0);
+        if (MODE == CONSTANT) c = table.color[0];
+    }
+    imageStore(depth, pixel, vec4(uintBitsToFloat(empty ? INFINITY_BITS : key.y)));
+    imageStore(index, pixel, uvec4(key.x));
+    imageStore(color, pixel, c);
+}

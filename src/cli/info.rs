@@ -1,0 +1,322 @@
+//! `pointillist info`: what is in these files, as measured, next to what their headers say.
+//!
+//! In: paths. Out: text, or one JSON object, on standard output. Counts, bounds and ranges are recomputed from every point; the header's own
+//! are shown beside them, and where the two differ a note says so.
+//!
+//! The JSON object is stable; fields may be added:
+//! `points` · `bounds` {`min`, `max`} or null · `spacing` {`value` or null, `how`} ·
+//! `parts` [{`path`, `name`, `format`, `points`, `header` {`points`, `bounds`, `facts`}, `bounds`, `step`, `offset`,
+//! `attributes` {`rgb` {`bits`, `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
+//! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
+//! `stations` [{`part`, `source`, `name`, `points`}] · `notes` [text]. An attribute that a part lacks is absent.
+
+use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use glam::DVec3;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:
+  pointillist info scan.laz                  counts, bounds, attributes, stations, spacing
+  pointillist info --json a.las b.e57        both as one cloud, one JSON object
+  pointillist info --strict survey.las       exit code 1 if anything is cut off or the header lies")]
+pub struct Arguments {
+    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+
+    /// Refuse a truncated or lying file instead of keeping what is readable
+    #[arg(long)]
+    pub strict: bool,
+}
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict };
+    let cloud = cloud::read(&arguments.files, &options, progress)?;
+    let report = Report::new(&cloud);
+    let mut text = if arguments.json {
+        serde_json::to_string_pretty(&report).map_err(|error| Error::Request(format!("the report cannot be written as JSON: {error}")))?
+    } else {
+        report.text()
+    };
+    text.push('\n');
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        // Whoever closed the pipe has read enough.
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::io("write", Path::new("standard output"), error)),
+        _ => Ok(()),
+    }
+}
+
+const HOW_SPACING: &str = "median distance to the nearest other point, of about 2000 points spread evenly through the file";
+
+#[derive(Serialize)]
+struct Report<'a> {
+    points: u64,
+    bounds: Option<Bounds>,
+    spacing: Spacing,
+    parts: Vec<PartReport<'a>>,
+    stations: &'a [Station],
+    notes: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Bounds {
+    min: DVec3,
+    max: DVec3,
+}
+
+#[derive(Serialize)]
+struct Spacing {
+    value: Option<f64>,
+    how: &'static str,
+}
+
+#[derive(Serialize)]
+struct PartReport<'a> {
+    path: String,
+    name: Option<&'a str>,
+    format: &'a str,
+    points: u64,
+    header: &'a Header,
+    bounds: Option<Bounds>,
+    step: DVec3,
+    offset: DVec3,
+    attributes: Attributes,
+}
+
+#[derive(Serialize)]
+struct Attributes {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rgb: Option<Rgb>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    intensity: Option<Range>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    class: Option<Vec<Class>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    returns: Option<Returns>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    source: Option<Sources>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gps_time: Option<Times>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    normal: Option<Normals>,
+}
+
+#[derive(Serialize)]
+struct Rgb {
+    /// As stored in the file.
+    bits: u8,
+    /// Of 255.
+    min: [u8; 3],
+    max: [u8; 3],
+}
+
+/// In the file's own values.
+#[derive(Serialize)]
+struct Range {
+    min: f64,
+    max: f64,
+}
+
+#[derive(Serialize)]
+struct Class {
+    class: u8,
+    points: u64,
+}
+
+#[derive(Serialize)]
+struct Returns {
+    /// The largest number of returns.
+    most: u8,
+    /// Points whose return number is 0 or above their number of returns.
+    impossible: u64,
+}
+
+#[derive(Serialize)]
+struct Sources {
+    ids: usize,
+}
+
+#[derive(Serialize)]
+struct Times {
+    min: Option<f64>,
+    max: Option<f64>,
+    nan_share: f64,
+}
+
+#[derive(Serialize)]
+struct Normals {
+    zero_share: f64,
+}
+
+impl<'a> Report<'a> {
+    fn new(cloud: &'a Cloud) -> Self {
+        Self {
+            points: cloud.len(),
+            bounds: bounds(cloud.bounds()),
+            spacing: Spacing { value: spacing::spacing(cloud), how: HOW_SPACING },
+            parts: cloud.parts.iter().enumerate().map(|(index, part)| PartReport::new(part, index, cloud)).collect(),
+            stations: &cloud.stations,
+            notes: &cloud.notes,
+        }
+    }
+
+    fn text(&self) -> String {
+        let mut out = String::new();
+        for part in &self.parts {
+            part.write(&mut out);
+        }
+        let mut line = |what: &str, value: String| push(&mut out, what, &value);
+        if self.parts.len() > 1 {
+            line("all", format!("{} points in {} parts", self.points, self.parts.len()));
+            line("bounds", words(&self.bounds));
+        }
+        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| format!("{value:.6}"));
+        line("spacing", format!("{value} ({})", self.spacing.how));
+        line("stations", self.stations.len().to_string());
+        for station in self.stations.iter().take(LISTED) {
+            line("", format!("{}: {} points", station.name, station.points));
+        }
+        if self.stations.len() > LISTED {
+            line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));
+        }
+        for note in self.notes {
+            line("note", note.clone());
+        }
+        out.truncate(out.trim_end().len());
+        out
+    }
+}
+
+/// Stations and classes beyond this many are counted, not listed, in text.
+const LISTED: usize = 16;
+
+impl<'a> PartReport<'a> {
+    fn new(part: &'a Part, index: usize, cloud: &Cloud) -> Self {
+        Self {
+            path: part.path.to_string_lossy().into_owned(),
+            name: part.name.as_deref(),
+            format: &part.header.format,
+            points: part.columns.len() as u64,
+            header: &part.header,
+            bounds: bounds(part.bounds()),
+            step: part.lattice.step,
+            offset: part.lattice.offset,
+            attributes: Attributes::new(part, cloud.stations.iter().filter(|station| station.part == index).count()),
+        }
+    }
+
+    fn write(&self, out: &mut String) {
+        let _ = writeln!(out, "{}{}", self.path, self.name.map(|name| format!(", {name}")).unwrap_or_default());
+        let mut line = |what: &str, value: String| push(out, what, &value);
+        line("format", self.format.into());
+        let promised = self.header.points.filter(|&points| points != self.points);
+        line("points", format!("{}{}", self.points, promised.map(|points| format!(" (header says {points})")).unwrap_or_default()));
+        line("bounds", words(&self.bounds));
+        if let Some([min, max]) = self.header.bounds {
+            line("header", words(&Some(Bounds { min: min.into(), max: max.into() })));
+        }
+        line("lattice", format!("steps of {}, from {}", triple(self.step), triple(self.offset)));
+        self.attributes.write(&mut line);
+        for (what, value) in &self.header.facts {
+            line(what, value.clone());
+        }
+        out.push('\n');
+    }
+}
+
+impl Attributes {
+    fn new(part: &Part, stations: usize) -> Self {
+        let columns = &part.columns;
+        let [lo, hi] = part.intensity_range;
+        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+        Self {
+            rgb: columns.rgb.as_ref().map(|colors| {
+                let extremes = colors.iter().fold(([255; 3], [0; 3]), |(min, max): ([u8; 3], [u8; 3]), color| {
+                    (std::array::from_fn(|i| min[i].min(color[i])), std::array::from_fn(|i| max[i].max(color[i])))
+                });
+                Rgb { bits: part.rgb_bits, min: extremes.0, max: extremes.1 }
+            }),
+            intensity: columns.intensity.as_ref().and_then(|column| cloud::range(column)).map(|(min, max)| {
+                let value = |stored: u16| lo + (hi - lo) * stored as f64 / 65535.0;
+                Range { min: value(min), max: value(max) }
+            }),
+            class: columns.class.as_ref().map(|column| {
+                let mut counts = [0; 256];
+                column.iter().for_each(|&class| counts[class as usize] += 1);
+                (0..=255).zip(counts).filter(|&(_, points)| points > 0).map(|(class, points)| Class { class, points }).collect()
+            }),
+            returns: columns.returns.as_ref().map(|column| Returns {
+                most: column.iter().map(|packed| packed >> 4).max().unwrap_or(0),
+                impossible: column.iter().filter(|&packed| packed & 15 == 0 || packed & 15 > packed >> 4).count() as u64,
+            }),
+            source: columns.source.as_ref().map(|_| Sources { ids: stations }),
+            gps_time: columns.gps_time.as_ref().map(|column| {
+                let nan = column.iter().filter(|time| time.is_nan()).count();
+                let times = || column.iter().copied().filter(|time| !time.is_nan());
+                Times { min: times().reduce(f64::min), max: times().reduce(f64::max), nan_share: share(nan, column.len()) }
+            }),
+            normal: columns
+                .normal
+                .as_ref()
+                .map(|column| Normals { zero_share: share(column.iter().filter(|normal| **normal == [0; 3]).count(), column.len()) }),
+        }
+    }
+
+    fn write(&self, line: &mut impl FnMut(&str, String)) {
+        if let Some(Rgb { bits, min, max }) = &self.rgb {
+            line(
+                "rgb",
+                format!("{bits} bits; red {}..{}, green {}..{}, blue {}..{} of 255", min[0], max[0], min[1], max[1], min[2], max[2]),
+            );
+        }
+        if let Some(Range { min, max }) = &self.intensity {
+            line("intensity", format!("{min}..{max}"));
+        }
+        if let Some(classes) = &self.class {
+            let listed: Vec<String> = classes.iter().take(LISTED).map(|class| format!("{} ({})", class.class, class.points)).collect();
+            let more = if classes.len() > LISTED { ", ..." } else { "" };
+            line("classes", format!("{}: {}{more}", classes.len(), listed.join(", ")));
+        }
+        if let Some(Returns { most, impossible }) = &self.returns {
+            let odd = if *impossible > 0 { format!("; {impossible} points with an impossible return number") } else { String::new() };
+            line("returns", format!("up to {most}{odd}"));
+        }
+        if let Some(Sources { ids }) = &self.source {
+            line("sources", format!("{ids} point source ids"));
+        }
+        if let Some(Times { min, max, nan_share }) = &self.gps_time {
+            let nan = if *nan_share > 0.0 { format!("; {:.1} % are NaN", nan_share * 100.0) } else { String::new() };
+            let range = min.zip(*max).map_or("none".into(), |(min, max)| format!("{min}..{max}"));
+            line("gps time", format!("{range}{nan}"));
+        }
+        if let Some(Normals { zero_share }) = &self.normal {
+            line("normals", format!("{:.1} % are zero", zero_share * 100.0));
+        }
+    }
+}
+
+fn push(out: &mut String, what: &str, value: &str) {
+    let _ = writeln!(out, "  {what:<18} {value}");
+}
+
+fn bounds(bounds: Option<(DVec3, DVec3)>) -> Option<Bounds> {
+    bounds.map(|(min, max)| Bounds { min, max })
+}
+
+fn words(bounds: &Option<Bounds>) -> String {
+    bounds.as_ref().map_or("none".into(), |Bounds { min, max }| format!("{} to {}", triple(*min), triple(*max)))
+}
+
+/// Nine decimals say more than any scanner, and hide the last bit of `f64`.
+fn triple(v: DVec3) -> String {
+    v.to_array().map(|v| ((v * 1e9).round() / 1e9).to_string()).join(" ")
+}

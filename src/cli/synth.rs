@@ -1,0 +1,174 @@
+//! `pointillist synth`: a simulated scan of an analytic scene into a LAS file, or its truth for a camera into an EXR picture.
+
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::synth::{self, LasFile, Look, Scene, World};
+use crate::view::{Camera, Projection, View};
+use exr::prelude::{AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder};
+use exr::prelude::{SmallVec, WritableImage};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist synth street -o street.laz --points 20000000        four stations, 2 mm noise, UTM coordinates
+  pointillist synth step --gap 0.02 -o step.las --points 1000000  two layers 2 cm apart
+  pointillist synth sphere -o s.las --offset 500000,5000000,100   the same sphere, far from the origin
+  pointillist synth street --camera-out cam.json                  a good camera for the scene
+  pointillist synth street --truth cam.json -o truth.exr --size 1920x1080
+                                                                  what that camera sees, ray cast in f64";
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// What to scan
+    #[arg(value_enum)]
+    pub scene: Scene,
+    /// The file to write: .las or .laz, with --truth .exr
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// How many points, exactly
+    #[arg(long, default_value_t = 1_000_000, value_name = "N")]
+    pub points: u64,
+    /// The same seed gives the same file, byte by byte
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Standard deviation of the range, metres [default: 0.002 for street, 0.015 for terrain, else 0]
+    #[arg(long, value_name = "METRES")]
+    pub noise: Option<f64>,
+    /// Distance between the layers of `step`, metres
+    #[arg(long, default_value_t = 0.1, value_name = "METRES")]
+    pub gap: f64,
+    /// Lattice step of the coordinates, metres [default: 0.001 for street and terrain, else 0.0001]
+    #[arg(long, value_name = "METRES")]
+    pub step: Option<f64>,
+    /// Where the scene stands [default: 500000,5000000,100 for street and terrain, else 0,0,0]
+    #[arg(long, value_name = "E,N,H", value_parser = parse_offset, allow_hyphen_values = true)]
+    pub offset: Option<DVec3>,
+    /// Instead of scanning, ray-cast what this camera sees into an EXR picture
+    #[arg(long, value_name = "CAMERA.json", requires = "output")]
+    pub truth: Option<PathBuf>,
+    /// Size of the --truth picture, pixels
+    #[arg(long, default_value = "1920x1080", value_name = "WxH", value_parser = parse_size)]
+    pub size: [u32; 2],
+    /// Write a good camera for the scene
+    #[arg(long, value_name = "CAMERA.json")]
+    pub camera_out: Option<PathBuf>,
+}
+
+fn parse_offset(text: &str) -> std::result::Result<DVec3, String> {
+    let numbers: Vec<f64> = text.split(',').map(|n| n.trim().parse::<f64>()).collect::<std::result::Result<_, _>>().map_err(|e| e.to_string())?;
+    match numbers[..] {
+        [e, n, h] if e.is_finite() && n.is_finite() && h.is_finite() => Ok(DVec3::new(e, n, h)),
+        _ => Err("three finite numbers are needed: E,N,H".to_owned()),
+    }
+}
+
+fn parse_size(text: &str) -> std::result::Result<[u32; 2], String> {
+    let parsed = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    parsed.filter(|[w, h]| (1..=32_768).contains(w) && (1..=32_768).contains(h)).ok_or_else(|| "WIDTHxHEIGHT is needed, 1 to 32768".to_owned())
+}
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    if !arguments.gap.is_finite() {
+        return Err(Error::Request(format!("a gap of {} m makes no sense", arguments.gap)));
+    }
+    let mut world = synth::build(arguments.scene, arguments.seed, arguments.gap);
+    world.offset = arguments.offset.unwrap_or(world.offset);
+    world.step = arguments.step.unwrap_or(world.step);
+    if let Some(path) = &arguments.camera_out {
+        let text = serde_json::to_string_pretty(&camera(world.camera())).expect("a camera is plain numbers");
+        whole_file(path, |partial| std::fs::write(partial, text + "\n").map_err(|e| Error::io("write", path, e)))?;
+    }
+    match (&arguments.output, &arguments.truth) {
+        (Some(output), Some(camera)) => {
+            let text = std::fs::read_to_string(camera).map_err(|e| Error::io("read", camera, e))?;
+            let camera = serde_json::from_str(&text).map_err(|e| Error::format(camera, format!("is no camera: {e}")))?;
+            let view = View::new(camera, arguments.size)?;
+            whole_file(output, |partial| write_truth(&world, &view, partial, progress))
+        }
+        (Some(output), None) => {
+            let noise = arguments.noise.unwrap_or(arguments.scene.default_noise());
+            let mut file = LasFile::create(output, world.lattice(), arguments.points)?;
+            synth::scan(&world, arguments.points, arguments.seed, noise, &mut |chunk| file.write(chunk), progress)?;
+            file.finish()
+        }
+        (None, _) if arguments.camera_out.is_some() => Ok(()),
+        (None, _) => Err(Error::Request("nothing to write: name a file with -o file.las (or --camera-out camera.json)".to_owned())),
+    }
+}
+
+/// The scene's own camera as the renderer's.
+pub fn camera(look: Look) -> Camera {
+    Camera { eye: look.eye, target: look.target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None }
+}
+
+/// Writes beside `path` and renames, so that nobody sees half a file.
+fn whole_file(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+    let name = path.file_name().ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?;
+    let partial = path.with_file_name(format!("{}.partial-{}", name.to_string_lossy(), std::process::id()));
+    let done = write(&partial).and_then(|()| std::fs::rename(&partial, path).map_err(|e| Error::io("create", path, e)));
+    if done.is_err() {
+        // It may never have been created.
+        let _ = std::fs::remove_file(&partial);
+    }
+    done
+}
+
+/// One sample for each pixel centre, as f32 planes; what a checker compares with.
+pub struct Truth {
+    pub size: [u32; 2],
+    /// Name and values, row by row from the top left.
+    pub channels: Vec<(&'static str, Vec<f32>)>,
+    /// Part id of each pixel, `NO_POINT` where there is nothing.
+    pub parts: Vec<u32>,
+}
+
+const CHANNELS: [&str; 12] = [
+    "R", "G", "B", "A", "depth.Z", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "luminance.V",
+];
+
+/// Casts the ray of every pixel centre. Where there is nothing: depth infinite, everything else 0.
+pub fn truth(world: &World, view: &View, progress: &dyn Progress) -> Result<Truth> {
+    let [width, height] = view.size.map(|n| n as usize);
+    let mut channels = vec![Vec::with_capacity(width * height); CHANNELS.len()];
+    let mut parts = Vec::with_capacity(width * height);
+    let rows_at_once = 16;
+    for top in (0..height).step_by(rows_at_once) {
+        progress.tick("ray casting", top as u64, height as u64)?;
+        let rows = top..height.min(top + rows_at_once);
+        let pixel = |i: usize| -> ([f32; 12], u32) {
+            let (origin, direction) = view.ray((i % width) as f64 + 0.5, (top + i / width) as f64 + 0.5);
+            let Some(hit) = world.trace(origin - world.offset, direction) else {
+                let mut nothing = [0.0; 12];
+                nothing[4] = f32::INFINITY;
+                return (nothing, crate::config::NO_POINT);
+            };
+            let (c, n, a) = (hit.lit.as_vec3(), hit.normal.as_vec3(), hit.albedo.as_vec3());
+            // The direction's forward component is 1, so t is planar depth.
+            ([c.x, c.y, c.z, 1.0, hit.t as f32, n.x, n.y, n.z, a.x, a.y, a.z, hit.luminance as f32], hit.part)
+        };
+        let pixels: Vec<_> = (0..rows.len() * width).into_par_iter().map(pixel).collect();
+        for (values, part) in pixels {
+            parts.push(part);
+            channels.iter_mut().zip(values).for_each(|(channel, value)| channel.push(value));
+        }
+    }
+    Ok(Truth { size: view.size, channels: CHANNELS.into_iter().zip(channels).collect(), parts })
+}
+
+fn write_truth(world: &World, view: &View, path: &Path, progress: &dyn Progress) -> Result<()> {
+    let truth = truth(world, view, progress)?;
+    let planes = truth.channels.into_iter().map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)));
+    let parts = AnyChannel::new("index.V", FlatSamples::U32(truth.parts));
+    let channels: SmallVec<[_; 4]> = planes.chain(std::iter::once(parts)).collect();
+    // Blocks in order: the parallel compressor would otherwise write them as they come, and the bytes would depend on the threads.
+    let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let size = (truth.size[0] as usize, truth.size[1] as usize);
+    let layer = Layer::new(size, LayerAttributes::default(), encoding, AnyChannels::sort(channels));
+    Image::from_layer(layer).write().to_file(path).map_err(|e| match e {
+        exr::error::Error::Io(source) => Error::io("write", path, source),
+        other => Error::format(path, other.to_string()),
+    })
+}

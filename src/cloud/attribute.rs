@@ -1,0 +1,152 @@
+//! What a point shows: one attribute as a 32-bit word a point, and the range that a ramp stretches over.
+
+use super::{Cloud, Part, Wanted};
+use std::str::FromStr;
+
+/// `--color`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Attribute {
+    Rgb,
+    Intensity,
+    Elevation,
+    Class,
+    Source,
+    Return,
+    Normal,
+    White,
+}
+
+/// Ramps are stretched between these shares of the points, so that a few outliers do not flatten the rest.
+pub const STRETCH: [f64; 2] = [0.02, 0.98];
+
+/// Elevations are words of 16 bits over the cloud's height: 65,536 levels are more than a ramp of 256 colours shows.
+const ELEVATION_LEVELS: f64 = 65_535.0;
+
+impl Attribute {
+    /// The columns that showing it needs.
+    pub fn wanted(self) -> Wanted {
+        let mut wanted = Wanted::default();
+        match self {
+            Attribute::Rgb => wanted.rgb = true,
+            Attribute::Intensity => wanted.intensity = true,
+            Attribute::Class => wanted.class = true,
+            Attribute::Source => wanted.source = true,
+            Attribute::Return => wanted.returns = true,
+            Attribute::Normal => wanted.normal = true,
+            Attribute::Elevation | Attribute::White => {}
+        }
+        wanted
+    }
+
+    /// Whether some part of the cloud has it.
+    pub fn is_in(self, cloud: &Cloud) -> bool {
+        cloud.parts.iter().any(|part| match self {
+            Attribute::Rgb => part.columns.rgb.is_some(),
+            Attribute::Intensity => part.columns.intensity.is_some(),
+            Attribute::Class => part.columns.class.is_some(),
+            Attribute::Source => part.columns.source.is_some(),
+            Attribute::Return => part.columns.returns.is_some(),
+            Attribute::Normal => part.columns.normal.is_some(),
+            Attribute::Elevation | Attribute::White => true,
+        })
+    }
+}
+
+/// An attribute of a given cloud, ready to be asked point by point.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown {
+    pub attribute: Attribute,
+    /// World heights of the whole cloud, for elevation.
+    heights: [f64; 2],
+    /// The words at the ends of a ramp.
+    pub stretch: [u32; 2],
+}
+
+impl Shown {
+    pub fn new(attribute: Attribute, cloud: &Cloud) -> Shown {
+        let heights = cloud.bounds().map_or([0.0, 0.0], |(min, max)| [min.z, max.z]);
+        let shown = Shown { attribute, heights, stretch: [0, 255] };
+        Shown { stretch: shown.stretched(cloud), ..shown }
+    }
+
+    /// What to show where nothing is asked for: colours where there are any, else intensity that varies, else elevation.
+    pub fn automatic(cloud: &Cloud) -> (Shown, &'static str) {
+        if Attribute::Rgb.is_in(cloud) {
+            return (Shown::new(Attribute::Rgb, cloud), "the points have colours");
+        }
+        let intensity = Shown::new(Attribute::Intensity, cloud);
+        if Attribute::Intensity.is_in(cloud) && cloud.parts.iter().all(|part| part.columns.intensity.is_some() || part.columns.is_empty()) {
+            if intensity.stretch[1] > intensity.stretch[0] {
+                return (intensity, "no colours, but an intensity that varies");
+            }
+        }
+        (Shown::new(Attribute::Elevation, cloud), "no colours, and no intensity that varies")
+    }
+
+    /// The word of a point: `rgb` 8 bits a channel, red lowest; `normal` 8 bits an axis, 127 = 0; scalars as they are. 0 where the part lacks it.
+    pub fn word(&self, part: &Part, i: usize) -> u32 {
+        let columns = &part.columns;
+        let bytes = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
+        match self.attribute {
+            Attribute::Rgb => columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i])),
+            Attribute::Intensity => columns.intensity.as_ref().map_or(0, |v| v[i] as u32),
+            Attribute::Class => columns.class.as_ref().map_or(0, |v| v[i] as u32),
+            Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),
+            Attribute::Return => columns.returns.as_ref().map_or(0, |v| (v[i] & 15) as u32),
+            Attribute::Normal => columns.normal.as_ref().map_or(0x7F7F7F, |v| bytes(v[i].map(|c| (c as i16 + 127) as u8))),
+            Attribute::Elevation => {
+                let [lo, hi] = self.heights;
+                let height = part.lattice.offset.z + part.lattice.step.z * columns.z[i] as f64;
+                if hi > lo { ((height - lo) / (hi - lo) * ELEVATION_LEVELS).clamp(0.0, ELEVATION_LEVELS) as u32 } else { 0 }
+            }
+            Attribute::White => 0,
+        }
+    }
+
+    /// The words at the 2nd and 98th percentile of the points, by counting every point.
+    fn stretched(&self, cloud: &Cloud) -> [u32; 2] {
+        use rayon::prelude::*;
+        if !matches!(self.attribute, Attribute::Intensity | Attribute::Elevation) {
+            return [0, 255];
+        }
+        let mut counts = vec![0u64; 1 << 16];
+        for part in &cloud.parts {
+            let zero = || vec![0u64; 1 << 16];
+            let add = |mut a: Vec<u64>, b: Vec<u64>| {
+                a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+                a
+            };
+            let chunk = part.columns.len().div_ceil(rayon::current_num_threads()).max(1);
+            let own = (0..part.columns.len().div_ceil(chunk))
+                .into_par_iter()
+                .map(|k| {
+                    let mut counts = zero();
+                    (k * chunk..part.columns.len().min((k + 1) * chunk)).for_each(|i| counts[self.word(part, i) as usize & 0xFFFF] += 1);
+                    counts
+                })
+                .reduce(zero, add);
+            counts = add(counts, own);
+        }
+        let total: u64 = counts.iter().sum();
+        STRETCH.map(|share| {
+            let wanted = (share * total as f64) as u64;
+            let mut sum = 0;
+            counts
+                .iter()
+                .position(|&count| {
+                    sum += count;
+                    sum > wanted
+                })
+                .unwrap_or(0) as u32
+        })
+    }
+}
+
+impl FromStr for Attribute {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        clap::ValueEnum::from_str(text, true)
+    }
+}

@@ -1,0 +1,310 @@
+//! Floating-point points -> a part on a lattice.
+//!
+//! In: points of a format that stores decimal or binary fractions, gathered block by block in the file's order. Out: integer columns and their lattice.
+//! One step for all axes, a power of two, so that every product with it is exact: the finest at which the cloud is less than 2^30 steps wide.
+//! That is 7 binary digits more than `f32` coordinates have across the same width. If all steps share trailing zeros (integer coordinates,
+//! `f32` far from zero), the step grows by them, which loses nothing and makes the numbers small.
+
+use super::color;
+use super::input::Input;
+use super::{Columns, Header, Lattice, Part, Wanted};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Points as read. Columns that are there have the length of `x`.
+#[derive(Clone, Debug, Default)]
+pub struct Floats {
+    pub x: Vec<f64>,
+    pub y: Vec<f64>,
+    pub z: Vec<f64>,
+    /// Colours that are bytes in the file.
+    pub rgb: Option<Vec<[u8; 3]>>,
+    /// Colours that are not, in [`ColorUnit`].
+    pub color: Option<Vec<[f32; 3]>>,
+    pub intensity: Option<Vec<f32>>,
+    pub class: Option<Vec<u8>>,
+    pub normal: Option<Vec<[i8; 3]>>,
+    /// Points left out because a coordinate is NaN or infinite.
+    pub not_finite: u64,
+    /// Points whose byte colours were out of range.
+    pub clamped: u64,
+}
+
+/// What a stored colour channel counts in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ColorUnit {
+    /// 0 to 1.
+    Unit,
+    /// 16-bit fields: 8 or 16 bits, decided over the whole file.
+    Fields,
+    /// Nothing says it: fractions up to 1 are [`ColorUnit::Unit`], anything else [`ColorUnit::Fields`].
+    Guess,
+}
+
+/// One point on its way into [`Floats`]; what the format has no column for stays as it is.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Point {
+    pub position: [f64; 3],
+    pub rgb: [u8; 3],
+    /// A channel was beyond what `rgb` holds.
+    pub clamped: bool,
+    pub color: [f32; 3],
+    pub intensity: f32,
+    pub class: u8,
+    pub normal: [f32; 3],
+}
+
+/// What a column or property of a file is taken for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Role {
+    Position(usize),
+    Color(usize),
+    Normal(usize),
+    Intensity,
+    Class,
+    Other,
+}
+
+/// The columns that these roles fill: triples only if they are whole.
+pub fn there(roles: &[Role]) -> Wanted {
+    let whole = |role: fn(usize) -> Role| (0..3).all(|i| roles.contains(&role(i)));
+    Wanted {
+        rgb: whole(Role::Color),
+        normal: whole(Role::Normal),
+        intensity: roles.contains(&Role::Intensity),
+        class: roles.contains(&Role::Class),
+        ..Wanted::default()
+    }
+}
+
+impl Point {
+    pub fn set(&mut self, role: Role, value: f64) {
+        match role {
+            Role::Position(axis) => self.position[axis] = value,
+            Role::Color(channel) => {
+                self.color[channel] = value as f32;
+                self.rgb[channel] = value as u8;
+                self.clamped |= !(0.0..=255.0).contains(&value);
+            }
+            Role::Normal(axis) => self.normal[axis] = value as f32,
+            Role::Intensity => self.intensity = value as f32,
+            Role::Class => self.class = value as u8,
+            Role::Other => {}
+        }
+    }
+}
+
+impl Floats {
+    /// Empty, with columns for what is both wanted and `there`; `bytes` says whether colours come as bytes.
+    pub fn new(there: Wanted, wanted: Wanted, bytes: bool) -> Self {
+        let rgb = there.rgb && wanted.rgb;
+        Self {
+            rgb: (rgb && bytes).then(Vec::new),
+            color: (rgb && !bytes).then(Vec::new),
+            intensity: (there.intensity && wanted.intensity).then(Vec::new),
+            class: (there.class && wanted.class).then(Vec::new),
+            normal: (there.normal && wanted.normal).then(Vec::new),
+            ..Self::default()
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    /// Room for `count` more: growing by doubling would hold two copies at the peak.
+    pub fn reserve(&mut self, count: usize) {
+        self.x.reserve_exact(count);
+        self.y.reserve_exact(count);
+        self.z.reserve_exact(count);
+        self.rgb.iter_mut().for_each(|column| column.reserve_exact(count));
+        self.color.iter_mut().for_each(|column| column.reserve_exact(count));
+        self.intensity.iter_mut().for_each(|column| column.reserve_exact(count));
+        self.class.iter_mut().for_each(|column| column.reserve_exact(count));
+        self.normal.iter_mut().for_each(|column| column.reserve_exact(count));
+    }
+
+    pub fn push(&mut self, point: &Point) {
+        let [x, y, z] = point.position;
+        if !(x.is_finite() && y.is_finite() && z.is_finite()) {
+            self.not_finite += 1;
+            return;
+        }
+        self.x.push(x);
+        self.y.push(y);
+        self.z.push(z);
+        if let Some(column) = &mut self.rgb {
+            column.push(point.rgb);
+            self.clamped += point.clamped as u64;
+        }
+        self.color.iter_mut().for_each(|column| column.push(point.color));
+        self.intensity.iter_mut().for_each(|column| column.push(point.intensity));
+        self.class.iter_mut().for_each(|column| column.push(point.class));
+        self.normal.iter_mut().for_each(|column| column.push(unit_normal(point.normal)));
+    }
+
+    /// Appends a block that has the same columns.
+    pub fn append(&mut self, block: Floats) {
+        fn join<T>(column: &mut Option<Vec<T>>, block: Option<Vec<T>>) {
+            if let (Some(column), Some(mut block)) = (column, block) {
+                column.append(&mut block);
+            }
+        }
+        self.x.extend(block.x);
+        self.y.extend(block.y);
+        self.z.extend(block.z);
+        join(&mut self.rgb, block.rgb);
+        join(&mut self.color, block.color);
+        join(&mut self.intensity, block.intensity);
+        join(&mut self.class, block.class);
+        join(&mut self.normal, block.normal);
+        self.not_finite += block.not_finite;
+        self.clamped += block.clamped;
+    }
+
+    /// The part, with notes on what was left out or changed. `limits` is the intensity range the file states, if it does.
+    pub fn into_part(self, input: &Input, header: Header, unit: ColorUnit, limits: Option<[f64; 2]>, notes: &mut Vec<String>) -> Part {
+        let name = input.name();
+        if self.not_finite > 0 {
+            notes.push(format!("{name}: {} points with NaN or infinite coordinates were left out", self.not_finite));
+        }
+        let extent = extent(&[&self.x, &self.y, &self.z]);
+        let mut lattice = Lattice { step: DVec3::splat(extent.step), offset: DVec3::from_array(extent.offset) };
+        if extent.step > LARGEST_QUIET_STEP {
+            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", extent.step));
+        }
+        let mut columns = Columns {
+            x: quantise(self.x, extent.offset[0], extent.step),
+            y: quantise(self.y, extent.offset[1], extent.step),
+            z: quantise(self.z, extent.offset[2], extent.step),
+            class: self.class,
+            normal: self.normal,
+            ..Columns::default()
+        };
+        lattice.step *= coarsen(&mut columns) as f64;
+
+        let mut rgb_bits = 8;
+        let mut clamped = self.clamped;
+        columns.rgb = self.rgb;
+        if let Some(color) = self.color {
+            let (rgb, bits, beyond) = colors(&color, unit);
+            (columns.rgb, rgb_bits) = (Some(rgb), bits);
+            clamped += beyond;
+            if bits == 8 && unit == ColorUnit::Fields {
+                notes.push(format!("{name}: {}", color::NOTE_8_IN_16));
+            }
+        }
+        if clamped > 0 {
+            notes.push(format!("{name}: {clamped} points have NaN or out-of-range colours, which were clamped"));
+        }
+        columns.rgb = columns.rgb.filter(|rgb| rgb.iter().any(|color| *color != [0; 3]));
+        let mut intensity_range = [0.0, 65535.0];
+        if let Some(intensity) = self.intensity {
+            let undefined = intensity.iter().filter(|v| !v.is_finite()).count();
+            if undefined > 0 {
+                notes.push(format!("{name}: {undefined} intensities are NaN or infinite, and taken as the smallest"));
+            }
+            let (column, range) = intensities(&intensity, limits);
+            (columns.intensity, intensity_range) = (Some(column), range);
+        }
+        Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_bits }
+    }
+}
+
+/// Above this step, about a millimetre, positions lose what users look at, and a note says so.
+const LARGEST_QUIET_STEP: f64 = 1.0 / 1024.0;
+
+/// Powers of two that stay normal as `f32`, whatever is multiplied with them later.
+const STEP_EXPONENTS: std::ops::RangeInclusive<i32> = -100..=1000;
+
+struct Extent {
+    offset: [f64; 3],
+    step: f64,
+}
+
+fn extent(axes: &[&Vec<f64>; 3]) -> Extent {
+    let ranges = axes.map(|axis| {
+        let pairs = axis.par_iter().with_min_len(1 << 16).map(|&v| (v, v));
+        pairs.reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 0.0))
+    });
+    // Halves, because the whole width of the largest finite range is infinite.
+    let half = ranges.iter().fold(0.0, |widest: f64, (lo, hi)| widest.max(hi / 2.0 - lo / 2.0));
+    if half == 0.0 {
+        return Extent { offset: ranges.map(|(lo, _)| lo), step: 1.0 / 1024.0 };
+    }
+    let exponent = (floor_log2(half) + 2 - 30).clamp(*STEP_EXPONENTS.start(), *STEP_EXPONENTS.end());
+    let step = 2f64.powi(exponent);
+    let aligned = |lo: f64| {
+        let steps = (lo / step).floor() * step;
+        if steps.is_finite() { steps } else { lo }
+    };
+    Extent { offset: ranges.map(|(lo, _)| aligned(lo)), step }
+}
+
+/// The exponent of a positive normal number; subnormal ones count as the smallest normal.
+fn floor_log2(v: f64) -> i32 {
+    (v.to_bits() >> 52 & 0x7ff) as i32 - 1023
+}
+
+fn quantise(axis: Vec<f64>, offset: f64, step: f64) -> Vec<i32> {
+    axis.into_par_iter().with_min_len(1 << 16).map(|v| ((v / step - offset / step).round()) as i32).collect()
+}
+
+/// Divides all steps by the power of two they share, and returns it.
+fn coarsen(columns: &mut Columns) -> u32 {
+    let occurred = [&columns.x, &columns.y, &columns.z].into_iter().flatten().fold(0, |bits, q| bits | q);
+    let shared = if occurred == 0 { 0 } else { occurred.trailing_zeros() };
+    if shared > 0 {
+        for axis in [&mut columns.x, &mut columns.y, &mut columns.z] {
+            axis.par_iter_mut().with_min_len(1 << 16).for_each(|q| *q >>= shared);
+        }
+    }
+    1 << shared
+}
+
+/// Colours as bytes, how many bits they had, and how many points had to be clamped.
+fn colors(stored: &[[f32; 3]], unit: ColorUnit) -> (Vec<[u8; 3]>, u8, u64) {
+    let largest = stored.iter().flatten().fold(0f32, |largest, &v| largest.max(v));
+    let fractions = || stored.iter().flatten().any(|v| v.fract() != 0.0);
+    let in_units = unit == ColorUnit::Unit || unit == ColorUnit::Guess && largest <= 1.0 && fractions();
+    let (full, bits) = if in_units {
+        (1.0, 8)
+    } else if largest > 255.0 {
+        (65535.0, 16)
+    } else {
+        (255.0, 8)
+    };
+    let clamped = stored.par_iter().with_min_len(1 << 16).filter(|color| color.iter().any(|v| !(0.0..=full).contains(v))).count() as u64;
+    let channel = |v: f32| {
+        // `max` takes 0 for NaN.
+        let v = v.max(0.0).min(full);
+        if bits == 16 { color::to_8_bits(v.round() as u16) } else { (v * (255.0 / full)).round() as u8 }
+    };
+    (stored.par_iter().with_min_len(1 << 16).map(|color| color.map(channel)).collect(), bits, clamped)
+}
+
+/// Intensities over 0..=65535. Integers that fit are kept as they are; others are spread over the stated limits, or over their own range.
+fn intensities(stored: &[f32], limits: Option<[f64; 2]>) -> (Vec<u16>, [f64; 2]) {
+    let finite = || stored.iter().copied().filter(|v| v.is_finite());
+    let (lo, hi) = finite().fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
+    if lo > hi {
+        return (vec![0; stored.len()], [0.0, 0.0]);
+    }
+    if lo >= 0.0 && hi <= 65535.0 && hi > 1.0 && finite().all(|v| v.fract() == 0.0) {
+        return (stored.iter().map(|&v| v as u16).collect(), [0.0, 65535.0]);
+    }
+    let own = [lo as f64, hi as f64];
+    let [lo, hi] = limits.filter(|[a, b]| a.is_finite() && b.is_finite() && *a <= own[0] && own[1] <= *b).unwrap_or(own);
+    let scale = if hi > lo { 65535.0 / (hi - lo) } else { 0.0 };
+    let spread = |v: f32| if v.is_finite() { ((v as f64 - lo) * scale).round() as u16 } else { 0 };
+    (stored.iter().map(|&v| spread(v)).collect(), [lo, hi])
+}
+
+/// 127 = 1.0; zero where the length is 0 or not finite.
+fn unit_normal(normal: [f32; 3]) -> [i8; 3] {
+    let length = normal.iter().map(|&v| v as f64 * v as f64).sum::<f64>().sqrt();
+    if !(length.is_finite() && length > 0.0) {
+        return [0; 3];
+    }
+    normal.map(|v| (v as f64 / length * 127.0).round() as i8)
+}

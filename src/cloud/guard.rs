@@ -1,0 +1,34 @@
+//! Calls into decoding libraries, fenced.
+//!
+//! In: a call on bytes that nobody vouches for. Out: its value, or the message of its panic as a value.
+//! The decoders of other people index, divide and unwrap on what they read (RELIABILITY: laz-rs #69); a bad file must not end the program,
+//! nor print a backtrace over the terminal's progress bar.
+
+use std::cell::Cell;
+use std::panic::{self, AssertUnwindSafe};
+use std::sync::Once;
+
+thread_local! {
+    static SILENT: Cell<bool> = const { Cell::new(false) };
+}
+
+static HOOK: Once = Once::new();
+
+/// Runs `call`; a panic inside it prints nothing and comes back as its message.
+pub fn guard<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+    HOOK.call_once(|| {
+        let outer = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            if !SILENT.get() {
+                outer(info);
+            }
+        }));
+    });
+    let before = SILENT.replace(true);
+    let result = panic::catch_unwind(AssertUnwindSafe(call));
+    SILENT.set(before);
+    result.map_err(|payload| {
+        let message = payload.downcast_ref::<&str>().map(|text| text.to_string()).or_else(|| payload.downcast_ref::<String>().cloned());
+        format!("the decoder gave up: {}", message.unwrap_or_default().lines().next().unwrap_or("no reason given"))
+    })
+}

@@ -1,0 +1,131 @@
+//! One input file, read by position.
+//!
+//! In: a path. Out: its length and any range of its bytes. Readers ask for ranges from several threads at once, so there is no shared
+//! file position; and nothing is mapped, because a mapped file that shrinks kills the process (RELIABILITY, file shrinks).
+
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+pub struct Input {
+    pub path: PathBuf,
+    /// When it was opened; a shorter file later is an error of the read that finds it.
+    pub length: u64,
+    file: File,
+}
+
+impl Input {
+    /// Refuses folders, pipes and devices by their metadata: opening a pipe would wait for a writer.
+    pub fn open(path: &Path) -> Result<Self> {
+        let metadata = std::fs::metadata(path).map_err(|source| Error::io("open", path, source))?;
+        if metadata.is_dir() {
+            return Err(Error::format(path, "is a folder; give the files in it"));
+        }
+        if !metadata.is_file() {
+            return Err(Error::format(path, "is not a regular file (a pipe or a device); save it to a file first"));
+        }
+        let file = File::open(path).map_err(|source| Error::io("open", path, source))?;
+        Ok(Self { path: path.to_owned(), length: metadata.len(), file })
+    }
+
+    /// Fills `bytes` from `offset` on, less at the end of the file; returns how many there were.
+    pub fn read_at(&self, offset: u64, bytes: &mut [u8]) -> Result<usize> {
+        let mut filled = 0;
+        while filled < bytes.len() {
+            match read_some_at(&self.file, &mut bytes[filled..], offset.saturating_add(filled as u64)) {
+                Ok(0) => break,
+                Ok(count) => filled += count,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(source) => return Err(Error::io("read", &self.path, source)),
+            }
+        }
+        Ok(filled)
+    }
+
+    /// All of `bytes`, or an error: for ranges that were inside the file when it was opened.
+    pub fn read_exactly(&self, offset: u64, bytes: &mut [u8]) -> Result<()> {
+        let there = self.read_at(offset, bytes)?;
+        if there < bytes.len() {
+            return Err(self.wrong(format!("became shorter while it was read: byte {} is gone", offset + there as u64)));
+        }
+        Ok(())
+    }
+
+    /// Up to `length` bytes from `offset` on; never reserves more than the file has.
+    pub fn take(&self, offset: u64, length: u64) -> Result<Vec<u8>> {
+        let mut bytes = vec![0; length.min(self.length.saturating_sub(offset)) as usize];
+        let there = self.read_at(offset, &mut bytes)?;
+        bytes.truncate(there);
+        Ok(bytes)
+    }
+
+    /// A sequential reader from `offset` on.
+    pub fn stream(&self, offset: u64) -> Stream<'_> {
+        Stream { input: self, offset }
+    }
+
+    pub fn wrong(&self, what: impl Into<String>) -> Error {
+        Error::format(&self.path, what)
+    }
+
+    /// The file's name, for notes and stations.
+    pub fn name(&self) -> String {
+        name_of(&self.path)
+    }
+}
+
+pub fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+#[cfg(unix)]
+fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+    std::os::unix::fs::FileExt::read_at(file, bytes, offset)
+}
+
+#[cfg(windows)]
+fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+    std::os::windows::fs::FileExt::seek_read(file, bytes, offset)
+}
+
+pub struct Stream<'a> {
+    input: &'a Input,
+    offset: u64,
+}
+
+impl io::Read for Stream<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let count = read_some_at(&self.input.file, bytes, self.offset)?;
+        self.offset += count as u64;
+        Ok(count)
+    }
+}
+
+/// Tells a [`Progress`] how much of a file is done, from any thread, once every [`Meter::STEP`] units.
+pub struct Meter<'a> {
+    progress: &'a dyn Progress,
+    doing: String,
+    done: AtomicU64,
+    total: u64,
+}
+
+impl<'a> Meter<'a> {
+    const STEP: u64 = 1 << 20;
+
+    pub fn new(progress: &'a dyn Progress, input: &Input, total: u64) -> Self {
+        Self { progress, doing: format!("reading {}", input.name()), done: AtomicU64::new(0), total }
+    }
+
+    pub fn advance(&self, count: u64) -> Result<()> {
+        let before = self.done.fetch_add(count, Ordering::Relaxed);
+        let after = before + count;
+        if before / Self::STEP != after / Self::STEP || before == 0 {
+            self.progress.tick(&self.doing, after.min(self.total), self.total)
+        } else {
+            Ok(())
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! The LAS header and its variable-length records, parsed here and not by a library.
+//!
+//! In: the first bytes of a file. Out: a [`Layout`]: where the points are, how wide, how many are promised; and what [`super::Header`] reports.
+//! Libraries reserve from these fields before they check them (RELIABILITY: las-rs #149), and refuse points that are good because a record
+//! about projections is not. So every field that steers the reading is checked here, and every other one is only reported.
+
+use crate::cloud::input::Input;
+use crate::cloud::{Header, Lattice};
+use crate::error::Result;
+use glam::DVec3;
+
+/// What steers the reading of points.
+pub struct Layout {
+    pub minor: u8,
+    pub format: u8,
+    pub compressed: bool,
+    pub record_bytes: usize,
+    pub points_at: u64,
+    /// As many as the header promises.
+    pub points: u64,
+    pub lattice: Lattice,
+    /// Where extended records or waveforms begin, if the header says so: the bytes from there on are no points.
+    pub tail_at: Option<u64>,
+    /// The contents of the laszip record.
+    pub laszip: Option<Vec<u8>>,
+    pub copc: bool,
+    pub header: Header,
+}
+
+/// Smallest record of each point format, bytes.
+const RECORD_BYTES: [u16; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
+
+const VLR_HEADER_BYTES: u64 = 54;
+
+pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
+    let head = input.take(0, 375)?;
+    if head.len() < 227 {
+        return Err(input.wrong(format!("has {} bytes, a LAS header alone has 227: cut off, or not LAS", head.len())));
+    }
+    let (major, minor) = (head[24], head[25]);
+    if major != 1 || minor > 4 {
+        return Err(input.wrong(format!("is LAS {major}.{minor}; 1.0 to 1.4 can be read")));
+    }
+    let header_bytes = u16_at(&head, 94) as u64;
+    let points_at = u32_at(&head, 96) as u64;
+    let format = head[104] & 0x3f;
+    let compressed = head[104] & 0xc0 != 0;
+    let record_bytes = u16_at(&head, 105);
+    let Some(&least) = RECORD_BYTES.get(format as usize) else {
+        return Err(input.wrong(format!("has point format {format}; 0 to 10 are defined")));
+    };
+    if record_bytes < least {
+        return Err(input.wrong(format!("says {record_bytes} bytes a point, point format {format} needs {least}: the header is damaged")));
+    }
+    if points_at < 227 || points_at > input.length {
+        return Err(input.wrong(format!(
+            "says its points begin at byte {points_at} of {}: the header is damaged or the file is cut off",
+            input.length
+        )));
+    }
+    let least_header = [227, 227, 227, 235, 375][minor as usize];
+    let has_wide_count = minor >= 4 && header_bytes >= 375 && head.len() >= 375;
+    let legacy = u32_at(&head, 107) as u64;
+    let points = match has_wide_count.then(|| u64_at(&head, 247)) {
+        Some(count) if count != 0 => count,
+        _ => legacy,
+    };
+    let lattice = lattice(input, &head)?;
+    let tail_at = [(minor >= 3 && head.len() >= 235).then(|| u64_at(&head, 227)), has_wide_count.then(|| u64_at(&head, 235))]
+        .into_iter()
+        .flatten()
+        .filter(|&at| at > points_at && at <= input.length)
+        .min();
+
+    let mut layout = Layout {
+        minor,
+        format,
+        compressed,
+        record_bytes: record_bytes as usize,
+        points_at,
+        points,
+        lattice,
+        tail_at,
+        laszip: None,
+        copc: false,
+        header: Header::default(),
+    };
+    let mut facts = Vec::new();
+    for (what, range) in [("system", 26..58), ("software", 58..90)] {
+        push_fact(&mut facts, what, &head[range]);
+    }
+    if u16_at(&head, 92) != 0 {
+        facts.push(("created".into(), format!("day {} of {}", u16_at(&head, 90), u16_at(&head, 92))));
+    }
+    let first_vlr = if header_bytes >= least_header && header_bytes <= points_at { header_bytes } else { least_header };
+    vlrs(input, first_vlr, u32_at(&head, 100), &mut layout, &mut facts, notes)?;
+
+    let kind = if layout.copc {
+        "COPC"
+    } else if compressed {
+        "LAZ"
+    } else {
+        "LAS"
+    };
+    let bound = |i: usize| f64_at(&head, 179 + 8 * i);
+    layout.header = Header {
+        format: format!("{kind} 1.{minor} format {format}"),
+        points: Some(points),
+        bounds: Some([[bound(1), bound(3), bound(5)], [bound(0), bound(2), bound(4)]]),
+        facts,
+    };
+    Ok(layout)
+}
+
+/// The file's own scale and offset, if every i32 has a finite place on them.
+fn lattice(input: &Input, head: &[u8]) -> Result<Lattice> {
+    let triple = |at: usize| DVec3::new(f64_at(head, at), f64_at(head, at + 8), f64_at(head, at + 16));
+    let (step, offset) = (triple(131), triple(155));
+    if !step.is_finite() || step.min_element() <= 0.0 {
+        return Err(input.wrong(format!("has the scale {} {} {}; coordinates need three finite scales above 0", step.x, step.y, step.z)));
+    }
+    if !(offset.abs() + step * 2f64.powi(31)).is_finite() {
+        return Err(
+            input.wrong(format!("has the offset {} {} {}, which puts points beyond any finite coordinate", offset.x, offset.y, offset.z))
+        );
+    }
+    Ok(Lattice { step, offset })
+}
+
+/// Walks the records between header and points. A record that does not fit ends the walk with a note: the points do not depend on it.
+fn vlrs(
+    input: &Input,
+    first: u64,
+    count: u32,
+    layout: &mut Layout,
+    facts: &mut Vec<(String, String)>,
+    notes: &mut Vec<String>,
+) -> Result<()> {
+    let mut at = first;
+    for index in 0..count {
+        let head = if at + VLR_HEADER_BYTES <= layout.points_at { input.take(at, VLR_HEADER_BYTES)? } else { Vec::new() };
+        let fits = head.len() as u64 == VLR_HEADER_BYTES && at + VLR_HEADER_BYTES + u16_at(&head, 20) as u64 <= layout.points_at;
+        if !fits {
+            notes.push(format!("{}: header says {count} variable-length records, {index} fit before the points", input.name()));
+            return Ok(());
+        }
+        let (user, record, length) = (text(&head[2..18]), u16_at(&head, 18), u16_at(&head, 20) as u64);
+        let contents = || input.take(at + VLR_HEADER_BYTES, length);
+        match (user.as_str(), record) {
+            ("laszip encoded", 22204) => layout.laszip = Some(contents()?),
+            ("copc", 1) => layout.copc = true,
+            ("LASF_Projection", 2112) => push_fact(facts, "coordinate system", &contents()?),
+            ("LASF_Projection", 34737) => push_fact(facts, "coordinate system", &contents()?),
+            ("LASF_Spec", 4) => {
+                for attribute in contents()?.chunks_exact(192) {
+                    push_fact(facts, "extra attribute", &attribute[4..36]);
+                }
+            }
+            _ => {}
+        }
+        at += VLR_HEADER_BYTES + length;
+    }
+    Ok(())
+}
+
+fn push_fact(facts: &mut Vec<(String, String)>, what: &str, bytes: &[u8]) {
+    let value = text(bytes);
+    if !value.is_empty() {
+        facts.push((what.into(), value));
+    }
+}
+
+/// A fixed-width field up to its first zero byte, as printable text.
+fn text(bytes: &[u8]) -> String {
+    let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
+    String::from_utf8_lossy(&bytes[..end]).trim().chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+pub fn array_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+    let mut value = [0; N];
+    value.copy_from_slice(&bytes[at..at + N]);
+    value
+}
+
+pub fn u16_at(bytes: &[u8], at: usize) -> u16 {
+    u16::from_le_bytes(array_at(bytes, at))
+}
+
+pub fn u32_at(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(array_at(bytes, at))
+}
+
+fn u64_at(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(array_at(bytes, at))
+}
+
+fn f64_at(bytes: &[u8], at: usize) -> f64 {
+    f64::from_le_bytes(array_at(bytes, at))
+}

@@ -1,0 +1,247 @@
+//! FILE -> POINTS.
+//!
+//! In: paths. Out: a [`Cloud`]: one [`Part`] a file (or E57 scan), each a struct of arrays ([`Columns`]) on its own integer [`Lattice`].
+//! Coordinates stay integers from here to the pixel, because at UTM 5,000,000 an `f32` is half a metre wide (HARD_CASES 1.1);
+//! parts keep their own lattices, so that opening two files together moves no point of either.
+//! A reader checks a header's promises against the file's length before it reserves memory or calls a library (RELIABILITY, P1),
+//! and says in [`Cloud::notes`] whatever it had to leave out.
+
+pub mod attribute;
+mod color;
+pub mod e57;
+mod floats;
+mod guard;
+mod input;
+pub mod las;
+pub mod obj;
+pub mod ply;
+pub mod spacing;
+mod text;
+pub mod xyz;
+
+use crate::error::Result;
+use crate::progress::Progress;
+use glam::DVec3;
+use input::Input;
+use rayon::prelude::*;
+use std::path::PathBuf;
+
+/// The integer grid that a part's points lie on: `world = offset + step * q`, per axis, metres (or the file's unit), f64.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lattice {
+    pub step: DVec3,
+    pub offset: DVec3,
+}
+
+impl Lattice {
+    pub fn world(&self, q: [i64; 3]) -> DVec3 {
+        self.offset + self.step * DVec3::new(q[0] as f64, q[1] as f64, q[2] as f64)
+    }
+}
+
+/// Struct of arrays; every column that is there has the length of `x`. Columns that were not wanted, or that the file lacks, are `None`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Columns {
+    /// Lattice steps.
+    pub x: Vec<i32>,
+    pub y: Vec<i32>,
+    pub z: Vec<i32>,
+    /// 8 bits a channel, sRGB-encoded; 16-bit files are rounded exactly, `(v * 255 + 32895) >> 16` (HARD_CASES 24). A file whose colours are all 0 has none.
+    pub rgb: Option<Vec<[u8; 3]>>,
+    /// LAS: the file's value. Float formats: 0..=65535 over [`Part::intensity_range`].
+    pub intensity: Option<Vec<u16>>,
+    /// LAS classification.
+    pub class: Option<Vec<u8>>,
+    /// Return number (low four bits) and number of returns (high four bits).
+    pub returns: Option<Vec<u8>>,
+    /// LAS point source id, as in the file; [`Cloud::stations`] lists those that occur.
+    pub source: Option<Vec<u16>>,
+    /// Unit normals, 127 = 1.0; (0,0,0) where the file has none.
+    pub normal: Option<Vec<[i8; 3]>>,
+    /// GPS time as in the file; may be NaN.
+    pub gps_time: Option<Vec<f64>>,
+}
+
+impl Columns {
+    pub fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.x.is_empty()
+    }
+}
+
+/// Which columns to keep besides the positions: memory is bounded by what is asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    pub rgb: bool,
+    pub intensity: bool,
+    pub class: bool,
+    pub returns: bool,
+    pub source: bool,
+    pub normal: bool,
+    pub gps_time: bool,
+}
+
+impl Wanted {
+    pub const ALL: Wanted = Wanted { rgb: true, intensity: true, class: true, returns: true, source: true, normal: true, gps_time: true };
+}
+
+/// How to read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ReadOptions {
+    pub wanted: Wanted,
+    /// Refuse a truncated or lying file instead of keeping what is readable.
+    pub strict: bool,
+}
+
+/// What a file's header says, for `info` to hold against the points themselves.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Header {
+    /// "LAS 1.2 format 3", "LAZ 1.4 format 7", "COPC ...", "PLY binary_little_endian", "E57", "XYZ", "OBJ".
+    pub format: String,
+    /// Points the header promises; `None` where the format has no such field.
+    pub points: Option<u64>,
+    /// Bounds the header promises: min and max, world.
+    pub bounds: Option<[[f64; 3]; 2]>,
+    /// Software that wrote the file, coordinate system, creation date, extra attributes: in the file's own words.
+    pub facts: Vec<(String, String)>,
+}
+
+/// One file, or one scan of an E57 file.
+#[derive(Clone, Debug)]
+pub struct Part {
+    pub path: PathBuf,
+    /// The scan's own name within its file, where it has one.
+    pub name: Option<String>,
+    pub header: Header,
+    pub lattice: Lattice,
+    pub columns: Columns,
+    /// How the stored intensity maps back: `lo + (hi - lo) * v / 65535` for float formats, `[0, 65535]` for LAS.
+    pub intensity_range: [f64; 2],
+    /// Colours as stored: 8 or 16 bits (8 also for 8-bit values in 16-bit fields, which a note then says).
+    pub rgb_bits: u8,
+}
+
+/// One scanner position: a LAS point source id, an E57 scan, or a whole file that knows neither.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Station {
+    pub part: usize,
+    /// LAS point source id; `None` where the part is one station.
+    pub source: Option<u16>,
+    pub name: String,
+    pub points: u64,
+}
+
+/// Everything that was opened, in the order given.
+#[derive(Clone, Debug, Default)]
+pub struct Cloud {
+    pub parts: Vec<Part>,
+    pub stations: Vec<Station>,
+    /// One line each, for the user: what a header got wrong, what could not be read and how much of it, what was decided about colours.
+    pub notes: Vec<String>,
+}
+
+impl Cloud {
+    pub fn len(&self) -> u64 {
+        self.parts.iter().map(|part| part.columns.len() as u64).sum()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.parts.iter().all(|part| part.columns.is_empty())
+    }
+
+    /// The box around the points themselves, never the header's (HARD_CASES 30); `None` for an empty cloud.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        self.parts.iter().filter_map(Part::bounds).reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)))
+    }
+}
+
+impl Part {
+    /// The box around this part's points, world; exact up to one rounding of `offset + step * q`.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let (x, y, z) = (range(&self.columns.x)?, range(&self.columns.y)?, range(&self.columns.z)?);
+        let corner = |pick: fn((i32, i32)) -> i32| self.lattice.world([pick(x).into(), pick(y).into(), pick(z).into()]);
+        Some((corner(|(lo, _)| lo), corner(|(_, hi)| hi)))
+    }
+}
+
+/// Smallest and largest of a column.
+pub fn range<T: Copy + Ord + Send + Sync>(column: &[T]) -> Option<(T, T)> {
+    column.par_iter().with_min_len(1 << 16).map(|&v| (v, v)).reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
+/// Opens `paths` as one cloud, in their order. The first file that cannot be read at all ends it.
+pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -> Result<Cloud> {
+    let mut cloud = Cloud::default();
+    for path in paths {
+        let input = Input::open(path)?;
+        let parts = read_one(&input, options, progress, &mut cloud.notes)?;
+        for part in parts {
+            let index = cloud.parts.len();
+            cloud.notes.extend(wrong_bounds(&part));
+            cloud.stations.extend(stations(&part, index));
+            cloud.parts.push(part);
+        }
+    }
+    Ok(cloud)
+}
+
+/// By what the file begins with, since names lie; by its name where text formats begin with anything.
+fn read_one(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+    let start = input.take(0, 8)?;
+    if start.is_empty() {
+        return Err(input.wrong("is empty (0 bytes)"));
+    }
+    if start.starts_with(b"LASF") {
+        return las::read(input, options, progress, notes);
+    }
+    if start.starts_with(b"ASTM-E57") {
+        return e57::read(input, options, progress, notes);
+    }
+    if start.starts_with(b"ply") && start.get(3).is_none_or(u8::is_ascii_whitespace) {
+        return ply::read(input, options, progress, notes);
+    }
+    let extension = input.path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    match extension.as_str() {
+        "obj" => obj::read(input, options, progress, notes),
+        "xyz" | "csv" | "txt" | "asc" | "pts" | "xyzrgb" => xyz::read(input, options, progress, notes),
+        "las" | "laz" | "ply" | "e57" => {
+            Err(input.wrong(format!("does not begin as a {} file does; it is damaged or misnamed", extension.to_uppercase())))
+        }
+        _ => Err(input.wrong("is none of LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, by its content or by its name")),
+    }
+}
+
+/// The note on a header whose bounds are not those of the points, by more than a step and the digits that headers are rounded to.
+fn wrong_bounds(part: &Part) -> Option<String> {
+    let [stated_lo, stated_hi] = part.header.bounds?.map(DVec3::from_array);
+    let (lo, hi) = part.bounds()?;
+    let tolerance = 1.001 * part.lattice.step + 1e-6 * (hi - lo) + 1e-12 * lo.abs().max(hi.abs());
+    let differ = |stated: DVec3, own: DVec3| !(stated - own).abs().cmple(tolerance).all();
+    if !differ(stated_lo, lo) && !differ(stated_hi, hi) {
+        return None;
+    }
+    let name = part.name.clone().unwrap_or_else(|| input::name_of(&part.path));
+    let shown = |v: DVec3| v.to_array().map(|v| format!("{v:.3}")).join(" ");
+    Some(format!(
+        "{name}: header says bounds {} to {}, the points lie in {} to {}",
+        shown(stated_lo),
+        shown(stated_hi),
+        shown(lo),
+        shown(hi)
+    ))
+}
+
+/// One station a point source id that occurs, or one for the whole part.
+fn stations(part: &Part, index: usize) -> Vec<Station> {
+    let name = part.name.clone().unwrap_or_else(|| input::name_of(&part.path));
+    let Some(source) = &part.columns.source else {
+        return vec![Station { part: index, source: None, name, points: part.columns.len() as u64 }];
+    };
+    let mut counts = vec![0u64; 1 << 16];
+    source.iter().for_each(|&id| counts[id as usize] += 1);
+    let occurring = (0..=u16::MAX).zip(counts).filter(|&(_, points)| points > 0);
+    occurring.map(|(id, points)| Station { part: index, source: Some(id), name: format!("{name} source {id}"), points }).collect()
+}

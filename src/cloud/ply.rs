@@ -1,0 +1,223 @@
+//! PLY, ascii and both binaries -> one part.
+//!
+//! In: a file. Out: the vertex element's positions, colours, normals, intensity and class. Faces and other elements are passed over: they only
+//! matter where they come before the vertices. Binary records without lists are cut by threads at any offset; ascii in blocks of lines;
+//! binary records with lists one after the other, since only the lengths inside them say where the next begins.
+//! A count is never believed further than the file's bytes reach.
+
+mod header;
+
+use super::floats::{ColorUnit, Floats, Point, Role, there};
+use super::input::{Input, Meter};
+use super::{Header, Part, ReadOptions, text};
+use crate::error::Result;
+use crate::progress::Progress;
+use header::{Coding, Element, Layout, Scalar};
+use rayon::prelude::*;
+use std::io::{BufReader, Read};
+
+/// Bytes a task: fits the cache with the block it becomes.
+const TASK_BYTES: u64 = 512 << 10;
+
+/// Tasks between two appends: bounds what is held besides the columns.
+const TASKS: u64 = 32;
+
+pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+    let layout = header::read(input)?;
+    let Some(index) = layout.elements.iter().position(|element| element.name == "vertex") else {
+        return Err(input.wrong(format!("declares no vertex element, only {} others", layout.elements.len())));
+    };
+    let vertex = &layout.elements[index];
+    let roles: Vec<Role> = vertex.properties.iter().map(|property| property.role).collect();
+    for (axis, name) in ["x", "y", "z"].iter().enumerate() {
+        if vertex.count > 0 && !roles.contains(&Role::Position(axis)) {
+            return Err(input.wrong(format!("has vertices without {name}")));
+        }
+    }
+    let color = vertex.properties.iter().find(|property| property.role == Role::Color(0)).map(|property| property.scalar);
+    let (bytes, unit) = match color {
+        Some(Scalar::F32 | Scalar::F64) => (false, ColorUnit::Unit),
+        Some(Scalar::U8 | Scalar::I8) | None => (true, ColorUnit::Unit),
+        Some(_) => (false, ColorUnit::Fields),
+    };
+    let empty = Floats::new(there(&roles), options.wanted, bytes);
+
+    let found = match (skip(input, &layout, &layout.elements[..index])?, vertex.record_bytes()) {
+        _ if vertex.count == 0 => Found { floats: empty, records: 0 },
+        (None, _) => Found { floats: empty, records: 0 },
+        (Some(at), _) if layout.coding == Coding::Ascii => ascii(input, vertex, at, empty, progress)?,
+        (Some(at), Some(stride)) => fixed(input, vertex, at, stride, layout.coding == Coding::Big, empty, progress)?,
+        (Some(at), None) => listed(input, vertex, at, layout.coding == Coding::Big, empty, progress)?,
+    };
+    if found.records < vertex.count {
+        let what = format!("header says {} points, {} could be read: the file ends or is damaged after them", vertex.count, found.records);
+        if options.strict || found.records == 0 {
+            return Err(input.wrong(what));
+        }
+        notes.push(format!("{}: {what}", input.name()));
+    }
+    let header = Header {
+        format: format!("PLY {}", layout.coding.name()),
+        points: Some(vertex.count),
+        bounds: None,
+        facts: layout.comments.iter().map(|comment| ("comment".into(), comment.clone())).collect(),
+    };
+    Ok(vec![found.floats.into_part(input, header, unit, None, notes)])
+}
+
+struct Found {
+    floats: Floats,
+    /// Records read, those that were left out included.
+    records: u64,
+}
+
+/// Where the element after these begins; `None` where the file ends before.
+fn skip(input: &Input, layout: &Layout, elements: &[Element]) -> Result<Option<u64>> {
+    let mut at = layout.body_at;
+    for element in elements {
+        if layout.coding == Coding::Ascii {
+            let (next, lines) = text::skip_lines(input, at, if element.properties.is_empty() { 0 } else { element.count })?;
+            if lines < element.count && !element.properties.is_empty() {
+                return Ok(None);
+            }
+            at = next;
+        } else if let Some(stride) = element.record_bytes() {
+            match element.count.checked_mul(stride).and_then(|bytes| at.checked_add(bytes)) {
+                Some(next) if next <= input.length => at = next,
+                _ => return Ok(None),
+            }
+        } else {
+            let mut source = Records { source: BufReader::new(input.stream(at)), big: layout.coding == Coding::Big, bytes: 0 };
+            for _ in 0..element.count {
+                if source.record(element, |_, _| {}).is_none() {
+                    return Ok(None);
+                }
+            }
+            at += source.bytes;
+        }
+    }
+    Ok(Some(at))
+}
+
+fn ascii(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &dyn Progress) -> Result<Found> {
+    let (end, lines) = text::skip_lines(input, at, vertex.count)?;
+    let meter = Meter::new(progress, input, end - at);
+    let mut floats = empty.clone();
+    // A vertex takes two bytes a property at least; a line is that long, or it is a bad one.
+    floats.reserve(lines.min((end - at) / (2 * vertex.properties.len() as u64)) as usize);
+    let mut records = 0;
+    let parse = |block: &[u8]| {
+        let mut floats = empty.clone();
+        let mut records = 0u64;
+        for line in text::lines(block) {
+            let mut point = Point::default();
+            if header::parse_line(line, &vertex.properties, |role, value| point.set(role, value)).is_some() {
+                floats.push(&point);
+                records += 1;
+            }
+        }
+        (floats, records)
+    };
+    text::parse(input, at..end, &meter, parse, |(block, its_records), _| {
+        floats.append(block);
+        records += its_records;
+    })?;
+    Ok(Found { floats, records })
+}
+
+fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
+    let records = vertex.count.min((input.length - at) / stride);
+    let meter = Meter::new(progress, input, records);
+    let mut fields = Vec::new();
+    let mut offset = 0;
+    for property in &vertex.properties {
+        if property.role != Role::Other {
+            fields.push((offset, property.scalar, property.role));
+        }
+        offset += property.scalar.bytes();
+    }
+    let mut floats = empty.clone();
+    floats.reserve(records as usize);
+    let task = (TASK_BYTES / stride).max(1);
+    for batch in (0..records).step_by((task * TASKS) as usize) {
+        let starts: Vec<u64> = (batch..records.min(batch + task * TASKS)).step_by(task as usize).collect();
+        let blocks = starts
+            .into_par_iter()
+            .map(|start| {
+                let count = (records - start).min(task);
+                let mut bytes = vec![0; (count * stride) as usize];
+                input.read_exactly(at + start * stride, &mut bytes)?;
+                let mut floats = empty.clone();
+                floats.reserve(count as usize);
+                for record in bytes.chunks_exact(stride as usize) {
+                    let mut point = Point::default();
+                    for &(offset, scalar, role) in &fields {
+                        point.set(role, scalar.value(&record[offset..], big));
+                    }
+                    floats.push(&point);
+                }
+                meter.advance(count)?;
+                Ok(floats)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        blocks.into_iter().for_each(|block| floats.append(block));
+    }
+    Ok(Found { floats, records })
+}
+
+fn listed(input: &Input, vertex: &Element, at: u64, big: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
+    let meter = Meter::new(progress, input, vertex.count);
+    let mut source = Records { source: BufReader::new(input.stream(at)), big, bytes: 0 };
+    let mut floats = empty;
+    let mut records = 0;
+    while records < vertex.count {
+        let mut point = Point::default();
+        if source.record(vertex, |role, value| point.set(role, value)).is_none() {
+            break;
+        }
+        floats.push(&point);
+        records += 1;
+        meter.advance(1)?;
+    }
+    Ok(Found { floats, records })
+}
+
+/// Binary records one after the other.
+struct Records<R: Read> {
+    source: R,
+    big: bool,
+    /// Consumed so far.
+    bytes: u64,
+}
+
+impl<R: Read> Records<R> {
+    /// The next record; `None` where the file ends inside it. A list takes at least its length's bytes, so that a count alone never keeps us.
+    fn record(&mut self, element: &Element, mut set: impl FnMut(Role, f64)) -> Option<()> {
+        for property in &element.properties {
+            match property.length {
+                None => set(property.role, self.scalar(property.scalar)?),
+                Some(length) => {
+                    let count = self.scalar(length)?;
+                    if count < 0.0 || count.fract() != 0.0 {
+                        return None;
+                    }
+                    self.pass((count as u64).saturating_mul(property.scalar.bytes() as u64))?;
+                }
+            }
+        }
+        Some(())
+    }
+
+    fn scalar(&mut self, scalar: Scalar) -> Option<f64> {
+        let mut bytes = [0; 8];
+        self.source.read_exact(&mut bytes[..scalar.bytes()]).ok()?;
+        self.bytes += scalar.bytes() as u64;
+        Some(scalar.value(&bytes, self.big))
+    }
+
+    fn pass(&mut self, count: u64) -> Option<()> {
+        let passed = std::io::copy(&mut (&mut self.source).take(count), &mut std::io::sink()).ok()?;
+        self.bytes += passed;
+        (passed == count).then_some(())
+    }
+}

@@ -1,0 +1,207 @@
+//! The PLY header: what elements a file has, of which properties, and where its body begins.
+//!
+//! In: the first bytes of a file. Out: a [`Layout`]. Counts are only remembered: what they are worth is judged where the body is read.
+
+use crate::cloud::floats::Role;
+use crate::cloud::input::Input;
+use crate::cloud::text;
+use crate::error::Result;
+
+pub struct Layout {
+    pub coding: Coding,
+    pub elements: Vec<Element>,
+    pub body_at: u64,
+    /// Comments and object information, in the file's own words.
+    pub comments: Vec<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Coding {
+    Ascii,
+    Little,
+    Big,
+}
+
+impl Coding {
+    pub fn name(self) -> &'static str {
+        match self {
+            Coding::Ascii => "ascii",
+            Coding::Little => "binary_little_endian",
+            Coding::Big => "binary_big_endian",
+        }
+    }
+}
+
+pub struct Element {
+    pub name: String,
+    pub count: u64,
+    pub properties: Vec<Property>,
+}
+
+impl Element {
+    /// Bytes of one binary record; `None` if it has lists, whose lengths are in the body.
+    pub fn record_bytes(&self) -> Option<u64> {
+        self.properties.iter().map(|property| property.length.is_none().then_some(property.scalar.bytes() as u64)).sum()
+    }
+}
+
+pub struct Property {
+    pub role: Role,
+    pub scalar: Scalar,
+    /// The type of the length that precedes a list's values; `None` for a single value.
+    pub length: Option<Scalar>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn named(name: &[u8]) -> Option<Self> {
+        Some(match name {
+            b"char" | b"int8" => Scalar::I8,
+            b"uchar" | b"uint8" => Scalar::U8,
+            b"short" | b"int16" => Scalar::I16,
+            b"ushort" | b"uint16" => Scalar::U16,
+            b"int" | b"int32" => Scalar::I32,
+            b"uint" | b"uint32" => Scalar::U32,
+            b"float" | b"float32" => Scalar::F32,
+            b"double" | b"float64" => Scalar::F64,
+            _ => return None,
+        })
+    }
+
+    pub fn bytes(self) -> usize {
+        match self {
+            Scalar::I8 | Scalar::U8 => 1,
+            Scalar::I16 | Scalar::U16 => 2,
+            Scalar::I32 | Scalar::U32 | Scalar::F32 => 4,
+            Scalar::F64 => 8,
+        }
+    }
+
+    /// The value at the beginning of `bytes`, which hold at least [`Scalar::bytes`].
+    #[inline]
+    pub fn value(self, bytes: &[u8], big: bool) -> f64 {
+        macro_rules! read {
+            ($type:ty) => {{
+                let mut own = [0; size_of::<$type>()];
+                own.copy_from_slice(&bytes[..size_of::<$type>()]);
+                (if big { <$type>::from_be_bytes(own) } else { <$type>::from_le_bytes(own) }) as f64
+            }};
+        }
+        match self {
+            Scalar::I8 => read!(i8),
+            Scalar::U8 => read!(u8),
+            Scalar::I16 => read!(i16),
+            Scalar::U16 => read!(u16),
+            Scalar::I32 => read!(i32),
+            Scalar::U32 => read!(u32),
+            Scalar::F32 => read!(f32),
+            Scalar::F64 => read!(f64),
+        }
+    }
+}
+
+/// A header longer than this is none.
+const HEADER_BYTES: u64 = 1 << 20;
+
+pub fn read(input: &Input) -> Result<Layout> {
+    let start = input.take(0, HEADER_BYTES)?;
+    let mut layout = Layout { coding: Coding::Ascii, elements: Vec::new(), body_at: 0, comments: Vec::new() };
+    let mut has_format = false;
+    let mut at = 0;
+    for (number, line) in start.split_inclusive(|&byte| byte == b'\n').enumerate() {
+        at += line.len();
+        let wrong = |what: String| input.wrong(format!("header line {}: {what}", number + 1));
+        let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).collect();
+        match words.as_slice() {
+            [] | [b"ply"] => {}
+            [b"format", coding, ..] => {
+                layout.coding = match *coding {
+                    b"ascii" => Coding::Ascii,
+                    b"binary_little_endian" => Coding::Little,
+                    b"binary_big_endian" => Coding::Big,
+                    other => return Err(wrong(format!("the format {} is not known", shown(other)))),
+                };
+                has_format = true;
+            }
+            [b"comment" | b"obj_info", rest @ ..] => {
+                layout.comments.push(rest.iter().map(|word| shown(word)).collect::<Vec<_>>().join(" "))
+            }
+            [b"element", name, count] => {
+                let count = std::str::from_utf8(count).ok().and_then(|text| text.parse().ok());
+                let count = count.ok_or_else(|| wrong(format!("the count of {} is not a number", shown(name))))?;
+                layout.elements.push(Element { name: shown(name), count, properties: Vec::new() });
+            }
+            [b"property", kind @ .., name] => {
+                let scalar = |word: &[u8]| Scalar::named(word).ok_or_else(|| wrong(format!("the type {} is not known", shown(word))));
+                let (length, scalar) = match kind {
+                    [b"list", length, value] => (Some(scalar(length)?), scalar(value)?),
+                    [value] => (None, scalar(value)?),
+                    _ => return Err(wrong("this is no property".into())),
+                };
+                let role = if length.is_some() { Role::Other } else { role(&shown(name)) };
+                let element = layout.elements.last_mut().ok_or_else(|| wrong("a property before any element".into()))?;
+                element.properties.push(Property { role, scalar, length });
+            }
+            [b"end_header"] => {
+                if !has_format {
+                    return Err(wrong("no format line came before the end of the header".into()));
+                }
+                layout.body_at = at as u64;
+                return Ok(layout);
+            }
+            [word, ..] => return Err(wrong(format!("{} is no header line: cut off, or not PLY", shown(word)))),
+        }
+    }
+    Err(input.wrong(format!("has no end_header within its first {} bytes: cut off, or not PLY", start.len())))
+}
+
+fn role(name: &str) -> Role {
+    match name.to_lowercase().as_str() {
+        "x" => Role::Position(0),
+        "y" => Role::Position(1),
+        "z" => Role::Position(2),
+        "red" | "r" | "diffuse_red" => Role::Color(0),
+        "green" | "g" | "diffuse_green" => Role::Color(1),
+        "blue" | "b" | "diffuse_blue" => Role::Color(2),
+        "nx" => Role::Normal(0),
+        "ny" => Role::Normal(1),
+        "nz" => Role::Normal(2),
+        "intensity" | "scalar_intensity" => Role::Intensity,
+        "class" | "classification" | "scalar_classification" => Role::Class,
+        _ => Role::Other,
+    }
+}
+
+/// A few bytes of a file, fit for a message.
+fn shown(word: &[u8]) -> String {
+    String::from_utf8_lossy(&word[..word.len().min(64)]).escape_debug().to_string()
+}
+
+/// Sets what one line of an ascii body says; `None` if it is not such a record.
+pub fn parse_line(line: &[u8], properties: &[Property], mut set: impl FnMut(Role, f64)) -> Option<()> {
+    let mut fields = text::fields(line);
+    for property in properties {
+        match property.length {
+            None if property.role == Role::Other => drop(fields.next()?),
+            None => set(property.role, text::number(fields.next()?)?),
+            Some(_) => {
+                let length: u32 = std::str::from_utf8(fields.next()?).ok()?.parse().ok()?;
+                for _ in 0..length {
+                    fields.next()?;
+                }
+            }
+        }
+    }
+    Some(())
+}

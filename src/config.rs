@@ -1,0 +1,29 @@
+//! Every limit, budget and default, one sentence each, saying what follows from it.
+
+/// A node has at most this many points, and a page holds as many 32-bit words: one plane of one node is one page (256 KiB).
+pub const POINTS_PER_PAGE: u32 = 65_536;
+
+/// A position plane holds 10 + 10 + 10 bits, so three planes hold nodes up to 2^30 lattice steps wide; wider ones are split.
+pub const BITS_PER_PLANE: u32 = 10;
+pub const POSITION_PLANES: u32 = 3;
+
+/// Points on or behind the camera plane are not drawn; this near, and no nearer, because dividing by less overflows f32 (HARD_CASES 1.3).
+pub const NEAR_M: f32 = 1.0 / (1u64 << 63) as f32;
+
+/// The point id, the index target's value, where there is no point.
+pub const NO_POINT: u32 = 0xFFFF_FFFF;
+
+/// Pages are allocated 256 at a time, 64 MiB: few allocations, and well below the 256 MiB beyond which lavapipe is unsafe.
+pub const PAGES_PER_BLOCK: u32 = 256;
+
+/// A workgroup walks this many points of a node: long enough to hide its start, short enough that 16 of them share a page among cores.
+pub const POINTS_PER_CHUNK: u32 = 1024;
+
+/// A node is drawn from as few position planes as keep its quantisation below this many pixels, a fifth of what f32 arithmetic costs (HARD_CASES 1.2).
+pub const QUANTISATION_PX: f64 = 1.0 / 4096.0;
+
+/// Size of a picture when nothing is asked for.
+pub const SIZE: [u32; 2] = [1920, 1080];
+
+/// sRGB colour behind the points when nothing is asked for: dark enough for bright scans, light enough for dark ones.
+pub const BACKGROUND: [u8; 3] = [0x18, 0x1B, 0x20];

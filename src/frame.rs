@@ -1,0 +1,28 @@
+//! THE WHOLE FRAME, top to bottom.
+
+use crate::error::Result;
+use crate::graph::{Graph, Image};
+use crate::look::Look;
+use crate::passes::{self, Layers, composite, project, resolve};
+use crate::resident::Resident;
+use crate::view::View;
+
+/// What a frame leaves behind.
+pub struct Outcome {
+    pub picture: Image,
+    pub layers: Layers,
+    pub statistics: project::Statistics,
+}
+
+pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
+    let drawn = project::draw(g, view, resident, look.precision)?;
+    let paint = resolve::paint(g, resident)?;
+    let mut layers = resolve::layers(g, view);
+    for band in project::bands(view.size, g.binding_limit()) {
+        let keys = project::record(g, view, &drawn, band);
+        layers = resolve::record(g, &keys, &paint, band, layers);
+    }
+    let layers = passes::apply(g, view, &look.effects, &look.decided, layers);
+    let picture = composite::record(g, view, look.background, &layers);
+    Ok(Outcome { picture, layers, statistics: drawn.statistics })
+}

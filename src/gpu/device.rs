@@ -1,0 +1,289 @@
+//! A wish in, an open device out.
+//!
+//! Of the devices that have every feature we ask for, the best kind wins: discrete, integrated, virtual, CPU. A missing feature is named in the error.
+//! Validation, when wished for, is core and synchronization validation; its messages are collected and make whatever caused them fail.
+
+use super::failed;
+use crate::error::{Error, Result};
+use ash::{ext, vk};
+use std::ffi::{CStr, c_char, c_void};
+use std::sync::Mutex;
+
+/// What the user asked for with `--device` and `--validate`.
+#[derive(Clone, Debug, Default)]
+pub struct Wish {
+    /// Part of the device's name (case does not matter) or its index in the order of the loader.
+    pub device: Option<String>,
+    pub validate: bool,
+    /// Treat the device as one without 64-bit atomics, so that tests can force the two-pass way.
+    pub no_int64_atomics: bool,
+}
+
+/// An open device with one queue that computes and draws.
+pub struct Device {
+    // The entry keeps the Vulkan library loaded.
+    _entry: ash::Entry,
+    pub instance: ash::Instance,
+    pub physical: vk::PhysicalDevice,
+    pub raw: ash::Device,
+    pub queue: vk::Queue,
+    pub family: u32,
+    pub limits: vk::PhysicalDeviceLimits,
+    pub name: String,
+    pub driver: String,
+    /// A CPU pretending to be a GPU (lavapipe, SwiftShader): kernels choose other loop shapes there.
+    pub is_cpu: bool,
+    /// 64-bit integers and buffer atomics on them.
+    pub int64_atomics: bool,
+    pub labels: Option<ext::debug_utils::Device>,
+    messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    // Boxed: the messenger holds its address.
+    messages: Box<Mutex<Vec<String>>>,
+}
+
+const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
+
+impl Device {
+    pub fn open(wish: &Wish) -> Result<Device> {
+        // SAFETY: loading the system's Vulkan loader runs its initialisers, which we trust as every Vulkan program does.
+        let entry = unsafe { ash::Entry::load() }.map_err(|error| {
+            Error::Device(format!("no Vulkan loader ({error}); install libvulkan1 and a driver (mesa-vulkan-drivers has one that needs no GPU)"))
+        })?;
+        let messages = Box::new(Mutex::new(Vec::new()));
+        let (instance, debug) = open_instance(&entry, wish.validate)?;
+        let messenger = match &debug {
+            Some(debug) if wish.validate => Some(listen(debug, &messages)?),
+            _ => None,
+        };
+        let (physical, properties, missing_int64) = match choose(&instance, wish.device.as_deref()) {
+            Ok(choice) => choice,
+            Err(error) => {
+                if let (Some(debug), Some(messenger)) = (&debug, messenger) {
+                    // SAFETY: made above from this instance, used by nobody else.
+                    unsafe { debug.destroy_debug_utils_messenger(messenger, None) };
+                }
+                // SAFETY: nothing made from the instance is left.
+                unsafe { instance.destroy_instance(None) };
+                return Err(error);
+            }
+        };
+        let int64_atomics = !missing_int64 && !wish.no_int64_atomics;
+        let family = queue_family(&instance, physical)
+            .ok_or_else(|| Error::Device("the device has no queue that computes and draws".to_string()))?;
+        let raw = open_device(&instance, physical, family, int64_atomics)?;
+        // SAFETY: the family and its queue 0 were asked for in open_device.
+        let queue = unsafe { raw.get_device_queue(family, 0) };
+        let labels = debug.as_ref().map(|_| ext::debug_utils::Device::new(&instance, &raw));
+        let driver = driver(&instance, physical);
+        Ok(Device {
+            physical,
+            raw,
+            queue,
+            family,
+            limits: properties.limits,
+            name: text(&properties.device_name),
+            driver,
+            is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
+            int64_atomics,
+            labels,
+            messenger: debug.zip(messenger),
+            messages,
+            instance,
+            _entry: entry,
+        })
+    }
+
+    /// What the validation layers have said since the last call; an error when they said anything.
+    pub fn objections(&self) -> Result<()> {
+        let said = std::mem::take(&mut *self.messages.lock().unwrap_or_else(|poisoned| poisoned.into_inner()));
+        if said.is_empty() { Ok(()) } else { Err(Error::Validation(said.join("\n"))) }
+    }
+
+    /// Names an object for captures and validation messages.
+    pub fn name<H: vk::Handle>(&self, handle: H, name: &str) {
+        if let Some(labels) = &self.labels {
+            let name = std::ffi::CString::new(name).unwrap_or_default();
+            let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);
+            // SAFETY: the handle belongs to this device. A name that is lost only makes messages less clear.
+            let _ = unsafe { labels.set_debug_utils_object_name(&info) };
+        }
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        // SAFETY: whoever made objects from the device borrows or owns it and is gone by now; the device is idle because every submission is waited for.
+        unsafe {
+            self.raw.destroy_device(None);
+            if let Some((debug, messenger)) = self.messenger.take() {
+                debug.destroy_debug_utils_messenger(messenger, None);
+            }
+            self.instance.destroy_instance(None);
+        }
+    }
+}
+
+/// One line a device: index, name, kind, driver; for error messages and `--help`.
+fn list(instance: &ash::Instance, devices: &[vk::PhysicalDevice]) -> String {
+    let line = |(index, &device)| {
+        // SAFETY: the device comes from this instance.
+        let properties = unsafe { instance.get_physical_device_properties(device) };
+        format!("{index}: {} ({:?})", text(&properties.device_name), properties.device_type)
+    };
+    devices.iter().enumerate().map(line).collect::<Vec<_>>().join("; ")
+}
+
+fn open_instance(entry: &ash::Entry, validate: bool) -> Result<(ash::Instance, Option<ext::debug_utils::Instance>)> {
+    let app = vk::ApplicationInfo::default().application_name(c"pointillist").api_version(vk::API_VERSION_1_3);
+    // SAFETY: plain queries of the loader.
+    let (layers, extensions) = unsafe {
+        (entry.enumerate_instance_layer_properties().unwrap_or_default(), entry.enumerate_instance_extension_properties(None).unwrap_or_default())
+    };
+    if validate && !layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)) {
+        return Err(Error::Device("--validate needs the Vulkan validation layers; install vulkan-validationlayers".to_string()));
+    }
+    // The layer itself brings debug_utils where the loader does not list it.
+    let has_debug = validate || extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
+    let layer_names: Vec<*const c_char> = if validate { vec![VALIDATION_LAYER.as_ptr()] } else { vec![] };
+    let extension_names: Vec<*const c_char> = if has_debug { vec![ext::debug_utils::NAME.as_ptr()] } else { vec![] };
+    let checks = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
+    let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
+    let mut info = vk::InstanceCreateInfo::default()
+        .application_info(&app)
+        .enabled_layer_names(&layer_names)
+        .enabled_extension_names(&extension_names);
+    if validate {
+        info = info.push_next(&mut features);
+    }
+    // SAFETY: every pointer in `info` outlives the call.
+    let instance = unsafe { entry.create_instance(&info, None) }.map_err(failed("vkCreateInstance"))?;
+    let debug = has_debug.then(|| ext::debug_utils::Instance::new(entry, &instance));
+    Ok((instance, debug))
+}
+
+fn listen(debug: &ext::debug_utils::Instance, messages: &Mutex<Vec<String>>) -> Result<vk::DebugUtilsMessengerEXT> {
+    use vk::{DebugUtilsMessageSeverityFlagsEXT as Severity, DebugUtilsMessageTypeFlagsEXT as Type};
+    let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
+        .message_severity(Severity::ERROR | Severity::WARNING)
+        .message_type(Type::VALIDATION | Type::PERFORMANCE)
+        .pfn_user_callback(Some(hear))
+        .user_data(messages as *const _ as *mut c_void);
+    // SAFETY: `messages` is boxed in the Device, which destroys the messenger before it drops the box.
+    unsafe { debug.create_debug_utils_messenger(&info, None) }.map_err(failed("vkCreateDebugUtilsMessengerEXT"))
+}
+
+unsafe extern "system" fn hear(
+    _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+    _kind: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
+    messages: *mut c_void,
+) -> vk::Bool32 {
+    // SAFETY: the layer passes valid data, and the pointer that `listen` gave it.
+    let (message, messages) = unsafe { ((*data).message_as_c_str(), &*(messages as *const Mutex<Vec<String>>)) };
+    let message = message.map_or(String::new(), |message| message.to_string_lossy().into_owned());
+    messages.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(message);
+    vk::FALSE
+}
+
+type Choice = (vk::PhysicalDevice, vk::PhysicalDeviceProperties, bool);
+
+fn choose(instance: &ash::Instance, wished: Option<&str>) -> Result<Choice> {
+    // SAFETY: plain query of a live instance.
+    let devices = unsafe { instance.enumerate_physical_devices() }.map_err(failed("vkEnumeratePhysicalDevices"))?;
+    let rank = |kind| match kind {
+        vk::PhysicalDeviceType::DISCRETE_GPU => 0,
+        vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
+        vk::PhysicalDeviceType::VIRTUAL_GPU => 2,
+        _ => 3,
+    };
+    let mut fit = Vec::new();
+    let mut unfit = Vec::new();
+    for (index, &device) in devices.iter().enumerate() {
+        // SAFETY: the device comes from this instance.
+        let properties = unsafe { instance.get_physical_device_properties(device) };
+        let name = text(&properties.device_name);
+        let matches = wished.is_none_or(|wish| match wish.parse::<usize>() {
+            Ok(wish) => wish == index,
+            Err(_) => name.to_lowercase().contains(&wish.to_lowercase()),
+        });
+        if !matches {
+            continue;
+        }
+        let (missing, no_int64) = missing(instance, device, &properties);
+        if missing.is_empty() {
+            fit.push((rank(properties.device_type), index, (device, properties, no_int64)));
+        } else {
+            unfit.push(format!("{name} lacks {}", missing.join(", ")));
+        }
+    }
+    fit.sort_by_key(|&(rank, index, _)| (rank, index));
+    fit.into_iter().next().map(|(_, _, choice)| choice).ok_or_else(|| {
+        Error::Device(match (devices.is_empty(), unfit.is_empty(), wished) {
+            (true, ..) => "no Vulkan device; install a driver (mesa-vulkan-drivers has one that needs no GPU)".to_string(),
+            (_, false, _) => format!("no usable Vulkan device: {}", unfit.join("; ")),
+            (_, _, wish) => format!("no device matches --device {}; there are: {}", wish.unwrap_or(""), list(instance, &devices)),
+        })
+    })
+}
+
+/// The required features that a device lacks, and whether it lacks 64-bit atomics, which are optional.
+fn missing(instance: &ash::Instance, device: vk::PhysicalDevice, properties: &vk::PhysicalDeviceProperties) -> (Vec<&'static str>, bool) {
+    if properties.api_version < vk::API_VERSION_1_3 {
+        return (vec!["Vulkan 1.3"], true);
+    }
+    let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
+    let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut v12).push_next(&mut v13);
+    // SAFETY: the device has Vulkan 1.3, so it knows these structures.
+    unsafe { instance.get_physical_device_features2(device, &mut features) };
+    let int64 = features.features.shader_int64;
+    let required = [
+        (v13.synchronization2, "synchronization2"),
+        (v13.dynamic_rendering, "dynamicRendering"),
+        (v13.maintenance4, "maintenance4"),
+        (v12.timeline_semaphore, "timelineSemaphore"),
+        (v12.buffer_device_address, "bufferDeviceAddress"),
+        (v12.scalar_block_layout, "scalarBlockLayout"),
+    ];
+    let missing = required.iter().filter(|(has, _)| *has == vk::FALSE).map(|&(_, name)| name).collect();
+    (missing, int64 == vk::FALSE || v12.shader_buffer_int64_atomics == vk::FALSE)
+}
+
+fn open_device(instance: &ash::Instance, physical: vk::PhysicalDevice, family: u32, int64_atomics: bool) -> Result<ash::Device> {
+    let priorities = [1.0];
+    let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&priorities)];
+    let mut v12 = vk::PhysicalDeviceVulkan12Features::default()
+        .timeline_semaphore(true)
+        .buffer_device_address(true)
+        .scalar_block_layout(true)
+        .shader_buffer_int64_atomics(int64_atomics);
+    let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(true).maintenance4(true);
+    let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics);
+    let info = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_features(&features)
+        .push_next(&mut v12)
+        .push_next(&mut v13);
+    // SAFETY: every pointer in `info` outlives the call, and `missing` has checked the features.
+    unsafe { instance.create_device(physical, &info, None) }.map_err(failed("vkCreateDevice"))
+}
+
+fn queue_family(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Option<u32> {
+    // SAFETY: plain query.
+    let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
+    let needed = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
+    families.iter().position(|family| family.queue_flags.contains(needed)).map(|index| index as u32)
+}
+
+fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice) -> String {
+    let mut driver = vk::PhysicalDeviceDriverProperties::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver);
+    // SAFETY: the structure belongs to Vulkan 1.2, which every chosen device has.
+    unsafe { instance.get_physical_device_properties2(physical, &mut properties) };
+    format!("{} {}", text(&driver.driver_name), text(&driver.driver_info)).trim().to_string()
+}
+
+fn text(characters: &[c_char]) -> String {
+    let bytes: Vec<u8> = characters.iter().take_while(|&&c| c != 0).map(|&c| c as u8).collect();
+    String::from_utf8_lossy(&bytes).into_owned()
+}

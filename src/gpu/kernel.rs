@@ -1,0 +1,149 @@
+//! SPIR-V with its reflected bindings in, compute pipelines out, one for each set of specialisation constants.
+
+use super::{Device, failed};
+use crate::error::Result;
+use ash::vk;
+use std::collections::HashMap;
+
+/// What a shader does with a binding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    Read,
+    /// Does not care what was there before.
+    Write,
+    Modify,
+}
+
+/// What a binding is; an image says its format, which must be that of the image bound.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Buffer,
+    R32f,
+    R32ui,
+    Rgba32f,
+}
+
+impl Kind {
+    pub fn format(self) -> Option<vk::Format> {
+        match self {
+            Kind::Buffer => None,
+            Kind::R32f => Some(vk::Format::R32_SFLOAT),
+            Kind::R32ui => Some(vk::Format::R32_UINT),
+            Kind::Rgba32f => Some(vk::Format::R32G32B32A32_SFLOAT),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Binding {
+    pub name: &'static str,
+    pub bind: u32,
+    pub kind: Kind,
+    pub access: Access,
+}
+
+/// A compiled shader and what its SPIR-V says about itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Code {
+    pub name: &'static str,
+    pub spirv: &'static [u32],
+    pub bindings: &'static [Binding],
+    pub push_bytes: u32,
+    /// `[0, 0, 0]` where specialisation constant 0 is the width.
+    pub workgroup: [u32; 3],
+}
+
+/// A compute pipeline with its layouts.
+pub struct Kernel {
+    pub pipeline: vk::Pipeline,
+    pub layout: vk::PipelineLayout,
+    pub set_layout: vk::DescriptorSetLayout,
+}
+
+/// Kernels made so far, by shader and specialisation constants.
+pub struct Kernels {
+    device: ash::Device,
+    made: HashMap<(&'static str, Vec<(u32, u32)>), Kernel>,
+}
+
+impl Kernels {
+    pub fn new(device: &Device) -> Kernels {
+        Kernels { device: device.raw.clone(), made: HashMap::new() }
+    }
+
+    pub fn get(&mut self, device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<&Kernel> {
+        let key = (code.name, constants.to_vec());
+        if !self.made.contains_key(&key) {
+            let kernel = make(device, code, constants)?;
+            self.made.insert(key.clone(), kernel);
+        }
+        Ok(&self.made[&key])
+    }
+}
+
+impl Drop for Kernels {
+    fn drop(&mut self) {
+        for kernel in self.made.values() {
+            // SAFETY: every submission has been waited for, so no kernel is in use.
+            unsafe {
+                self.device.destroy_pipeline(kernel.pipeline, None);
+                self.device.destroy_pipeline_layout(kernel.layout, None);
+                self.device.destroy_descriptor_set_layout(kernel.set_layout, None);
+            }
+        }
+    }
+}
+
+fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel> {
+    let bindings: Vec<_> = code
+        .bindings
+        .iter()
+        .map(|binding| {
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(binding.bind)
+                .descriptor_count(1)
+                .stage_flags(vk::ShaderStageFlags::COMPUTE)
+                .descriptor_type(descriptor_type(binding.kind))
+        })
+        .collect();
+    let entries: Vec<_> = (0..constants.len())
+        .map(|i| vk::SpecializationMapEntry { constant_id: constants[i].0, offset: 4 * i as u32, size: 4 })
+        .collect();
+    let values: Vec<u32> = constants.iter().map(|&(_, value)| value).collect();
+    let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
+    let push = [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::COMPUTE, offset: 0, size: code.push_bytes }];
+    let raw = &device.raw;
+    // SAFETY: all pointers outlive their calls; the SPIR-V was made by build.rs from this repository's GLSL, and its layout from its own reflection.
+    unsafe {
+        let set_layout = raw
+            .create_descriptor_set_layout(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings), None)
+            .map_err(failed("vkCreateDescriptorSetLayout"))?;
+        let set_layouts = [set_layout];
+        let mut layout_info = vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts);
+        if code.push_bytes > 0 {
+            layout_info = layout_info.push_constant_ranges(&push);
+        }
+        let layout = raw.create_pipeline_layout(&layout_info, None).map_err(failed("vkCreatePipelineLayout"))?;
+        let module = raw
+            .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code.spirv), None)
+            .map_err(failed("vkCreateShaderModule"))?;
+        let stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main")
+            .specialization_info(&specialization);
+        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout);
+        let pipeline = raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
+        raw.destroy_shader_module(module, None);
+        let pipeline = pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateComputePipelines"))?[0];
+        device.name(pipeline, code.name);
+        Ok(Kernel { pipeline, layout, set_layout })
+    }
+}
+
+pub fn descriptor_type(kind: Kind) -> vk::DescriptorType {
+    match kind {
+        Kind::Buffer => vk::DescriptorType::STORAGE_BUFFER,
+        _ => vk::DescriptorType::STORAGE_IMAGE,
+    }
+}

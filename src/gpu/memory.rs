@@ -1,0 +1,210 @@
+//! Descriptions in, named buffers and images out.
+//!
+//! Memory comes from gpu-allocator. What a frame is done with goes to a shelf and is handed out again to whoever asks for the same description,
+//! because fresh pages cost seconds per GiB to touch on a software device (PROBE.md) and allocations are slow on every other.
+
+use super::{Device, failed};
+use crate::error::{Error, Result};
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
+use std::collections::HashMap;
+use std::mem::ManuallyDrop;
+
+/// Where a buffer lives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Place {
+    Device,
+    /// Written by the CPU through a persistent map, read by the device; device-local where there is such memory.
+    Upload,
+    /// Written by the device, read by the CPU.
+    Download,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct BufferDesc {
+    pub bytes: u64,
+    pub place: Place,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ImageDesc {
+    /// Pixels.
+    pub size: [u32; 2],
+    pub format: vk::Format,
+}
+
+impl ImageDesc {
+    pub fn bytes_per_pixel(&self) -> u64 {
+        match self.format {
+            vk::Format::R32G32B32A32_SFLOAT => 16,
+            _ => 4,
+        }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.size[0] as u64 * self.size[1] as u64 * self.bytes_per_pixel()
+    }
+}
+
+/// A buffer with its memory; mapped unless it lives on the device only.
+pub struct RawBuffer {
+    pub raw: vk::Buffer,
+    pub desc: BufferDesc,
+    /// Device address, for pages that shaders reach by pointer.
+    pub address: u64,
+    allocation: Allocation,
+}
+
+impl RawBuffer {
+    pub fn bytes(&self) -> &[u8] {
+        self.allocation.mapped_slice().expect("a mapped buffer")
+    }
+
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        self.allocation.mapped_slice_mut().expect("a mapped buffer")
+    }
+}
+
+pub struct RawImage {
+    pub raw: vk::Image,
+    pub view: vk::ImageView,
+    pub desc: ImageDesc,
+    allocation: Allocation,
+}
+
+/// Makes, shelves and destroys buffers and images. Dropped before the device.
+pub struct Memory {
+    allocator: ManuallyDrop<Allocator>,
+    buffers: HashMap<BufferDesc, Vec<RawBuffer>>,
+    images: HashMap<ImageDesc, Vec<RawImage>>,
+    device: ash::Device,
+    /// Bytes in buffers and images, on the shelf or in use.
+    pub allocated: u64,
+}
+
+impl Memory {
+    pub fn new(device: &Device) -> Result<Memory> {
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: device.instance.clone(),
+            device: device.raw.clone(),
+            physical_device: device.physical,
+            debug_settings: Default::default(),
+            buffer_device_address: true,
+            allocation_sizes: Default::default(),
+        })
+        .map_err(|error| Error::Device(format!("cannot set up device memory: {error}")))?;
+        Ok(Memory { allocator: ManuallyDrop::new(allocator), buffers: HashMap::new(), images: HashMap::new(), device: device.raw.clone(), allocated: 0 })
+    }
+
+    pub fn buffer(&mut self, device: &Device, desc: BufferDesc, name: &str) -> Result<RawBuffer> {
+        if let Some(buffer) = self.buffers.get_mut(&desc).and_then(Vec::pop) {
+            device.name(buffer.raw, name);
+            return Ok(buffer);
+        }
+        use vk::BufferUsageFlags as Usage;
+        let usage = Usage::STORAGE_BUFFER | Usage::TRANSFER_SRC | Usage::TRANSFER_DST | Usage::SHADER_DEVICE_ADDRESS | Usage::VERTEX_BUFFER;
+        let info = vk::BufferCreateInfo::default().size(desc.bytes.max(4)).usage(usage);
+        // SAFETY: a plain creation on a live device; memory of the asked requirements is bound before anyone sees the buffer.
+        let (raw, requirements) = unsafe {
+            let raw = self.device.create_buffer(&info, None).map_err(failed("vkCreateBuffer"))?;
+            (raw, self.device.get_buffer_memory_requirements(raw))
+        };
+        let location = match desc.place {
+            Place::Device => MemoryLocation::GpuOnly,
+            Place::Upload => MemoryLocation::CpuToGpu,
+            Place::Download => MemoryLocation::GpuToCpu,
+        };
+        let allocation = self.allocate(name, requirements, location, true)?;
+        // SAFETY: see above; the address is asked for after binding.
+        let address = unsafe {
+            self.device.bind_buffer_memory(raw, allocation.memory(), allocation.offset()).map_err(failed("vkBindBufferMemory"))?;
+            self.device.get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
+        };
+        device.name(raw, name);
+        Ok(RawBuffer { raw, desc, address, allocation })
+    }
+
+    pub fn image(&mut self, device: &Device, desc: ImageDesc, name: &str) -> Result<RawImage> {
+        if let Some(image) = self.images.get_mut(&desc).and_then(Vec::pop) {
+            device.name(image.raw, name);
+            return Ok(image);
+        }
+        use vk::ImageUsageFlags as Usage;
+        let attachment = match desc.format {
+            vk::Format::D32_SFLOAT => Usage::DEPTH_STENCIL_ATTACHMENT,
+            _ => Usage::STORAGE | Usage::COLOR_ATTACHMENT,
+        };
+        let info = vk::ImageCreateInfo::default()
+            .image_type(vk::ImageType::TYPE_2D)
+            .format(desc.format)
+            .extent(vk::Extent3D { width: desc.size[0], height: desc.size[1], depth: 1 })
+            .mip_levels(1)
+            .array_layers(1)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .tiling(vk::ImageTiling::OPTIMAL)
+            .usage(attachment | Usage::TRANSFER_SRC | Usage::TRANSFER_DST);
+        // SAFETY: as in `buffer`.
+        let (raw, requirements) = unsafe {
+            let raw = self.device.create_image(&info, None).map_err(failed("vkCreateImage"))?;
+            (raw, self.device.get_image_memory_requirements(raw))
+        };
+        let allocation = self.allocate(name, requirements, MemoryLocation::GpuOnly, false)?;
+        let aspect = if desc.format == vk::Format::D32_SFLOAT { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
+        let whole = vk::ImageSubresourceRange { aspect_mask: aspect, level_count: 1, layer_count: 1, ..Default::default() };
+        let view_info = vk::ImageViewCreateInfo::default().image(raw).view_type(vk::ImageViewType::TYPE_2D).format(desc.format).subresource_range(whole);
+        // SAFETY: the view is of the image just bound.
+        let view = unsafe {
+            self.device.bind_image_memory(raw, allocation.memory(), allocation.offset()).map_err(failed("vkBindImageMemory"))?;
+            self.device.create_image_view(&view_info, None).map_err(failed("vkCreateImageView"))?
+        };
+        device.name(raw, name);
+        device.name(view, name);
+        Ok(RawImage { raw, view, desc, allocation })
+    }
+
+    /// Gives a buffer back; the GPU must be done with it.
+    pub fn shelve_buffer(&mut self, buffer: RawBuffer) {
+        self.buffers.entry(buffer.desc).or_default().push(buffer);
+    }
+
+    /// Gives an image back; the GPU must be done with it.
+    pub fn shelve_image(&mut self, image: RawImage) {
+        self.images.entry(image.desc).or_default().push(image);
+    }
+
+    pub fn destroy_buffer(&mut self, buffer: RawBuffer) {
+        // SAFETY: the caller owned the buffer and the GPU is done with it.
+        unsafe { self.device.destroy_buffer(buffer.raw, None) };
+        self.free(buffer.allocation);
+    }
+
+    fn allocate(&mut self, name: &str, requirements: vk::MemoryRequirements, location: MemoryLocation, linear: bool) -> Result<Allocation> {
+        let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: AllocationScheme::GpuAllocatorManaged };
+        self.allocated += requirements.size;
+        self.allocator.allocate(&desc).map_err(|error| Error::Device(format!("{name} needs {} MiB of device memory: {error}", requirements.size >> 20)))
+    }
+
+    fn free(&mut self, allocation: Allocation) {
+        self.allocated -= allocation.size();
+        self.allocator.free(allocation).expect("an allocation is freed once");
+    }
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        for buffer in std::mem::take(&mut self.buffers).into_values().flatten() {
+            self.destroy_buffer(buffer);
+        }
+        for image in std::mem::take(&mut self.images).into_values().flatten() {
+            // SAFETY: shelved images are not in use.
+            unsafe {
+                self.device.destroy_image_view(image.view, None);
+                self.device.destroy_image(image.raw, None);
+            }
+            self.free(image.allocation);
+        }
+        // SAFETY: dropped once, here, while the device is still alive.
+        unsafe { ManuallyDrop::drop(&mut self.allocator) };
+    }
+}

@@ -1,0 +1,23 @@
+//! Vulkan, and nothing about points.
+//!
+//! `device` finds and opens a device; `memory` makes named buffers and images and keeps freed ones for reuse; `kernel` makes compute
+//! pipelines; `raster` the one point-list pipeline that benchmarks compare with; `timing` reads timestamps; `trail` says which pass was running when a device was lost.
+
+pub mod device;
+pub mod kernel;
+pub mod memory;
+pub mod raster;
+pub mod timing;
+pub mod trail;
+
+pub use device::{Device, Wish};
+pub use kernel::{Access, Binding, Code, Kind};
+pub use memory::{BufferDesc, ImageDesc, Memory, Place};
+
+use crate::error::Error;
+use ash::vk;
+
+/// `call.map_err(failed("vkQueueSubmit2"))`.
+pub fn failed(during: &str) -> impl FnOnce(vk::Result) -> Error + '_ {
+    move |code| Error::Vulkan { during: during.to_string(), code: format!("{code:?}") }
+}

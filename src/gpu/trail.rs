@@ -1,0 +1,43 @@
+//! Breadcrumbs: which pass was running when the device was lost.
+//!
+//! A mapped buffer of one word a pass. Each pass writes its word before it starts; after a loss the last word written names the culprit.
+
+use super::memory::{BufferDesc, Memory, Place, RawBuffer};
+use super::Device;
+use crate::error::{Error, Result};
+use ash::vk;
+
+const CRUMB: u32 = 0xC0DE;
+
+pub struct Trail {
+    crumbs: RawBuffer,
+    names: Vec<String>,
+}
+
+impl Trail {
+    pub fn new(device: &Device, memory: &mut Memory, names: Vec<String>) -> Result<Trail> {
+        let desc = BufferDesc { bytes: (4 * names.len() as u64).next_power_of_two().max(256), place: Place::Download };
+        let mut crumbs = memory.buffer(device, desc, "trail")?;
+        crumbs.bytes_mut().fill(0);
+        Ok(Trail { crumbs, names })
+    }
+
+    pub fn drop_crumb(&self, device: &Device, commands: vk::CommandBuffer, pass: usize) {
+        // SAFETY: the word lies within the buffer, which lives until the submission has been waited for; each word is written once.
+        unsafe { device.raw.cmd_fill_buffer(commands, self.crumbs.raw, 4 * pass as u64, 4, CRUMB) };
+    }
+
+    /// The error for a submission that failed with `code`.
+    pub fn blame(&self, code: vk::Result) -> Error {
+        let words: &[u32] = bytemuck::cast_slice(&self.crumbs.bytes()[..4 * self.names.len()]);
+        let during = match words.iter().rposition(|&word| word == CRUMB) {
+            Some(pass) => format!("pass {}", self.names[pass]),
+            None => "submission".to_string(),
+        };
+        Error::Vulkan { during, code: format!("{code:?}") }
+    }
+
+    pub fn shelve(self, memory: &mut Memory) {
+        memory.shelve_buffer(self.crumbs);
+    }
+}

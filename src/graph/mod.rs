@@ -1,0 +1,253 @@
+//! The render graph: passes are recorded in order, and order of recording is order of execution.
+//!
+//! In: typed shader structs (`crate::shader`, generated) over handles. Out: a submission whose barriers, dropped passes and reused memory the pure
+//! [`plan`] has decided. Handles are not `Clone`, so Rust's own borrow rules refuse one image as input and output of a pass.
+
+pub mod plan;
+mod record;
+
+pub use crate::gpu::{Access, BufferDesc, Code, ImageDesc, Kind, Place};
+
+use crate::error::{Error, Result};
+use crate::gpu::kernel::Kernels;
+use crate::gpu::memory::{Memory, RawBuffer};
+use crate::gpu::Device;
+use ash::vk;
+use plan::{Pass, Plan, Resource, Shape};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ResourceId(pub usize);
+
+/// An image of this frame.
+#[derive(Debug)]
+pub struct Image {
+    id: ResourceId,
+    pub desc: ImageDesc,
+}
+
+/// A buffer of this frame.
+#[derive(Debug)]
+pub struct Buffer {
+    id: ResourceId,
+    pub desc: BufferDesc,
+}
+
+/// What generated code asks of a handle.
+pub trait Handle {
+    fn resource(&self) -> ResourceId;
+}
+
+impl Handle for Image {
+    fn resource(&self) -> ResourceId {
+        self.id
+    }
+}
+
+impl Handle for Buffer {
+    fn resource(&self) -> ResourceId {
+        self.id
+    }
+}
+
+/// What `build.rs` implements for every compute shader.
+pub trait Shader {
+    const CODE: Code;
+    /// In the order of `CODE.bindings`.
+    fn resources(&self) -> Vec<ResourceId>;
+    fn push(&self) -> &[u8];
+    fn constants(&self) -> Vec<(u32, u32)>;
+}
+
+/// Over what a pass is dispatched.
+#[derive(Clone, Copy, Debug)]
+pub enum Tiles {
+    /// Every pixel of the first image that the pass writes.
+    All,
+    /// So many workgroups.
+    Groups([u32; 3]),
+}
+
+/// What the GPU is to do in a pass.
+pub(crate) enum Work {
+    Run { code: Code, constants: Vec<(u32, u32)>, push: Vec<u8>, resources: Vec<ResourceId>, groups: [u32; 3] },
+    Fill { buffer: ResourceId, word: u32 },
+    CopyOut { image: ResourceId, buffer: ResourceId },
+    Draw(crate::gpu::raster::Draw, [ResourceId; 3]),
+}
+
+/// The device and what outlives a frame: memory, kernels.
+pub struct Gpu {
+    // In this order they are dropped: all of them before the device.
+    pub kernels: Kernels,
+    pub raster: crate::gpu::raster::Rasters,
+    pub memory: Memory,
+    pub device: Device,
+}
+
+impl Gpu {
+    pub fn open(wish: &crate::gpu::Wish) -> Result<Gpu> {
+        let device = Device::open(wish)?;
+        let memory = Memory::new(&device)?;
+        Ok(Gpu { kernels: Kernels::new(&device), raster: crate::gpu::raster::Rasters::new(&device), memory, device })
+    }
+}
+
+/// One frame being recorded.
+pub struct Graph<'g> {
+    pub gpu: &'g mut Gpu,
+    passes: Vec<Pass>,
+    work: Vec<Work>,
+    resources: Vec<Resource>,
+    /// Contents of upload buffers, by resource; made when they are asked for.
+    uploads: Vec<(ResourceId, RawBuffer)>,
+    /// For tests of the tests: record no barriers at all.
+    pub without_barriers: bool,
+}
+
+impl<'g> Graph<'g> {
+    pub fn new(gpu: &'g mut Gpu) -> Graph<'g> {
+        Graph { gpu, passes: Vec::new(), work: Vec::new(), resources: Vec::new(), uploads: Vec::new(), without_barriers: false }
+    }
+
+    /// A transient image; its contents are undefined until a pass writes them.
+    pub fn image(&mut self, name: &str, size: [u32; 2], kind: Kind) -> Image {
+        let format = kind.format().unwrap_or_else(|| panic!("{name} is an image, not a buffer"));
+        self.image_of(name, ImageDesc { size, format })
+    }
+
+    pub(crate) fn image_of(&mut self, name: &str, desc: ImageDesc) -> Image {
+        Image { id: self.add(name, Shape::Image(desc)), desc }
+    }
+
+    /// A transient buffer; its contents are undefined until a pass writes them.
+    pub fn buffer(&mut self, name: &str, bytes: u64) -> Buffer {
+        let desc = BufferDesc { bytes, place: Place::Device };
+        Buffer { id: self.add(name, Shape::Buffer(desc)), desc }
+    }
+
+    /// A buffer that holds `words` from the start. Sizes are rounded up, so that frames find each other's buffers on the shelf.
+    pub fn upload<T: bytemuck::Pod>(&mut self, name: &str, items: &[T]) -> Result<Buffer> {
+        let bytes: &[u8] = bytemuck::cast_slice(items);
+        let desc = BufferDesc { bytes: (bytes.len() as u64).next_power_of_two().max(256), place: Place::Upload };
+        let mut raw = self.gpu.memory.buffer(&self.gpu.device, desc, name)?;
+        raw.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
+        let id = self.add(name, Shape::Buffer(desc));
+        self.uploads.push((id, raw));
+        Ok(Buffer { id, desc })
+    }
+
+    fn add(&mut self, name: &str, shape: Shape) -> ResourceId {
+        self.resources.push(Resource { name: name.to_string(), shape });
+        ResourceId(self.resources.len() - 1)
+    }
+
+    /// Bytes that one storage buffer binding may have.
+    pub fn binding_limit(&self) -> u64 {
+        self.gpu.device.limits.max_storage_buffer_range as u64
+    }
+
+    /// A pass that runs a compute shader.
+    pub fn run<S: Shader>(&mut self, shader: S, tiles: Tiles) {
+        let code = S::CODE;
+        let resources = shader.resources();
+        for (binding, id) in code.bindings.iter().zip(&resources) {
+            let found = match self.resources[id.0].shape {
+                Shape::Image(desc) => Some(desc.format),
+                Shape::Buffer(_) => None,
+            };
+            assert_eq!(binding.kind.format(), found, "{}: {} got {} of another kind", code.name, binding.name, self.resources[id.0].name);
+        }
+        let groups = match tiles {
+            Tiles::Groups(groups) => groups,
+            Tiles::All => {
+                let written = code.bindings.iter().zip(&resources).find_map(|(binding, id)| match self.resources[id.0].shape {
+                    Shape::Image(desc) if binding.access != Access::Read => Some(desc.size),
+                    _ => None,
+                });
+                let [width, height] = written.unwrap_or_else(|| panic!("{} writes no image, so it needs Tiles::Groups", code.name));
+                [width.div_ceil(code.workgroup[0]), height.div_ceil(code.workgroup[1]), 1]
+            }
+        };
+        let uses = code.bindings.iter().zip(&resources).map(|(binding, &id)| (id, binding.access)).collect();
+        let constants = shader.constants();
+        self.push(code.name, uses, Work::Run { code, constants, push: shader.push().to_vec(), resources, groups });
+    }
+
+    /// A pass that sets every word of a buffer.
+    pub fn fill(&mut self, buffer: &mut Buffer, word: u32) {
+        let name = format!("clear {}", self.resources[buffer.id.0].name);
+        self.push(&name, vec![(buffer.id, Access::Write)], Work::Fill { buffer: buffer.id, word });
+    }
+
+    /// A pass that draws points through the rasteriser, the way benchmarks compare with.
+    pub fn draw(&mut self, draw: crate::gpu::raster::Draw, vertices: &Buffer, index: &mut Image, depth: &mut Image) {
+        let uses = vec![(vertices.id, Access::Read), (index.id, Access::Write), (depth.id, Access::Write)];
+        self.push("point_list", uses, Work::Draw(draw, [vertices.id, index.id, depth.id]));
+    }
+
+    /// Asks for an image's contents after the submission.
+    pub fn download(&mut self, image: &Image) -> Buffer {
+        let name = format!("read {}", self.resources[image.id.0].name);
+        let desc = BufferDesc { bytes: image.desc.bytes(), place: Place::Download };
+        let buffer = Buffer { id: self.add(&name, Shape::Buffer(desc)), desc };
+        self.push(&name, vec![(image.id, Access::Read), (buffer.id, Access::Write)], Work::CopyOut { image: image.id, buffer: buffer.id });
+        buffer
+    }
+
+    fn push(&mut self, name: &str, uses: Vec<(ResourceId, Access)>, work: Work) {
+        self.passes.push(Pass { name: name.to_string(), uses });
+        self.work.push(work);
+    }
+
+    /// The plan of what has been recorded so far, if nothing but `wanted` is asked of it. Pure; `--explain` prints it.
+    pub fn plan(&self, wanted: &[ResourceId]) -> Plan {
+        plan::plan(&self.passes, &self.resources, wanted)
+    }
+
+    /// Plans, records, submits and waits. What is in a download buffer, or `wanted`, is what the frame is for; passes that serve neither are dropped.
+    pub fn submit(self, wanted: &[ResourceId]) -> Result<Frame> {
+        let mut wanted = wanted.to_vec();
+        wanted.extend(self.resources.iter().enumerate().filter_map(|(i, resource)| match resource.shape {
+            Shape::Buffer(BufferDesc { place: Place::Download, .. }) => Some(ResourceId(i)),
+            _ => None,
+        }));
+        let plan = plan::plan(&self.passes, &self.resources, &wanted);
+        record::submit(self, plan)
+    }
+}
+
+/// A finished submission.
+pub struct Frame {
+    pub plan: Plan,
+    /// Milliseconds on the device of each pass that ran, in order.
+    pub passes: Vec<(String, f64)>,
+    downloads: Vec<(ResourceId, RawBuffer)>,
+}
+
+impl Frame {
+    /// What a [`Graph::download`] brought.
+    pub fn read<T: bytemuck::Pod>(&self, download: &Buffer) -> &[T] {
+        let (_, raw) = self.downloads.iter().find(|(id, _)| *id == download.id).expect("a buffer from Graph::download of this frame");
+        bytemuck::cast_slice(&raw.bytes()[..download.desc.bytes as usize])
+    }
+
+    /// Gives the download buffers back for the next frame.
+    pub fn shelve(self, gpu: &mut Gpu) {
+        for (_, raw) in self.downloads {
+            gpu.memory.shelve_buffer(raw);
+        }
+    }
+
+    /// Milliseconds of all passes whose name starts with `prefix`.
+    pub fn ms(&self, prefix: &str) -> f64 {
+        self.passes.iter().filter(|(name, _)| name.starts_with(prefix)).map(|(_, ms)| ms).sum()
+    }
+}
+
+/// An error of a submission that was asked for more than the device takes.
+pub(crate) fn too_large(name: &str, bytes: u64, limit: u64) -> Error {
+    Error::Request(format!("{name} would be {} MiB, and this device binds at most {} MiB; ask for a smaller --size", bytes >> 20, limit >> 20))
+}
+
+/// The layout that every image of a frame is in: compute passes need no other, and barriers then need no images.
+pub(crate) const LAYOUT: vk::ImageLayout = vk::ImageLayout::GENERAL;

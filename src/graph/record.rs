@@ -1,0 +1,283 @@
+//! Plan -> vkCmd*: the only place that records compute passes.
+//!
+//! Every pass is a debug label, a timestamp pair and a breadcrumb.
+
+use super::plan::{Plan, Shape};
+use super::{Frame, Gpu, Graph, LAYOUT, Place, ResourceId, Work, too_large};
+use crate::error::{Error, Result};
+use crate::gpu::failed;
+use crate::gpu::kernel::descriptor_type;
+use crate::gpu::memory::{BufferDesc, RawBuffer, RawImage};
+use crate::gpu::timing::Timing;
+use crate::gpu::trail::Trail;
+use ash::vk;
+use std::collections::HashMap;
+
+enum Physical {
+    Image(RawImage),
+    Buffer(RawBuffer),
+}
+
+pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
+    let Graph { gpu, passes, work, resources, uploads, without_barriers } = graph;
+    let mut physical = realise(gpu, &plan, &resources, uploads)?;
+    let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
+    let timing = Timing::new(&gpu.device, names.len() as u32)?;
+    let trail = Trail::new(&gpu.device, &mut gpu.memory, names.clone())?;
+    let scratch = Scratch::new(gpu, &plan, &work)?;
+    let commands = scratch.commands;
+
+    scratch.begin()?;
+    timing.reset(commands);
+    leave_undefined(gpu, commands, physical.values());
+    for (order, step) in plan.steps.iter().enumerate() {
+        let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
+        if let Some(labels) = &gpu.device.labels {
+            // SAFETY: the command buffer is being recorded; the label outlives the call.
+            unsafe { labels.cmd_begin_debug_utils_label(commands, &vk::DebugUtilsLabelEXT::default().label_name(&label)) };
+        }
+        trail.drop_crumb(&gpu.device, commands, order);
+        if step.barrier && !without_barriers {
+            barrier(gpu, commands);
+        }
+        timing.mark(commands, order, false);
+        let at = |id: &ResourceId| &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")];
+        scratch.pass(gpu, &work[step.pass], at)?;
+        timing.mark(commands, order, true);
+        if let Some(labels) = &gpu.device.labels {
+            // SAFETY: closes the label opened above.
+            unsafe { labels.cmd_end_debug_utils_label(commands) };
+        }
+    }
+    scratch.finish(gpu, &trail)?;
+
+    let milliseconds = timing.read()?;
+    drop((scratch, timing));
+    trail.shelve(&mut gpu.memory);
+    let mut downloads = Vec::new();
+    for (id, resource) in resources.iter().enumerate() {
+        if let (Shape::Buffer(BufferDesc { place: Place::Download, .. }), Some(memory)) = (resource.shape, plan.memory[id])
+            && let Some(Physical::Buffer(buffer)) = physical.remove(&memory)
+        {
+            downloads.push((ResourceId(id), buffer));
+        }
+    }
+    for item in physical.into_values() {
+        match item {
+            Physical::Image(image) => gpu.memory.shelve_image(image),
+            Physical::Buffer(buffer) => gpu.memory.shelve_buffer(buffer),
+        }
+    }
+    gpu.device.objections()?;
+    Ok(Frame { plan, passes: names.into_iter().zip(milliseconds).collect(), downloads })
+}
+
+/// Memory of every shape that the plan asks for; uploads bring their own.
+fn realise(gpu: &mut Gpu, plan: &Plan, resources: &[super::plan::Resource], uploads: Vec<(ResourceId, RawBuffer)>) -> Result<HashMap<usize, Physical>> {
+    let mut physical = HashMap::new();
+    for (id, raw) in uploads {
+        match plan.memory[id.0] {
+            Some(memory) => drop(physical.insert(memory, Physical::Buffer(raw))),
+            None => gpu.memory.shelve_buffer(raw),
+        }
+    }
+    for (memory, shape) in plan.shapes.iter().enumerate() {
+        if physical.contains_key(&memory) {
+            continue;
+        }
+        let owner = plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
+        let name = &resources[owner].name;
+        let item = match shape {
+            Shape::Image(desc) => {
+                let limit = gpu.device.limits.max_image_dimension2_d;
+                if desc.size.iter().any(|&side| side > limit) {
+                    let [width, height] = desc.size;
+                    return Err(Error::Request(format!("a picture of {width} x {height} pixels is beyond this device's {limit} a side; ask for a smaller --size")));
+                }
+                Physical::Image(gpu.memory.image(&gpu.device, *desc, name)?)
+            }
+            Shape::Buffer(desc) => {
+                let limit = gpu.device.limits.max_storage_buffer_range as u64;
+                if desc.place == Place::Device && desc.bytes > limit {
+                    return Err(too_large(name, desc.bytes, limit));
+                }
+                Physical::Buffer(gpu.memory.buffer(&gpu.device, *desc, name)?)
+            }
+        };
+        physical.insert(memory, item);
+    }
+    Ok(physical)
+}
+
+/// Every image goes to GENERAL once, before the first pass, and stays there.
+fn leave_undefined<'a>(gpu: &Gpu, commands: vk::CommandBuffer, physical: impl Iterator<Item = &'a Physical>) {
+    let barriers: Vec<_> = physical
+        .filter_map(|item| match item {
+            Physical::Image(image) => Some(image),
+            Physical::Buffer(_) => None,
+        })
+        .map(|image| {
+            let depth = image.desc.format == vk::Format::D32_SFLOAT;
+            let aspect = if depth { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
+            vk::ImageMemoryBarrier2::default()
+                .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+                .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
+                .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+                .dst_access_mask(vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE)
+                .old_layout(vk::ImageLayout::UNDEFINED)
+                .new_layout(LAYOUT)
+                .image(image.raw)
+                .subresource_range(vk::ImageSubresourceRange { aspect_mask: aspect, level_count: 1, layer_count: 1, ..Default::default() })
+        })
+        .collect();
+    if !barriers.is_empty() {
+        // SAFETY: the images live until the submission has been waited for.
+        unsafe { gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().image_memory_barriers(&barriers)) };
+    }
+}
+
+fn barrier(gpu: &Gpu, commands: vk::CommandBuffer) {
+    let all = [vk::MemoryBarrier2::default()
+        .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+        .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
+        .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+        .dst_access_mask(vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE)];
+    // SAFETY: recorded between passes, outside of rendering.
+    unsafe { gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&all)) };
+}
+
+/// What one submission needs and destroys again: command pool, descriptor pool, fence.
+struct Scratch {
+    device: ash::Device,
+    command_pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+    descriptors: vk::DescriptorPool,
+    fence: vk::Fence,
+}
+
+impl Scratch {
+    fn new(gpu: &Gpu, plan: &Plan, work: &[Work]) -> Result<Scratch> {
+        let device = gpu.device.raw.clone();
+        let (mut sets, mut buffers, mut images) = (0, 0, 0);
+        for step in &plan.steps {
+            if let Work::Run { code, .. } = &work[step.pass] {
+                sets += 1;
+                images += code.bindings.iter().filter(|binding| binding.kind.format().is_some()).count() as u32;
+                buffers += code.bindings.iter().filter(|binding| binding.kind.format().is_none()).count() as u32;
+            }
+        }
+        let size = |ty, count: u32| vk::DescriptorPoolSize { ty, descriptor_count: count.max(1) };
+        let sizes = [size(vk::DescriptorType::STORAGE_BUFFER, buffers), size(vk::DescriptorType::STORAGE_IMAGE, images)];
+        let pool_info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.device.family).flags(vk::CommandPoolCreateFlags::TRANSIENT);
+        // SAFETY: plain creations on a live device, destroyed in `drop`.
+        unsafe {
+            let command_pool = device.create_command_pool(&pool_info, None).map_err(failed("vkCreateCommandPool"))?;
+            let commands = device
+                .allocate_command_buffers(&vk::CommandBufferAllocateInfo::default().command_pool(command_pool).command_buffer_count(1))
+                .map_err(failed("vkAllocateCommandBuffers"))?[0];
+            let descriptors = device
+                .create_descriptor_pool(&vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes), None)
+                .map_err(failed("vkCreateDescriptorPool"))?;
+            let fence = device.create_fence(&vk::FenceCreateInfo::default(), None).map_err(failed("vkCreateFence"))?;
+            Ok(Scratch { device, command_pool, commands, descriptors, fence })
+        }
+    }
+
+    fn begin(&self) -> Result<()> {
+        let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: a fresh command buffer.
+        unsafe { self.device.begin_command_buffer(self.commands, &info) }.map_err(failed("vkBeginCommandBuffer"))
+    }
+
+    fn pass<'p>(&self, gpu: &mut Gpu, work: &Work, at: impl Fn(&ResourceId) -> &'p Physical) -> Result<()> {
+        let buffer = |id: &ResourceId| match at(id) {
+            Physical::Buffer(buffer) => buffer,
+            Physical::Image(_) => unreachable!("the handle's type says that it is a buffer"),
+        };
+        let image = |id: &ResourceId| match at(id) {
+            Physical::Image(image) => image,
+            Physical::Buffer(_) => unreachable!("the handle's type says that it is an image"),
+        };
+        match work {
+            Work::Run { code, constants, push, resources, groups } => {
+                let kernel = gpu.kernels.get(&gpu.device, code, constants)?;
+                let layouts = [kernel.set_layout];
+                let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.descriptors).set_layouts(&layouts);
+                // SAFETY: the pool was sized for exactly these sets.
+                let set = unsafe { self.device.allocate_descriptor_sets(&info) }.map_err(failed("vkAllocateDescriptorSets"))?[0];
+                let mut buffers = Vec::new();
+                let mut images = Vec::new();
+                for (binding, id) in code.bindings.iter().zip(resources) {
+                    match at(id) {
+                        Physical::Buffer(item) => buffers.push((binding, [vk::DescriptorBufferInfo::default().buffer(item.raw).range(vk::WHOLE_SIZE)])),
+                        Physical::Image(item) => images.push((binding, [vk::DescriptorImageInfo::default().image_view(item.view).image_layout(LAYOUT)])),
+                    }
+                }
+                let write = |binding: &crate::gpu::Binding| {
+                    vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding.bind).descriptor_type(descriptor_type(binding.kind))
+                };
+                let mut writes: Vec<_> = buffers.iter().map(|(binding, info)| write(binding).buffer_info(info)).collect();
+                writes.extend(images.iter().map(|(binding, info)| write(binding).image_info(info)));
+                let bind = vk::PipelineBindPoint::COMPUTE;
+                // SAFETY: kinds and formats were checked by Graph::run, sizes of push constants by the generated types; everything lives until the fence.
+                unsafe {
+                    self.device.update_descriptor_sets(&writes, &[]);
+                    self.device.cmd_bind_pipeline(self.commands, bind, kernel.pipeline);
+                    self.device.cmd_bind_descriptor_sets(self.commands, bind, kernel.layout, 0, &[set], &[]);
+                    if !push.is_empty() {
+                        self.device.cmd_push_constants(self.commands, kernel.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
+                    }
+                    self.device.cmd_dispatch(self.commands, groups[0], groups[1], groups[2]);
+                }
+            }
+            Work::Fill { buffer: id, word } => {
+                // SAFETY: the buffer was made with TRANSFER_DST.
+                unsafe { self.device.cmd_fill_buffer(self.commands, buffer(id).raw, 0, vk::WHOLE_SIZE, *word) };
+            }
+            Work::CopyOut { image: from, buffer: to } => {
+                let from = image(from);
+                let depth = from.desc.format == vk::Format::D32_SFLOAT;
+                let aspect = if depth { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
+                let [width, height] = from.desc.size;
+                let region = vk::BufferImageCopy::default()
+                    .image_extent(vk::Extent3D { width, height, depth: 1 })
+                    .image_subresource(vk::ImageSubresourceLayers { aspect_mask: aspect, layer_count: 1, ..Default::default() });
+                // SAFETY: the buffer was made for exactly these pixels.
+                unsafe { self.device.cmd_copy_image_to_buffer(self.commands, from.raw, LAYOUT, buffer(to).raw, &[region]) };
+            }
+            Work::Draw(draw, [vertices, index, depth]) => {
+                gpu.raster.record(&gpu.device, self.commands, draw, buffer(vertices), image(index), image(depth))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Submits and waits; a lost device is blamed on the pass that was running.
+    fn finish(&self, gpu: &Gpu, trail: &Trail) -> Result<()> {
+        let to_host = [vk::MemoryBarrier2::default()
+            .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+            .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
+            .dst_stage_mask(vk::PipelineStageFlags2::HOST)
+            .dst_access_mask(vk::AccessFlags2::HOST_READ)];
+        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
+        let submission = vk::SubmitInfo2::default().command_buffer_infos(&commands);
+        // SAFETY: the command buffer is complete, and all it uses lives until the fence has been waited for.
+        unsafe {
+            self.device.cmd_pipeline_barrier2(self.commands, &vk::DependencyInfo::default().memory_barriers(&to_host));
+            self.device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
+            self.device.queue_submit2(gpu.device.queue, &[submission], self.fence).map_err(|code| trail.blame(code))?;
+            self.device.wait_for_fences(&[self.fence], true, u64::MAX).map_err(|code| trail.blame(code))
+        }
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        // SAFETY: the submission was waited for, or never made.
+        unsafe {
+            self.device.destroy_fence(self.fence, None);
+            self.device.destroy_descriptor_pool(self.descriptors, None);
+            self.device.destroy_command_pool(self.command_pool, None);
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! Columns in, nodes out: a coarse kd-tree cut of one part, in memory (papers/README.md, Pintus 7: leaves below M samples, midpoint split of the longest axis).
+//!
+//! Splitting a cube at the midpoint of its longest axis, x after y after z, is taking one more bit of the Morton code. So:
+//!   split(points, cube): count the points on a grid of 64 x 64 x 64 cells, sort them by cell (a counting sort),
+//!     and cut the cells, in Morton order, into the largest kd-cells that hold at most M points;
+//!   a single grid cell with more than M is split again by itself;
+//!   a cell of one lattice step with more than M (coincident points) is cut into full nodes: it cannot be split (HARD_CASES 27).
+//! Every point is in exactly one node. The order of points within a node is made by `pack`.
+
+use super::morton;
+use crate::cloud::Columns;
+use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+/// A run of [`Organised::order`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Node {
+    pub points: Range<usize>,
+}
+
+/// How points are to lie in memory. All but benchmarks want `Morton`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Arrangement {
+    #[default]
+    Morton,
+    /// Every node a random sample of the whole part: what a renderer without an index would meet at worst.
+    Shuffled,
+}
+
+/// Nodes of one part, in Morton order, and the point numbers that they are runs of.
+#[derive(Clone, Debug, Default)]
+pub struct Organised {
+    pub nodes: Vec<Node>,
+    pub order: Vec<u32>,
+    pub arrangement: Arrangement,
+}
+
+/// A grid has 2^6 cells along each axis: 262,144 counters, which fit the cache.
+const GRID_BITS: u32 = 6;
+/// Wider nodes than this many lattice steps do not fit the position planes.
+const MAX_NODE_BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
+
+pub fn organise(columns: &Columns) -> Organised {
+    let mut organised = Organised::default();
+    if columns.is_empty() {
+        return organised;
+    }
+    let bounds = |column: &[i32]| column.par_iter().map(|&v| (v, v)).reduce(|| (i32::MAX, i32::MIN), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    let bounds = [bounds(&columns.x), bounds(&columns.y), bounds(&columns.z)];
+    let min = bounds.map(|(lo, _)| lo as i64);
+    let extent = bounds.map(|(lo, hi)| hi as i64 - lo as i64).into_iter().max().unwrap_or(0);
+    let bits = 64 - (extent as u64).leading_zeros();
+    organised.order = (0..columns.len() as u32).collect();
+    split(columns, &mut organised.order, 0, min, bits, &mut organised.nodes);
+    organised
+}
+
+/// The same, but with nodes that are random samples of the whole part.
+pub fn shuffle(columns: &Columns) -> Organised {
+    let mut order: Vec<u32> = (0..columns.len() as u32).collect();
+    // Fisher and Yates, with a generator of one line (xorshift64, Marsaglia 2003): the bench needs disorder, not quality.
+    let mut state = 0x9E37_79B9_7F4A_7C15u64;
+    for i in (1..order.len()).rev() {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        order.swap(i, (state % (i as u64 + 1)) as usize);
+    }
+    let limit = POINTS_PER_PAGE as usize;
+    let nodes = (0..order.len()).step_by(limit).map(|at| Node { points: at..order.len().min(at + limit) }).collect();
+    Organised { nodes, order, arrangement: Arrangement::Shuffled }
+}
+
+/// `points` lie in the cube of 2^bits steps at `min`; they start at `first` of the whole order.
+fn split(columns: &Columns, points: &mut [u32], first: usize, min: [i64; 3], bits: u32, nodes: &mut Vec<Node>) {
+    let limit = POINTS_PER_PAGE as usize;
+    if points.len() <= limit && bits <= MAX_NODE_BITS {
+        nodes.push(Node { points: first..first + points.len() });
+        return;
+    }
+    if bits == 0 {
+        nodes.extend((0..points.len()).step_by(limit).map(|at| Node { points: first + at..first + points.len().min(at + limit) }));
+        return;
+    }
+    let levels = bits.min(GRID_BITS);
+    let shift = bits - levels;
+    let cell = |i: u32| {
+        let i = i as usize;
+        let q = [columns.x[i], columns.y[i], columns.z[i]];
+        morton::code([0, 1, 2].map(|axis| ((q[axis] as i64 - min[axis]) >> shift) as u32)) as usize
+    };
+    let starts = sort_by_cell(points, 1 << (3 * levels), cell);
+    cut(&starts, 0..starts.len() - 1, bits, &mut |cells| {
+        let range = starts[cells.start] as usize..starts[cells.end] as usize;
+        if cells.len() > 1 || range.len() <= limit && shift <= MAX_NODE_BITS {
+            nodes.push(Node { points: first + range.start..first + range.end });
+        } else {
+            let corner = compact(cells.start as u32).map(|c| (c as i64) << shift);
+            let min = [min[0] + corner[0], min[1] + corner[1], min[2] + corner[2]];
+            split(columns, &mut points[range.clone()], first + range.start, min, shift, nodes);
+        }
+    });
+}
+
+/// The largest kd-cells with at most M points, or single grid cells, that cover the occupied cells of `cells`.
+fn cut(starts: &[u32], cells: Range<usize>, bits: u32, emit: &mut impl FnMut(Range<usize>)) {
+    let count = starts[cells.end] - starts[cells.start];
+    if count == 0 {
+        return;
+    }
+    if cells.len() == 1 || count <= POINTS_PER_PAGE && bits <= MAX_NODE_BITS {
+        return emit(cells);
+    }
+    let middle = cells.start + cells.len() / 2;
+    // Three halvings make a cube of half the side; the cells between are counted by their longest side.
+    let half = if cells.len().trailing_zeros() % 3 == 1 { bits - 1 } else { bits };
+    cut(starts, cells.start..middle, half, emit);
+    cut(starts, middle..cells.end, half, emit);
+}
+
+/// Counting sort in place (through a copy); returns where each cell starts, and the end.
+fn sort_by_cell(points: &mut [u32], cells: usize, cell: impl Fn(u32) -> usize + Sync) -> Vec<u32> {
+    let chunk = points.len().div_ceil(rayon::current_num_threads()).max(1);
+    let counts: Vec<Vec<u32>> = points
+        .par_chunks(chunk)
+        .map(|chunk| {
+            let mut counts = vec![0u32; cells];
+            chunk.iter().for_each(|&i| counts[cell(i)] += 1);
+            counts
+        })
+        .collect();
+    let mut starts = Vec::with_capacity(cells + 1);
+    let mut next = counts;
+    let mut sum = 0u32;
+    for c in 0..cells {
+        starts.push(sum);
+        for chunk in &mut next {
+            sum += std::mem::replace(&mut chunk[c], sum);
+        }
+    }
+    starts.push(sum);
+    // Relaxed atomics cost as much as plain stores, and let both threads write one array without unsafe code; no slot is written twice.
+    let sorted: Vec<AtomicU32> = (0..points.len()).map(|_| AtomicU32::new(0)).collect();
+    points.par_chunks(chunk).zip(&mut next).for_each(|(chunk, next)| {
+        for &i in chunk {
+            let slot = &mut next[cell(i)];
+            sorted[*slot as usize].store(i, Relaxed);
+            *slot += 1;
+        }
+    });
+    points.par_iter_mut().zip(&sorted).for_each(|(point, sorted)| *point = sorted.load(Relaxed));
+    starts
+}
+
+/// The three numbers of a Morton code.
+fn compact(code: u32) -> [u32; 3] {
+    [0, 1, 2].map(|axis| (0..GRID_BITS).map(|b| (code >> (3 * b + axis) & 1) << b).sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn check(columns: &Columns) -> Organised {
+        let organised = organise(columns);
+        let mut seen = organised.order.clone();
+        seen.sort_unstable();
+        assert_eq!(seen, (0..columns.len() as u32).collect::<Vec<_>>(), "every point exactly once");
+        let mut next = 0;
+        for node in &organised.nodes {
+            assert_eq!(node.points.start, next);
+            assert!(!node.points.is_empty() && node.points.len() <= POINTS_PER_PAGE as usize);
+            next = node.points.end;
+            for column in [&columns.x, &columns.y, &columns.z] {
+                let values = organised.order[node.points.clone()].iter().map(|&i| column[i as usize] as i64);
+                let (lo, hi) = values.fold((i64::MAX, i64::MIN), |(lo, hi), v| (lo.min(v), hi.max(v)));
+                assert!(hi - lo < 1 << MAX_NODE_BITS, "a node of {} steps does not fit its planes", hi - lo);
+            }
+        }
+        assert_eq!(next, columns.len());
+        organised
+    }
+
+    fn columns(points: Vec<[i32; 3]>) -> Columns {
+        let column = |axis: usize| points.iter().map(|p| p[axis]).collect();
+        Columns { x: column(0), y: column(1), z: column(2), ..Columns::default() }
+    }
+
+    proptest! {
+        #[test]
+        fn organise_keeps_every_point_once(points in prop::collection::vec(prop::array::uniform3(any::<i32>()), 0..300)) {
+            check(&columns(points));
+        }
+    }
+
+    #[test]
+    fn hard_27_a_million_coincident_points_a_line_a_plane_and_one_point() {
+        assert_eq!(check(&columns(vec![[7, 7, 7]; 1_000_000])).nodes.len(), 16);
+        check(&columns((0..200_000).map(|i| [i, 0, 0]).collect()));
+        check(&columns((0..300_000).map(|i| [i % 550, i / 550, 5]).collect()));
+        check(&columns(vec![[i32::MIN, 0, i32::MAX]]));
+        check(&columns(vec![]));
+        check(&columns((0..32).map(|k| [1i32.checked_shl(k).unwrap_or(0), 0, 0]).cycle().take(200_000).collect()));
+    }
+
+    #[test]
+    fn hard_28_an_aspect_of_a_billion_to_one() {
+        check(&columns((0..150_000u32).map(|i| [(i.wrapping_mul(2_654_435_761) % 1_000_000_000) as i32, (i % 3) as i32, 0]).collect()));
+    }
+
+    #[test]
+    fn nodes_of_the_whole_int32_range_are_split_until_they_fit_their_planes() {
+        let far = [i32::MIN, i32::MAX];
+        check(&columns((0..8).map(|corner| [far[corner & 1], far[corner >> 1 & 1], far[corner >> 2]]).collect()));
+    }
+}

@@ -1,0 +1,39 @@
+//! What the user asked for + what the scene calls for -> the look of this frame, with reasons.
+
+use crate::passes::project::Precision;
+use crate::passes::{Effects, Reason, Scene, resolve};
+
+/// What the user asked for, whatever the scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wishes {
+    pub effects: Effects,
+    /// sRGB.
+    pub background: [u8; 3],
+    pub precision: Precision,
+}
+
+impl Default for Wishes {
+    fn default() -> Self {
+        Wishes { effects: Effects::default(), background: crate::config::BACKGROUND, precision: Precision::Auto }
+    }
+}
+
+/// How this frame is drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Look {
+    pub effects: Effects,
+    /// For every effect in order: whether it runs, and why.
+    pub decided: Vec<(&'static str, Reason)>,
+    /// Linear.
+    pub background: [f32; 3],
+    pub precision: Precision,
+}
+
+pub fn decide(wishes: &Wishes, scene: &Scene) -> Look {
+    Look {
+        effects: wishes.effects.clone(),
+        decided: wishes.effects.decide(scene),
+        background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
+        precision: wishes.precision,
+    }
+}

@@ -1,0 +1,55 @@
+//! Eye-dome lighting: depth and colour in, colour darkened where neighbours stand in front out (Boucheny 2009, ch. 5).
+
+use super::{Layers, Reason, Scene, Setting};
+use crate::graph::{Graph, Kind, Tiles};
+use crate::shader::{self, edl::Push, edl::Spec};
+use crate::view::{Projection, View};
+
+pub const SUMMARY: &str = "eye-dome lighting: darkens what stands behind its neighbours, so that shape shows without normals";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    /// Halvings of the light for each unit of mean slope towards the viewer.
+    pub strength: f64,
+    /// Distance of the neighbours, pixels.
+    pub radius: f64,
+    /// The steepest slope that counts: a jump in depth darkens as much, and no more.
+    pub cap: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { strength: 0.35, radius: 1.0, cap: 8.0 }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        vec![
+            Setting { name: "strength", about: "halvings of the light for each unit of mean slope", value: &mut self.strength, range: 0.0..=100.0 },
+            Setting { name: "radius", about: "distance of the neighbours, pixels", value: &mut self.radius, range: 1.0..=64.0 },
+            Setting { name: "cap", about: "the steepest slope that counts", value: &mut self.cap, range: 0.0..=1e6 },
+        ]
+    }
+}
+
+pub fn called_for(scene: &Scene) -> Reason {
+    match scene.points {
+        0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
+        _ => Reason { runs: true, why: "points have no normals to be lit by; depth alone shows their shape".to_string() },
+    }
+}
+
+pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+    let mut lit = g.image("lit", view.size, Kind::Rgba32f);
+    let push = Push {
+        size: view.size,
+        strength: settings.strength as f32,
+        slope_cap: settings.cap as f32,
+        px_per_unit: view.focal_px() as f32,
+        radius_px: settings.radius.round() as i32,
+    };
+    let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
+    g.run(shader::Edl { depth: &layers.depth, color: &layers.color, lit: &mut lit, push, spec }, Tiles::All);
+    Layers { color: lit, ..layers }
+}

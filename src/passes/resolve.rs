@@ -1,0 +1,115 @@
+//! KEYS -> LAYERS: depth, point ids and colours of one band, written into the whole picture's images.
+
+use super::Layers;
+use super::project::Band;
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::error::Result;
+use crate::graph::{Buffer, Graph, Kind, Tiles};
+use crate::resident::Resident;
+use crate::shader::{self, resolve::Push, resolve::Spec};
+use crate::view::View;
+
+/// Images that `record` fills band by band.
+pub fn layers(g: &mut Graph, view: &View) -> Layers {
+    Layers {
+        depth: g.image("depth", view.size, Kind::R32f),
+        index: g.image("index", view.size, Kind::R32ui),
+        color: g.image("color", view.size, Kind::Rgba32f),
+    }
+}
+
+/// What turns a point's word into a colour, on the GPU.
+pub struct Paint {
+    attributes: Buffer,
+    table: Buffer,
+    mode: u32,
+    ramp: [f32; 2],
+}
+
+pub fn paint(g: &mut Graph, resident: &Resident) -> Result<Paint> {
+    let Shown { attribute, stretch: [lo, hi], .. } = resident.shown;
+    let mode = match attribute {
+        Attribute::Rgb => 0,
+        Attribute::Intensity | Attribute::Elevation => 1,
+        Attribute::Class | Attribute::Source | Attribute::Return => 2,
+        Attribute::Normal => 3,
+        Attribute::White => 4,
+    };
+    let attributes = g.upload("attributes", &resident.shown_pages())?;
+    let table = g.upload("table", &table(attribute))?;
+    Ok(Paint { attributes, table, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
+}
+
+pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, layers: Layers) -> Layers {
+    let Layers { mut depth, mut index, mut color } = layers;
+    let push = Push { size: band.size, top: band.top, lo: paint.ramp[0], scale: paint.ramp[1] };
+    let groups = [band.size[0].div_ceil(64), band.size[1], 1];
+    g.run(
+        shader::Resolve {
+            keys,
+            attributes: &paint.attributes,
+            table: &paint.table,
+            depth: &mut depth,
+            index: &mut index,
+            color: &mut color,
+            push,
+            spec: Spec { mode: paint.mode },
+        },
+        Tiles::Groups(groups),
+    );
+    Layers { depth, index, color }
+}
+
+/// The 256 linear colours that words are looked up in.
+fn table(attribute: Attribute) -> [[f32; 4]; 256] {
+    std::array::from_fn(|i| {
+        let t = i as f64 / 255.0;
+        let srgb = match attribute {
+            Attribute::Rgb | Attribute::Intensity => [t; 3],
+            Attribute::Elevation => height_ramp(t),
+            Attribute::Class => class_color(i),
+            // The golden angle keeps neighbouring numbers far apart in hue.
+            Attribute::Source | Attribute::Return => hue(i as f64 * 0.381_966),
+            Attribute::Normal | Attribute::White => [0.9; 3],
+        };
+        let [r, g, b] = srgb.map(|channel| srgb_to_linear(channel) as f32);
+        [r, g, b, 1.0]
+    })
+}
+
+/// The sRGB transfer function (IEC 61966-2-1), encoded to linear, both in 0..=1.
+pub fn srgb_to_linear(encoded: f64) -> f64 {
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+/// From deep blue over green and sand to white: lightness rises all the way, so that the ramp also reads in grey.
+fn height_ramp(t: f64) -> [f64; 3] {
+    const STOPS: [[f64; 3]; 6] =
+        [[0.16, 0.22, 0.42], [0.13, 0.42, 0.52], [0.25, 0.58, 0.44], [0.58, 0.70, 0.39], [0.90, 0.79, 0.53], [0.98, 0.96, 0.92]];
+    let at = t * (STOPS.len() - 1) as f64;
+    let k = (at as usize).min(STOPS.len() - 2);
+    std::array::from_fn(|c| STOPS[k][c] + (STOPS[k + 1][c] - STOPS[k][c]) * (at - k as f64))
+}
+
+/// Customary colours of the ASPRS standard classes (LAS 1.4 R15, table 17): ground brown, vegetation green, buildings red, water blue.
+fn class_color(class: usize) -> [f64; 3] {
+    match class {
+        0 | 1 => [0.72, 0.72, 0.72],
+        2 => [0.65, 0.50, 0.34],
+        3 => [0.60, 0.78, 0.42],
+        4 => [0.36, 0.66, 0.31],
+        5 => [0.15, 0.50, 0.22],
+        6 => [0.82, 0.34, 0.28],
+        7 | 18 => [0.90, 0.20, 0.75],
+        9 => [0.26, 0.52, 0.85],
+        10 => [0.45, 0.35, 0.45],
+        11 => [0.48, 0.48, 0.52],
+        17 => [0.93, 0.77, 0.35],
+        other => hue(other as f64 * 0.381_966),
+    }
+}
+
+/// A bright, not quite saturated colour of a hue in turns.
+fn hue(turns: f64) -> [f64; 3] {
+    [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|shift| 0.62 + 0.3 * ((turns - shift) * std::f64::consts::TAU).cos())
+}

@@ -1,0 +1,21 @@
+//! Long work tells how far it is, and is told when to stop.
+//!
+//! Whoever does something that may take over a second takes a `&dyn Progress`, calls [`Progress::tick`] a few times a second
+//! (a chunk, not a point), and returns its error at once after removing what it had half written.
+
+use crate::error::Result;
+
+/// A listener for long work. `cli` shows a bar on a terminal and turns Ctrl-C into [`crate::error::Error::Interrupted`].
+pub trait Progress: Sync {
+    /// `done` of `total` units of `doing` ("reading scan.laz") are finished; `total` 0 means it is not known.
+    fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()>;
+}
+
+/// Listens to nothing: for tests, and for embedding.
+pub struct Silent;
+
+impl Progress for Silent {
+    fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,167 @@
+//! RESIDENT NODE BUFFERS: organised points in, pages that the GPU reads out.
+//!
+//! One pool of fixed pages, persistently mapped. A page is one plane of one node: 65,536 words of 32 bits. Shaders reach pages by device address, because
+//! storage buffer bindings may end at 128 MiB. A point's id is `page * points per page + i`, where `page` is that of its coarsest position plane.
+//! A node's pages are given in node order, so that ids, and with them ties, do not depend on which thread packed which node.
+
+use crate::cloud::attribute::Shown;
+use crate::cloud::{Cloud, Columns, Lattice};
+use crate::config::{NO_POINT, PAGES_PER_BLOCK, POINTS_PER_PAGE, POSITION_PLANES};
+use crate::error::{Error, Result};
+use crate::gpu::memory::RawBuffer;
+use crate::gpu::{BufferDesc, Place};
+use crate::graph::Gpu;
+use crate::index::pack::{self, Frame};
+use crate::index::{self, Organised};
+use crate::progress::Progress;
+use rayon::prelude::*;
+
+/// A node whose planes are on the GPU.
+#[derive(Clone, Debug)]
+pub struct ResidentNode {
+    pub lattice: Lattice,
+    pub frame: Frame,
+    pub count: u32,
+    /// Pages of the position planes, coarsest first; `frame.planes` of them.
+    pub position: [u32; POSITION_PLANES as usize],
+    /// Page of what its points show; none where all show the same.
+    pub shown: Option<u32>,
+}
+
+impl ResidentNode {
+    /// The id of its first point.
+    pub fn first_point(&self) -> u32 {
+        self.position[0] * POINTS_PER_PAGE
+    }
+
+    /// World corners of its box.
+    pub fn bounds(&self) -> (glam::DVec3, glam::DVec3) {
+        let top = [0, 1, 2].map(|axis| self.frame.origin[axis] + self.frame.extent[axis] as i64);
+        let (a, b) = (self.lattice.world(self.frame.origin), self.lattice.world(top));
+        (a.min(b), a.max(b))
+    }
+}
+
+/// The pool and what is in it.
+pub struct Resident {
+    blocks: Vec<RawBuffer>,
+    pub nodes: Vec<ResidentNode>,
+    /// What the points show.
+    pub shown: Shown,
+    pub points: u64,
+    pages: u32,
+}
+
+impl Resident {
+    /// Organises the cloud and puts all of it into pages. The columns of each part are dropped as soon as its nodes are packed.
+    pub fn fill(gpu: &mut Gpu, cloud: Cloud, shown: Shown, progress: &dyn Progress) -> Result<Resident> {
+        Resident::arrange(gpu, cloud, shown, index::organise, progress)
+    }
+
+    /// The same with another way of organising than the Morton order; for benchmarks.
+    pub fn arrange(
+        gpu: &mut Gpu,
+        cloud: Cloud,
+        shown: Shown,
+        organise: impl Fn(&Columns) -> Organised,
+        progress: &dyn Progress,
+    ) -> Result<Resident> {
+        let mut resident = Resident { blocks: Vec::new(), nodes: Vec::new(), shown, points: 0, pages: 0 };
+        let total = cloud.len();
+        for part in cloud.parts {
+            progress.tick("organising", resident.points, total)?;
+            let organised = organise(&part.columns);
+            resident.add(gpu, &part, &organised, total, progress)?;
+        }
+        Ok(resident)
+    }
+
+    fn add(
+        &mut self,
+        gpu: &mut Gpu,
+        part: &crate::cloud::Part,
+        organised: &Organised,
+        total: u64,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let shown = self.shown;
+        // The constant colour needs no page.
+        let shows = shown.attribute != crate::cloud::attribute::Attribute::White;
+        let frames: Vec<Frame> =
+            organised.nodes.par_iter().map(|node| pack::frame(&part.columns, &organised.order[node.points.clone()])).collect();
+        let first = self.nodes.len();
+        for (node, &frame) in organised.nodes.iter().zip(&frames) {
+            let mut position = [0; POSITION_PLANES as usize];
+            position[..frame.planes as usize].iter_mut().for_each(|page| *page = self.next_page());
+            let own = shows.then(|| self.next_page());
+            self.nodes.push(ResidentNode { lattice: part.lattice, frame, count: node.points.len() as u32, position, shown: own });
+        }
+        // The last page's points would run into the id that means "no point".
+        if self.pages as u64 * POINTS_PER_PAGE as u64 > NO_POINT as u64 {
+            return Err(Error::Request(format!("{total} points are more than the 4,294,901,760 that can be resident at once")));
+        }
+        while self.blocks.len() < self.pages.div_ceil(PAGES_PER_BLOCK) as usize {
+            let desc = BufferDesc { bytes: 4 * PAGES_PER_BLOCK as u64 * POINTS_PER_PAGE as u64, place: Place::Upload };
+            let name = format!("pages {}", self.blocks.len());
+            self.blocks.push(gpu.memory.buffer(&gpu.device, desc, &name)?);
+        }
+
+        // Disjoint mutable pages for every node, so that nodes are packed in parallel straight into the mapped memory.
+        let mut pages: Vec<Option<&mut [u32]>> = self
+            .blocks
+            .iter_mut()
+            .flat_map(|block| bytemuck::cast_slice_mut::<u8, u32>(block.bytes_mut()).chunks_exact_mut(POINTS_PER_PAGE as usize).map(Some))
+            .collect();
+        let mut take = |page: u32| pages[page as usize].take().expect("a page belongs to one plane of one node");
+        let jobs: Vec<_> = self.nodes[first..]
+            .iter()
+            .zip(&organised.nodes)
+            .map(|(node, range)| {
+                let planes: Vec<&mut [u32]> = node.position[..node.frame.planes as usize].iter().map(|&page| take(page)).collect();
+                (node, range, planes, node.shown.map(&mut take))
+            })
+            .collect();
+        let done = std::sync::atomic::AtomicU64::new(self.points);
+        jobs.into_par_iter().try_for_each(|(node, range, mut planes, shown_page)| {
+            let order = &organised.order[range.points.clone()];
+            pack::pack(&part.columns, &node.frame, order, organised.arrangement, |i| shown.word(part, i), &mut planes, shown_page);
+            let done = done.fetch_add(order.len() as u64, std::sync::atomic::Ordering::Relaxed);
+            progress.tick("organising", done, total)
+        })?;
+        self.points += organised.order.len() as u64;
+        Ok(())
+    }
+
+    fn next_page(&mut self) -> u32 {
+        self.pages += 1;
+        self.pages - 1
+    }
+
+    /// Device address of a page, as the two words that a shader makes a pointer of.
+    pub fn address(&self, page: u32) -> [u32; 2] {
+        let offset = 4 * POINTS_PER_PAGE as u64 * (page % PAGES_PER_BLOCK) as u64;
+        let address = self.blocks[(page / PAGES_PER_BLOCK) as usize].address + offset;
+        [address as u32, (address >> 32) as u32]
+    }
+
+    /// For every page that starts point ids, the address of the page that says what those points show.
+    pub fn shown_pages(&self) -> Vec<[u32; 2]> {
+        let mut addresses = vec![[0; 2]; self.pages.max(1) as usize];
+        for node in &self.nodes {
+            if let Some(page) = node.shown {
+                addresses[node.position[0] as usize] = self.address(page);
+            }
+        }
+        addresses
+    }
+
+    /// Bytes of the pages in use.
+    pub fn bytes(&self) -> u64 {
+        4 * POINTS_PER_PAGE as u64 * self.pages as u64
+    }
+
+    /// Gives the pool's memory back.
+    pub fn free(self, gpu: &mut Gpu) {
+        self.blocks.into_iter().for_each(|block| gpu.memory.destroy_buffer(block));
+    }
+}

@@ -1,0 +1,32 @@
+//! A scene of closed-form surfaces in, points uniform by area out.
+//!
+//! Independent draws, not a lattice: the number of points on a patch is Poisson, so holes of every size occur, as in a merged raw cloud.
+
+use super::chunk::{Chunk, CHUNK};
+use super::noise::Random;
+use super::world::World;
+use std::ops::Range;
+
+/// Points `range` of `points`: solid k has the points from shares[..k] to shares[..=k].
+pub fn chunk(world: &World, shares: &[f64], points: u64, range: Range<u64>, seed: u64, noise: f64) -> Chunk {
+    let mut chunk = Chunk::new(world.lattice(), CHUNK);
+    let mut solid = 0;
+    let mut sum = 0.0;
+    let mut ends = shares.iter().map(|share| {
+        sum += share;
+        (sum * points as f64).round() as u64
+    });
+    let mut end = ends.next().unwrap_or(points);
+    for index in range {
+        while index >= end && solid + 1 < shares.len() {
+            solid += 1;
+            end = ends.next().unwrap_or(points);
+        }
+        let mut random = Random::new(seed, solid as u64, index);
+        let hit = world.sampled(solid, &mut random);
+        let away = if noise > 0.0 { hit.normal * (noise * random.normal()) } else { glam::DVec3::ZERO };
+        let cosine = hit.normal.z.abs();
+        chunk.push(&hit, hit.point + away, glam::DVec3::ONE, 0.3 + 0.7 * cosine, 0, (1, 1), index as f64 * 1e-6);
+    }
+    chunk
+}

@@ -1,0 +1,82 @@
+//! Analytic scenes and simulated scanners: point clouds whose truth is known, and the demo's picture.
+//!
+//!     scene, seed -> World (primitives in a BVH) -> scanner -> chunks of points -> LAS or LAZ file
+//!                         \-> trace(ray): the truth, in f64, for every study
+//!
+//! Everything is a function of the scene and the seed; threads, machines' load and the day change no byte.
+
+pub mod bvh;
+pub mod chunk;
+pub mod las_file;
+pub mod noise;
+pub mod shapes;
+pub mod world;
+
+mod airborne;
+mod area;
+mod facade;
+mod light;
+mod material;
+mod panel;
+mod props;
+mod scanner;
+mod simple;
+mod street;
+mod terrain;
+mod terrestrial;
+mod torus;
+
+pub use chunk::{Chunk, Lattice};
+pub use las_file::LasFile;
+pub use scanner::scan;
+pub use world::{Hit, Look, Method, Station, World};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Scene {
+    /// 4 m x 4 m at z = 0
+    Plane,
+    /// radius 1 m
+    Sphere,
+    /// major radius 1 m, minor 0.4 m
+    Torus,
+    /// three rings inside each other (Dobrev 2010, figure 17): six layers
+    NestedTori,
+    /// two parallel layers, `--gap` metres apart, the upper one over half of the lower
+    Step,
+    /// houses, arcade, trees, cars and a bridge, scanned from several stations
+    Street,
+    /// hills with a village and woods, scanned from the air in overlapping strips
+    Terrain,
+}
+
+impl std::str::FromStr for Scene {
+    type Err = String;
+
+    fn from_str(name: &str) -> std::result::Result<Scene, String> {
+        <Scene as clap::ValueEnum>::from_str(name, false)
+    }
+}
+
+impl Scene {
+    /// Standard deviation of the range unless the user says otherwise, metres.
+    pub fn default_noise(self) -> f64 {
+        match self {
+            Scene::Street => 0.002,
+            Scene::Terrain => 0.015,
+            _ => 0.0,
+        }
+    }
+}
+
+/// The scene itself. `gap` is the distance between the layers of `step`, metres.
+pub fn build(scene: Scene, seed: u64, gap: f64) -> World {
+    match scene {
+        Scene::Plane => simple::plane(),
+        Scene::Sphere => simple::sphere(),
+        Scene::Torus => simple::torus(),
+        Scene::NestedTori => simple::nested_tori(),
+        Scene::Step => simple::step(gap),
+        Scene::Street => street::build(seed),
+        Scene::Terrain => terrain::build(seed),
+    }
+}

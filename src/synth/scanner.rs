@@ -1,0 +1,95 @@
+//! A world and a number of points in, exactly so many points out, in chunks and in a fixed order.
+//!
+//! A scanner samples angles, so how many points a spacing gives is only known afterwards. A pilot scan measures the yield, a first
+//! pass aims a little low, and further, ever sparser passes (other phase, whole field of view) fill up; the last one is cut.
+//! Chunks are made in parallel but handed on in order, and each is a function of the seed alone, so threads change nothing.
+
+use super::airborne::Airborne;
+use super::area;
+use super::chunk::{CHUNK, Chunk};
+use super::terrestrial::Terrestrial;
+use super::world::{Method, World};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use rayon::prelude::*;
+
+/// Something that casts rays at a spacing (radians or metres) and gets about `yield_of / spacing^2` points.
+pub trait Scanner: Sync {
+    fn yield_at_unit_spacing(&self) -> f64;
+    /// The coarsest spacing that still looks everywhere.
+    fn coarsest(&self) -> f64;
+    fn jobs(&self, spacing: f64) -> u64;
+    fn job(&self, spacing: f64, pass: u64, job: u64) -> Chunk;
+}
+
+/// The first passes aim at this part of what is missing: the pilot's error must not cut off the last station.
+const AIM: f64 = 0.97;
+
+/// Gives exactly `points` points to `sink`. `noise` is the standard deviation of the range, metres (along the normal where there is no ray).
+pub fn scan(
+    world: &World, points: u64, seed: u64, noise: f64, sink: &mut dyn FnMut(&Chunk) -> Result<()>, progress: &dyn Progress,
+) -> Result<()> {
+    world.check_lattice()?;
+    if !(noise >= 0.0 && noise.is_finite()) {
+        return Err(Error::Request(format!("a range noise of {noise} m makes no sense; it must be 0 or more")));
+    }
+    let mut left = points;
+    let mut give = |chunk: &mut Chunk| -> Result<bool> {
+        chunk.truncate(left.min(chunk.len() as u64) as usize);
+        if !chunk.is_empty() {
+            sink(chunk)?;
+        }
+        left -= chunk.len() as u64;
+        progress.tick("scanning", points - left, points)?;
+        Ok(left > 0)
+    };
+    match &world.method {
+        Method::Area { shares } => {
+            let size = CHUNK as u64;
+            let make = |job: u64| area::chunk(world, shares, points, job * size..points.min((job + 1) * size), seed, noise);
+            in_order(points.div_ceil(size), make, &mut give)?;
+        }
+        Method::Stations(stations) => passes(&Terrestrial { world, stations, seed, noise }, points, &mut give)?,
+        Method::Strips { .. } => passes(&Airborne::new(world, seed, noise), points, &mut give)?,
+    }
+    Ok(())
+}
+
+fn passes(scanner: &dyn Scanner, points: u64, give: &mut dyn FnMut(&mut Chunk) -> Result<bool>) -> Result<()> {
+    let per_unit = scanner.yield_at_unit_spacing();
+    if per_unit <= 0.0 {
+        return Err(Error::Request("no ray of any station meets a surface; nothing can be scanned".to_owned()));
+    }
+    let mut left = points;
+    for pass in 0.. {
+        if left == 0 {
+            break;
+        }
+        let spacing = (per_unit / (AIM * left as f64)).sqrt().min(scanner.coarsest());
+        let mut give = |chunk: &mut Chunk| {
+            left = left.saturating_sub(chunk.len() as u64);
+            give(chunk)
+        };
+        if !in_order(scanner.jobs(spacing), |job| scanner.job(spacing, pass, job), &mut give)? {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Makes chunks in parallel, a few per thread at a time, and gives them on in order. False: no more are wanted.
+fn in_order(jobs: u64, make: impl Fn(u64) -> Chunk + Sync, give: &mut dyn FnMut(&mut Chunk) -> Result<bool>) -> Result<bool> {
+    let batch = 4 * rayon::current_num_threads() as u64;
+    let mut next = 0;
+    while next < jobs {
+        let end = jobs.min(next + batch);
+        let chunks: Vec<Chunk> = (next..end).into_par_iter().map(&make).collect();
+        for mut chunk in chunks {
+            if !give(&mut chunk)? {
+                return Ok(false);
+            }
+        }
+        next = end;
+    }
+    Ok(true)
+}
