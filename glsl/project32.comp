@@ -5,17 +5,17 @@
 // Depths are recomputed by the same function from the same words, so the front point always meets its own depth (HARD_CASES 25).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_buffer_reference_uvec2 : require
+#extension GL_EXT_samplerless_texture_functions : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "points.glsl"
 #include "node.glsl"
 
-layout(constant_id = 5) const uint STEP = 0u;
+layout(constant_id = 4) const uint STEP = 0u;
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
+uniform utextureBuffer pages;
 layout(scalar) buffer Keys { uint word[]; } keys;
 
 #include "project.glsl"

@@ -6,8 +6,7 @@
 // One workgroup walks POINTS_PER_CHUNK points of one node in LANES lanes; the dispatch is exact, since a padded one costs 20 to 50 % (PROBE.md).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_buffer_reference_uvec2 : require
+#extension GL_EXT_samplerless_texture_functions : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
 #extension GL_GOOGLE_include_directive : require
@@ -17,6 +16,7 @@
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
+uniform utextureBuffer pages;
 layout(scalar) buffer Keys { uint64_t key[]; } keys;
 
 #include "project.glsl"

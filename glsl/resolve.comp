@@ -11,6 +11,9 @@
 
 #include "node.glsl"
 
+// What the points of one node show: a page of 32-bit words.
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
+
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Keys { uvec2 key[]; } keys;
@@ -35,7 +38,6 @@ layout(push_constant, scalar) uniform Push {
     float scale; // 255 / (hi - lo)
 } push;
 
-const uint POINTS_PER_PAGE_LOG2 = 16u;
 const uint NO_POINT = 0xFFFFFFFFu;
 const uint INFINITY_BITS = 0x7F800000u;
 
@@ -48,7 +50,7 @@ void main() {
     vec4 c = vec4(0.0);
     if (!empty) {
         uint word = 0u;
-        if (MODE != CONSTANT) word = Plane(attributes.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & ((1u << POINTS_PER_PAGE_LOG2) - 1u)];
+        if (MODE != CONSTANT) word = Plane(attributes.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & (POINTS_PER_PAGE - 1u)];
         if (MODE == RGB) c = vec4(table.color[word & 255u].r, table.color[(word >> 8) & 255u].g, table.color[(word >> 16) & 255u].b, 1.0);
         if (MODE == RAMP) c = table.color[uint(clamp((float(word) - push.lo) * push.scale, 0.0, 255.0))];
         if (MODE == PALETTE) c = table.color[word & 255u];

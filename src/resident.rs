@@ -6,11 +6,11 @@
 
 use crate::cloud::attribute::Shown;
 use crate::cloud::{Cloud, Columns, Lattice};
-use crate::config::{NO_POINT, PAGES_PER_BLOCK, POINTS_PER_PAGE, POSITION_PLANES};
+use crate::config::{NO_POINT, PAGES_PER_BLOCK, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::gpu::memory::RawBuffer;
 use crate::gpu::{BufferDesc, Place};
-use crate::graph::Gpu;
+use crate::graph::{Buffer, Gpu, Graph};
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
 use crate::progress::Progress;
@@ -22,16 +22,14 @@ pub struct ResidentNode {
     pub lattice: Lattice,
     pub frame: Frame,
     pub count: u32,
-    /// Pages of the position planes, coarsest first; `frame.planes` of them.
-    pub position: [u32; POSITION_PLANES as usize],
-    /// Page of what its points show; none where all show the same.
-    pub shown: Option<u32>,
+    /// Its pages lie side by side in one block: position planes from here, coarsest first, then what its points show.
+    pub first_page: u32,
 }
 
 impl ResidentNode {
     /// The id of its first point.
     pub fn first_point(&self) -> u32 {
-        self.position[0] * POINTS_PER_PAGE
+        self.first_page * POINTS_PER_PAGE
     }
 
     /// World corners of its box.
@@ -85,16 +83,12 @@ impl Resident {
         progress: &dyn Progress,
     ) -> Result<()> {
         let shown = self.shown;
-        // The constant colour needs no page.
-        let shows = shown.attribute != crate::cloud::attribute::Attribute::White;
         let frames: Vec<Frame> =
             organised.nodes.par_iter().map(|node| pack::frame(&part.columns, &organised.order[node.points.clone()])).collect();
         let first = self.nodes.len();
         for (node, &frame) in organised.nodes.iter().zip(&frames) {
-            let mut position = [0; POSITION_PLANES as usize];
-            position[..frame.planes as usize].iter_mut().for_each(|page| *page = self.next_page());
-            let own = shows.then(|| self.next_page());
-            self.nodes.push(ResidentNode { lattice: part.lattice, frame, count: node.points.len() as u32, position, shown: own });
+            let first_page = self.take_pages(frame.planes + 1);
+            self.nodes.push(ResidentNode { lattice: part.lattice, frame, count: node.points.len() as u32, first_page });
         }
         // The last page's points would run into the id that means "no point".
         if self.pages as u64 * POINTS_PER_PAGE as u64 > NO_POINT as u64 {
@@ -117,8 +111,8 @@ impl Resident {
             .iter()
             .zip(&organised.nodes)
             .map(|(node, range)| {
-                let planes: Vec<&mut [u32]> = node.position[..node.frame.planes as usize].iter().map(|&page| take(page)).collect();
-                (node, range, planes, node.shown.map(&mut take))
+                let planes: Vec<&mut [u32]> = (0..node.frame.planes).map(|plane| take(node.first_page + plane)).collect();
+                (node, range, planes, take(node.first_page + node.frame.planes))
             })
             .collect();
         let done = std::sync::atomic::AtomicU64::new(self.points);
@@ -132,13 +126,22 @@ impl Resident {
         Ok(())
     }
 
-    fn next_page(&mut self) -> u32 {
-        self.pages += 1;
-        self.pages - 1
+    /// Pages side by side, all in one block.
+    fn take_pages(&mut self, count: u32) -> u32 {
+        if self.pages % PAGES_PER_BLOCK + count > PAGES_PER_BLOCK {
+            self.pages = self.pages.next_multiple_of(PAGES_PER_BLOCK);
+        }
+        self.pages += count;
+        self.pages - count
+    }
+
+    /// Handles of the pool's blocks for one frame; a block's page `p` starts at word `p * points per page`.
+    pub fn import(&self, g: &mut Graph) -> Vec<Buffer> {
+        self.blocks.iter().map(|block| g.import("pages", block)).collect()
     }
 
     /// Device address of a page, as the two words that a shader makes a pointer of.
-    pub fn address(&self, page: u32) -> [u32; 2] {
+    fn address(&self, page: u32) -> [u32; 2] {
         let offset = 4 * POINTS_PER_PAGE as u64 * (page % PAGES_PER_BLOCK) as u64;
         let address = self.blocks[(page / PAGES_PER_BLOCK) as usize].address + offset;
         [address as u32, (address >> 32) as u32]
@@ -148,9 +151,7 @@ impl Resident {
     pub fn shown_pages(&self) -> Vec<[u32; 2]> {
         let mut addresses = vec![[0; 2]; self.pages.max(1) as usize];
         for node in &self.nodes {
-            if let Some(page) = node.shown {
-                addresses[node.position[0] as usize] = self.address(page);
-            }
+            addresses[node.first_page as usize] = self.address(node.first_page + node.frame.planes);
         }
         addresses
     }

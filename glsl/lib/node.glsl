@@ -1,8 +1,5 @@
 // A drawn node and its points: what project, resolve and their twins share. Declares no bindings.
 
-// One plane of one node: a page of 32-bit words.
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
-
 // All of it is computed on the CPU in f64 and rounded once. A point at cells q lies at
 //   (x, y, depth) = row_*.xyz . (q - nearest) + row_*.w
 // in pixels * depth (perspective) or pixels (orthographic) from the picture's centre, and in metres.
@@ -15,8 +12,11 @@ struct Node {
     ivec3 nearest;
     uint count;
     uint first_point;  // page * POINTS_PER_PAGE
-    uvec2 position[3]; // device address of the position planes, coarsest first
+    uint first_word;   // of the coarsest position plane in its block; the finer planes follow, a page each
 };
+
+const uint POINTS_PER_PAGE_LOG2 = 16u;
+const uint POINTS_PER_PAGE = 1u << POINTS_PER_PAGE_LOG2;
 
 // Ten bits an axis, x lowest.
 ivec3 unpack_cells(uint word) {

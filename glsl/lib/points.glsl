@@ -7,5 +7,3 @@ layout(constant_id = 1) const uint PLANES = 1u;
 layout(constant_id = 2) const bool PERSPECTIVE = true;
 // Reads the key before the atomic and skips it where the point loses anyway: gains on GPUs, loses on lavapipe (measured).
 layout(constant_id = 3) const bool EARLY_READ = false;
-// A lane's points are neighbours in a run of its own (CPUs), or LANES apart, so that loads are coalesced (GPUs).
-layout(constant_id = 4) const bool OWN_RUN = true;

@@ -13,24 +13,15 @@ void main() {
     vec4 row_z = nodes.node[n].row_z;
     ivec3 nearest = nodes.node[n].nearest;
     uint first_point = nodes.node[n].first_point;
-    Plane coarse = Plane(nodes.node[n].position[0]);
-    Plane fine = Plane(nodes.node[n].position[1]);
-    Plane rest = Plane(nodes.node[n].position[2]);
+    uint coarse = nodes.node[n].first_word;
+    uint fine = coarse + POINTS_PER_PAGE;
+    uint finest = fine + POINTS_PER_PAGE;
 
-    // Lanes are LANES apart (coalesced loads, GPUs) or walk runs of their own (CPUs).
-    uint start = first + gl_LocalInvocationID.x;
-    uint stride = LANES;
-    uint end = first + count;
-    if (OWN_RUN) {
-        uint own = (count + LANES - 1u) / LANES;
-        start = first + gl_LocalInvocationID.x * own;
-        stride = 1u;
-        end = min(start + own, end);
-    }
-    for (uint i = start; i < end; i += stride) {
-        ivec3 cells = unpack_cells(coarse.word[i]);
-        if (PLANES > 1u) cells = (cells << 10) | unpack_cells(fine.word[i]);
-        if (PLANES > 2u) cells = (cells << 10) | unpack_cells(rest.word[i]);
+    // Lanes side by side: loads are coalesced on a GPU and gathered from one cache line on a CPU.
+    for (uint i = first + gl_LocalInvocationID.x; i < first + count; i += LANES) {
+        ivec3 cells = unpack_cells(texelFetch(pages, int(coarse + i)).r);
+        if (PLANES > 1u) cells = (cells << 10) | unpack_cells(texelFetch(pages, int(fine + i)).r);
+        if (PLANES > 2u) cells = (cells << 10) | unpack_cells(texelFetch(pages, int(finest + i)).r);
         float depth;
         uint pixel = place(row_x, row_y, row_z, cells - nearest, depth);
         if (pixel == NO_PIXEL) continue;

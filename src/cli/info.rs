@@ -5,7 +5,7 @@
 //!
 //! The JSON object is stable; fields may be added:
 //! `points` · `bounds` {`min`, `max`} or null · `spacing` {`value` or null, `how`} ·
-//! `parts` [{`path`, `name`, `format`, `points`, `header` {`points`, `bounds`, `facts`}, `bounds`, `step`, `offset`,
+//! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]]}, `bounds`, `step`, `offset`,
 //! `attributes` {`rgb` {`bits`, `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
 //! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `notes` [text]. An attribute that a part lacks is absent.

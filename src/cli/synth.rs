@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
 Examples:
-  pointillist synth street -o street.laz --points 20000000        four stations, 2 mm noise, UTM coordinates
+  pointillist synth street -o street.laz --points 20000000        five stations, 2 mm noise, UTM coordinates
   pointillist synth step --gap 0.02 -o step.las --points 1000000  two layers 2 cm apart
   pointillist synth sphere -o s.las --offset 500000,5000000,100   the same sphere, far from the origin
   pointillist synth street --camera-out cam.json                  a good camera for the scene
@@ -58,7 +58,8 @@ pub struct Arguments {
 }
 
 fn parse_offset(text: &str) -> std::result::Result<DVec3, String> {
-    let numbers: Vec<f64> = text.split(',').map(|n| n.trim().parse::<f64>()).collect::<std::result::Result<_, _>>().map_err(|e| e.to_string())?;
+    let numbers: Vec<f64> =
+        text.split(',').map(|n| n.trim().parse::<f64>()).collect::<std::result::Result<_, _>>().map_err(|e| e.to_string())?;
     match numbers[..] {
         [e, n, h] if e.is_finite() && n.is_finite() && h.is_finite() => Ok(DVec3::new(e, n, h)),
         _ => Err("three finite numbers are needed: E,N,H".to_owned()),
@@ -67,7 +68,9 @@ fn parse_offset(text: &str) -> std::result::Result<DVec3, String> {
 
 fn parse_size(text: &str) -> std::result::Result<[u32; 2], String> {
     let parsed = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    parsed.filter(|[w, h]| (1..=32_768).contains(w) && (1..=32_768).contains(h)).ok_or_else(|| "WIDTHxHEIGHT is needed, 1 to 32768".to_owned())
+    parsed
+        .filter(|[w, h]| (1..=32_768).contains(w) && (1..=32_768).contains(h))
+        .ok_or_else(|| "WIDTHxHEIGHT is needed, 1 to 32768".to_owned())
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
@@ -125,9 +128,8 @@ pub struct Truth {
     pub parts: Vec<u32>,
 }
 
-const CHANNELS: [&str; 12] = [
-    "R", "G", "B", "A", "depth.Z", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "luminance.V",
-];
+const CHANNELS: [&str; 12] =
+    ["R", "G", "B", "A", "depth.Z", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "luminance.V"];
 
 /// Casts the ray of every pixel centre. Where there is nothing: depth infinite, everything else 0.
 pub fn truth(world: &World, view: &View, progress: &dyn Progress) -> Result<Truth> {

@@ -85,7 +85,7 @@ fn points(
     if scan.records > 0 && bits == 0 {
         return Err(input.wrong(format!("scan \"{name}\" claims {} points that take no bytes", scan.records)));
     }
-    let mut floats = Floats::new(there(&shape.roles()), options.wanted, false);
+    let mut floats = Floats::new(there(&shape.roles()), options.wanted, false, false);
     floats.reserve(scan.records.min(input.length.saturating_mul(8) / bits.max(1)) as usize);
     let mut found = Found { floats, invalid: 0, intensity_limits: shape.intensity.map(|_| shape.intensity_limits), why: String::new() };
     if scan.records == 0 {

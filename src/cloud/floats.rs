@@ -5,6 +5,7 @@
 //! That is 7 binary digits more than `f32` coordinates have across the same width. If all steps share trailing zeros (integer coordinates,
 //! `f32` far from zero), the step grows by them, which loses nothing and makes the numbers small.
 
+use super::axis::Axis;
 use super::color;
 use super::input::Input;
 use super::{Columns, Header, Lattice, Part, Wanted};
@@ -12,11 +13,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Points as read. Columns that are there have the length of `x`.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Floats {
-    pub x: Vec<f64>,
-    pub y: Vec<f64>,
-    pub z: Vec<f64>,
+    axes: [Axis; 3],
     /// Colours that are bytes in the file.
     pub rgb: Option<Vec<[u8; 3]>>,
     /// Colours that are not, in [`ColorUnit`].
@@ -95,44 +94,47 @@ impl Point {
 }
 
 impl Floats {
-    /// Empty, with columns for what is both wanted and `there`; `bytes` says whether colours come as bytes.
-    pub fn new(there: Wanted, wanted: Wanted, bytes: bool) -> Self {
+    /// Empty, with columns for what is both wanted and `there`; `narrow` says that positions are `f32`, `bytes` that
+    /// colours are bytes.
+    pub fn new(there: Wanted, wanted: Wanted, narrow: bool, bytes: bool) -> Self {
         let rgb = there.rgb && wanted.rgb;
         Self {
+            axes: std::array::from_fn(|_| Axis::new(narrow)),
             rgb: (rgb && bytes).then(Vec::new),
             color: (rgb && !bytes).then(Vec::new),
             intensity: (there.intensity && wanted.intensity).then(Vec::new),
             class: (there.class && wanted.class).then(Vec::new),
             normal: (there.normal && wanted.normal).then(Vec::new),
-            ..Self::default()
+            not_finite: 0,
+            clamped: 0,
         }
     }
 
     pub fn len(&self) -> usize {
-        self.x.len()
+        self.axes[0].len()
     }
 
-    /// Room for `count` more: growing by doubling would hold two copies at the peak.
+    /// Room for `count` more, if there is: growing by doubling would hold two copies at the peak.
     pub fn reserve(&mut self, count: usize) {
-        self.x.reserve_exact(count);
-        self.y.reserve_exact(count);
-        self.z.reserve_exact(count);
-        self.rgb.iter_mut().for_each(|column| column.reserve_exact(count));
-        self.color.iter_mut().for_each(|column| column.reserve_exact(count));
-        self.intensity.iter_mut().for_each(|column| column.reserve_exact(count));
-        self.class.iter_mut().for_each(|column| column.reserve_exact(count));
-        self.normal.iter_mut().for_each(|column| column.reserve_exact(count));
+        fn hint<T>(column: &mut Option<Vec<T>>, count: usize) {
+            if let Some(column) = column {
+                let _ = column.try_reserve_exact(count);
+            }
+        }
+        self.axes.iter_mut().for_each(|axis| axis.reserve(count));
+        hint(&mut self.rgb, count);
+        hint(&mut self.color, count);
+        hint(&mut self.intensity, count);
+        hint(&mut self.class, count);
+        hint(&mut self.normal, count);
     }
 
     pub fn push(&mut self, point: &Point) {
-        let [x, y, z] = point.position;
-        if !(x.is_finite() && y.is_finite() && z.is_finite()) {
+        if !point.position.iter().all(|v| v.is_finite()) {
             self.not_finite += 1;
             return;
         }
-        self.x.push(x);
-        self.y.push(y);
-        self.z.push(z);
+        self.axes.iter_mut().zip(point.position).for_each(|(axis, v)| axis.push(v));
         if let Some(column) = &mut self.rgb {
             column.push(point.rgb);
             self.clamped += point.clamped as u64;
@@ -150,9 +152,7 @@ impl Floats {
                 column.append(&mut block);
             }
         }
-        self.x.extend(block.x);
-        self.y.extend(block.y);
-        self.z.extend(block.z);
+        self.axes.iter_mut().zip(block.axes).for_each(|(axis, block)| axis.append(block));
         join(&mut self.rgb, block.rgb);
         join(&mut self.color, block.color);
         join(&mut self.intensity, block.intensity);
@@ -168,15 +168,16 @@ impl Floats {
         if self.not_finite > 0 {
             notes.push(format!("{name}: {} points with NaN or infinite coordinates were left out", self.not_finite));
         }
-        let extent = extent(&[&self.x, &self.y, &self.z]);
+        let extent = extent(&self.axes);
         let mut lattice = Lattice { step: DVec3::splat(extent.step), offset: DVec3::from_array(extent.offset) };
         if extent.step > LARGEST_QUIET_STEP {
             notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", extent.step));
         }
+        let [x, y, z] = self.axes;
         let mut columns = Columns {
-            x: quantise(self.x, extent.offset[0], extent.step),
-            y: quantise(self.y, extent.offset[1], extent.step),
-            z: quantise(self.z, extent.offset[2], extent.step),
+            x: x.quantise(extent.offset[0], extent.step),
+            y: y.quantise(extent.offset[1], extent.step),
+            z: z.quantise(extent.offset[2], extent.step),
             class: self.class,
             normal: self.normal,
             ..Columns::default()
@@ -222,11 +223,8 @@ struct Extent {
     step: f64,
 }
 
-fn extent(axes: &[&Vec<f64>; 3]) -> Extent {
-    let ranges = axes.map(|axis| {
-        let pairs = axis.par_iter().with_min_len(1 << 16).map(|&v| (v, v));
-        pairs.reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 0.0))
-    });
+fn extent(axes: &[Axis; 3]) -> Extent {
+    let ranges = axes.each_ref().map(Axis::range);
     // Halves, because the whole width of the largest finite range is infinite.
     let half = ranges.iter().fold(0.0, |widest: f64, (lo, hi)| widest.max(hi / 2.0 - lo / 2.0));
     if half == 0.0 {
@@ -244,10 +242,6 @@ fn extent(axes: &[&Vec<f64>; 3]) -> Extent {
 /// The exponent of a positive normal number; subnormal ones count as the smallest normal.
 fn floor_log2(v: f64) -> i32 {
     (v.to_bits() >> 52 & 0x7ff) as i32 - 1023
-}
-
-fn quantise(axis: Vec<f64>, offset: f64, step: f64) -> Vec<i32> {
-    axis.into_par_iter().with_min_len(1 << 16).map(|v| ((v / step - offset / step).round()) as i32).collect()
 }
 
 /// Divides all steps by the power of two they share, and returns it.

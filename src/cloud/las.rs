@@ -11,7 +11,7 @@ mod records;
 
 use super::input::{Input, Meter};
 use super::{Columns, Part, ReadOptions, Wanted, color};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use header::Layout;
 use rayon::prelude::*;
@@ -62,7 +62,7 @@ struct Found {
 fn plain(input: &Input, layout: &Layout, fields: &Fields, wanted: Wanted, progress: &dyn Progress) -> Result<Found> {
     let room = (input.length - layout.points_at) / layout.record_bytes as u64;
     let count = layout.points.min(room) as usize;
-    let mut columns = records::columns(count, fields.available(wanted));
+    let mut columns = records::columns(count, fields.available(wanted)).ok_or_else(|| no_room(input, count as u64))?;
     let sizes = (0..count).step_by(WINDOW).map(|start| WINDOW.min(count - start));
     let meter = Meter::new(progress, input, count as u64);
     let windows = Window::over(&mut columns)
@@ -80,12 +80,12 @@ fn plain(input: &Input, layout: &Layout, fields: &Fields, wanted: Wanted, progre
         format!("the file ends after byte {}", input.length)
     } else {
         let end = layout.tail_at.unwrap_or(input.length);
-        let more = end.saturating_sub(layout.points_at) / layout.record_bytes as u64 - layout.points.min(room);
-        if more > 0 && more < u64::MAX {
-            format!("the file has room for {more} more points than its header says; they were not read")
-        } else {
-            String::new()
-        }
+        let more = (end.saturating_sub(layout.points_at) / layout.record_bytes as u64).saturating_sub(layout.points);
+        if more > 0 { format!("the file has room for {more} more points than its header says; they were not read") } else { String::new() }
     };
     Ok(Found { columns, windows, why })
+}
+
+fn no_room(input: &Input, points: u64) -> Error {
+    input.wrong(format!("has {points} points, more than fit the memory; index it instead, or ask for fewer attributes"))
 }

@@ -7,6 +7,7 @@
 //! and says in [`Cloud::notes`] whatever it had to leave out.
 
 pub mod attribute;
+mod axis;
 mod color;
 pub mod e57;
 mod floats;
@@ -159,6 +160,11 @@ impl Cloud {
 }
 
 impl Part {
+    /// The scan's own name, or the file's.
+    pub fn title(&self) -> String {
+        self.name.clone().unwrap_or_else(|| input::name_of(&self.path))
+    }
+
     /// The box around this part's points, world; exact up to one rounding of `offset + step * q`.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         let (x, y, z) = (range(&self.columns.x)?, range(&self.columns.y)?, range(&self.columns.z)?);
@@ -180,7 +186,10 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
         let parts = read_one(&input, options, progress, &mut cloud.notes)?;
         for part in parts {
             let index = cloud.parts.len();
-            cloud.notes.extend(wrong_bounds(&part));
+            match wrong_bounds(&part) {
+                Some(what) if options.strict => return Err(input.wrong(what)),
+                what => cloud.notes.extend(what.map(|what| format!("{}: {what}", part.title()))),
+            }
             cloud.stations.extend(stations(&part, index));
             cloud.parts.push(part);
         }
@@ -223,20 +232,13 @@ fn wrong_bounds(part: &Part) -> Option<String> {
     if !differ(stated_lo, lo) && !differ(stated_hi, hi) {
         return None;
     }
-    let name = part.name.clone().unwrap_or_else(|| input::name_of(&part.path));
     let shown = |v: DVec3| v.to_array().map(|v| format!("{v:.3}")).join(" ");
-    Some(format!(
-        "{name}: header says bounds {} to {}, the points lie in {} to {}",
-        shown(stated_lo),
-        shown(stated_hi),
-        shown(lo),
-        shown(hi)
-    ))
+    Some(format!("header says bounds {} to {}, the points lie in {} to {}", shown(stated_lo), shown(stated_hi), shown(lo), shown(hi)))
 }
 
 /// One station a point source id that occurs, or one for the whole part.
 fn stations(part: &Part, index: usize) -> Vec<Station> {
-    let name = part.name.clone().unwrap_or_else(|| input::name_of(&part.path));
+    let name = part.title();
     let Some(source) = &part.columns.source else {
         return vec![Station { part: index, source: None, name, points: part.columns.len() as u64 }];
     };

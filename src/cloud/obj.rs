@@ -11,10 +11,10 @@ use crate::progress::Progress;
 pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
     let there = Wanted { rgb: true, ..Wanted::default() };
     let meter = Meter::new(progress, input, input.length);
-    let mut floats = Floats::new(there, options.wanted, false);
+    let mut floats = Floats::new(there, options.wanted, false, false);
     let mut bad = 0;
     let parse = |block: &[u8]| {
-        let mut floats = Floats::new(there, options.wanted, false);
+        let mut floats = Floats::new(there, options.wanted, false, false);
         let mut bad = 0u64;
         for line in
             text::lines(block).filter_map(|line| line.strip_prefix(b"v")).filter(|line| line.first().is_some_and(u8::is_ascii_whitespace))

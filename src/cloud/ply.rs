@@ -40,7 +40,10 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         Some(Scalar::U8 | Scalar::I8) | None => (true, ColorUnit::Unit),
         Some(_) => (false, ColorUnit::Fields),
     };
-    let empty = Floats::new(there(&roles), options.wanted, bytes);
+    let positions = vertex.properties.iter().filter(|property| matches!(property.role, Role::Position(_)));
+    // Decimal digits in ascii are no `f32`, whatever the header declares: they are kept as written.
+    let narrow = layout.coding != Coding::Ascii && positions.map(|property| property.scalar).all(Scalar::fits_f32);
+    let empty = Floats::new(there(&roles), options.wanted, narrow, bytes);
 
     let found = match (skip(input, &layout, &layout.elements[..index])?, vertex.record_bytes()) {
         _ if vertex.count == 0 => Found { floats: empty, records: 0 },

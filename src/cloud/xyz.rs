@@ -22,10 +22,10 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         notes.push(format!("{}: columns taken as {}", input.name(), words(&roles)));
     }
     let meter = Meter::new(progress, input, input.length);
-    let mut floats = Floats::new(there, options.wanted, false);
+    let mut floats = Floats::new(there, options.wanted, false, false);
     let mut bad = 0;
     let parse = |block: &[u8]| {
-        let mut floats = Floats::new(there, options.wanted, false);
+        let mut floats = Floats::new(there, options.wanted, false, false);
         let mut bad = 0u64;
         for line in text::lines(block).filter(|line| !is_comment(line)) {
             match point(line, &roles) {

@@ -19,6 +19,8 @@ pub enum Place {
     Upload,
     /// Written by the device, read by the CPU.
     Download,
+    /// Somebody else's, such as the pages of resident nodes: it outlives the frame and its contents are there from the start.
+    Imported,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -53,6 +55,8 @@ pub struct RawBuffer {
     pub desc: BufferDesc,
     /// Device address, for pages that shaders reach by pointer.
     pub address: u64,
+    /// All of it as 32-bit words, for texel fetches; null where it has more than a device's texel buffers may have.
+    pub texels: vk::BufferView,
     allocation: Allocation,
 }
 
@@ -103,7 +107,7 @@ impl Memory {
             return Ok(buffer);
         }
         use vk::BufferUsageFlags as Usage;
-        let usage = Usage::STORAGE_BUFFER | Usage::TRANSFER_SRC | Usage::TRANSFER_DST | Usage::SHADER_DEVICE_ADDRESS | Usage::VERTEX_BUFFER;
+        let usage = Usage::STORAGE_BUFFER | Usage::TRANSFER_SRC | Usage::TRANSFER_DST | Usage::SHADER_DEVICE_ADDRESS | Usage::VERTEX_BUFFER | Usage::UNIFORM_TEXEL_BUFFER;
         let info = vk::BufferCreateInfo::default().size(desc.bytes.max(4)).usage(usage);
         // SAFETY: a plain creation on a live device; memory of the asked requirements is bound before anyone sees the buffer.
         let (raw, requirements) = unsafe {
@@ -112,7 +116,7 @@ impl Memory {
         };
         let location = match desc.place {
             Place::Device => MemoryLocation::GpuOnly,
-            Place::Upload => MemoryLocation::CpuToGpu,
+            Place::Upload | Place::Imported => MemoryLocation::CpuToGpu,
             Place::Download => MemoryLocation::GpuToCpu,
         };
         let allocation = self.allocate(name, requirements, location, true)?;
@@ -122,7 +126,14 @@ impl Memory {
             self.device.get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
         };
         device.name(raw, name);
-        Ok(RawBuffer { raw, desc, address, allocation })
+        let texels = if desc.place != Place::Download && desc.bytes / 4 <= device.limits.max_texel_buffer_elements as u64 {
+            let view = vk::BufferViewCreateInfo::default().buffer(raw).format(vk::Format::R32_UINT).range(vk::WHOLE_SIZE);
+            // SAFETY: the buffer has memory and was made with UNIFORM_TEXEL_BUFFER.
+            unsafe { self.device.create_buffer_view(&view, None) }.map_err(failed("vkCreateBufferView"))?
+        } else {
+            vk::BufferView::null()
+        };
+        Ok(RawBuffer { raw, desc, address, texels, allocation })
     }
 
     pub fn image(&mut self, device: &Device, desc: ImageDesc, name: &str) -> Result<RawImage> {
@@ -175,7 +186,10 @@ impl Memory {
 
     pub fn destroy_buffer(&mut self, buffer: RawBuffer) {
         // SAFETY: the caller owned the buffer and the GPU is done with it.
-        unsafe { self.device.destroy_buffer(buffer.raw, None) };
+        unsafe {
+            self.device.destroy_buffer_view(buffer.texels, None);
+            self.device.destroy_buffer(buffer.raw, None);
+        }
         self.free(buffer.allocation);
     }
 

@@ -3,7 +3,7 @@
 //! In: a vertex buffer of f32 x, y, z. Out: the vertex number in an index target, and depth, reversed (near / z) so that f32 loses nothing.
 
 use super::failed;
-use super::memory::{RawBuffer, RawImage};
+use super::memory::RawImage;
 use super::Device;
 use crate::error::Result;
 use ash::vk;
@@ -34,7 +34,7 @@ impl Rasters {
         Rasters { device: device.raw.clone(), made: None }
     }
 
-    pub fn record(&mut self, device: &Device, commands: vk::CommandBuffer, draw: &Draw, vertices: &RawBuffer, index: &RawImage, depth: &RawImage) -> Result<()> {
+    pub fn record(&mut self, device: &Device, commands: vk::CommandBuffer, draw: &Draw, vertices: vk::Buffer, index: &RawImage, depth: &RawImage) -> Result<()> {
         if self.made.is_none() {
             self.made = Some(make(device, draw, index, depth)?);
         }
@@ -62,7 +62,7 @@ impl Rasters {
             raw.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, pipeline.pipeline);
             raw.cmd_set_viewport(commands, 0, &[viewport]);
             raw.cmd_set_scissor(commands, 0, &[area]);
-            raw.cmd_bind_vertex_buffers(commands, 0, &[vertices.raw], &[0]);
+            raw.cmd_bind_vertex_buffers(commands, 0, &[vertices], &[0]);
             raw.cmd_push_constants(commands, pipeline.layout, vk::ShaderStageFlags::VERTEX, 0, &draw.push);
             raw.cmd_draw(commands, draw.points, 1, 0, 0);
             raw.cmd_end_rendering(commands);

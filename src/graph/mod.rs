@@ -75,6 +75,13 @@ pub(crate) enum Work {
     Draw(crate::gpu::raster::Draw, [ResourceId; 3]),
 }
 
+/// Vulkan's names of an imported buffer.
+#[derive(Clone, Copy)]
+pub(crate) struct Import {
+    raw: vk::Buffer,
+    texels: vk::BufferView,
+}
+
 /// The device and what outlives a frame: memory, kernels.
 pub struct Gpu {
     // In this order they are dropped: all of them before the device.
@@ -100,13 +107,14 @@ pub struct Graph<'g> {
     resources: Vec<Resource>,
     /// Contents of upload buffers, by resource; made when they are asked for.
     uploads: Vec<(ResourceId, RawBuffer)>,
+    imports: Vec<(ResourceId, Import)>,
     /// For tests of the tests: record no barriers at all.
     pub without_barriers: bool,
 }
 
 impl<'g> Graph<'g> {
     pub fn new(gpu: &'g mut Gpu) -> Graph<'g> {
-        Graph { gpu, passes: Vec::new(), work: Vec::new(), resources: Vec::new(), uploads: Vec::new(), without_barriers: false }
+        Graph { gpu, passes: Vec::new(), work: Vec::new(), resources: Vec::new(), uploads: Vec::new(), imports: Vec::new(), without_barriers: false }
     }
 
     /// A transient image; its contents are undefined until a pass writes them.
@@ -134,6 +142,14 @@ impl<'g> Graph<'g> {
         let id = self.add(name, Shape::Buffer(desc));
         self.uploads.push((id, raw));
         Ok(Buffer { id, desc })
+    }
+
+    /// A buffer that somebody else owns, reads only, and keeps alive until the submission has been waited for.
+    pub fn import(&mut self, name: &str, buffer: &RawBuffer) -> Buffer {
+        let desc = BufferDesc { place: Place::Imported, ..buffer.desc };
+        let id = self.add(name, Shape::Buffer(desc));
+        self.imports.push((id, Import { raw: buffer.raw, texels: buffer.texels }));
+        Buffer { id, desc }
     }
 
     fn add(&mut self, name: &str, shape: Shape) -> ResourceId {

@@ -60,7 +60,7 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId]) -> P
         for &(id, access) in &pass.uses {
             let resource = &resources[id.0];
             if plan.memory[id.0].is_none() {
-                let transient = !matches!(resource.shape, Shape::Buffer(BufferDesc { place: Place::Upload | Place::Download, .. }));
+                let transient = !matches!(resource.shape, Shape::Buffer(BufferDesc { place: Place::Upload | Place::Download | Place::Imported, .. }));
                 assert!(!transient || access == Access::Write, "{} reads {}, which nothing has written", pass.name, resource.name);
                 let reused = free.get_mut(&resource.shape).and_then(Vec::pop).filter(|_| transient);
                 let memory = reused.unwrap_or_else(|| {
@@ -143,6 +143,9 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
             Shape::Image(desc) => format!("{} x {} {:?}", desc.size[0], desc.size[1], desc.format),
             Shape::Buffer(desc) => format!("{:?} buffer", desc.place).to_lowercase(),
         };
+        if matches!(shape, Shape::Buffer(BufferDesc { place: Place::Imported, .. })) {
+            continue;
+        }
         writeln!(out, "  memory {memory}: {} = {} bytes for {}", what, bytes(shape), owners.join(", then ")).unwrap();
     }
     writeln!(out, "  total: {} passes, {} barriers, {} bytes", plan.steps.len(), plan.barriers(), plan.bytes()).unwrap();
@@ -152,6 +155,8 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
 fn bytes(shape: &Shape) -> u64 {
     match shape {
         Shape::Image(desc) => desc.bytes(),
+        // Imported memory is not the frame's.
+        Shape::Buffer(BufferDesc { place: Place::Imported, .. }) => 0,
         Shape::Buffer(desc) => desc.bytes,
     }
 }

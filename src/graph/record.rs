@@ -3,7 +3,7 @@
 //! Every pass is a debug label, a timestamp pair and a breadcrumb.
 
 use super::plan::{Plan, Shape};
-use super::{Frame, Gpu, Graph, LAYOUT, Place, ResourceId, Work, too_large};
+use super::{Frame, Gpu, Graph, Import, Kind, LAYOUT, Place, ResourceId, Work, too_large};
 use crate::error::{Error, Result};
 use crate::gpu::failed;
 use crate::gpu::kernel::descriptor_type;
@@ -16,11 +16,29 @@ use std::collections::HashMap;
 enum Physical {
     Image(RawImage),
     Buffer(RawBuffer),
+    Imported(Import),
+}
+
+impl Physical {
+    fn buffer(&self) -> (vk::Buffer, vk::BufferView) {
+        match self {
+            Physical::Buffer(buffer) => (buffer.raw, buffer.texels),
+            Physical::Imported(import) => (import.raw, import.texels),
+            Physical::Image(_) => unreachable!("the handle's type says that it is a buffer"),
+        }
+    }
+
+    fn image(&self) -> &RawImage {
+        match self {
+            Physical::Image(image) => image,
+            _ => unreachable!("the handle's type says that it is an image"),
+        }
+    }
 }
 
 pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
-    let Graph { gpu, passes, work, resources, uploads, without_barriers } = graph;
-    let mut physical = realise(gpu, &plan, &resources, uploads)?;
+    let Graph { gpu, passes, work, resources, uploads, imports, without_barriers } = graph;
+    let mut physical = realise(gpu, &plan, &resources, uploads, &imports)?;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
     let timing = Timing::new(&gpu.device, names.len() as u32)?;
     let trail = Trail::new(&gpu.device, &mut gpu.memory, names.clone())?;
@@ -66,6 +84,7 @@ pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
         match item {
             Physical::Image(image) => gpu.memory.shelve_image(image),
             Physical::Buffer(buffer) => gpu.memory.shelve_buffer(buffer),
+            Physical::Imported(_) => {}
         }
     }
     gpu.device.objections()?;
@@ -73,8 +92,11 @@ pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
 }
 
 /// Memory of every shape that the plan asks for; uploads bring their own.
-fn realise(gpu: &mut Gpu, plan: &Plan, resources: &[super::plan::Resource], uploads: Vec<(ResourceId, RawBuffer)>) -> Result<HashMap<usize, Physical>> {
+fn realise(gpu: &mut Gpu, plan: &Plan, resources: &[super::plan::Resource], uploads: Vec<(ResourceId, RawBuffer)>, imports: &[(ResourceId, Import)]) -> Result<HashMap<usize, Physical>> {
     let mut physical = HashMap::new();
+    for (id, import) in imports {
+        plan.memory[id.0].map(|memory| physical.insert(memory, Physical::Imported(*import)));
+    }
     for (id, raw) in uploads {
         match plan.memory[id.0] {
             Some(memory) => drop(physical.insert(memory, Physical::Buffer(raw))),
@@ -114,7 +136,7 @@ fn leave_undefined<'a>(gpu: &Gpu, commands: vk::CommandBuffer, physical: impl It
     let barriers: Vec<_> = physical
         .filter_map(|item| match item {
             Physical::Image(image) => Some(image),
-            Physical::Buffer(_) => None,
+            _ => None,
         })
         .map(|image| {
             let depth = image.desc.format == vk::Format::D32_SFLOAT;
@@ -158,16 +180,25 @@ struct Scratch {
 impl Scratch {
     fn new(gpu: &Gpu, plan: &Plan, work: &[Work]) -> Result<Scratch> {
         let device = gpu.device.raw.clone();
-        let (mut sets, mut buffers, mut images) = (0, 0, 0);
+        let (mut sets, mut buffers, mut texels, mut images) = (0, 0, 0, 0);
         for step in &plan.steps {
             if let Work::Run { code, .. } = &work[step.pass] {
                 sets += 1;
-                images += code.bindings.iter().filter(|binding| binding.kind.format().is_some()).count() as u32;
-                buffers += code.bindings.iter().filter(|binding| binding.kind.format().is_none()).count() as u32;
+                for binding in code.bindings {
+                    match binding.kind {
+                        Kind::Buffer => buffers += 1,
+                        Kind::Texels => texels += 1,
+                        _ => images += 1,
+                    }
+                }
             }
         }
         let size = |ty, count: u32| vk::DescriptorPoolSize { ty, descriptor_count: count.max(1) };
-        let sizes = [size(vk::DescriptorType::STORAGE_BUFFER, buffers), size(vk::DescriptorType::STORAGE_IMAGE, images)];
+        let sizes = [
+            size(vk::DescriptorType::STORAGE_BUFFER, buffers),
+            size(vk::DescriptorType::UNIFORM_TEXEL_BUFFER, texels),
+            size(vk::DescriptorType::STORAGE_IMAGE, images),
+        ];
         let pool_info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.device.family).flags(vk::CommandPoolCreateFlags::TRANSIENT);
         // SAFETY: plain creations on a live device, destroyed in `drop`.
         unsafe {
@@ -190,14 +221,6 @@ impl Scratch {
     }
 
     fn pass<'p>(&self, gpu: &mut Gpu, work: &Work, at: impl Fn(&ResourceId) -> &'p Physical) -> Result<()> {
-        let buffer = |id: &ResourceId| match at(id) {
-            Physical::Buffer(buffer) => buffer,
-            Physical::Image(_) => unreachable!("the handle's type says that it is a buffer"),
-        };
-        let image = |id: &ResourceId| match at(id) {
-            Physical::Image(image) => image,
-            Physical::Buffer(_) => unreachable!("the handle's type says that it is an image"),
-        };
         match work {
             Work::Run { code, constants, push, resources, groups } => {
                 let kernel = gpu.kernels.get(&gpu.device, code, constants)?;
@@ -206,17 +229,20 @@ impl Scratch {
                 // SAFETY: the pool was sized for exactly these sets.
                 let set = unsafe { self.device.allocate_descriptor_sets(&info) }.map_err(failed("vkAllocateDescriptorSets"))?[0];
                 let mut buffers = Vec::new();
+                let mut texels = Vec::new();
                 let mut images = Vec::new();
                 for (binding, id) in code.bindings.iter().zip(resources) {
-                    match at(id) {
-                        Physical::Buffer(item) => buffers.push((binding, [vk::DescriptorBufferInfo::default().buffer(item.raw).range(vk::WHOLE_SIZE)])),
-                        Physical::Image(item) => images.push((binding, [vk::DescriptorImageInfo::default().image_view(item.view).image_layout(LAYOUT)])),
+                    match binding.kind {
+                        Kind::Texels => texels.push((binding, [at(id).buffer().1])),
+                        Kind::Buffer => buffers.push((binding, [vk::DescriptorBufferInfo::default().buffer(at(id).buffer().0).range(vk::WHOLE_SIZE)])),
+                        _ => images.push((binding, [vk::DescriptorImageInfo::default().image_view(at(id).image().view).image_layout(LAYOUT)])),
                     }
                 }
                 let write = |binding: &crate::gpu::Binding| {
                     vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding.bind).descriptor_type(descriptor_type(binding.kind))
                 };
                 let mut writes: Vec<_> = buffers.iter().map(|(binding, info)| write(binding).buffer_info(info)).collect();
+                writes.extend(texels.iter().map(|(binding, view)| write(binding).texel_buffer_view(view)));
                 writes.extend(images.iter().map(|(binding, info)| write(binding).image_info(info)));
                 let bind = vk::PipelineBindPoint::COMPUTE;
                 // SAFETY: kinds and formats were checked by Graph::run, sizes of push constants by the generated types; everything lives until the fence.
@@ -232,10 +258,10 @@ impl Scratch {
             }
             Work::Fill { buffer: id, word } => {
                 // SAFETY: the buffer was made with TRANSFER_DST.
-                unsafe { self.device.cmd_fill_buffer(self.commands, buffer(id).raw, 0, vk::WHOLE_SIZE, *word) };
+                unsafe { self.device.cmd_fill_buffer(self.commands, at(id).buffer().0, 0, vk::WHOLE_SIZE, *word) };
             }
             Work::CopyOut { image: from, buffer: to } => {
-                let from = image(from);
+                let from = at(from).image();
                 let depth = from.desc.format == vk::Format::D32_SFLOAT;
                 let aspect = if depth { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
                 let [width, height] = from.desc.size;
@@ -243,10 +269,10 @@ impl Scratch {
                     .image_extent(vk::Extent3D { width, height, depth: 1 })
                     .image_subresource(vk::ImageSubresourceLayers { aspect_mask: aspect, layer_count: 1, ..Default::default() });
                 // SAFETY: the buffer was made for exactly these pixels.
-                unsafe { self.device.cmd_copy_image_to_buffer(self.commands, from.raw, LAYOUT, buffer(to).raw, &[region]) };
+                unsafe { self.device.cmd_copy_image_to_buffer(self.commands, from.raw, LAYOUT, at(to).buffer().0, &[region]) };
             }
             Work::Draw(draw, [vertices, index, depth]) => {
-                gpu.raster.record(&gpu.device, self.commands, draw, buffer(vertices), image(index), image(depth))?;
+                gpu.raster.record(&gpu.device, self.commands, draw, at(vertices).buffer().0, at(index).image(), at(depth).image())?;
             }
         }
         Ok(())

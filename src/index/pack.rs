@@ -46,7 +46,7 @@ pub fn pack(
     arrangement: Arrangement,
     shown: impl Fn(usize) -> u32,
     planes: &mut [&mut [u32]],
-    shown_page: Option<&mut [u32]>,
+    shown_page: &mut [u32],
 ) {
     let pad = BITS_PER_PLANE * frame.planes - frame.bits;
     let cells = |i: u32| {
@@ -69,9 +69,7 @@ pub fn pack(
             *word = x | y << BITS_PER_PLANE | z << (2 * BITS_PER_PLANE);
         }
     }
-    if let Some(page) = shown_page {
-        page.iter_mut().zip(&keys).for_each(|(word, &key)| *word = shown(key as u32 as usize));
-    }
+    shown_page.iter_mut().zip(&keys).for_each(|(word, &key)| *word = shown(key as u32 as usize));
 }
 
 #[cfg(test)]
@@ -97,7 +95,7 @@ mod tests {
                 let mut pages = vec![vec![0u32; points.len()]; frame.planes as usize];
                 let mut shown_page = vec![0; points.len()];
                 let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-                pack(&columns, &frame, &order, Arrangement::Morton, |i| points[i].1, &mut planes, Some(&mut shown_page));
+                pack(&columns, &frame, &order, Arrangement::Morton, |i| points[i].1, &mut planes, &mut shown_page);
                 (0..points.len()).map(|i| {
                     let cells = pages.iter().fold([0u64; 3], |cells, page| {
                         [0, 1, 2].map(|axis| cells[axis] << 10 | (page[i] >> (10 * axis) & 1023) as u64)

@@ -3,13 +3,14 @@
 //! On the CPU, in f64: which nodes the view can see, from how many planes each is drawn, and each node's rows to pixels and depth.
 //! On the GPU: `project64` with 64-bit atomics, or `project32` twice (depths first, then the least id at that depth) where a device has none.
 
-use crate::config::{BITS_PER_PLANE, NEAR_M, POINTS_PER_CHUNK, POSITION_PLANES, QUANTISATION_PX};
+use crate::config::{BITS_PER_PLANE, NEAR_M, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE, QUANTISATION_PX};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Tiles};
 use crate::resident::{Resident, ResidentNode};
 use crate::shader::{self, Node, project32, project64};
 use crate::view::{Projection, View};
 use glam::DVec3;
+use std::collections::BTreeMap;
 
 /// How much of each position to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -25,9 +26,17 @@ pub enum Precision {
 pub struct Drawn {
     nodes: Buffer,
     chunks: Buffer,
-    /// Where in `chunks` each number of planes starts and how many chunks it has.
-    groups: [(u32, u32); POSITION_PLANES as usize],
+    pages: Vec<Buffer>,
+    groups: Vec<Group>,
     pub statistics: Statistics,
+}
+
+/// Chunks that one dispatch walks: of nodes in the same block, drawn from the same number of planes.
+struct Group {
+    block: usize,
+    planes: u32,
+    first_chunk: u32,
+    chunk_count: u32,
 }
 
 /// For `--explain`.
@@ -59,7 +68,7 @@ pub fn bands(size: [u32; 2], limit: u64) -> Vec<Band> {
 pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precision) -> Result<Drawn> {
     let mut statistics = Statistics::default();
     let mut records = Vec::new();
-    let mut chunks: [Vec<u32>; POSITION_PLANES as usize] = Default::default();
+    let mut chunks: BTreeMap<(usize, u32), Vec<u32>> = BTreeMap::new();
     for node in &resident.nodes {
         let Some(distance) = visible(view, node) else {
             statistics.nodes_outside += 1;
@@ -71,18 +80,20 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
         statistics.position_bytes += 4 * planes as u64 * node.count as u64;
         statistics.quantisation_px = statistics.quantisation_px.max(quantisation_px(view, node, distance, planes));
         let number = records.len() as u32;
-        records.push(record_of(view, resident, node, planes));
-        chunks[planes as usize - 1].extend((0..node.count.div_ceil(POINTS_PER_CHUNK)).map(|chunk| number << 6 | chunk));
+        records.push(record_of(view, node, planes));
+        let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes);
+        chunks.entry(group).or_default().extend((0..node.count.div_ceil(POINTS_PER_CHUNK)).map(|chunk| number << 6 | chunk));
     }
-    let mut groups = [(0, 0); POSITION_PLANES as usize];
-    let mut first = 0;
-    for (group, chunks) in groups.iter_mut().zip(&chunks) {
-        *group = (first, chunks.len() as u32);
-        first += chunks.len() as u32;
+    let mut groups = Vec::new();
+    let mut first_chunk = 0;
+    for (&(block, planes), chunks) in &chunks {
+        let chunk_count = chunks.len() as u32;
+        groups.push(Group { block, planes, first_chunk, chunk_count });
+        first_chunk += chunk_count;
     }
     let nodes = g.upload("nodes", &records)?;
-    let chunks = g.upload("chunks", &chunks.concat())?;
-    Ok(Drawn { nodes, chunks, groups, statistics })
+    let chunks = g.upload("chunks", &chunks.into_values().flatten().collect::<Vec<u32>>())?;
+    Ok(Drawn { nodes, chunks, pages: resident.import(g), groups, statistics })
 }
 
 /// Keys of one band.
@@ -93,23 +104,23 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, band: Band) -> Buffer {
     let size = band.size.map(|side| side as f32);
     let perspective = view.camera.projection == Projection::Perspective;
     // Loop shapes as measured (PROBE.md): one SIMD of lanes without early reads on a CPU, wide groups with them on a GPU.
-    let (lanes, early_read, own_run) = if g.gpu.device.is_cpu { (8, false, true) } else { (128, true, false) };
+    let (lanes, early_read) = if g.gpu.device.is_cpu { (8, false) } else { (128, true) };
     let int64 = g.gpu.device.int64_atomics;
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
     for &step in steps {
-        for (planes, &(first_chunk, chunk_count)) in (1..).zip(&drawn.groups).filter(|(_, group)| group.1 > 0) {
+        for &Group { block, planes, first_chunk, chunk_count } in &drawn.groups {
             // Exact up to 65,535 workgroups, and beyond that with less than one row too many.
             let rows = chunk_count.div_ceil(65_535);
             let tiles = Tiles::Groups([chunk_count.div_ceil(rows), rows, 1]);
-            let (nodes, chunks) = (&drawn.nodes, &drawn.chunks);
+            let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
             if int64 {
                 let push = project64::Push { centre, size, near: NEAR_M, first_chunk, chunk_count, points_per_chunk: POINTS_PER_CHUNK };
-                let spec = project64::Spec { lanes, planes, perspective, early_read, own_run };
-                g.run(shader::Project64 { nodes, chunks, keys: &mut keys, push, spec }, tiles);
+                let spec = project64::Spec { lanes, planes, perspective, early_read };
+                g.run(shader::Project64 { nodes, chunks, pages, keys: &mut keys, push, spec }, tiles);
             } else {
                 let push = project32::Push { centre, size, near: NEAR_M, first_chunk, chunk_count, points_per_chunk: POINTS_PER_CHUNK };
-                let spec = project32::Spec { lanes, planes, perspective, early_read, own_run, step };
-                g.run(shader::Project32 { nodes, chunks, keys: &mut keys, push, spec }, tiles);
+                let spec = project32::Spec { lanes, planes, perspective, early_read, step };
+                g.run(shader::Project32 { nodes, chunks, pages, keys: &mut keys, push, spec }, tiles);
             }
         }
     }
@@ -171,7 +182,7 @@ fn planes(view: &View, node: &ResidentNode, distance: f64, precision: Precision)
 }
 
 /// The node's rows, in f64, rounded once (HARD_CASES 1.2).
-fn record_of(view: &View, resident: &Resident, node: &ResidentNode, planes: u32) -> Node {
+fn record_of(view: &View, node: &ResidentNode, planes: u32) -> Node {
     let steps = cell_steps(node, planes);
     let cell = node.lattice.step * steps;
     // Cells drop the finer bits: their points lie half a cell further on average, less half of the finest step.
@@ -189,10 +200,6 @@ fn record_of(view: &View, resident: &Resident, node: &ResidentNode, planes: u32)
     };
     let f = view.focal_px();
     let basis = &view.basis;
-    let mut position = [[0; 2]; POSITION_PLANES as usize];
-    for (address, &page) in position.iter_mut().zip(&node.position[..planes as usize]) {
-        *address = resident.address(page);
-    }
     Node {
         row_x: row(basis.right * f),
         row_y: row(basis.up * -f),
@@ -200,6 +207,6 @@ fn record_of(view: &View, resident: &Resident, node: &ResidentNode, planes: u32)
         nearest: [nearest.x as i32, nearest.y as i32, nearest.z as i32],
         count: node.count,
         first_point: node.first_point(),
-        position,
+        first_word: node.first_page % PAGES_PER_BLOCK * POINTS_PER_PAGE,
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Each pulse answers at the first surface and, behind a leaf, goes on with what is left of it until something solid stops it.
 
-use super::chunk::Chunk;
+use super::chunk::{Chunk, Pulse};
 use super::noise::Random;
 use super::scanner::Scanner;
 use super::world::{CLASS_TREE, Hit, Method, World};
@@ -110,14 +110,18 @@ impl Scanner for Airborne<'_> {
                 // Forth on even rows and back on odd ones; the row shears along the track meanwhile, as the aeroplane flies on.
                 let turn = (column as f64 + phase.0) / across as f64;
                 let swing = if row % 2 == 0 { turn } else { 1.0 - turn };
-                let (origin, direction) = self.pulse(line, swing, (row as f64 + phase.1 * 0.5 + turn * 0.5) / along as f64, &mut random, &mut answers);
+                let (origin, direction) =
+                    self.pulse(line, swing, (row as f64 + phase.1 * 0.5 + turn * 0.5) / along as f64, &mut random, &mut answers);
+                let scan_angle = direction.x.atan2(-direction.z).to_degrees().round() as i8;
                 let of = answers.len() as u8;
                 let time = (line as u64 * 16 + pass) as f64 * STRIP_S / 16.0 + pulse as f64 * PULSE_S;
                 for (number, hit) in answers.iter().enumerate() {
                     let error = if self.noise > 0.0 { self.noise * random.normal() } else { 0.0 };
                     let position = origin + direction * (hit.t + error);
                     let echo = gain * (0.4 + 0.6 * hit.normal.dot(direction).abs()) / of as f64;
-                    chunk.push(hit, position, DVec3::splat(gain), echo, line as u16 + 1, (number as u8 + 1, of), time);
+                    let returns = (number as u8 + 1, of);
+                    let about = Pulse { gain: DVec3::splat(gain), echo, source: line as u16 + 1, returns, gps_time: time, scan_angle };
+                    chunk.push(hit, position, about);
                 }
             }
         }

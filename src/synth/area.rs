@@ -2,9 +2,10 @@
 //!
 //! Independent draws, not a lattice: the number of points on a patch is Poisson, so holes of every size occur, as in a merged raw cloud.
 
-use super::chunk::{Chunk, CHUNK};
+use super::chunk::{CHUNK, Chunk, Pulse};
 use super::noise::Random;
 use super::world::World;
+use glam::DVec3;
 use std::ops::Range;
 
 /// Points `range` of `points`: solid k has the points from shares[..k] to shares[..=k].
@@ -24,9 +25,11 @@ pub fn chunk(world: &World, shares: &[f64], points: u64, range: Range<u64>, seed
         }
         let mut random = Random::new(seed, solid as u64, index);
         let hit = world.sampled(solid, &mut random);
-        let away = if noise > 0.0 { hit.normal * (noise * random.normal()) } else { glam::DVec3::ZERO };
+        let away = if noise > 0.0 { hit.normal * (noise * random.normal()) } else { DVec3::ZERO };
         let cosine = hit.normal.z.abs();
-        chunk.push(&hit, hit.point + away, glam::DVec3::ONE, 0.3 + 0.7 * cosine, 0, (1, 1), index as f64 * 1e-6);
+        let pulse =
+            Pulse { gain: DVec3::ONE, echo: 0.3 + 0.7 * cosine, source: 0, returns: (1, 1), gps_time: index as f64 * 1e-6, scan_angle: 0 };
+        chunk.push(&hit, hit.point + away, pulse);
     }
     chunk
 }

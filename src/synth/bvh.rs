@@ -86,6 +86,17 @@ impl Bvh {
         bvh
     }
 
+    /// Gives the primitives from `first` on new numbers in tree order, so that those a ray tests together lie together in memory.
+    /// Returns their old numbers in that order.
+    pub fn renumber(&mut self, first: u32) -> Vec<u32> {
+        let mut old = Vec::new();
+        for primitive in self.order.iter_mut().filter(|p| **p >= first) {
+            old.push(*primitive);
+            *primitive = first + old.len() as u32 - 1;
+        }
+        old
+    }
+
     pub fn bounds(&self) -> Aabb {
         self.nodes[0].bounds
     }
@@ -93,7 +104,13 @@ impl Bvh {
     /// Calls `test(primitive, t_max)` front to back; it returns the distance of a hit nearer than `t_max`, which becomes the
     /// new `t_max`. Returns whether there was a hit; `any` stops at the first one.
     pub fn walk(
-        &self, origin: DVec3, direction: DVec3, t_min: f64, mut t_max: f64, any: bool, mut test: impl FnMut(u32, f64) -> Option<f64>,
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        t_min: f64,
+        mut t_max: f64,
+        any: bool,
+        mut test: impl FnMut(u32, f64) -> Option<f64>,
     ) -> bool {
         let inverse = direction.recip();
         let mut stack = [(0u32, 0.0f64); STACK];

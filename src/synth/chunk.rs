@@ -14,6 +14,20 @@ pub struct Lattice {
     pub offset: DVec3,
 }
 
+/// What a scanner knows about a point beside the surface it hit.
+#[derive(Clone, Copy, Debug)]
+pub struct Pulse {
+    /// Exposure and white balance, a factor on the light.
+    pub gain: DVec3,
+    /// The geometric part of the intensity, about 1 for a near surface that faces the scanner; reflectance comes from the albedo.
+    pub echo: f64,
+    pub source: u16,
+    pub returns: (u8, u8),
+    pub gps_time: f64,
+    /// Degrees from straight down, LAS's rank.
+    pub scan_angle: i8,
+}
+
 #[derive(Clone, Debug)]
 pub struct Chunk {
     pub lattice: Lattice,
@@ -30,6 +44,8 @@ pub struct Chunk {
     pub returns: Vec<(u8, u8)>,
     /// Seconds.
     pub gps_time: Vec<f64>,
+    /// Degrees from straight down; 0 for scanners on the ground.
+    pub scan_angle: Vec<i8>,
 }
 
 impl World {
@@ -65,6 +81,7 @@ impl Chunk {
             source: Vec::with_capacity(capacity),
             returns: Vec::with_capacity(capacity),
             gps_time: Vec::with_capacity(capacity),
+            scan_angle: Vec::with_capacity(capacity),
         }
     }
 
@@ -86,22 +103,22 @@ impl Chunk {
         self.source.truncate(length);
         self.returns.truncate(length);
         self.gps_time.truncate(length);
+        self.scan_angle.truncate(length);
     }
 
-    /// One point at `position` (relative to the offset) with the colour and class of `hit`. `echo` is the geometric part of the
-    /// intensity in [0, 1]; reflectance comes from the albedo.
-    #[allow(clippy::too_many_arguments)]
-    pub fn push(&mut self, hit: &Hit, position: DVec3, gain: DVec3, echo: f64, source: u16, returns: (u8, u8), gps_time: f64) {
+    /// One point at `position` (relative to the offset) with the colour and class of `hit`.
+    pub fn push(&mut self, hit: &Hit, position: DVec3, pulse: Pulse) {
         let steps: I64Vec3 = (position / self.lattice.step).round().as_i64vec3();
         self.x.push(steps.x as i32);
         self.y.push(steps.y as i32);
         self.z.push(steps.z as i32);
-        self.rgb.push(srgb16(hit.lit * gain));
-        self.intensity.push((hit.albedo.dot(LUMINANCE).sqrt() * echo * 60_000.0).clamp(0.0, 65_535.0) as u16);
+        self.rgb.push(srgb16(hit.lit * pulse.gain));
+        self.intensity.push((hit.albedo.dot(LUMINANCE).sqrt() * pulse.echo * 60_000.0).clamp(0.0, 65_535.0) as u16);
         self.class.push(hit.class);
-        self.source.push(source);
-        self.returns.push(returns);
-        self.gps_time.push(gps_time);
+        self.source.push(pulse.source);
+        self.returns.push(pulse.returns);
+        self.gps_time.push(pulse.gps_time);
+        self.scan_angle.push(pulse.scan_angle);
     }
 }
 

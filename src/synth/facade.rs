@@ -56,10 +56,15 @@ impl House {
         let mut rows = vec![0.0];
         rows.extend((0..self.floors).map(|f| GROUND_M + 0.1 + FLOOR_M * f as f64));
         let mut cells = Vec::new();
-        for row in 0..=self.floors {
+        for (row, &bottom) in rows.iter().enumerate() {
             for column in 0..self.bays {
                 let u = pitch * (column as f64 + 0.5);
-                let opening = |half_width: f64, sill: f64, height: f64, arched: bool| Opening { sill: DVec2::new(u, sill), half_width, height, arched };
+                let opening = |half_width: f64, sill: f64, height: f64, arched: bool| Opening {
+                    sill: DVec2::new(u, sill),
+                    half_width,
+                    height,
+                    arched,
+                };
                 let door = column == self.bays / 2;
                 cells.push(Some(match (row, self.ground) {
                     (0, Ground::Arcade) => opening(pitch / 2.0 - 0.36, 0.14, 3.75 - (pitch / 2.0 - 0.36), true),
@@ -69,7 +74,7 @@ impl House {
                     // Windows get lower towards the roof, as in most old towns.
                     _ => {
                         let height = 1.95 - 0.16 * (row - 1) as f64;
-                        opening(0.56, rows[row] + 0.62, if self.arched_windows { height - 0.4 } else { height }, self.arched_windows)
+                        opening(0.56, bottom + 0.62, if self.arched_windows { height - 0.4 } else { height }, self.arched_windows)
                     }
                 }));
             }
@@ -81,7 +86,8 @@ impl House {
         let (w, h, part) = (self.width, self.height(), self.part);
         let openings = self.openings();
         let facade = Material::Facade { wall: self.wall, color: self.color, trim: self.trim, base: GROUND_M - 0.25, salt: self.salt() };
-        let panel = |gable: f64, size: DVec2, openings: Option<Openings>| Shape::Panel(Panel { size, gable, openings: openings.map(Box::new) });
+        let panel =
+            |gable: f64, size: DVec2, openings: Option<Openings>| Shape::Panel(Panel { size, gable, openings: openings.map(Box::new) });
         let mut push = |pose: Pose, shape: Shape, material: Material| solids.push(solid(pose, shape, material, part, CLASS_BUILDING));
         push(front, panel(0.0, DVec2::new(w, h), Some(openings.clone())), facade);
 
@@ -95,7 +101,11 @@ impl House {
         push(front.moved(DVec3::new(0.0, 0.0, -DEPTH)), panel(0.0, DVec2::new(w, h), None), masonry);
 
         let on_roof = Pose { origin: front.point(DVec3::new(w / 2.0, h, -DEPTH / 2.0)), x: front.x, y: -front.z, z: front.y };
-        push(on_roof.moved(DVec3::Z * 0.12), roof(w / 2.0 + 0.02, DEPTH / 2.0 + 0.45, rise + 0.2, 0.0), Material::Tiles { color: self.tile, salt: self.salt() });
+        push(
+            on_roof.moved(DVec3::Z * 0.12),
+            roof(w / 2.0 + 0.02, DEPTH / 2.0 + 0.45, rise + 0.2, 0.0),
+            Material::Tiles { color: self.tile, salt: self.salt() },
+        );
 
         let trim = Material::Masonry { wall: Wall::Stone, color: self.trim * 0.95, salt: self.salt() };
         let mut ledge = |y: f64, half_height: f64, out: f64| {
@@ -134,15 +144,29 @@ impl House {
 
     #[allow(clippy::too_many_arguments)]
     fn opening(
-        &self, front: Pose, row: usize, index: usize, opening: Opening, solids: &mut Vec<Solid>, leaves: &mut Vec<Leaf>, random: &mut Random,
+        &self,
+        front: Pose,
+        row: usize,
+        index: usize,
+        opening: Opening,
+        solids: &mut Vec<Solid>,
+        leaves: &mut Vec<Leaf>,
+        random: &mut Random,
     ) {
         let part = self.part;
         let arcade = row == 0 && self.ground == Ground::Arcade;
         let at = |x: f64, y: f64, z: f64| front.moved(DVec3::new(opening.sill.x + x, opening.sill.y + y, z));
         let door = row == 0 && opening.sill.y < 0.5;
         let oak = DVec3::new(0.16, 0.075, 0.035);
-        let frame = if door { oak } else { [DVec3::splat(0.72), DVec3::new(0.10, 0.17, 0.12), DVec3::new(0.30, 0.17, 0.09)][part as usize % 3] };
-        let panes = if door { (2, 3) } else if row == 0 { (3, 2) } else { (2, 3) };
+        let frame =
+            if door { oak } else { [DVec3::splat(0.72), DVec3::new(0.10, 0.17, 0.12), DVec3::new(0.30, 0.17, 0.09)][part as usize % 3] };
+        let panes = if door {
+            (2, 3)
+        } else if row == 0 {
+            (3, 2)
+        } else {
+            (2, 3)
+        };
         let window = Material::Window { trim: self.trim * 0.92, frame, panes, salt: self.salt() + index as u64 };
         let depth = if arcade { WALL_M } else { 0.30 };
         solids.push(solid(at(0.0, 0.0, 0.0), Shape::Recess(Recess::new(opening, depth, !arcade)), window, part, CLASS_BUILDING));
@@ -161,7 +185,13 @@ impl House {
         if let (Some(color), true) = (self.shutters, row > 0) {
             for side in [-1.0, 1.0] {
                 let pose = at(side * (opening.half_width * 1.5 + 0.02), opening.height / 2.0, 0.03);
-                solids.push(cuboid(pose, [opening.half_width * 0.47, opening.height / 2.0, 0.025], Material::Plain(color), part, CLASS_BUILDING));
+                solids.push(cuboid(
+                    pose,
+                    [opening.half_width * 0.47, opening.height / 2.0, 0.025],
+                    Material::Plain(color),
+                    part,
+                    CLASS_BUILDING,
+                ));
                 for slat in 0..8 {
                     let pose = pose.moved(DVec3::new(0.0, opening.height * (slat as f64 / 8.0 - 0.44), 0.025));
                     solids.push(cuboid(pose, [opening.half_width * 0.40, 0.05, 0.014], Material::Plain(color * 0.8), part, CLASS_BUILDING));
@@ -184,7 +214,10 @@ impl House {
             let slope = (front.z * 0.80 - front.y * 0.60).normalize();
             let origin = front.point(DVec3::new(opening.sill.x - opening.half_width - 0.1, opening.top() + 0.45, 0.05));
             let pose = Pose { origin, x: front.x, y: slope, z: front.x.cross(slope) };
-            let colors = [DVec3::new(0.74, 0.70, 0.62), [DVec3::new(0.55, 0.06, 0.05), DVec3::new(0.05, 0.22, 0.16), DVec3::new(0.07, 0.12, 0.34)][part as usize % 3]];
+            let colors = [
+                DVec3::new(0.74, 0.70, 0.62),
+                [DVec3::new(0.55, 0.06, 0.05), DVec3::new(0.05, 0.22, 0.16), DVec3::new(0.07, 0.12, 0.34)][part as usize % 3],
+            ];
             let cloth = Panel { size: DVec2::new(opening.half_width * 2.0 + 0.2, 1.35), gable: 0.0, openings: None };
             solids.push(solid(pose, Shape::Panel(cloth), Material::Stripes { colors, width: 0.22 }, part, CLASS_FURNITURE));
         }
@@ -195,7 +228,9 @@ impl House {
         let (part, w, depth) = (self.part, self.width, 3.4);
         let plaster = Material::Masonry { wall: Wall::Plaster, color: DVec3::new(0.66, 0.58, 0.46), salt: self.salt() };
         let mut push = |pose: Pose, shape: Shape, material: Material| solids.push(solid(pose, shape, material, part, CLASS_BUILDING));
-        let sheet = |height: f64, openings: Option<Openings>| Shape::Panel(Panel { size: DVec2::new(w, height), gable: 0.0, openings: openings.map(Box::new) });
+        let sheet = |height: f64, openings: Option<Openings>| {
+            Shape::Panel(Panel { size: DVec2::new(w, height), gable: 0.0, openings: openings.map(Box::new) })
+        };
         let rows = vec![arches.rows[0]];
         let inner = Openings { rows, cells: arches.cells[..self.bays].to_vec(), ..arches.clone() };
         push(front.moved(DVec3::new(0.0, 0.0, -WALL_M)), sheet(GROUND_M - 0.2, Some(inner)), plaster);
@@ -205,10 +240,20 @@ impl House {
         push(floor, sheet(depth + WALL_M, None), Material::Paving);
         let back = front.moved(DVec3::new(0.0, 0.0, -WALL_M - depth));
         let pitch = arches.pitch;
-        let shop = |column: usize| Opening { sill: DVec2::new(pitch * (column as f64 + 0.5), 0.55), half_width: pitch * 0.34, height: 2.5, arched: false };
+        let shop = |column: usize| Opening {
+            sill: DVec2::new(pitch * (column as f64 + 0.5), 0.55),
+            half_width: pitch * 0.34,
+            height: 2.5,
+            arched: false,
+        };
         let cells: Vec<_> = (0..self.bays).map(|c| Some(shop(c))).collect();
         for (index, opening) in cells.iter().flatten().enumerate() {
-            let window = Material::Window { trim: self.trim * 0.8, frame: DVec3::new(0.14, 0.07, 0.035), panes: (3, 2), salt: self.salt() + 50 + index as u64 };
+            let window = Material::Window {
+                trim: self.trim * 0.8,
+                frame: DVec3::new(0.14, 0.07, 0.035),
+                panes: (3, 2),
+                salt: self.salt() + 50 + index as u64,
+            };
             let pose = back.moved(opening.sill.extend(0.0));
             push(pose, Shape::Recess(Recess::new(*opening, 0.25, true)), window);
         }
@@ -244,12 +289,30 @@ impl House {
         let plaster = Material::Masonry { wall: Wall::Plaster, color: self.trim, salt: self.salt() };
         solids.push(solid(left, Shape::Panel(panel), plaster, part, CLASS_BUILDING));
         let window = Material::Window { trim: self.trim, frame: DVec3::splat(0.66), panes: (2, 2), salt: self.salt() + 90 };
-        solids.push(solid(left.moved(opening.sill.extend(0.0)), Shape::Recess(Recess::new(opening, 0.2, true)), window, part, CLASS_BUILDING));
+        solids.push(solid(
+            left.moved(opening.sill.extend(0.0)),
+            Shape::Recess(Recess::new(opening, 0.2, true)),
+            window,
+            part,
+            CLASS_BUILDING,
+        ));
         for side in [-half, half] {
-            solids.push(cuboid(middle.moved(DVec3::new(side, height / 2.0, -1.4)), [0.05, height / 2.0, 1.4], plaster, part, CLASS_BUILDING));
+            solids.push(cuboid(
+                middle.moved(DVec3::new(side, height / 2.0, -1.4)),
+                [0.05, height / 2.0, 1.4],
+                plaster,
+                part,
+                CLASS_BUILDING,
+            ));
         }
         // Ridge away from the street.
         let top = Pose { origin: middle.point(DVec3::new(0.0, height, -1.3)), x: middle.z, y: middle.x, z: middle.y };
-        solids.push(solid(top, roof(1.5, half + 0.15, 0.65, 0.0), Material::Tiles { color: self.tile, salt: self.salt() }, part, CLASS_BUILDING));
+        solids.push(solid(
+            top,
+            roof(1.5, half + 0.15, 0.65, 0.0),
+            Material::Tiles { color: self.tile, salt: self.salt() },
+            part,
+            CLASS_BUILDING,
+        ));
     }
 }

@@ -59,6 +59,7 @@ impl LasFile {
             let (number, of) = chunk.returns[i];
             record[14] = number & 7 | (of & 7) << 3;
             record[15] = chunk.class[i] & 31;
+            record[16] = chunk.scan_angle[i] as u8;
             record[18..20].copy_from_slice(&chunk.source[i].to_le_bytes());
             record[20..28].copy_from_slice(&chunk.gps_time[i].to_le_bytes());
             for (k, value) in chunk.rgb[i].into_iter().enumerate() {

@@ -187,7 +187,8 @@ fn facade(solid: &Solid, local: DVec3, wall: Wall, color: DVec3, trim: DVec3, ba
         // Rusticated: large blocks with wide, dark joints.
         let (i, j, joint) = bond(u, v, 0.95, 0.42);
         let tone = 0.88 + 0.2 * cell(i, j, salt) + 0.10 * (mottle(u * 4.0, v * 4.0, salt) - 0.5);
-        return mix(trim * 0.38, trim * tone, (joint - 0.012) / 0.016) * (0.82 + 0.18 * (v / 0.8).min(1.0));
+        let block = mix(trim, color, 0.30);
+        return mix(block * 0.38, block * tone, (joint - 0.012) / 0.016) * (0.82 + 0.18 * (v / 0.8).min(1.0));
     }
     let corner = u.min(panel.size.x - u);
     let course = (v / 0.36).floor();
@@ -222,7 +223,9 @@ fn window(solid: &Solid, local: DVec3, normal: DVec3, trim: DVec3, frame: DVec3,
     }
     // Glass: the dark of a room, a little sky towards the top, and behind some windows a curtain.
     let up = local.y / opening.top();
-    let room = DVec3::new(0.030, 0.036, 0.044) + DVec3::new(0.05, 0.075, 0.10) * (up * up);
+    let mood = cell(salt as i64, 5, 62);
+    let sheen = ((local.x * 0.6 + local.y * 0.9) * 1.7 + mood * 6.0).sin().max(0.0);
+    let room = DVec3::new(0.030, 0.034, 0.040) * (0.7 + mood) + DVec3::new(0.09, 0.13, 0.17) * (up * up * mood + 0.35 * sheen * sheen);
     let curtain = cell(salt as i64, 9, 61);
     let folds = 0.8 + 0.2 * (local.x * 40.0).sin();
     let drawn = curtain > 0.6 && (local.x.abs() > opening.half_width * (1.35 - curtain) && up > 0.08);

@@ -45,7 +45,14 @@ pub fn roof(a: f64, b: f64, height: f64, hip: f64) -> Shape {
 /// A trunk that forks, and a crown of leaves in clumps. `size` 1 is a street tree 8 m tall.
 #[allow(clippy::too_many_arguments)]
 pub fn tree(
-    solids: &mut Vec<Solid>, leaves: &mut Vec<Leaf>, base: DVec3, size: f64, count: usize, radius: f64, part: u32, random: &mut Random,
+    solids: &mut Vec<Solid>,
+    leaves: &mut Vec<Leaf>,
+    base: DVec3,
+    size: f64,
+    count: usize,
+    radius: f64,
+    part: u32,
+    random: &mut Random,
 ) {
     let bark = |from: DVec3, to: DVec3, radius: f64| {
         let way = to - from;

@@ -27,7 +27,12 @@ const AIM: f64 = 0.97;
 
 /// Gives exactly `points` points to `sink`. `noise` is the standard deviation of the range, metres (along the normal where there is no ray).
 pub fn scan(
-    world: &World, points: u64, seed: u64, noise: f64, sink: &mut dyn FnMut(&Chunk) -> Result<()>, progress: &dyn Progress,
+    world: &World,
+    points: u64,
+    seed: u64,
+    noise: f64,
+    sink: &mut dyn FnMut(&Chunk) -> Result<()>,
+    progress: &dyn Progress,
 ) -> Result<()> {
     world.check_lattice()?;
     if !(noise >= 0.0 && noise.is_finite()) {

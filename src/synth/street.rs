@@ -1,6 +1,6 @@
 //! An old town's street, seen along y: two rows of houses, an arcade on the sunny side, trees, cars, lamps, a viaduct, a church.
 //!
-//! Four scanner stations along the street, each with its own exposure and white balance, and no way to see behind what stands there.
+//! Five scanner stations along the street, each with its own exposure and white balance, and no way to see behind what stands there.
 
 use super::facade::{Ground, House};
 use super::light::{Cover, Light};
@@ -70,8 +70,24 @@ pub fn build(seed: u64) -> World {
             from: -36.0,
             side: 1.0,
         },
-        Row { houses: vec![(Plaster, SAGE, WHITE, Plain, 10.0, 4, 3), (Plaster, OCHRE, WHITE, Shop, 12.0, 4, 2), (Brick, BRICK, STONE, Plain, 11.0, 4, 3)], from: 51.0, side: -1.0 },
-        Row { houses: vec![(Plaster, CREAM, STONE, Shop, 11.0, 4, 2), (Plaster, ROSE, WHITE, Plain, 10.0, 3, 3), (Stone, STONE, WHITE, Plain, 12.0, 4, 2)], from: 51.0, side: 1.0 },
+        Row {
+            houses: vec![
+                (Plaster, SAGE, WHITE, Plain, 10.0, 4, 3),
+                (Plaster, OCHRE, WHITE, Shop, 12.0, 4, 2),
+                (Brick, BRICK, STONE, Plain, 11.0, 4, 3),
+            ],
+            from: 51.0,
+            side: -1.0,
+        },
+        Row {
+            houses: vec![
+                (Plaster, CREAM, STONE, Shop, 11.0, 4, 2),
+                (Plaster, ROSE, WHITE, Plain, 10.0, 3, 3),
+                (Stone, STONE, WHITE, Plain, 12.0, 4, 2),
+            ],
+            from: 51.0,
+            side: 1.0,
+        },
     ];
     let mut part = 10;
     for row in rows {
@@ -95,7 +111,12 @@ pub fn build(seed: u64) -> World {
             };
             // Facing east the wall's x runs north, facing west it runs south.
             let corner = if row.side < 0.0 { y } else { y + width };
-            let front = Pose { origin: DVec3::new(row.side * HALF_WIDTH, corner, 0.0), x: DVec3::Y * -row.side, y: DVec3::Z, z: DVec3::X * -row.side };
+            let front = Pose {
+                origin: DVec3::new(row.side * HALF_WIDTH, corner, 0.0),
+                x: DVec3::Y * -row.side,
+                y: DVec3::Z,
+                z: DVec3::X * -row.side,
+            };
             house.build(front, &mut solids, &mut leaves, &mut random);
             y += width;
             part += 1;
@@ -120,6 +141,7 @@ pub fn build(seed: u64) -> World {
         station(1.6, 1.5, 0.80, [1.02, 1.00, 0.96]),
         station(-1.0, 24.0, 1.14, [0.97, 1.00, 1.04]),
         station(1.5, 56.0, 0.90, [1.03, 1.00, 0.97]),
+        station(0.9, -30.0, 1.07, [0.99, 1.00, 1.02]),
     ];
     let look = Look { eye: DVec3::new(1.9, -27.5, 1.75), target: DVec3::new(-1.5, 10.0, 5.6), fov_y: 52.0 };
     let mut world = World::new(solids, leaves, light, Method::Stations(stations), look);
@@ -196,7 +218,13 @@ fn church(solids: &mut Vec<Solid>, part: u32) {
         solids.push(solid(pose, Shape::Panel(panel), masonry, part, CLASS_BUILDING));
         for opening in cells.iter().flatten() {
             let window = Material::Window { trim: STONE, frame: DVec3::splat(0.05), panes: (2, 6), salt: 7 };
-            solids.push(solid(pose.moved(opening.sill.extend(0.0)), Shape::Recess(Recess::new(*opening, 0.6, true)), window, part, CLASS_BUILDING));
+            solids.push(solid(
+                pose.moved(opening.sill.extend(0.0)),
+                Shape::Recess(Recess::new(*opening, 0.6, true)),
+                window,
+                part,
+                CLASS_BUILDING,
+            ));
         }
         let dial = pose.point(DVec3::new(half, 15.8, 0.0));
         solids.push(pole(dial, out, 1.25, 0.10, Material::Plain(DVec3::new(0.05, 0.08, 0.16)), part, CLASS_BUILDING));

@@ -30,7 +30,10 @@ pub struct Relief;
 
 /// Where the river runs: x of its middle, and its derivative.
 fn river(y: f64) -> (f64, f64) {
-    (-70.0 + 38.0 * (y * 0.017).sin() + 12.0 * (y * 0.043 + 1.0).sin(), 38.0 * 0.017 * (y * 0.017).cos() + 12.0 * 0.043 * (y * 0.043 + 1.0).cos())
+    (
+        -70.0 + 38.0 * (y * 0.017).sin() + 12.0 * (y * 0.043 + 1.0).sin(),
+        38.0 * 0.017 * (y * 0.017).cos() + 12.0 * 0.043 * (y * 0.043 + 1.0).cos(),
+    )
 }
 
 /// Middle of the road: y at x.
@@ -109,6 +112,9 @@ pub fn land(p: DVec3, n: DVec3) -> DVec3 {
     if away < 22.0 || road < 7.0 || village(p.x, p.y) < 1.0 {
         return grass;
     }
+    if wood(p.x, p.y) {
+        return DVec3::new(0.085, 0.095, 0.04) * (0.6 + 0.8 * mottle(p.x * 1.2, p.y * 1.2, 80));
+    }
     // Each field has its crop and the direction of its rows.
     let warp = 24.0 * (mottle(p.x * 0.006, p.y * 0.006, 75) - 0.5);
     let (u, v) = ((p.x + warp) / 74.0, (p.y - warp * 0.7) / 52.0);
@@ -134,6 +140,10 @@ fn village(x: f64, y: f64) -> f64 {
     ((x - 90.0) / 95.0).hypot((y - 40.0) / 62.0)
 }
 
+fn wood(x: f64, y: f64) -> bool {
+    mottle(x * 0.012, y * 0.012, 79) > 0.57 && village(x, y) > 1.25
+}
+
 pub fn build(seed: u64) -> World {
     let relief = Relief;
     let mut random = Random::new(seed, 0x7E44, 0);
@@ -156,7 +166,7 @@ pub fn build(seed: u64) -> World {
     for _ in 0..6000 {
         let at = DVec2::new(random.between(-HALF.x, HALF.x) * 0.98, random.between(-HALF.y, HALF.y) * 0.98);
         let away = (at.x - river(at.y).0).abs();
-        let wood = mottle(at.x * 0.012, at.y * 0.012, 79) > 0.57 && village(at.x, at.y) > 1.25;
+        let wood = wood(at.x, at.y);
         let wanted = wood || (12.0..20.0).contains(&away) && random.unit() < 0.25 || village(at.x, at.y) < 1.0 && random.unit() < 0.12;
         let free = away > 11.0 && (at.y - lane(at.x)).abs() > 6.0 && taken.iter().all(|t| t.distance(at) > if wood { 5.0 } else { 8.5 });
         if wanted && free {

@@ -3,7 +3,7 @@
 //! Rays lie on a regular grid of azimuth and elevation, so that points are dense beside the tripod and thin out with distance and
 //! grazing incidence. The first surface answers; its range is noisy along the ray; colours carry the exposure of the station.
 
-use super::chunk::Chunk;
+use super::chunk::{Chunk, Pulse};
 use super::noise::Random;
 use super::scanner::Scanner;
 use super::world::{Station, World};
@@ -93,7 +93,8 @@ impl Scanner for Terrestrial<'_> {
                 let position = station.position + ray * (hit.t + error);
                 let echo = (0.25 + 0.75 * hit.normal.dot(ray).abs()) / (1.0 + hit.t / 60.0);
                 let time = (index as u64 * 16 + pass) as f64 * STATION_S / 16.0 + pulse as f64 * PULSE_S;
-                chunk.push(&hit, position, station.gain, echo, index as u16 + 1, (1, 1), time);
+                let source = index as u16 + 1;
+                chunk.push(&hit, position, Pulse { gain: station.gain, echo, source, returns: (1, 1), gps_time: time, scan_angle: 0 });
             }
         }
         chunk

@@ -25,13 +25,8 @@ pub fn intersect(major: f64, minor: f64, origin: DVec3, direction: DVec3, t_min:
     // (|p|^2 + R^2 - r^2)^2 - 4 R^2 (x^2 + y^2), with p = o + t d and o.d = 0.
     let k = o.length_squared() + major * major - minor * minor;
     let four = 4.0 * major * major;
-    let quartic = [
-        k * k - four * (o.x * o.x + o.y * o.y),
-        -four * 2.0 * (o.x * d.x + o.y * d.y),
-        2.0 * k - four * (d.x * d.x + d.y * d.y),
-        0.0,
-        1.0,
-    ];
+    let quartic =
+        [k * k - four * (o.x * o.x + o.y * o.y), -four * 2.0 * (o.x * d.x + o.y * d.y), 2.0 * k - four * (d.x * d.x + d.y * d.y), 0.0, 1.0];
     let mut crossings = [0.0; 4];
     let count = roots(&quartic, low, high, &mut crossings);
     let distance = |t: f64| {
@@ -78,8 +73,7 @@ fn roots(polynomial: &[f64], low: f64, high: f64, found: &mut [f64; 4]) -> usize
     let value = |t: f64| polynomial.iter().rev().fold(0.0, |sum, &c| sum * t + c);
     let mut count = 0;
     let mut from = (low, value(low));
-    for k in 0..=turn_count {
-        let at = if k < turn_count { turns[k] } else { high };
+    for at in turns[..turn_count].iter().copied().chain(std::iter::once(high)) {
         let to = (at, value(at));
         if (from.1 < 0.0) != (to.1 < 0.0) {
             found[count] = bisect(value, from, to);

@@ -94,7 +94,9 @@ impl World {
             Aabb { min: leaf.centre - reach, max: leaf.centre + reach }
         };
         let boxes: Vec<Aabb> = solids.iter().map(Solid::bounds).chain(leaves.iter().map(disc)).collect();
-        let tree = Bvh::build(&boxes);
+        let mut tree = Bvh::build(&boxes);
+        let first = solids.len() as u32;
+        let leaves = tree.renumber(first).into_iter().map(|old| leaves[(old - first) as usize]).collect();
         World { offset: DVec3::ZERO, step: 1e-4, method, light, solids, leaves, look, tree }
     }
 
@@ -160,9 +162,7 @@ impl World {
             None => {
                 let leaf = &self.leaves[primitive as usize - self.solids.len()];
                 let t = (leaf.centre - origin).dot(leaf.normal) / direction.dot(leaf.normal);
-                let inside = t > t_min
-                    && t < t_max
-                    && (origin + direction * t).distance_squared(leaf.centre) <= leaf.radius * leaf.radius;
+                let inside = t > t_min && t < t_max && (origin + direction * t).distance_squared(leaf.centre) <= leaf.radius * leaf.radius;
                 inside.then_some((t, leaf.normal))
             }
         }

@@ -24,6 +24,9 @@ use std::io::{BufReader, Cursor, Read};
 /// No honest file packs more points into a byte: a million coincident ones come to about 100. It bounds what a crafted file can make us hold.
 const POINTS_PER_BYTE: u64 = 256;
 
+/// A chunk's entry in the table, two compressed 32-bit numbers, never takes more.
+const TABLE_ENTRY_BYTES: u64 = 16;
+
 /// Records decoded at a time.
 const BATCH: usize = 512;
 
@@ -166,11 +169,12 @@ impl Job<'_> {
             .filter(plausible)
             .or_else(|| offset_at(self.input.length.saturating_sub(8)).filter(plausible))
             .ok_or("the LAZ chunk table is missing")? as u64;
-        let bytes = self.input.take(at, self.input.length - at).map_err(|error| error.to_string())?;
-        let count = u32_at(&bytes, 4) as u64;
+        let read = |length| self.input.take(at, length).ok().filter(|bytes| bytes.len() >= 8).ok_or("the LAZ chunk table is cut off");
+        let count = u32_at(&read(8)?, 4) as u64;
         if count > (at - first) / self.layout.record_bytes as u64 {
             return Err(format!("the LAZ chunk table lists {count} chunks, more than {} bytes can hold", at - first));
         }
+        let bytes = read(8 + TABLE_ENTRY_BYTES * (count + 1))?;
         let entries = guard(|| ChunkTable::read(&mut Cursor::new(&bytes), chunk_points.is_none()).map_err(|error| error.to_string()))
             .flatten()
             .map_err(|what| format!("the LAZ chunk table is damaged ({what})"))?;
@@ -220,7 +224,7 @@ impl Job<'_> {
             }
         }
         let count: u64 = chunks.iter().map(|chunk| chunk.points).sum();
-        let mut columns = records::columns(count as usize, self.available);
+        let mut columns = records::columns(count as usize, self.available).ok_or_else(|| super::no_room(self.input, count))?;
         let meter = Meter::new(self.progress, self.input, count);
         let windows = Window::over(&mut columns).split_into(chunks.iter().map(|chunk| chunk.points as usize));
         let tasks: Vec<_> = chunks.into_iter().zip(windows).collect();
@@ -248,7 +252,7 @@ impl Job<'_> {
             return Err(self.input.wrong("has layered points without chunks, which no writer makes: the laszip record is damaged"));
         }
         let promised = self.layout.points.min(self.input.length.saturating_sub(at).saturating_mul(POINTS_PER_BYTE));
-        let mut columns = records::columns(0, self.available);
+        let mut columns = records::columns(0, self.available).unwrap_or_default();
         let mut windows: Vec<Filled> = Vec::new();
         let meter = Meter::new(self.progress, self.input, promised);
         let mut source = Some(BufReader::with_capacity(1 << 16, self.input.stream(at)));

@@ -190,12 +190,16 @@ fn part<const N: usize>(row: &[u8], at: usize) -> [u8; N] {
     super::header::array_at(row, at)
 }
 
-/// Columns of `count` zeros. The zeros cost no memory until they are written over.
-pub fn columns(count: usize, available: Wanted) -> Columns {
+/// Columns of `count` zeros; `None` if there is no room for them. The zeros cost no memory until they are written over.
+pub fn columns(count: usize, available: Wanted) -> Option<Columns> {
     fn column<T: Clone + Default>(there: bool, count: usize) -> Option<Vec<T>> {
         there.then(|| vec![T::default(); count])
     }
-    Columns {
+    // An allocation that fails ends the program, so the whole sum is asked for first, and given back.
+    let bytes = 12 + 3 * available.rgb as usize + 2 * available.intensity as usize + available.class as usize;
+    let bytes = bytes + available.returns as usize + 2 * available.source as usize + 8 * available.gps_time as usize;
+    Vec::<u8>::new().try_reserve_exact(count.checked_mul(bytes)?).ok()?;
+    Some(Columns {
         x: vec![0; count],
         y: vec![0; count],
         z: vec![0; count],
@@ -206,7 +210,7 @@ pub fn columns(count: usize, available: Wanted) -> Columns {
         source: column(available.source, count),
         normal: None,
         gps_time: column(available.gps_time, count),
-    }
+    })
 }
 
 /// Brings the windows' colours to one depth and closes the gaps that windows left unfilled: a missing point is absent, never a zero.

@@ -88,6 +88,11 @@ impl Scalar {
         }
     }
 
+    /// Every value of this type is an `f32`.
+    pub fn fits_f32(self) -> bool {
+        !matches!(self, Scalar::I32 | Scalar::U32 | Scalar::F64)
+    }
+
     /// The value at the beginning of `bytes`, which hold at least [`Scalar::bytes`].
     #[inline]
     pub fn value(self, bytes: &[u8], big: bool) -> f64 {

@@ -1,0 +1,72 @@
+//! One coordinate of many points, before the points' lattice is known.
+//!
+//! In: `f64` values. Out: integers on a lattice. Held as `f32` where the file's own values are, which halves the peak of reading, and loses nothing.
+
+use rayon::prelude::*;
+
+/// Values a task, where a whole axis is walked.
+const TASK: usize = 1 << 16;
+
+#[derive(Clone, Debug)]
+pub enum Axis {
+    Narrow(Vec<f32>),
+    Wide(Vec<f64>),
+}
+
+impl Axis {
+    /// `narrow` promises that every value pushed is an `f32`.
+    pub fn new(narrow: bool) -> Self {
+        if narrow { Axis::Narrow(Vec::new()) } else { Axis::Wide(Vec::new()) }
+    }
+
+    pub fn len(&self) -> usize {
+        match self {
+            Axis::Narrow(values) => values.len(),
+            Axis::Wide(values) => values.len(),
+        }
+    }
+
+    /// A hint; memory that is not there is missed when it is needed, not before.
+    pub fn reserve(&mut self, count: usize) {
+        let _ = match self {
+            Axis::Narrow(values) => values.try_reserve_exact(count),
+            Axis::Wide(values) => values.try_reserve_exact(count),
+        };
+    }
+
+    pub fn push(&mut self, value: f64) {
+        match self {
+            Axis::Narrow(values) => values.push(value as f32),
+            Axis::Wide(values) => values.push(value),
+        }
+    }
+
+    /// Appends a block of the same width.
+    pub fn append(&mut self, block: Axis) {
+        match (self, block) {
+            (Axis::Narrow(values), Axis::Narrow(block)) => values.extend(block),
+            (Axis::Wide(values), Axis::Wide(block)) => values.extend(block),
+            (Axis::Wide(values), Axis::Narrow(block)) => values.extend(block.into_iter().map(f64::from)),
+            (Axis::Narrow(_), Axis::Wide(_)) => unreachable!("a block of f64 values for an axis of f32"),
+        }
+    }
+
+    /// Smallest and largest, 0 and 0 of none.
+    pub fn range(&self) -> (f64, f64) {
+        let join = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
+        let range = match self {
+            Axis::Narrow(values) => values.par_iter().with_min_len(TASK).map(|&v| (v.into(), v.into())).reduce_with(join),
+            Axis::Wide(values) => values.par_iter().with_min_len(TASK).map(|&v| (v, v)).reduce_with(join),
+        };
+        range.unwrap_or((0.0, 0.0))
+    }
+
+    /// The nearest steps from `offset` on. `step` is a power of two, so dividing by it is exact, and nothing overflows before the difference.
+    pub fn quantise(self, offset: f64, step: f64) -> Vec<i32> {
+        let q = |v: f64| (v / step - offset / step).round() as i32;
+        match self {
+            Axis::Narrow(values) => values.into_par_iter().with_min_len(TASK).map(|v| q(v.into())).collect(),
+            Axis::Wide(values) => values.into_par_iter().with_min_len(TASK).map(q).collect(),
+        }
+    }
+}
