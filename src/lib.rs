@@ -1,4 +1,5 @@
 //! pointillist (crate docs to be written)
+pub mod cli;
 pub mod cloud;
 pub mod config;
 pub mod error;
@@ -8,7 +9,9 @@ pub mod graph;
 pub mod index;
 pub mod look;
 pub mod passes;
+pub mod picture;
 pub mod progress;
 pub mod resident;
 pub mod shader;
+pub mod synth;
 pub mod view;

@@ -1,1 +1,51 @@
-fn main() {}
+//! Parse, dispatch, exit code: 0 done, 1 could not do it, 2 asked wrongly.
+
+use clap::Parser;
+use pointillist::cli::{bench, info, render, study, synth, terminal::Terminal};
+use pointillist::error::Error;
+use std::process::ExitCode;
+
+/// Draws raw, unstructured point clouds, with no normals, no radii and no waiting.
+#[derive(Parser)]
+#[command(version, about, max_term_width = 120)]
+struct Program {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// One picture of one or several point clouds
+    Render(Box<render::Arguments>),
+    /// What is in a file: counts, bounds and ranges of the points themselves
+    Info(info::Arguments),
+    /// Simulated scans of analytic scenes, with ground truth
+    Synth(synth::Arguments),
+    /// Accuracy against time
+    Study(study::Arguments),
+    /// Times of passes, against other ways of doing the same
+    Bench(bench::Arguments),
+}
+
+fn main() -> ExitCode {
+    let program = Program::parse();
+    let progress = Terminal::new();
+    let done = match &program.command {
+        Command::Render(arguments) => render::run(arguments, &progress),
+        Command::Info(arguments) => info::run(arguments, &progress),
+        Command::Synth(arguments) => synth::run(arguments, &progress),
+        Command::Study(arguments) => study::run(arguments, &progress),
+        Command::Bench(arguments) => bench::run(arguments, &progress),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Error::Interrupted) => {
+            eprintln!("pointillist: {}", Error::Interrupted);
+            ExitCode::from(130)
+        }
+        Err(error) => {
+            eprintln!("pointillist: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -113,3 +113,56 @@ impl View {
         }
     }
 }
+
+/// `--view`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Preset {
+    /// From above, north up, without perspective
+    Top,
+    /// From the south, without perspective
+    Front,
+    /// From a corner, without perspective
+    Iso,
+    /// Oblique, with perspective, near enough to fill the picture
+    Fit,
+}
+
+impl Camera {
+    /// A camera from which a box fills the picture. Nothing, or one point, is looked at from a metre away.
+    pub fn framing(preset: Preset, bounds: Option<(DVec3, DVec3)>, size: [u32; 2]) -> Camera {
+        let (min, max) = bounds.unwrap_or((DVec3::ZERO, DVec3::ZERO));
+        let centre = (min + max) / 2.0;
+        let half = (max - min) / 2.0;
+        let flat = half.z < 0.3 * half.x.max(half.y);
+        let (forward, up) = match preset {
+            Preset::Top => (-DVec3::Z, DVec3::Y),
+            Preset::Front => (DVec3::Y, DVec3::Z),
+            Preset::Iso => (DVec3::new(-1.0, 1.0, -0.816_496_580_927_726).normalize(), DVec3::Z),
+            // The longer side lies across the picture; land is seen from higher up than things.
+            Preset::Fit => {
+                let along = if half.y > half.x { DVec3::new(-0.9, 0.436, 0.0) } else { DVec3::new(-0.436, 0.9, 0.0) };
+                let down = if flat { 0.7 } else { 0.36 };
+                ((along.normalize() - DVec3::Z * down).normalize(), DVec3::Z)
+            }
+        };
+        const MARGIN: f64 = 1.03;
+        let mut camera = Camera { eye: centre - forward, target: centre, up, fov_y: 40.0, projection: Projection::Perspective, ortho_height: None };
+        let basis = camera.basis().expect("eye and target are a metre apart");
+        let aspect = size[0] as f64 / size[1] as f64;
+        let corners = (0..8).map(|i| half * DVec3::new([-1.0, 1.0][i & 1], [-1.0, 1.0][i >> 1 & 1], [-1.0, 1.0][i >> 2]));
+        let radius = half.length();
+        if preset == Preset::Fit {
+            let slope = (camera.fov_y.to_radians() / 2.0).tan() / MARGIN;
+            let distance = corners
+                .map(|c| (c.dot(basis.up).abs()).max(c.dot(basis.right).abs() / aspect) / slope - c.dot(basis.forward))
+                .fold(0.0, f64::max);
+            camera.eye = centre - forward * if distance > 0.0 { distance } else { 1.0 };
+        } else {
+            let height = corners.map(|c| 2.0 * c.dot(basis.up).abs().max(c.dot(basis.right).abs() / aspect)).fold(0.0, f64::max) * MARGIN;
+            camera.projection = Projection::Orthographic;
+            camera.ortho_height = Some(if height > 0.0 { height } else { 1.0 });
+            camera.eye = centre - forward * (2.0 * radius).max(1.0);
+        }
+        camera
+    }
+}

@@ -1,0 +1,9 @@
+//! The program: one file a subcommand, and the options that they share.
+
+pub mod bench;
+pub mod info;
+pub mod options;
+pub mod render;
+pub mod study;
+pub mod synth;
+pub mod terminal;

@@ -1,0 +1,151 @@
+//! The options that `view`, `render`, `bench` and `study` share: one definition.
+
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::{Cloud, ReadOptions, Wanted};
+use crate::config;
+use crate::error::{Error, Result};
+use crate::gpu::Wish;
+use crate::look::Wishes;
+use crate::passes::Effects;
+use crate::passes::project::Precision;
+use crate::view::{Camera, Preset, View};
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = "Picture")]
+pub struct PictureOptions {
+    /// Size of the picture, pixels
+    #[arg(long, value_name = "WxH", default_value_t = Size(config::SIZE))]
+    pub size: Size,
+    /// Camera file: eye, target, up (world), fov_y, projection (perspective|orthographic), ortho_height
+    #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
+    pub camera: Option<PathBuf>,
+    /// Where to look from, when there is no --camera
+    #[arg(long, value_enum, default_value_t = Preset::Fit)]
+    pub view: Preset,
+    /// What the points show [default: rgb where there is any, else intensity that varies, else elevation]
+    #[arg(long, value_enum)]
+    pub color: Option<Attribute>,
+    /// Switches an effect and sets its values; repeatable
+    #[arg(long, value_name = "NAME=off|on|auto[,key=value...]")]
+    pub effect: Vec<String>,
+    /// How points become a picture
+    #[arg(long, value_enum, default_value_t = Style::Points)]
+    pub style: Style,
+    /// Colour behind the points, sRGB
+    #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
+    pub background: Background,
+}
+
+#[derive(clap::Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Device")]
+pub struct DeviceOptions {
+    /// Vulkan device: part of its name, or its index
+    #[arg(long, value_name = "NAME|INDEX")]
+    pub device: Option<String>,
+    /// Run under the Vulkan validation layers; whatever they say is an error
+    #[arg(long)]
+    pub validate: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Style {
+    /// Every point one pixel
+    Points,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size(pub [u32; 2]);
+
+impl std::str::FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Size, String> {
+        let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+        sides.filter(|sides| sides.iter().all(|side| *side > 0)).map(Size).ok_or(format!("{text:?} is not WIDTHxHEIGHT in pixels"))
+    }
+}
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}x{}", self.0[0], self.0[1])
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Background(pub [u8; 3]);
+
+impl std::str::FromStr for Background {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Background, String> {
+        let digits = text.strip_prefix('#').unwrap_or(text);
+        let number = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
+        let number = number.ok_or(format!("{text:?} is not RRGGBB in hexadecimal digits"))?;
+        Ok(Background([(number >> 16) as u8, (number >> 8) as u8, number as u8]))
+    }
+}
+
+impl std::fmt::Display for Background {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [r, g, b] = self.0;
+        write!(f, "{r:02x}{g:02x}{b:02x}")
+    }
+}
+
+impl PictureOptions {
+    pub fn wishes(&self) -> Result<Wishes> {
+        let mut effects = Effects::default();
+        for text in &self.effect {
+            effects.set(text).map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
+        }
+        Ok(Wishes { effects, background: self.background.0, precision: Precision::Auto })
+    }
+
+    /// The columns to read for what the points are to show.
+    pub fn wanted(&self) -> Wanted {
+        match self.color {
+            Some(attribute) => attribute.wanted(),
+            None => Wanted { rgb: true, intensity: true, ..Wanted::default() },
+        }
+    }
+
+    pub fn read_options(&self, strict: bool) -> ReadOptions {
+        ReadOptions { wanted: self.wanted(), strict }
+    }
+
+    /// What the points show, and why.
+    pub fn shown(&self, cloud: &Cloud) -> Result<(Shown, String)> {
+        let Some(attribute) = self.color else {
+            let (shown, why) = Shown::automatic(cloud);
+            return Ok((shown, why.to_string()));
+        };
+        if !cloud.is_empty() && !attribute.is_in(cloud) {
+            return Err(Error::Request(format!("--color {}: these points have none; `info` lists what they have", name(attribute))));
+        }
+        Ok((Shown::new(attribute, cloud), format!("asked for with --color {}", name(attribute))))
+    }
+
+    pub fn view(&self, cloud: &Cloud) -> Result<View> {
+        let camera = match &self.camera {
+            Some(path) => read_camera(path)?,
+            None => Camera::framing(self.view, cloud.core_bounds(), self.size.0),
+        };
+        View::new(camera, self.size.0)
+    }
+}
+
+impl DeviceOptions {
+    pub fn wish(&self) -> Wish {
+        Wish { device: self.device.clone(), validate: self.validate, no_int64_atomics: false }
+    }
+}
+
+pub fn read_camera(path: &Path) -> Result<Camera> {
+    let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
+    serde_json::from_str(&text).map_err(|error| Error::format(path, format!("no camera ({error}); it needs at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}")))
+}
+
+pub fn name(attribute: Attribute) -> String {
+    format!("{attribute:?}").to_lowercase()
+}

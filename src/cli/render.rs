@@ -1,0 +1,216 @@
+//! `pointillist render`: files in, one picture out; no window system is touched.
+
+use super::options::{DeviceOptions, PictureOptions, name};
+use crate::cloud;
+use crate::error::{Error, Result};
+use crate::frame::{self, Outcome};
+use crate::graph::{Buffer, Frame, Gpu, Graph};
+use crate::look::{self, Look};
+use crate::passes::{Effects, Scene, project::Statistics};
+use crate::picture::{self, Samples};
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::view::View;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist render scan.laz -o out.png
+  pointillist render north.laz south.laz -o both.png --color source --view top
+  pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
+  pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
+  pointillist render scan.laz -o out.png --explain --timings";
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = help())]
+pub struct Arguments {
+    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// The picture to write, PNG
+    #[arg(short, long, value_name = "OUT.png", required_unless_present = "exr")]
+    pub output: Option<PathBuf>,
+    /// Also (or only) write the layers: R G B A linear, depth.Z, index.V, coverage.V, raw.Z
+    #[arg(long, value_name = "OUT.exr")]
+    pub exr: Option<PathBuf>,
+    #[command(flatten)]
+    pub picture: PictureOptions,
+    #[command(flatten)]
+    pub device: DeviceOptions,
+    /// Say which passes run and why: to standard error, or as JSON to standard output
+    #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
+    pub explain: Option<String>,
+    /// Say how long everything took, milliseconds
+    #[arg(long)]
+    pub timings: bool,
+    /// Refuse a truncated or lying file instead of keeping what is readable
+    #[arg(long)]
+    pub strict: bool,
+}
+
+fn help() -> String {
+    format!("Effects and their settings:\n{}\n\n{EXAMPLES}", Effects::help())
+}
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    for output in arguments.output.iter().chain(&arguments.exr) {
+        refuse_to_overwrite(output, &arguments.files)?;
+    }
+    let wishes = arguments.picture.wishes()?;
+    let mut stages = Stages::new();
+    let cloud = cloud::read(&arguments.files, &arguments.picture.read_options(arguments.strict), progress)?;
+    cloud.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    stages.done("read");
+    let view = arguments.picture.view(&cloud)?;
+    let (shown, why_shown) = arguments.picture.shown(&cloud)?;
+    let facts = Facts { points: cloud.len(), files: arguments.files.len(), shows: name(shown.attribute), why_shown, view };
+    stages.done("look");
+    let mut gpu = Gpu::open(&arguments.device.wish())?;
+    stages.done("open device");
+    let resident = Resident::fill(&mut gpu, cloud, shown, progress)?;
+    stages.done("organise");
+    let look = look::decide(&wishes, &Scene { view: &view, points: resident.points });
+
+    let mut g = Graph::new(&mut gpu);
+    let outcome = frame::record(&mut g, &view, &resident, &look)?;
+    let downloads = Downloads::ask(&mut g, &outcome, arguments.exr.is_some());
+    let frame = g.submit(&[])?;
+    stages.done("draw");
+    if let Some(path) = &arguments.output {
+        picture::write_png(path, view.size, frame.read(&downloads.picture))?;
+    }
+    if let Some(path) = &arguments.exr {
+        write_layers(path, &view, &frame, &downloads)?;
+    }
+    stages.done("write");
+
+    match arguments.explain.as_deref() {
+        Some("json") => println!("{}", explain_json(&facts, &gpu, &resident, &look, &outcome.statistics, &frame)),
+        Some(_) => eprint!("{}", explain(&facts, &gpu, &resident, &look, &outcome.statistics, &frame)),
+        None => {}
+    }
+    if arguments.timings {
+        stages.print(&frame);
+    }
+    frame.shelve(&mut gpu);
+    resident.free(&mut gpu);
+    Ok(())
+}
+
+/// Nothing is ever written over an input.
+pub fn refuse_to_overwrite(output: &Path, inputs: &[PathBuf]) -> Result<()> {
+    let same = |input: &PathBuf| matches!((output.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    match inputs.iter().find(|input| same(input)) {
+        Some(input) => Err(Error::Request(format!("{} is an input; name another file to write", input.display()))),
+        None => Ok(()),
+    }
+}
+
+/// The images that come back.
+struct Downloads {
+    picture: Buffer,
+    depth: Option<Buffer>,
+    index: Option<Buffer>,
+}
+
+impl Downloads {
+    fn ask(g: &mut Graph, outcome: &Outcome, layers: bool) -> Downloads {
+        let picture = g.download(&outcome.picture);
+        let depth = layers.then(|| g.download(&outcome.layers.depth));
+        let index = layers.then(|| g.download(&outcome.layers.index));
+        Downloads { picture, depth, index }
+    }
+}
+
+/// Linear picture (its alpha says where a surface is) and layers. No effect moves or fills depth yet, so `depth.Z` is `raw.Z`.
+fn write_layers(path: &Path, view: &View, frame: &Frame, downloads: &Downloads) -> Result<()> {
+    let picture: &[[f32; 4]] = frame.read(&downloads.picture);
+    let depth: &[f32] = frame.read(downloads.depth.as_ref().expect("asked for with --exr"));
+    let index: &[u32] = frame.read(downloads.index.as_ref().expect("asked for with --exr"));
+    let coverage = index.iter().map(|&point| (point != crate::config::NO_POINT) as u32).collect();
+    let channel = |c: usize| Samples::Float(picture.iter().map(|pixel| pixel[c]).collect());
+    let channels = vec![
+        ("R", channel(0)),
+        ("G", channel(1)),
+        ("B", channel(2)),
+        ("A", channel(3)),
+        ("depth.Z", Samples::Float(depth.to_vec())),
+        ("index.V", Samples::Id(index.to_vec())),
+        ("coverage.V", Samples::Id(coverage)),
+        ("raw.Z", Samples::Float(depth.to_vec())),
+    ];
+    picture::write_exr(path, view.size, channels)
+}
+
+/// What is known once the cloud is gone.
+struct Facts {
+    points: u64,
+    files: usize,
+    shows: String,
+    why_shown: String,
+    view: View,
+}
+
+fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, frame: &Frame) -> String {
+    let mut text = format!("device: {} ({}), 64-bit atomics: {}\n", gpu.device.name, gpu.device.driver, gpu.device.int64_atomics);
+    text += &format!("cloud: {} points of {} files in {} nodes, {} MiB resident\n", facts.points, facts.files, resident.nodes.len(), resident.bytes() >> 20);
+    text += &format!("color: {}, because {}\n", facts.shows, facts.why_shown);
+    text += &format!(
+        "drawn: {} points of {} nodes, {} nodes outside of the view; {:.1} position bytes a point, quantised by at most {:.6} px\n",
+        drawn.points_drawn,
+        drawn.nodes_drawn,
+        drawn.nodes_outside,
+        drawn.position_bytes as f64 / drawn.points_drawn.max(1) as f64,
+        drawn.quantisation_px,
+    );
+    for (name, reason) in &look.decided {
+        text += &format!("{name}: {}, because {}\n", if reason.runs { "on" } else { "off" }, reason.why);
+    }
+    text + &format!("plan:\n{}", frame.plan)
+}
+
+fn explain_json(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, frame: &Frame) -> serde_json::Value {
+    let effects: serde_json::Map<_, _> = look.decided.iter().map(|(name, reason)| (name.to_string(), serde_json::json!(reason))).collect();
+    serde_json::json!({
+        "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics },
+        "cloud": { "points": facts.points, "files": facts.files, "nodes": resident.nodes.len(), "resident_bytes": resident.bytes() },
+        "color": { "shows": facts.shows, "why": facts.why_shown },
+        "camera": facts.view.camera,
+        "size": facts.view.size,
+        "drawn": drawn,
+        "effects": effects,
+        "settings": look.effects,
+        "passes": frame.passes.iter().map(|(name, _)| name).collect::<Vec<_>>(),
+        "barriers": frame.plan.barriers(),
+        "transient_bytes": frame.plan.bytes(),
+    })
+}
+
+/// Wall-clock milliseconds of the program's stages.
+struct Stages {
+    last: Instant,
+    done: Vec<(&'static str, f64)>,
+}
+
+impl Stages {
+    fn new() -> Stages {
+        Stages { last: Instant::now(), done: Vec::new() }
+    }
+
+    fn done(&mut self, name: &'static str) {
+        let now = Instant::now();
+        self.done.push((name, (now - self.last).as_secs_f64() * 1e3));
+        self.last = now;
+    }
+
+    fn print(&self, frame: &Frame) {
+        for (name, ms) in &self.done {
+            eprintln!("{name:<16} {ms:>9.1} ms");
+            if *name == "draw" {
+                frame.passes.iter().for_each(|(pass, ms)| eprintln!("  {pass:<14} {ms:>9.1} ms on the device"));
+            }
+        }
+        eprintln!("{:<16} {:>9.1} ms", "total", self.done.iter().map(|(_, ms)| ms).sum::<f64>());
+    }
+}

@@ -1,0 +1,66 @@
+//! Progress on a terminal, and Ctrl-C.
+
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+
+/// A bar for whatever takes over a second, on a terminal only; turns Ctrl-C into an error, so that what is half written gets removed.
+pub struct Terminal {
+    shows: bool,
+    since: Instant,
+    bar: Mutex<Option<(String, ProgressBar)>>,
+}
+
+impl Terminal {
+    pub fn new() -> Terminal {
+        // Without a handler Ctrl-C ends the process as it always does.
+        let _ = ctrlc::set_handler(|| {
+            if INTERRUPTED.swap(true, Relaxed) {
+                std::process::exit(130);
+            }
+        });
+        Terminal { shows: std::io::stderr().is_terminal(), since: Instant::now(), bar: Mutex::new(None) }
+    }
+}
+
+impl Default for Terminal {
+    fn default() -> Self {
+        Terminal::new()
+    }
+}
+
+impl Progress for Terminal {
+    fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()> {
+        if INTERRUPTED.load(Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        if !self.shows || self.since.elapsed() < Duration::from_secs(1) {
+            return Ok(());
+        }
+        let mut shown = self.bar.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if shown.as_ref().is_none_or(|(what, _)| what != doing) {
+            let bar = ProgressBar::new(total);
+            if let Ok(style) = ProgressStyle::with_template("{msg} {bar:30} {human_pos}/{human_len} {per_sec} {eta} left") {
+                bar.set_style(style);
+            }
+            bar.set_message(doing.to_string());
+            if let Some((_, old)) = shown.replace((doing.to_string(), bar)) {
+                old.finish_and_clear();
+            }
+        }
+        if let Some((_, bar)) = shown.as_ref() {
+            bar.set_length(total);
+            bar.set_position(done);
+            if done >= total && total > 0 {
+                bar.finish_and_clear();
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,92 @@
+//! Finished images in, PNG and EXR files out, whole or not at all.
+
+use crate::error::{Error, Result};
+use exr::prelude::{AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder};
+use exr::prelude::{SmallVec, WritableImage};
+use rayon::prelude::*;
+use std::path::Path;
+
+/// Writes beside `path` and renames, so that nobody ever sees half a file.
+pub fn whole_file(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+    let name = path.file_name().ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?;
+    let partial = path.with_file_name(format!(".{}.partial-{}", name.to_string_lossy(), std::process::id()));
+    let done = write(&partial).and_then(|()| std::fs::rename(&partial, path).map_err(|error| Error::io("write", path, error)));
+    if done.is_err() {
+        // It may never have been created.
+        let _ = std::fs::remove_file(&partial);
+    }
+    done
+}
+
+/// An 8-bit sRGB picture of linear colours; `linear` holds R G B A, row by row from the top left, and alpha is not written.
+pub fn write_png(path: &Path, size: [u32; 2], linear: &[[f32; 4]]) -> Result<()> {
+    let thresholds = Thresholds::new();
+    let bytes: Vec<u8> = linear.par_iter().flat_map_iter(|[r, g, b, _]| [r, g, b].map(|channel| thresholds.encode(*channel))).collect();
+    whole_file(path, |partial| {
+        let file = std::fs::File::create(partial).map_err(|error| Error::io("write", path, error))?;
+        let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), size[0], size[1]);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+        encoder.set_compression(png::Compression::Fast);
+        let failed = |error: png::EncodingError| match error {
+            png::EncodingError::IoError(source) => Error::io("write", path, source),
+            other => Error::format(path, other.to_string()),
+        };
+        let mut writer = encoder.write_header().map_err(failed)?;
+        writer.write_image_data(&bytes).map_err(failed)?;
+        writer.finish().map_err(failed)
+    })
+}
+
+/// Linear values above which a channel rounds to the next 8-bit code: exact, and the same on every machine.
+struct Thresholds([f32; 255]);
+
+impl Thresholds {
+    fn new() -> Thresholds {
+        Thresholds(std::array::from_fn(|code| crate::passes::resolve::srgb_to_linear((code as f64 + 0.5) / 255.0) as f32))
+    }
+
+    fn encode(&self, linear: f32) -> u8 {
+        self.0.partition_point(|&threshold| linear >= threshold) as u8
+    }
+}
+
+/// The values of one channel, row by row from the top left.
+pub enum Samples {
+    Float(Vec<f32>),
+    Id(Vec<u32>),
+}
+
+/// A 32-bit EXR picture of named channels; the same bytes whatever the number of threads.
+pub fn write_exr(path: &Path, size: [u32; 2], channels: Vec<(&str, Samples)>) -> Result<()> {
+    let channels: SmallVec<[_; 4]> = channels
+        .into_iter()
+        .map(|(name, samples)| match samples {
+            Samples::Float(values) => AnyChannel::new(name, FlatSamples::F32(values)),
+            Samples::Id(values) => AnyChannel::new(name, FlatSamples::U32(values)),
+        })
+        .collect();
+    // Blocks in order: the parallel compressor would otherwise write them as they come.
+    let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let layer = Layer::new((size[0] as usize, size[1] as usize), LayerAttributes::default(), encoding, AnyChannels::sort(channels));
+    whole_file(path, |partial| {
+        Image::from_layer(layer).write().to_file(partial).map_err(|error| match error {
+            exr::error::Error::Io(source) => Error::io("write", path, source),
+            other => Error::format(path, other.to_string()),
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_8_bit_code_survives_decoding_and_encoding() {
+        let thresholds = Thresholds::new();
+        for code in 0..=255u8 {
+            assert_eq!(thresholds.encode(crate::passes::resolve::srgb_to_linear(code as f64 / 255.0) as f32), code);
+        }
+        assert_eq!([-1.0, f32::NAN, 2.0, f32::INFINITY].map(|value| thresholds.encode(value)), [0, 0, 255, 255]);
+    }
+}
