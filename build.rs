@@ -99,7 +99,7 @@ fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &P
     let structure: String = file.split('_').map(|part| part[..1].to_uppercase() + &part[1..]).collect();
     let (mut declared, mut table, mut uses) = (String::new(), String::new(), String::new());
     for (bind, (name, (kind, access))) in &bindings {
-        let handle = if kind == "Buffer" || kind == "Texels" { "Buffer" } else { "Image" };
+        let handle = if kind == "Buffer" || kind.starts_with("Texels") { "Buffer" } else { "Image" };
         let reference = if access == "Read" { "&'a" } else { "&'a mut" };
         writeln!(declared, "    pub {name}: {reference} crate::graph::{handle},").unwrap();
         writeln!(table, "Binding {{ name: {name:?}, bind: {bind}, kind: Kind::{kind}, access: Access::{access} }},").unwrap();
@@ -146,7 +146,7 @@ fn binding(source: &Path, descriptor: &DescriptorType, ty: &Type) -> (String, St
     };
     match (descriptor, ty) {
         (DescriptorType::StorageBuffer(a), _) => ("Buffer".into(), access(a).into()),
-        (DescriptorType::UniformTexelBuffer(), _) => ("Texels".into(), "Read".into()),
+        (DescriptorType::StorageTexelBuffer(a), Type::StorageImage(image)) => (format!("Texels{:?}", image.fmt), access(a).into()),
         (DescriptorType::StorageImage(a), Type::StorageImage(image)) => (format!("{:?}", image.fmt), access(a).into()),
         _ => panic!("{}: only storage buffers, texel buffers and storage images are bound, not {ty}", source.display()),
     }

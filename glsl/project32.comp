@@ -5,7 +5,6 @@
 // Depths are recomputed by the same function from the same words, so the front point always meets its own depth (HARD_CASES 25).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_samplerless_texture_functions : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "points.glsl"
@@ -15,17 +14,18 @@ layout(constant_id = 4) const uint STEP = 0u;
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
-uniform utextureBuffer pages;
+layout(rgba32ui) readonly uniform uimageBuffer pages;
+// The words of `keys`.
+layout(r32ui) readonly uniform uimageBuffer front;
 layout(scalar) buffer Keys { uint word[]; } keys;
 
 #include "project.glsl"
 
 void meet(uint pixel, float depth, uint point) {
-    uint bits = floatBitsToUint(depth);
     if (STEP == 0u) {
-        if (!EARLY_READ || bits < keys.word[2u * pixel + 1u]) atomicMin(keys.word[2u * pixel + 1u], bits);
-    } else {
-        if (bits == keys.word[2u * pixel + 1u]) atomicMin(keys.word[2u * pixel], point);
+        atomicMin(keys.word[2u * pixel + 1u], floatBitsToUint(depth));
+    } else if (floatBitsToUint(depth) == keys.word[2u * pixel + 1u]) {
+        atomicMin(keys.word[2u * pixel], point);
     }
 }
 

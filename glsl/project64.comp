@@ -2,11 +2,8 @@
 //
 // Positive floats order like their bits, so the least key is the nearest point, and of equally near ones the least id:
 // the result does not depend on the order of execution (papers/README.md, conventions).
-//
-// One workgroup walks POINTS_PER_CHUNK points of one node in LANES lanes; the dispatch is exact, since a padded one costs 20 to 50 % (PROBE.md).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_samplerless_texture_functions : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
 #extension GL_EXT_shader_atomic_int64 : require
 #extension GL_GOOGLE_include_directive : require
@@ -16,14 +13,15 @@
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
-uniform utextureBuffer pages;
+layout(rgba32ui) readonly uniform uimageBuffer pages;
+// The words of `keys`.
+layout(r32ui) readonly uniform uimageBuffer front;
 layout(scalar) buffer Keys { uint64_t key[]; } keys;
 
 #include "project.glsl"
 
 void meet(uint pixel, float depth, uint point) {
-    uint64_t key = (uint64_t(floatBitsToUint(depth)) << 32) | uint64_t(point);
-    if (!EARLY_READ || key < keys.key[pixel]) atomicMin(keys.key[pixel], key);
+    atomicMin(keys.key[pixel], (uint64_t(floatBitsToUint(depth)) << 32) | uint64_t(point));
 }
 
 #include "walk.glsl"

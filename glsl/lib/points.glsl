@@ -1,9 +1,10 @@
 // Constants of every way of projecting.
 
+// One SIMD on a software device, a few on a GPU (PROBE.md).
 layout(local_size_x_id = 0) in;
 layout(constant_id = 0) const uint LANES = 8u;
 // Position planes to read: 10, 20 or 30 bits an axis.
 layout(constant_id = 1) const uint PLANES = 1u;
 layout(constant_id = 2) const bool PERSPECTIVE = true;
-// Reads the key before the atomic and skips it where the point loses anyway: gains on GPUs, loses on lavapipe (measured).
-layout(constant_id = 3) const bool EARLY_READ = false;
+// As in config.rs.
+layout(constant_id = 3) const uint POINTS_PER_CHUNK = 4096u;

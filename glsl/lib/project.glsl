@@ -8,9 +8,11 @@ layout(push_constant, scalar) uniform Push {
     float near;
     uint first_chunk;
     uint chunk_count;
-    uint points_per_chunk;
 } push;
 
+
+const uint CHUNKS_PER_PAGE = POINTS_PER_PAGE / POINTS_PER_CHUNK;
+const uint NO_POINT = 0xFFFFFFFFu;
 
 precise float row(vec4 r, vec3 d) {
     precise float sum = r.x * d.x + r.y * d.y + r.z * d.z + r.w;

@@ -1,30 +1,59 @@
-// The walk over points that every way of projecting shares: one workgroup takes one chunk of one node in LANES lanes.
-// The includer has `nodes`, `chunks`, project.glsl, and `meet`, which is called for every point that falls into the band.
+// The walk over points that every way of projecting shares: one workgroup takes one chunk of one node.
+// The includer has `nodes`, `chunks`, `pages`, `front`, project.glsl, and `meet`, which brings one point to its pixel.
+//
+//   for every four neighbours (a lane reads four words of a plane at once, which is one gathered load)
+//     place each in its pixel
+//     of neighbours in the same pixel keep the nearest           points are in Morton order, so many are
+//     bring it to the pixel unless something nearer is known to be there: a stale answer only costs an atomic, since keys only fall
+//
+// Measured on lavapipe, 4 M points, M points/s in Morton order: 82 with a storage buffer of words, 110 with fours, 137 with the early
+// read, 143 with the merging of neighbours, 176 with nodes drawn from front to back. Without any atomic: 485.
+
+void bring(uint pixel, float depth, uint point) {
+    uint seen = imageLoad(front, int(2u * min(pixel, 0x3FFFFFFFu) + 1u)).r;
+    if (pixel != NO_PIXEL && floatBitsToUint(depth) <= seen) meet(pixel, depth, point);
+}
 
 void main() {
     uint index = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
     if (index >= push.chunk_count) return;
     uint chunk = chunks.chunk[push.first_chunk + index];
-    uint n = chunk >> 6;
-    uint first = (chunk & 63u) * push.points_per_chunk;
-    uint count = min(nodes.node[n].count - first, push.points_per_chunk);
+    uint n = chunk / CHUNKS_PER_PAGE;
+    uint first = chunk % CHUNKS_PER_PAGE * POINTS_PER_CHUNK;
+    uint end = min(nodes.node[n].count, first + POINTS_PER_CHUNK);
     vec4 row_x = nodes.node[n].row_x;
     vec4 row_y = nodes.node[n].row_y;
     vec4 row_z = nodes.node[n].row_z;
     ivec3 nearest = nodes.node[n].nearest;
     uint first_point = nodes.node[n].first_point;
-    uint coarse = nodes.node[n].first_word;
-    uint fine = coarse + POINTS_PER_PAGE;
-    uint finest = fine + POINTS_PER_PAGE;
+    // Planes of a node follow each other, a page each.
+    uint plane = nodes.node[n].first_word / 4u;
 
-    // Lanes side by side: loads are coalesced on a GPU and gathered from one cache line on a CPU.
-    for (uint i = first + gl_LocalInvocationID.x; i < first + count; i += LANES) {
-        ivec3 cells = unpack_cells(texelFetch(pages, int(coarse + i)).r);
-        if (PLANES > 1u) cells = (cells << 10) | unpack_cells(texelFetch(pages, int(fine + i)).r);
-        if (PLANES > 2u) cells = (cells << 10) | unpack_cells(texelFetch(pages, int(finest + i)).r);
-        float depth;
-        uint pixel = place(row_x, row_y, row_z, cells - nearest, depth);
-        if (pixel == NO_PIXEL) continue;
-        meet(pixel, depth, first_point + i);
+    for (uint i = first + 4u * gl_LocalInvocationID.x; i < end; i += 4u * LANES) {
+        uvec4 coarse = imageLoad(pages, int(plane + i / 4u));
+        uvec4 fine = PLANES > 1u ? imageLoad(pages, int(plane + (POINTS_PER_PAGE + i) / 4u)) : uvec4(0u);
+        uvec4 finest = PLANES > 2u ? imageLoad(pages, int(plane + (2u * POINTS_PER_PAGE + i) / 4u)) : uvec4(0u);
+        uint kept_pixel = NO_PIXEL;
+        float kept_depth = 0.0;
+        uint kept_point = NO_POINT;
+        for (uint k = 0u; k < 4u; ++k) {
+            ivec3 cells = unpack_cells(coarse[k]);
+            if (PLANES > 1u) cells = (cells << 10) | unpack_cells(fine[k]);
+            if (PLANES > 2u) cells = (cells << 10) | unpack_cells(finest[k]);
+            float depth;
+            uint pixel = place(row_x, row_y, row_z, cells - nearest, depth);
+            if (i + k >= end) pixel = NO_PIXEL;
+            uint point = first_point + i + k;
+            if (pixel != kept_pixel) {
+                bring(kept_pixel, kept_depth, kept_point);
+            } else if (kept_depth <= depth) {
+                depth = kept_depth;
+                point = kept_point;
+            }
+            kept_pixel = pixel;
+            kept_depth = depth;
+            kept_point = point;
+        }
+        bring(kept_pixel, kept_depth, kept_point);
     }
 }

@@ -19,7 +19,9 @@ pub enum Access {
 pub enum Kind {
     Buffer,
     /// A buffer read as 32-bit words through texel fetches, which software devices gather ten times faster than storage buffers.
-    Texels,
+    TexelsR32ui,
+    /// The same in fours.
+    TexelsRgba32ui,
     R32f,
     R32ui,
     Rgba32f,
@@ -28,7 +30,7 @@ pub enum Kind {
 impl Kind {
     pub fn format(self) -> Option<vk::Format> {
         match self {
-            Kind::Buffer | Kind::Texels => None,
+            Kind::Buffer | Kind::TexelsR32ui | Kind::TexelsRgba32ui => None,
             Kind::R32f => Some(vk::Format::R32_SFLOAT),
             Kind::R32ui => Some(vk::Format::R32_UINT),
             Kind::Rgba32f => Some(vk::Format::R32G32B32A32_SFLOAT),
@@ -146,7 +148,7 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
 pub fn descriptor_type(kind: Kind) -> vk::DescriptorType {
     match kind {
         Kind::Buffer => vk::DescriptorType::STORAGE_BUFFER,
-        Kind::Texels => vk::DescriptorType::UNIFORM_TEXEL_BUFFER,
+        Kind::TexelsR32ui | Kind::TexelsRgba32ui => vk::DescriptorType::STORAGE_TEXEL_BUFFER,
         _ => vk::DescriptorType::STORAGE_IMAGE,
     }
 }

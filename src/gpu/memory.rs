@@ -49,14 +49,21 @@ impl ImageDesc {
     }
 }
 
+/// Views of a buffer as 32-bit words, and as fours of them; null where it has more than a device's texel buffers may have.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Texels {
+    pub words: vk::BufferView,
+    pub fours: vk::BufferView,
+}
+
 /// A buffer with its memory; mapped unless it lives on the device only.
 pub struct RawBuffer {
     pub raw: vk::Buffer,
     pub desc: BufferDesc,
     /// Device address, for pages that shaders reach by pointer.
     pub address: u64,
-    /// All of it as 32-bit words, for texel fetches; null where it has more than a device's texel buffers may have.
-    pub texels: vk::BufferView,
+    /// All of it as texels, for gathered loads.
+    pub texels: Texels,
     allocation: Allocation,
 }
 
@@ -107,7 +114,7 @@ impl Memory {
             return Ok(buffer);
         }
         use vk::BufferUsageFlags as Usage;
-        let usage = Usage::STORAGE_BUFFER | Usage::TRANSFER_SRC | Usage::TRANSFER_DST | Usage::SHADER_DEVICE_ADDRESS | Usage::VERTEX_BUFFER | Usage::UNIFORM_TEXEL_BUFFER;
+        let usage = Usage::STORAGE_BUFFER | Usage::TRANSFER_SRC | Usage::TRANSFER_DST | Usage::SHADER_DEVICE_ADDRESS | Usage::VERTEX_BUFFER | Usage::STORAGE_TEXEL_BUFFER;
         let info = vk::BufferCreateInfo::default().size(desc.bytes.max(4)).usage(usage);
         // SAFETY: a plain creation on a live device; memory of the asked requirements is bound before anyone sees the buffer.
         let (raw, requirements) = unsafe {
@@ -126,14 +133,22 @@ impl Memory {
             self.device.get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
         };
         device.name(raw, name);
-        let texels = if desc.place != Place::Download && desc.bytes / 4 <= device.limits.max_texel_buffer_elements as u64 {
-            let view = vk::BufferViewCreateInfo::default().buffer(raw).format(vk::Format::R32_UINT).range(vk::WHOLE_SIZE);
-            // SAFETY: the buffer has memory and was made with UNIFORM_TEXEL_BUFFER.
-            unsafe { self.device.create_buffer_view(&view, None) }.map_err(failed("vkCreateBufferView"))?
+        let texels = if desc.place == Place::Download {
+            Texels::default()
         } else {
-            vk::BufferView::null()
+            Texels { words: self.texels(device, raw, desc.bytes, 4)?, fours: self.texels(device, raw, desc.bytes, 16)? }
         };
         Ok(RawBuffer { raw, desc, address, texels, allocation })
+    }
+
+    fn texels(&self, device: &Device, buffer: vk::Buffer, bytes: u64, texel: u64) -> Result<vk::BufferView> {
+        if bytes / texel > device.limits.max_texel_buffer_elements as u64 {
+            return Ok(vk::BufferView::null());
+        }
+        let format = if texel == 4 { vk::Format::R32_UINT } else { vk::Format::R32G32B32A32_UINT };
+        let view = vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(bytes / texel * texel);
+        // SAFETY: the buffer has memory and was made with STORAGE_TEXEL_BUFFER; both formats are mandatory for it.
+        unsafe { self.device.create_buffer_view(&view, None) }.map_err(failed("vkCreateBufferView"))
     }
 
     pub fn image(&mut self, device: &Device, desc: ImageDesc, name: &str) -> Result<RawImage> {
@@ -187,7 +202,8 @@ impl Memory {
     pub fn destroy_buffer(&mut self, buffer: RawBuffer) {
         // SAFETY: the caller owned the buffer and the GPU is done with it.
         unsafe {
-            self.device.destroy_buffer_view(buffer.texels, None);
+            self.device.destroy_buffer_view(buffer.texels.words, None);
+            self.device.destroy_buffer_view(buffer.texels.fours, None);
             self.device.destroy_buffer(buffer.raw, None);
         }
         self.free(buffer.allocation);

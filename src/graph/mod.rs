@@ -10,7 +10,7 @@ pub use crate::gpu::{Access, BufferDesc, Code, ImageDesc, Kind, Place};
 
 use crate::error::{Error, Result};
 use crate::gpu::kernel::Kernels;
-use crate::gpu::memory::{Memory, RawBuffer};
+use crate::gpu::memory::{Memory, RawBuffer, Texels};
 use crate::gpu::Device;
 use ash::vk;
 use plan::{Pass, Plan, Resource, Shape};
@@ -30,6 +30,13 @@ pub struct Image {
 pub struct Buffer {
     id: ResourceId,
     pub desc: BufferDesc,
+}
+
+impl Buffer {
+    /// A second handle, for a shader that reads a buffer while it writes it atomically, and takes a stale value as well as a fresh one.
+    pub fn racing(&self) -> Buffer {
+        Buffer { id: self.id, desc: self.desc }
+    }
 }
 
 /// What generated code asks of a handle.
@@ -79,7 +86,7 @@ pub(crate) enum Work {
 #[derive(Clone, Copy)]
 pub(crate) struct Import {
     raw: vk::Buffer,
-    texels: vk::BufferView,
+    texels: Texels,
 }
 
 /// The device and what outlives a frame: memory, kernels.

@@ -7,7 +7,7 @@ use super::{Frame, Gpu, Graph, Import, Kind, LAYOUT, Place, ResourceId, Work, to
 use crate::error::{Error, Result};
 use crate::gpu::failed;
 use crate::gpu::kernel::descriptor_type;
-use crate::gpu::memory::{BufferDesc, RawBuffer, RawImage};
+use crate::gpu::memory::{BufferDesc, RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
 use crate::gpu::trail::Trail;
 use ash::vk;
@@ -20,7 +20,7 @@ enum Physical {
 }
 
 impl Physical {
-    fn buffer(&self) -> (vk::Buffer, vk::BufferView) {
+    fn buffer(&self) -> (vk::Buffer, Texels) {
         match self {
             Physical::Buffer(buffer) => (buffer.raw, buffer.texels),
             Physical::Imported(import) => (import.raw, import.texels),
@@ -187,7 +187,7 @@ impl Scratch {
                 for binding in code.bindings {
                     match binding.kind {
                         Kind::Buffer => buffers += 1,
-                        Kind::Texels => texels += 1,
+                        Kind::TexelsR32ui | Kind::TexelsRgba32ui => texels += 1,
                         _ => images += 1,
                     }
                 }
@@ -196,7 +196,7 @@ impl Scratch {
         let size = |ty, count: u32| vk::DescriptorPoolSize { ty, descriptor_count: count.max(1) };
         let sizes = [
             size(vk::DescriptorType::STORAGE_BUFFER, buffers),
-            size(vk::DescriptorType::UNIFORM_TEXEL_BUFFER, texels),
+            size(vk::DescriptorType::STORAGE_TEXEL_BUFFER, texels),
             size(vk::DescriptorType::STORAGE_IMAGE, images),
         ];
         let pool_info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.device.family).flags(vk::CommandPoolCreateFlags::TRANSIENT);
@@ -233,7 +233,8 @@ impl Scratch {
                 let mut images = Vec::new();
                 for (binding, id) in code.bindings.iter().zip(resources) {
                     match binding.kind {
-                        Kind::Texels => texels.push((binding, [at(id).buffer().1])),
+                        Kind::TexelsR32ui => texels.push((binding, [at(id).buffer().1.words])),
+                        Kind::TexelsRgba32ui => texels.push((binding, [at(id).buffer().1.fours])),
                         Kind::Buffer => buffers.push((binding, [vk::DescriptorBufferInfo::default().buffer(at(id).buffer().0).range(vk::WHOLE_SIZE)])),
                         _ => images.push((binding, [vk::DescriptorImageInfo::default().image_view(at(id).image().view).image_layout(LAYOUT)])),
                     }

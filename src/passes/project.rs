@@ -3,7 +3,7 @@
 //! On the CPU, in f64: which nodes the view can see, from how many planes each is drawn, and each node's rows to pixels and depth.
 //! On the GPU: `project64` with 64-bit atomics, or `project32` twice (depths first, then the least id at that depth) where a device has none.
 
-use crate::config::{BITS_PER_PLANE, NEAR_M, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE, QUANTISATION_PX};
+use crate::config::{BITS_PER_PLANE, CHUNKS_PER_PAGE, NEAR_M, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE, QUANTISATION_PX};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Tiles};
 use crate::resident::{Resident, ResidentNode};
@@ -69,11 +69,11 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
     let mut statistics = Statistics::default();
     let mut records = Vec::new();
     let mut chunks: BTreeMap<(usize, u32), Vec<u32>> = BTreeMap::new();
-    for node in &resident.nodes {
-        let Some(distance) = visible(view, node) else {
-            statistics.nodes_outside += 1;
-            continue;
-        };
+    let mut seen: Vec<_> = resident.nodes.iter().filter_map(|node| Some((visible(view, node)?, node))).collect();
+    statistics.nodes_outside = resident.nodes.len() - seen.len();
+    // Front to back, so that what lies behind finds its pixels taken. The order does not show: keys are unique.
+    seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (distance, node) in seen {
         let planes = planes(view, node, distance, precision);
         statistics.nodes_drawn += 1;
         statistics.points_drawn += node.count as u64;
@@ -82,7 +82,7 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
         let number = records.len() as u32;
         records.push(record_of(view, node, planes));
         let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes);
-        chunks.entry(group).or_default().extend((0..node.count.div_ceil(POINTS_PER_CHUNK)).map(|chunk| number << 6 | chunk));
+        chunks.entry(group).or_default().extend((0..node.count.div_ceil(POINTS_PER_CHUNK)).map(|chunk| number * CHUNKS_PER_PAGE + chunk));
     }
     let mut groups = Vec::new();
     let mut first_chunk = 0;
@@ -103,8 +103,9 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, band: Band) -> Buffer {
     let centre = [view.size[0] as f32 / 2.0, view.size[1] as f32 / 2.0 - band.top as f32];
     let size = band.size.map(|side| side as f32);
     let perspective = view.camera.projection == Projection::Perspective;
-    // Loop shapes as measured (PROBE.md): one SIMD of lanes without early reads on a CPU, wide groups with them on a GPU.
-    let (lanes, early_read) = if g.gpu.device.is_cpu { (8, false) } else { (128, true) };
+    let lanes = if g.gpu.device.is_cpu { 8 } else { 128 };
+    // Read beside the atomics on purpose: a stale key only costs an atomic.
+    let front = &keys.racing();
     let int64 = g.gpu.device.int64_atomics;
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
     for &step in steps {
@@ -114,13 +115,13 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, band: Band) -> Buffer {
             let tiles = Tiles::Groups([chunk_count.div_ceil(rows), rows, 1]);
             let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
             if int64 {
-                let push = project64::Push { centre, size, near: NEAR_M, first_chunk, chunk_count, points_per_chunk: POINTS_PER_CHUNK };
-                let spec = project64::Spec { lanes, planes, perspective, early_read };
-                g.run(shader::Project64 { nodes, chunks, pages, keys: &mut keys, push, spec }, tiles);
+                let push = project64::Push { centre, size, near: NEAR_M, first_chunk, chunk_count };
+                let spec = project64::Spec { lanes, planes, perspective, points_per_chunk: POINTS_PER_CHUNK };
+                g.run(shader::Project64 { nodes, chunks, pages, front, keys: &mut keys, push, spec }, tiles);
             } else {
-                let push = project32::Push { centre, size, near: NEAR_M, first_chunk, chunk_count, points_per_chunk: POINTS_PER_CHUNK };
-                let spec = project32::Spec { lanes, planes, perspective, early_read, step };
-                g.run(shader::Project32 { nodes, chunks, pages, keys: &mut keys, push, spec }, tiles);
+                let push = project32::Push { centre, size, near: NEAR_M, first_chunk, chunk_count };
+                let spec = project32::Spec { lanes, planes, perspective, points_per_chunk: POINTS_PER_CHUNK, step };
+                g.run(shader::Project32 { nodes, chunks, pages, front, keys: &mut keys, push, spec }, tiles);
             }
         }
     }
