@@ -16,10 +16,12 @@ layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Pla
 
 layout(local_size_x = 64) in;
 
-layout(scalar) readonly buffer Keys { uvec2 key[]; } keys;
-// Of every position page, the address of its attribute page.
-layout(scalar) readonly buffer Attributes { uvec2 page[]; } attributes;
-layout(scalar) readonly buffer Table { vec4 color[]; } table;
+// Two words a key: point, depth bits.
+layout(r32ui) readonly uniform uimageBuffer keys;
+// Of every page of positions, the two words of the address of the page that says what those points show.
+layout(r32ui) readonly uniform uimageBuffer shown;
+// 256 colours, four words of f32 bits each.
+layout(rgba32ui) readonly uniform uimageBuffer table;
 layout(r32f) writeonly uniform image2D depth;
 layout(r32ui) writeonly uniform uimage2D index;
 layout(rgba32f) writeonly uniform image2D color;
@@ -41,21 +43,30 @@ layout(push_constant, scalar) uniform Push {
 const uint NO_POINT = 0xFFFFFFFFu;
 const uint INFINITY_BITS = 0x7F800000u;
 
+vec4 color_of(uint entry) {
+    return uintBitsToFloat(imageLoad(table, int(entry)));
+}
+
 void main() {
     uvec2 at = gl_GlobalInvocationID.xy;
     if (at.x >= push.size.x || at.y >= push.size.y) return;
-    uvec2 key = keys.key[at.y * push.size.x + at.x];
+    int k = int(at.y * push.size.x + at.x);
+    uvec2 key = uvec2(imageLoad(keys, 2 * k).r, imageLoad(keys, 2 * k + 1).r);
     ivec2 pixel = ivec2(at.x, at.y + push.top);
     bool empty = key.x == NO_POINT;
     vec4 c = vec4(0.0);
     if (!empty) {
         uint word = 0u;
-        if (MODE != CONSTANT) word = Plane(attributes.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & (POINTS_PER_PAGE - 1u)];
-        if (MODE == RGB) c = vec4(table.color[word & 255u].r, table.color[(word >> 8) & 255u].g, table.color[(word >> 16) & 255u].b, 1.0);
-        if (MODE == RAMP) c = table.color[uint(clamp((float(word) - push.lo) * push.scale, 0.0, 255.0))];
-        if (MODE == PALETTE) c = table.color[word & 255u];
+        if (MODE != CONSTANT) {
+            int page = int(key.x >> POINTS_PER_PAGE_LOG2);
+            uvec2 address = uvec2(imageLoad(shown, 2 * page).r, imageLoad(shown, 2 * page + 1).r);
+            word = Plane(address).word[key.x & (POINTS_PER_PAGE - 1u)];
+        }
+        if (MODE == RGB) c = vec4(color_of(word & 255u).r, color_of((word >> 8) & 255u).g, color_of((word >> 16) & 255u).b, 1.0);
+        if (MODE == RAMP) c = color_of(uint(clamp((float(word) - push.lo) * push.scale, 0.0, 255.0)));
+        if (MODE == PALETTE) c = color_of(word & 255u);
         if (MODE == NORMAL) c = vec4(vec3(word & 255u, (word >> 8) & 255u, (word >> 16) & 255u) / 254.0, 1.0);
-        if (MODE == CONSTANT) c = table.color[0];
+        if (MODE == CONSTANT) c = color_of(0u);
     }
     imageStore(depth, pixel, vec4(uintBitsToFloat(empty ? INFINITY_BITS : key.y)));
     imageStore(index, pixel, uvec4(key.x));

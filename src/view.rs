@@ -128,11 +128,14 @@ pub enum Preset {
 }
 
 impl Camera {
-    /// A camera from which a box fills the picture. Nothing, or one point, is looked at from a metre away.
-    pub fn framing(preset: Preset, bounds: Option<(DVec3, DVec3)>, size: [u32; 2]) -> Camera {
-        let (min, max) = bounds.unwrap_or((DVec3::ZERO, DVec3::ZERO));
-        let centre = (min + max) / 2.0;
-        let half = (max - min) / 2.0;
+    /// A camera for which the points just fill the picture. Nothing, or one point, is looked at from a metre away.
+    ///
+    /// Perspective, in the camera's axes: every point needs |x - ex| <= t (z - ez), and the same for y. With a = max(x - t z) and b = max(-x - t z) that is
+    /// a - ex <= -t ez and b + ex <= -t ez, so the nearest eye is ex = (a - b) / 2, ez = -(a + b) / 2t; of the two ez the farther serves both.
+    pub fn framing(preset: Preset, points: &[DVec3], size: [u32; 2]) -> Camera {
+        let (min, max) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| (min.min(p), max.max(p)));
+        let centre = if points.is_empty() { DVec3::ZERO } else { (min + max) / 2.0 };
+        let half = if points.is_empty() { DVec3::ZERO } else { (max - min) / 2.0 };
         let flat = half.z < 0.3 * half.x.max(half.y);
         let (forward, up) = match preset {
             Preset::Top => (-DVec3::Z, DVec3::Y),
@@ -145,24 +148,68 @@ impl Camera {
                 ((along.normalize() - DVec3::Z * down).normalize(), DVec3::Z)
             }
         };
-        const MARGIN: f64 = 1.03;
+        const MARGIN: f64 = 1.06;
         let mut camera = Camera { eye: centre - forward, target: centre, up, fov_y: 40.0, projection: Projection::Perspective, ortho_height: None };
-        let basis = camera.basis().expect("eye and target are a metre apart");
+        let Basis { right, up, .. } = camera.basis().expect("eye and target are a metre apart");
         let aspect = size[0] as f64 / size[1] as f64;
-        let corners = (0..8).map(|i| half * DVec3::new([-1.0, 1.0][i & 1], [-1.0, 1.0][i >> 1 & 1], [-1.0, 1.0][i >> 2]));
-        let radius = half.length();
+        // The greatest of a linear form over the points, relative to their centre.
+        let most = |form: DVec3| points.iter().map(|&p| (p - centre).dot(form)).fold(f64::NEG_INFINITY, f64::max);
+        if half == DVec3::ZERO {
+            return camera;
+        }
         if preset == Preset::Fit {
             let slope = (camera.fov_y.to_radians() / 2.0).tan() / MARGIN;
-            let distance = corners
-                .map(|c| (c.dot(basis.up).abs()).max(c.dot(basis.right).abs() / aspect) / slope - c.dot(basis.forward))
-                .fold(0.0, f64::max);
-            camera.eye = centre - forward * if distance > 0.0 { distance } else { 1.0 };
+            let side = |axis: DVec3, slope: f64| {
+                let (a, b) = (most(axis - forward * slope), most(-axis - forward * slope));
+                ((a - b) / 2.0, -(a + b) / (2.0 * slope))
+            };
+            let ((x, z_by_width), (y, z_by_height)) = (side(right, slope * aspect), side(up, slope));
+            let z = z_by_width.min(z_by_height).min(-1e-3 * half.length());
+            camera.eye = centre + right * x + up * y + forward * z;
+            camera.target = camera.eye - forward * z;
         } else {
-            let height = corners.map(|c| 2.0 * c.dot(basis.up).abs().max(c.dot(basis.right).abs() / aspect)).fold(0.0, f64::max) * MARGIN;
+            let (left, width) = ((most(right) - most(-right)) / 2.0, most(right) + most(-right));
+            let (low, height) = ((most(up) - most(-up)) / 2.0, most(up) + most(-up));
+            camera.target = centre + right * left + up * low;
+            camera.eye = camera.target - forward * (2.0 * half.length());
             camera.projection = Projection::Orthographic;
-            camera.ortho_height = Some(if height > 0.0 { height } else { 1.0 });
-            camera.eye = centre - forward * (2.0 * radius).max(1.0);
+            let fitting = height.max(width / aspect) * MARGIN;
+            camera.ortho_height = Some(if fitting > 0.0 { fitting } else { half.length() });
         }
         camera
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_frames_every_point_and_leaves_little_margin() {
+        let points: Vec<_> = (0..500).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64 * 2.0, (i % 7) as f64) + 5e6).collect();
+        for preset in [Preset::Top, Preset::Front, Preset::Iso, Preset::Fit] {
+            for size in [[1920, 1080], [300, 900]] {
+                let view = View::new(Camera::framing(preset, &points, size), size).unwrap();
+                let (mut fill, f) = ([0.0f64; 2], view.focal_px());
+                for p in &points {
+                    let d = *p - view.camera.eye;
+                    let z = d.dot(view.basis.forward);
+                    assert!(z > 0.0);
+                    let scale = if view.camera.projection == Projection::Perspective { f / z } else { f };
+                    let pixel = [d.dot(view.basis.right) * scale / size[0] as f64 * 2.0, d.dot(view.basis.up) * scale / size[1] as f64 * 2.0];
+                    fill = [fill[0].max(pixel[0].abs()), fill[1].max(pixel[1].abs())];
+                }
+                assert!(fill[0] < 1.0 && fill[1] < 1.0 && fill[0].max(fill[1]) > 0.9, "{preset:?} {size:?}: {fill:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_and_one_point_are_framed_too() {
+        for points in [vec![], vec![DVec3::splat(5e6)]] {
+            for preset in [Preset::Top, Preset::Front, Preset::Iso, Preset::Fit] {
+                View::new(Camera::framing(preset, &points, [64, 64]), [64, 64]).unwrap();
+            }
+        }
     }
 }

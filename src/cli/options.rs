@@ -129,7 +129,7 @@ impl PictureOptions {
     pub fn view(&self, cloud: &Cloud) -> Result<View> {
         let camera = match &self.camera {
             Some(path) => read_camera(path)?,
-            None => Camera::framing(self.view, cloud.core_bounds(), self.size.0),
+            None => Camera::framing(self.view, &cloud.core_points(), self.size.0),
         };
         View::new(camera, self.size.0)
     }

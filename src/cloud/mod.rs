@@ -9,7 +9,7 @@
 pub mod attribute;
 mod axis;
 mod color;
-mod core_bounds;
+mod core;
 pub mod e57;
 mod floats;
 mod guard;

@@ -20,7 +20,7 @@ pub fn layers(g: &mut Graph, view: &View) -> Layers {
 
 /// What turns a point's word into a colour, on the GPU.
 pub struct Paint {
-    attributes: Buffer,
+    shown: Buffer,
     table: Buffer,
     mode: u32,
     ramp: [f32; 2],
@@ -35,9 +35,9 @@ pub fn paint(g: &mut Graph, resident: &Resident) -> Result<Paint> {
         Attribute::Normal => 3,
         Attribute::White => 4,
     };
-    let attributes = g.upload("attributes", &resident.shown_pages())?;
+    let shown = g.upload("shown", &resident.shown_pages())?;
     let table = g.upload("table", &table(attribute))?;
-    Ok(Paint { attributes, table, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
+    Ok(Paint { shown, table, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
 }
 
 pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, layers: Layers) -> Layers {
@@ -47,7 +47,7 @@ pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, layers: L
     g.run(
         shader::Resolve {
             keys,
-            attributes: &paint.attributes,
+            shown: &paint.shown,
             table: &paint.table,
             depth: &mut depth,
             index: &mut index,
