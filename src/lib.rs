@@ -1,4 +1,50 @@
-//! pointillist (crate docs to be written)
+//! Draws raw, unstructured point clouds with Vulkan: no normals, no radii, no waiting.
+//!
+//! ```text
+//! file on disk -> columns -> nodes -> resident pages -> project -> resolve -> effects -> composite -> image file
+//!                 cloud      index    resident          passes ------------------------------------> picture
+//! ```
+//!
+//! The modules, in the order of the flow; each uses only what stands before it, which `tests/imports.rs` checks.
+//!
+//! - [`cloud`]: files to columns of points, on the files' own integer lattices. [`synth`]: files with known truth, from analytic scenes.
+//! - [`index`]: points to nodes of at most 65,536 points in Morton order, their positions in planes of bits.
+//! - [`view`]: the camera, f64.
+//! - [`gpu`]: Vulkan, and nothing about points. [`graph`]: passes in order, with the barriers that they need. [`shader`]: the shaders as
+//!   Rust structs, generated from their SPIR-V.
+//! - [`resident`]: the nodes on the device, in pages of one size.
+//! - [`passes`]: one file a pass, and the registry of effects. [`look`]: which effects run, and why. [`frame`]: the whole frame, top to bottom.
+//! - [`picture`]: PNG and EXR. [`cli`]: the program, one file a subcommand.
+//! - For all: [`config`] (every limit and default), [`error`], [`progress`], [`whole_file`].
+//!
+//! A picture, from a file, without the program:
+//!
+//! ```no_run
+//! use pointillist::{cloud, frame, gpu, graph, look, passes, picture, progress::Silent, resident::Resident, view};
+//!
+//! # fn main() -> pointillist::error::Result<()> {
+//! let options = cloud::ReadOptions { wanted: cloud::Wanted { rgb: true, ..Default::default() }, strict: false };
+//! let cloud = cloud::read(&["scan.laz".into()], &options, &Silent)?;
+//! let camera = view::Camera::framing(view::Preset::Fit, cloud.core_bounds(), [1920, 1080]);
+//! let view = view::View::new(camera, [1920, 1080])?;
+//! let (shown, _why) = cloud::attribute::Shown::automatic(&cloud);
+//!
+//! let mut gpu = graph::Gpu::open(&gpu::Wish::default())?;
+//! let resident = Resident::fill(&mut gpu, cloud, shown, &Silent)?;
+//! let look = look::decide(&look::Wishes::default(), &passes::Scene { view: &view, points: resident.points });
+//!
+//! let mut g = graph::Graph::new(&mut gpu);
+//! let outcome = frame::record(&mut g, &view, &resident, &look)?;
+//! let download = g.download(&outcome.picture);
+//! let frame = g.submit(&[])?;
+//! picture::write_png("out.png".as_ref(), view.size, frame.read(&download))?;
+//! frame.shelve(&mut gpu);
+//! resident.free(&mut gpu);
+//! # Ok(())
+//! # }
+//! ```
+
+pub mod bench;
 pub mod cli;
 pub mod cloud;
 pub mod config;
@@ -13,5 +59,7 @@ pub mod picture;
 pub mod progress;
 pub mod resident;
 pub mod shader;
+pub mod study;
 pub mod synth;
 pub mod view;
+pub mod whole_file;

@@ -1,22 +1,11 @@
 //! Finished images in, PNG and EXR files out, whole or not at all.
 
 use crate::error::{Error, Result};
+use crate::whole_file::whole_file;
 use exr::prelude::{AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder};
 use exr::prelude::{SmallVec, WritableImage};
 use rayon::prelude::*;
 use std::path::Path;
-
-/// Writes beside `path` and renames, so that nobody ever sees half a file.
-pub fn whole_file(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-    let name = path.file_name().ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?;
-    let partial = path.with_file_name(format!(".{}.partial-{}", name.to_string_lossy(), std::process::id()));
-    let done = write(&partial).and_then(|()| std::fs::rename(&partial, path).map_err(|error| Error::io("write", path, error)));
-    if done.is_err() {
-        // It may never have been created.
-        let _ = std::fs::remove_file(&partial);
-    }
-    done
-}
 
 /// An 8-bit sRGB picture of linear colours; `linear` holds R G B A, row by row from the top left, and alpha is not written.
 pub fn write_png(path: &Path, size: [u32; 2], linear: &[[f32; 4]]) -> Result<()> {

@@ -6,7 +6,7 @@
 
 use crate::cloud::attribute::Shown;
 use crate::cloud::{Cloud, Columns, Lattice};
-use crate::config::{NO_POINT, PAGES_PER_BLOCK, POINTS_PER_PAGE};
+use crate::config::{BITS_PER_PLANE, NO_POINT, PAGES_PER_BLOCK, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::gpu::memory::RawBuffer;
 use crate::gpu::{BufferDesc, Place};
@@ -14,6 +14,7 @@ use crate::graph::{Buffer, Gpu, Graph};
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
 use crate::progress::Progress;
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// A node whose planes are on the GPU.
@@ -33,7 +34,7 @@ impl ResidentNode {
     }
 
     /// World corners of its box.
-    pub fn bounds(&self) -> (glam::DVec3, glam::DVec3) {
+    pub fn bounds(&self) -> (DVec3, DVec3) {
         let top = [0, 1, 2].map(|axis| self.frame.origin[axis] + self.frame.extent[axis] as i64);
         let (a, b) = (self.lattice.world(self.frame.origin), self.lattice.world(top));
         (a.min(b), a.max(b))
@@ -133,6 +134,24 @@ impl Resident {
         }
         self.pages += count;
         self.pages - count
+    }
+
+    /// World positions of all points, decoded from the pages, in the order of their ids.
+    pub fn positions(&self) -> impl Iterator<Item = DVec3> + '_ {
+        self.nodes.iter().flat_map(move |node| {
+            let Frame { origin, bits, planes, .. } = node.frame;
+            let pad = BITS_PER_PLANE * planes - bits;
+            let block = &self.blocks[(node.first_page / PAGES_PER_BLOCK) as usize];
+            let first = (node.first_page % PAGES_PER_BLOCK * POINTS_PER_PAGE) as usize;
+            let words: &[u32] = &bytemuck::cast_slice(block.bytes())[first..];
+            (0..node.count as usize).map(move |i| {
+                let cells = (0..planes as usize).fold([0u32; 3], |cells, plane| {
+                    let word = words[plane * POINTS_PER_PAGE as usize + i];
+                    [0, 1, 2].map(|axis| cells[axis] << BITS_PER_PLANE | word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1))
+                });
+                node.lattice.world([0, 1, 2].map(|axis| origin[axis] + (cells[axis] >> pad) as i64))
+            })
+        })
     }
 
     /// Handles of the pool's blocks for one frame; a block's page `p` starts at word `p * points per page`.

@@ -1,14 +1,16 @@
 //! `pointillist synth`: a simulated scan of an analytic scene into a LAS file, or its truth for a camera into an EXR picture.
 
+use super::options::{Size, read_camera};
+use crate::config;
 use crate::error::{Error, Result};
+use crate::picture::{Samples, write_exr};
 use crate::progress::Progress;
 use crate::synth::{self, LasFile, Look, Scene, World};
 use crate::view::{Camera, Projection, View};
-use exr::prelude::{AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder};
-use exr::prelude::{SmallVec, WritableImage};
+use crate::whole_file::whole_file;
 use glam::DVec3;
 use rayon::prelude::*;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -50,8 +52,8 @@ pub struct Arguments {
     #[arg(long, value_name = "CAMERA.json", requires = "output")]
     pub truth: Option<PathBuf>,
     /// Size of the --truth picture, pixels
-    #[arg(long, default_value = "1920x1080", value_name = "WxH", value_parser = parse_size)]
-    pub size: [u32; 2],
+    #[arg(long, value_name = "WxH", default_value_t = Size(config::SIZE))]
+    pub size: Size,
     /// Write a good camera for the scene
     #[arg(long, value_name = "CAMERA.json")]
     pub camera_out: Option<PathBuf>,
@@ -64,13 +66,6 @@ fn parse_offset(text: &str) -> std::result::Result<DVec3, String> {
         [e, n, h] if e.is_finite() && n.is_finite() && h.is_finite() => Ok(DVec3::new(e, n, h)),
         _ => Err("three finite numbers are needed: E,N,H".to_owned()),
     }
-}
-
-fn parse_size(text: &str) -> std::result::Result<[u32; 2], String> {
-    let parsed = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    parsed
-        .filter(|[w, h]| (1..=32_768).contains(w) && (1..=32_768).contains(h))
-        .ok_or_else(|| "WIDTHxHEIGHT is needed, 1 to 32768".to_owned())
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
@@ -86,10 +81,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     match (&arguments.output, &arguments.truth) {
         (Some(output), Some(camera)) => {
-            let text = std::fs::read_to_string(camera).map_err(|e| Error::io("read", camera, e))?;
-            let camera = serde_json::from_str(&text).map_err(|e| Error::format(camera, format!("is no camera: {e}")))?;
-            let view = View::new(camera, arguments.size)?;
-            whole_file(output, |partial| write_truth(&world, &view, partial, progress))
+            let view = View::new(read_camera(camera)?, arguments.size.0)?;
+            let Truth { channels, parts, .. } = truth(&world, &view, progress)?;
+            let planes = channels.into_iter().map(|(name, values)| (name, Samples::Float(values)));
+            write_exr(output, view.size, planes.chain([("index.V", Samples::Id(parts))]).collect())
         }
         (Some(output), None) => {
             let noise = arguments.noise.unwrap_or(arguments.scene.default_noise());
@@ -105,18 +100,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 /// The scene's own camera as the renderer's.
 pub fn camera(look: Look) -> Camera {
     Camera { eye: look.eye, target: look.target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None }
-}
-
-/// Writes beside `path` and renames, so that nobody sees half a file.
-fn whole_file(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-    let name = path.file_name().ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?;
-    let partial = path.with_file_name(format!("{}.partial-{}", name.to_string_lossy(), std::process::id()));
-    let done = write(&partial).and_then(|()| std::fs::rename(&partial, path).map_err(|e| Error::io("create", path, e)));
-    if done.is_err() {
-        // It may never have been created.
-        let _ = std::fs::remove_file(&partial);
-    }
-    done
 }
 
 /// One sample for each pixel centre, as f32 planes; what a checker compares with.
@@ -145,7 +128,7 @@ pub fn truth(world: &World, view: &View, progress: &dyn Progress) -> Result<Trut
             let Some(hit) = world.trace(origin - world.offset, direction) else {
                 let mut nothing = [0.0; 12];
                 nothing[4] = f32::INFINITY;
-                return (nothing, crate::config::NO_POINT);
+                return (nothing, config::NO_POINT);
             };
             let (c, n, a) = (hit.lit.as_vec3(), hit.normal.as_vec3(), hit.albedo.as_vec3());
             // The direction's forward component is 1, so t is planar depth.
@@ -158,19 +141,4 @@ pub fn truth(world: &World, view: &View, progress: &dyn Progress) -> Result<Trut
         }
     }
     Ok(Truth { size: view.size, channels: CHANNELS.into_iter().zip(channels).collect(), parts })
-}
-
-fn write_truth(world: &World, view: &View, path: &Path, progress: &dyn Progress) -> Result<()> {
-    let truth = truth(world, view, progress)?;
-    let planes = truth.channels.into_iter().map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)));
-    let parts = AnyChannel::new("index.V", FlatSamples::U32(truth.parts));
-    let channels: SmallVec<[_; 4]> = planes.chain(std::iter::once(parts)).collect();
-    // Blocks in order: the parallel compressor would otherwise write them as they come, and the bytes would depend on the threads.
-    let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-    let size = (truth.size[0] as usize, truth.size[1] as usize);
-    let layer = Layer::new(size, LayerAttributes::default(), encoding, AnyChannels::sort(channels));
-    Image::from_layer(layer).write().to_file(path).map_err(|e| match e {
-        exr::error::Error::Io(source) => Error::io("write", path, source),
-        other => Error::format(path, other.to_string()),
-    })
 }

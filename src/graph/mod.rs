@@ -78,6 +78,7 @@ pub enum Tiles {
 pub(crate) enum Work {
     Run { code: Code, constants: Vec<(u32, u32)>, push: Vec<u8>, resources: Vec<ResourceId>, groups: [u32; 3] },
     Fill { buffer: ResourceId, word: u32 },
+    CopyBuffer { from: ResourceId, to: ResourceId, bytes: u64 },
     CopyOut { image: ResourceId, buffer: ResourceId },
     Draw(crate::gpu::raster::Draw, [ResourceId; 3]),
 }
@@ -214,6 +215,15 @@ impl<'g> Graph<'g> {
         let desc = BufferDesc { bytes: image.desc.bytes(), place: Place::Download };
         let buffer = Buffer { id: self.add(&name, Shape::Buffer(desc)), desc };
         self.push(&name, vec![(image.id, Access::Read), (buffer.id, Access::Write)], Work::CopyOut { image: image.id, buffer: buffer.id });
+        buffer
+    }
+
+    /// Asks for a buffer's contents after the submission.
+    pub fn download_buffer(&mut self, from: &Buffer) -> Buffer {
+        let name = format!("read {}", self.resources[from.id.0].name);
+        let desc = BufferDesc { bytes: from.desc.bytes, place: Place::Download };
+        let buffer = Buffer { id: self.add(&name, Shape::Buffer(desc)), desc };
+        self.push(&name, vec![(from.id, Access::Read), (buffer.id, Access::Write)], Work::CopyBuffer { from: from.id, to: buffer.id, bytes: desc.bytes });
         buffer
     }
 

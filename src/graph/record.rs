@@ -261,6 +261,11 @@ impl Scratch {
                 // SAFETY: the buffer was made with TRANSFER_DST.
                 unsafe { self.device.cmd_fill_buffer(self.commands, at(id).buffer().0, 0, vk::WHOLE_SIZE, *word) };
             }
+            Work::CopyBuffer { from, to, bytes } => {
+                let region = vk::BufferCopy::default().size(*bytes);
+                // SAFETY: both buffers have at least so many bytes.
+                unsafe { self.device.cmd_copy_buffer(self.commands, at(from).buffer().0, at(to).buffer().0, &[region]) };
+            }
             Work::CopyOut { image: from, buffer: to } => {
                 let from = at(from).image();
                 let depth = from.desc.format == vk::Format::D32_SFLOAT;

@@ -1,24 +1,24 @@
 //! Chunks in, a LAS or LAZ file out: LAS 1.2, point format 3 (time and colour), streamed and atomic.
 //!
-//! Everything goes to a temporary file in the same folder that takes the asked-for name only when it is complete; it is removed
-//! when it is dropped before that (an error, Ctrl-C through `Progress`). Records are packed here, 34 bytes each, and handed to the
-//! `las` crate as they are, which keeps the header's counts and bounds and compresses when the name ends in `.laz`.
+//! The file is whole or not there (`whole_file`). Records are packed here, 34 bytes each, and handed to the `las` crate as they are,
+//! which keeps the header's counts and bounds and compresses when the name ends in `.laz`.
 
 use super::chunk::{Chunk, Lattice};
 use crate::error::{Error, Result};
+use crate::whole_file::WholeFile;
 use las::point::Format;
 use las::{Builder, PointDataBuilder, Transform, Vector, Writer};
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
 const RECORD_BYTES: usize = 34;
 
 pub struct LasFile {
     path: PathBuf,
-    partial: PathBuf,
-    /// None once it is closed.
-    writer: Option<Writer<BufWriter<File>>>,
+    // Before the file that it writes to, so that it is closed before that is removed.
+    writer: Writer<Sink>,
+    file: WholeFile,
     lattice: Lattice,
 }
 
@@ -28,13 +28,9 @@ impl LasFile {
         if points > u32::MAX as u64 {
             return Err(Error::Request(format!("{points} points are more than LAS 1.2 can count ({}); write several files", u32::MAX)));
         }
-        let mut name = path.file_name().ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?.to_owned();
+        let whole = WholeFile::create(path)?;
+        let file = File::create(whole.partial()).map_err(|e| Error::io("create", path, e))?;
         let compressed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("laz"));
-        name.push(format!(".partial-{}", std::process::id()));
-        let partial = path.with_file_name(name);
-        let file = File::create(&partial).map_err(|e| Error::io("create", &partial, e))?;
-        // From here on a drop removes the file.
-        let mut las_file = LasFile { path: path.to_owned(), partial, writer: None, lattice };
         let mut builder = Builder::from((1, 2));
         builder.point_format = Format::new(3).map_err(|e| failed(path, e))?;
         builder.point_format.is_compressed = compressed;
@@ -44,8 +40,9 @@ impl LasFile {
         builder.system_identifier = "SIMULATION".to_owned();
         builder.transforms = transforms(lattice);
         let header = builder.into_header().map_err(|e| failed(path, e))?;
-        las_file.writer = Some(Writer::new(BufWriter::with_capacity(1 << 20, file), header).map_err(|e| failed(path, e))?);
-        Ok(las_file)
+        let sink = Sink { file: BufWriter::with_capacity(1 << 20, file), broken: false };
+        let writer = Writer::new(sink, header).map_err(|e| failed(path, e))?;
+        Ok(LasFile { path: path.to_owned(), writer, file: whole, lattice })
     }
 
     pub fn write(&mut self, chunk: &Chunk) -> Result<()> {
@@ -67,31 +64,54 @@ impl LasFile {
             }
             bytes.extend_from_slice(&record);
         }
-        let writer = self.writer.as_mut().expect("not yet closed");
         let points = PointDataBuilder::new()
-            .with_format(*writer.header().point_format())
+            .with_format(*self.writer.header().point_format())
             .with_transforms(transforms(self.lattice))
             .build_from_bytes(bytes)
-            .and_then(|points| writer.write_points(&points));
+            .and_then(|points| self.writer.write_points(&points));
         points.map_err(|e| failed(&self.path, e))
     }
 
     /// Completes the header and gives the file its name.
     pub fn finish(mut self) -> Result<()> {
-        let mut writer = self.writer.take().expect("finished once");
-        writer.close().map_err(|e| failed(&self.path, e))?;
-        let file = writer.into_inner().map_err(|e| failed(&self.path, e))?;
-        let file = file.into_inner().map_err(|e| Error::io("write", &self.path, e.into_error()))?;
-        file.sync_all().map_err(|e| Error::io("write", &self.path, e))?;
-        std::fs::rename(&self.partial, &self.path).map_err(|e| Error::io("create", &self.path, e))
+        self.writer.close().map_err(|e| failed(&self.path, e))?;
+        let file = self.writer.into_inner().map_err(|e| failed(&self.path, e))?;
+        file.file.into_inner().map_err(|e| Error::io("write", &self.path, e.into_error()))?;
+        self.file.finish()
     }
 }
 
-impl Drop for LasFile {
-    fn drop(&mut self) {
-        self.writer = None;
-        // After a rename there is nothing to remove, and nobody to tell if it fails.
-        let _ = std::fs::remove_file(&self.partial);
+/// Writes until the first failure, which it reports, and from then on only pretends to: the `las` writer closes itself when it is dropped,
+/// and panics where that fails.
+struct Sink {
+    file: BufWriter<File>,
+    broken: bool,
+}
+
+impl Sink {
+    fn unless_broken<T>(&mut self, pretended: T, act: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>) -> io::Result<T> {
+        if self.broken {
+            return Ok(pretended);
+        }
+        let done = act(&mut self.file);
+        self.broken = done.as_ref().is_err_and(|error| error.kind() != io::ErrorKind::Interrupted);
+        done
+    }
+}
+
+impl Write for Sink {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.unless_broken(bytes.len(), |file| file.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.unless_broken((), |file| file.flush())
+    }
+}
+
+impl Seek for Sink {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        self.unless_broken(0, |file| file.seek(to))
     }
 }
 

@@ -1,0 +1,234 @@
+//! `bench project`: our projection against the way the papers drew points, and against the CPU.
+//!
+//! In: a sphere from `synth`, in Morton order or shuffled. Ways, interleaved round by round on the same device and view:
+//! - `compute64`, `compute32`: ours, clearing and projecting; the keys hold depth and point;
+//! - `point_list`: a POINT_LIST pipeline with depth test that writes depth and point, from a vertex buffer of f32 positions in the same order;
+//! - `cpu`: a plain multi-threaded loop over the same f32 positions with atomic 64-bit minima and an early read: what the CPU can do at all.
+//!
+//! The rasteriser draws on a device of its own: once lavapipe has rasterised, the timestamps around its compute passes no longer wait for them.
+//! Before anything is timed all ways draw once, which warms them up, and the numbers of pixels that they cover are compared.
+
+use super::{Row, quartiles};
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
+use crate::config::NO_POINT;
+use crate::error::{Error, Result};
+use crate::gpu::Wish;
+use crate::gpu::raster::Draw;
+use crate::graph::{Buffer, Gpu, Graph, Handle, ImageDesc, Kind};
+use crate::index;
+use crate::passes::project::{self, Precision};
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::shader;
+use crate::synth::{self, Scene};
+use crate::view::{Camera, Preset, View};
+use ash::vk;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::Instant;
+
+pub const WAYS: [&str; 4] = ["compute64", "compute32", "point_list", "cpu"];
+
+/// What to measure.
+pub struct Plan {
+    pub points: Vec<u64>,
+    pub sizes: Vec<[u32; 2]>,
+    pub repeat: usize,
+    pub seed: u64,
+}
+
+struct Gpus {
+    compute: Gpu,
+    raster: Gpu,
+}
+
+pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut gpus = Gpus { compute: Gpu::open(wish)?, raster: Gpu::open(wish)? };
+    let mut rows = Vec::new();
+    for &points in &plan.points {
+        let cloud = sphere(points, plan.seed, progress)?;
+        let sample = cloud.core_points();
+        for order in ["morton", "shuffled"] {
+            let arrange = if order == "morton" { index::organise } else { index::shuffle };
+            let shown = Shown::new(Attribute::White, &cloud);
+            let resident = Resident::arrange(&mut gpus.compute, cloud.clone(), shown, arrange, progress)?;
+            let scene = Points::new(&resident);
+            for &size in &plan.sizes {
+                let view = View::new(Camera::framing(Preset::Fit, &sample, size), size)?;
+                rows.extend(measure(&mut gpus, &resident, &scene, &view, order, plan.repeat, progress)?);
+            }
+            resident.free(&mut gpus.compute);
+        }
+    }
+    Ok(rows)
+}
+
+/// Points of the scene `sphere`, in the order in which the scanner made them.
+fn sphere(points: u64, seed: u64, progress: &dyn Progress) -> Result<Cloud> {
+    let world = synth::build(Scene::Sphere, seed, 0.0);
+    let mut columns = Columns::default();
+    let mut keep = |chunk: &synth::Chunk| {
+        columns.x.extend(&chunk.x);
+        columns.y.extend(&chunk.y);
+        columns.z.extend(&chunk.z);
+        Ok(())
+    };
+    synth::scan(&world, points, seed, 0.0, &mut keep, progress)?;
+    let lattice = Lattice { step: DVec3::splat(world.lattice().step), offset: world.lattice().offset };
+    let part = Part {
+        path: PathBuf::from("sphere"),
+        name: None,
+        header: Header::default(),
+        lattice,
+        columns,
+        intensity_range: [0.0, 65_535.0],
+        rgb_bits: 8,
+    };
+    Ok(Cloud { parts: vec![part], ..Cloud::default() })
+}
+
+/// f32 positions relative to a centre: what a vertex buffer holds, and what the CPU loops over.
+struct Points {
+    centre: DVec3,
+    positions: Vec<[f32; 3]>,
+}
+
+impl Points {
+    fn new(resident: &Resident) -> Points {
+        let centre = resident.nodes.first().map_or(DVec3::ZERO, |node| node.bounds().0);
+        Points { centre, positions: resident.positions().map(|p| (p - centre).as_vec3().to_array()).collect() }
+    }
+
+    /// Rows to pixels times depth from the picture's centre, and to depth.
+    fn rows(&self, view: &View) -> [[f32; 4]; 3] {
+        let offset = self.centre - view.camera.eye;
+        let f = view.focal_px();
+        [view.basis.right * f, view.basis.up * -f, view.basis.forward].map(|axis| axis.extend(axis.dot(offset)).as_vec4().to_array())
+    }
+}
+
+fn measure(
+    gpus: &mut Gpus,
+    resident: &Resident,
+    points: &Points,
+    view: &View,
+    order: &str,
+    repeat: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<Row>> {
+    let ways: Vec<_> = WAYS.into_iter().filter(|&way| way != "compute64" || gpus.compute.device.int64_atomics).collect();
+    let mut covered = Vec::new();
+    for &way in &ways {
+        covered.push(draw(gpus, resident, points, view, way, true)?.1);
+    }
+    // Reversed f32 depth and positions relative to one centre round otherwise than ours: a few pixels in a thousand may differ, not more.
+    if covered.iter().any(|&pixels| pixels.abs_diff(covered[0]) as f64 > 3e-3 * covered[0] as f64) {
+        return Err(Error::Request(format!("the ways do not draw the same: {ways:?} cover {covered:?} pixels")));
+    }
+    let mut times = vec![Vec::new(); ways.len()];
+    for round in 0..repeat {
+        progress.tick(&format!("bench {} points {order}", points.positions.len()), round as u64, repeat as u64)?;
+        for (way, times) in ways.iter().zip(&mut times) {
+            times.push(draw(gpus, resident, points, view, way, false)?.0);
+        }
+    }
+    let row = |(way, mut times): (&str, Vec<f64>)| {
+        let [ms_q1, ms_median, ms_q3] = quartiles(&mut times);
+        let cpu = way == "cpu";
+        Row {
+            way: way.to_string(),
+            points: points.positions.len() as u64,
+            order: order.to_string(),
+            size: format!("{}x{}", view.size[0], view.size[1]),
+            ms_median,
+            ms_q1,
+            ms_q3,
+            mpts_per_s: points.positions.len() as f64 / ms_median / 1e3,
+            device: if cpu { format!("{} threads", rayon::current_num_threads()) } else { gpus.compute.device.name.clone() },
+            driver: if cpu { format!("rustc, {}", std::env::consts::ARCH) } else { gpus.compute.device.driver.clone() },
+        }
+    };
+    Ok(ways.into_iter().zip(times).map(row).collect())
+}
+
+/// Draws once in one way: milliseconds, and the pixels covered where they are to be counted.
+fn draw(gpus: &mut Gpus, resident: &Resident, points: &Points, view: &View, way: &str, count: bool) -> Result<(f64, usize)> {
+    match way {
+        "cpu" => Ok(draw_on_cpu(points, view)),
+        "point_list" => draw_point_list(&mut gpus.raster, points, view, count),
+        _ => {
+            let gpu = &mut gpus.compute;
+            let int64 = gpu.device.int64_atomics;
+            gpu.device.int64_atomics = way == "compute64";
+            let drawn = draw_keys(gpu, resident, view, count);
+            gpu.device.int64_atomics = int64;
+            drawn
+        }
+    }
+}
+
+fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Result<(f64, usize)> {
+    let mut g = Graph::new(gpu);
+    let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;
+    let mut wanted = Vec::new();
+    for band in project::bands(view.size, g.binding_limit()) {
+        wanted.push(project::record(&mut g, view, &drawn, band));
+    }
+    let downloads: Vec<Buffer> = if count { wanted.iter().map(|keys| g.download_buffer(keys)).collect() } else { Vec::new() };
+    let frame = g.submit(&wanted.iter().map(Handle::resource).collect::<Vec<_>>())?;
+    let covered = downloads.iter().map(|keys| frame.read::<[u32; 2]>(keys).iter().filter(|key| key[0] != NO_POINT).count()).sum();
+    let ms = frame.ms("project") + frame.ms("clear");
+    frame.shelve(gpu);
+    Ok((ms, covered))
+}
+
+fn draw_point_list(gpu: &mut Gpu, points: &Points, view: &View, count: bool) -> Result<(f64, usize)> {
+    let rows = points.rows(view);
+    let clip = |row: [f32; 4], side: u32| row.map(|v| v * 2.0 / side as f32);
+    let words: Vec<f32> = [clip(rows[0], view.size[0]), clip(rows[1], view.size[1]), rows[2], [1e-3, 0.0, 0.0, 0.0]].concat()[..13].to_vec();
+    let push = bytemuck::cast_slice(&words).to_vec();
+    let command = Draw { vertex: shader::POINT_LIST_VERT, fragment: shader::POINT_LIST_FRAG, push, points: points.positions.len() as u32 };
+    let mut g = Graph::new(gpu);
+    let vertices = g.upload("vertices", &points.positions)?;
+    let mut index = g.image("index", view.size, Kind::R32ui);
+    let mut depth = g.image_of("depth", ImageDesc { size: view.size, format: vk::Format::D32_SFLOAT });
+    g.draw(command, &vertices, &mut index, &mut depth);
+    let download = count.then(|| g.download(&index));
+    let frame = g.submit(&[index.resource(), depth.resource()])?;
+    let covered = download.map_or(0, |index| frame.read::<u32>(&index).iter().filter(|&&point| point != NO_POINT).count());
+    let ms = frame.ms("point_list");
+    frame.shelve(gpu);
+    Ok((ms, covered))
+}
+
+fn draw_on_cpu(points: &Points, view: &View) -> (f64, usize) {
+    let [row_x, row_y, row_z] = points.rows(view);
+    let [width, height] = view.size.map(|side| side as f32);
+    let keys: Vec<AtomicU64> = (0..view.size[0] as usize * view.size[1] as usize).map(|_| AtomicU64::new(0)).collect();
+    let start = Instant::now();
+    keys.par_iter().for_each(|key| key.store(u64::MAX, Relaxed));
+    const CHUNK: usize = 4096;
+    points.positions.par_chunks(CHUNK).enumerate().for_each(|(chunk, positions)| {
+        for (i, p) in positions.iter().enumerate() {
+            let row = |r: [f32; 4]| r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + r[3];
+            let depth = row(row_z);
+            if depth <= 0.0 {
+                continue;
+            }
+            let scale = 1.0 / depth;
+            let (x, y) = (row(row_x) * scale + width / 2.0, row(row_y) * scale + height / 2.0);
+            if x >= 0.0 && x < width && y >= 0.0 && y < height {
+                let key = (depth.to_bits() as u64) << 32 | (chunk * CHUNK + i) as u64;
+                let slot = &keys[y as usize * view.size[0] as usize + x as usize];
+                if key < slot.load(Relaxed) {
+                    slot.fetch_min(key, Relaxed);
+                }
+            }
+        }
+    });
+    let ms = start.elapsed().as_secs_f64() * 1e3;
+    (ms, keys.iter().filter(|key| key.load(Relaxed) != u64::MAX).count())
+}

@@ -1,0 +1,2 @@
+//! Accuracy against time.
+pub mod oracle;

@@ -1,0 +1,111 @@
+//! Naive f64 twins of the kernels, with the error that the kernels may make.
+//!
+//! In: what a kernel is given, in the same f32 bits where it is given floats. Out: what it should give, in f64, and a bound on how far it may be off. The bounds
+//! are running error bounds (Higham 2002, sec. 3.3; HARD_CASES 0.3) over the kernel's own operations, from what Vulkan promises of each (HARD_CASES 0.1).
+//! Nothing here is fast or clever on purpose, and nothing is shared with the kernels.
+
+pub mod edl;
+pub mod points;
+pub mod project;
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// One unit in the last place of an f32 is at most this part of the number. Vulkan's + - * are within one (correct rounding, in a direction of the driver's choice).
+pub const ULP: f64 = 1.0 / (1u64 << 23) as f64;
+
+/// Results below the smallest normal f32 may be flushed to 0.
+pub const FLUSH: f64 = f32::MIN_POSITIVE as f64;
+
+/// A number and how far the kernel's may be from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounded {
+    pub value: f64,
+    pub error: f64,
+}
+
+impl Bounded {
+    /// What the kernel was given in the same bits.
+    pub fn exact(value: impl Into<f64>) -> Bounded {
+        Bounded { value: value.into(), error: 0.0 }
+    }
+
+    /// A decimal constant of a shader: the compiler rounds it to the nearest f32.
+    pub fn constant(value: f64) -> Bounded {
+        Bounded { value, error: 0.5 * ULP * value.abs() }
+    }
+
+    /// A result that inherits an error and is itself within so many ulps of what its operands give.
+    fn rounded(value: f64, inherited: f64, ulps: f64) -> Bounded {
+        Bounded { value, error: inherited + ulps * ULP * (value.abs() + inherited) + FLUSH }
+    }
+
+    /// `min` and `max` with a number that both sides have: they spread nothing, and add nothing.
+    pub fn min(self, other: f64) -> Bounded {
+        Bounded { value: self.value.min(other), ..self }
+    }
+
+    pub fn max(self, other: f64) -> Bounded {
+        Bounded { value: self.value.max(other), ..self }
+    }
+
+    pub fn holds(self, drawn: f32) -> bool {
+        (drawn as f64 - self.value).abs() <= self.error
+    }
+}
+
+impl Add for Bounded {
+    type Output = Bounded;
+    fn add(self, other: Bounded) -> Bounded {
+        Bounded::rounded(self.value + other.value, self.error + other.error, 1.0)
+    }
+}
+
+impl Sub for Bounded {
+    type Output = Bounded;
+    fn sub(self, other: Bounded) -> Bounded {
+        self + -other
+    }
+}
+
+impl Neg for Bounded {
+    type Output = Bounded;
+    fn neg(self) -> Bounded {
+        Bounded { value: -self.value, ..self }
+    }
+}
+
+impl Mul for Bounded {
+    type Output = Bounded;
+    fn mul(self, other: Bounded) -> Bounded {
+        let inherited = self.value.abs() * other.error + other.value.abs() * self.error + self.error * other.error;
+        Bounded::rounded(self.value * other.value, inherited, 1.0)
+    }
+}
+
+impl Div for Bounded {
+    type Output = Bounded;
+    /// Division is within 2.5 ulps.
+    fn div(self, other: Bounded) -> Bounded {
+        let value = self.value / other.value;
+        let least = other.value.abs() - other.error;
+        let inherited = if least > 0.0 { (self.error + value.abs() * other.error) / least } else { f64::INFINITY };
+        Bounded::rounded(value, inherited, 2.5)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// f32 arithmetic of the CPU is one that Vulkan allows, so it stays within the bounds.
+        #[test]
+        fn bounds_hold_what_f32_arithmetic_gives(a in -1e6f32..1e6, b in -1e6f32..1e6, c in 1e-3f32..1e6) {
+            let [x, y, z] = [a, b, c].map(Bounded::exact);
+            prop_assert!((x * y + x - y * z).holds(a * b + a - b * c));
+            prop_assert!(((x - y) / z * x).holds((a - b) / c * a));
+            prop_assert!(Bounded::constant(0.1).holds(0.1));
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Point ids -> where those points are: by packing the cloud once more, on the CPU, and reading all planes back.
+//!
+//! In: parts and the nodes that are resident. Out: the lattice coordinates of every id, exactly as the file has them.
+
+use crate::cloud::{Lattice, Part};
+use crate::index::{self, pack};
+use crate::resident::ResidentNode;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// The points of one resident node, in the order of their ids.
+pub struct NodePoints {
+    pub first_point: u32,
+    pub lattice: Lattice,
+    pub steps: Vec<[i64; 3]>,
+}
+
+/// All points of a cloud by id.
+pub struct Points(Vec<NodePoints>);
+
+impl Points {
+    /// `parts` and `nodes` belong together: nodes are resident in the order in which `organise` makes them, part by part.
+    pub fn new(parts: &[Part], nodes: &[ResidentNode]) -> Points {
+        let mut nodes = nodes.iter();
+        let mut points = Vec::new();
+        for part in parts {
+            let organised = index::organise(&part.columns);
+            let own: Vec<_> = organised.nodes.iter().zip(nodes.by_ref()).collect();
+            points.par_extend(own.into_par_iter().map(|(range, node)| NodePoints {
+                first_point: node.first_point(),
+                lattice: node.lattice,
+                steps: unpacked(part, &organised.order[range.points.clone()]),
+            }));
+        }
+        Points(points)
+    }
+
+    /// Position relative to the eye, metres, of a point id.
+    pub fn relative(&self, id: u32, eye: DVec3) -> DVec3 {
+        let after = self.0.partition_point(|node| node.first_point <= id);
+        let node = &self.0[after - 1];
+        super::project::relative(&node.lattice, node.steps[(id - node.first_point) as usize], eye)
+    }
+}
+
+fn unpacked(part: &Part, order: &[u32]) -> Vec<[i64; 3]> {
+    let frame = pack::frame(&part.columns, order);
+    let mut pages = vec![vec![0u32; order.len()]; frame.planes as usize];
+    let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
+    // What points show breaks ties between coincident points only, and those are all in the same place.
+    pack::pack(&part.columns, &frame, order, index::Arrangement::Morton, |_| 0, &mut planes, &mut vec![0; order.len()]);
+    let pad = 10 * frame.planes - frame.bits;
+    let axis = |word: u32, axis: usize| (word >> (10 * axis) & 1023) as u64;
+    let cells = |i: usize| [0, 1, 2].map(|k| pages.iter().fold(0u64, |cells, page| cells << 10 | axis(page[i], k)) >> pad);
+    (0..order.len()).map(|i| [0, 1, 2].map(|k| frame.origin[k] + cells(i)[k] as i64)).collect()
+}
