@@ -10,16 +10,23 @@
 #include "points.glsl"
 #include "node.glsl"
 
-layout(constant_id = 4) const uint STEP = 0u;
+layout(constant_id = 5) const uint STEP = 0u;
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
+// The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
-// The words of `keys`.
+layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
+// The words of `keys` as texels.
 layout(r32ui) readonly uniform uimageBuffer front;
 layout(scalar) buffer Keys { uint word[]; } keys;
 
 #include "project.glsl"
+
+// Of the nearest point so far; may be stale.
+uint front_depth(uint pixel) {
+    return TEXELS ? imageLoad(front, int(2u * pixel + 1u)).r : keys.word[2u * pixel + 1u];
+}
 
 void meet(uint pixel, float depth, uint point) {
     if (STEP == 0u) {

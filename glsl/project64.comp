@@ -13,12 +13,19 @@
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
+// The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
-// The words of `keys`.
+layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
+// The words of `keys` as texels.
 layout(r32ui) readonly uniform uimageBuffer front;
 layout(scalar) buffer Keys { uint64_t key[]; } keys;
 
 #include "project.glsl"
+
+// Of the nearest point so far; may be stale.
+uint front_depth(uint pixel) {
+    return TEXELS ? imageLoad(front, int(2u * pixel + 1u)).r : uint(keys.key[pixel] >> 32);
+}
 
 void meet(uint pixel, float depth, uint point) {
     atomicMin(keys.key[pixel], (uint64_t(floatBitsToUint(depth)) << 32) | uint64_t(point));

@@ -16,10 +16,11 @@ layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Pla
 
 layout(local_size_x = 64) in;
 
-// Two words a key: point, depth bits.
+// Two words a key: point, depth bits. As texels, and for devices whose texel buffers are too small as a storage buffer.
 layout(r32ui) readonly uniform uimageBuffer keys;
+layout(scalar) readonly buffer KeyWords { uvec2 key[]; } key_words;
 // Of every page of positions, the two words of the address of the page that says what those points show.
-layout(r32ui) readonly uniform uimageBuffer shown;
+layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
 // 256 colours, four words of f32 bits each.
 layout(rgba32ui) readonly uniform uimageBuffer table;
 layout(r32f) writeonly uniform image2D depth;
@@ -27,6 +28,7 @@ layout(r32ui) writeonly uniform uimage2D index;
 layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const uint MODE = 0u;
+layout(constant_id = 1) const bool TEXELS = true;
 const uint RGB = 0u;
 const uint RAMP = 1u;
 const uint PALETTE = 2u;
@@ -51,16 +53,14 @@ void main() {
     uvec2 at = gl_GlobalInvocationID.xy;
     if (at.x >= push.size.x || at.y >= push.size.y) return;
     int k = int(at.y * push.size.x + at.x);
-    uvec2 key = uvec2(imageLoad(keys, 2 * k).r, imageLoad(keys, 2 * k + 1).r);
+    uvec2 key = TEXELS ? uvec2(imageLoad(keys, 2 * k).r, imageLoad(keys, 2 * k + 1).r) : key_words.key[k];
     ivec2 pixel = ivec2(at.x, at.y + push.top);
     bool empty = key.x == NO_POINT;
     vec4 c = vec4(0.0);
     if (!empty) {
         uint word = 0u;
         if (MODE != CONSTANT) {
-            int page = int(key.x >> POINTS_PER_PAGE_LOG2);
-            uvec2 address = uvec2(imageLoad(shown, 2 * page).r, imageLoad(shown, 2 * page + 1).r);
-            word = Plane(address).word[key.x & (POINTS_PER_PAGE - 1u)];
+            word = Plane(shown.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & (POINTS_PER_PAGE - 1u)];
         }
         if (MODE == RGB) c = vec4(color_of(word & 255u).r, color_of((word >> 8) & 255u).g, color_of((word >> 16) & 255u).b, 1.0);
         if (MODE == RAMP) c = color_of(uint(clamp((float(word) - push.lo) * push.scale, 0.0, 255.0)));

@@ -1,7 +1,7 @@
 //! A picture against the truth of its scene, for `tools/demo`.
 //!
 //! In: the EXR layers that `render --exr` and `synth --truth` wrote for one camera. Out: a table on standard output, and both pictures side by
-//! side as PNG. Depth errors are relative, and taken away from edges, where a pixel's centre and a point elsewhere in the pixel may lie on
+//! side as PNG; or one picture, as a PNG of few colours. Depth errors are relative, and taken away from edges, where a pixel's centre and a point elsewhere in the pixel may lie on
 //! different surfaces and both be right. An edge is a kink of more than 1 % in inverse depth, which is affine on every plane, within two pixels.
 
 use exr::prelude::*;
@@ -77,31 +77,77 @@ fn encode(linear: f32) -> u8 {
     (encoded * 255.0).round() as u8
 }
 
-fn write_side_by_side(path: &str, pictures: &[&Picture]) -> std::result::Result<(), String> {
+/// sRGB bytes of the pictures, side by side.
+fn side_by_side(pictures: &[&Picture]) -> std::result::Result<Vec<[u8; 3]>, String> {
     let [width, height] = pictures[0].size;
-    let mut bytes = Vec::with_capacity(3 * width * height * pictures.len());
-    let mut planes = Vec::new();
-    for picture in pictures {
-        planes.push([picture.channel("R")?, picture.channel("G")?, picture.channel("B")?]);
-    }
+    let mut pixels = Vec::with_capacity(width * height * pictures.len());
+    let planes: std::result::Result<Vec<_>, String> =
+        pictures.iter().map(|picture| Ok([picture.channel("R")?, picture.channel("G")?, picture.channel("B")?])).collect();
+    let planes = planes?;
     for row in 0..height {
         for plane in &planes {
-            for pixel in row * width..(row + 1) * width {
-                bytes.extend(plane.map(|channel| encode(channel[pixel])));
-            }
+            pixels.extend((row * width..(row + 1) * width).map(|pixel| plane.map(|channel| encode(channel[pixel]))));
         }
     }
+    Ok(pixels)
+}
+
+/// Median cut (Heckbert 1982): the box of the greatest extent, weighed by the root of its pixels, is halved at its longest axis until there are `count`.
+fn palette(pixels: &[[u8; 3]], count: usize) -> Vec<[u8; 3]> {
+    let extent = |colors: &[[u8; 3]]| {
+        let of = |axis: usize| colors.iter().map(|color| color[axis]).fold((255, 0), |(lo, hi), v| (v.min(lo), v.max(hi)));
+        (0..3).map(|axis| (of(axis).1.saturating_sub(of(axis).0), axis)).max().unwrap_or_default()
+    };
+    let mut boxes = vec![(extent(pixels), pixels.to_vec())];
+    while boxes.len() < count {
+        let widest = (0..boxes.len()).max_by_key(|&i| boxes[i].0.0 as usize * boxes[i].1.len().isqrt());
+        let Some(((_, axis), mut colors)) = widest.map(|i| boxes.swap_remove(i)).filter(|(extent, _)| extent.0 > 0) else { break };
+        colors.sort_unstable_by_key(|color| color[axis]);
+        let middle = colors[colors.len() / 2][axis];
+        let cut = colors.partition_point(|color| color[axis] < middle);
+        let cut = if cut == 0 { colors.partition_point(|color| color[axis] <= middle) } else { cut };
+        let upper = colors.split_off(cut);
+        boxes.extend([colors, upper].map(|colors| (extent(&colors), colors)));
+    }
+    let mean = |colors: &[[u8; 3]]| {
+        std::array::from_fn(|axis| (colors.iter().map(|color| color[axis] as usize).sum::<usize>() / colors.len().max(1)) as u8)
+    };
+    boxes.iter().map(|(_, colors)| mean(colors)).collect()
+}
+
+fn write_png(path: &str, [width, height]: [usize; 2], pixels: &[[u8; 3]], colors: Option<usize>) -> std::result::Result<(), String> {
     let failed = |error: &dyn std::fmt::Display| format!("cannot write {path}: {error}");
     let file = std::fs::File::create(path).map_err(|error| failed(&error))?;
-    let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), (width * pictures.len()) as u32, height as u32);
-    encoder.set_color(png::ColorType::Rgb);
+    let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), width as u32, height as u32);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    encoder.set_compression(png::Compression::High);
+    let bytes = match colors {
+        None => {
+            encoder.set_color(png::ColorType::Rgb);
+            pixels.as_flattened().to_vec()
+        }
+        Some(count) => {
+            let palette = palette(pixels, count);
+            encoder.set_color(png::ColorType::Indexed);
+            encoder.set_filter(png::Filter::NoFilter);
+            encoder.set_palette(palette.as_flattened().to_vec());
+            let off = |color: [u8; 3], pixel: [u8; 3]| (0..3).map(|axis| (color[axis] as i32 - pixel[axis] as i32).pow(2)).sum::<i32>();
+            let nearest = |&pixel: &[u8; 3]| (0..palette.len()).min_by_key(|&i| off(palette[i], pixel)).unwrap_or(0) as u8;
+            pixels.par_iter().map(nearest).collect()
+        }
+    };
     let mut writer = encoder.write_header().map_err(|error| failed(&error))?;
     writer.write_image_data(&bytes).map_err(|error| failed(&error))?;
     writer.finish().map_err(|error| failed(&error))
 }
 
-fn run(drawn: &str, truth: &str, side_by_side: &str) -> std::result::Result<(), String> {
+/// A picture small enough to be committed.
+fn reduce(drawn: &str, small: &str) -> std::result::Result<(), String> {
+    let drawn = Picture::read(drawn)?;
+    write_png(small, drawn.size, &side_by_side(&[&drawn])?, Some(96))
+}
+
+fn compare(drawn: &str, truth: &str, both: &str) -> std::result::Result<(), String> {
     let (drawn, truth) = (Picture::read(drawn)?, Picture::read(truth)?);
     if drawn.size != truth.size {
         return Err(format!("the pictures differ in size: {:?} and {:?}", drawn.size, truth.size));
@@ -123,14 +169,15 @@ fn run(drawn: &str, truth: &str, side_by_side: &str) -> std::result::Result<(), 
     println!("  of these on a wrong layer                  {}", share(wrong_layer, inside.len()));
     println!("  relative depth error, median               {:6.4} %", 100.0 * quantile(&errors, 0.5));
     println!("  relative depth error, 95th percentile      {:6.4} %", 100.0 * quantile(&errors, 0.95));
-    write_side_by_side(side_by_side, &[&drawn, &truth])
+    write_png(both, [2 * drawn.size[0], drawn.size[1]], &side_by_side(&[&drawn, &truth])?, None)
 }
 
 fn main() -> std::process::ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let done = match &arguments[..] {
-        [drawn, truth, side_by_side] => run(drawn, truth, side_by_side),
-        _ => Err("usage: compare DRAWN.exr TRUTH.exr SIDE_BY_SIDE.png".to_string()),
+        [drawn, truth, both] => compare(drawn, truth, both),
+        [drawn, small] => reduce(drawn, small),
+        _ => Err("usage: compare DRAWN.exr TRUTH.exr SIDE_BY_SIDE.png, or compare DRAWN.exr FEW_COLOURS.png".to_string()),
     };
     match done {
         Ok(()) => std::process::ExitCode::SUCCESS,

@@ -1,5 +1,5 @@
 // The walk over points that every way of projecting shares: one workgroup takes one chunk of one node.
-// The includer has `nodes`, `chunks`, `pages`, `front`, project.glsl, and `meet`, which brings one point to its pixel.
+// The includer has `nodes`, `chunks`, `pages`, project.glsl, `front_depth` and `meet`, which brings one point to its pixel.
 //
 //   for every four neighbours (a lane reads four words of a plane at once, which is one gathered load)
 //     place each in its pixel
@@ -10,8 +10,13 @@
 // read, 143 with the merging of neighbours, 176 with nodes drawn from front to back. Without any atomic: 485.
 
 void bring(uint pixel, float depth, uint point) {
-    uint seen = imageLoad(front, int(2u * min(pixel, 0x3FFFFFFFu) + 1u)).r;
+    // Pixel 0 is as good as any to look at for a point that has none.
+    uint seen = front_depth(pixel == NO_PIXEL ? 0u : pixel);
     if (pixel != NO_PIXEL && floatBitsToUint(depth) <= seen) meet(pixel, depth, point);
+}
+
+uvec4 four_words(uint i) {
+    return TEXELS ? imageLoad(pages, int(i)) : page_words.four[i];
 }
 
 void main() {
@@ -30,9 +35,9 @@ void main() {
     uint plane = nodes.node[n].first_word / 4u;
 
     for (uint i = first + 4u * gl_LocalInvocationID.x; i < end; i += 4u * LANES) {
-        uvec4 coarse = imageLoad(pages, int(plane + i / 4u));
-        uvec4 fine = PLANES > 1u ? imageLoad(pages, int(plane + (POINTS_PER_PAGE + i) / 4u)) : uvec4(0u);
-        uvec4 finest = PLANES > 2u ? imageLoad(pages, int(plane + (2u * POINTS_PER_PAGE + i) / 4u)) : uvec4(0u);
+        uvec4 coarse = four_words(plane + i / 4u);
+        uvec4 fine = PLANES > 1u ? four_words(plane + (POINTS_PER_PAGE + i) / 4u) : uvec4(0u);
+        uvec4 finest = PLANES > 2u ? four_words(plane + (2u * POINTS_PER_PAGE + i) / 4u) : uvec4(0u);
         uint kept_pixel = NO_PIXEL;
         float kept_depth = 0.0;
         uint kept_point = NO_POINT;

@@ -35,11 +35,16 @@ pub struct Device {
     pub is_cpu: bool,
     /// 64-bit integers and buffer atomics on them.
     pub int64_atomics: bool,
+    /// Texel buffers are large enough for pages and keys; Vulkan promises only 65,536 texels.
+    pub texels: bool,
     pub labels: Option<ext::debug_utils::Device>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     // Boxed: the messenger holds its address.
     messages: Box<Mutex<Vec<String>>>,
 }
+
+/// As many 32-bit words as the largest storage buffer that Vulkan devices commonly bind (128 MiB).
+const TEXELS_NEEDED: u32 = 1 << 25;
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -85,6 +90,7 @@ impl Device {
             driver,
             is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
             int64_atomics,
+            texels: properties.limits.max_texel_buffer_elements >= TEXELS_NEEDED,
             labels,
             messenger: debug.zip(messenger),
             messages,

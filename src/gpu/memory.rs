@@ -49,7 +49,7 @@ impl ImageDesc {
     }
 }
 
-/// Views of a buffer as 32-bit words, and as fours of them; null where it has more than a device's texel buffers may have.
+/// Views of a buffer as 32-bit words, and as fours of them; none of a download.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Texels {
     pub words: vk::BufferView,
@@ -136,18 +136,19 @@ impl Memory {
         let texels = if desc.place == Place::Download {
             Texels::default()
         } else {
-            Texels { words: self.texels(device, raw, desc.bytes, 4)?, fours: self.texels(device, raw, desc.bytes, 16)? }
+            // Where a device's texel buffers are too small the view ends early, and large buffers are read otherwise (Device::texels).
+            let most = device.limits.max_texel_buffer_elements as u64;
+            Texels {
+                words: self.texels(raw, desc.bytes.min(4 * most), vk::Format::R32_UINT)?,
+                fours: self.texels(raw, desc.bytes.min(16 * most), vk::Format::R32G32B32A32_UINT)?,
+            }
         };
         Ok(RawBuffer { raw, desc, address, texels, allocation })
     }
 
-    fn texels(&self, device: &Device, buffer: vk::Buffer, bytes: u64, texel: u64) -> Result<vk::BufferView> {
-        if bytes / texel > device.limits.max_texel_buffer_elements as u64 {
-            return Ok(vk::BufferView::null());
-        }
-        let format = if texel == 4 { vk::Format::R32_UINT } else { vk::Format::R32G32B32A32_UINT };
-        let view = vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(bytes / texel * texel);
-        // SAFETY: the buffer has memory and was made with STORAGE_TEXEL_BUFFER; both formats are mandatory for it.
+    fn texels(&self, buffer: vk::Buffer, bytes: u64, format: vk::Format) -> Result<vk::BufferView> {
+        let view = vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(bytes / 16 * 16);
+        // SAFETY: the buffer has memory and was made with STORAGE_TEXEL_BUFFER, and both formats are mandatory for it.
         unsafe { self.device.create_buffer_view(&view, None) }.map_err(failed("vkCreateBufferView"))
     }
 

@@ -106,7 +106,7 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, band: Band) -> Buffer {
     let lanes = if g.gpu.device.is_cpu { 8 } else { 128 };
     // Read beside the atomics on purpose: a stale key only costs an atomic.
     let front = &keys.racing();
-    let int64 = g.gpu.device.int64_atomics;
+    let (int64, texels) = (g.gpu.device.int64_atomics, g.gpu.device.texels);
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
     for &step in steps {
         for &Group { block, planes, first_chunk, chunk_count } in &drawn.groups {
@@ -116,12 +116,12 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, band: Band) -> Buffer {
             let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
             if int64 {
                 let push = project64::Push { centre, size, near: NEAR_M, first_chunk, chunk_count };
-                let spec = project64::Spec { lanes, planes, perspective, points_per_chunk: POINTS_PER_CHUNK };
-                g.run(shader::Project64 { nodes, chunks, pages, front, keys: &mut keys, push, spec }, tiles);
+                let spec = project64::Spec { lanes, planes, perspective, texels, points_per_chunk: POINTS_PER_CHUNK };
+                g.run(shader::Project64 { nodes, chunks, pages, page_words: pages, front, keys: &mut keys, push, spec }, tiles);
             } else {
                 let push = project32::Push { centre, size, near: NEAR_M, first_chunk, chunk_count };
-                let spec = project32::Spec { lanes, planes, perspective, points_per_chunk: POINTS_PER_CHUNK, step };
-                g.run(shader::Project32 { nodes, chunks, pages, front, keys: &mut keys, push, spec }, tiles);
+                let spec = project32::Spec { lanes, planes, perspective, texels, points_per_chunk: POINTS_PER_CHUNK, step };
+                g.run(shader::Project32 { nodes, chunks, pages, page_words: pages, front, keys: &mut keys, push, spec }, tiles);
             }
         }
     }

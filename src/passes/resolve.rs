@@ -43,17 +43,19 @@ pub fn paint(g: &mut Graph, resident: &Resident) -> Result<Paint> {
 pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, layers: Layers) -> Layers {
     let Layers { mut depth, mut index, mut color } = layers;
     let push = Push { size: band.size, top: band.top, lo: paint.ramp[0], scale: paint.ramp[1] };
+    let spec = Spec { mode: paint.mode, texels: g.gpu.device.texels };
     let groups = [band.size[0].div_ceil(64), band.size[1], 1];
     g.run(
         shader::Resolve {
             keys,
+            key_words: keys,
             shown: &paint.shown,
             table: &paint.table,
             depth: &mut depth,
             index: &mut index,
             color: &mut color,
             push,
-            spec: Spec { mode: paint.mode },
+            spec,
         },
         Tiles::Groups(groups),
     );

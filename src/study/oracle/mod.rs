@@ -39,13 +39,19 @@ impl Bounded {
         Bounded { value, error: inherited + ulps * ULP * (value.abs() + inherited) + FLUSH }
     }
 
-    /// `min` and `max` with a number that both sides have: they spread nothing, and add nothing.
+    /// `min` and `max` with a number that both sides have round nothing, and hide errors beyond it.
     pub fn min(self, other: f64) -> Bounded {
-        Bounded { value: self.value.min(other), ..self }
+        self.through(|x| x.min(other))
     }
 
     pub fn max(self, other: f64) -> Bounded {
-        Bounded { value: self.value.max(other), ..self }
+        self.through(|x| x.max(other))
+    }
+
+    /// A function that never falls, and that is exact.
+    fn through(self, rising: impl Fn(f64) -> f64) -> Bounded {
+        let [lo, value, hi] = [self.value - self.error, self.value, self.value + self.error].map(rising);
+        Bounded { value, error: (hi - value).max(value - lo) }
     }
 
     pub fn holds(self, drawn: f32) -> bool {

@@ -225,23 +225,32 @@ pub fn check(view: &View, parts: &[(Source, Vec<DVec3>)], drawn: &[f32]) -> Agre
             }
         }
     }
-    agreement.expected_in_band = footprints.par_iter().map(|f| doubt(f, view.size, &front)).sum();
+    // The probability of each pixel that no point puts it in doubt.
+    let mut clear = vec![1.0; drawn.len()];
+    footprints.iter().for_each(|f| doubt(f, view.size, &front, &mut clear));
+    agreement.expected_in_band = clear.into_iter().map(|clear| 1.0 - clear).sum();
     agreement
 }
 
-/// How many pixels a point puts in the band on average, if it may lie anywhere in its pixel: its own, where it is in front, with the area of the margin within the pixel; each
-/// neighbour that it would be in front of, with that of the margin on its side.
-fn doubt(f: &Footprint, size: [u32; 2], front: &[f64]) -> f64 {
+/// Which pixels a point may put in the band if it may lie anywhere in its own: that one, where it is in front, with the area of the margin within the pixel as probability;
+/// each neighbour that it would be in front of, with that of the margin on its side.
+fn doubt(f: &Footprint, size: [u32; 2], front: &[f64], clear: &mut [f64]) {
     let half = [(f.x[1] - f.x[0]) / 2.0, (f.y[1] - f.y[0]) / 2.0];
-    let ahead = |x: f64, y: f64| {
+    let mut count = |x: f64, y: f64, probability: f64| {
         let inside = x >= 0.0 && y >= 0.0 && x < size[0] as f64 && y < size[1] as f64;
-        (inside && f.z[0] <= front[y as usize * size[0] as usize + x as usize]) as u32 as f64
+        let pixel = if inside { y as usize * size[0] as usize + x as usize } else { return };
+        if f.z[0] <= front[pixel] {
+            clear[pixel] *= 1.0 - probability;
+        }
     };
     if half[0] >= 0.5 || half[1] >= 0.5 {
         let [columns, rows] = f.pixels(size);
-        return rows.flat_map(|y| columns.clone().map(move |x| (x, y))).map(|(x, y)| ahead(x as f64, y as f64)).sum();
+        rows.for_each(|y| columns.clone().for_each(|x| count(x as f64, y as f64, 1.0)));
+        return;
     }
     let [x, y] = f.at.map(f64::floor);
-    let own = ahead(x, y) * (1.0 - (1.0 - 2.0 * half[0]) * (1.0 - 2.0 * half[1]));
-    own + half[0] * (ahead(x - 1.0, y) + ahead(x + 1.0, y)) + half[1] * (ahead(x, y - 1.0) + ahead(x, y + 1.0))
+    count(x, y, 1.0 - (1.0 - 2.0 * half[0]) * (1.0 - 2.0 * half[1]));
+    for (dx, dy, margin) in [(-1.0, 0.0, half[0]), (1.0, 0.0, half[0]), (0.0, -1.0, half[1]), (0.0, 1.0, half[1])] {
+        count(x + dx, y + dy, margin);
+    }
 }

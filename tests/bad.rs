@@ -1,0 +1,117 @@
+//! Malformed, hostile and odd files through the program itself: a picture of what could be read, with a note that counts what could not,
+//! or one line and exit code 1; in a second or two, and in bounded memory (RELIABILITY, P1 and P3).
+
+mod support;
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use support::{Cost, failed, pointillist, read_png, shared, succeeded, text, watch};
+
+const SIZE: &str = "320x180";
+/// Beyond what drawing an empty cloud costs.
+const TIME: Duration = Duration::from_secs(2);
+const MEMORY: u64 = 256 << 20;
+
+/// Files of which points are lost, and a number that the note has to name.
+const LOST: &[(&str, &str)] = &[
+    ("ply_inf_coordinates.ply", "3 points"),
+    ("d_las_count_times_10.las", "2732 could be read"),
+    ("d_las_cut_mid_record.las", "1261 could be read"),
+    ("d_laz_cut_at_60pct.laz", "header says 110000 points"),
+    ("d_ply_cut_in_vertices.ply", "header says 64365 points"),
+];
+
+/// Files of which nothing can be shown.
+const REFUSED: &[&str] = &[
+    "e57_bad_crc.e57",
+    "empty.ply",
+    "las_no_points_but_count_1065.las",
+    "ply_empty_header.ply",
+    "ply_truncated_header_crash.ply",
+    "ply_unsized_types_order.ply",
+    "d_las_scale_zero.las",
+];
+
+fn files() -> Vec<PathBuf> {
+    let Some(folder) = shared("bad") else { return Vec::new() };
+    let list = |folder: &Path| std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect::<Vec<_>>();
+    let mut files = [list(&folder), list(&folder.join("derived"))].concat();
+    files.retain(|path| path.is_file() && path.extension().is_none_or(|extension| extension != "md"));
+    files.sort();
+    assert!(files.len() >= 36, "{} files", files.len());
+    files
+}
+
+fn draw(file: &Path, picture: &Path) -> Cost {
+    let mut command = pointillist();
+    command.arg("render").arg(file).args(["--size", SIZE, "-o"]).arg(picture);
+    watch(command, Duration::from_secs(60))
+}
+
+#[test]
+fn bad_files_end_in_a_picture_or_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let empty = folder.path().join("empty.ply");
+    let header = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    std::fs::write(&empty, header).unwrap();
+    let baseline: Vec<Cost> = (0..3).map(|_| draw(&empty, &folder.path().join("empty.png"))).collect();
+    baseline.iter().for_each(|cost| drop(succeeded(&cost.output)));
+    let start = baseline.iter().map(|cost| cost.time).max().unwrap();
+    let memory = baseline.iter().filter_map(|cost| cost.peak).max();
+
+    for file in files() {
+        let name = file.file_name().unwrap().to_str().unwrap();
+        let picture = folder.path().join("picture.png");
+        let cost = draw(&file, &picture);
+        let said = text(&cost.output.stderr);
+        println!("{name}: {:?}, {} MiB: {said}", cost.time, cost.peak.unwrap_or(0) >> 20);
+        if REFUSED.contains(&name) {
+            failed(&cost.output, 1);
+            assert!(!picture.exists(), "{name}: a picture of nothing");
+        } else {
+            succeeded(&cost.output);
+            assert_eq!(read_png(&picture).size, [320, 180], "{name}");
+            std::fs::remove_file(&picture).unwrap();
+        }
+        if let Some((_, count)) = LOST.iter().find(|(lost, _)| *lost == name) {
+            assert!(said.contains("note: ") && said.contains(count), "{name}: no word of {count:?}: {said}");
+        }
+        assert!(cost.time < start + TIME, "{name} took {:?}, and an empty cloud {start:?}", cost.time);
+        if let (Some(peak), Some(memory)) = (cost.peak, memory) {
+            assert!(peak < memory + MEMORY, "{name} took {} MiB, and an empty cloud {}", peak >> 20, memory >> 20);
+        }
+    }
+}
+
+#[test]
+fn info_describes_or_refuses_the_same_files() {
+    for file in files() {
+        let name = file.file_name().unwrap().to_str().unwrap();
+        let mut command = pointillist();
+        command.args(["info", "--json"]).arg(&file);
+        let cost = watch(command, Duration::from_secs(60));
+        if REFUSED.contains(&name) {
+            failed(&cost.output, 1);
+            continue;
+        }
+        succeeded(&cost.output);
+        let report: serde_json::Value = serde_json::from_slice(&cost.output.stdout).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert!(report["points"].is_u64(), "{name}: {report}");
+        if let Some((_, count)) = LOST.iter().find(|(lost, _)| *lost == name) {
+            assert!(report["notes"].to_string().contains(count), "{name}: {}", report["notes"]);
+        }
+        assert!(cost.time < TIME, "{name} took {:?}", cost.time);
+    }
+}
+
+#[test]
+fn strictness_refuses_what_lost_points() {
+    let Some(derived) = shared("bad/derived") else { return };
+    for name in ["d_las_count_times_10.las", "d_las_cut_mid_record.las", "d_laz_cut_at_60pct.laz", "d_ply_cut_in_vertices.ply"] {
+        let folder = tempfile::tempdir().unwrap();
+        let picture = folder.path().join("p.png");
+        let output = pointillist().arg("render").arg(derived.join(name)).arg("--strict").arg("-o").arg(&picture).output().unwrap();
+        failed(&output, 1);
+        assert!(!picture.exists(), "{name}");
+    }
+}
