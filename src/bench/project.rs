@@ -10,7 +10,6 @@
 
 use super::{Row, quartiles};
 use crate::cloud::attribute::{Attribute, Shown};
-use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::config::NO_POINT;
 use crate::error::{Error, Result};
 use crate::gpu::Wish;
@@ -26,7 +25,6 @@ use crate::view::{Camera, Preset, View};
 use ash::vk;
 use glam::DVec3;
 use rayon::prelude::*;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Instant;
 
@@ -49,7 +47,8 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
     let mut gpus = Gpus { compute: Gpu::open(wish)?, raster: Gpu::open(wish)? };
     let mut rows = Vec::new();
     for &points in &plan.points {
-        let cloud = sphere(points, plan.seed, progress)?;
+        let world = synth::build(Scene::Sphere, plan.seed, 0.0);
+        let cloud = synth::collect("sphere", &world, points, plan.seed, 0.0, progress)?;
         let sample = cloud.core_points();
         for order in ["morton", "shuffled"] {
             let arrange = if order == "morton" { index::organise } else { index::shuffle };
@@ -64,30 +63,6 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
         }
     }
     Ok(rows)
-}
-
-/// Points of the scene `sphere`, in the order in which the scanner made them.
-fn sphere(points: u64, seed: u64, progress: &dyn Progress) -> Result<Cloud> {
-    let world = synth::build(Scene::Sphere, seed, 0.0);
-    let mut columns = Columns::default();
-    let mut keep = |chunk: &synth::Chunk| {
-        columns.x.extend(&chunk.x);
-        columns.y.extend(&chunk.y);
-        columns.z.extend(&chunk.z);
-        Ok(())
-    };
-    synth::scan(&world, points, seed, 0.0, &mut keep, progress)?;
-    let lattice = Lattice { step: DVec3::splat(world.lattice().step), offset: world.lattice().offset };
-    let part = Part {
-        path: PathBuf::from("sphere"),
-        name: None,
-        header: Header::default(),
-        lattice,
-        columns,
-        intensity_range: [0.0, 65_535.0],
-        rgb_bits: 8,
-    };
-    Ok(Cloud { parts: vec![part], ..Cloud::default() })
 }
 
 /// f32 positions relative to a centre: what a vertex buffer holds, and what the CPU loops over.

@@ -34,8 +34,6 @@ pub struct Step {
     /// Index into the recorded passes.
     pub pass: usize,
     pub barrier: bool,
-    /// Images seen for the first time, which have to leave the UNDEFINED layout.
-    pub first_seen: Vec<usize>,
 }
 
 #[derive(Clone, Debug)]
@@ -56,7 +54,6 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId]) -> P
     // What has happened to each memory since the last barrier.
     let (mut read, mut written) = (Vec::<bool>::new(), Vec::<bool>::new());
     for (index, pass) in passes.iter().enumerate().filter(|&(index, _)| kept[index]) {
-        let mut first_seen = Vec::new();
         for &(id, access) in &pass.uses {
             let resource = &resources[id.0];
             if plan.memory[id.0].is_none() {
@@ -67,7 +64,6 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId]) -> P
                     plan.shapes.push(resource.shape);
                     read.push(false);
                     written.push(false);
-                    first_seen.push(plan.shapes.len() - 1);
                     plan.shapes.len() - 1
                 });
                 plan.memory[id.0] = Some(memory);
@@ -89,7 +85,7 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId]) -> P
                 free.entry(resources[id.0].shape).or_default().push(memory);
             }
         }
-        plan.steps.push(Step { pass: index, barrier: hazard, first_seen });
+        plan.steps.push(Step { pass: index, barrier: hazard });
     }
     plan.text = text(&plan, passes, resources, &kept);
     plan
@@ -125,7 +121,10 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
         let pass = &passes[step.pass];
         let names = |wanted: fn(Access) -> bool| {
             let named = |&&(id, access): &&(ResourceId, Access)| wanted(access).then(|| resources[id.0].name.as_str()).is_some();
-            pass.uses.iter().filter(named).map(|(id, _)| resources[id.0].name.as_str()).collect::<Vec<_>>().join(", ")
+            let mut names: Vec<_> = pass.uses.iter().filter(named).map(|(id, _)| resources[id.0].name.as_str()).collect();
+            // A resource may be bound twice, as texels and as words.
+            names.dedup();
+            names.join(", ")
         };
         if step.barrier {
             writeln!(out, "  -- barrier").unwrap();

@@ -7,6 +7,7 @@
 
 pub mod bvh;
 pub mod chunk;
+mod collect;
 pub mod las_file;
 pub mod noise;
 pub mod shapes;
@@ -27,6 +28,7 @@ mod terrestrial;
 mod torus;
 
 pub use chunk::{Chunk, Lattice};
+pub use collect::collect;
 pub use las_file::LasFile;
 pub use scanner::scan;
 pub use world::{Hit, Look, Method, Station, World};

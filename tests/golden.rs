@@ -1,0 +1,89 @@
+//! Tiny pictures of synthetic clouds, compared with those committed: each effect alone, each way of colouring.
+//!
+//! Arithmetic that decides pixels is the same on every driver, so the threshold is small: the last bit of a channel may differ, a shape may not.
+//! A picture that changed on purpose: `POINTILLIST_UPDATE=1 cargo test --release --test golden`, and look at it before committing it.
+
+use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::gpu::Wish;
+use pointillist::graph::{Gpu, Graph};
+use pointillist::look::{self, Wishes};
+use pointillist::passes::Scene;
+use pointillist::progress::Silent;
+use pointillist::resident::Resident;
+use pointillist::view::{Camera, Preset, View};
+use pointillist::{frame, picture, synth};
+use std::path::Path;
+
+const SIZE: [u32; 2] = [128, 96];
+/// Codes of a channel that may differ, and the share of pixels that may differ by more.
+const CODES: u8 = 2;
+const SHARE: f64 = 1e-3;
+
+fn check(name: &str, attribute: Attribute, effects: &str, preset: Preset) {
+    let mut gpu = Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
+    let world = synth::build(synth::Scene::NestedTori, 1, 0.0);
+    let cloud = synth::collect("nested-tori", &world, 60_000, 7, 0.0, &Silent).unwrap();
+    let view = View::new(Camera::framing(preset, &cloud.core_points(), SIZE), SIZE).unwrap();
+    let shown = Shown::new(attribute, &cloud);
+    let mut wishes = Wishes::default();
+    wishes.effects.set(effects).unwrap();
+    let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
+    let look = look::decide(&wishes, &Scene { view: &view, points: resident.points });
+    let mut g = Graph::new(&mut gpu);
+    let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
+    let download = g.download(&outcome.picture);
+    let done = g.submit(&[]).unwrap();
+
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(format!("{name}.png"));
+    let fresh = std::env::temp_dir().join(format!("pointillist-golden-{name}-{}.png", std::process::id()));
+    picture::write_png(&fresh, SIZE, done.read(&download)).unwrap();
+    done.shelve(&mut gpu);
+    resident.free(&mut gpu);
+    if std::env::var_os("POINTILLIST_UPDATE").is_some() {
+        std::fs::copy(&fresh, &golden).unwrap();
+    }
+    let bytes = std::fs::metadata(&golden).unwrap_or_else(|_| panic!("{} is missing; make it with POINTILLIST_UPDATE=1", golden.display())).len();
+    assert!(bytes < 48 * 1024, "a golden picture is small, this one has {bytes} bytes");
+    let (found, expected) = (pixels(&fresh), pixels(&golden));
+    let differ = found.chunks(3).zip(expected.chunks(3)).filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > CODES)).count();
+    assert_eq!(found.len(), expected.len());
+    assert!(
+        differ as f64 <= SHARE * (SIZE[0] * SIZE[1]) as f64,
+        "{name}: {differ} pixels differ from {}; the new picture is {}; if that is on purpose, run with POINTILLIST_UPDATE=1",
+        golden.display(),
+        fresh.display()
+    );
+    std::fs::remove_file(fresh).unwrap();
+}
+
+fn pixels(path: &Path) -> Vec<u8> {
+    let mut reader = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).unwrap())).read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut bytes).unwrap();
+    bytes
+}
+
+#[test]
+fn points() {
+    check("points", Attribute::Rgb, "edl=off", Preset::Fit);
+}
+
+#[test]
+fn edl() {
+    check("edl", Attribute::White, "edl=on", Preset::Fit);
+}
+
+#[test]
+fn elevation_from_the_front() {
+    check("elevation", Attribute::Elevation, "edl=auto,strength=0.6,radius=2", Preset::Front);
+}
+
+#[test]
+fn class_from_above() {
+    check("class", Attribute::Class, "edl=auto", Preset::Top);
+}
+
+#[test]
+fn source_without_perspective() {
+    check("source", Attribute::Source, "edl=auto", Preset::Iso);
+}
