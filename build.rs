@@ -26,7 +26,11 @@ fn main() {
         generate(&mut rust, &mut shared, source, &plain, &optimised);
     }
     for (name, body) in shared {
-        writeln!(rust, "#[repr(C)]\n#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]\npub struct {name} {{ {body} }}").unwrap();
+        writeln!(
+            rust,
+            "#[repr(C)]\n#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]\npub struct {name} {{ {body} }}"
+        )
+        .unwrap();
     }
     let out = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR")).join("shader.rs");
     std::fs::write(out, rust).expect("write shader.rs");
@@ -65,9 +69,13 @@ fn compile(source: &Path, level: shaderc::OptimizationLevel) -> Vec<u32> {
 
 fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &Path, plain: &[u32], optimised: &[u32]) {
     let file = source.file_stem().and_then(|stem| stem.to_str()).expect("ascii shader name");
-    let entry = ReflectConfig::new().spv(without_constant_expressions(plain)).reflect().unwrap_or_else(|error| panic!("{}: {error}", source.display())).remove(0);
+    let entry = ReflectConfig::new()
+        .spv(without_constant_expressions(plain))
+        .reflect()
+        .unwrap_or_else(|error| panic!("{}: {error}", source.display()))
+        .remove(0);
     let code = optimised.iter().map(|word| word.to_string()).collect::<Vec<_>>().join(",");
-    if !source.extension().is_some_and(|extension| extension == "comp") {
+    if source.extension().is_none_or(|extension| extension != "comp") {
         // A stage of a raster pipeline has no bindings that the graph would track.
         let name = format!("{}_{}", file, source.extension().unwrap().to_str().unwrap()).to_uppercase();
         writeln!(rust, "pub static {name}: &[u32] = &[{code}];").unwrap();
@@ -89,7 +97,10 @@ fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &P
             }
             Variable::PushConstant { ty: Type::Struct(members), .. } => push = Some(fields(source, members)),
             Variable::SpecConstant { spec_id, ty, .. } => {
-                spec.insert(*spec_id, (name.to_lowercase(), scalar(ty).unwrap_or_else(|| panic!("{}: specialisation of {ty}", source.display()))));
+                spec.insert(
+                    *spec_id,
+                    (name.to_lowercase(), scalar(ty).unwrap_or_else(|| panic!("{}: specialisation of {ty}", source.display()))),
+                );
             }
             _ => {}
         }
@@ -109,7 +120,12 @@ fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &P
     let spec_field = if spec.is_empty() { String::new() } else { format!("    pub spec: {module}::Spec,\n") };
     let push_bytes = push.as_ref().map_or("&[]".to_string(), |_| "bytemuck::bytes_of(&self.push)".to_string());
     let push_size = push.as_ref().map_or("0".to_string(), |_| format!("std::mem::size_of::<{module}::Push>() as u32"));
-    let constants = spec.iter().map(|(id, (name, _))| format!("({id}, self.spec.{name} as u32)")).collect::<Vec<_>>().join(", ");
+    let constant = |(id, (name, ty)): (&u32, &(String, String))| match ty.as_str() {
+        "bool" => format!("({id}, self.spec.{name} as u32)"),
+        "u32" => format!("({id}, self.spec.{name})"),
+        _ => panic!("{}: specialisation constant {name} is {ty}, neither bool nor uint", source.display()),
+    };
+    let constants = spec.iter().map(constant).collect::<Vec<_>>().join(", ");
     let lifetime = if bindings.is_empty() { "" } else { "<'a>" };
 
     writeln!(rust, "/// `{}`", source.display()).unwrap();
@@ -127,8 +143,13 @@ fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &P
     .unwrap();
     writeln!(rust, "pub mod {module} {{").unwrap();
     if let Some(body) = push {
-        writeln!(rust, "#[repr(C)]\n#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]\npub struct Push {{ {body} }}").unwrap();
-        writeln!(rust, "const _: () = assert!(std::mem::size_of::<Push>() <= 128, \"Vulkan promises 128 bytes of push constants\");").unwrap();
+        writeln!(
+            rust,
+            "#[repr(C)]\n#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]\npub struct Push {{ {body} }}"
+        )
+        .unwrap();
+        writeln!(rust, "const _: () = assert!(std::mem::size_of::<Push>() <= 128, \"Vulkan promises 128 bytes of push constants\");")
+            .unwrap();
     }
     if !spec.is_empty() {
         let body: String = spec.values().map(|(name, ty)| format!("pub {name}: {ty}, ")).collect();
@@ -176,7 +197,9 @@ fn fields(source: &Path, structure: &StructType) -> String {
 fn host_type(ty: &Type) -> Option<(String, usize)> {
     Some(match ty {
         Type::Scalar(_) => (scalar(ty)?, 4),
-        Type::Vector(vector) => (format!("[{}; {}]", scalar(&Type::Scalar(vector.scalar_ty.clone()))?, vector.nscalar), 4 * vector.nscalar as usize),
+        Type::Vector(vector) => {
+            (format!("[{}; {}]", scalar(&Type::Scalar(vector.scalar_ty.clone()))?, vector.nscalar), 4 * vector.nscalar as usize)
+        }
         Type::Array(array) => {
             let (element, bytes) = host_type(&array.element_ty)?;
             (format!("[{element}; {}]", array.nelement?), bytes * array.nelement? as usize)

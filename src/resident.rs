@@ -67,7 +67,9 @@ impl Resident {
     ) -> Result<Resident> {
         let mut resident = Resident { blocks: Vec::new(), nodes: Vec::new(), shown, points: 0, pages: 0 };
         let total = cloud.len();
-        for part in cloud.parts {
+        let mut parts = cloud.parts;
+        parts.iter_mut().for_each(|part| part.columns.keep(shown.attribute.wanted()));
+        for part in parts {
             progress.tick("organising", resident.points, total)?;
             let organised = organise(&part.columns);
             resident.add(gpu, &part, &organised, total, progress)?;
@@ -75,14 +77,7 @@ impl Resident {
         Ok(resident)
     }
 
-    fn add(
-        &mut self,
-        gpu: &mut Gpu,
-        part: &crate::cloud::Part,
-        organised: &Organised,
-        total: u64,
-        progress: &dyn Progress,
-    ) -> Result<()> {
+    fn add(&mut self, gpu: &mut Gpu, part: &crate::cloud::Part, organised: &Organised, total: u64, progress: &dyn Progress) -> Result<()> {
         let shown = self.shown;
         let frames: Vec<Frame> =
             organised.nodes.par_iter().map(|node| pack::frame(&part.columns, &organised.order[node.points.clone()])).collect();
@@ -147,7 +142,8 @@ impl Resident {
             (0..node.count as usize).map(move |i| {
                 let cells = (0..planes as usize).fold([0u32; 3], |cells, plane| {
                     let word = words[plane * POINTS_PER_PAGE as usize + i];
-                    [0, 1, 2].map(|axis| cells[axis] << BITS_PER_PLANE | word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1))
+                    [0, 1, 2]
+                        .map(|axis| cells[axis] << BITS_PER_PLANE | word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1))
                 });
                 node.lattice.world([0, 1, 2].map(|axis| origin[axis] + (cells[axis] >> pad) as i64))
             })

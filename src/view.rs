@@ -149,7 +149,8 @@ impl Camera {
             }
         };
         const MARGIN: f64 = 1.06;
-        let mut camera = Camera { eye: centre - forward, target: centre, up, fov_y: 40.0, projection: Projection::Perspective, ortho_height: None };
+        let mut camera =
+            Camera { eye: centre - forward, target: centre, up, fov_y: 40.0, projection: Projection::Perspective, ortho_height: None };
         let Basis { right, up, .. } = camera.basis().expect("eye and target are a metre apart");
         let aspect = size[0] as f64 / size[1] as f64;
         // The greatest of a linear form over the points, relative to their centre.
@@ -186,7 +187,8 @@ mod tests {
 
     #[test]
     fn every_preset_frames_every_point_and_leaves_little_margin() {
-        let points: Vec<_> = (0..500).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64 * 2.0, (i % 7) as f64) + 5e6).collect();
+        let points: Vec<_> =
+            (0..500).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64 * 2.0, (i % 7) as f64) + 5e6).collect();
         for preset in [Preset::Top, Preset::Front, Preset::Iso, Preset::Fit] {
             for size in [[1920, 1080], [300, 900]] {
                 let view = View::new(Camera::framing(preset, &points, size), size).unwrap();
@@ -196,7 +198,8 @@ mod tests {
                     let z = d.dot(view.basis.forward);
                     assert!(z > 0.0);
                     let scale = if view.camera.projection == Projection::Perspective { f / z } else { f };
-                    let pixel = [d.dot(view.basis.right) * scale / size[0] as f64 * 2.0, d.dot(view.basis.up) * scale / size[1] as f64 * 2.0];
+                    let pixel =
+                        [d.dot(view.basis.right) * scale / size[0] as f64 * 2.0, d.dot(view.basis.up) * scale / size[1] as f64 * 2.0];
                     fill = [fill[0].max(pixel[0].abs()), fill[1].max(pixel[1].abs())];
                 }
                 assert!(fill[0] < 1.0 && fill[1] < 1.0 && fill[0].max(fill[1]) > 0.9, "{preset:?} {size:?}: {fill:?}");

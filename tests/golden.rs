@@ -20,7 +20,8 @@ const CODES: u8 = 2;
 const SHARE: f64 = 1e-3;
 
 fn check(name: &str, attribute: Attribute, effects: &str, preset: Preset) {
-    let mut gpu = Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
+    let mut gpu =
+        Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(synth::Scene::NestedTori, 1, 0.0);
     let cloud = synth::collect("nested-tori", &world, 60_000, 7, 0.0, &Silent).unwrap();
     let view = View::new(Camera::framing(preset, &cloud.core_points(), SIZE), SIZE).unwrap();
@@ -42,7 +43,8 @@ fn check(name: &str, attribute: Attribute, effects: &str, preset: Preset) {
     if std::env::var_os("POINTILLIST_UPDATE").is_some() {
         std::fs::copy(&fresh, &golden).unwrap();
     }
-    let bytes = std::fs::metadata(&golden).unwrap_or_else(|_| panic!("{} is missing; make it with POINTILLIST_UPDATE=1", golden.display())).len();
+    let bytes =
+        std::fs::metadata(&golden).unwrap_or_else(|_| panic!("{} is missing; make it with POINTILLIST_UPDATE=1", golden.display())).len();
     assert!(bytes < 48 * 1024, "a golden picture is small, this one has {bytes} bytes");
     let (found, expected) = (pixels(&fresh), pixels(&golden));
     let differ = found.chunks(3).zip(expected.chunks(3)).filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > CODES)).count();

@@ -13,7 +13,8 @@ use pointillist::{frame, gpu::Wish, synth};
 use std::path::Path;
 
 fn plan_with(effects: &[&str]) -> String {
-    let mut gpu = Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
+    let mut gpu =
+        Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(synth::Scene::Plane, 1, 0.0);
     let cloud = synth::collect("plane", &world, 1000, 1, 0.0, &Silent).unwrap();
     let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();

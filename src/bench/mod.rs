@@ -39,7 +39,15 @@ pub fn quartiles(times: &mut [f64]) -> [f64; 3] {
 pub fn table(rows: &[Row], baseline: &[Row]) -> String {
     let mut text = format!(
         "{:<12} {:>10}  {:<8} {:>10} {:>10} {:>10} {:>10} {:>10}{}\n",
-        "way", "points", "order", "size", "ms", "q1", "q3", "M points/s", if baseline.is_empty() { "" } else { "  against baseline" }
+        "way",
+        "points",
+        "order",
+        "size",
+        "ms",
+        "q1",
+        "q3",
+        "M points/s",
+        if baseline.is_empty() { "" } else { "  against baseline" }
     );
     for row in rows {
         write!(

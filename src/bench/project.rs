@@ -163,7 +163,8 @@ fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Re
 fn draw_point_list(gpu: &mut Gpu, points: &Points, view: &View, count: bool) -> Result<(f64, usize)> {
     let rows = points.rows(view);
     let clip = |row: [f32; 4], side: u32| row.map(|v| v * 2.0 / side as f32);
-    let words: Vec<f32> = [clip(rows[0], view.size[0]), clip(rows[1], view.size[1]), rows[2], [1e-3, 0.0, 0.0, 0.0]].concat()[..13].to_vec();
+    let words: Vec<f32> =
+        [clip(rows[0], view.size[0]), clip(rows[1], view.size[1]), rows[2], [1e-3, 0.0, 0.0, 0.0]].concat()[..13].to_vec();
     let push = bytemuck::cast_slice(&words).to_vec();
     let command = Draw { vertex: shader::POINT_LIST_VERT, fragment: shader::POINT_LIST_FRAG, push, points: points.positions.len() as u32 };
     let mut g = Graph::new(gpu);

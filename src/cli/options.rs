@@ -143,7 +143,8 @@ impl DeviceOptions {
 
 pub fn read_camera(path: &Path) -> Result<Camera> {
     let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
-    serde_json::from_str(&text).map_err(|error| Error::format(path, format!("no camera ({error}); it needs at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}")))
+    serde_json::from_str(&text)
+        .map_err(|error| Error::format(path, format!("no camera ({error}); it needs at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}")))
 }
 
 pub fn name(attribute: Attribute) -> String {

@@ -154,7 +154,13 @@ struct Facts {
 
 fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, frame: &Frame) -> String {
     let mut text = format!("device: {} ({}), 64-bit atomics: {}\n", gpu.device.name, gpu.device.driver, gpu.device.int64_atomics);
-    text += &format!("cloud: {} points of {} files in {} nodes, {} MiB resident\n", facts.points, facts.files, resident.nodes.len(), resident.bytes() >> 20);
+    text += &format!(
+        "cloud: {} points of {} files in {} nodes, {} MiB resident\n",
+        facts.points,
+        facts.files,
+        resident.nodes.len(),
+        resident.bytes() >> 20
+    );
     text += &format!("color: {}, because {}\n", facts.shows, facts.why_shown);
     text += &format!(
         "drawn: {} points of {} nodes, {} nodes outside of the view; {:.1} position bytes a point, quantised by at most {:.6} px\n",

@@ -76,10 +76,9 @@ impl Shown {
             return (Shown::new(Attribute::Rgb, cloud), "the points have colours");
         }
         let intensity = Shown::new(Attribute::Intensity, cloud);
-        if Attribute::Intensity.is_in(cloud) && cloud.parts.iter().all(|part| part.columns.intensity.is_some() || part.columns.is_empty()) {
-            if intensity.stretch[1] > intensity.stretch[0] {
-                return (intensity, "no colours, but an intensity that varies");
-            }
+        let everywhere = cloud.parts.iter().all(|part| part.columns.intensity.is_some() || part.columns.is_empty());
+        if everywhere && intensity.stretch[1] > intensity.stretch[0] {
+            return (intensity, "no colours, but an intensity that varies");
         }
         (Shown::new(Attribute::Elevation, cloud), "no colours, and no intensity that varies")
     }

@@ -74,6 +74,19 @@ impl Columns {
     }
 }
 
+impl Columns {
+    /// Drops the columns that are not wanted.
+    pub fn keep(&mut self, wanted: Wanted) {
+        self.rgb.take_if(|_| !wanted.rgb);
+        self.intensity.take_if(|_| !wanted.intensity);
+        self.class.take_if(|_| !wanted.class);
+        self.returns.take_if(|_| !wanted.returns);
+        self.source.take_if(|_| !wanted.source);
+        self.normal.take_if(|_| !wanted.normal);
+        self.gps_time.take_if(|_| !wanted.gps_time);
+    }
+}
+
 /// Which columns to keep besides the positions: memory is bounded by what is asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {

@@ -52,7 +52,9 @@ impl Device {
     pub fn open(wish: &Wish) -> Result<Device> {
         // SAFETY: loading the system's Vulkan loader runs its initialisers, which we trust as every Vulkan program does.
         let entry = unsafe { ash::Entry::load() }.map_err(|error| {
-            Error::Device(format!("no Vulkan loader ({error}); install libvulkan1 and a driver (mesa-vulkan-drivers has one that needs no GPU)"))
+            Error::Device(format!(
+                "no Vulkan loader ({error}); install libvulkan1 and a driver (mesa-vulkan-drivers has one that needs no GPU)"
+            ))
         })?;
         let messages = Box::new(Mutex::new(Vec::new()));
         let (instance, debug) = open_instance(&entry, wish.validate)?;
@@ -143,7 +145,10 @@ fn open_instance(entry: &ash::Entry, validate: bool) -> Result<(ash::Instance, O
     let app = vk::ApplicationInfo::default().application_name(c"pointillist").api_version(vk::API_VERSION_1_3);
     // SAFETY: plain queries of the loader.
     let (layers, extensions) = unsafe {
-        (entry.enumerate_instance_layer_properties().unwrap_or_default(), entry.enumerate_instance_extension_properties(None).unwrap_or_default())
+        (
+            entry.enumerate_instance_layer_properties().unwrap_or_default(),
+            entry.enumerate_instance_extension_properties(None).unwrap_or_default(),
+        )
     };
     if validate && !layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)) {
         return Err(Error::Device("--validate needs the Vulkan validation layers; install vulkan-validationlayers".to_string()));
@@ -266,11 +271,8 @@ fn open_device(instance: &ash::Instance, physical: vk::PhysicalDevice, family: u
         .shader_buffer_int64_atomics(int64_atomics);
     let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(true).maintenance4(true);
     let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics);
-    let info = vk::DeviceCreateInfo::default()
-        .queue_create_infos(&queues)
-        .enabled_features(&features)
-        .push_next(&mut v12)
-        .push_next(&mut v13);
+    let info =
+        vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features).push_next(&mut v12).push_next(&mut v13);
     // SAFETY: every pointer in `info` outlives the call, and `missing` has checked the features.
     unsafe { instance.create_device(physical, &info, None) }.map_err(failed("vkCreateDevice"))
 }

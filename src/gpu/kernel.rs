@@ -67,8 +67,11 @@ pub struct Kernel {
 /// Kernels made so far, by shader and specialisation constants.
 pub struct Kernels {
     device: ash::Device,
-    made: HashMap<(&'static str, Vec<(u32, u32)>), Kernel>,
+    made: HashMap<(&'static str, Constants), Kernel>,
 }
+
+/// Specialisation constants by id.
+pub type Constants = Vec<(u32, u32)>;
 
 impl Kernels {
     pub fn new(device: &Device) -> Kernels {
@@ -110,9 +113,8 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
                 .descriptor_type(descriptor_type(binding.kind))
         })
         .collect();
-    let entries: Vec<_> = (0..constants.len())
-        .map(|i| vk::SpecializationMapEntry { constant_id: constants[i].0, offset: 4 * i as u32, size: 4 })
-        .collect();
+    let entries: Vec<_> =
+        (0..constants.len()).map(|i| vk::SpecializationMapEntry { constant_id: constants[i].0, offset: 4 * i as u32, size: 4 }).collect();
     let values: Vec<u32> = constants.iter().map(|&(_, value)| value).collect();
     let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
     let push = [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::COMPUTE, offset: 0, size: code.push_bytes }];

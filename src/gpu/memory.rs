@@ -105,7 +105,13 @@ impl Memory {
             allocation_sizes: Default::default(),
         })
         .map_err(|error| Error::Device(format!("cannot set up device memory: {error}")))?;
-        Ok(Memory { allocator: ManuallyDrop::new(allocator), buffers: HashMap::new(), images: HashMap::new(), device: device.raw.clone(), allocated: 0 })
+        Ok(Memory {
+            allocator: ManuallyDrop::new(allocator),
+            buffers: HashMap::new(),
+            images: HashMap::new(),
+            device: device.raw.clone(),
+            allocated: 0,
+        })
     }
 
     pub fn buffer(&mut self, device: &Device, desc: BufferDesc, name: &str) -> Result<RawBuffer> {
@@ -114,7 +120,12 @@ impl Memory {
             return Ok(buffer);
         }
         use vk::BufferUsageFlags as Usage;
-        let usage = Usage::STORAGE_BUFFER | Usage::TRANSFER_SRC | Usage::TRANSFER_DST | Usage::SHADER_DEVICE_ADDRESS | Usage::VERTEX_BUFFER | Usage::STORAGE_TEXEL_BUFFER;
+        let usage = Usage::STORAGE_BUFFER
+            | Usage::TRANSFER_SRC
+            | Usage::TRANSFER_DST
+            | Usage::SHADER_DEVICE_ADDRESS
+            | Usage::VERTEX_BUFFER
+            | Usage::STORAGE_TEXEL_BUFFER;
         let info = vk::BufferCreateInfo::default().size(desc.bytes.max(4)).usage(usage);
         // SAFETY: a plain creation on a live device; memory of the asked requirements is bound before anyone sees the buffer.
         let (raw, requirements) = unsafe {
@@ -179,7 +190,11 @@ impl Memory {
         let allocation = self.allocate(name, requirements, MemoryLocation::GpuOnly, false)?;
         let aspect = if desc.format == vk::Format::D32_SFLOAT { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
         let whole = vk::ImageSubresourceRange { aspect_mask: aspect, level_count: 1, layer_count: 1, ..Default::default() };
-        let view_info = vk::ImageViewCreateInfo::default().image(raw).view_type(vk::ImageViewType::TYPE_2D).format(desc.format).subresource_range(whole);
+        let view_info = vk::ImageViewCreateInfo::default()
+            .image(raw)
+            .view_type(vk::ImageViewType::TYPE_2D)
+            .format(desc.format)
+            .subresource_range(whole);
         // SAFETY: the view is of the image just bound.
         let view = unsafe {
             self.device.bind_image_memory(raw, allocation.memory(), allocation.offset()).map_err(failed("vkBindImageMemory"))?;
@@ -213,7 +228,9 @@ impl Memory {
     fn allocate(&mut self, name: &str, requirements: vk::MemoryRequirements, location: MemoryLocation, linear: bool) -> Result<Allocation> {
         let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: AllocationScheme::GpuAllocatorManaged };
         self.allocated += requirements.size;
-        self.allocator.allocate(&desc).map_err(|error| Error::Device(format!("{name} needs {} MiB of device memory: {error}", requirements.size >> 20)))
+        self.allocator
+            .allocate(&desc)
+            .map_err(|error| Error::Device(format!("{name} needs {} MiB of device memory: {error}", requirements.size >> 20)))
     }
 
     fn free(&mut self, allocation: Allocation) {

@@ -2,9 +2,9 @@
 //!
 //! In: a vertex buffer of f32 x, y, z. Out: the vertex number in an index target, and depth, reversed (near / z) so that f32 loses nothing.
 
+use super::Device;
 use super::failed;
 use super::memory::RawImage;
-use super::Device;
 use crate::error::Result;
 use ash::vk;
 
@@ -34,7 +34,15 @@ impl Rasters {
         Rasters { device: device.raw.clone(), made: None }
     }
 
-    pub fn record(&mut self, device: &Device, commands: vk::CommandBuffer, draw: &Draw, vertices: vk::Buffer, index: &RawImage, depth: &RawImage) -> Result<()> {
+    pub fn record(
+        &mut self,
+        device: &Device,
+        commands: vk::CommandBuffer,
+        draw: &Draw,
+        vertices: vk::Buffer,
+        index: &RawImage,
+        depth: &RawImage,
+    ) -> Result<()> {
         if self.made.is_none() {
             self.made = Some(make(device, draw, index, depth)?);
         }
@@ -88,7 +96,8 @@ fn make(device: &Device, draw: &Draw, index: &RawImage, depth: &RawImage) -> Res
     let push = [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::VERTEX, offset: 0, size: draw.push.len() as u32 }];
     let binding = [vk::VertexInputBindingDescription { binding: 0, stride: 12, input_rate: vk::VertexInputRate::VERTEX }];
     let attribute = [vk::VertexInputAttributeDescription { location: 0, binding: 0, format: vk::Format::R32G32B32_SFLOAT, offset: 0 }];
-    let input = vk::PipelineVertexInputStateCreateInfo::default().vertex_binding_descriptions(&binding).vertex_attribute_descriptions(&attribute);
+    let input =
+        vk::PipelineVertexInputStateCreateInfo::default().vertex_binding_descriptions(&binding).vertex_attribute_descriptions(&attribute);
     let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::POINT_LIST);
     let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
     let rasterization = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
@@ -102,13 +111,16 @@ fn make(device: &Device, draw: &Draw, index: &RawImage, depth: &RawImage) -> Res
     let dynamic_states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic_states);
     let formats = [index.desc.format];
-    let mut rendering = vk::PipelineRenderingCreateInfo::default().color_attachment_formats(&formats).depth_attachment_format(depth.desc.format);
+    let mut rendering =
+        vk::PipelineRenderingCreateInfo::default().color_attachment_formats(&formats).depth_attachment_format(depth.desc.format);
     // SAFETY: all pointers outlive their calls; the SPIR-V was made by build.rs.
     unsafe {
         let layout = raw
             .create_pipeline_layout(&vk::PipelineLayoutCreateInfo::default().push_constant_ranges(&push), None)
             .map_err(failed("vkCreatePipelineLayout"))?;
-        let module = |code| raw.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code), None).map_err(failed("vkCreateShaderModule"));
+        let module = |code| {
+            raw.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code), None).map_err(failed("vkCreateShaderModule"))
+        };
         let (vertex, fragment) = (module(draw.vertex)?, module(draw.fragment)?);
         let stage = |stage, module| vk::PipelineShaderStageCreateInfo::default().stage(stage).module(module).name(c"main");
         let stages = [stage(vk::ShaderStageFlags::VERTEX, vertex), stage(vk::ShaderStageFlags::FRAGMENT, fragment)];

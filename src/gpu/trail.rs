@@ -2,8 +2,8 @@
 //!
 //! A mapped buffer of one word a pass. Each pass writes its word before it starts; after a loss the last word written names the culprit.
 
-use super::memory::{BufferDesc, Memory, Place, RawBuffer};
 use super::Device;
+use super::memory::{BufferDesc, Memory, Place, RawBuffer};
 use crate::error::{Error, Result};
 use ash::vk;
 

@@ -9,9 +9,9 @@ mod record;
 pub use crate::gpu::{Access, BufferDesc, Code, ImageDesc, Kind, Place};
 
 use crate::error::{Error, Result};
+use crate::gpu::Device;
 use crate::gpu::kernel::Kernels;
 use crate::gpu::memory::{Memory, RawBuffer, Texels};
-use crate::gpu::Device;
 use ash::vk;
 use plan::{Pass, Plan, Resource, Shape};
 
@@ -122,7 +122,15 @@ pub struct Graph<'g> {
 
 impl<'g> Graph<'g> {
     pub fn new(gpu: &'g mut Gpu) -> Graph<'g> {
-        Graph { gpu, passes: Vec::new(), work: Vec::new(), resources: Vec::new(), uploads: Vec::new(), imports: Vec::new(), without_barriers: false }
+        Graph {
+            gpu,
+            passes: Vec::new(),
+            work: Vec::new(),
+            resources: Vec::new(),
+            uploads: Vec::new(),
+            imports: Vec::new(),
+            without_barriers: false,
+        }
     }
 
     /// A transient image; its contents are undefined until a pass writes them.
@@ -223,7 +231,11 @@ impl<'g> Graph<'g> {
         let name = format!("read {}", self.resources[from.id.0].name);
         let desc = BufferDesc { bytes: from.desc.bytes, place: Place::Download };
         let buffer = Buffer { id: self.add(&name, Shape::Buffer(desc)), desc };
-        self.push(&name, vec![(from.id, Access::Read), (buffer.id, Access::Write)], Work::CopyBuffer { from: from.id, to: buffer.id, bytes: desc.bytes });
+        self.push(
+            &name,
+            vec![(from.id, Access::Read), (buffer.id, Access::Write)],
+            Work::CopyBuffer { from: from.id, to: buffer.id, bytes: desc.bytes },
+        );
         buffer
     }
 
@@ -279,7 +291,11 @@ impl Frame {
 
 /// An error of a submission that was asked for more than the device takes.
 pub(crate) fn too_large(name: &str, bytes: u64, limit: u64) -> Error {
-    Error::Request(format!("{name} would be {} MiB, and this device binds at most {} MiB; ask for a smaller --size", bytes >> 20, limit >> 20))
+    Error::Request(format!(
+        "{name} would be {} MiB, and this device binds at most {} MiB; ask for a smaller --size",
+        bytes >> 20,
+        limit >> 20
+    ))
 }
 
 /// The layout that every image of a frame is in: compute passes need no other, and barriers then need no images.

@@ -57,7 +57,8 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId]) -> P
         for &(id, access) in &pass.uses {
             let resource = &resources[id.0];
             if plan.memory[id.0].is_none() {
-                let transient = !matches!(resource.shape, Shape::Buffer(BufferDesc { place: Place::Upload | Place::Download | Place::Imported, .. }));
+                let transient =
+                    !matches!(resource.shape, Shape::Buffer(BufferDesc { place: Place::Upload | Place::Download | Place::Imported, .. }));
                 assert!(!transient || access == Access::Write, "{} reads {}, which nothing has written", pass.name, resource.name);
                 let reused = free.get_mut(&resource.shape).and_then(Vec::pop).filter(|_| transient);
                 let memory = reused.unwrap_or_else(|| {
@@ -81,7 +82,9 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId]) -> P
         }
         for &(id, _) in &pass.uses {
             let memory = at(id);
-            if last_use[id.0] == Some(index) && matches!(resources[id.0].shape, Shape::Image(_) | Shape::Buffer(BufferDesc { place: Place::Device, .. })) {
+            if last_use[id.0] == Some(index)
+                && matches!(resources[id.0].shape, Shape::Image(_) | Shape::Buffer(BufferDesc { place: Place::Device, .. }))
+            {
                 free.entry(resources[id.0].shape).or_default().push(memory);
             }
         }
@@ -188,7 +191,11 @@ mod tests {
             .iter()
             .map(|(name, reads, writes)| Pass {
                 name: name.to_string(),
-                uses: reads.iter().map(|&i| (ResourceId(i), Access::Read)).chain(writes.iter().map(|&i| (ResourceId(i), Access::Write))).collect(),
+                uses: reads
+                    .iter()
+                    .map(|&i| (ResourceId(i), Access::Read))
+                    .chain(writes.iter().map(|&i| (ResourceId(i), Access::Write)))
+                    .collect(),
             })
             .collect();
         plan(&passes, &resources, &wanted.iter().map(|&i| ResourceId(i)).collect::<Vec<_>>())

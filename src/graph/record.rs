@@ -92,7 +92,13 @@ pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
 }
 
 /// Memory of every shape that the plan asks for; uploads bring their own.
-fn realise(gpu: &mut Gpu, plan: &Plan, resources: &[super::plan::Resource], uploads: Vec<(ResourceId, RawBuffer)>, imports: &[(ResourceId, Import)]) -> Result<HashMap<usize, Physical>> {
+fn realise(
+    gpu: &mut Gpu,
+    plan: &Plan,
+    resources: &[super::plan::Resource],
+    uploads: Vec<(ResourceId, RawBuffer)>,
+    imports: &[(ResourceId, Import)],
+) -> Result<HashMap<usize, Physical>> {
     let mut physical = HashMap::new();
     for (id, import) in imports {
         plan.memory[id.0].map(|memory| physical.insert(memory, Physical::Imported(*import)));
@@ -114,7 +120,9 @@ fn realise(gpu: &mut Gpu, plan: &Plan, resources: &[super::plan::Resource], uplo
                 let limit = gpu.device.limits.max_image_dimension2_d;
                 if desc.size.iter().any(|&side| side > limit) {
                     let [width, height] = desc.size;
-                    return Err(Error::Request(format!("a picture of {width} x {height} pixels is beyond this device's {limit} a side; ask for a smaller --size")));
+                    return Err(Error::Request(format!(
+                        "a picture of {width} x {height} pixels is beyond this device's {limit} a side; ask for a smaller --size"
+                    )));
                 }
                 Physical::Image(gpu.memory.image(&gpu.device, *desc, name)?)
             }
@@ -199,7 +207,8 @@ impl Scratch {
             size(vk::DescriptorType::STORAGE_TEXEL_BUFFER, texels),
             size(vk::DescriptorType::STORAGE_IMAGE, images),
         ];
-        let pool_info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.device.family).flags(vk::CommandPoolCreateFlags::TRANSIENT);
+        let pool_info =
+            vk::CommandPoolCreateInfo::default().queue_family_index(gpu.device.family).flags(vk::CommandPoolCreateFlags::TRANSIENT);
         // SAFETY: plain creations on a live device, destroyed in `drop`.
         unsafe {
             let command_pool = device.create_command_pool(&pool_info, None).map_err(failed("vkCreateCommandPool"))?;
@@ -235,8 +244,11 @@ impl Scratch {
                     match binding.kind {
                         Kind::TexelsR32ui => texels.push((binding, [at(id).buffer().1.words])),
                         Kind::TexelsRgba32ui => texels.push((binding, [at(id).buffer().1.fours])),
-                        Kind::Buffer => buffers.push((binding, [vk::DescriptorBufferInfo::default().buffer(at(id).buffer().0).range(vk::WHOLE_SIZE)])),
-                        _ => images.push((binding, [vk::DescriptorImageInfo::default().image_view(at(id).image().view).image_layout(LAYOUT)])),
+                        Kind::Buffer => {
+                            buffers.push((binding, [vk::DescriptorBufferInfo::default().buffer(at(id).buffer().0).range(vk::WHOLE_SIZE)]))
+                        }
+                        _ => images
+                            .push((binding, [vk::DescriptorImageInfo::default().image_view(at(id).image().view).image_layout(LAYOUT)])),
                     }
                 }
                 let write = |binding: &crate::gpu::Binding| {

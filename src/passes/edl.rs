@@ -26,7 +26,12 @@ impl Default for Settings {
 impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
-            Setting { name: "strength", about: "halvings of the light for each unit of mean slope", value: &mut self.strength, range: 0.0..=100.0 },
+            Setting {
+                name: "strength",
+                about: "halvings of the light for each unit of mean slope",
+                value: &mut self.strength,
+                range: 0.0..=100.0,
+            },
             Setting { name: "radius", about: "distance of the neighbours, pixels", value: &mut self.radius, range: 1.0..=64.0 },
             Setting { name: "cap", about: "the steepest slope that counts", value: &mut self.cap, range: 0.0..=1e6 },
         ]

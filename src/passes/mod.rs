@@ -145,6 +145,11 @@ impl<S: Settings> Asked<S> {
 
     fn help() -> String {
         let mut settings = S::default();
-        settings.list().iter().map(|s| format!("    {}={}  {} ({} to {})", s.name, s.value, s.about, s.range.start(), s.range.end())).collect::<Vec<_>>().join("\n")
+        settings
+            .list()
+            .iter()
+            .map(|s| format!("    {}={}  {} ({} to {})", s.name, s.value, s.about, s.range.start(), s.range.end()))
+            .collect::<Vec<_>>()
+            .join("\n")
     }
 }

@@ -176,9 +176,9 @@ fn quantisation_px(view: &View, node: &ResidentNode, distance: f64, planes: u32)
 fn planes(view: &View, node: &ResidentNode, distance: f64, precision: Precision) -> u32 {
     match precision {
         Precision::Planes(most) => most.clamp(1, node.frame.planes),
-        Precision::Auto => {
-            (1..node.frame.planes).find(|&planes| quantisation_px(view, node, distance, planes) <= QUANTISATION_PX).unwrap_or(node.frame.planes)
-        }
+        Precision::Auto => (1..node.frame.planes)
+            .find(|&planes| quantisation_px(view, node, distance, planes) <= QUANTISATION_PX)
+            .unwrap_or(node.frame.planes),
     }
 }
 
