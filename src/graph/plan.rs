@@ -203,7 +203,7 @@ mod tests {
 
     #[test]
     fn read_after_write_gets_one_barrier_and_a_second_reader_none() {
-        let plan = frame(4, &[("a", &[], &[0, 1]), ("b", &[0], &[2]), ("c", &[1], &[3])], &[2, 3]);
+        let plan = frame(4, &[("a", &[], &[0, 1]), ("b", &[0], &[2]), ("c", &[1], &[3])], &[0, 1, 2, 3]);
         assert_eq!(plan.steps.iter().map(|step| step.barrier).collect::<Vec<_>>(), [false, true, false]);
     }
 
