@@ -137,7 +137,10 @@ impl Memory {
             Place::Upload | Place::Imported => MemoryLocation::CpuToGpu,
             Place::Download => MemoryLocation::GpuToCpu,
         };
-        let allocation = self.allocate(name, requirements, location, true)?;
+        let allocation = self.allocate(name, requirements, location, true).inspect_err(|_| {
+            // SAFETY: nobody has seen the buffer.
+            unsafe { self.device.destroy_buffer(raw, None) }
+        })?;
         // SAFETY: see above; the address is asked for after binding.
         let address = unsafe {
             self.device.bind_buffer_memory(raw, allocation.memory(), allocation.offset()).map_err(failed("vkBindBufferMemory"))?;
@@ -187,7 +190,10 @@ impl Memory {
             let raw = self.device.create_image(&info, None).map_err(failed("vkCreateImage"))?;
             (raw, self.device.get_image_memory_requirements(raw))
         };
-        let allocation = self.allocate(name, requirements, MemoryLocation::GpuOnly, false)?;
+        let allocation = self.allocate(name, requirements, MemoryLocation::GpuOnly, false).inspect_err(|_| {
+            // SAFETY: nobody has seen the image.
+            unsafe { self.device.destroy_image(raw, None) }
+        })?;
         let aspect = if desc.format == vk::Format::D32_SFLOAT { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
         let whole = vk::ImageSubresourceRange { aspect_mask: aspect, level_count: 1, layer_count: 1, ..Default::default() };
         let view_info = vk::ImageViewCreateInfo::default()
@@ -227,10 +233,14 @@ impl Memory {
 
     fn allocate(&mut self, name: &str, requirements: vk::MemoryRequirements, location: MemoryLocation, linear: bool) -> Result<Allocation> {
         let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: AllocationScheme::GpuAllocatorManaged };
-        self.allocated += requirements.size;
-        self.allocator
-            .allocate(&desc)
-            .map_err(|error| Error::Device(format!("{name} needs {} MiB of device memory: {error}", requirements.size >> 20)))
+        let allocation = self.allocator.allocate(&desc).map_err(|error| {
+            Error::Device(format!(
+                "{name} needs {} MiB of device memory ({error}); a smaller --size or fewer points need less",
+                requirements.size >> 20
+            ))
+        })?;
+        self.allocated += allocation.size();
+        Ok(allocation)
     }
 
     fn free(&mut self, allocation: Allocation) {

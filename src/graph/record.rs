@@ -7,7 +7,7 @@ use super::{Frame, Gpu, Graph, Import, Kind, LAYOUT, Place, ResourceId, Work, to
 use crate::error::{Error, Result};
 use crate::gpu::failed;
 use crate::gpu::kernel::descriptor_type;
-use crate::gpu::memory::{BufferDesc, RawBuffer, RawImage, Texels};
+use crate::gpu::memory::{RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
 use crate::gpu::trail::Trail;
 use ash::vk;
@@ -38,57 +38,66 @@ impl Physical {
 
 pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
     let Graph { gpu, passes, work, resources, uploads, imports, without_barriers } = graph;
-    let mut physical = realise(gpu, &plan, &resources, uploads, &imports)?;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
-    let timing = Timing::new(&gpu.device, names.len() as u32)?;
-    let trail = Trail::new(&gpu.device, &mut gpu.memory, names.clone())?;
-    let scratch = Scratch::new(gpu, &plan, &work)?;
-    let commands = scratch.commands;
-
-    scratch.begin()?;
-    timing.reset(commands);
-    leave_undefined(gpu, commands, physical.values());
-    for (order, step) in plan.steps.iter().enumerate() {
-        let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
-        if let Some(labels) = &gpu.device.labels {
-            // SAFETY: the command buffer is being recorded; the label outlives the call.
-            unsafe { labels.cmd_begin_debug_utils_label(commands, &vk::DebugUtilsLabelEXT::default().label_name(&label)) };
-        }
-        trail.drop_crumb(&gpu.device, commands, order);
-        if step.barrier && !without_barriers {
-            barrier(gpu, commands);
-        }
-        timing.mark(commands, order, false);
-        let at = |id: &ResourceId| &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")];
-        scratch.pass(gpu, &work[step.pass], at)?;
-        timing.mark(commands, order, true);
-        if let Some(labels) = &gpu.device.labels {
-            // SAFETY: closes the label opened above.
-            unsafe { labels.cmd_end_debug_utils_label(commands) };
-        }
-    }
-    scratch.finish(gpu, &trail)?;
-
-    let milliseconds = timing.read()?;
-    drop((scratch, timing));
-    trail.shelve(&mut gpu.memory);
+    let mut physical = HashMap::new();
+    let done = realise(gpu, &plan, &resources, uploads, &imports, &mut physical)
+        .and_then(|()| execute(gpu, &plan, &names, &work, &physical, !without_barriers))
+        .and_then(|milliseconds| gpu.device.objections().map(|()| milliseconds));
+    // Whatever happened, memory goes back to the shelf, but for what a good frame brings home.
     let mut downloads = Vec::new();
-    for (id, resource) in resources.iter().enumerate() {
-        if let (Shape::Buffer(BufferDesc { place: Place::Download, .. }), Some(memory)) = (resource.shape, plan.memory[id])
-            && let Some(Physical::Buffer(buffer)) = physical.remove(&memory)
-        {
-            downloads.push((ResourceId(id), buffer));
-        }
-    }
-    for item in physical.into_values() {
+    for (memory, item) in physical {
+        let owner = plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
         match item {
-            Physical::Image(image) => gpu.memory.shelve_image(image),
+            Physical::Buffer(buffer) if buffer.desc.place == Place::Download && done.is_ok() => downloads.push((ResourceId(owner), buffer)),
             Physical::Buffer(buffer) => gpu.memory.shelve_buffer(buffer),
+            Physical::Image(image) => gpu.memory.shelve_image(image),
             Physical::Imported(_) => {}
         }
     }
-    gpu.device.objections()?;
-    Ok(Frame { plan, passes: names.into_iter().zip(milliseconds).collect(), downloads })
+    Ok(Frame { passes: names.into_iter().zip(done?).collect(), plan, downloads })
+}
+
+/// Records, submits, waits; milliseconds of every step.
+fn execute(
+    gpu: &mut Gpu,
+    plan: &Plan,
+    names: &[String],
+    work: &[Work],
+    physical: &HashMap<usize, Physical>,
+    barriers: bool,
+) -> Result<Vec<f64>> {
+    let timing = Timing::new(&gpu.device, names.len() as u32)?;
+    let scratch = Scratch::new(gpu, plan, work)?;
+    let trail = Trail::new(&gpu.device, &mut gpu.memory, names.to_vec())?;
+    let commands = scratch.commands;
+    let recorded = (|| {
+        scratch.begin()?;
+        timing.reset(commands);
+        leave_undefined(gpu, commands, physical.values());
+        for (order, step) in plan.steps.iter().enumerate() {
+            let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
+            if let Some(labels) = &gpu.device.labels {
+                // SAFETY: the command buffer is being recorded; the label outlives the call.
+                unsafe { labels.cmd_begin_debug_utils_label(commands, &vk::DebugUtilsLabelEXT::default().label_name(&label)) };
+            }
+            trail.drop_crumb(&gpu.device, commands, order);
+            if step.barrier && barriers {
+                barrier(gpu, commands);
+            }
+            timing.mark(commands, order, false);
+            let at = |id: &ResourceId| &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")];
+            scratch.pass(gpu, &work[step.pass], at)?;
+            timing.mark(commands, order, true);
+            if let Some(labels) = &gpu.device.labels {
+                // SAFETY: closes the label opened above.
+                unsafe { labels.cmd_end_debug_utils_label(commands) };
+            }
+        }
+        scratch.finish(gpu, &trail)
+    })();
+    trail.shelve(&mut gpu.memory);
+    recorded?;
+    timing.read()
 }
 
 /// Memory of every shape that the plan asks for; uploads bring their own.
@@ -98,8 +107,8 @@ fn realise(
     resources: &[super::plan::Resource],
     uploads: Vec<(ResourceId, RawBuffer)>,
     imports: &[(ResourceId, Import)],
-) -> Result<HashMap<usize, Physical>> {
-    let mut physical = HashMap::new();
+    physical: &mut HashMap<usize, Physical>,
+) -> Result<()> {
     for (id, import) in imports {
         plan.memory[id.0].map(|memory| physical.insert(memory, Physical::Imported(*import)));
     }
@@ -136,7 +145,7 @@ fn realise(
         };
         physical.insert(memory, item);
     }
-    Ok(physical)
+    Ok(())
 }
 
 /// Every image goes to GENERAL once, before the first pass, and stays there.
