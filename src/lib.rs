@@ -25,7 +25,7 @@
 //! # fn main() -> pointillist::error::Result<()> {
 //! let options = cloud::ReadOptions { wanted: cloud::Wanted { rgb: true, ..Default::default() }, strict: false };
 //! let cloud = cloud::read(&["scan.laz".into()], &options, &Silent)?;
-//! let camera = view::Camera::framing(view::Preset::Fit, cloud.core_bounds(), [1920, 1080]);
+//! let camera = view::Camera::framing(view::Preset::Fit, &cloud.core_points(), [1920, 1080]);
 //! let view = view::View::new(camera, [1920, 1080])?;
 //! let (shown, _why) = cloud::attribute::Shown::automatic(&cloud);
 //!

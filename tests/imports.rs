@@ -21,7 +21,8 @@ const BEFORE: &[(&str, &[&str])] = &[
     ("present", &["frame"]),
     ("picture", &["frame"]),
     ("app", &["present", "picture"]),
-    ("study", &["app"]),
+    ("bench", &["picture"]),
+    ("study", &["app", "bench"]),
     ("cli", &["study"]),
 ];
 
@@ -95,8 +96,11 @@ fn before(module: &str) -> BTreeSet<&'static str> {
     let mut found = BTreeSet::new();
     let mut ask = vec![module];
     while let Some(name) = ask.pop() {
-        let direct = BEFORE.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, direct)| direct);
-        ask.extend(direct.iter().filter(|name| found.insert(**name)));
+        for &earlier in BEFORE.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, direct)| direct) {
+            if found.insert(earlier) {
+                ask.push(earlier);
+            }
+        }
     }
     found
 }

@@ -148,7 +148,11 @@ fn resolve_gives_the_depth_the_point_and_the_colour_of_every_key() {
                 }
                 assert_eq!((got.depth[i].to_bits(), got.index[i], got.color[i][3]), (key[1], key[0], 1.0), "{at:?}");
                 let allowed = colors(attribute, words[key[0] as usize], shown.stretch);
-                assert!(allowed.iter().any(|color| (0..3).all(|c| color[c].holds(got.color[i][c]))), "{at:?}: {:?}, not {allowed:?}", got.color[i]);
+                assert!(
+                    allowed.iter().any(|color| (0..3).all(|c| color[c].holds(got.color[i][c]))),
+                    "{at:?}: {:?}, not {allowed:?}",
+                    got.color[i]
+                );
             }
         }
     }
@@ -184,12 +188,12 @@ fn edl_and_composite_stay_within_their_bounds() {
                 let settings = edl::Settings { strength, radius, cap };
                 let got = resolved(&cloud, Attribute::Rgb, &view, &settings, &random_keys(size, 2000, random));
                 let twin = edl_oracle::shade(&view, &settings, &got.depth, &got.color);
-                for i in 0..twin.len() {
+                for (i, twin) in twin.iter().enumerate() {
                     let lit = got.lit[i];
                     assert_eq!(lit[3], got.color[i][3]);
                     for c in 0..3 {
-                        assert!(twin[i][c].holds(lit[c]), "{size:?} {settings:?} pixel {i}: {} is not {:?}", lit[c], twin[i][c]);
-                        widest = widest.max(twin[i][c].error);
+                        assert!(twin[c].holds(lit[c]), "{size:?} {settings:?} pixel {i}: {} is not {:?}", lit[c], twin[c]);
+                        widest = widest.max(twin[c].error);
                         let over = Bounded::exact(lit[c]) + Bounded::exact(BACKGROUND[c]) * (Bounded::exact(1.0) - Bounded::exact(lit[3]));
                         assert!(over.holds(got.picture[i][c]), "{size:?} pixel {i}: {} is not {over:?}", got.picture[i][c]);
                     }

@@ -17,7 +17,8 @@ impl Picture {
         let image = read_first_flat_layer_from_file(path).map_err(|error| format!("cannot read {path}: {error}"))?;
         let size = [image.layer_data.size.width(), image.layer_data.size.height()];
         let channels = image.layer_data.channel_data.list;
-        let channels = channels.into_iter().map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect())).collect();
+        let channels =
+            channels.into_iter().map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect())).collect();
         Ok(Picture { size, channels })
     }
 

@@ -198,7 +198,7 @@ fn draw_on_cpu(points: &Points, view: &View) -> (f64, usize) {
             let (x, y) = (row(row_x) * scale + width / 2.0, row(row_y) * scale + height / 2.0);
             if x >= 0.0 && x < width && y >= 0.0 && y < height {
                 let key = (depth.to_bits() as u64) << 32 | (chunk * CHUNK + i) as u64;
-                let slot = &keys[y as usize * view.size[0] as usize + x as usize];
+                let slot = &keys[y as i32 as usize * view.size[0] as usize + x as i32 as usize];
                 if key < slot.load(Relaxed) {
                     slot.fetch_min(key, Relaxed);
                 }

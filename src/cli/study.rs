@@ -1,5 +1,54 @@
+//! `pointillist study`: accuracy against time, into a folder of CSV, SVG and one HTML page.
+
+use super::options::{DeviceOptions, Size};
 use crate::error::Result;
+use crate::graph::Gpu;
 use crate::progress::Progress;
+use crate::study::{self, Plan, STUDIES, report};
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist study                                   all studies, into the folder study/
+  pointillist study precision -o /tmp/precision       one study; open /tmp/precision/study.html
+  pointillist study precision --points 100000 --size 640x360 --repeat 3
+                                                      a quick look: smaller, and noisier times";
+
 #[derive(clap::Args, Clone, Debug)]
-pub struct Arguments {}
-pub fn run(_arguments: &Arguments, _progress: &dyn Progress) -> Result<()> { Ok(()) }
+#[command(after_help = help())]
+pub struct Arguments {
+    /// Studies to run [default: all]
+    #[arg(value_name = "NAME")]
+    pub names: Vec<String>,
+    /// Folder for NAME.csv, NAME-*.svg and study.html
+    #[arg(short, long, value_name = "FOLDER", default_value = "study")]
+    pub output: PathBuf,
+    /// Points a scene
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..))]
+    pub points: u64,
+    /// The same seed gives the same scenes
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Timed rounds over all settings, after one that warms up
+    #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..))]
+    pub repeat: u64,
+    /// Size of the pictures, pixels
+    #[arg(long, value_name = "WxH", default_value_t = Size([1280, 720]))]
+    pub size: Size,
+    #[command(flatten)]
+    pub device: DeviceOptions,
+}
+
+fn help() -> String {
+    let studies: Vec<String> = STUDIES.iter().map(|(name, about)| format!("  {name:<14} {about}")).collect();
+    format!("Studies:\n{}\n\n{EXAMPLES}", studies.join("\n"))
+}
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    let plan = Plan { points: arguments.points, seed: arguments.seed, repeat: arguments.repeat as usize, size: arguments.size.0 };
+    let mut gpu = Gpu::open(&arguments.device.wish())?;
+    let sections = study::run(&arguments.names, &mut gpu, &plan, progress)?;
+    report::write(&arguments.output, &sections, &plan, &report::Origin::here(&gpu))?;
+    println!("{}", arguments.output.join("study.html").display());
+    Ok(())
+}

@@ -59,6 +59,9 @@ pub struct Arguments {
     pub camera_out: Option<PathBuf>,
 }
 
+/// What devices draw at most, too; a picture this large takes 14 GiB.
+const TRUTH_SIDE: u32 = 16_384;
+
 fn parse_offset(text: &str) -> std::result::Result<DVec3, String> {
     let numbers: Vec<f64> =
         text.split(',').map(|n| n.trim().parse::<f64>()).collect::<std::result::Result<_, _>>().map_err(|e| e.to_string())?;
@@ -81,6 +84,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     match (&arguments.output, &arguments.truth) {
         (Some(output), Some(camera)) => {
+            if arguments.size.0.iter().any(|&side| side > TRUTH_SIDE) {
+                let size = arguments.size;
+                return Err(Error::Request(format!("a truth of {size} pixels is beyond {TRUTH_SIDE} a side; ask for a smaller --size")));
+            }
             let view = View::new(read_camera(camera)?, arguments.size.0)?;
             let Truth { channels, parts, .. } = truth(&world, &view, progress)?;
             let planes = channels.into_iter().map(|(name, values)| (name, Samples::Float(values)));

@@ -1,2 +1,87 @@
-//! Accuracy against time.
+//! Accuracy against time: what every knob costs, and what it buys.
+//!
+//!     registry of studies -> scenes with known truth (`synth`) -> `sweep` (interleaved runs) -> `metrics` -> `report` (CSV, SVG by `chart`, one HTML page)
+//!
+//! What errors are measured against is never the renderer itself, except where a metric says so: `oracle` has the f64 twins.
+
+pub mod chart;
+pub mod metrics;
 pub mod oracle;
+pub mod report;
+pub mod sweep;
+
+use crate::error::{Error, Result};
+use crate::graph::Gpu;
+use crate::progress::Progress;
+use report::Section;
+
+/// How large, and how often.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    /// Points a scene.
+    pub points: u64,
+    pub seed: u64,
+    /// Timed rounds.
+    pub repeat: usize,
+    /// Of the pictures, pixels.
+    pub size: [u32; 2],
+}
+
+/// One configuration under one metric: a line of the CSV.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    pub scene: &'static str,
+    pub view: &'static str,
+    pub knob: &'static str,
+    pub value: String,
+    pub metric: &'static str,
+    pub error: f64,
+    /// Lower quartile, median, upper quartile, milliseconds.
+    pub ms: [f64; 3],
+    pub n: usize,
+    /// It is what the renderer chooses when nothing is asked for.
+    pub auto: bool,
+    /// Nothing else in its scene, view and metric beats it.
+    pub front: bool,
+}
+
+/// The registry: one line a study. It yields the module, the name on the command line and the call.
+macro_rules! studies {
+    ($($name:ident),* $(,)?) => {
+        $(pub mod $name;)*
+
+        /// Names of all studies and what they ask.
+        pub const STUDIES: &[(&str, &str)] = &[$((stringify!($name), $name::SUMMARY)),*];
+
+        fn section(name: &str, gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+            match name {
+                $(stringify!($name) => $name::run(gpu, plan, progress),)*
+                _ => {
+                    let names: Vec<&str> = STUDIES.iter().map(|(name, _)| *name).collect();
+                    Err(Error::Request(format!("there is no study {name:?}; there are: {}", names.join(", "))))
+                }
+            }
+        }
+    };
+}
+
+studies! {
+    precision, // bits of position
+}
+
+/// Runs the named studies, or all.
+pub fn run(names: &[String], gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Section>> {
+    let all: Vec<String> = STUDIES.iter().map(|(name, _)| name.to_string()).collect();
+    let names = if names.is_empty() { &all } else { names };
+    names.iter().map(|name| section(name, gpu, plan, progress)).collect()
+}
+
+/// Marks, in every scene, view and metric, the rows that no other beats.
+pub fn mark_fronts(rows: &mut [Row]) {
+    let group = |row: &Row| (row.scene, row.view, row.metric);
+    for i in 0..rows.len() {
+        let alike: Vec<usize> = (0..rows.len()).filter(|&k| group(&rows[k]) == group(&rows[i])).collect();
+        let front = metrics::front(&alike.iter().map(|&k| (rows[k].error, rows[k].ms[1])).collect::<Vec<_>>());
+        alike.into_iter().zip(front).for_each(|(k, front)| rows[k].front = front);
+    }
+}

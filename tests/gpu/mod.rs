@@ -2,6 +2,7 @@
 
 #![allow(dead_code)]
 
+use glam::DVec3;
 use pointillist::cloud::attribute::Shown;
 use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
 use pointillist::frame;
@@ -12,7 +13,6 @@ use pointillist::passes::{Scene, project::Statistics};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::{Camera, Projection, View};
-use glam::DVec3;
 use std::sync::{Mutex, OnceLock};
 
 /// How keys are made.
@@ -28,7 +28,8 @@ pub const WAYS: [Way; 2] = [Way::Compute64, Way::Compute32];
 pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
     static DEVICES: [OnceLock<Mutex<Gpu>>; 2] = [const { OnceLock::new() }; 2];
     let wish = Wish { validate: true, no_int64_atomics: way == Way::Compute32, ..Wish::default() };
-    let device = DEVICES[way as usize].get_or_init(|| Mutex::new(Gpu::open(&wish).expect("tests need a Vulkan 1.3 device with validation layers")));
+    let device =
+        DEVICES[way as usize].get_or_init(|| Mutex::new(Gpu::open(&wish).expect("tests need a Vulkan 1.3 device with validation layers")));
     // A test that failed while holding the device left nothing half done on it: submissions are waited for.
     work(&mut device.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
 }
@@ -55,7 +56,11 @@ impl Layers {
         let wild = |word: &&u32| **word & 0x7F80_0000 == 0x7F80_0000;
         assert_eq!(bytes(&self.color).iter().chain(bytes(&self.picture)).filter(wild).count(), 0, "NaN or infinite colours");
         let depths = self.depth.iter().zip(&self.index);
-        assert_eq!(depths.filter(|&(z, &id)| !z.is_finite() && (id != u32::MAX || *z != f32::INFINITY)).count(), 0, "NaN or infinite depths");
+        assert_eq!(
+            depths.filter(|&(z, &id)| !z.is_finite() && (id != u32::MAX || *z != f32::INFINITY)).count(),
+            0,
+            "NaN or infinite depths"
+        );
     }
 }
 

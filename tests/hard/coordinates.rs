@@ -35,7 +35,9 @@ fn hard_02_camera_in_a_huge_node() {
     let random = &mut Random(2);
     let lattice = Lattice { step: DVec3::splat(1e-4), offset: DVec3::new(500_000.0, 5_000_000.0, 0.0) };
     let metres = |random: &mut Random, lo: f64, hi: f64| (random.within(lo, hi) * 1e4) as i32;
-    let far = (0..5000).map(|_| [metres(random, -5000.0, 5000.0), metres(random, -5000.0, 5000.0), metres(random, -50.0, 50.0)]).collect::<Vec<_>>();
+    let far = (0..5000)
+        .map(|_| [metres(random, -5000.0, 5000.0), metres(random, -5000.0, 5000.0), metres(random, -50.0, 50.0)])
+        .collect::<Vec<_>>();
     let wall = (0..55_000).map(|_| [metres(random, 1233.0, 1235.0), metres(random, 2001.0, 2001.01), metres(random, 1.0, 3.0)]);
     let points: Vec<_> = far.into_iter().chain(wall).collect();
     let cloud = cloud(vec![part(lattice, &points, None)]);

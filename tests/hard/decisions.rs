@@ -50,7 +50,8 @@ fn hard_05_packed_ordering() {
             let expected = (near..=infinity).contains(&bits);
             wrong += (kept(bits) != expected) as u32;
             // Of two kept neighbours the smaller number has the smaller key, whatever the ids.
-            let ordered = f32::from_bits(bits) < f32::from_bits(bits + 1 & 0x7FFF_FFFF) && key(bits, NO_POINT) < key(bits.wrapping_add(1), 0);
+            let ordered =
+                f32::from_bits(bits) < f32::from_bits((bits + 1) & 0x7FFF_FFFF) && key(bits, NO_POINT) < key(bits.wrapping_add(1), 0);
             wrong += (expected && bits < infinity && !ordered) as u32;
         }
         assert_eq!(wrong, 0, "among the patterns from {:#x}", block << 20);
@@ -76,7 +77,7 @@ fn hard_05_coincident_points_show_the_same_one_whatever_their_order() {
 /// Chunk counts at +-1 of 65,535 workgroups cannot occur: a dispatch walks nodes of one block of 256 pages, and every node takes two pages at least, so it has at most 2,048 chunks.
 #[test]
 fn hard_06_a_dispatch_never_has_more_workgroups_than_one_row() {
-    assert!(PAGES_PER_BLOCK / 2 * CHUNKS_PER_PAGE <= 65_535);
+    const { assert!(PAGES_PER_BLOCK / 2 * CHUNKS_PER_PAGE <= 65_535) };
     assert_eq!(CHUNKS_PER_PAGE * POINTS_PER_CHUNK, POINTS_PER_PAGE);
 }
 
@@ -108,7 +109,9 @@ fn hard_06_sizes() {
     let (points, colors) = bumpy(100_000, 20_000, &mut Random(6));
     let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 0.0) };
     let cloud = cloud(vec![part(lattice, &points, Some(colors))]);
-    for size in [[1, 1], [1, 2], [3, 1], [1, 16_384], [16_384, 1], [127, 251], [509, 13], [2, 8191], [8191, 3], [64, 64], [65, 64], [63, 64]] {
+    for size in
+        [[1, 1], [1, 2], [3, 1], [1, 16_384], [16_384, 1], [127, 251], [509, 13], [2, 8191], [8191, 3], [64, 64], [65, 64], [63, 64]]
+    {
         for camera in [
             perspective(lattice.offset + DVec3::new(0.0, -30.0, 12.0), lattice.offset, 60.0),
             orthographic(lattice.offset + DVec3::Z * 20.0, lattice.offset, 20.0 * (size[1] as f64 / size[0] as f64).min(1.0)),

@@ -43,7 +43,7 @@ fn moved(camera: Camera, by: DVec3, scale: f64) -> Camera {
 
 fn picture(cloud: &Cloud, camera: Camera) -> crate::gpu::Layers {
     let layers = draw(Way::Compute64, cloud, &View::new(camera, SIZE).unwrap(), &wishes());
-    assert!(layers.depth.iter().filter(|z| z.is_finite()).count() > 3000, "hardly anything is in the picture");
+    assert!(layers.depth.iter().filter(|z| z.is_finite()).count() > 1000, "hardly anything is in the picture");
     layers.assert_finite();
     layers
 }
@@ -52,7 +52,9 @@ fn picture(cloud: &Cloud, camera: Camera) -> crate::gpu::Layers {
 fn hard_01_utm_translation_is_bit_identical() {
     for camera in cameras() {
         let here = picture(&scene(1.0, DVec3::ZERO), camera);
-        for utm in [DVec3::new(500_000.0, 5_000_000.0, 100.0), DVec3::new(-499_999.0 * STEP, 4_999_999.0, 12_345.0 * STEP), DVec3::splat(-8e6)] {
+        for utm in
+            [DVec3::new(500_000.0, 5_000_000.0, 100.0), DVec3::new(-499_999.0 * STEP, 4_999_999.0, 12_345.0 * STEP), DVec3::splat(-8e6)]
+        {
             let there = picture(&scene(1.0, utm), moved(camera, utm, 1.0));
             assert!(here.bits() == there.bits(), "moving cloud and camera by {utm} changes the picture");
         }

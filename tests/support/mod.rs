@@ -5,6 +5,7 @@ use pointillist::progress::Silent;
 use pointillist::synth::{self, LasFile, Scene};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
+use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -132,20 +133,31 @@ pub struct Cost {
 /// Runs a command and watches it. The kernel's own high-water mark is read again and again until the process is gone: what is missed is only
 /// what grew within the last millisecond.
 pub fn watch(mut command: Command, limit: Duration) -> Cost {
+    // Files take any amount; a pipe that nobody reads stops whoever writes.
+    let [mut out, mut err] = [(); 2].map(|()| tempfile::tempfile().expect("a temporary file"));
+    command.stdout(out.try_clone().unwrap()).stderr(err.try_clone().unwrap());
     let began = Instant::now();
-    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("start the program");
-    let status = format!("/proc/{}/status", child.id());
+    let mut child = command.spawn().expect("start the program");
+    let memory = format!("/proc/{}/status", child.id());
     let mut peak = None;
-    while child.try_wait().expect("wait for the program").is_none() {
-        peak = peak.max(high_water(&status));
+    let status = loop {
+        if let Some(done) = child.try_wait().expect("wait for the program") {
+            break done;
+        }
+        peak = peak.max(high_water(&memory));
         if began.elapsed() > limit {
             child.kill().expect("end the program");
             panic!("{command:?} still ran after {limit:?}");
         }
         std::thread::sleep(Duration::from_millis(1));
-    }
+    };
     let time = began.elapsed();
-    Cost { output: child.wait_with_output().expect("its output"), time, peak }
+    let contents = |file: &mut std::fs::File| {
+        let mut bytes = Vec::new();
+        file.rewind().and_then(|()| file.read_to_end(&mut bytes)).expect("its output");
+        bytes
+    };
+    Cost { output: Output { status, stdout: contents(&mut out), stderr: contents(&mut err) }, time, peak }
 }
 
 fn high_water(status: &str) -> Option<u64> {
@@ -156,7 +168,8 @@ fn high_water(status: &str) -> Option<u64> {
 
 /// Names in a folder, hidden ones too.
 pub fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<_> =
+        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
     names.sort();
     names
 }

@@ -1,0 +1,223 @@
+//! Study `precision`: bits of position against error and time.
+//!
+//! The knob is how many planes of ten bits an axis are read of every node: 10, 20, all, or as many as `auto` finds worth reading. Errors are those of what was drawn: a pixel names
+//! its point and its depth, and the file says, in f64, where that point is. So a pixel's error is how far outside of the pixel its point truly lies (0 if it lies in it), and how
+//! far its depth is from the point's. The reference is the scan itself, neither the renderer nor the analytic scene: noise is no fault of precision. One metric is against
+//! the renderer's own picture at full precision, and says so: the share of pixels that show another point.
+
+use super::chart::{Chart, Mark, Panel};
+use super::metrics::{self, Errors};
+use super::oracle::points::Points;
+use super::report::{Figure, Section, Table};
+use super::{Plan, Row, mark_fronts, sweep};
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::config::NO_POINT;
+use crate::error::Result;
+use crate::frame;
+use crate::graph::{Gpu, Graph};
+use crate::look::{self, Wishes};
+use crate::passes::project::{Precision, Statistics};
+use crate::passes::{Scene as Seen, Switch};
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::synth::{self, Scene, World};
+use crate::view::{Camera, Projection, View};
+use glam::DVec3;
+use rayon::prelude::*;
+
+pub const SUMMARY: &str = "bits of position, against error in pixels and metres";
+
+const SCENES: [(&str, Scene); 3] = [("sphere", Scene::Sphere), ("street", Scene::Street), ("terrain", Scene::Terrain)];
+
+const SETTINGS: [(&str, Precision); 4] =
+    [("10", Precision::Planes(1)), ("20", Precision::Planes(2)), ("all", Precision::Planes(3)), ("auto", Precision::Auto)];
+
+/// The setting that the others' pictures are compared with.
+const FULL: usize = 2;
+
+/// Where f32 coordinates would fail: the studies of position are made where surveys are.
+const UTM: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
+
+/// Metric, its unit for axes, and what it is.
+const METRICS: [(&str, &str, &str); 5] = [
+    ("px_max", "largest error, pixels", "Pixels: the point farthest outside of the pixel that shows it"),
+    ("px_rms", "RMS error, pixels", "Pixels: root mean square over all drawn pixels"),
+    ("m_max", "largest error of depth, metres", "Metres: the largest error of depth"),
+    ("m_rms", "RMS error of depth, metres", "Metres: root mean square error of depth"),
+    ("index_share", "share of pixels with another point", "Pixels that show another point than at full precision"),
+];
+
+pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+    let mut rows = Vec::new();
+    let mut counters = Table {
+        title: "What was read, and how long projecting took".into(),
+        head: [
+            "scene",
+            "view",
+            "bits",
+            "points drawn",
+            "MiB of positions read",
+            "bytes a point",
+            "quantised by at most, px",
+            "ms (quartiles)",
+        ]
+        .map(String::from)
+        .to_vec(),
+        rows: Vec::new(),
+    };
+    for (done, (name, scene)) in SCENES.into_iter().enumerate() {
+        progress.tick("study precision", done as u64, SCENES.len() as u64)?;
+        let mut world = synth::build(scene, plan.seed, 0.0);
+        world.offset = UTM;
+        world.step = finest_step(&world);
+        let cloud = synth::collect(name, &world, plan.points, plan.seed, scene.default_noise(), progress)?;
+        let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), progress)?;
+        let points = Points::new(&cloud.parts, &resident.nodes);
+        for (view_name, camera) in cameras(&world) {
+            let view = View::new(camera, plan.size)?;
+            let drawings = SETTINGS.iter().map(|(_, precision)| draw(gpu, &view, &resident, *precision)).collect::<Result<Vec<_>>>()?;
+            let times = sweep::interleaved(&SETTINGS, plan.repeat, |(_, precision)| {
+                progress.tick("study precision", done as u64, SCENES.len() as u64)?;
+                Ok(draw(gpu, &view, &resident, *precision)?.ms)
+            })?;
+            for (i, (value, _)) in SETTINGS.iter().enumerate() {
+                let ms = metrics::quartiles(&times[i]);
+                let [px, metres] = truth(&view, &points, &drawings[i]);
+                let index = index_share(&drawings[i], &drawings[FULL]);
+                for (metric, error) in METRICS.iter().zip([px.max, px.rms, metres.max, metres.rms, index]) {
+                    let (scene, view, metric, value) = (name, view_name, metric.0, value.to_string());
+                    rows.push(Row {
+                        scene,
+                        view,
+                        knob: "bits",
+                        value,
+                        metric,
+                        error,
+                        ms,
+                        n: times[i].len(),
+                        auto: SETTINGS[i].0 == "auto",
+                        front: false,
+                    });
+                }
+                counters.rows.push(counted(name, view_name, value, &drawings[i].statistics, ms));
+            }
+        }
+        resident.free(gpu);
+    }
+    mark_fronts(&mut rows);
+    let figures = METRICS.iter().map(|metric| figure(metric, &rows)).collect();
+    let how = format!(
+        "{} points a scene at E 500 km, N 5000 km, drawn at {} x {} pixels; n = {} interleaved rounds after one that is not counted. Errors are those of what was drawn: \
+         every pixel names its point and depth, and the scan says in f64 where that point is. A pixel's error is how far outside of the pixel its point truly lies. Errors \
+         of about 1e-4 px and 1e-7 of the depth are those of 32-bit arithmetic, which no number of bits removes. Only <em>pixels that show another point</em> compares with the \
+         renderer's own picture at full precision, so there <em>all</em> is 0 by definition.",
+        plan.points, plan.size[0], plan.size[1], plan.repeat
+    );
+    Ok(Section { name: "precision", title: "Bits of position".into(), how, rows, figures, tables: vec![counters] })
+}
+
+/// As fine as readers keep coordinates of floating-point files, the finest there are: less than 2^30 steps across. A millimetre lattice needs no more than 20 bits a node.
+fn finest_step(world: &World) -> f64 {
+    let bounds = world.bounds();
+    let reach = bounds.min.abs().max(bounds.max.abs()).max_element() + 1.0;
+    2f64.powi((2.0 * reach).log2().ceil() as i32 - 30)
+}
+
+/// From four times as far as the scene's own camera, from there, and from a fortieth of its distance to what it looks at.
+fn cameras(world: &World) -> [(&'static str, Camera); 3] {
+    let look = world.camera();
+    let camera =
+        |eye, target| Camera { eye, target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None };
+    let back = look.eye - look.target;
+    let hit = world.trace(look.eye - world.offset, -back).map_or(look.target, |hit| hit.point + world.offset);
+    [
+        ("far", camera(look.target + back * 4.0, look.target)),
+        ("near", camera(look.eye, look.target)),
+        ("close-up", camera(hit + (look.eye - hit) / 40.0, hit)),
+    ]
+}
+
+struct Drawing {
+    depth: Vec<f32>,
+    index: Vec<u32>,
+    statistics: Statistics,
+    /// Of projecting alone: nothing else depends on the knob.
+    ms: f64,
+}
+
+fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, precision: Precision) -> Result<Drawing> {
+    let mut wishes = Wishes { precision, ..Wishes::default() };
+    wishes.effects.edl.switch = Switch::Off;
+    let look = look::decide(&wishes, &Seen { view, points: resident.points });
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
+    let frame = g.submit(&[])?;
+    let drawing = Drawing {
+        depth: frame.read(&depth).to_vec(),
+        index: frame.read(&index).to_vec(),
+        statistics: outcome.statistics,
+        ms: frame.ms("project"),
+    };
+    frame.shelve(gpu);
+    Ok(drawing)
+}
+
+/// Errors of the drawn pixels against where their points truly are: in pixels, and of depth in metres.
+fn truth(view: &View, points: &Points, drawing: &Drawing) -> [Errors; 2] {
+    let [width, height] = view.size.map(|side| side as f64);
+    let f = view.focal_px();
+    let pixel = |(i, (&id, &depth)): (usize, (&u32, &f32))| {
+        let v = points.relative(id, view.camera.eye);
+        let z = v.dot(view.basis.forward);
+        let at = [v.dot(view.basis.right) * f / z + width / 2.0, -v.dot(view.basis.up) * f / z + height / 2.0];
+        let corner = [(i % view.size[0] as usize) as f64, (i / view.size[0] as usize) as f64];
+        let outside = |axis: usize| (corner[axis] - at[axis]).max(at[axis] - corner[axis] - 1.0).max(0.0);
+        (outside(0).hypot(outside(1)), (depth as f64 - z).abs())
+    };
+    let drawn = drawing.index.par_iter().zip(&drawing.depth).enumerate().filter(|(_, (id, _))| **id != NO_POINT);
+    let errors: Vec<(f64, f64)> = drawn.map(pixel).collect();
+    [metrics::errors(errors.iter().map(|e| e.0)), metrics::errors(errors.iter().map(|e| e.1))]
+}
+
+/// Of the pixels that either covers, the share that shows another point.
+fn index_share(drawing: &Drawing, full: &Drawing) -> f64 {
+    let pairs = || drawing.index.iter().zip(&full.index).filter(|(a, b)| **a != NO_POINT || **b != NO_POINT);
+    pairs().filter(|(a, b)| a != b).count() as f64 / pairs().count().max(1) as f64
+}
+
+fn counted(scene: &str, view: &str, value: &str, s: &Statistics, ms: [f64; 3]) -> Vec<String> {
+    let bytes = s.position_bytes as f64;
+    vec![
+        scene.into(),
+        view.into(),
+        value.into(),
+        s.points_drawn.to_string(),
+        format!("{:.2}", bytes / (1 << 20) as f64),
+        format!("{:.1}", bytes / s.points_drawn.max(1) as f64),
+        if s.quantisation_px == 0.0 { "0".into() } else { format!("{:.1e}", s.quantisation_px) },
+        format!("{:.2} ({:.2} to {:.2})", ms[1], ms[0], ms[2]),
+    ]
+}
+
+/// A panel for every scene and view.
+fn figure(&(metric, axis, caption): &(&str, &str, &str), rows: &[Row]) -> Figure {
+    let mut panels: Vec<Panel> = Vec::new();
+    for row in rows.iter().filter(|row| row.metric == metric) {
+        let title = format!("{}, {}", row.scene, row.view);
+        if panels.last().is_none_or(|panel| panel.title != title) {
+            panels.push(Panel { title, marks: Vec::new() });
+        }
+        let label = if row.value.parse::<u32>().is_ok() { format!("{} bits", row.value) } else { row.value.clone() };
+        let mark = Mark { label, x: row.ms, y: row.error, front: row.front, auto: row.auto };
+        panels.last_mut().expect("pushed above").marks.push(mark);
+    }
+    let chart = Chart {
+        title: caption.into(),
+        x_axis: "milliseconds to project (bars: quartiles)".into(),
+        y_axis: axis.into(),
+        columns: 3,
+        panels,
+    };
+    Figure { file: format!("precision-{}.svg", metric.replace('_', "-")), caption: caption.into(), svg: chart.svg() }
+}

@@ -1,0 +1,31 @@
+//! Settings in, times out: all settings in turn, again and again (A B A B), so that whatever else the machine does meets all of them alike (STUDIES.md, Statistics).
+
+use crate::error::Result;
+
+/// The times of every setting over `repeat` rounds. One round before them warms caches, kernels and the allocator up, and is not counted.
+pub fn interleaved<S>(settings: &[S], repeat: usize, mut time: impl FnMut(&S) -> Result<f64>) -> Result<Vec<Vec<f64>>> {
+    let mut times = vec![Vec::with_capacity(repeat); settings.len()];
+    for round in 0..=repeat {
+        for (setting, times) in settings.iter().zip(&mut times) {
+            let ms = time(setting)?;
+            if round > 0 {
+                times.push(ms);
+            }
+        }
+    }
+    Ok(times)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn settings_take_turns_and_the_first_round_does_not_count() {
+        let mut seen = Vec::new();
+        let times = super::interleaved(&["a", "b"], 2, |setting| {
+            seen.push(*setting);
+            Ok(seen.len() as f64)
+        });
+        assert_eq!(times.unwrap(), [[3.0, 5.0], [4.0, 6.0]]);
+        assert_eq!(seen, ["a", "b", "a", "b", "a", "b"]);
+    }
+}

@@ -1,0 +1,383 @@
+//! Commands as a user types them: help, exit codes, every option of `render`, the same bits every time, odd paths, Ctrl-C.
+
+mod support;
+
+use pointillist::synth::Scene;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+use support::{failed, names, pointillist, read_exr, read_png, render, run, scan, shuffled, succeeded, text};
+
+/// A folder with a small scan in it.
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    fn new() -> Place {
+        Place { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn line(&self, line: &str) -> String {
+        line.replace("@", &format!("{}/", self.folder.path().display()))
+    }
+
+    fn scan(&self, name: &str, scene: Scene, points: u64) -> PathBuf {
+        let path = self.at(name);
+        scan(&path, scene, points);
+        path
+    }
+
+    fn write(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.at(name);
+        fs::write(&path, text).unwrap();
+        path
+    }
+
+    /// `render` of a cloud with a line in which `@` is this folder.
+    fn render(&self, cloud: &Path, line: &str) -> std::process::Output {
+        render(cloud, &self.line(line))
+    }
+}
+
+const CAMERA: &str = r#"{"eye": [3, -4, 3], "target": [0, 0, 0], "up": [0, 0, 1], "fov_y": 40}"#;
+
+#[test]
+fn every_command_explains_itself_with_examples() {
+    for command in ["render", "info", "synth", "study", "bench"] {
+        let output = run([command, "--help"]);
+        succeeded(&output);
+        let help = text(&output.stdout);
+        assert!(help.contains("Examples:") && help.contains(&format!("pointillist {command}")), "{command}: {help}");
+    }
+    assert!(text(&run(["--help"]).stdout).contains("render"));
+}
+
+#[test]
+fn exit_codes_are_0_done_1_could_not_2_asked_wrongly() {
+    let place = Place::new();
+    let cloud = place.scan("torus.las", Scene::Torus, 1000);
+    succeeded(&place.render(&cloud, "-o @out.png --size 32x32"));
+    for wrong in [
+        "",
+        "-o @a.png --size 0x5",
+        "-o @a.png --size big",
+        "-o @a.png --color pink",
+        "-o @a.png --background 12345",
+        "-o @a.png --nonsense",
+    ] {
+        failed(&place.render(&cloud, wrong), 2);
+    }
+    failed(&run(["explode"]), 2);
+    failed(&run::<&str>([]), 2);
+    for (wrong, names) in [
+        ("-o @a.png --size 100000x100000", "--size"),
+        ("-o @a.png --camera @none.json", "none.json"),
+        ("-o @a.png --effect edl=sometimes", "edl=sometimes"),
+        ("-o @a.png --effect glow=on", "glow"),
+        ("-o @a.png --effect edl=on,strength=-1", "strength"),
+        ("-o @nowhere/a.png", "nowhere"),
+    ] {
+        let said = failed(&place.render(&cloud, wrong), 1);
+        assert!(said.contains(names), "{wrong}: {said}");
+    }
+    let huge = place.render(&cloud, "-o @a.png --size 4294967295x4294967295");
+    assert!(matches!(huge.status.code(), Some(1 | 2)), "{}", text(&huge.stderr));
+    assert_eq!(names(place.folder.path()), ["out.png", "torus.las"]);
+}
+
+#[test]
+fn an_attribute_that_is_not_there_is_named() {
+    let place = Place::new();
+    let cloud = place.write("plain.xyz", "0 0 0\n1 0 0\n0 1 1\n");
+    let said = text(&place.render(&cloud, "-o @a.png --color rgb").stderr);
+    assert!(said.contains("--color rgb") && !place.at("a.png").exists(), "{said}");
+}
+
+#[test]
+fn a_picture_from_a_file_and_nothing_else() {
+    let place = Place::new();
+    let cloud = place.scan("street.laz", Scene::Street, 30_000);
+    let output = place.render(&cloud, "-o @out.png");
+    assert_eq!(succeeded(&output), "", "quiet when there is nothing to say");
+    assert!(output.stdout.is_empty());
+    let picture = read_png(&place.at("out.png"));
+    assert_eq!(picture.size, [1920, 1080]);
+    let background = picture.pixels[0];
+    assert_eq!(background, pointillist::config::BACKGROUND);
+    assert!(picture.pixels.iter().filter(|&&pixel| pixel != background).count() > 10_000);
+}
+
+#[test]
+fn every_option_of_render_does_what_it_says() {
+    let place = Place::new();
+    let cloud = place.scan("torus.las", Scene::Torus, 60_000);
+    place.write("cam.json", CAMERA);
+    let plain = "--size 96x64 --camera @cam.json";
+    let output = place.render(&cloud, &format!("{plain} -o @plain.png --exr @plain.exr"));
+    assert_eq!(succeeded(&output), "");
+    let bytes = |name: &str| fs::read(place.at(name)).unwrap();
+
+    let layers = read_exr(&place.at("plain.exr"));
+    assert_eq!(layers.size, [96, 64]);
+    assert_eq!(layers.layers.keys().collect::<Vec<_>>(), ["A", "B", "G", "R", "coverage.V", "depth.Z", "index.V", "raw.Z"]);
+    let (depth, raw) = (layers.floats("depth.Z"), layers.floats("raw.Z"));
+    for pixel in 0..depth.len() {
+        let nothing = layers.layers["index.V"][pixel] == u32::MAX;
+        assert_eq!(nothing, depth[pixel] == f32::INFINITY);
+        assert_eq!(nothing, layers.layers["coverage.V"][pixel] == 0);
+        assert!(nothing || (depth[pixel] > 3.0 && depth[pixel] < 8.0 && depth[pixel] == raw[pixel]), "{}", depth[pixel]);
+    }
+
+    for different in
+        ["--background ffffff", "--color elevation", "--color white", "--effect edl=off", "--effect edl=on,strength=1.5,radius=3"]
+    {
+        succeeded(&place.render(&cloud, &format!("{plain} -o @other.png {different}")));
+        assert!(bytes("plain.png") != bytes("other.png"), "{different} changes nothing");
+    }
+    for same in ["--style points", "--effect edl=auto", "--device 0", "--background #181b20", "--color rgb", "--strict"] {
+        succeeded(&place.render(&cloud, &format!("{plain} -o @other.png {same}")));
+        assert!(bytes("plain.png") == bytes("other.png"), "{same} changes the picture");
+    }
+    for view in ["top", "front", "iso", "fit"] {
+        succeeded(&place.render(&cloud, &format!("--size 96x64 --view {view} -o @{view}.png")));
+    }
+    assert!(bytes("top.png") != bytes("front.png") && bytes("iso.png") != bytes("top.png"));
+    for color in ["intensity", "elevation", "class", "source", "return", "white"] {
+        succeeded(&place.render(&cloud, &format!("{plain} -o @other.png --color {color}")));
+    }
+    failed(&place.render(&cloud, "--view top --camera @cam.json -o @other.png"), 2);
+
+    let said = succeeded(&place.render(&cloud, &format!("{plain} -o @other.png --explain")));
+    assert!(["device:", "60000 points", "edl: on, because", "plan:", "composite"].iter().all(|part| said.contains(part)), "{said}");
+    let output = place.render(&cloud, &format!("{plain} -o @other.png --explain=json"));
+    assert_eq!(succeeded(&output), "");
+    let explained: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&explained["cloud"]["points"], &explained["size"]), (&60_000.into(), &serde_json::json!([96, 64])));
+    assert_eq!(explained["effects"]["edl"]["runs"], true);
+    let output = place.render(&cloud, &format!("{plain} -o @other.png --effect edl=off --explain=json"));
+    let explained: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(!explained["passes"].to_string().contains("edl"), "what is off leaves no trace: {explained}");
+    let said = succeeded(&place.render(&cloud, &format!("{plain} -o @other.png --timings")));
+    assert!(["read", "draw", "composite", "total"].iter().all(|part| said.contains(part)), "{said}");
+}
+
+#[test]
+fn validation_layers_are_silent() {
+    let place = Place::new();
+    let cloud = place.scan("step.las", Scene::Step, 20_000);
+    let output = place.render(&cloud, "--size 331x257 -o @a.png --exr @a.exr --validate");
+    assert_eq!(succeeded(&output), "");
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
+fn an_unknown_device_lists_those_there_are() {
+    let place = Place::new();
+    let cloud = place.scan("step.las", Scene::Step, 100);
+    for device in ["abacus", "77"] {
+        let said = failed(&place.render(&cloud, &format!("-o @a.png --device {device}")), 1);
+        assert!(said.contains(device) && said.contains("there are: 0: "), "{said}");
+    }
+}
+
+#[test]
+fn the_same_input_gives_the_same_bits_on_any_number_of_threads() {
+    let place = Place::new();
+    let cloud = place.scan("street.las", Scene::Street, 200_000);
+    let line = place.line("--size 641x359 -o @a.png --exr @a.exr");
+    let mut first = None;
+    // Threads of the software driver, and of our own.
+    for (driver, own) in [(None, None), (None, None), (Some("0"), None), (Some("1"), Some("1")), (Some("2"), Some("3"))] {
+        let mut command = pointillist();
+        command.arg("render").arg(&cloud).args(line.split_whitespace());
+        command.envs(driver.map(|threads| ("LP_NUM_THREADS", threads)));
+        command.envs(own.map(|threads| ("RAYON_NUM_THREADS", threads)));
+        succeeded(&command.output().unwrap());
+        let files = ["a.png", "a.exr"].map(|name| fs::read(place.at(name)).unwrap());
+        assert!(*first.get_or_insert_with(|| files.clone()) == files, "LP_NUM_THREADS {driver:?}, RAYON_NUM_THREADS {own:?}");
+    }
+}
+
+/// The same cloud in two orders, drawn with these options.
+fn assert_order_does_not_show(options: &str) {
+    let place = Place::new();
+    let cloud = place.scan("street.las", Scene::Street, 200_000);
+    place.write("cam.json", r#"{"eye": [500002, 4999972, 102], "target": [499998, 5000010, 105]}"#);
+    fs::write(place.at("shuffled.las"), shuffled(&fs::read(&cloud).unwrap())).unwrap();
+    succeeded(&place.render(&cloud, &format!("--size 640x360 -o @a.png --exr @a.exr {options}")));
+    succeeded(&place.render(&place.at("shuffled.las"), &format!("--size 640x360 -o @b.png --exr @b.exr {options}")));
+    assert!(read_png(&place.at("a.png")).pixels == read_png(&place.at("b.png")).pixels);
+    let [a, b] = ["a.exr", "b.exr"].map(|name| read_exr(&place.at(name)).layers);
+    assert!(["R", "G", "B", "A", "depth.Z", "raw.Z", "coverage.V"].iter().all(|layer| a[*layer] == b[*layer]));
+}
+
+#[test]
+fn hard_00_m3_shuffled_input_gives_the_same_picture() {
+    assert_order_does_not_show("--camera @cam.json");
+}
+
+#[test]
+fn hard_00_m3_shuffled_input_is_framed_the_same_way() {
+    assert_order_does_not_show("--view fit");
+}
+
+#[test]
+fn nothing_is_written_over_an_input() {
+    let place = Place::new();
+    let cloud = place.scan("torus.las", Scene::Torus, 100);
+    let before = fs::read(&cloud).unwrap();
+    for line in ["-o @torus.las", "--exr @torus.las", "-o @./torus.las"] {
+        assert!(failed(&place.render(&cloud, line), 1).contains("is an input"));
+    }
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink(&cloud, place.at("link.png")).unwrap();
+        fs::hard_link(&cloud, place.at("twin.png")).unwrap();
+        failed(&place.render(&cloud, "-o @link.png"), 1);
+    }
+    assert!(failed(&place.render(&cloud, "-o @same.png --exr @same.png"), 1).contains("same.png"));
+    assert_eq!(fs::read(&cloud).unwrap(), before);
+}
+
+#[test]
+fn small_and_degenerate_clouds_are_drawn() {
+    let place = Place::new();
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    let cases = [
+        ("none.las", String::new(), 0),
+        ("empty.ply", header.replace('3', "0"), 0),
+        ("one.xyz", "500000.5 5000000.25 3\n".to_string(), 1),
+        ("equal.xyz", "1 2 3\n".repeat(1000), 1),
+        ("nan.xyz", "0 0 0\nnan 1 1\n1 inf 1\n1 1 1\n".to_string(), 2),
+        ("nan.ply", format!("{header}0 0 0\nnan nan nan\n1 1 1\n"), 2),
+        ("all_nan.xyz", "nan nan nan\n".to_string(), 0),
+        ("line.xyz", "0 0 0\n1 0 0\n2 0 0\n".to_string(), 3),
+        ("wide.xyz", "0 0 0\n1e9 0 0\n0 1e9 1e-3\n".to_string(), 2),
+    ];
+    for (name, contents, at_least) in cases {
+        let cloud = if contents.is_empty() { place.scan(name, Scene::Plane, 0) } else { place.write(name, &contents) };
+        let said = succeeded(&place.render(&cloud, "--size 64x48 -o @a.png --exr @a.exr"));
+        let layers = read_exr(&place.at("a.exr"));
+        let covered = layers.layers["coverage.V"].iter().filter(|&&coverage| coverage == 1).count();
+        assert!(covered >= at_least, "{name}: {covered} pixels drawn; {said}");
+        assert!(["R", "G", "B"].iter().all(|layer| layers.floats(layer).iter().all(|value| value.is_finite())), "{name}");
+        if name.contains("nan") {
+            let lost = ["1 points with NaN", "2 points with NaN"];
+            assert!(lost.iter().any(|count| said.contains(count)), "{name}: {said}");
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn odd_paths_are_handled_or_refused_in_one_line() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    let place = Place::new();
+    let cloud = place.scan("plain.las", Scene::Torus, 100);
+    let long = [b'l'; 251].to_vec();
+    for name in [&b"with spaces and 'quotes'"[..], "Öl 测试点云".as_bytes(), b"not \xFF\xFE UTF-8", b"two\nlines", b"-dash", &long] {
+        let named = |ending: &str| place.folder.path().join(OsStr::from_bytes(&[name, ending.as_bytes()].concat()));
+        let (input, output) = (named(".las"), named(".png"));
+        fs::copy(&cloud, &input).unwrap();
+        let drawn = pointillist().arg("render").arg(&input).args(["--size", "32x32", "-o"]).arg(&output).output().unwrap();
+        succeeded(&drawn);
+        assert_eq!(read_png(&output).size, [32, 32]);
+        succeeded(&pointillist().arg("info").arg(&input).output().unwrap());
+        let missing = pointillist().arg("info").arg(named(".none")).output().unwrap();
+        // A line break in a name does not break the line.
+        failed(&missing, 1);
+    }
+    let path = |name: &str| place.at(name).display().to_string();
+    let fifo = std::process::Command::new("mkfifo").arg(place.at("fifo")).status();
+    for odd in ["missing.las", "fifo", ""].iter().filter(|name| **name != "fifo" || fifo.as_ref().is_ok_and(|status| status.success())) {
+        for command in [vec!["info".to_string(), path(odd)], vec!["render".to_string(), path(odd), "-o".to_string(), path("a.png")]] {
+            failed(&run(&command), 1);
+        }
+        if *odd != "missing.las" {
+            failed(&run(["render", &path("plain.las"), "-o", &path(odd)]), 1);
+        }
+    }
+    assert!(names(place.folder.path()).iter().all(|name| !name.contains("partial") && name != "a.png"));
+}
+
+#[test]
+fn info_counts_what_it_reads() {
+    let place = Place::new();
+    let cloud = place.scan("street.laz", Scene::Street, 5000);
+    let output = pointillist().args(["info", "--json"]).arg(&cloud).output().unwrap();
+    assert_eq!(succeeded(&output), "");
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["points"], 5000);
+    assert_eq!(report["parts"][0]["header"]["points"], 5000);
+    assert!(report["stations"].as_array().unwrap().len() > 1);
+    let output = pointillist().arg("info").arg(&cloud).output().unwrap();
+    assert!(text(&output.stdout).contains("5000"));
+}
+
+#[test]
+fn synth_writes_cloud_camera_and_truth_of_one_scene() {
+    let place = Place::new();
+    let line = place.line("synth torus --points 300000 -o @t.laz --camera-out @cam.json");
+    assert_eq!(succeeded(&run(line.split_whitespace())), "");
+    let line = place.line("synth torus --truth @cam.json -o @truth.exr --size 160x120");
+    assert_eq!(succeeded(&run(line.split_whitespace())), "");
+    succeeded(&place.render(&place.at("t.laz"), "--camera @cam.json --size 160x120 --exr @drawn.exr"));
+    let (drawn, truth) = (read_exr(&place.at("drawn.exr")), read_exr(&place.at("truth.exr")));
+    let (depth, true_depth) = (drawn.floats("depth.Z"), truth.floats("depth.Z"));
+    let both: Vec<_> = depth.iter().zip(&true_depth).filter(|(a, b)| a.is_finite() && b.is_finite()).collect();
+    assert!(both.len() > 2000, "{} pixels", both.len());
+    let near = both.iter().filter(|(a, b)| (*a - *b).abs() < 0.02 * *b).count();
+    assert!(near as f64 > 0.9 * both.len() as f64, "{near} of {} depths are those of the scene", both.len());
+    failed(&run(["synth", "torus"]), 1);
+    failed(&run(place.line("synth torus --points 100 -o @none/t.las").split_whitespace()), 1);
+    let huge = run(place.line("synth torus --truth @cam.json -o @huge.exr --size 4294967295x4294967295").split_whitespace());
+    assert!(matches!(huge.status.code(), Some(1 | 2)), "{}", text(&huge.stderr));
+}
+
+/// Ctrl-C at different moments: exit code 130 or a whole file, and never anything else in the folder.
+#[cfg(unix)]
+#[test]
+fn interrupted_work_leaves_nothing_half_written() {
+    let place = Place::new();
+    place.scan("street.las", Scene::Street, 400_000);
+    let synth = place.line("synth street --points 50000000 -o @out.las");
+    let laz = place.line("synth street --points 50000000 -o @out.laz");
+    let truth = place.line("synth street --truth @cam.json -o @out.exr --size 4000x3000");
+    succeeded(&run(place.line("synth street --camera-out @cam.json").split_whitespace()));
+    let drawn = place.line("render @street.las -o @out.png --exr @out2.exr --size 1920x1080");
+    let given = names(place.folder.path());
+    for (line, waits_ms) in [(&synth, &[300, 1500][..]), (&laz, &[1000]), (&truth, &[600]), (&drawn, &[40, 250, 500, 900, 1400])] {
+        for &wait_ms in waits_ms {
+            let child = pointillist().args(line.split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
+            std::thread::sleep(Duration::from_millis(wait_ms));
+            let interrupted = std::process::Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().unwrap();
+            let since = Instant::now();
+            let output = child.wait_with_output().unwrap();
+            assert!(since.elapsed() < Duration::from_secs(5), "{line}: heeded after {:?}", since.elapsed());
+            let said = text(&output.stderr);
+            println!("{line}, after {wait_ms} ms: {} ({interrupted}): {said}", output.status);
+            match output.status.code() {
+                Some(0) => {}
+                // Before the handler is there the signal itself ends the process.
+                None => assert!(said.is_empty(), "{said}"),
+                code => assert_eq!((code, said.as_str()), (Some(130), "pointillist: interrupted; nothing was left half written\n")),
+            }
+            for name in names(place.folder.path()).iter().filter(|name| !given.contains(name)) {
+                let path = place.at(name);
+                match path.extension().and_then(|extension| extension.to_str()) {
+                    Some("png") => assert_eq!(read_png(&path).size, [1920, 1080]),
+                    Some("exr") => drop(read_exr(&path)),
+                    _ => panic!("{line}, after {wait_ms} ms: {name} was left"),
+                }
+                fs::remove_file(path).unwrap();
+            }
+        }
+    }
+}
