@@ -5,9 +5,16 @@ use pointillist::cli::{bench, info, render, study, synth, terminal::Terminal};
 use pointillist::error::Error;
 use std::process::ExitCode;
 
+const EXAMPLES: &str = "\
+Examples:
+  pointillist render scan.laz -o out.png
+  pointillist info scan.laz
+  pointillist synth street -o street.laz --points 2000000
+  pointillist COMMAND --help                               options and more examples";
+
 /// Draws raw, unstructured point clouds, with no normals, no radii and no waiting.
 #[derive(Parser)]
-#[command(version, about, max_term_width = 120)]
+#[command(version, about, max_term_width = 120, after_help = EXAMPLES)]
 struct Program {
     #[command(subcommand)]
     command: Command,
@@ -44,7 +51,11 @@ fn main() -> ExitCode {
             ExitCode::from(130)
         }
         Err(error) => {
-            eprintln!("pointillist: {error}");
+            // One line, whatever a path has in it; the validation layers' own words are many.
+            match error {
+                Error::Validation(_) => eprintln!("pointillist: {error}"),
+                _ => eprintln!("pointillist: {}", error.to_string().replace('\n', "\\n")),
+            }
             ExitCode::FAILURE
         }
     }

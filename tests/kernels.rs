@@ -191,9 +191,9 @@ fn edl_and_composite_stay_within_their_bounds() {
                 for (i, twin) in twin.iter().enumerate() {
                     let lit = got.lit[i];
                     assert_eq!(lit[3], got.color[i][3]);
-                    for c in 0..3 {
-                        assert!(twin[c].holds(lit[c]), "{size:?} {settings:?} pixel {i}: {} is not {:?}", lit[c], twin[c]);
-                        widest = widest.max(twin[c].error);
+                    for (c, twin) in twin.iter().enumerate() {
+                        assert!(twin.holds(lit[c]), "{size:?} {settings:?} pixel {i}: {} is not {twin:?}", lit[c]);
+                        widest = widest.max(twin.error);
                         let over = Bounded::exact(lit[c]) + Bounded::exact(BACKGROUND[c]) * (Bounded::exact(1.0) - Bounded::exact(lit[3]));
                         assert!(over.holds(got.picture[i][c]), "{size:?} pixel {i}: {} is not {over:?}", got.picture[i][c]);
                     }

@@ -20,6 +20,9 @@ precise float row(vec4 r, vec3 d) {
 }
 
 // The pixel as an index into the band (NO_PIXEL where the point is not in it) and the depth.
+// The largest finite f32: what overflows is nowhere.
+const float FARTHEST = 3.402823466e38;
+
 const uint NO_PIXEL = 0xFFFFFFFFu;
 
 uint place(vec4 row_x, vec4 row_y, vec4 row_z, ivec3 offset, out float depth) {
@@ -30,6 +33,6 @@ uint place(vec4 row_x, vec4 row_y, vec4 row_z, ivec3 offset, out float depth) {
     precise float x = row(row_x, d) * scale + push.centre.x;
     precise float y = row(row_y, d) * scale + push.centre.y;
     // Tested as floats before converting: NaN and infinity fail, and (-1, 0) does not truncate into column 0 (HARD_CASES 1.3).
-    bool inside = depth >= push.near && x >= 0.0 && x < push.size.x && y >= 0.0 && y < push.size.y;
+    bool inside = depth >= push.near && depth <= FARTHEST && x >= 0.0 && x < push.size.x && y >= 0.0 && y < push.size.y;
     return inside ? uint(y) * uint(push.size.x) + uint(x) : NO_PIXEL;
 }

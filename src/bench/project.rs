@@ -22,7 +22,6 @@ use crate::resident::Resident;
 use crate::shader;
 use crate::synth::{self, Scene};
 use crate::view::{Camera, Preset, View};
-use ash::vk;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -170,7 +169,7 @@ fn draw_point_list(gpu: &mut Gpu, points: &Points, view: &View, count: bool) -> 
     let mut g = Graph::new(gpu);
     let vertices = g.upload("vertices", &points.positions)?;
     let mut index = g.image("index", view.size, Kind::R32ui);
-    let mut depth = g.image_of("depth", ImageDesc { size: view.size, format: vk::Format::D32_SFLOAT });
+    let mut depth = g.image_of("depth", ImageDesc::depth(view.size));
     g.draw(command, &vertices, &mut index, &mut depth);
     let download = count.then(|| g.download(&index));
     let frame = g.submit(&[index.resource(), depth.resource()])?;

@@ -57,12 +57,16 @@ pub enum Style {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size(pub [u32; 2]);
 
+/// No device has larger images.
+const LARGEST_SIDE: u32 = 32_768;
+
 impl std::str::FromStr for Size {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Size, String> {
         let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-        sides.filter(|sides| sides.iter().all(|side| *side > 0)).map(Size).ok_or(format!("{text:?} is not WIDTHxHEIGHT in pixels"))
+        let valid = sides.filter(|sides: &[u32; 2]| sides.iter().all(|side| (1..=LARGEST_SIDE).contains(side)));
+        valid.map(Size).ok_or(format!("{text:?} is not WIDTHxHEIGHT in pixels, 1 to {LARGEST_SIDE} each"))
     }
 }
 

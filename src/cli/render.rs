@@ -11,6 +11,7 @@ use crate::picture::{self, Samples};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::view::View;
+use crate::whole_file::WholeFile;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -56,6 +57,13 @@ fn help() -> String {
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     for output in arguments.output.iter().chain(&arguments.exr) {
         refuse_to_overwrite(output, &arguments.files)?;
+        // A folder that cannot be written to is said before the work is done.
+        drop(WholeFile::create(output)?);
+    }
+    if let (Some(png), Some(exr)) = (&arguments.output, &arguments.exr)
+        && png == exr
+    {
+        return Err(Error::Request(format!("-o and --exr both name {}; they are two files", png.display())));
     }
     let wishes = arguments.picture.wishes()?;
     let mut stages = Stages::new();

@@ -2,8 +2,9 @@
 
 use super::Cloud;
 use glam::DVec3;
+use rayon::prelude::*;
 
-/// Points looked at; every k-th of the cloud, so that all parts count by their points.
+/// About as many points are looked at. Which ones their coordinates decide, not their place in the file, so that the camera does not depend on the order.
 const SAMPLES: u64 = 100_000;
 /// Share of the points that may lie beyond each side.
 const BEYOND: f64 = 0.002;
@@ -11,12 +12,13 @@ const BEYOND: f64 = 0.002;
 impl Cloud {
     /// A sample of the points, without those beyond the 0.2nd and 99.8th percentile of an axis; all of a small cloud. World.
     pub fn core_points(&self) -> Vec<DVec3> {
-        let every = (self.len() / SAMPLES + 1) as usize;
+        let every = self.len() / SAMPLES + 1;
         let mut points = Vec::new();
         for part in &self.parts {
             let columns = &part.columns;
             let at = |i: usize| part.lattice.world([columns.x[i] as i64, columns.y[i] as i64, columns.z[i] as i64]);
-            points.extend((0..columns.len()).step_by(every).map(at));
+            let chosen = |&i: &usize| scatter([columns.x[i], columns.y[i], columns.z[i]]).is_multiple_of(every);
+            points.par_extend((0..columns.len()).into_par_iter().filter(chosen).map(at));
         }
         let beyond = (points.len() as f64 * BEYOND) as usize;
         if beyond > 0 {
@@ -33,4 +35,12 @@ impl Cloud {
         }
         points
     }
+}
+
+/// A number that looks random and depends on a point's lattice coordinates alone (the finaliser of SplitMix64, Steele et al. 2014).
+fn scatter(q: [i32; 3]) -> u64 {
+    let mut h = (q[0] as u32 as u64) ^ (q[1] as u32 as u64).rotate_left(21) ^ (q[2] as u32 as u64).rotate_left(42);
+    h = (h ^ h >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    h = (h ^ h >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    h ^ h >> 31
 }

@@ -37,6 +37,11 @@ pub struct ImageDesc {
 }
 
 impl ImageDesc {
+    /// Of a rasteriser's depth attachment.
+    pub fn depth(size: [u32; 2]) -> ImageDesc {
+        ImageDesc { size, format: vk::Format::D32_SFLOAT }
+    }
+
     pub fn bytes_per_pixel(&self) -> u64 {
         match self.format {
             vk::Format::R32G32B32A32_SFLOAT => 16,
@@ -151,17 +156,22 @@ impl Memory {
             Texels::default()
         } else {
             // Where a device's texel buffers are too small the view ends early, and large buffers are read otherwise (Device::texels).
-            let most = device.limits.max_texel_buffer_elements as u64;
             Texels {
-                words: self.texels(raw, desc.bytes.min(4 * most), vk::Format::R32_UINT)?,
-                fours: self.texels(raw, desc.bytes.min(16 * most), vk::Format::R32G32B32A32_UINT)?,
+                words: self.texels(device, raw, desc.bytes, vk::Format::R32_UINT)?,
+                fours: self.texels(device, raw, desc.bytes, vk::Format::R32G32B32A32_UINT)?,
             }
         };
         Ok(RawBuffer { raw, desc, address, texels, allocation })
     }
 
-    fn texels(&self, buffer: vk::Buffer, bytes: u64, format: vk::Format) -> Result<vk::BufferView> {
-        let view = vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(bytes / 16 * 16);
+    /// As many whole texels of a buffer as it has and as a view may have; null where that is none.
+    fn texels(&self, device: &Device, buffer: vk::Buffer, bytes: u64, format: vk::Format) -> Result<vk::BufferView> {
+        let texel = if format == vk::Format::R32_UINT { 4 } else { 16 };
+        let texels = (bytes / texel).min(device.limits.max_texel_buffer_elements as u64);
+        if texels == 0 {
+            return Ok(vk::BufferView::null());
+        }
+        let view = vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(texels * texel);
         // SAFETY: the buffer has memory and was made with STORAGE_TEXEL_BUFFER, and both formats are mandatory for it.
         unsafe { self.device.create_buffer_view(&view, None) }.map_err(failed("vkCreateBufferView"))
     }

@@ -161,14 +161,19 @@ fn cell_steps(node: &ResidentNode, planes: u32) -> f64 {
     (2f64).powi(node.frame.bits as i32 - (BITS_PER_PLANE * planes) as i32)
 }
 
-/// How far a point may be drawn from where it is, pixels, at the node's least depth.
+/// How far a point may be drawn from where it is, pixels, at the node's least depth. With perspective a displacement d moves a point's pixel by at most
+/// |d| f / depth, times the secant of its angle from the axis: f (dx - tan dz) / depth, by Cauchy and Schwarz.
 fn quantisation_px(view: &View, node: &ResidentNode, distance: f64, planes: u32) -> f64 {
     if planes >= node.frame.planes {
         return 0.0;
     }
     let half_cell = 0.5 * cell_steps(node, planes) * node.lattice.step.length();
     match view.camera.projection {
-        Projection::Perspective => half_cell * view.focal_px() / distance,
+        Projection::Perspective => {
+            let f = view.focal_px();
+            let corner = 0.5 * (view.size[0] as f64).hypot(view.size[1] as f64);
+            half_cell * f.hypot(corner) / distance
+        }
         Projection::Orthographic => half_cell * view.focal_px(),
     }
 }
@@ -192,8 +197,8 @@ fn record_of(view: &View, node: &ResidentNode, planes: u32) -> Node {
     let [x, y, z] = node.frame.origin.map(|origin| origin as f64 + middle);
     // World position of cell 0, relative to the eye.
     let corner = (node.lattice.offset - view.camera.eye) + node.lattice.step * DVec3::new(x, y, z);
-    let last = ((1u64 << (BITS_PER_PLANE * planes)) - 1) as f64;
-    let nearest = (-corner / cell).round().clamp(DVec3::ZERO, DVec3::splat(last));
+    let [x, y, z] = node.frame.extent.map(|extent| (extent as f64 / steps).floor());
+    let nearest = (-corner / cell).round().clamp(DVec3::ZERO, DVec3::new(x, y, z));
     let offset = corner + cell * nearest;
     let row = |axis: DVec3| {
         let r = axis * cell;

@@ -1,6 +1,8 @@
 //! Accuracy against time: what every knob costs, and what it buys.
 //!
+//! ```text
 //!     registry of studies -> scenes with known truth (`synth`) -> `sweep` (interleaved runs) -> `metrics` -> `report` (CSV, SVG by `chart`, one HTML page)
+//! ```
 //!
 //! What errors are measured against is never the renderer itself, except where a metric says so: `oracle` has the f64 twins.
 
