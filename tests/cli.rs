@@ -67,6 +67,7 @@ fn exit_codes_are_0_done_1_could_not_2_asked_wrongly() {
         "",
         "-o @a.png --size 0x5",
         "-o @a.png --size big",
+        "-o @a.png --size 100000x100000",
         "-o @a.png --color pink",
         "-o @a.png --background 12345",
         "-o @a.png --nonsense",
@@ -76,7 +77,7 @@ fn exit_codes_are_0_done_1_could_not_2_asked_wrongly() {
     failed(&run(["explode"]), 2);
     failed(&run::<&str>([]), 2);
     for (wrong, names) in [
-        ("-o @a.png --size 100000x100000", "--size"),
+        ("-o @a.png --size 32768x1", "--size"),
         ("-o @a.png --camera @none.json", "none.json"),
         ("-o @a.png --effect edl=sometimes", "edl=sometimes"),
         ("-o @a.png --effect glow=on", "glow"),

@@ -8,7 +8,7 @@
 //! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]]}, `bounds`, `step`, `offset`,
 //! `attributes` {`rgb` {`bits`, `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
 //! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
-//! `stations` [{`part`, `source`, `name`, `points`}] · `notes` [text]. An attribute that a part lacks is absent.
+//! `stations` [{`part`, `source`, `name`, `points`}] · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};

@@ -1,6 +1,6 @@
 //! The LAS header and its variable-length records, parsed here and not by a library.
 //!
-//! In: the first bytes of a file. Out: a [`Layout`]: where the points are, how wide, how many are promised; and what [`super::Header`] reports.
+//! In: the first bytes of a file. Out: a [`Layout`]: where the points are, how wide, how many are promised; and what [`Header`] reports.
 //! Libraries reserve from these fields before they check them (RELIABILITY: las-rs #149), and refuse points that are good because a record
 //! about projections is not. So every field that steers the reading is checked here, and every other one is only reported.
 
