@@ -169,6 +169,7 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
         resident.nodes.len(),
         resident.bytes() >> 20
     );
+    text += &format!("memory: {} MiB in buffers and images of the device\n", gpu.memory.allocated >> 20);
     text += &format!("color: {}, because {}\n", facts.shows, facts.why_shown);
     text += &format!(
         "drawn: {} points of {} nodes, {} nodes outside of the view; {:.1} position bytes a point, quantised by at most {:.6} px\n",
@@ -187,7 +188,7 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
 fn explain_json(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, frame: &Frame) -> serde_json::Value {
     let effects: serde_json::Map<_, _> = look.decided.iter().map(|(name, reason)| (name.to_string(), serde_json::json!(reason))).collect();
     serde_json::json!({
-        "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics },
+        "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics, "bytes": gpu.memory.allocated },
         "cloud": { "points": facts.points, "files": facts.files, "nodes": resident.nodes.len(), "resident_bytes": resident.bytes() },
         "color": { "shows": facts.shows, "why": facts.why_shown },
         "camera": facts.view.camera,
