@@ -16,7 +16,7 @@ pub const NO_POINT: u32 = 0xFFFF_FFFF;
 /// Pages are allocated 256 at a time, 64 MiB: few allocations, and well below the 256 MiB beyond which lavapipe is unsafe.
 pub const PAGES_PER_BLOCK: u32 = 256;
 
-/// A workgroup walks this many points of a node: long enough to hide its start (1024 are 15 % slower), short enough that 16 of them share a page among cores.
+/// A workgroup walks this many points of a node: long enough to hide its start, short enough that 16 of them share a page among cores.
 pub const POINTS_PER_CHUNK: u32 = 4096;
 pub const CHUNKS_PER_PAGE: u32 = POINTS_PER_PAGE / POINTS_PER_CHUNK;
 

@@ -1,6 +1,6 @@
 //! A cloud and a view in, all layers out, on one validated device a process and way of projecting.
 
-#![allow(dead_code)]
+#![allow(dead_code, reason = "every test file is a crate of its own and uses a part of this")]
 
 use glam::DVec3;
 use pointillist::cloud::attribute::Shown;
