@@ -25,7 +25,7 @@ pub struct Arguments {
     /// Sizes of the picture, pixels
     #[arg(long, value_name = "WxH,...", value_delimiter = ',', default_values_t = [Size([1024, 1024]), Size([1920, 1080])])]
     pub size: Vec<Size>,
-    /// Rounds; in each, every way draws once
+    /// Rounds; in each, every way draws once. Shuffled order depends on how full the shared cache is, so few rounds scatter
     #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub repeat: u64,
     /// Seed of the points

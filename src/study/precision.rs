@@ -39,12 +39,13 @@ const FULL: usize = 2;
 const UTM: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
 
 /// Metric, its unit for axes, and what it is.
-const METRICS: [(&str, &str, &str); 5] = [
+const METRICS: [(&str, &str, &str); 6] = [
     ("px_max", "largest error, pixels", "Pixels: the point farthest outside of the pixel that shows it"),
     ("px_rms", "RMS error, pixels", "Pixels: root mean square over all drawn pixels"),
     ("m_max", "largest error of depth, metres", "Metres: the largest error of depth"),
     ("m_rms", "RMS error of depth, metres", "Metres: root mean square error of depth"),
     ("index_share", "share of pixels with another point", "Pixels that show another point than at full precision"),
+    ("bytes_read", "bytes of positions read", "Bytes: position planes read of all drawn nodes, which is a cost, not an error"),
 ];
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
@@ -84,7 +85,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 let ms = metrics::quartiles(&times[i]);
                 let [px, metres] = truth(&view, &points, &drawings[i]);
                 let index = index_share(&drawings[i], &drawings[FULL]);
-                for (metric, error) in METRICS.iter().zip([px.max, px.rms, metres.max, metres.rms, index]) {
+                let bytes = drawings[i].statistics.position_bytes as f64;
+                for (metric, error) in METRICS.iter().zip([px.max, px.rms, metres.max, metres.rms, index, bytes]) {
                     let (scene, view, metric, value) = (name, view_name, metric.0, value.to_string());
                     rows.push(Row {
                         scene,
