@@ -29,7 +29,7 @@ fn the_precision_study_keeps_its_promises() {
         .unwrap()
         .filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|e| e == "svg"))
         .count();
-    assert_eq!((pictures, page.matches("<svg").count()), (5, 5));
+    assert_eq!((pictures, page.matches("<svg").count()), (6, 6));
     assert!(["device", "driver", "commit", "seed", "command"].iter().all(|fact| page.contains(&format!("<th>{fact}</th>"))));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 7, "nothing half written is left");
 }
