@@ -112,7 +112,7 @@ pub struct ReadOptions {
 }
 
 /// What a file's header says, for `info` to hold against the points themselves.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Header {
     /// "LAS 1.2 format 3", "LAZ 1.4 format 7", "COPC ...", "PLY binary_little_endian", "E57", "XYZ", "OBJ".
     pub format: String,
@@ -140,7 +140,7 @@ pub struct Part {
 }
 
 /// One scanner position: a LAS point source id, an E57 scan, or a whole file that knows neither.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Station {
     pub part: usize,
     /// LAS point source id; `None` where the part is one station.

@@ -1,0 +1,442 @@
+//! NAME.pnti: the node index as a file.
+//!
+//! ```text
+//! header, 4096 bytes   magic, version, length, where the directory lies, CRC-32C of both
+//! planes               node by node, plane by plane, packed; CRC-32C of each in the directory
+//! directory            node records (children behind their parents, siblings side by side), then what was opened, as JSON
+//! ```
+//! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
+//! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
+
+use super::map::Map;
+use crate::cloud::attribute::Attribute;
+use crate::cloud::{Header, Lattice, Station};
+use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
+use crate::error::{Error, Result};
+use crate::whole_file::WholeFile;
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+const MAGIC: [u8; 8] = *b"pnti\r\n\x1a\n";
+const VERSION: u32 = 1;
+const HEADER_BYTES: u64 = 4096;
+
+/// What a plane holds, in the order in which a node's planes follow each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Plane {
+    /// 10 + 10 + 10 bits of the position, coarsest first.
+    Coarse,
+    Fine,
+    Finest,
+    /// sRGB, 8 bits a channel.
+    Rgb,
+    Intensity,
+    Class,
+    /// Return number (low four bits) and number of returns.
+    Returns,
+    /// LAS point source id.
+    Source,
+    /// Unit normal, 127 = 1.0.
+    Normal,
+    GpsTime,
+    /// Of inner nodes: the points that the sample stands for.
+    Weight,
+}
+
+pub const PLANES: [(Plane, u64); 11] = [
+    (Plane::Coarse, 4),
+    (Plane::Fine, 4),
+    (Plane::Finest, 4),
+    (Plane::Rgb, 3),
+    (Plane::Intensity, 2),
+    (Plane::Class, 1),
+    (Plane::Returns, 1),
+    (Plane::Source, 2),
+    (Plane::Normal, 3),
+    (Plane::GpsTime, 8),
+    (Plane::Weight, 4),
+];
+
+impl Plane {
+    pub fn bytes_per_point(self) -> u64 {
+        PLANES[self as usize].1
+    }
+
+    /// The plane that an attribute is shown from; positions show elevation.
+    pub fn of(attribute: Attribute) -> Option<Plane> {
+        match attribute {
+            Attribute::Rgb => Some(Plane::Rgb),
+            Attribute::Intensity => Some(Plane::Intensity),
+            Attribute::Class => Some(Plane::Class),
+            Attribute::Source => Some(Plane::Source),
+            Attribute::Return => Some(Plane::Returns),
+            Attribute::Normal => Some(Plane::Normal),
+            Attribute::Elevation | Attribute::White => None,
+        }
+    }
+}
+
+/// A node as the directory holds it.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct NodeRecord {
+    /// Least coordinates, in steps of its part's lattice times 2^`coarser`.
+    pub origin: [i64; 3],
+    /// Points of the file that lie in it.
+    pub points: u64,
+    /// Of its first plane in the file.
+    pub at: u64,
+    /// Longest side of the cells that its samples were merged in, metres; 0 for a leaf, which has every point.
+    pub spacing: f64,
+    /// Inclusive, in the same steps as `origin`.
+    pub extent: [u32; 3],
+    /// Samples that it holds, at most a page.
+    pub count: u32,
+    pub crc: [u32; PLANES.len()],
+    pub first_child: u32,
+    pub children: u32,
+    /// Of itself for a root.
+    pub parent: u32,
+    /// Bit `k`: it has `PLANES[k]`.
+    pub planes: u16,
+    pub lattice: u16,
+    /// Bits that the longest side needs.
+    pub bits: u8,
+    /// Inner nodes keep positions to 2^`coarser` lattice steps.
+    pub coarser: u8,
+    pub level: u8,
+    pub spare: u8,
+}
+
+impl NodeRecord {
+    pub fn is_leaf(&self) -> bool {
+        self.children == 0
+    }
+
+    pub fn children(&self) -> std::ops::Range<usize> {
+        self.first_child as usize..(self.first_child + self.children) as usize
+    }
+
+    pub fn position_planes(&self) -> u32 {
+        (self.bits as u32).div_ceil(BITS_PER_PLANE)
+    }
+
+    pub fn has(&self, plane: Plane) -> bool {
+        self.planes >> plane as u16 & 1 == 1
+    }
+
+    /// Where a plane lies in the file, and how many bytes it has.
+    pub fn range(&self, plane: Plane) -> (u64, u64) {
+        let before = PLANES[..plane as usize].iter().filter(|(p, _)| self.has(*p));
+        let at = self.at + before.map(|(_, bytes)| bytes * self.count as u64).sum::<u64>();
+        (at, plane.bytes_per_point() * self.count as u64)
+    }
+
+    /// Of all its planes.
+    pub fn bytes(&self) -> u64 {
+        PLANES.iter().filter(|(plane, _)| self.has(*plane)).map(|(_, bytes)| bytes * self.count as u64).sum()
+    }
+}
+
+/// One file, or one scan of one, that went into the index.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IndexedPart {
+    pub path: PathBuf,
+    pub name: Option<String>,
+    pub header: Header,
+    pub step: DVec3,
+    pub offset: DVec3,
+    pub points: u64,
+    pub intensity_range: [f64; 2],
+    pub rgb_bits: u8,
+}
+
+/// What was opened, and what is known of all of it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Contents {
+    pub parts: Vec<IndexedPart>,
+    pub stations: Vec<Station>,
+    pub notes: Vec<String>,
+    /// Of the lattices that nodes lie on: step and offset.
+    pub lattices: Vec<[DVec3; 2]>,
+    pub points: u64,
+    /// World corners of the box around the points; none without points.
+    pub bounds: Option<[DVec3; 2]>,
+    /// Intensities at the 2nd and 98th percentile.
+    pub intensity_stretch: [u32; 2],
+    /// The same of the heights, as `attribute::Shown` counts them.
+    pub elevation_stretch: [u32; 2],
+}
+
+/// Nodes and contents.
+#[derive(Clone, Debug, Default)]
+pub struct Directory {
+    /// Roots first.
+    pub nodes: Vec<NodeRecord>,
+    pub roots: u32,
+    pub contents: Contents,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct FileHeader {
+    magic: [u8; 8],
+    version: u32,
+    nodes: u32,
+    length: u64,
+    directory_at: u64,
+    contents_bytes: u64,
+    roots: u32,
+    directory_crc: u32,
+    header_crc: u32,
+    spare: u32,
+}
+
+impl FileHeader {
+    fn own_crc(&self) -> u32 {
+        crc32c::crc32c(bytemuck::bytes_of(&FileHeader { header_crc: 0, ..*self }))
+    }
+}
+
+/// An index on its way.
+pub struct Writer {
+    whole: WholeFile,
+    file: File,
+    path: PathBuf,
+}
+
+impl Writer {
+    pub fn create(path: &Path) -> Result<Writer> {
+        let whole = WholeFile::create(path)?;
+        let file = File::options().read(true).write(true).open(whole.partial()).map_err(|error| Error::io("create", path, error))?;
+        Ok(Writer { whole, file, path: path.to_owned() })
+    }
+
+    /// Where the first plane goes.
+    pub const START: u64 = HEADER_BYTES;
+
+    /// Writes planes; from any thread, each its own range.
+    pub fn put(&self, at: u64, bytes: &[u8]) -> Result<()> {
+        std::os::unix::fs::FileExt::write_all_at(&self.file, bytes, at).map_err(|error| Error::io("write", &self.path, error))
+    }
+
+    /// Reads back what was put.
+    pub fn get(&self, at: u64, bytes: &mut [u8]) -> Result<()> {
+        std::os::unix::fs::FileExt::read_exact_at(&self.file, bytes, at).map_err(|error| Error::io("read", &self.path, error))
+    }
+
+    /// Directory, then to the disk, then the header, then to the disk, then the name.
+    pub fn finish(self, directory: &Directory, end: u64) -> Result<u64> {
+        let records: &[u8] = bytemuck::cast_slice(&directory.nodes);
+        let contents = serde_json::to_vec(&directory.contents).map_err(|error| Error::Request(error.to_string()))?;
+        self.put(end, records)?;
+        self.put(end + records.len() as u64, &contents)?;
+        self.sync()?;
+        let length = end + (records.len() + contents.len()) as u64;
+        let mut header = FileHeader {
+            magic: MAGIC,
+            version: VERSION,
+            nodes: directory.nodes.len() as u32,
+            length,
+            directory_at: end,
+            contents_bytes: contents.len() as u64,
+            roots: directory.roots,
+            directory_crc: crc32c::crc32c_append(crc32c::crc32c(records), &contents),
+            header_crc: 0,
+            spare: 0,
+        };
+        header.header_crc = header.own_crc();
+        let mut page = vec![0; HEADER_BYTES as usize];
+        page[..size_of::<FileHeader>()].copy_from_slice(bytemuck::bytes_of(&header));
+        self.put(0, &page)?;
+        self.whole.finish()?;
+        Ok(length)
+    }
+
+    fn sync(&self) -> Result<()> {
+        self.file.sync_all().map_err(|error| Error::io("write", &self.path, error))
+    }
+}
+
+/// An index that can be read.
+pub struct Index {
+    map: Map,
+    pub directory: Directory,
+    /// Lattices by number, without the nodes' own `coarser`.
+    pub lattices: Vec<Lattice>,
+}
+
+impl Index {
+    /// Whether a file begins as an index does.
+    pub fn is_one(path: &Path) -> bool {
+        let mut magic = [0; 8];
+        File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut magic)).is_ok() && magic == MAGIC
+    }
+
+    /// Checks everything but the planes, which are checked when they are read.
+    pub fn open(path: &Path) -> Result<Index> {
+        let map = Map::open(path)?;
+        let wrong = |what: String| Error::format(path, format!("{what}; make it again with `pointillist index`"));
+        let mut header = FileHeader::zeroed();
+        if map.len() < HEADER_BYTES {
+            return Err(wrong(format!("is no complete index ({} bytes)", map.len())));
+        }
+        map.copy(0, bytemuck::bytes_of_mut(&mut header))?;
+        if header.magic != MAGIC {
+            return Err(wrong("is no index, or an unfinished one".into()));
+        }
+        if header.version > VERSION {
+            return Err(Error::format(
+                path,
+                format!("is an index of version {}, made by a newer pointillist; this one reads up to {VERSION}", header.version),
+            ));
+        }
+        if header.own_crc() != header.header_crc || header.version != VERSION {
+            return Err(wrong("has a damaged header".into()));
+        }
+        if header.length != map.len() {
+            return Err(wrong(format!("has {} bytes of {}", map.len(), header.length)));
+        }
+        // In u128, so that no sum of a crafted header overflows.
+        let records = header.nodes as u128 * size_of::<NodeRecord>() as u128;
+        if header.directory_at as u128 + records + header.contents_bytes as u128 != header.length as u128 {
+            return Err(wrong("has a directory that does not fit its length".into()));
+        }
+        let mut nodes = vec![NodeRecord::zeroed(); header.nodes as usize];
+        map.copy(header.directory_at, bytemuck::cast_slice_mut(&mut nodes))?;
+        let mut contents = vec![0; header.contents_bytes as usize];
+        map.copy(header.directory_at + records as u64, &mut contents)?;
+        if crc32c::crc32c_append(crc32c::crc32c(bytemuck::cast_slice(&nodes)), &contents) != header.directory_crc {
+            return Err(wrong("has a damaged directory".into()));
+        }
+        let contents: Contents = serde_json::from_slice(&contents).map_err(|error| wrong(format!("has unreadable contents ({error})")))?;
+        let lattices = contents.lattices.iter().map(|&[step, offset]| Lattice { step, offset }).collect::<Vec<_>>();
+        let directory = Directory { nodes, roots: header.roots, contents };
+        check(&directory, header.directory_at, lattices.len()).map_err(wrong)?;
+        Ok(Index { map, directory, lattices })
+    }
+
+    pub fn path(&self) -> &Path {
+        self.map.path()
+    }
+
+    /// Bytes of the file.
+    pub fn bytes(&self) -> u64 {
+        self.map.len()
+    }
+
+    pub fn nodes(&self) -> &[NodeRecord] {
+        &self.directory.nodes
+    }
+
+    /// The lattice that a node's `origin` and `extent` count steps of.
+    pub fn lattice(&self, node: &NodeRecord) -> Lattice {
+        let Lattice { step, offset } = self.lattices[node.lattice as usize];
+        Lattice { step: step * 2f64.powi(node.coarser as i32), offset }
+    }
+
+    /// World corners of a node's box.
+    pub fn bounds(&self, node: &NodeRecord) -> (DVec3, DVec3) {
+        let lattice = self.lattice(node);
+        let top = [0, 1, 2].map(|axis| node.origin[axis] + node.extent[axis] as i64);
+        let (a, b) = (lattice.world(node.origin), lattice.world(top));
+        (a.min(b), a.max(b))
+    }
+
+    /// Copies one plane of one node out of the file and checks the copy. `into` has [`NodeRecord::range`]'s bytes.
+    pub fn read(&self, node: usize, plane: Plane, into: &mut [u8]) -> Result<()> {
+        let record = &self.directory.nodes[node];
+        let (at, bytes) = record.range(plane);
+        assert_eq!((into.len() as u64, record.has(plane)), (bytes, true), "node {node} has no such plane {plane:?}");
+        self.map.copy(at, into)?;
+        if crc32c::crc32c(into) != record.crc[plane as usize] {
+            let what = format!("is damaged: the checksum of node {node}'s {plane:?} plane (bytes {at} to {}) is wrong", at + bytes);
+            return Err(Error::format(self.path(), what));
+        }
+        Ok(())
+    }
+
+    /// World positions and weights of a node's samples, from as many planes as it has.
+    pub fn samples(&self, node: usize) -> Result<Vec<(DVec3, u32)>> {
+        let record = &self.directory.nodes[node];
+        let lattice = self.lattice(record);
+        let mut words = vec![0u32; record.count as usize];
+        let mut cells = vec![[0u32; 3]; record.count as usize];
+        for &(plane, _) in &PLANES[..record.position_planes() as usize] {
+            self.read(node, plane, bytemuck::cast_slice_mut(&mut words))?;
+            for (cells, &word) in cells.iter_mut().zip(&words) {
+                *cells = [0, 1, 2]
+                    .map(|axis| cells[axis] << BITS_PER_PLANE | word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1));
+            }
+        }
+        words.fill(1);
+        if record.has(Plane::Weight) {
+            self.read(node, Plane::Weight, bytemuck::cast_slice_mut(&mut words))?;
+        }
+        let pad = BITS_PER_PLANE * record.position_planes() - record.bits as u32;
+        let world = |cells: [u32; 3]| lattice.world([0, 1, 2].map(|axis| record.origin[axis] + (cells[axis] >> pad) as i64));
+        Ok(cells.into_iter().zip(words).map(|(cells, weight)| (world(cells), weight)).collect())
+    }
+}
+
+/// What a walk over the tree relies on: children behind their parents and each under one, planes inside of the file, numbers in their ranges.
+fn check(directory: &Directory, end: u64, lattices: usize) -> std::result::Result<(), String> {
+    let nodes = &directory.nodes;
+    if directory.roots as usize > nodes.len() {
+        return Err(format!("claims {} roots among {} nodes", directory.roots, nodes.len()));
+    }
+    let mut next = directory.roots as usize;
+    for (i, node) in nodes.iter().enumerate() {
+        let wrong = |what: &str| Err(format!("has a node {i} {what}"));
+        if node.count == 0 || node.count > POINTS_PER_PAGE || node.points < node.count as u64 {
+            return wrong("with an impossible number of points");
+        }
+        if node.lattice as usize >= lattices || node.coarser > 64 {
+            return wrong("on a lattice that there is not");
+        }
+        let longest = node.extent.iter().max().map_or(0, |&side| 32 - side.leading_zeros()).max(1);
+        if node.bits as u32 != longest || longest > BITS_PER_PLANE * POSITION_PLANES {
+            return wrong("whose box does not fit its planes");
+        }
+        if node.origin.iter().any(|origin| origin.unsigned_abs() > 1 << 60) {
+            return wrong("beyond any coordinate");
+        }
+        if (0..3).any(|plane| node.has(PLANES[plane].0) != ((plane as u32) < node.position_planes())) || node.planes >> PLANES.len() != 0 {
+            return wrong("with the wrong planes");
+        }
+        if node.at < HEADER_BYTES || node.at.checked_add(node.bytes()).is_none_or(|last| last > end) {
+            return wrong("outside of the file");
+        }
+        if !node.spacing.is_finite() || node.spacing < 0.0 || (node.spacing == 0.0) != node.is_leaf() {
+            return wrong("with an impossible spacing");
+        }
+        if node.is_leaf() {
+            if node.points != node.count as u64 {
+                return wrong("that is a leaf without all of its points");
+            }
+            continue;
+        }
+        // Children follow each other in the order of their parents, so ranges are disjoint, nothing is left out, and no walk can come back.
+        if node.first_child as usize != next || next <= i || node.first_child as u64 + node.children as u64 > nodes.len() as u64 {
+            return wrong("whose children are not where they must be");
+        }
+        next += node.children as usize;
+        let children = &nodes[node.children()];
+        let sum = children.iter().fold(0u64, |sum, child| sum.saturating_add(child.points));
+        if sum != node.points || children.iter().any(|child| child.parent as usize != i) {
+            return wrong("whose children are not its own");
+        }
+    }
+    if next != nodes.len() {
+        return Err(format!("has {} nodes that belong to no parent", nodes.len() - next.min(nodes.len())));
+    }
+    let total = nodes[..directory.roots as usize].iter().fold(0u64, |sum, root| sum.saturating_add(root.points));
+    if total != directory.contents.points {
+        return Err(format!("claims {} points, and has {total}", directory.contents.points));
+    }
+    Ok(())
+}
