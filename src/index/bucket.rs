@@ -6,6 +6,7 @@
 
 use super::morton;
 use super::samples::{Cell, Samples};
+use crate::cloud::color::to_8_bits;
 use crate::cloud::{Columns, Wanted};
 use crate::error::{Error, Result};
 use rayon::prelude::*;
@@ -78,7 +79,8 @@ impl Layout {
     }
 
     pub fn cell(record: &[u8]) -> Cell {
-        [0, 4, 8].map(|at| u32::from_le_bytes(record[at..at + 4].try_into().expect("four bytes")))
+        let at = |at: usize| u32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]);
+        [at(0), at(4), at(8)]
     }
 
     /// Everything behind the position, for an order by content.
@@ -86,39 +88,35 @@ impl Layout {
         &record[12..]
     }
 
-    /// Appends a record's point. `station` numbers the station of a part and a source; `narrow` says which parts' colours were found to be 16-bit.
-    pub fn read(&self, record: &[u8], samples: &mut Samples, station: &impl Fn(u16, u16) -> u16, narrow: &[bool]) {
-        let mut at = 12;
-        let mut take = |bytes: usize| {
-            at += bytes;
-            &record[at - bytes..at]
+    /// The points of records that follow each other. `station` numbers the station of a part and a source; `narrow` says which parts' colours were found
+    /// to be 16-bit. A column at a time: the records fit the cache.
+    pub fn read(&self, records: &[u8], station: &impl Fn(u16, u16) -> u16, narrow: &[bool]) -> Samples {
+        let rows = || records.chunks_exact(self.bytes);
+        let mut next = 12;
+        let mut at = |there: bool, bytes: usize| {
+            next += if there { bytes } else { 0 };
+            there.then_some(next - bytes * there as usize)
         };
-        samples.q.push(Layout::cell(record));
-        let part = u16::from_le_bytes(record[self.bytes - 2..].try_into().expect("two bytes"));
-        if let Some(rgb) = &mut samples.rgb {
-            let four = take(4);
-            let color = [four[0], four[1], four[2]];
-            rgb.push(if narrow[part as usize] && four[3] == 0 { color.map(|v| crate::cloud::color::to_8_bits(v as u16)) } else { color });
-        }
-        if let Some(intensity) = &mut samples.intensity {
-            intensity.push(u16::from_le_bytes(take(2).try_into().expect("two bytes")));
-        }
-        if let Some(class) = &mut samples.class {
-            class.push(take(1)[0]);
-        }
-        if let Some(returns) = &mut samples.returns {
-            returns.push(take(1)[0]);
-        }
-        let source = if self.has.source { u16::from_le_bytes(take(2).try_into().expect("two bytes")) } else { 0 };
-        if let Some(column) = &mut samples.source {
-            column.push(station(part, source));
-        }
-        if let Some(normal) = &mut samples.normal {
-            let three = take(3);
-            normal.push([three[0] as i8, three[1] as i8, three[2] as i8]);
-        }
-        if let Some(times) = &mut samples.gps_time {
-            times.push(f64::from_le_bytes(take(8).try_into().expect("eight bytes")));
+        let (rgb, intensity, class, returns) =
+            (at(self.has.rgb, 4), at(self.has.intensity, 2), at(self.has.class, 1), at(self.has.returns, 1));
+        let (source, normal, times) = (at(self.has.source, 2), at(self.has.normal, 3), at(self.has.gps_time, 8));
+        let u16_at = |row: &[u8], at: usize| u16::from_le_bytes([row[at], row[at + 1]]);
+        let part = |row: &[u8]| u16_at(row, self.bytes - 2);
+        let color = |row: &[u8], at: usize| {
+            let color = [row[at], row[at + 1], row[at + 2]];
+            if row[at + 3] == 0 && narrow[part(row) as usize] { color.map(|v| to_8_bits(v as u16)) } else { color }
+        };
+        let time = |row: &[u8], at: usize| f64::from_le_bytes(row[at..at + 8].try_into().expect("eight bytes"));
+        Samples {
+            q: rows().map(Layout::cell).collect(),
+            rgb: rgb.map(|at| rows().map(|row| color(row, at)).collect()),
+            intensity: intensity.map(|at| rows().map(|row| u16_at(row, at)).collect()),
+            class: class.map(|at| rows().map(|row| row[at]).collect()),
+            returns: returns.map(|at| rows().map(|row| row[at]).collect()),
+            source: source.map(|at| rows().map(|row| station(part(row), u16_at(row, at))).collect()),
+            normal: normal.map(|at| rows().map(|row| [row[at] as i8, row[at + 1] as i8, row[at + 2] as i8]).collect()),
+            gps_time: times.map(|at| rows().map(|row| time(row, at)).collect()),
+            weight: None,
         }
     }
 }
@@ -149,7 +147,11 @@ pub struct Spill {
 impl Spill {
     /// A nameless file beside `output`, empty until `limit` bytes of memory are full.
     pub fn new(output: &Path, limit: u64) -> Result<Spill> {
-        let name = format!(".{}.spill-{}", output.file_name().unwrap_or_default().to_string_lossy().chars().take(60).collect::<String>(), std::process::id());
+        let name = format!(
+            ".{}.spill-{}",
+            output.file_name().unwrap_or_default().to_string_lossy().chars().take(60).collect::<String>(),
+            std::process::id()
+        );
         let path = output.with_file_name(name);
         let failed = |error| Error::io("create", &path, error);
         let file = File::options().read(true).write(true).create(true).truncate(true).open(&path).map_err(failed)?;
@@ -316,7 +318,16 @@ impl Grid {
     }
 
     /// A batch of a file; `cells` are its points on the tree's lattice.
-    pub fn add(&self, layout: &Layout, cells: &[Cell], columns: &Columns, wide: bool, part: u16, sorter: &mut Sorter, spill: &Spill) -> Result<()> {
+    pub fn add(
+        &self,
+        layout: &Layout,
+        cells: &[Cell],
+        columns: &Columns,
+        wide: bool,
+        part: u16,
+        sorter: &mut Sorter,
+        spill: &Spill,
+    ) -> Result<()> {
         self.scatter(cells.len(), |i| cells[i], |i, record| layout.write(record, cells[i], columns, i, wide, part), sorter, spill)
     }
 

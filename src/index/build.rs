@@ -10,7 +10,7 @@
 //! number the nodes, roots first, siblings side by side; directory; header                                                 (`file`)
 //! ```
 //! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
-//! same bytes with any number of threads and any memory.
+//! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
 
 use super::bucket::{Bucket, GRID_BITS, Grid, Layout, Sorter, Spill};
 use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
@@ -136,7 +136,8 @@ fn group(sources: &[Source]) -> Vec<Group> {
         let shift = |group: &Group| {
             let steps = (own.offset - group.lattice.offset) / own.step;
             let whole = steps.round();
-            let agrees = own.step == group.lattice.step && (steps - whole).abs().max_element() < 1e-3 && whole.abs().max_element() < 2f64.powi(31);
+            let agrees =
+                own.step == group.lattice.step && (steps - whole).abs().max_element() < 1e-3 && whole.abs().max_element() < 2f64.powi(31);
             agrees.then(|| whole.to_array().map(|v| v as i64))
         };
         match groups.iter_mut().find_map(|group| shift(group).map(|shift| (group, shift))) {
@@ -179,7 +180,6 @@ struct Chunk {
     depth: u32,
     prefix: u128,
     buckets: Vec<Bucket>,
-    points: u64,
 }
 
 impl Builder<'_> {
@@ -193,7 +193,10 @@ impl Builder<'_> {
         }
         let first_station = self.contents.stations.len();
         if first_station + stations.len() > 1 << 16 {
-            return Err(Error::Request(format!("{} stations are more than the 65,536 that one index takes", first_station + stations.len())));
+            return Err(Error::Request(format!(
+                "{} stations are more than the 65,536 that one index takes",
+                first_station + stations.len()
+            )));
         }
         let mut numbers = BTreeMap::new();
         for (number, (&(part, source), &points)) in stations.iter().enumerate() {
@@ -268,7 +271,9 @@ impl Builder<'_> {
                     grid.add(&layout, &cells, columns, batch.depth.is_wide(), part, &mut sorter, self.spill)?;
                     let mut counts = BTreeMap::new();
                     match &columns.source {
-                        Some(source) => source.chunk_by(|a, b| a == b).for_each(|run| *counts.entry((part, run[0])).or_insert(0) += run.len() as u64),
+                        Some(source) => {
+                            source.chunk_by(|a, b| a == b).for_each(|run| *counts.entry((part, run[0])).or_insert(0) += run.len() as u64)
+                        }
                         None => drop(counts.insert((part, 0), columns.x.len() as u64)),
                     }
                     let mut all = lock(&stations);
@@ -343,7 +348,8 @@ impl Builder<'_> {
             let points = starts[range.end] - starts[range.start];
             let decided = 3 * levels - range.len().trailing_zeros();
             let own_prefix = prefix << decided | (range.start >> range.len().trailing_zeros()) as u128;
-            let mut own: Vec<Bucket> = buckets[range.clone()].iter_mut().filter_map(Option::take).filter(|bucket| bucket.points > 0).collect();
+            let mut own: Vec<Bucket> =
+                buckets[range.clone()].iter_mut().filter_map(Option::take).filter(|bucket| bucket.points > 0).collect();
             if points > limit && cell_bits > 0 {
                 let within = grow::cell_of(range.start as u32, levels).map(|c| c << (bits - levels));
                 let corner = prefix_corner(prefix, depth, tree.bits);
@@ -352,7 +358,7 @@ impl Builder<'_> {
                 self.redistribute(own.remove(0), &finer)?;
                 self.cut(tree, finer, depth + decided, own_prefix, bits - levels, limit, chunks)?;
             } else {
-                chunks.push(Chunk { depth: depth + decided, prefix: own_prefix, buckets: own, points });
+                chunks.push(Chunk { depth: depth + decided, prefix: own_prefix, buckets: own });
             }
         }
         Ok(())
@@ -407,7 +413,10 @@ impl Builder<'_> {
                 }
                 state.waiting.insert(number, (depth, prefix, grown));
                 let mut writes = Vec::new();
-                while let Some((depth, prefix, grown)) = { let next = state.next; state.waiting.remove(&next) } {
+                while let Some((depth, prefix, grown)) = {
+                    let next = state.next;
+                    state.waiting.remove(&next)
+                } {
                     writes.push(state.place(depth, prefix, grown));
                 }
                 let (done, total) = (state.points, points);

@@ -74,7 +74,14 @@ pub struct Worker {
 
 impl Worker {
     /// Grows one chunk: `depth` bits of the code are decided, and the buckets' points lie in that cell.
-    pub fn grow(&mut self, tree: &Tree, depth: u32, buckets: Vec<Bucket>, station: &impl Fn(u16, u16) -> u16, spill: &Spill) -> Result<Grown> {
+    pub fn grow(
+        &mut self,
+        tree: &Tree,
+        depth: u32,
+        buckets: Vec<Bucket>,
+        station: &impl Fn(u16, u16) -> u16,
+        spill: &Spill,
+    ) -> Result<Grown> {
         self.records.clear();
         for bucket in buckets {
             bucket.drain(spill, &mut |records| {
@@ -114,8 +121,14 @@ impl Worker {
         station: &impl Fn(u16, u16) -> u16,
     ) -> Grown {
         let records = std::mem::take(&mut self.records);
-        let mut growth =
-            Growth { tree, records: &records, station, intensities: &mut self.intensities, grown: Grown::default() };
+        let mut growth = Growth {
+            tree,
+            records: &records,
+            station,
+            intensities: &mut self.intensities,
+            leaf_records: Vec::new(),
+            grown: Grown::default(),
+        };
         growth.grown.planes.reserve(records.len());
         // Of the cube's bits, those that the chunk's own cell has decided.
         let open = growth.grow(order, code_bits - depth % 3);
@@ -148,6 +161,8 @@ struct Growth<'a, S> {
     records: &'a [u8],
     station: &'a S,
     intensities: &'a mut Vec<u64>,
+    /// Of one leaf, in order.
+    leaf_records: Vec<u8>,
     grown: Grown,
 }
 
@@ -181,17 +196,19 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
     }
 
     fn leaf<K: Key>(&mut self, order: &[(K, u32)]) -> Open {
-        let mut samples = Samples::with_capacity(order.len(), self.tree.layout.has, false);
-        let record = |i: u32| &self.records[i as usize * self.tree.layout.bytes..][..self.tree.layout.bytes];
+        let stride = self.tree.layout.bytes;
+        let record = |i: u32| &self.records[i as usize * stride..][..stride];
+        self.leaf_records.clear();
         for run in order.chunk_by(|a, b| a.0 == b.0) {
             if let [(_, i)] = run {
-                self.tree.layout.read(record(*i), &mut samples, self.station, &self.tree.narrow);
+                self.leaf_records.extend_from_slice(record(*i));
                 continue;
             }
             let mut run: Vec<u32> = run.iter().map(|(_, i)| *i).collect();
             run.sort_unstable_by(|&a, &b| self.rest(a).cmp(self.rest(b)));
-            run.iter().for_each(|&i| self.tree.layout.read(record(i), &mut samples, self.station, &self.tree.narrow));
+            run.iter().for_each(|&i| self.leaf_records.extend_from_slice(record(i)));
         }
+        let samples = self.tree.layout.read(&self.leaf_records, self.station, &self.tree.narrow);
         if let Some(column) = &samples.intensity {
             self.intensities.resize(1 << 16, 0);
             column.iter().for_each(|&v| self.intensities[v as usize] += 1);
@@ -205,7 +222,8 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         if !gathered(&open) {
             return open;
         }
-        let parts: Vec<Samples> = open.iter_mut().map(|open| open.samples.take().expect("samples of a chunk's open nodes are at hand")).collect();
+        let parts: Vec<Samples> =
+            open.iter_mut().map(|open| open.samples.take().expect("samples of a chunk's open nodes are at hand")).collect();
         let (built, samples) = parent(self.tree, &open, parts, &mut self.grown.planes);
         self.grown.nodes.push(built);
         vec![Open { node: self.grown.nodes.len() as u32 - 1, count: samples.len() as u32, samples: Some(samples) }]
@@ -214,7 +232,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
 
 /// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them.
 pub fn parent(tree: &Tree, open: &[Open], parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
-    let Merged { samples, dropped, coarser } = merge(&parts, tree.layout.has);
+    let Merged { samples, dropped, coarser } = merge(&Samples::concatenated(&parts), tree.layout.has);
     let mut record = pack(tree, &samples, coarser, planes);
     record.points = parts.iter().map(Samples::points).sum();
     let widest = |axis: usize| tree.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32);

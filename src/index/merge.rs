@@ -25,118 +25,145 @@ pub struct Merged {
     pub coarser: u32,
 }
 
-/// `parts` follow each other in Morton order; they have the same columns, but for weights.
-pub fn merge(parts: &[Samples], has: Wanted) -> Merged {
-    let codes: Vec<u128> = parts.iter().flat_map(|part| part.q.iter().map(|&q| morton::code_96(q))).collect();
-    // How many neighbours differ in bit `k` and in none above.
-    let mut differ = [0usize; 97];
-    codes.windows(2).for_each(|pair| differ[128 - (pair[0] ^ pair[1]).leading_zeros() as usize] += 1);
+/// `samples` in Morton order.
+pub fn merge(samples: &Samples, has: Wanted) -> Merged {
+    // For every pair of neighbours the highest bit in which their codes differ, counted from 1; 0 for equal ones.
+    let differ: Vec<u8> = samples.q.windows(2).map(|pair| morton::highest_difference(pair[0], pair[1])).collect();
+    let mut pairs = [0usize; 97];
+    differ.iter().for_each(|&bit| pairs[bit as usize] += 1);
     // With the lowest `dropped` bits gone, a new cell begins where neighbours differ in a higher one.
-    let mut cells = 1 + differ[1..].iter().sum::<usize>();
+    let mut cells = 1 + pairs[1..].iter().sum::<usize>();
     let mut dropped = 0u32;
     while cells > POINTS_PER_PAGE as usize {
         dropped += 1;
-        cells -= differ[dropped as usize];
+        cells -= pairs[dropped as usize];
     }
+    let mut starts = Vec::with_capacity(cells + 1);
+    starts.push(0);
+    starts.extend(differ.iter().enumerate().filter(|&(_, &bit)| bit as u32 > dropped).map(|(i, _)| i + 1));
+    starts.push(samples.len());
     let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
-    let mut samples = Samples::with_capacity(cells, has, true);
-    let total: usize = parts.iter().map(Samples::len).sum();
-    let mut at = Cursor { parts, part: 0, i: 0 };
-    let mut start = 0;
-    let mut members = Vec::new();
-    while start < total {
-        let end = start + codes[start..].iter().take_while(|&&code| code >> dropped == codes[start] >> dropped).count();
-        members.clear();
-        members.extend((start..end).map(|_| at.next()));
-        one(&members, dropped, coarser, &mut samples);
-        start = end;
-    }
-    Merged { samples, dropped, coarser }
-}
-
-struct Cursor<'a> {
-    parts: &'a [Samples],
-    part: usize,
-    i: usize,
-}
-
-impl<'a> Cursor<'a> {
-    fn next(&mut self) -> (&'a Samples, usize) {
-        while self.i == self.parts[self.part].len() {
-            (self.part, self.i) = (self.part + 1, 0);
-        }
-        self.i += 1;
-        (&self.parts[self.part], self.i - 1)
-    }
-}
-
-/// Appends the sample that stands for the members of one cell.
-fn one(members: &[(&Samples, usize)], dropped: u32, coarser: u32, out: &mut Samples) {
-    let weight = |&(samples, i): &(&Samples, usize)| samples.weight(i) as u64;
-    let total: u64 = members.iter().map(weight).sum();
-    let bits = morton::axis_bits(dropped);
-    let (first, k) = members[0];
-    let corner: Cell = [0, 1, 2].map(|axis| (first.q[k][axis] as u64 >> bits[axis] << bits[axis]) as u32);
-    let mean = |value: &dyn Fn(&Samples, usize) -> u64| {
-        let sum: u128 = members.iter().map(|m| weight(m) as u128 * value(m.0, m.1) as u128).sum();
-        ((sum + total as u128 / 2) / total as u128) as u64
+    let runs = Runs { samples, starts };
+    let weights: Vec<u64> = runs.each(|run| run.map(|i| samples.weight(i) as u64).sum());
+    let merged = Samples {
+        q: runs.positions(&weights, dropped, coarser),
+        rgb: has.rgb.then(|| runs.colors(samples.rgb.as_deref().unwrap_or_default(), &weights)),
+        intensity: has.intensity.then(|| runs.means(samples.intensity.as_deref().unwrap_or_default(), &weights)),
+        class: has.class.then(|| runs.majorities(samples.class.as_deref().unwrap_or_default())),
+        returns: has.returns.then(|| runs.majorities(samples.returns.as_deref().unwrap_or_default())),
+        source: has.source.then(|| runs.majorities(samples.source.as_deref().unwrap_or_default())),
+        normal: has.normal.then(|| runs.normals(samples.normal.as_deref().unwrap_or_default())),
+        gps_time: has.gps_time.then(|| runs.times(samples.gps_time.as_deref().unwrap_or_default())),
+        weight: Some(weights.iter().map(|&weight| weight.min(u32::MAX as u64) as u32).collect()),
     };
-    // Rounded to the middle of 2^coarser steps, which lie within the cell: the order of the samples stays that of their cells.
-    let middle = (1u32 << coarser) >> 1;
-    out.q.push([0, 1, 2].map(|axis| {
-        let within = mean(&|samples, i| (samples.q[i][axis] - corner[axis]) as u64) as u32;
-        ((corner[axis] + within.min(((1u64 << bits[axis]) - 1) as u32)) >> coarser << coarser) + middle
-    }));
-    if let Some(rgb) = &mut out.rgb {
-        let channel = |c: usize| encode(mean(&|samples, i| DECODE[samples.rgb.as_ref().expect("same columns")[i][c] as usize] as u64));
-        rgb.push([channel(0), channel(1), channel(2)]);
-    }
-    if let Some(intensity) = &mut out.intensity {
-        intensity.push(mean(&|samples, i| samples.intensity.as_ref().expect("same columns")[i] as u64) as u16);
-    }
-    if let Some(class) = &mut out.class {
-        class.push(majority(members, |samples, i| samples.class.as_ref().expect("same columns")[i]));
-    }
-    if let Some(returns) = &mut out.returns {
-        returns.push(majority(members, |samples, i| samples.returns.as_ref().expect("same columns")[i]));
-    }
-    if let Some(source) = &mut out.source {
-        source.push(majority(members, |samples, i| samples.source.as_ref().expect("same columns")[i]));
-    }
-    if let Some(normal) = &mut out.normal {
-        let mut sum = [0i64; 3];
-        for m in members {
-            let n = m.0.normal.as_ref().expect("same columns")[m.1];
-            (0..3).for_each(|axis| sum[axis] += weight(m) as i64 * n[axis] as i64);
-        }
-        let length = sum.map(|v| v as f64 * v as f64).iter().sum::<f64>().sqrt();
-        normal.push(if length > 0.0 { sum.map(|v| (v as f64 / length * 127.0).round() as i8) } else { [0; 3] });
-    }
-    if let Some(times) = &mut out.gps_time {
-        // Times of different passes have no meaningful mean: that of the heaviest sample, of equally heavy ones the earliest.
-        let of = |m: &(&Samples, usize)| m.0.gps_time.as_ref().expect("same columns")[m.1];
-        let heaviest = members.iter().max_by(|a, b| weight(a).cmp(&weight(b)).then(of(b).total_cmp(&of(a)))).expect("a cell has members");
-        times.push(of(heaviest));
-    }
-    out.weight.as_mut().expect("merged samples have weights").push(total.min(u32::MAX as u64) as u32);
+    Merged { samples: merged, dropped, coarser }
 }
 
-/// The value with the greatest weight; of equally heavy ones the least.
-fn majority<T: Copy + Ord>(members: &[(&Samples, usize)], value: impl Fn(&Samples, usize) -> T) -> T {
-    let first = value(members[0].0, members[0].1);
-    if members.iter().all(|m| value(m.0, m.1) == first) {
-        return first;
+/// The runs of samples that become one each.
+struct Runs<'a> {
+    samples: &'a Samples,
+    starts: Vec<usize>,
+}
+
+impl Runs<'_> {
+    fn each<T>(&self, one: impl Fn(std::ops::Range<usize>) -> T) -> Vec<T> {
+        self.starts.windows(2).map(|ends| one(ends[0]..ends[1])).collect()
     }
-    let mut all: Vec<(T, u64)> = members.iter().map(|m| (value(m.0, m.1), m.0.weight(m.1) as u64)).collect();
-    all.sort_unstable();
-    let mut best = (first, 0);
-    for run in all.chunk_by(|a, b| a.0 == b.0) {
-        let weight = run.iter().map(|(_, weight)| weight).sum();
-        if weight > best.1 {
-            best = (run[0].0, weight);
-        }
+
+    fn weighted<T>(&self, weights: &[u64], one: impl Fn(std::ops::Range<usize>, u64) -> T) -> Vec<T> {
+        self.starts.windows(2).zip(weights).map(|(ends, &weight)| one(ends[0]..ends[1], weight)).collect()
     }
-    best.0
+
+    /// Rounded to the middle of 2^coarser steps, which lie within the cell: the order of the samples stays that of their cells.
+    fn positions(&self, weights: &[u64], dropped: u32, coarser: u32) -> Vec<Cell> {
+        let bits = morton::axis_bits(dropped);
+        let (q, middle) = (&self.samples.q, (1u32 << coarser) >> 1);
+        self.weighted(weights, |run, total| {
+            let corner: Cell = std::array::from_fn(|axis| (q[run.start][axis] as u64 >> bits[axis] << bits[axis]) as u32);
+            let mut sum = [0u128; 3];
+            for i in run {
+                let weight = self.samples.weight(i) as u64;
+                for axis in 0..3 {
+                    // Up to 2^64 - 2^33: a product of 32 bits by 32 fits, their sum may not.
+                    sum[axis] += (weight * (q[i][axis] - corner[axis]) as u64) as u128;
+                }
+            }
+            std::array::from_fn(|axis| {
+                // Below the cell's side, which the mean cannot reach.
+                let within = mean(sum[axis], total).min((1u64 << bits[axis]) - 1) as u32;
+                ((corner[axis] + within) >> coarser << coarser) + middle
+            })
+        })
+    }
+
+    fn colors(&self, rgb: &[[u8; 3]], weights: &[u64]) -> Vec<[u8; 3]> {
+        let (decode, encode) = (&*DECODE, &**ENCODE);
+        self.weighted(weights, |run, total| {
+            let mut sum = [0u128; 3];
+            for i in run {
+                let weight = self.samples.weight(i) as u64;
+                for c in 0..3 {
+                    sum[c] += (weight * decode[rgb[i][c] as usize] as u64) as u128;
+                }
+            }
+            sum.map(|sum| encode[mean(sum, total) as usize])
+        })
+    }
+
+    fn means(&self, values: &[u16], weights: &[u64]) -> Vec<u16> {
+        self.weighted(weights, |run, total| {
+            mean(run.map(|i| (self.samples.weight(i) as u64 * values[i] as u64) as u128).sum(), total) as u16
+        })
+    }
+
+    /// The value with the greatest weight; of equally heavy ones the least.
+    fn majorities<T: Copy + Ord>(&self, values: &[T]) -> Vec<T> {
+        self.each(|run| {
+            let first = values[run.start];
+            if values[run.clone()].iter().all(|&value| value == first) {
+                return first;
+            }
+            let mut all: Vec<(T, u64)> = run.map(|i| (values[i], self.samples.weight(i) as u64)).collect();
+            all.sort_unstable();
+            let mut best = (first, 0);
+            for run in all.chunk_by(|a, b| a.0 == b.0) {
+                let weight = run.iter().map(|(_, weight)| weight).sum();
+                if weight > best.1 {
+                    best = (run[0].0, weight);
+                }
+            }
+            best.0
+        })
+    }
+
+    fn normals(&self, normals: &[[i8; 3]]) -> Vec<[i8; 3]> {
+        self.each(|run| {
+            let mut sum = [0i64; 3];
+            for i in run {
+                (0..3).for_each(|axis| sum[axis] += self.samples.weight(i) as i64 * normals[i][axis] as i64);
+            }
+            let length = sum.map(|v| v as f64 * v as f64).iter().sum::<f64>().sqrt();
+            if length > 0.0 { sum.map(|v| (v as f64 / length * 127.0).round() as i8) } else { [0; 3] }
+        })
+    }
+
+    /// Times of different passes have no meaningful mean: that of the heaviest sample, of equally heavy ones the earliest.
+    fn times(&self, times: &[f64]) -> Vec<f64> {
+        let weight = |i: usize| self.samples.weight(i);
+        self.each(|run| {
+            let heaviest = run.max_by(|&a, &b| weight(a).cmp(&weight(b)).then(times[b].total_cmp(&times[a])));
+            times[heaviest.expect("a cell has samples")]
+        })
+    }
+}
+
+/// Rounded to the nearest; in 64 bits where they are enough, because dividing 128 is slow.
+fn mean(sum: u128, total: u64) -> u64 {
+    let sum = sum + total as u128 / 2;
+    match u64::try_from(sum) {
+        Ok(sum) => sum / total,
+        Err(_) => (sum / total as u128) as u64,
+    }
 }
 
 /// sRGB to linear light of 16 bits: finer than the steps of 8-bit sRGB everywhere.
@@ -162,10 +189,6 @@ static ENCODE: LazyLock<Vec<u8>> = LazyLock::new(|| {
         .collect()
 });
 
-fn encode(linear: u64) -> u8 {
-    ENCODE[linear as usize]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -178,8 +201,7 @@ mod tests {
         Samples { q, rgb: Some(vec![[10, 200, 255]; n]), class: Some((0..n).map(|i| (i % 3) as u8).collect()), ..Samples::default() }
     }
 
-    const HAS: Wanted =
-        Wanted { rgb: true, class: true, intensity: false, returns: false, source: false, normal: false, gps_time: false };
+    const HAS: Wanted = Wanted { rgb: true, class: true, intensity: false, returns: false, source: false, normal: false, gps_time: false };
 
     proptest! {
         #[test]
@@ -187,7 +209,7 @@ mod tests {
             q in prop::collection::vec(prop::array::uniform3(any::<u32>()), 1..300), scale in 0u32..31,
         ) {
             let samples = weighted(q.into_iter().map(|q| q.map(|v| v >> scale)).collect());
-            let merged = merge(std::slice::from_ref(&samples), HAS);
+            let merged = merge(&samples, HAS);
             prop_assert_eq!(merged.samples.points(), samples.len() as u64);
             let cells: Vec<_> = merged.samples.q.iter().map(|&q| morton::code_96(q) >> merged.dropped).collect();
             prop_assert!(cells.windows(2).all(|pair| pair[0] < pair[1]), "in order, each cell once");
@@ -199,21 +221,22 @@ mod tests {
     fn a_surface_fills_the_page() {
         // 512 x 512 points of a plane: a grid of M cells over its box would keep 40 x 40.
         let samples = weighted((0..1 << 18).map(|i| [(i % 512) * 8, (i / 512) * 8, 77]).collect());
-        let merged = merge(&[samples], HAS);
+        let merged = merge(&samples, HAS);
         assert!(merged.samples.len() > 30_000 && merged.samples.len() <= 65_536, "{}", merged.samples.len());
         assert!(merged.samples.weight.unwrap().iter().all(|&w| w >= 4));
     }
 
     #[test]
     fn a_million_coincident_points_are_one_sample() {
-        let merged = merge(&[weighted(vec![[5, 6, 7]; 1_000_000])], HAS);
+        let merged = merge(&weighted(vec![[5, 6, 7]; 1_000_000]), HAS);
         assert_eq!((merged.samples.len(), merged.samples.points(), merged.samples.q[0]), (1, 1_000_000, [5, 6, 7]));
     }
 
     #[test]
     fn black_and_white_meet_in_linear_light() {
-        let samples = Samples { q: vec![[0; 3]; 70_000], rgb: Some((0..70_000).map(|i| [(i % 2) as u8 * 255; 3]).collect()), ..Samples::default() };
-        let merged = merge(&[samples], Wanted { rgb: true, ..Wanted::default() });
+        let samples =
+            Samples { q: vec![[0; 3]; 70_000], rgb: Some((0..70_000).map(|i| [(i % 2) as u8 * 255; 3]).collect()), ..Samples::default() };
+        let merged = merge(&samples, Wanted { rgb: true, ..Wanted::default() });
         assert_eq!(merged.samples.rgb.unwrap(), [[188; 3]]);
     }
 }

@@ -34,6 +34,15 @@ pub fn code_96(q: [u32; 3]) -> u128 {
     (code_63(q.map(|v| v >> 21)) as u128) << 63 | code_63(q) as u128
 }
 
+/// The highest bit in which two codes differ, counted from 1; 0 if they are equal. Found without making the codes.
+pub fn highest_difference(a: [u32; 3], b: [u32; 3]) -> u8 {
+    let of = |axis: usize| match a[axis] ^ b[axis] {
+        0 => 0,
+        different => 3 * (31 - different.leading_zeros()) + axis as u32 + 1,
+    };
+    of(0).max(of(1)).max(of(2)) as u8
+}
+
 /// The bits that dropping the lowest `dropped` bits of a code takes from each axis: x loses the first.
 pub fn axis_bits(dropped: u32) -> [u32; 3] {
     [dropped.div_ceil(3), (dropped + 1) / 3, dropped / 3]
@@ -53,6 +62,13 @@ mod tests {
             prop_assert_eq!(super::code(q.map(|v| v & 1023)) as u128, naive(q, 10));
             prop_assert_eq!(super::code_63(q) as u128, naive(q, 21));
             prop_assert_eq!(super::code_96(q), naive(q, 32));
+        }
+
+        #[test]
+        fn differences_are_those_of_the_codes(a in prop::array::uniform3(any::<u32>()), flip in 0u32..97, low in any::<u128>()) {
+            let other = naive(a, 32) ^ if flip == 0 { 0 } else { 1 << (flip - 1) | low & ((1 << (flip - 1)) - 1) };
+            let b = [0, 1, 2].map(|axis| (0..32).map(|k| ((other >> (3 * k + axis)) as u32 & 1) << k).sum());
+            prop_assert_eq!(super::highest_difference(a, b) as u32, flip);
         }
 
         #[test]

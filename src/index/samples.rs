@@ -1,7 +1,6 @@
 //! Points, or samples that stand for several, as columns on a tree's lattice, in Morton order; and the planes that a node keeps of them.
 
 use super::file::{NodeRecord, PLANES, Plane};
-use crate::cloud::Wanted;
 use crate::config::BITS_PER_PLANE;
 use bytemuck::Zeroable;
 
@@ -25,21 +24,22 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Empty columns for `count` samples.
-    pub fn with_capacity(count: usize, has: Wanted, weighted: bool) -> Samples {
-        fn column<T>(has: bool, count: usize) -> Option<Vec<T>> {
-            has.then(|| Vec::with_capacity(count))
+    /// All of `parts`, one after the other; they have the same columns, but for weights.
+    pub fn concatenated(parts: &[Samples]) -> Samples {
+        fn column<T: Clone>(parts: &[Samples], of: impl Fn(&Samples) -> &Option<Vec<T>>) -> Option<Vec<T>> {
+            let there: Option<Vec<&[T]>> = parts.iter().map(|part| of(part).as_deref()).collect();
+            there.map(|columns| columns.concat())
         }
         Samples {
-            q: Vec::with_capacity(count),
-            rgb: column(has.rgb, count),
-            intensity: column(has.intensity, count),
-            class: column(has.class, count),
-            returns: column(has.returns, count),
-            source: column(has.source, count),
-            normal: column(has.normal, count),
-            gps_time: column(has.gps_time, count),
-            weight: column(weighted, count),
+            q: parts.iter().map(|part| part.q.as_slice()).collect::<Vec<_>>().concat(),
+            rgb: column(parts, |part| &part.rgb),
+            intensity: column(parts, |part| &part.intensity),
+            class: column(parts, |part| &part.class),
+            returns: column(parts, |part| &part.returns),
+            source: column(parts, |part| &part.source),
+            normal: column(parts, |part| &part.normal),
+            gps_time: column(parts, |part| &part.gps_time),
+            weight: Some(parts.iter().flat_map(|part| (0..part.len()).map(|i| part.weight(i))).collect()),
         }
     }
 
@@ -82,11 +82,10 @@ impl Samples {
         };
         for k in 0..position_planes {
             let shift = BITS_PER_PLANE * (position_planes - 1 - k);
-            let word = |q: &Cell| {
-                let [x, y, z] = [0, 1, 2].map(|axis| ((q[axis] >> coarser) - low[axis]) << pad >> shift & ((1 << BITS_PER_PLANE) - 1));
-                (x | y << BITS_PER_PLANE | z << (2 * BITS_PER_PLANE)).to_le_bytes()
-            };
-            keep(PLANES[k as usize].0, &mut |planes| planes.extend(self.q.iter().flat_map(word)));
+            let axis = |q: &Cell, axis: usize| ((q[axis] >> coarser) - low[axis]) << pad >> shift & ((1 << BITS_PER_PLANE) - 1);
+            let words: Vec<u32> =
+                self.q.iter().map(|q| axis(q, 0) | axis(q, 1) << BITS_PER_PLANE | axis(q, 2) << (2 * BITS_PER_PLANE)).collect();
+            keep(PLANES[k as usize].0, &mut |planes| planes.extend_from_slice(bytemuck::cast_slice(&words)));
         }
         fn whole<T: bytemuck::NoUninit>(column: &Option<Vec<T>>, plane: Plane, keep: &mut dyn FnMut(Plane, &mut dyn FnMut(&mut Vec<u8>))) {
             if let Some(column) = column {
@@ -123,7 +122,8 @@ impl Samples {
         let middle = (1u32 << coarser) >> 1;
         let cell = |i: usize| {
             let cells = words.iter().fold([0u32; 3], |cells, words| {
-                [0, 1, 2].map(|axis| cells[axis] << BITS_PER_PLANE | words[i] >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1))
+                [0, 1, 2]
+                    .map(|axis| cells[axis] << BITS_PER_PLANE | words[i] >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1))
             });
             [0, 1, 2].map(|axis| (((cells[axis] >> pad) + low[axis]) << coarser) + middle)
         };
