@@ -90,7 +90,7 @@ impl Layout {
 
     /// The points of records that follow each other. `station` numbers the station of a part and a source; `narrow` says which parts' colours were found
     /// to be 16-bit. A column at a time: the records fit the cache.
-    pub fn read(&self, records: &[u8], station: &impl Fn(u16, u16) -> u16, narrow: &[bool]) -> Samples {
+    pub fn read(&self, records: &[u8], keep: Wanted, station: &impl Fn(u16, u16) -> u16, narrow: &[bool]) -> Samples {
         let rows = || records.chunks_exact(self.bytes);
         let mut next = 12;
         let mut at = |there: bool, bytes: usize| {
@@ -109,7 +109,7 @@ impl Layout {
         let time = |row: &[u8], at: usize| f64::from_le_bytes(row[at..at + 8].try_into().expect("eight bytes"));
         Samples {
             q: rows().map(Layout::cell).collect(),
-            rgb: rgb.map(|at| rows().map(|row| color(row, at)).collect()),
+            rgb: rgb.filter(|_| keep.rgb).map(|at| rows().map(|row| color(row, at)).collect()),
             intensity: intensity.map(|at| rows().map(|row| u16_at(row, at)).collect()),
             class: class.map(|at| rows().map(|row| row[at]).collect()),
             returns: returns.map(|at| rows().map(|row| row[at]).collect()),

@@ -248,6 +248,7 @@ impl Builder<'_> {
             let mut own = Vec::new();
             let mut narrow = vec![false; self.sources.len()];
             let mut notes = Vec::new();
+            let mut found = Wanted::default();
             for &(number, shift) in &group.members {
                 let part = number as u16;
                 let streamed = self.sources[number].stream(self.progress, &|batch| {
@@ -284,6 +285,7 @@ impl Builder<'_> {
                 })?;
                 points += streamed.points;
                 narrow[number] = streamed.depth.is_wide();
+                found = join(found, streamed.available);
                 notes.extend(streamed.notes.clone());
                 own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
                 self.part(number, group, &streamed);
@@ -303,7 +305,9 @@ impl Builder<'_> {
             self.contents.lattices.push([group.lattice.step, group.lattice.offset]);
             self.contents.lattices.push([group.lattice.step, group.lattice.world(corner)]);
             let lattice_number = self.contents.lattices.len() as u16 - 2;
-            let tree = Tree { layout, corner, bits, lattice: group.lattice, lattice_number, narrow };
+            // Colours that are all black are none, which only the points can tell.
+            let has = Wanted { rgb: found.rgb, ..has };
+            let tree = Tree { layout, has, corner, bits, lattice: group.lattice, lattice_number, narrow };
             return Ok(Ingested { grid, tree, points, stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) });
         }
     }

@@ -15,7 +15,7 @@ use super::file::NodeRecord;
 use super::merge::{Merged, merge};
 use super::morton;
 use super::samples::{Cell, Samples};
-use crate::cloud::Lattice;
+use crate::cloud::{Lattice, Wanted};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
 
@@ -25,6 +25,8 @@ const GATHERED: u64 = 4 * POINTS_PER_PAGE as u64;
 /// What all nodes of one tree have in common.
 pub struct Tree {
     pub layout: Layout,
+    /// The columns that nodes keep.
+    pub has: Wanted,
     /// Where the tree's lattice starts, in steps of the file's.
     pub corner: [i64; 3],
     /// The tree's cube is 2^bits steps wide.
@@ -208,7 +210,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
             run.sort_unstable_by(|&a, &b| self.rest(a).cmp(self.rest(b)));
             run.iter().for_each(|&i| self.leaf_records.extend_from_slice(record(i)));
         }
-        let samples = self.tree.layout.read(&self.leaf_records, self.station, &self.tree.narrow);
+        let samples = self.tree.layout.read(&self.leaf_records, self.tree.has, self.station, &self.tree.narrow);
         if let Some(column) = &samples.intensity {
             self.intensities.resize(1 << 16, 0);
             column.iter().for_each(|&v| self.intensities[v as usize] += 1);
@@ -232,7 +234,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
 
 /// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them.
 pub fn parent(tree: &Tree, open: &[Open], parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
-    let Merged { samples, dropped, coarser } = merge(&Samples::concatenated(&parts), tree.layout.has);
+    let Merged { samples, dropped, coarser } = merge(&Samples::concatenated(&parts), tree.has);
     let mut record = pack(tree, &samples, coarser, planes);
     record.points = parts.iter().map(Samples::points).sum();
     let widest = |axis: usize| tree.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32);
