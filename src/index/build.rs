@@ -40,7 +40,7 @@ pub struct Options {
 }
 
 /// What became of it.
-#[derive(Clone, Debug, Default, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Summary {
     pub points: u64,
     pub nodes: usize,
@@ -51,7 +51,10 @@ pub struct Summary {
     pub core_bytes: u64,
     pub spilled_bytes: u64,
     pub seconds: f64,
+    /// Of these, until all points were read and distributed.
     pub read_seconds: f64,
+    /// The most memory that this process has used so far, where the system tells (Linux).
+    pub peak_mib: f64,
     pub notes: Vec<String>,
 }
 
@@ -107,9 +110,17 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
         directory.contents.elevation_stretch = elevations(&directory, &writer)?;
         summary.bytes = writer.finish(&directory, end)?;
         summary.notes = directory.contents.notes;
+        summary.peak_mib = peak_mib();
         summary.seconds = began.elapsed().as_secs_f64();
         Ok(summary)
     })
+}
+
+/// "VmHWM" of /proc/self/status.
+fn peak_mib() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let kib = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.split_whitespace().next()?.parse::<f64>().ok());
+    kib.unwrap_or(0.0) / 1024.0
 }
 
 fn core_bytes(node: &NodeRecord) -> u64 {
