@@ -136,7 +136,7 @@ fn every_module_uses_only_what_stands_before_it() {
 #[test]
 fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
     let has = |code: &str, wanted: &str| code.split(|c| !word(c)).any(|found| found == wanted);
-    let device = |path: &str| path.starts_with("gpu/") || matches!(path, "graph/record.rs" | "resident.rs" | "present.rs");
+    let device = |path: &str| path.starts_with("gpu/") || matches!(path, "graph/record.rs" | "present.rs");
     let names_vulkan = |path: &str| device(path) || path.starts_with("graph/");
     let mut wrong = Vec::new();
     for (path, code) in sources() {

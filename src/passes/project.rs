@@ -66,7 +66,7 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
     // Front to back, so that what lies behind finds its pixels taken. The order does not show: keys are unique.
     seen.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (distance, node) in seen {
-        let planes = precision.planes(view, &node.lattice, &node.frame, distance);
+        let planes = precision.planes(view, &node.lattice, &node.frame, distance).min(node.planes);
         statistics.nodes_drawn += 1;
         statistics.points_drawn += node.count as u64;
         statistics.position_bytes += 4 * planes as u64 * node.count as u64;
