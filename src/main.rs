@@ -1,7 +1,7 @@
 //! Parse, dispatch, exit code: 0 done, 1 could not do it, 2 asked wrongly.
 
 use clap::Parser;
-use pointillist::cli::{bench, info, render, study, synth, terminal::Terminal};
+use pointillist::cli::{bench, index, info, render, study, synth, terminal::Terminal};
 use pointillist::error::Error;
 use std::process::ExitCode;
 
@@ -9,6 +9,7 @@ const EXAMPLES: &str = "\
 Examples:
   pointillist render scan.laz -o out.png
   pointillist info scan.laz
+  pointillist index huge.laz -o huge.pnti
   pointillist synth street -o street.laz --points 2000000
   pointillist COMMAND --help                               options and more examples";
 
@@ -24,6 +25,8 @@ struct Program {
 enum Command {
     /// One picture of one or several point clouds
     Render(Box<render::Arguments>),
+    /// An index of clouds larger than memory, which render, info and bench take in a file's place
+    Index(index::Arguments),
     /// What is in a file: counts, bounds and ranges of the points themselves
     Info(info::Arguments),
     /// Simulated scans of analytic scenes, with ground truth
@@ -39,6 +42,7 @@ fn main() -> ExitCode {
     let progress = Terminal::new();
     let done = match &program.command {
         Command::Render(arguments) => render::run(arguments, &progress),
+        Command::Index(arguments) => index::run(arguments, &progress),
         Command::Info(arguments) => info::run(arguments, &progress),
         Command::Synth(arguments) => synth::run(arguments, &progress),
         Command::Study(arguments) => study::run(arguments, &progress),

@@ -116,7 +116,11 @@ impl<'a> Meter<'a> {
     const STEP: u64 = 1 << 20;
 
     pub fn new(progress: &'a dyn Progress, input: &Input, total: u64) -> Self {
-        Self { progress, doing: format!("reading {}", input.name()), done: AtomicU64::new(0), total }
+        Self::named(progress, &input.name(), total)
+    }
+
+    pub fn named(progress: &'a dyn Progress, name: &str, total: u64) -> Self {
+        Self { progress, doing: format!("reading {name}"), done: AtomicU64::new(0), total }
     }
 
     pub fn advance(&self, count: u64) -> Result<()> {

@@ -1,91 +1,222 @@
-//! LAS 1.0 to 1.4, LAZ and COPC -> one part.
+//! LAS 1.0 to 1.4, LAZ and COPC -> one part, or batches.
 //!
 //! In: a file. Out: its raw i32 coordinates on its own scale and offset, never through f64, and the wanted columns.
 //! Records are fixed-width, so threads read and cut their own stretches of the file; LAZ goes chunk by chunk through the `laz` crate's
-//! record decoder into the same windows. Nothing but the columns and one block a thread is ever in memory.
+//! record decoder. Both put their records into lanes: windows of whole columns here, one batch a thread in `stream`.
+//! Nothing but what lies behind the lanes and one block a thread is ever in memory.
 //! The file is judged by its own length: what a header promises beyond it is not there, and is said.
 
 pub mod header;
 mod laz;
-mod records;
+pub mod records;
 
 use super::input::{Input, Meter};
-use super::{Columns, Part, ReadOptions, Wanted, color};
-use crate::error::{Error, Result};
+use super::{Part, ReadOptions, Wanted, color};
+use crate::error::Result;
 use crate::progress::Progress;
+use color::Depth;
 use header::Layout;
 use rayon::prelude::*;
-use records::{Fields, Filled, WINDOW, Window};
+use records::{BLOCK, Fields, Lane, Pile, Window};
+
+/// What a file begins with.
+pub const MAGIC: &[u8] = b"LASF";
+
+/// Points that one task reads of an uncompressed file.
+const STRETCH: u64 = 65_536;
+
+/// Blocks of records have at most this many bytes, but one record at least: a header may say 65,535 bytes a record.
+const BLOCK_BYTES: usize = 1 << 20;
+
+/// A file whose header has been read: where its points are, and how they are kept.
+pub struct Las {
+    pub layout: Layout,
+    /// What is both wanted and there.
+    pub available: Wanted,
+    pub places: Places,
+    fields: Fields,
+    coding: Option<laz::Coding>,
+    /// What is odd about the number of points, or the finding of them.
+    odd: String,
+}
+
+pub enum Places {
+    /// Each readable without the others.
+    Known(Vec<Stretch>),
+    Sequence(Sequence),
+}
+
+/// Records that stand together: a LAZ chunk, or as many as suit a task.
+#[derive(Clone, Copy, Debug)]
+pub struct Stretch {
+    at: u64,
+    bytes: u64,
+    pub points: u64,
+}
+
+/// LAZ chunks each of which begins where the one before turns out to end.
+#[derive(Clone, Copy, Debug)]
+pub struct Sequence {
+    at: u64,
+    points: u64,
+    chunk_points: u64,
+}
 
 pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
-    let layout = header::read(input, notes)?;
-    let fields = Fields::new(&layout);
-    let mut found = if layout.compressed {
-        laz::read(input, &layout, &fields, options.wanted, progress)?
-    } else {
-        plain(input, &layout, &fields, options.wanted, progress)?
-    };
-    let depth = records::finish(&mut found.columns, &found.windows);
-    let count = found.columns.len() as u64;
-    if count != layout.points {
-        let because = if found.why.is_empty() { String::new() } else { format!(": {}", found.why) };
-        let what = format!("header says {} points, {count} could be read{because}", layout.points);
-        if options.strict || count == 0 {
-            return Err(input.wrong(what));
+    let las = Las::open(input, options.wanted, notes)?;
+    let (mut columns, lanes, why) = match &las.places {
+        Places::Known(stretches) => {
+            let no_room = || {
+                let what = format!("has {} points, more than fit the memory; index it instead, or ask for fewer attributes", las.points());
+                input.wrong(what)
+            };
+            let mut columns = records::columns(las.points() as usize, las.available).ok_or_else(no_room)?;
+            let mut windows = Window::over(&mut columns).split_into(stretches.iter().map(|stretch| stretch.points as usize));
+            let why = las.read_stretches(input, windows.par_iter_mut(), progress)?;
+            let lanes = windows.iter().map(Window::filled).collect();
+            (columns, lanes, why)
         }
-        notes.push(format!("{}: {what}", input.name()));
-    } else if !found.why.is_empty() {
-        notes.push(format!("{}: {}", input.name(), found.why));
-    }
-    if found.columns.rgb.is_some() && !depth.is_wide() {
-        notes.push(format!("{}: {}", input.name(), color::NOTE_8_IN_16));
-    }
+        Places::Sequence(_) => {
+            let mut pile = Pile::new(records::zeros(0, las.available));
+            let why = las.read_sequence(input, &mut pile, progress)?;
+            let lane = pile.cut();
+            (pile.columns, vec![lane], why)
+        }
+    };
+    let depth = records::finish(&mut columns, &lanes);
+    notes.extend(las.verdict(input, columns.len() as u64, depth, why, options.strict)?);
     Ok(vec![Part {
         path: input.path.clone(),
         name: None,
-        header: layout.header,
-        lattice: layout.lattice,
-        columns: found.columns,
-        intensity_range: [0.0, 65535.0],
+        header: las.layout.header,
+        lattice: las.layout.lattice,
+        columns,
+        intensity_range: INTENSITY_RANGE,
         rgb_bits: depth.bits(),
     }])
 }
 
-/// The columns as the tasks left them, and why there are fewer points than promised, or what else is odd about their number.
-struct Found {
-    columns: Columns,
-    windows: Vec<Filled>,
-    why: String,
+pub const INTENSITY_RANGE: [f64; 2] = [0.0, 65535.0];
+
+impl Las {
+    pub fn open(input: &Input, wanted: Wanted, notes: &mut Vec<String>) -> Result<Self> {
+        let layout = header::read(input, notes)?;
+        let fields = Fields::new(&layout);
+        let available = fields.available(wanted);
+        let (coding, places, odd) = if layout.compressed {
+            let (coding, places, odd) = laz::open(input, &layout, available)?;
+            (Some(coding), places, odd)
+        } else {
+            let (places, odd) = plain(input, &layout);
+            (None, places, odd)
+        };
+        Ok(Self { layout, available, places, fields, coding, odd })
+    }
+
+    /// As many as the header promises and the file can hold.
+    pub fn points(&self) -> u64 {
+        match &self.places {
+            Places::Known(stretches) => stretches.iter().map(|stretch| stretch.points).sum(),
+            Places::Sequence(sequence) => sequence.points,
+        }
+    }
+
+    /// All stretches in parallel, each into its own lane. Returns why there are fewer points than promised, or what else is odd.
+    pub fn read_stretches<L: Lane>(
+        &self,
+        input: &Input,
+        lanes: impl IndexedParallelIterator<Item = L>,
+        progress: &dyn Progress,
+    ) -> Result<String> {
+        let Places::Known(stretches) = &self.places else { return Ok(String::new()) };
+        let meter = Meter::new(progress, input, self.points());
+        let outcomes = stretches
+            .par_iter()
+            .zip(lanes)
+            .map_init(Vec::new, |block, (stretch, mut lane)| match &self.coding {
+                Some(coding) => {
+                    let bytes = input.take(stretch.at, stretch.bytes)?;
+                    laz::chunk(&bytes, stretch.points, coding, &self.fields, block, &mut lane, &meter)
+                }
+                None => self.stretch(input, stretch, block, &mut lane, &meter).map(|()| None),
+            })
+            .collect::<Result<Vec<_>>>()?;
+        let mut short = outcomes.iter().flatten();
+        let why = short
+            .next()
+            .map(|first| format!("{} of {} LAZ chunks could not be read to the end ({first})", 1 + short.count(), outcomes.len()));
+        Ok(self.odd_and(why))
+    }
+
+    /// All chunks one after the other, into one lane. Returns as [`Las::read_stretches`].
+    pub fn read_sequence(&self, input: &Input, lane: &mut impl Lane, progress: &dyn Progress) -> Result<String> {
+        let (Places::Sequence(sequence), Some(coding)) = (&self.places, &self.coding) else { return Ok(String::new()) };
+        let meter = Meter::new(progress, input, sequence.points);
+        Ok(self.odd_and(laz::sequence(input, sequence, coding, &self.fields, lane, &meter)?))
+    }
+
+    /// The notes that `points` of this depth deserve, or the error.
+    pub fn verdict(&self, input: &Input, points: u64, depth: Depth, why: String, strict: bool) -> Result<Vec<String>> {
+        let mut notes = Vec::new();
+        if points != self.layout.points {
+            let because = if why.is_empty() { String::new() } else { format!(": {why}") };
+            let what = format!("header says {} points, {points} could be read{because}", self.layout.points);
+            if strict || points == 0 {
+                return Err(input.wrong(what));
+            }
+            notes.push(format!("{}: {what}", input.name()));
+        } else if !why.is_empty() {
+            notes.push(format!("{}: {why}", input.name()));
+        }
+        if self.available.rgb && !depth.is_black() && !depth.is_wide() {
+            notes.push(format!("{}: {}", input.name(), color::NOTE_8_IN_16));
+        }
+        Ok(notes)
+    }
+
+    fn odd_and(&self, why: Option<String>) -> String {
+        let told = [self.odd.clone(), why.unwrap_or_default()];
+        told.into_iter().filter(|what| !what.is_empty()).collect::<Vec<_>>().join("; ")
+    }
+
+    /// One stretch of uncompressed records.
+    fn stretch(&self, input: &Input, stretch: &Stretch, block: &mut Vec<u8>, lane: &mut impl Lane, meter: &Meter) -> Result<()> {
+        let width = self.fields.record_bytes;
+        let piece = (BLOCK_BYTES / width).clamp(1, BLOCK);
+        let mut at = stretch.at;
+        let mut left = stretch.points as usize;
+        while left > 0 {
+            let room = lane.room(left);
+            for start in (0..room).step_by(piece) {
+                block.resize(piece.min(room - start) * width, 0);
+                input.read_exactly(at, block)?;
+                lane.put(block, &self.fields);
+                at += block.len() as u64;
+            }
+            lane.settle()?;
+            meter.advance(room as u64)?;
+            left -= room;
+        }
+        Ok(())
+    }
 }
 
-/// Uncompressed records.
-fn plain(input: &Input, layout: &Layout, fields: &Fields, wanted: Wanted, progress: &dyn Progress) -> Result<Found> {
-    let room = (input.length - layout.points_at) / layout.record_bytes as u64;
-    let count = layout.points.min(room) as usize;
-    let mut columns = records::columns(count, fields.available(wanted)).ok_or_else(|| no_room(input, count as u64))?;
-    let sizes = (0..count).step_by(WINDOW).map(|start| WINDOW.min(count - start));
-    let meter = Meter::new(progress, input, count as u64);
-    let windows = Window::over(&mut columns)
-        .split_into(sizes)
-        .into_par_iter()
-        .map_init(Vec::new, |block, mut window| {
-            block.resize(window.len() * layout.record_bytes, 0);
-            input.read_exactly(layout.points_at + (window.start * layout.record_bytes) as u64, block)?;
-            window.fill(0, block, fields);
-            meter.advance(window.len() as u64)?;
-            Ok(window.filled(window.len()))
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let why = if layout.points > room {
+/// Where uncompressed records are, and what is odd about their number.
+fn plain(input: &Input, layout: &Layout) -> (Places, String) {
+    let width = layout.record_bytes as u64;
+    let room = (input.length - layout.points_at) / width;
+    let count = layout.points.min(room);
+    let stretch = |start| {
+        let points = STRETCH.min(count - start);
+        Stretch { at: layout.points_at + start * width, bytes: points * width, points }
+    };
+    let stretches = (0..count).step_by(STRETCH as usize).map(stretch).collect();
+    let odd = if layout.points > room {
         format!("the file ends after byte {}", input.length)
     } else {
         let end = layout.tail_at.unwrap_or(input.length);
-        let more = (end.saturating_sub(layout.points_at) / layout.record_bytes as u64).saturating_sub(layout.points);
+        let more = (end.saturating_sub(layout.points_at) / width).saturating_sub(layout.points);
         if more > 0 { format!("the file has room for {more} more points than its header says; they were not read") } else { String::new() }
     };
-    Ok(Found { columns, windows, why })
-}
-
-fn no_room(input: &Input, points: u64) -> Error {
-    input.wrong(format!("has {points} points, more than fit the memory; index it instead, or ask for fewer attributes"))
+    (Places::Known(stretches), odd)
 }

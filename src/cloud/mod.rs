@@ -8,7 +8,7 @@
 
 pub mod attribute;
 mod axis;
-mod color;
+pub mod color;
 mod core;
 pub mod e57;
 mod floats;
@@ -18,15 +18,17 @@ pub mod las;
 pub mod obj;
 pub mod ply;
 pub mod spacing;
+pub mod stream;
 mod text;
 pub mod xyz;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use glam::DVec3;
 use input::Input;
 use rayon::prelude::*;
-use std::path::PathBuf;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 /// The integer grid that a part's points lie on: `world = offset + step * q`, per axis, metres (or the file's unit), f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +40,12 @@ pub struct Lattice {
 impl Lattice {
     pub fn world(&self, q: [i64; 3]) -> DVec3 {
         self.offset + self.step * DVec3::new(q[0] as f64, q[1] as f64, q[2] as f64)
+    }
+
+    /// The corners of a box given in steps, world.
+    pub fn world_box(&self, steps: [[i32; 3]; 2]) -> (DVec3, DVec3) {
+        let [lo, hi] = steps.map(|q| self.world(q.map(i64::from)));
+        (lo, hi)
     }
 }
 
@@ -72,9 +80,45 @@ impl Columns {
     pub fn is_empty(&self) -> bool {
         self.x.is_empty()
     }
-}
 
-impl Columns {
+    /// The box around the points, lattice steps.
+    pub fn bounds(&self) -> Option<[[i32; 3]; 2]> {
+        let (x, y, z) = (range(&self.x)?, range(&self.y)?, range(&self.z)?);
+        Some([[x.0, y.0, z.0], [x.1, y.1, z.1]])
+    }
+
+    /// The columns that are there.
+    pub fn available(&self) -> Wanted {
+        Wanted {
+            rgb: self.rgb.is_some(),
+            intensity: self.intensity.is_some(),
+            class: self.class.is_some(),
+            returns: self.returns.is_some(),
+            source: self.source.is_some(),
+            normal: self.normal.is_some(),
+            gps_time: self.gps_time.is_some(),
+        }
+    }
+
+    /// A copy of some points.
+    pub fn slice(&self, points: Range<usize>) -> Columns {
+        fn cut<T: Copy>(column: &Option<Vec<T>>, points: &Range<usize>) -> Option<Vec<T>> {
+            column.as_ref().map(|column| column[points.clone()].to_vec())
+        }
+        Columns {
+            x: self.x[points.clone()].to_vec(),
+            y: self.y[points.clone()].to_vec(),
+            z: self.z[points.clone()].to_vec(),
+            rgb: cut(&self.rgb, &points),
+            intensity: cut(&self.intensity, &points),
+            class: cut(&self.class, &points),
+            returns: cut(&self.returns, &points),
+            source: cut(&self.source, &points),
+            normal: cut(&self.normal, &points),
+            gps_time: cut(&self.gps_time, &points),
+        }
+    }
+
     /// Drops the columns that are not wanted.
     pub fn keep(&mut self, wanted: Wanted) {
         self.rgb.take_if(|_| !wanted.rgb);
@@ -176,20 +220,23 @@ impl Cloud {
 impl Part {
     /// The scan's own name, or the file's.
     pub fn title(&self) -> String {
-        self.name.clone().unwrap_or_else(|| input::name_of(&self.path))
+        title(self.name.as_deref(), &self.path)
     }
 
     /// The box around this part's points, world; exact up to one rounding of `offset + step * q`.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        let (x, y, z) = (range(&self.columns.x)?, range(&self.columns.y)?, range(&self.columns.z)?);
-        let corner = |pick: fn((i32, i32)) -> i32| self.lattice.world([pick(x).into(), pick(y).into(), pick(z).into()]);
-        Some((corner(|(lo, _)| lo), corner(|(_, hi)| hi)))
+        self.columns.bounds().map(|bounds| self.lattice.world_box(bounds))
     }
+}
+
+fn title(name: Option<&str>, path: &Path) -> String {
+    name.map_or_else(|| input::name_of(path), str::to_owned)
 }
 
 /// Smallest and largest of a column.
 pub fn range<T: Copy + Ord + Send + Sync>(column: &[T]) -> Option<(T, T)> {
-    column.par_iter().with_min_len(1 << 16).map(|&v| (v, v)).reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    let widen = |a: (T, T), b: (T, T)| (a.0.min(b.0), a.1.max(b.1));
+    column.par_chunks(1 << 16).map(|chunk| chunk.iter().fold((chunk[0], chunk[0]), |range, &v| widen(range, (v, v)))).reduce_with(widen)
 }
 
 /// Opens `paths` as one cloud, in their order. The first file that cannot be read at all ends it.
@@ -200,10 +247,7 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
         let parts = read_one(&input, options, progress, &mut cloud.notes)?;
         for part in parts {
             let index = cloud.parts.len();
-            match wrong_bounds(&part) {
-                Some(what) if options.strict => return Err(input.wrong(what)),
-                what => cloud.notes.extend(what.map(|what| format!("{}: {what}", part.title()))),
-            }
+            cloud.notes.extend(bounds_note(path, &part.title(), &part.header, part.lattice, part.bounds(), options.strict)?);
             cloud.stations.extend(stations(&part, index));
             cloud.parts.push(part);
         }
@@ -217,7 +261,7 @@ fn read_one(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     if start.is_empty() {
         return Err(input.wrong("is empty (0 bytes)"));
     }
-    if start.starts_with(b"LASF") {
+    if start.starts_with(las::MAGIC) {
         return las::read(input, options, progress, notes);
     }
     if start.starts_with(b"ASTM-E57") {
@@ -237,11 +281,26 @@ fn read_one(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     }
 }
 
-/// The note on a header whose bounds are not those of the points, by more than a step and the digits that headers are rounded to.
-fn wrong_bounds(part: &Part) -> Option<String> {
-    let [stated_lo, stated_hi] = part.header.bounds?.map(DVec3::from_array);
-    let (lo, hi) = part.bounds()?;
-    let tolerance = 1.001 * part.lattice.step + 1e-6 * (hi - lo) + 1e-12 * lo.abs().max(hi.abs());
+/// The note, or where it is strict the error, on a header whose bounds are not those of the points, which are `bounds`.
+fn bounds_note(
+    path: &Path,
+    title: &str,
+    header: &Header,
+    lattice: Lattice,
+    bounds: Option<(DVec3, DVec3)>,
+    strict: bool,
+) -> Result<Option<String>> {
+    match wrong_bounds(header, lattice, bounds) {
+        Some(what) if strict => Err(Error::format(path, what)),
+        what => Ok(what.map(|what| format!("{title}: {what}"))),
+    }
+}
+
+/// What is wrong about the header's bounds, by more than a step and the digits that headers are rounded to.
+fn wrong_bounds(header: &Header, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> Option<String> {
+    let [stated_lo, stated_hi] = header.bounds?.map(DVec3::from_array);
+    let (lo, hi) = bounds?;
+    let tolerance = 1.001 * lattice.step + 1e-6 * (hi - lo) + 1e-12 * lo.abs().max(hi.abs());
     let differ = |stated: DVec3, own: DVec3| !(stated - own).abs().cmple(tolerance).all();
     if !differ(stated_lo, lo) && !differ(stated_hi, hi) {
         return None;

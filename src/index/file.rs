@@ -38,7 +38,7 @@ pub enum Plane {
     Class,
     /// Return number (low four bits) and number of returns.
     Returns,
-    /// LAS point source id.
+    /// Number of the station, in [`Contents::stations`].
     Source,
     /// Unit normal, 127 = 1.0.
     Normal,
@@ -84,7 +84,7 @@ impl Plane {
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct NodeRecord {
-    /// Least coordinates, in steps of its part's lattice times 2^`coarser`.
+    /// Least coordinates, in steps of its lattice times 2^`coarser`.
     pub origin: [i64; 3],
     /// Points of the file that lie in it.
     pub points: u64,
@@ -161,7 +161,8 @@ pub struct Contents {
     pub parts: Vec<IndexedPart>,
     pub stations: Vec<Station>,
     pub notes: Vec<String>,
-    /// Of the lattices that nodes lie on: step and offset.
+    /// Step and offset: for every tree the file's own, on which leaves lie, and the same with its offset at the tree's corner, on which rounded positions of
+    /// inner nodes lie.
     pub lattices: Vec<[DVec3; 2]>,
     pub points: u64,
     /// World corners of the box around the points; none without points.
@@ -221,8 +222,21 @@ impl Writer {
 
     /// Writes planes; from any thread, each its own range.
     pub fn put(&self, at: u64, bytes: &[u8]) -> Result<()> {
-        std::os::unix::fs::FileExt::write_all_at(&self.file, bytes, at).map_err(|error| Error::io("write", &self.path, error))
+        std::os::unix::fs::FileExt::write_all_at(&self.file, bytes, at).map_err(|error| Error::io("write", &self.path, error))?;
+        self.start_writing_back(at, bytes.len());
+        Ok(())
     }
+
+    /// Asks the system to bring a range to the disk now, so that `finish` has little left to wait for. A hint: nobody relies on it.
+    #[cfg(target_os = "linux")]
+    fn start_writing_back(&self, at: u64, bytes: usize) {
+        use std::os::fd::AsRawFd;
+        // SAFETY: a plain system call on an open file.
+        unsafe { libc::sync_file_range(self.file.as_raw_fd(), at as i64, bytes as i64, libc::SYNC_FILE_RANGE_WRITE) };
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn start_writing_back(&self, _at: u64, _bytes: usize) {}
 
     /// Reads back what was put.
     pub fn get(&self, at: u64, bytes: &mut [u8]) -> Result<()> {
@@ -266,8 +280,6 @@ impl Writer {
 pub struct Index {
     map: Map,
     pub directory: Directory,
-    /// Lattices by number, without the nodes' own `coarser`.
-    pub lattices: Vec<Lattice>,
 }
 
 impl Index {
@@ -314,10 +326,9 @@ impl Index {
             return Err(wrong("has a damaged directory".into()));
         }
         let contents: Contents = serde_json::from_slice(&contents).map_err(|error| wrong(format!("has unreadable contents ({error})")))?;
-        let lattices = contents.lattices.iter().map(|&[step, offset]| Lattice { step, offset }).collect::<Vec<_>>();
         let directory = Directory { nodes, roots: header.roots, contents };
-        check(&directory, header.directory_at, lattices.len()).map_err(wrong)?;
-        Ok(Index { map, directory, lattices })
+        check(&directory, header.directory_at).map_err(wrong)?;
+        Ok(Index { map, directory })
     }
 
     pub fn path(&self) -> &Path {
@@ -335,8 +346,7 @@ impl Index {
 
     /// The lattice that a node's `origin` and `extent` count steps of.
     pub fn lattice(&self, node: &NodeRecord) -> Lattice {
-        let Lattice { step, offset } = self.lattices[node.lattice as usize];
-        Lattice { step: step * 2f64.powi(node.coarser as i32), offset }
+        lattice(node, &self.directory.contents.lattices)
     }
 
     /// World corners of a node's box.
@@ -363,28 +373,39 @@ impl Index {
     /// World positions and weights of a node's samples, from as many planes as it has.
     pub fn samples(&self, node: usize) -> Result<Vec<(DVec3, u32)>> {
         let record = &self.directory.nodes[node];
-        let lattice = self.lattice(record);
-        let mut words = vec![0u32; record.count as usize];
-        let mut cells = vec![[0u32; 3]; record.count as usize];
-        for &(plane, _) in &PLANES[..record.position_planes() as usize] {
-            self.read(node, plane, bytemuck::cast_slice_mut(&mut words))?;
-            for (cells, &word) in cells.iter_mut().zip(&words) {
-                *cells = [0, 1, 2]
-                    .map(|axis| cells[axis] << BITS_PER_PLANE | word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1));
-            }
-        }
-        words.fill(1);
-        if record.has(Plane::Weight) {
-            self.read(node, Plane::Weight, bytemuck::cast_slice_mut(&mut words))?;
-        }
-        let pad = BITS_PER_PLANE * record.position_planes() - record.bits as u32;
-        let world = |cells: [u32; 3]| lattice.world([0, 1, 2].map(|axis| record.origin[axis] + (cells[axis] >> pad) as i64));
-        Ok(cells.into_iter().zip(words).map(|(cells, weight)| (world(cells), weight)).collect())
+        samples(record, self.lattice(record), &mut |plane, into| self.read(node, plane, into))
     }
 }
 
+/// The lattice that a node's `origin` and `extent` count steps of. Rounded positions lie in the middle of theirs.
+pub fn lattice(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
+    let [step, offset] = lattices[node.lattice as usize];
+    let coarse = 2f64.powi(node.coarser as i32);
+    Lattice { step: step * coarse, offset: offset + step * (coarse / 2.0).floor() }
+}
+
+/// World positions and weights of a node's samples; `read` fills a plane's bytes.
+pub fn samples(node: &NodeRecord, lattice: Lattice, read: &mut dyn FnMut(Plane, &mut [u8]) -> Result<()>) -> Result<Vec<(DVec3, u32)>> {
+    let mut words = vec![0u32; node.count as usize];
+    let mut cells = vec![[0u32; 3]; node.count as usize];
+    for &(plane, _) in &PLANES[..node.position_planes() as usize] {
+        read(plane, bytemuck::cast_slice_mut(&mut words))?;
+        for (cells, &word) in cells.iter_mut().zip(&words) {
+            *cells =
+                [0, 1, 2].map(|axis| cells[axis] << BITS_PER_PLANE | word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1));
+        }
+    }
+    words.fill(1);
+    if node.has(Plane::Weight) {
+        read(Plane::Weight, bytemuck::cast_slice_mut(&mut words))?;
+    }
+    let pad = BITS_PER_PLANE * node.position_planes() - node.bits as u32;
+    let world = |cells: [u32; 3]| lattice.world([0, 1, 2].map(|axis| node.origin[axis] + (cells[axis] >> pad) as i64));
+    Ok(cells.into_iter().zip(words).map(|(cells, weight)| (world(cells), weight)).collect())
+}
+
 /// What a walk over the tree relies on: children behind their parents and each under one, planes inside of the file, numbers in their ranges.
-fn check(directory: &Directory, end: u64, lattices: usize) -> std::result::Result<(), String> {
+fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
     let nodes = &directory.nodes;
     if directory.roots as usize > nodes.len() {
         return Err(format!("claims {} roots among {} nodes", directory.roots, nodes.len()));
@@ -395,7 +416,7 @@ fn check(directory: &Directory, end: u64, lattices: usize) -> std::result::Resul
         if node.count == 0 || node.count > POINTS_PER_PAGE || node.points < node.count as u64 {
             return wrong("with an impossible number of points");
         }
-        if node.lattice as usize >= lattices || node.coarser > 64 {
+        if node.lattice as usize >= directory.contents.lattices.len() || node.coarser > 64 {
             return wrong("on a lattice that there is not");
         }
         let longest = node.extent.iter().max().map_or(0, |&side| 32 - side.leading_zeros()).max(1);

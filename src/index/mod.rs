@@ -1,11 +1,18 @@
 //! POINTS -> NODES.
 //!
-//! `organise` cuts a part's points into nodes along the Morton order; `pack` brings one node's points into the words that the GPU reads.
+//! In memory: `organise` cuts a part's points into nodes along the Morton order; `pack` brings one node's points into the words that the GPU reads.
+//! Out of core: `build` makes a file (`file`) of leaves and inner nodes, from `bucket`s that are `grow`n into nodes; `merge` makes a parent's samples of
+//! its children's.
 
+mod bucket;
+pub mod build;
 pub mod file;
+mod grow;
 mod map;
+mod merge;
 pub mod morton;
 pub mod organise;
 pub mod pack;
+mod samples;
 
 pub use organise::{Arrangement, Node, Organised, organise, shuffle};

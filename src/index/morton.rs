@@ -14,15 +14,69 @@ pub fn code(q: [u32; 3]) -> u32 {
     spread(q[0]) | spread(q[1]) << 1 | spread(q[2]) << 2
 }
 
+/// Spreads the low 21 bits to every third bit.
+fn spread_21(v: u32) -> u64 {
+    let v = v as u64 & 0x1F_FFFF;
+    let v = (v | v << 32) & 0x001F_0000_0000_FFFF;
+    let v = (v | v << 16) & 0x001F_0000_FF00_00FF;
+    let v = (v | v << 8) & 0x100F_00F0_0F00_F00F;
+    let v = (v | v << 4) & 0x10C3_0C30_C30C_30C3;
+    (v | v << 2) & 0x1249_2492_4924_9249
+}
+
+/// The 63-bit code of the low 21 bits of three numbers.
+pub fn code_63(q: [u32; 3]) -> u64 {
+    spread_21(q[0]) | spread_21(q[1]) << 1 | spread_21(q[2]) << 2
+}
+
+/// The 96-bit code of three numbers.
+pub fn code_96(q: [u32; 3]) -> u128 {
+    (code_63(q.map(|v| v >> 21)) as u128) << 63 | code_63(q) as u128
+}
+
+/// The highest bit in which two codes differ, counted from 1; 0 if they are equal. Found without making the codes.
+pub fn highest_difference(a: [u32; 3], b: [u32; 3]) -> u8 {
+    let of = |axis: usize| match a[axis] ^ b[axis] {
+        0 => 0,
+        different => 3 * (31 - different.leading_zeros()) + axis as u32 + 1,
+    };
+    of(0).max(of(1)).max(of(2)) as u8
+}
+
+/// The bits that dropping the lowest `dropped` bits of a code takes from each axis: x loses the first.
+pub fn axis_bits(dropped: u32) -> [u32; 3] {
+    [dropped.div_ceil(3), (dropped + 1) / 3, dropped / 3]
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
 
+    fn naive(q: [u32; 3], bits: u32) -> u128 {
+        (0..bits).map(|b| (0..3).map(|axis| ((q[axis] as u128) >> b & 1) << (3 * b + axis as u32)).sum::<u128>()).sum()
+    }
+
     proptest! {
         #[test]
-        fn code_interleaves_bit_by_bit(x in 0u32..1024, y in 0u32..1024, z in 0u32..1024) {
-            let naive: u32 = (0..10).map(|b| (x >> b & 1) << (3 * b) | (y >> b & 1) << (3 * b + 1) | (z >> b & 1) << (3 * b + 2)).sum();
-            prop_assert_eq!(super::code([x, y, z]), naive);
+        fn codes_interleave_bit_by_bit(q in prop::array::uniform3(any::<u32>())) {
+            prop_assert_eq!(super::code(q.map(|v| v & 1023)) as u128, naive(q, 10));
+            prop_assert_eq!(super::code_63(q) as u128, naive(q, 21));
+            prop_assert_eq!(super::code_96(q), naive(q, 32));
+        }
+
+        #[test]
+        fn differences_are_those_of_the_codes(a in prop::array::uniform3(any::<u32>()), flip in 0u32..97, low in any::<u128>()) {
+            let other = naive(a, 32) ^ if flip == 0 { 0 } else { 1 << (flip - 1) | low & ((1 << (flip - 1)) - 1) };
+            let b = [0, 1, 2].map(|axis| (0..32).map(|k| ((other >> (3 * k + axis)) as u32 & 1) << k).sum());
+            prop_assert_eq!(super::highest_difference(a, b) as u32, flip);
+        }
+
+        #[test]
+        fn dropped_bits_are_those_of_the_axes(q in prop::array::uniform3(any::<u32>()), dropped in 0u32..96) {
+            let bits = super::axis_bits(dropped);
+            prop_assert_eq!(bits.iter().sum::<u32>(), dropped);
+            let kept = [0, 1, 2].map(|axis| ((q[axis] as u64) >> bits[axis] << bits[axis]) as u32);
+            prop_assert_eq!(super::code_96(kept), super::code_96(q) >> dropped << dropped);
         }
     }
 }

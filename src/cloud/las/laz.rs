@@ -1,24 +1,22 @@
-//! LAZ chunks -> columns.
+//! LAZ chunks -> records.
 //!
-//! In: the laszip record and the compressed bytes. Out: the windows of the columns, filled. Three ways the chunks are found, best first:
-//! the table at the end of the file; without it, for layered chunks (point formats 6 to 10), their own sizes, which say where the next begins;
-//! else one pass from the first byte on, since the arithmetic decoder stops exactly where a chunk ends.
+//! In: the laszip record and the compressed bytes. Out: where the chunks are, and their records, put into a lane. Three ways the chunks are
+//! found, best first: the table at the end of the file; without it, for layered chunks (point formats 6 to 10), their own sizes, which say
+//! where the next begins; else one pass from the first byte on, since the arithmetic decoder stops exactly where a chunk ends.
 //! The `laz` crate decodes records, and nothing else is left to it: its table reader reserves, and its file readers unwrap, whatever a file says.
 //! So sizes are checked here first, and the calls are fenced.
 
-use super::Found;
 use super::header::{Layout, array_at, u32_at};
-use super::records::{self, Fields, Filled, WINDOW, Window};
+use super::records::{Fields, Lane};
+use super::{Places, Sequence, Stretch};
 use crate::cloud::Wanted;
 use crate::cloud::guard::guard;
 use crate::cloud::input::{Input, Meter};
 use crate::error::Result;
-use crate::progress::Progress;
 use laz::las::selective::DecompressionSelection;
 use laz::laszip::{ChunkTable, CompressorType};
 use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
 use laz::{LazItem, LazItemType, LazVlr};
-use rayon::prelude::*;
 use std::io::{BufReader, Cursor, Read};
 
 /// No honest file packs more points into a byte: a million coincident ones come to about 100. It bounds what a crafted file can make us hold.
@@ -28,9 +26,10 @@ const POINTS_PER_BYTE: u64 = 256;
 const TABLE_ENTRY_BYTES: u64 = 16;
 
 /// Records decoded at a time.
-const BATCH: usize = 512;
+const DECODED: usize = 512;
 
-struct Coding {
+/// How the records of a file are compressed.
+pub struct Coding {
     items: Vec<LazItem>,
     record_bytes: usize,
     /// Sizes of layers that follow a layered chunk's first point and count; 0 for the sequential coding.
@@ -38,48 +37,37 @@ struct Coding {
     selection: DecompressionSelection,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Chunk {
-    at: u64,
-    bytes: u64,
-    points: u64,
-}
-
-/// One file's decoding: what stays the same from chunk to chunk.
-struct Job<'a> {
-    input: &'a Input,
-    layout: &'a Layout,
-    fields: &'a Fields,
-    coding: Coding,
-    available: Wanted,
-    progress: &'a dyn Progress,
-}
-
-pub fn read(input: &Input, layout: &Layout, fields: &Fields, wanted: Wanted, progress: &dyn Progress) -> Result<Found> {
+/// The coding of a file, where its chunks are, and what was odd about finding them.
+pub fn open(input: &Input, layout: &Layout, available: Wanted) -> Result<(Coding, Places, String)> {
     let Some(laszip) = &layout.laszip else {
         return Err(input.wrong("is compressed, but has no laszip record that says how: the header is damaged"));
     };
     let vlr = guard(|| LazVlr::read_from(laszip.as_slice()).map_err(|error| error.to_string()))
         .flatten()
         .map_err(|what| input.wrong(format!("has a laszip record that cannot be used: {what}")))?;
-    let available = fields.available(wanted);
     let compressor = u16::from_le_bytes(array_at(laszip, 0));
     let coding = Coding::new(input, layout, &vlr, compressor, available)?;
-    let job = Job { input, layout, fields, coding, available, progress };
-    if compressor == CompressorType::PointWise as u16 {
-        return job.stream(layout.points_at, u64::MAX);
-    }
+    let sequence = |at: u64, chunk_points| {
+        let points = layout.points.min(input.length.saturating_sub(at).saturating_mul(POINTS_PER_BYTE));
+        Places::Sequence(Sequence { at, points, chunk_points })
+    };
     let chunk_points = (!vlr.uses_variable_size_chunks()).then_some(vlr.chunk_size() as u64);
-    match (job.table(chunk_points), chunk_points) {
-        (Ok(chunks), _) => job.in_chunks(chunks, String::new()),
-        (Err(lost), _) if job.coding.layers > 0 => job.in_chunks(job.walk(chunk_points)?, lost),
-        (Err(lost), Some(points)) => {
-            let mut found = job.stream(layout.points_at + 8, points)?;
-            found.why = if found.why.is_empty() { lost } else { format!("{lost}; {}", found.why) };
-            Ok(found)
+    let (places, lost) = if compressor == CompressorType::PointWise as u16 {
+        (sequence(layout.points_at, u64::MAX), String::new())
+    } else {
+        match (table(input, layout, chunk_points), chunk_points) {
+            (Ok(chunks), _) => (Places::Known(chunks), String::new()),
+            (Err(lost), _) if coding.layers > 0 => (Places::Known(walk(input, layout, &coding, chunk_points)?), lost),
+            (Err(lost), Some(points)) => (sequence(layout.points_at + 8, points), lost),
+            (Err(lost), None) => return Err(input.wrong(format!("{lost}, and chunks of varying size cannot be found without it"))),
         }
-        (Err(lost), None) => Err(input.wrong(format!("{lost}, and chunks of varying size cannot be found without it"))),
+    };
+    if let Places::Known(chunks) = &places
+        && let Some(chunk) = chunks.iter().find(|chunk| chunk.points > chunk.bytes.saturating_mul(POINTS_PER_BYTE))
+    {
+        return Err(input.wrong(format!("claims {} points in a LAZ chunk of {} bytes", chunk.points, chunk.bytes)));
     }
+    Ok((coding, places, lost))
 }
 
 impl Coding {
@@ -158,129 +146,60 @@ fn selection(available: Wanted) -> DecompressionSelection {
     DecompressionSelection(bits)
 }
 
-impl Job<'_> {
-    /// The chunks as the table at the end of the file lists them, with sizes that fit the file; else what is wrong with it.
-    fn table(&self, chunk_points: Option<u64>) -> std::result::Result<Vec<Chunk>, String> {
-        let first = self.layout.points_at + 8;
-        let offset_at =
-            |at: u64| self.input.take(at, 8).ok().filter(|bytes| bytes.len() == 8).map(|bytes| i64::from_le_bytes(array_at(&bytes, 0)));
-        let plausible = |at: &i64| *at >= first as i64 && *at as u64 + 8 <= self.input.length;
-        let at = offset_at(self.layout.points_at)
-            .filter(plausible)
-            .or_else(|| offset_at(self.input.length.saturating_sub(8)).filter(plausible))
-            .ok_or("the LAZ chunk table is missing")? as u64;
-        let read = |length| self.input.take(at, length).ok().filter(|bytes| bytes.len() >= 8).ok_or("the LAZ chunk table is cut off");
-        let count = u32_at(&read(8)?, 4) as u64;
-        if count > (at - first) / self.layout.record_bytes as u64 {
-            return Err(format!("the LAZ chunk table lists {count} chunks, more than {} bytes can hold", at - first));
-        }
-        let bytes = read(8 + TABLE_ENTRY_BYTES * (count + 1))?;
-        let entries = guard(|| ChunkTable::read(&mut Cursor::new(&bytes), chunk_points.is_none()).map_err(|error| error.to_string()))
-            .flatten()
-            .map_err(|what| format!("the LAZ chunk table is damaged ({what})"))?;
-        let mut chunks = Vec::with_capacity(count as usize);
-        let mut next = first;
-        for entry in &entries {
-            if entry.byte_count > at - next {
-                return Err("the LAZ chunk table does not fit the file".into());
-            }
-            chunks.push(Chunk { at: next, bytes: entry.byte_count, points: chunk_points.unwrap_or(entry.point_count) });
-            next += entry.byte_count;
-        }
-        if let (Some(size), Some(last)) = (chunk_points, chunks.last_mut()) {
-            let before = size.saturating_mul(count - 1);
-            // A header that promises less than the full chunks hold is not believed; the last chunk then ends where its bytes do.
-            if self.layout.points > before {
-                last.points = size.min(self.layout.points - before);
-            }
-        }
-        Ok(chunks)
+/// The chunks as the table at the end of the file lists them, with sizes that fit the file; else what is wrong with it.
+fn table(input: &Input, layout: &Layout, chunk_points: Option<u64>) -> std::result::Result<Vec<Stretch>, String> {
+    let first = layout.points_at + 8;
+    let offset_at = |at: u64| input.take(at, 8).ok().filter(|bytes| bytes.len() == 8).map(|bytes| i64::from_le_bytes(array_at(&bytes, 0)));
+    let plausible = |at: &i64| *at >= first as i64 && *at as u64 + 8 <= input.length;
+    let at = offset_at(layout.points_at)
+        .filter(plausible)
+        .or_else(|| offset_at(input.length.saturating_sub(8)).filter(plausible))
+        .ok_or("the LAZ chunk table is missing")? as u64;
+    let read = |length| input.take(at, length).ok().filter(|bytes| bytes.len() >= 8).ok_or("the LAZ chunk table is cut off");
+    let count = u32_at(&read(8)?, 4) as u64;
+    if count > (at - first) / layout.record_bytes as u64 {
+        return Err(format!("the LAZ chunk table lists {count} chunks, more than {} bytes can hold", at - first));
     }
+    let bytes = read(8 + TABLE_ENTRY_BYTES * (count + 1))?;
+    let entries = guard(|| ChunkTable::read(&mut Cursor::new(&bytes), chunk_points.is_none()).map_err(|error| error.to_string()))
+        .flatten()
+        .map_err(|what| format!("the LAZ chunk table is damaged ({what})"))?;
+    let mut chunks = Vec::with_capacity(count as usize);
+    let mut next = first;
+    for entry in &entries {
+        if entry.byte_count > at - next {
+            return Err("the LAZ chunk table does not fit the file".into());
+        }
+        chunks.push(Stretch { at: next, bytes: entry.byte_count, points: chunk_points.unwrap_or(entry.point_count) });
+        next += entry.byte_count;
+    }
+    if let (Some(size), Some(last)) = (chunk_points, chunks.last_mut()) {
+        let before = size.saturating_mul(count - 1);
+        // A header that promises less than the full chunks hold is not believed; the last chunk then ends where its bytes do.
+        if layout.points > before {
+            last.points = size.min(layout.points - before);
+        }
+    }
+    Ok(chunks)
+}
 
-    /// Layered chunks found by their own sizes, from the first byte on, up to the first that is not whole.
-    fn walk(&self, chunk_points: Option<u64>) -> Result<Vec<Chunk>> {
-        let mut chunks = Vec::new();
-        let mut at = self.layout.points_at + 8;
-        let mut left = self.layout.points;
-        while left > 0 {
-            let head = self.input.take(at, self.coding.head_bytes() as u64)?;
-            let Some(bytes) = layered_bytes(&head, &self.coding) else { break };
-            let points = u32_at(&head, self.coding.record_bytes) as u64;
-            if bytes > self.input.length - at || points == 0 || points > left || chunk_points.is_some_and(|size| points > size) {
-                break;
-            }
-            chunks.push(Chunk { at, bytes, points });
-            at += bytes;
-            left -= points;
+/// Layered chunks found by their own sizes, from the first byte on, up to the first that is not whole.
+fn walk(input: &Input, layout: &Layout, coding: &Coding, chunk_points: Option<u64>) -> Result<Vec<Stretch>> {
+    let mut chunks = Vec::new();
+    let mut at = layout.points_at + 8;
+    let mut left = layout.points;
+    while left > 0 {
+        let head = input.take(at, coding.head_bytes() as u64)?;
+        let Some(bytes) = layered_bytes(&head, coding) else { break };
+        let points = u32_at(&head, coding.record_bytes) as u64;
+        if bytes > input.length - at || points == 0 || points > left || chunk_points.is_some_and(|size| points > size) {
+            break;
         }
-        Ok(chunks)
+        chunks.push(Stretch { at, bytes, points });
+        at += bytes;
+        left -= points;
     }
-
-    /// Chunks of known place, in parallel.
-    fn in_chunks(&self, chunks: Vec<Chunk>, lost: String) -> Result<Found> {
-        for chunk in &chunks {
-            if chunk.points > chunk.bytes.saturating_mul(POINTS_PER_BYTE) {
-                return Err(self.input.wrong(format!("claims {} points in a LAZ chunk of {} bytes", chunk.points, chunk.bytes)));
-            }
-        }
-        let count: u64 = chunks.iter().map(|chunk| chunk.points).sum();
-        let mut columns = records::columns(count as usize, self.available).ok_or_else(|| super::no_room(self.input, count))?;
-        let meter = Meter::new(self.progress, self.input, count);
-        let windows = Window::over(&mut columns).split_into(chunks.iter().map(|chunk| chunk.points as usize));
-        let tasks: Vec<_> = chunks.into_iter().zip(windows).collect();
-        let outcomes = tasks
-            .into_par_iter()
-            .map(|(chunk, mut window)| {
-                let bytes = self.input.take(chunk.at, chunk.bytes)?;
-                let outcome = chunk_into(&bytes, chunk, &self.coding, self.fields, &mut window);
-                meter.advance(chunk.points)?;
-                Ok(outcome)
-            })
-            .collect::<Result<Vec<_>>>()?;
-        let short = outcomes.iter().filter(|(_, why)| why.is_some()).count();
-        let mut why = lost;
-        if let Some((_, Some(first))) = outcomes.iter().find(|(_, why)| why.is_some()) {
-            let join = if why.is_empty() { "" } else { "; " };
-            why += &format!("{join}{short} of {} LAZ chunks could not be read to the end ({first})", outcomes.len());
-        }
-        Ok(Found { columns, windows: outcomes.into_iter().map(|(filled, _)| filled).collect(), why })
-    }
-
-    /// Sequential chunks of `chunk_points` from `at` on, without a table, on one thread, until the promised points or the bytes are used up.
-    fn stream(&self, at: u64, chunk_points: u64) -> Result<Found> {
-        if self.coding.layers > 0 {
-            return Err(self.input.wrong("has layered points without chunks, which no writer makes: the laszip record is damaged"));
-        }
-        let promised = self.layout.points.min(self.input.length.saturating_sub(at).saturating_mul(POINTS_PER_BYTE));
-        let mut columns = records::columns(0, self.available).unwrap_or_default();
-        let mut windows: Vec<Filled> = Vec::new();
-        let meter = Meter::new(self.progress, self.input, promised);
-        let mut source = Some(BufReader::with_capacity(1 << 16, self.input.stream(at)));
-        let mut why = String::new();
-        let mut left = promised;
-        while left > 0 && why.is_empty() {
-            let Some(taken) = source.take() else { break };
-            let mut decoder = self.coding.sequential(taken).map_err(|error| self.input.wrong(error.to_string()))?;
-            let mut in_chunk = left.min(chunk_points);
-            while in_chunk > 0 && why.is_empty() {
-                let room = (in_chunk as usize).min(WINDOW);
-                let start = columns.len();
-                grow(&mut columns, start + room);
-                let (_, mut window) = Window::over(&mut columns).split(start);
-                let mut done = 0;
-                let outcome = guard(|| decode(&mut decoder, room, &self.coding, self.fields, &mut window, &mut done)).flatten();
-                windows.push(window.filled(done));
-                if let Err(failure) = outcome {
-                    why = format!("decoding stopped: {failure}");
-                }
-                meter.advance(done as u64)?;
-                in_chunk -= room as u64;
-                left -= room as u64;
-            }
-            source = Some(decoder.into_inner());
-        }
-        Ok(Found { columns, windows, why })
-    }
+    Ok(chunks)
 }
 
 /// The whole length of a layered chunk, by its head; `None` where the head is cut off.
@@ -289,67 +208,106 @@ fn layered_bytes(head: &[u8], coding: &Coding) -> Option<u64> {
     Some(coding.head_bytes() as u64 + sizes.chunks_exact(4).map(|size| u32_at(size, 0) as u64).sum::<u64>())
 }
 
-/// One chunk whose bytes are in memory.
-fn chunk_into(bytes: &[u8], chunk: Chunk, coding: &Coding, fields: &Fields, window: &mut Window) -> (Filled, Option<String>) {
-    let mut done = 0;
-    let mut expected = chunk.points as usize;
-    if coding.layers > 0 {
-        match layered_bytes(bytes, coding) {
-            Some(length) if length <= bytes.len() as u64 => expected = expected.min(u32_at(bytes, coding.record_bytes) as usize),
-            _ => return (window.filled(0), Some("its layers do not fit".into())),
-        }
-    }
-    let outcome = guard(|| {
-        let source = Cursor::new(bytes);
-        if coding.layers > 0 {
-            decode(&mut coding.layered(source).map_err(|error| error.to_string())?, expected, coding, fields, window, &mut done)
-        } else {
-            decode(&mut coding.sequential(source).map_err(|error| error.to_string())?, expected, coding, fields, window, &mut done)
-        }
-    })
-    .flatten();
-    (window.filled(done), outcome.err())
-}
+/// Why a chunk could not be decoded to its end, if so.
+pub type Outcome = Option<String>;
 
-/// Decodes up to `expected` records into the window from its point `done` on, and counts them there.
-fn decode<R, D: RecordDecompressor<R>>(
-    decoder: &mut D,
-    expected: usize,
+/// One chunk whose bytes are in memory.
+pub fn chunk(
+    bytes: &[u8],
+    points: u64,
     coding: &Coding,
     fields: &Fields,
-    window: &mut Window,
-    done: &mut usize,
+    block: &mut Vec<u8>,
+    lane: &mut impl Lane,
+    meter: &Meter,
+) -> Result<Outcome> {
+    let source = Cursor::new(bytes);
+    if coding.layers == 0 {
+        return match guard(|| coding.sequential(source).map_err(|error| error.to_string())).flatten() {
+            Ok(mut decoder) => decode(&mut decoder, points, fields, block, lane, meter),
+            Err(why) => Ok(Some(why)),
+        };
+    }
+    if layered_bytes(bytes, coding).is_none_or(|length| length > bytes.len() as u64) {
+        return Ok(Some("its layers do not fit".into()));
+    }
+    let points = points.min(u32_at(bytes, coding.record_bytes) as u64);
+    match guard(|| coding.layered(source).map_err(|error| error.to_string())).flatten() {
+        Ok(mut decoder) => decode(&mut decoder, points, fields, block, lane, meter),
+        Err(why) => Ok(Some(why)),
+    }
+}
+
+/// Sequential chunks without a table, until the points or the bytes are used up.
+pub fn sequence(
+    input: &Input,
+    places: &Sequence,
+    coding: &Coding,
+    fields: &Fields,
+    lane: &mut impl Lane,
+    meter: &Meter,
+) -> Result<Outcome> {
+    let mut source = BufReader::with_capacity(1 << 16, input.stream(places.at));
+    let mut block = Vec::new();
+    let mut left = places.points;
+    while left > 0 {
+        let mut decoder = coding.sequential(source).map_err(|error| input.wrong(error.to_string()))?;
+        let in_chunk = left.min(places.chunk_points);
+        if let Some(why) = decode(&mut decoder, in_chunk, fields, &mut block, lane, meter)? {
+            return Ok(Some(format!("decoding stopped: {why}")));
+        }
+        left -= in_chunk;
+        source = decoder.into_inner();
+    }
+    Ok(None)
+}
+
+/// Decodes `points` records into the lane, room by room.
+fn decode<R, D: RecordDecompressor<R>>(
+    decoder: &mut D,
+    points: u64,
+    fields: &Fields,
+    block: &mut Vec<u8>,
+    lane: &mut impl Lane,
+    meter: &Meter,
+) -> Result<Outcome> {
+    block.resize(DECODED * fields.record_bytes, 0);
+    let mut left = points as usize;
+    while left > 0 {
+        let room = lane.room(left);
+        let outcome = guard(|| decode_room(decoder, room, fields, block, lane)).flatten();
+        lane.settle()?;
+        meter.advance(room as u64)?;
+        if let Err(why) = outcome {
+            return Ok(Some(why));
+        }
+        left -= room;
+    }
+    Ok(None)
+}
+
+/// Decodes up to `points` records, block by block.
+fn decode_room<R, D: RecordDecompressor<R>>(
+    decoder: &mut D,
+    points: usize,
+    fields: &Fields,
+    block: &mut [u8],
+    lane: &mut impl Lane,
 ) -> std::result::Result<(), String> {
-    let mut records = vec![0; BATCH * coding.record_bytes];
-    let goal = *done + expected;
-    while *done < goal {
-        let batch = BATCH.min(goal - *done);
+    for start in (0..points).step_by(DECODED) {
         let mut decoded = 0;
         let mut failure = None;
-        for record in records.chunks_exact_mut(coding.record_bytes).take(batch) {
+        for record in block.chunks_exact_mut(fields.record_bytes).take(points - start) {
             if let Err(error) = decoder.decompress_next(record) {
                 failure = Some(error.to_string());
                 break;
             }
             decoded += 1;
         }
-        window.fill(*done, &records[..decoded * coding.record_bytes], fields);
-        *done += decoded;
+        lane.put(&block[..decoded * fields.record_bytes], fields);
         if let Some(failure) = failure {
             return Err(failure);
         }
     }
     Ok(())
-}
-
-fn grow(columns: &mut super::Columns, count: usize) {
-    columns.x.resize(count, 0);
-    columns.y.resize(count, 0);
-    columns.z.resize(count, 0);
-    columns.rgb.iter_mut().for_each(|column| column.resize(count, [0; 3]));
-    columns.intensity.iter_mut().for_each(|column| column.resize(count, 0));
-    columns.class.iter_mut().for_each(|column| column.resize(count, 0));
-    columns.returns.iter_mut().for_each(|column| column.resize(count, 0));
-    columns.source.iter_mut().for_each(|column| column.resize(count, 0));
-    columns.gps_time.iter_mut().for_each(|column| column.resize(count, 0.0));
 }

@@ -1,0 +1,110 @@
+//! `pointillist index`: files in, one index out, complete or absent.
+
+use super::render::refuse_to_overwrite;
+use crate::cloud::Wanted;
+use crate::error::{Error, Result};
+use crate::index::build::{self, Options, Summary};
+use crate::progress::Progress;
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist index scan.laz -o scan.pnti
+  pointillist index north.laz south.laz -o site.pnti         one cloud, two stations
+  pointillist index huge.las -o huge.pnti --memory 512MiB    slower, in as little memory
+  pointillist render scan.pnti -o out.png
+
+The folder of OUT.pnti needs room for the index, about 16 bytes a point, and while it is made for what does not fit --memory, about 24 more.";
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Point clouds: LAS, LAZ, COPC; also PLY, E57, OBJ, XYZ, CSV, TXT, which are read into memory whole
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// The index to write
+    #[arg(short, long, value_name = "OUT.pnti")]
+    pub output: PathBuf,
+    /// Memory for points on their way; what does not fit goes to a temporary file beside the index
+    #[arg(long, value_name = "BYTES", default_value = "2GiB")]
+    pub memory: Bytes,
+    /// Threads [default: one a core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Option<u32>,
+    /// Keep GPS times, 8 bytes a point
+    #[arg(long)]
+    pub gps_time: bool,
+    /// Refuse a truncated or lying file instead of keeping what is readable
+    #[arg(long)]
+    pub strict: bool,
+    /// Print what was made as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A number of bytes: 512MiB, 2GiB, 1000000.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bytes(pub u64);
+
+impl std::str::FromStr for Bytes {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Bytes, String> {
+        let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+        let scale = match text[digits.len()..].to_ascii_lowercase().as_str() {
+            "" | "b" => Some(1),
+            "k" | "kib" => Some(1u64 << 10),
+            "m" | "mib" => Some(1 << 20),
+            "g" | "gib" => Some(1 << 30),
+            "t" | "tib" => Some(1 << 40),
+            "kb" => Some(1_000),
+            "mb" => Some(1_000_000),
+            "gb" => Some(1_000_000_000),
+            "tb" => Some(1_000_000_000_000),
+            _ => None,
+        };
+        let bytes = scale.and_then(|scale| digits.trim().parse::<u64>().ok()?.checked_mul(scale));
+        bytes.map(Bytes).ok_or(format!("{text:?} is not a number of bytes such as 512MiB or 2GiB"))
+    }
+}
+
+impl std::fmt::Display for Bytes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+/// Below this a chunk of the least size does not fit.
+const LEAST_MEMORY: u64 = 64 << 20;
+
+impl Arguments {
+    pub fn options(&self) -> Result<Options> {
+        if self.memory.0 < LEAST_MEMORY {
+            return Err(Error::Request(format!("--memory {} is too little; 64MiB is the least", self.memory)));
+        }
+        let threads = self.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), |threads| threads as usize);
+        Ok(Options { memory: self.memory.0, threads, wanted: Wanted { gps_time: self.gps_time, ..Wanted::ALL }, strict: self.strict })
+    }
+}
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    refuse_to_overwrite(&arguments.output, &arguments.files)?;
+    let summary = build::build(&arguments.files, &arguments.output, &arguments.options()?, progress)?;
+    summary.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&summary).map_err(|error| Error::Request(error.to_string()))?);
+        return Ok(());
+    }
+    let Summary { points, nodes, leaves, bytes, seconds, spilled_bytes, .. } = summary;
+    let per_point = |bytes: u64| bytes as f64 / points.max(1) as f64;
+    eprintln!(
+        "{}: {points} points in {leaves} leaves and {} inner nodes, {} MiB ({:.1} bytes a point), {seconds:.1} s ({:.1} M points/s){}",
+        arguments.output.display(),
+        nodes - leaves,
+        bytes >> 20,
+        per_point(bytes),
+        points as f64 / seconds / 1e6,
+        if spilled_bytes > 0 { format!(", {} MiB through a temporary file", spilled_bytes >> 20) } else { String::new() },
+    );
+    Ok(())
+}

@@ -1,0 +1,255 @@
+//! FILE -> BATCHES, for whoever cannot hold a file's points: the index of clouds larger than memory.
+//!
+//! In: paths. Out: a [`Source`] for each part to come, from which its points may be taken any number of times, in batches.
+//! LAS, LAZ and COPC are read anew each time, by the code that fills whole columns in `las`, but into lanes one batch long: a batch, a block
+//! and a compressed chunk a thread are in memory, whatever the file says. The other formats get their lattice from all of their points
+//! (`floats`), so [`open`] reads them whole, and a source of theirs holds its part's columns for as long as it lives.
+//! Files are judged as [`super::read`] judges them, with the same notes and errors; what only the points can tell, [`Streamed`] says.
+
+use super::color::Depth;
+use super::input::{Input, Meter};
+use super::las::records::{self, Fields, Lane, Pile};
+use super::las::{self, Las, Places};
+use super::{Columns, Header, Lattice, Part, ReadOptions, Wanted};
+use crate::error::Result;
+use crate::progress::Progress;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard};
+
+/// Points in a batch at most.
+pub const BATCH: usize = 65_536;
+
+/// One part to come: a file, or a scan of an E57 file. Holds no file open.
+pub struct Source {
+    path: PathBuf,
+    strict: bool,
+    contents: Contents,
+}
+
+enum Contents {
+    Las {
+        las: Box<Las>,
+        /// When it was opened.
+        length: u64,
+    },
+    Part(Box<Part>),
+}
+
+/// Some of a source's points.
+pub struct Batch<'a> {
+    pub columns: &'a Columns,
+    /// Of this batch's colours: not wide ones are low bytes, and need [`super::color::narrow`] if those of the whole file turn out wide.
+    pub depth: Depth,
+}
+
+/// What was handed out, all in all.
+pub struct Streamed {
+    pub points: u64,
+    /// Of the whole file's colours. As that of every batch the default, with nothing to narrow, where the format is none of LAS.
+    pub depth: Depth,
+    /// What batches had, less colours that were all 0: those are none.
+    pub available: Wanted,
+    /// The box around the points, lattice steps; `None` if there are none.
+    pub bounds: Option<[[i32; 3]; 2]>,
+    pub notes: Vec<String>,
+}
+
+/// Opens `paths`, in their order. The first file that cannot be read at all ends it.
+pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Source>> {
+    let mut sources = Vec::new();
+    for path in paths {
+        let input = Input::open(path)?;
+        let mut push = |contents| sources.push(Source { path: path.clone(), strict: options.strict, contents });
+        if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
+            let las = Box::new(Las::open(&input, options.wanted, notes)?);
+            push(Contents::Las { las, length: input.length });
+        } else {
+            super::read_one(&input, options, progress, notes)?.into_iter().for_each(|part| push(Contents::Part(Box::new(part))));
+        }
+    }
+    Ok(sources)
+}
+
+impl Source {
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The scan's own name within its file, where it has one.
+    pub fn name(&self) -> Option<&str> {
+        match &self.contents {
+            Contents::Las { .. } => None,
+            Contents::Part(part) => part.name.as_deref(),
+        }
+    }
+
+    /// The scan's own name, or the file's.
+    pub fn title(&self) -> String {
+        super::title(self.name(), &self.path)
+    }
+
+    pub fn header(&self) -> &Header {
+        match &self.contents {
+            Contents::Las { las, .. } => &las.layout.header,
+            Contents::Part(part) => &part.header,
+        }
+    }
+
+    pub fn lattice(&self) -> Lattice {
+        match &self.contents {
+            Contents::Las { las, .. } => las.layout.lattice,
+            Contents::Part(part) => part.lattice,
+        }
+    }
+
+    /// As [`Part::intensity_range`].
+    pub fn intensity_range(&self) -> [f64; 2] {
+        match &self.contents {
+            Contents::Las { .. } => las::INTENSITY_RANGE,
+            Contents::Part(part) => part.intensity_range,
+        }
+    }
+
+    /// As many as the header promises and the file can hold; exact where the format is none of LAS.
+    pub fn points(&self) -> u64 {
+        match &self.contents {
+            Contents::Las { las, .. } => las.points(),
+            Contents::Part(part) => part.columns.len() as u64,
+        }
+    }
+
+    /// The header's bounds in lattice steps, rounded outwards, if they are finite, ordered and on the lattice; they may still be wrong.
+    /// The points' own where the format is none of LAS.
+    pub fn stated_bounds(&self) -> Option<[[i32; 3]; 2]> {
+        match &self.contents {
+            Contents::Las { las, .. } => {
+                let lattice = las.layout.lattice;
+                let steps = |corner| (DVec3::from_array(corner) - lattice.offset) / lattice.step;
+                let [lo, hi] = las.layout.header.bounds?;
+                let (lo, hi) = (steps(lo).floor(), steps(hi).ceil());
+                let fits = lo.cmple(hi).all() && lo.min_element() >= i32::MIN as f64 && hi.max_element() <= i32::MAX as f64;
+                fits.then(|| [lo.as_ivec3().to_array(), hi.as_ivec3().to_array()])
+            }
+            Contents::Part(part) => part.columns.bounds(),
+        }
+    }
+
+    /// The columns that batches have.
+    pub fn available(&self) -> Wanted {
+        match &self.contents {
+            Contents::Las { las, .. } => las.available,
+            Contents::Part(part) => part.columns.available(),
+        }
+    }
+
+    /// Calls `sink` with every batch, from all threads, in no particular order. An error of `sink` ends it. It may be called again.
+    pub fn stream(&self, progress: &dyn Progress, sink: &(dyn Fn(&Batch) -> Result<()> + Sync)) -> Result<Streamed> {
+        let desk = Desk { sink, available: self.available(), spare: Mutex::default(), sum: Mutex::default() };
+        let mut notes = Vec::new();
+        match &self.contents {
+            Contents::Las { las, length } => {
+                let input = Input::open(&self.path)?;
+                if input.length != *length {
+                    return Err(input.wrong(format!("had {length} bytes when it was opened, and has {} now", input.length)));
+                }
+                let why = match &las.places {
+                    Places::Known(stretches) => las.read_stretches(&input, stretches.par_iter().map(|_| desk.lane()), progress)?,
+                    Places::Sequence(_) => las.read_sequence(&input, &mut desk.lane(), progress)?,
+                };
+                let sum = desk.sum();
+                notes.extend(las.verdict(&input, sum.points, sum.depth, why, self.strict)?);
+            }
+            Contents::Part(part) => {
+                let count = part.columns.len();
+                let meter = Meter::named(progress, &self.title(), count as u64);
+                (0..count.div_ceil(BATCH)).into_par_iter().try_for_each(|batch| {
+                    let columns = part.columns.slice(batch * BATCH..count.min((batch + 1) * BATCH));
+                    desk.deliver(&columns, Depth::default())?;
+                    meter.advance(columns.len() as u64)
+                })?;
+            }
+        }
+        let Sum { points, depth, bounds } = *desk.sum();
+        let world = bounds.map(|bounds| self.lattice().world_box(bounds));
+        notes.extend(super::bounds_note(&self.path, &self.title(), self.header(), self.lattice(), world, self.strict)?);
+        let black = matches!(self.contents, Contents::Las { .. }) && depth.is_black();
+        let available = Wanted { rgb: desk.available.rgb && !black, ..desk.available };
+        Ok(Streamed { points, depth, available, bounds, notes })
+    }
+}
+
+/// Hands batches on, lends the columns for them, and adds up what they held.
+struct Desk<'a> {
+    sink: &'a (dyn Fn(&Batch) -> Result<()> + Sync),
+    available: Wanted,
+    /// As many as there were ever batches at a time.
+    spare: Mutex<Vec<Columns>>,
+    sum: Mutex<Sum>,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    points: u64,
+    depth: Depth,
+    bounds: Option<[[i32; 3]; 2]>,
+}
+
+impl Desk<'_> {
+    fn lane(&self) -> BatchLane<'_> {
+        BatchLane { desk: self, pile: None }
+    }
+
+    fn lend(&self) -> Columns {
+        let spare = self.spare.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop();
+        spare.unwrap_or_else(|| records::zeros(BATCH, self.available))
+    }
+
+    fn take_back(&self, columns: Columns) {
+        self.spare.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(columns);
+    }
+
+    fn sum(&self) -> MutexGuard<'_, Sum> {
+        self.sum.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    fn deliver(&self, columns: &Columns, depth: Depth) -> Result<()> {
+        let Some(own) = columns.bounds() else { return Ok(()) };
+        let mut sum = self.sum();
+        sum.points += columns.len() as u64;
+        sum.depth = sum.depth.join(depth);
+        sum.bounds = Some(sum.bounds.map_or(own, |[lo, hi]| {
+            let pick = |a: [i32; 3], b: [i32; 3], pick: fn(i32, i32) -> i32| std::array::from_fn(|axis| pick(a[axis], b[axis]));
+            [pick(lo, own[0], i32::min), pick(hi, own[1], i32::max)]
+        }));
+        drop(sum);
+        (self.sink)(&Batch { columns, depth })
+    }
+}
+
+/// A lane one batch long, emptied into the sink whenever it is settled.
+struct BatchLane<'a> {
+    desk: &'a Desk<'a>,
+    pile: Option<Pile>,
+}
+
+impl Lane for BatchLane<'_> {
+    fn room(&mut self, points: usize) -> usize {
+        let points = points.min(BATCH);
+        self.pile.get_or_insert_with(|| Pile::new(self.desk.lend())).grow(points);
+        points
+    }
+
+    fn put(&mut self, records: &[u8], fields: &Fields) {
+        self.pile.iter_mut().for_each(|pile| pile.fill(records, fields));
+    }
+
+    fn settle(&mut self) -> Result<()> {
+        let Some(mut pile) = self.pile.take() else { return Ok(()) };
+        let filled = pile.cut();
+        self.desk.deliver(&pile.columns, filled.depth)?;
+        self.desk.take_back(pile.columns);
+        Ok(())
+    }
+}

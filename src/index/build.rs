@@ -1,0 +1,634 @@
+//! FILES -> NAME.pnti, out of core, on all cores, in bounded memory.
+//!
+//! ```text
+//! files whose lattices agree become one tree; others become trees of their own: no point is moved
+//! a tree:
+//!   distribute the points to a grid of buckets over the stated box        (`bucket`; a header that lies about its box costs a second pass)
+//!   cut the grid into chunks, the largest kd-cells with at most C points; a single bucket with more becomes a grid of its own
+//!   grow every chunk, on all cores: leaves and inner nodes                (`grow`); write in the order of the chunks
+//!   above the chunks, from the deepest kd-level up: bring open nodes of sibling cells together, give them parents, read samples back from the file
+//! number the nodes, roots first, siblings side by side; directory; header                                                 (`file`)
+//! ```
+//! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
+//! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
+
+use super::bucket::{Bucket, GRID_BITS, Grid, Layout, Sorter, Spill};
+use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
+use super::grow::{self, Built, Grown, Open, Tree, Worker};
+use super::samples::{Cell, Samples};
+use crate::cloud::attribute::STRETCH;
+use crate::cloud::stream::{self, Source};
+use crate::cloud::{Lattice, ReadOptions, Station, Wanted};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
+use std::sync::{Condvar, Mutex};
+use std::time::Instant;
+
+/// How to build.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Bytes, beside the program itself.
+    pub memory: u64,
+    pub threads: usize,
+    pub wanted: Wanted,
+    /// Refuse files that are cut off or lie, instead of indexing what is readable.
+    pub strict: bool,
+}
+
+/// What became of it.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct Summary {
+    pub points: u64,
+    pub nodes: usize,
+    pub leaves: usize,
+    /// Of the whole file.
+    pub bytes: u64,
+    /// Of position, colour, intensity and class, over all nodes, and of everything else.
+    pub core_bytes: u64,
+    pub spilled_bytes: u64,
+    pub seconds: f64,
+    pub read_seconds: f64,
+    pub notes: Vec<String>,
+}
+
+/// Bytes that a thread needs for each point of the chunk it grows: record, sorting, planes.
+const CHUNK_BYTES_PER_POINT: u64 = 96;
+const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 20);
+
+/// Records that a thread distributes at a time.
+const SCATTER_BYTES: usize = 1 << 20;
+
+pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary> {
+    let began = Instant::now();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build();
+    let pool = pool.map_err(|error| Error::Request(format!("cannot start {} threads: {error}", options.threads)))?;
+    pool.install(|| {
+        let mut notes = Vec::new();
+        let read = ReadOptions { wanted: options.wanted, strict: options.strict };
+        let sources = stream::open(paths, &read, progress, &mut notes)?;
+        if sources.len() > u16::MAX as usize {
+            return Err(Error::Request(format!("{} files are more than the 65,535 that one index takes", sources.len())));
+        }
+        let writer = Writer::create(output)?;
+        let spill = Spill::new(output, options.memory / 2)?;
+        let contents = Contents { notes, ..Contents::default() };
+        let mut builder = Builder {
+            sources: &sources,
+            options,
+            progress,
+            writer: &writer,
+            spill: &spill,
+            contents,
+            parts: vec![None; sources.len()],
+            intensities: vec![0; 1 << 16],
+            end: Writer::START,
+            nodes: Vec::new(),
+            roots: Vec::new(),
+            read_seconds: 0.0,
+        };
+        for group in group(&sources) {
+            builder.tree(group)?;
+        }
+        let Builder { mut contents, parts, nodes, roots, end, read_seconds, intensities, .. } = builder;
+        contents.intensity_stretch = percentiles(&intensities);
+        contents.parts = parts.into_iter().flatten().collect();
+        let (nodes, roots) = number(nodes, &roots);
+        let mut summary = Summary {
+            points: contents.points,
+            nodes: nodes.len(),
+            leaves: nodes.iter().filter(|node| node.is_leaf()).count(),
+            core_bytes: nodes.iter().map(core_bytes).sum(),
+            spilled_bytes: spill.bytes_on_disk(),
+            read_seconds,
+            ..Summary::default()
+        };
+        let mut directory = Directory { nodes, roots, contents };
+        directory.contents.elevation_stretch = elevations(&directory, &writer)?;
+        summary.bytes = writer.finish(&directory, end)?;
+        summary.notes = directory.contents.notes;
+        summary.seconds = began.elapsed().as_secs_f64();
+        Ok(summary)
+    })
+}
+
+fn core_bytes(node: &NodeRecord) -> u64 {
+    use super::file::Plane::*;
+    let planes = [Coarse, Fine, Finest, Rgb, Intensity, Class, Weight];
+    planes.into_iter().filter(|&plane| node.has(plane)).map(|plane| node.range(plane).1).sum()
+}
+
+/// Sources on one lattice.
+struct Group {
+    lattice: Lattice,
+    /// Number of the source, and what to add to its coordinates.
+    members: Vec<(usize, [i64; 3])>,
+}
+
+/// Sources go together where steps are equal and offsets differ by whole steps, to a thousandth of one.
+fn group(sources: &[Source]) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for (number, source) in sources.iter().enumerate() {
+        let own = source.lattice();
+        let shift = |group: &Group| {
+            let steps = (own.offset - group.lattice.offset) / own.step;
+            let whole = steps.round();
+            let agrees =
+                own.step == group.lattice.step && (steps - whole).abs().max_element() < 1e-3 && whole.abs().max_element() < 2f64.powi(31);
+            agrees.then(|| whole.to_array().map(|v| v as i64))
+        };
+        match groups.iter_mut().find_map(|group| shift(group).map(|shift| (group, shift))) {
+            Some((group, shift)) => group.members.push((number, shift)),
+            None => groups.push(Group { lattice: own, members: vec![(number, [0; 3])] }),
+        }
+    }
+    groups
+}
+
+struct Builder<'a> {
+    sources: &'a [Source],
+    options: &'a Options,
+    progress: &'a dyn Progress,
+    writer: &'a Writer,
+    spill: &'a Spill,
+    contents: Contents,
+    /// By the numbers of their sources.
+    parts: Vec<Option<IndexedPart>>,
+    intensities: Vec<u64>,
+    /// Of the planes written so far.
+    end: u64,
+    nodes: Vec<Built>,
+    roots: Vec<u32>,
+    read_seconds: f64,
+}
+
+/// What distributing a group found.
+struct Ingested {
+    grid: Grid,
+    tree: Tree,
+    points: u64,
+    /// Points of every part and source.
+    stations: BTreeMap<(u16, u16), u64>,
+}
+
+/// Points of one kd-cell, few enough to be grown at once.
+struct Chunk {
+    /// Bits of the code that the cell decides, and their value.
+    depth: u32,
+    prefix: u128,
+    buckets: Vec<Bucket>,
+}
+
+impl Builder<'_> {
+    /// Reads, grows and writes one group's tree.
+    fn tree(&mut self, group: Group) -> Result<()> {
+        let began = Instant::now();
+        let Ingested { grid, tree, points, stations } = self.ingest(&group)?;
+        self.read_seconds += began.elapsed().as_secs_f64();
+        if points == 0 {
+            return Ok(());
+        }
+        let first_station = self.contents.stations.len();
+        if first_station + stations.len() > 1 << 16 {
+            return Err(Error::Request(format!(
+                "{} stations are more than the 65,536 that one index takes",
+                first_station + stations.len()
+            )));
+        }
+        let mut numbers = BTreeMap::new();
+        for (number, (&(part, source), &points)) in stations.iter().enumerate() {
+            numbers.insert((part, source), (first_station + number) as u16);
+            let from = &self.sources[part as usize];
+            let has_sources = from.available().source;
+            let name = if has_sources { format!("{} source {source}", from.title()) } else { from.title() };
+            self.contents.stations.push(Station { part: part as usize, source: has_sources.then_some(source), name, points });
+        }
+        let mut chunks = Vec::new();
+        let limit = self.options.memory / 4 / self.options.threads as u64 / CHUNK_BYTES_PER_POINT;
+        let limit = limit.clamp(*CHUNK_POINTS.start(), *CHUNK_POINTS.end());
+        self.cut(&tree, grid, 0, 0, tree.bits, limit, &mut chunks)?;
+        let open = self.grow(&tree, chunks, points, &numbers)?;
+        let root = self.join(&tree, open)?;
+        self.roots.push(root);
+        self.contents.points += points;
+        Ok(())
+    }
+
+    /// All points of a group into a grid of buckets, within the stated box; where points lie outside of it, again within their own.
+    fn ingest(&mut self, group: &Group) -> Result<Ingested> {
+        let union = |boxes: &mut dyn Iterator<Item = ([[i32; 3]; 2], [i64; 3])>| {
+            boxes.fold(([i64::MAX; 3], [i64::MIN; 3]), |(low, high), (own, shift)| {
+                let at = |corner: [i32; 3], axis: usize| corner[axis] as i64 + shift[axis];
+                ([0, 1, 2].map(|axis| low[axis].min(at(own[0], axis))), [0, 1, 2].map(|axis| high[axis].max(at(own[1], axis))))
+            })
+        };
+        let stated = union(&mut group.members.iter().filter_map(|&(number, shift)| Some((self.sources[number].stated_bounds()?, shift))));
+        let has = group.members.iter().fold(Wanted::default(), |has, &(number, _)| join(has, self.sources[number].available()));
+        // Several stations need a number a point, even where no file names them.
+        let has = Wanted { source: has.source || group.members.len() > 1 || self.sources.len() > 1, ..has };
+        let layout = Layout::new(has);
+        let mut cube = stated;
+        loop {
+            let extent = (0..3).map(|axis| (cube.1[axis].saturating_sub(cube.0[axis])).max(0)).max().unwrap_or(0) as u64;
+            let bits = (64 - extent.leading_zeros()).max(1);
+            if bits > 32 {
+                return Err(Error::Request(format!(
+                    "the files lie {extent} steps of their lattice apart, more than 2^32; index them separately"
+                )));
+            }
+            let corner = if cube.0[0] == i64::MAX { [0; 3] } else { cube.0 };
+            let grid = Grid::new([0; 3], bits, layout.bytes);
+            let outside = AtomicBool::new(false);
+            let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
+            let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
+            let mut points = 0;
+            let mut own = Vec::new();
+            let mut narrow = vec![false; self.sources.len()];
+            let mut notes = Vec::new();
+            let mut found = Wanted::default();
+            for &(number, shift) in &group.members {
+                let part = number as u16;
+                let streamed = self.sources[number].stream(self.progress, &|batch| {
+                    if outside.load(Relaxed) {
+                        return Ok(());
+                    }
+                    let (mut sorter, mut cells) = lock(&sorters).pop().unwrap_or_default();
+                    cells.clear();
+                    let columns = batch.columns;
+                    let at = |v: i32, axis: usize| (v as i64 + shift[axis] - corner[axis]) as u64;
+                    let mut highest = 0;
+                    for ((&x, &y), &z) in columns.x.iter().zip(&columns.y).zip(&columns.z) {
+                        let q = [at(x, 0), at(y, 1), at(z, 2)];
+                        highest |= q[0] | q[1] | q[2];
+                        cells.push(q.map(|v| v as u32));
+                    }
+                    if highest >> bits != 0 {
+                        outside.store(true, Relaxed);
+                        return Ok(());
+                    }
+                    grid.add(&layout, &cells, columns, batch.depth.is_wide(), part, &mut sorter, self.spill)?;
+                    let mut counts = BTreeMap::new();
+                    match &columns.source {
+                        Some(source) => {
+                            source.chunk_by(|a, b| a == b).for_each(|run| *counts.entry((part, run[0])).or_insert(0) += run.len() as u64)
+                        }
+                        None => drop(counts.insert((part, 0), columns.x.len() as u64)),
+                    }
+                    let mut all = lock(&stations);
+                    counts.into_iter().for_each(|(station, points)| *all.entry(station).or_insert(0) += points);
+                    drop(all);
+                    lock(&sorters).push((sorter, cells));
+                    Ok(())
+                })?;
+                points += streamed.points;
+                narrow[number] = streamed.depth.is_wide();
+                found = join(found, streamed.available);
+                notes.extend(streamed.notes.clone());
+                own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
+                self.part(number, group, &streamed);
+            }
+            let true_box = union(&mut own.into_iter());
+            if outside.into_inner() {
+                // What was distributed goes back to the spill's account.
+                grid.into_buckets().into_par_iter().try_for_each(|bucket| bucket.drain(self.spill, &mut |_| Ok(())))?;
+                if cube == true_box {
+                    return Err(Error::Request(format!("{} changed while it was read", self.sources[group.members[0].0].path().display())));
+                }
+                cube = true_box;
+                continue;
+            }
+            self.contents.notes.extend(notes);
+            self.widen(&group.lattice, true_box, points);
+            self.contents.lattices.push([group.lattice.step, group.lattice.offset]);
+            self.contents.lattices.push([group.lattice.step, group.lattice.world(corner)]);
+            let lattice_number = self.contents.lattices.len() as u16 - 2;
+            // Colours that are all black are none, which only the points can tell.
+            let has = Wanted { rgb: found.rgb, ..has };
+            let tree = Tree { layout, has, corner, bits, lattice: group.lattice, lattice_number, narrow };
+            return Ok(Ingested { grid, tree, points, stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) });
+        }
+    }
+
+    fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
+        let source = &self.sources[number];
+        self.parts[number] = Some(IndexedPart {
+            path: source.path().to_owned(),
+            name: source.name().map(str::to_owned),
+            header: source.header().clone(),
+            step: group.lattice.step,
+            offset: source.lattice().offset,
+            points: streamed.points,
+            intensity_range: source.intensity_range(),
+            rgb_bits: streamed.depth.bits(),
+        });
+    }
+
+    fn widen(&mut self, lattice: &Lattice, (low, high): ([i64; 3], [i64; 3]), points: u64) {
+        if points == 0 {
+            return;
+        }
+        let (a, b) = (lattice.world(low), lattice.world(high));
+        let own = [a.min(b), a.max(b)];
+        self.contents.bounds = Some(self.contents.bounds.map_or(own, |[low, high]| [low.min(own[0]), high.max(own[1])]));
+    }
+
+    /// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell that `depth` bits with the value `prefix` decide, of `bits` an axis.
+    fn cut(&self, tree: &Tree, grid: Grid, depth: u32, prefix: u128, bits: u32, limit: u64, chunks: &mut Vec<Chunk>) -> Result<()> {
+        let cell_bits = grid.cell_bits();
+        let levels = bits.min(GRID_BITS);
+        let buckets = grid.into_buckets();
+        let mut starts = vec![0u64];
+        starts.extend(buckets.iter().scan(0, |sum, bucket| {
+            *sum += bucket.points;
+            Some(*sum)
+        }));
+        let mut ranges = Vec::new();
+        largest(&starts, 0..1 << (3 * levels), limit, &mut ranges);
+        let mut buckets: Vec<Option<Bucket>> = buckets.into_iter().map(Some).collect();
+        for range in ranges {
+            let points = starts[range.end] - starts[range.start];
+            let decided = 3 * levels - range.len().trailing_zeros();
+            let own_prefix = prefix << decided | (range.start >> range.len().trailing_zeros()) as u128;
+            let mut own: Vec<Bucket> =
+                buckets[range.clone()].iter_mut().filter_map(Option::take).filter(|bucket| bucket.points > 0).collect();
+            if points > limit && cell_bits > 0 {
+                let within = grow::cell_of(range.start as u32, levels).map(|c| c << (bits - levels));
+                let corner = prefix_corner(prefix, depth, tree.bits);
+                let corner = [0, 1, 2].map(|axis| corner[axis] + within[axis]);
+                let finer = Grid::new(corner, bits - levels, tree.layout.bytes);
+                self.redistribute(own.remove(0), &finer)?;
+                self.cut(tree, finer, depth + decided, own_prefix, bits - levels, limit, chunks)?;
+            } else {
+                chunks.push(Chunk { depth: depth + decided, prefix: own_prefix, buckets: own });
+            }
+        }
+        Ok(())
+    }
+
+    fn redistribute(&self, bucket: Bucket, grid: &Grid) -> Result<()> {
+        bucket.par_drain(self.spill, SCATTER_BYTES, &|records| {
+            let mut sorter = Sorter::default();
+            grid.add_records(records, &mut sorter, self.spill)
+        })
+    }
+
+    /// Grows the chunks on all threads and writes their planes in the chunks' order; the open nodes of each chunk's cell.
+    fn grow(
+        &mut self,
+        tree: &Tree,
+        chunks: Vec<Chunk>,
+        points: u64,
+        stations: &BTreeMap<(u16, u16), u16>,
+    ) -> Result<BTreeMap<(u32, u128), Vec<Open>>> {
+        let count = chunks.len();
+        let chunks: Vec<Mutex<Option<Chunk>>> = chunks.into_iter().map(|chunk| Mutex::new(Some(chunk))).collect();
+        let next = AtomicUsize::new(0);
+        let placing = Mutex::new(Placing { end: self.end, nodes: std::mem::take(&mut self.nodes), ..Placing::default() });
+        let placed = Condvar::new();
+        let (this, progress) = (&*self, self.progress);
+        let threads = self.options.threads;
+        let work = || -> Result<Vec<u64>> {
+            let mut worker = Worker::default();
+            let last = std::cell::Cell::new(((u16::MAX, u16::MAX), 0));
+            let station = |part: u16, source: u16| {
+                if last.get().0 != (part, source) {
+                    last.set(((part, source), stations[&(part, source)]));
+                }
+                last.get().1
+            };
+            loop {
+                let number = next.fetch_add(1, Relaxed);
+                if number >= count {
+                    return Ok(worker.intensities);
+                }
+                let chunk = lock(&chunks[number]).take().expect("each chunk is taken once");
+                let (depth, prefix) = (chunk.depth, chunk.prefix);
+                let grown = worker.grow(tree, chunk.depth, chunk.buckets, &station, this.spill)?;
+                // Chunks that are ready before their turn wait here, not many of them.
+                let mut state = lock(&placing);
+                while state.next != number && state.waiting.len() > 2 * threads && !state.failed {
+                    state = placed.wait(state).unwrap_or_else(|poisoned| poisoned.into_inner());
+                }
+                if state.failed {
+                    return Err(Error::Interrupted);
+                }
+                state.waiting.insert(number, (depth, prefix, grown));
+                let mut writes = Vec::new();
+                while let Some((depth, prefix, grown)) = {
+                    let next = state.next;
+                    state.waiting.remove(&next)
+                } {
+                    writes.push(state.place(depth, prefix, grown));
+                }
+                let (done, total) = (state.points, points);
+                drop(state);
+                placed.notify_all();
+                for (at, planes) in writes {
+                    this.writer.put(at, &planes)?;
+                }
+                progress.tick("indexing", done, total)?;
+            }
+        };
+        let outcomes: Vec<Result<Vec<u64>>> = std::thread::scope(|scope| {
+            let guarded = || {
+                let outcome = work();
+                if outcome.is_err() {
+                    lock(&placing).failed = true;
+                    placed.notify_all();
+                }
+                outcome
+            };
+            let handles: Vec<_> = (0..threads).map(|_| scope.spawn(guarded)).collect();
+            handles.into_iter().map(|handle| handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+        });
+        // The error that stopped the others, rather than theirs.
+        let (mut first, mut interrupted) = (None, None);
+        for outcome in outcomes {
+            match outcome {
+                Ok(counts) => self.intensities.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count),
+                Err(Error::Interrupted) => interrupted = Some(Error::Interrupted),
+                Err(error) => first = first.or(Some(error)),
+            }
+        }
+        if let Some(error) = first.or(interrupted) {
+            return Err(error);
+        }
+        let Placing { end, nodes, open, .. } = placing.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        (self.end, self.nodes) = (end, nodes);
+        Ok(open)
+    }
+
+    /// From the deepest level up: open nodes of sibling cells come together and get parents, until one is left at the top.
+    fn join(&mut self, tree: &Tree, mut open: BTreeMap<(u32, u128), Vec<Open>>) -> Result<u32> {
+        let deepest = open.keys().map(|&(depth, _)| depth).max().unwrap_or(0);
+        for depth in (1..=deepest).rev() {
+            let at_depth: Vec<_> = open.split_off(&(depth, 0)).into_iter().collect();
+            let mut joined: Vec<((u32, u128), Vec<Open>)> = Vec::new();
+            for ((_, prefix), nodes) in at_depth {
+                match joined.last_mut() {
+                    Some((cell, together)) if cell.1 == prefix >> 1 => together.extend(nodes),
+                    _ => joined.push(((depth - 1, prefix >> 1), nodes)),
+                }
+            }
+            for batch in joined.chunks_mut(4 * self.options.threads) {
+                self.progress.tick("joining", (deepest - depth) as u64, deepest as u64)?;
+                self.parents(tree, batch.iter_mut().map(|(_, nodes)| nodes).filter(|nodes| grow::gathered(nodes)).collect())?;
+            }
+            for (cell, nodes) in joined {
+                // A cell is above its chunks, so it holds none itself.
+                open.insert(cell, nodes);
+            }
+        }
+        let mut top = open.remove(&(0, 0)).unwrap_or_default();
+        if top.len() > 1 {
+            self.parents(tree, vec![&mut top])?;
+        }
+        Ok(top[0].node)
+    }
+
+    /// Replaces each list of open nodes by their parent.
+    fn parents(&mut self, tree: &Tree, lists: Vec<&mut Vec<Open>>) -> Result<()> {
+        let (nodes, writer) = (&self.nodes, self.writer);
+        let made: Vec<(Vec<u8>, Built)> = lists
+            .par_iter()
+            .map(|open| {
+                let samples = |open: &Open| {
+                    let record = &nodes[open.node as usize].record;
+                    let mut planes = vec![0; record.bytes() as usize];
+                    writer.get(record.at, &mut planes)?;
+                    Ok(Samples::unpack(record, tree.corner, &planes))
+                };
+                let parts = open.iter().map(samples).collect::<Result<Vec<_>>>()?;
+                let mut planes = Vec::new();
+                let (built, _) = grow::parent(tree, open, parts, &mut planes);
+                Ok((planes, built))
+            })
+            .collect::<Result<_>>()?;
+        for ((planes, mut built), open) in made.into_iter().zip(lists) {
+            built.record.at = self.end;
+            self.writer.put(self.end, &planes)?;
+            self.end += planes.len() as u64;
+            *open = vec![Open { node: self.nodes.len() as u32, count: built.record.count, samples: None }];
+            self.nodes.push(built);
+        }
+        Ok(())
+    }
+}
+
+/// Grown chunks on their way into the file, in order.
+#[derive(Default)]
+struct Placing {
+    next: usize,
+    waiting: BTreeMap<usize, (u32, u128, Grown)>,
+    end: u64,
+    points: u64,
+    nodes: Vec<Built>,
+    open: BTreeMap<(u32, u128), Vec<Open>>,
+    failed: bool,
+}
+
+impl Placing {
+    /// Gives the next chunk's nodes their numbers and its planes their place.
+    fn place(&mut self, depth: u32, prefix: u128, grown: Grown) -> (u64, Vec<u8>) {
+        let (at, first) = (self.end, self.nodes.len() as u32);
+        for Built { mut record, mut children } in grown.nodes {
+            record.at += at;
+            children.iter_mut().for_each(|child| *child += first);
+            self.points += if children.is_empty() { record.points } else { 0 };
+            self.nodes.push(Built { record, children });
+        }
+        let open = grown.open.into_iter().map(|open| Open { node: open.node + first, samples: None, ..open });
+        self.open.insert((depth, prefix), open.collect());
+        self.end += grown.planes.len() as u64;
+        self.next += 1;
+        (at, grown.planes)
+    }
+}
+
+/// The largest runs of cells with at most `limit` points, or single cells, that cover all occupied ones.
+fn largest(starts: &[u64], cells: std::ops::Range<usize>, limit: u64, ranges: &mut Vec<std::ops::Range<usize>>) {
+    let points = starts[cells.end] - starts[cells.start];
+    if points == 0 {
+        return;
+    }
+    if cells.len() == 1 || points <= limit {
+        return ranges.push(cells);
+    }
+    let middle = cells.start + cells.len() / 2;
+    largest(starts, cells.start..middle, limit, ranges);
+    largest(starts, middle..cells.end, limit, ranges);
+}
+
+/// The least corner of the cell that the highest `depth` bits of the code decide; `depth` is a multiple of 3 here.
+fn prefix_corner(prefix: u128, depth: u32, bits: u32) -> Cell {
+    let levels = depth / 3;
+    [0, 1, 2].map(|axis| (0..levels).map(|level| ((prefix >> (3 * level + axis) & 1) as u32) << (bits - levels + level)).sum())
+}
+
+/// Numbers nodes so that roots come first and siblings lie side by side behind them.
+fn number(built: Vec<Built>, roots: &[u32]) -> (Vec<NodeRecord>, u32) {
+    let mut order: Vec<u32> = roots.to_vec();
+    let mut records: Vec<NodeRecord> = Vec::with_capacity(built.len());
+    let mut parents: Vec<u32> = (0..roots.len() as u32).collect();
+    let mut levels = vec![0u8; roots.len()];
+    let mut i = 0;
+    while i < order.len() {
+        let Built { record, children } = &built[order[i] as usize];
+        let first_child = if children.is_empty() { 0 } else { order.len() as u32 };
+        let children_count = children.len() as u32;
+        records.push(NodeRecord { first_child, children: children_count, parent: parents[i], level: levels[i], ..*record });
+        order.extend(children);
+        parents.extend(children.iter().map(|_| i as u32));
+        let level = levels[i].saturating_add(1);
+        levels.extend(children.iter().map(|_| level));
+        i += 1;
+    }
+    (records, roots.len() as u32)
+}
+
+/// The values at the ends of a ramp, by counting.
+fn percentiles(counts: &[u64]) -> [u32; 2] {
+    let total: u64 = counts.iter().sum();
+    STRETCH.map(|share| {
+        let wanted = (share * total as f64) as u64;
+        let mut sum = 0;
+        let at = counts.iter().position(|&count| {
+            sum += count;
+            sum > wanted
+        });
+        at.unwrap_or(0) as u32
+    })
+}
+
+/// Heights at the ends of a ramp, from the roots' samples and their weights: right to the size of their cells.
+fn elevations(directory: &Directory, writer: &Writer) -> Result<[u32; 2]> {
+    let Some([low, high]) = directory.contents.bounds else { return Ok([0, 255]) };
+    let mut counts = vec![0u64; 1 << 16];
+    for root in &directory.nodes[..directory.roots as usize] {
+        let lattice = file::lattice(root, &directory.contents.lattices);
+        for (position, weight) in file::samples(root, lattice, &mut |plane, bytes| writer.get(root.range(plane).0, bytes))? {
+            let level = if high.z > low.z { ((position.z - low.z) / (high.z - low.z) * 65_535.0).clamp(0.0, 65_535.0) } else { 0.0 };
+            counts[level as usize] += weight as u64;
+        }
+    }
+    Ok(percentiles(&counts))
+}
+
+fn join(a: Wanted, b: Wanted) -> Wanted {
+    Wanted {
+        rgb: a.rgb || b.rgb,
+        intensity: a.intensity || b.intensity,
+        class: a.class || b.class,
+        returns: a.returns || b.returns,
+        source: a.source || b.source,
+        normal: a.normal || b.normal,
+        gps_time: a.gps_time || b.gps_time,
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+}

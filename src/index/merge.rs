@@ -1,0 +1,242 @@
+//! Children's samples in, their parent's out: Pintus, section 7 (papers/README.md), with a grid that fits the data.
+//!
+//! ```text
+//! merge(samples in Morton order):
+//!   count, for every pair of neighbours in the order, the highest bit in which their codes differ
+//!   drop as few low bits of the codes as leave at most M different ones: those are the grid's cells
+//!   one sample a cell: mean position, mean colour in linear light, mean intensity, kinds by majority; weight = the sum of the weights
+//! ```
+//! A grid of M cells over the box would hold few samples of a surface (M^(2/3)); this one is as fine as M samples allow, whatever the shape of the
+//! data. All sums are integers, so the result does not depend on any order of execution.
+
+use super::morton;
+use super::samples::{Cell, Samples};
+use crate::cloud::Wanted;
+use crate::config::POINTS_PER_PAGE;
+use std::sync::LazyLock;
+
+/// Positions of merged samples are kept to the cell's shortest side over 2^this: below half of what merging itself moved them.
+const BITS_WITHIN_CELL: u32 = 2;
+
+/// Merged samples, the low bits of codes that their cells drop, and how many steps, as a power of two, positions may be rounded to.
+pub struct Merged {
+    pub samples: Samples,
+    pub dropped: u32,
+    pub coarser: u32,
+}
+
+/// `samples` in Morton order.
+pub fn merge(samples: &Samples, has: Wanted) -> Merged {
+    // For every pair of neighbours the highest bit in which their codes differ, counted from 1; 0 for equal ones.
+    let differ: Vec<u8> = samples.q.windows(2).map(|pair| morton::highest_difference(pair[0], pair[1])).collect();
+    let mut pairs = [0usize; 97];
+    differ.iter().for_each(|&bit| pairs[bit as usize] += 1);
+    // With the lowest `dropped` bits gone, a new cell begins where neighbours differ in a higher one.
+    let mut cells = 1 + pairs[1..].iter().sum::<usize>();
+    let mut dropped = 0u32;
+    while cells > POINTS_PER_PAGE as usize {
+        dropped += 1;
+        cells -= pairs[dropped as usize];
+    }
+    let mut starts = Vec::with_capacity(cells + 1);
+    starts.push(0);
+    starts.extend(differ.iter().enumerate().filter(|&(_, &bit)| bit as u32 > dropped).map(|(i, _)| i + 1));
+    starts.push(samples.len());
+    let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
+    let runs = Runs { samples, starts };
+    let weights: Vec<u64> = runs.each(|run| run.map(|i| samples.weight(i) as u64).sum());
+    let merged = Samples {
+        q: runs.positions(&weights, dropped, coarser),
+        rgb: has.rgb.then(|| runs.colors(samples.rgb.as_deref().unwrap_or_default(), &weights)),
+        intensity: has.intensity.then(|| runs.means(samples.intensity.as_deref().unwrap_or_default(), &weights)),
+        class: has.class.then(|| runs.majorities(samples.class.as_deref().unwrap_or_default())),
+        returns: has.returns.then(|| runs.majorities(samples.returns.as_deref().unwrap_or_default())),
+        source: has.source.then(|| runs.majorities(samples.source.as_deref().unwrap_or_default())),
+        normal: has.normal.then(|| runs.normals(samples.normal.as_deref().unwrap_or_default())),
+        gps_time: has.gps_time.then(|| runs.times(samples.gps_time.as_deref().unwrap_or_default())),
+        weight: Some(weights.iter().map(|&weight| weight.min(u32::MAX as u64) as u32).collect()),
+    };
+    Merged { samples: merged, dropped, coarser }
+}
+
+/// The runs of samples that become one each.
+struct Runs<'a> {
+    samples: &'a Samples,
+    starts: Vec<usize>,
+}
+
+impl Runs<'_> {
+    fn each<T>(&self, one: impl Fn(std::ops::Range<usize>) -> T) -> Vec<T> {
+        self.starts.windows(2).map(|ends| one(ends[0]..ends[1])).collect()
+    }
+
+    fn weighted<T>(&self, weights: &[u64], one: impl Fn(std::ops::Range<usize>, u64) -> T) -> Vec<T> {
+        self.starts.windows(2).zip(weights).map(|(ends, &weight)| one(ends[0]..ends[1], weight)).collect()
+    }
+
+    /// Rounded to the middle of 2^coarser steps, which lie within the cell: the order of the samples stays that of their cells.
+    fn positions(&self, weights: &[u64], dropped: u32, coarser: u32) -> Vec<Cell> {
+        let bits = morton::axis_bits(dropped);
+        let (q, middle) = (&self.samples.q, (1u32 << coarser) >> 1);
+        self.weighted(weights, |run, total| {
+            let corner: Cell = std::array::from_fn(|axis| (q[run.start][axis] as u64 >> bits[axis] << bits[axis]) as u32);
+            let mut sum = [0u128; 3];
+            for i in run {
+                let weight = self.samples.weight(i) as u64;
+                for axis in 0..3 {
+                    // Up to 2^64 - 2^33: a product of 32 bits by 32 fits, their sum may not.
+                    sum[axis] += (weight * (q[i][axis] - corner[axis]) as u64) as u128;
+                }
+            }
+            std::array::from_fn(|axis| {
+                // Below the cell's side, which the mean cannot reach.
+                let within = mean(sum[axis], total).min((1u64 << bits[axis]) - 1) as u32;
+                ((corner[axis] + within) >> coarser << coarser) + middle
+            })
+        })
+    }
+
+    fn colors(&self, rgb: &[[u8; 3]], weights: &[u64]) -> Vec<[u8; 3]> {
+        let (decode, encode) = (&*DECODE, &**ENCODE);
+        self.weighted(weights, |run, total| {
+            let mut sum = [0u128; 3];
+            for i in run {
+                let weight = self.samples.weight(i) as u64;
+                for c in 0..3 {
+                    sum[c] += (weight * decode[rgb[i][c] as usize] as u64) as u128;
+                }
+            }
+            sum.map(|sum| encode[mean(sum, total) as usize])
+        })
+    }
+
+    fn means(&self, values: &[u16], weights: &[u64]) -> Vec<u16> {
+        self.weighted(weights, |run, total| {
+            mean(run.map(|i| (self.samples.weight(i) as u64 * values[i] as u64) as u128).sum(), total) as u16
+        })
+    }
+
+    /// The value with the greatest weight; of equally heavy ones the least.
+    fn majorities<T: Copy + Ord>(&self, values: &[T]) -> Vec<T> {
+        self.each(|run| {
+            let first = values[run.start];
+            if values[run.clone()].iter().all(|&value| value == first) {
+                return first;
+            }
+            let mut all: Vec<(T, u64)> = run.map(|i| (values[i], self.samples.weight(i) as u64)).collect();
+            all.sort_unstable();
+            let mut best = (first, 0);
+            for run in all.chunk_by(|a, b| a.0 == b.0) {
+                let weight = run.iter().map(|(_, weight)| weight).sum();
+                if weight > best.1 {
+                    best = (run[0].0, weight);
+                }
+            }
+            best.0
+        })
+    }
+
+    fn normals(&self, normals: &[[i8; 3]]) -> Vec<[i8; 3]> {
+        self.each(|run| {
+            let mut sum = [0i64; 3];
+            for i in run {
+                (0..3).for_each(|axis| sum[axis] += self.samples.weight(i) as i64 * normals[i][axis] as i64);
+            }
+            let length = sum.map(|v| v as f64 * v as f64).iter().sum::<f64>().sqrt();
+            if length > 0.0 { sum.map(|v| (v as f64 / length * 127.0).round() as i8) } else { [0; 3] }
+        })
+    }
+
+    /// Times of different passes have no meaningful mean: that of the heaviest sample, of equally heavy ones the earliest.
+    fn times(&self, times: &[f64]) -> Vec<f64> {
+        let weight = |i: usize| self.samples.weight(i);
+        self.each(|run| {
+            let heaviest = run.max_by(|&a, &b| weight(a).cmp(&weight(b)).then(times[b].total_cmp(&times[a])));
+            times[heaviest.expect("a cell has samples")]
+        })
+    }
+}
+
+/// Rounded to the nearest; in 64 bits where they are enough, because dividing 128 is slow.
+fn mean(sum: u128, total: u64) -> u64 {
+    let sum = sum + total as u128 / 2;
+    match u64::try_from(sum) {
+        Ok(sum) => sum / total,
+        Err(_) => (sum / total as u128) as u64,
+    }
+}
+
+/// sRGB to linear light of 16 bits: finer than the steps of 8-bit sRGB everywhere.
+static DECODE: LazyLock<[u16; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|v| {
+        let encoded = v as f64 / 255.0;
+        let linear = if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) };
+        (linear * 65535.0).round() as u16
+    })
+});
+
+/// Linear light to the nearest sRGB value, so that a mean of equal colours is that colour.
+static ENCODE: LazyLock<Vec<u8>> = LazyLock::new(|| {
+    let mut nearest = 0u8;
+    let distance = |value: u8, linear: u16| (DECODE[value as usize] as i32 - linear as i32).abs();
+    (0..=u16::MAX)
+        .map(|linear| {
+            while nearest < 255 && distance(nearest + 1, linear) < distance(nearest, linear) {
+                nearest += 1;
+            }
+            nearest
+        })
+        .collect()
+});
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn weighted(q: Vec<Cell>) -> Samples {
+        let mut q = q;
+        q.sort_by_key(|&q| morton::code_96(q));
+        let n = q.len();
+        Samples { q, rgb: Some(vec![[10, 200, 255]; n]), class: Some((0..n).map(|i| (i % 3) as u8).collect()), ..Samples::default() }
+    }
+
+    const HAS: Wanted = Wanted { rgb: true, class: true, intensity: false, returns: false, source: false, normal: false, gps_time: false };
+
+    proptest! {
+        #[test]
+        fn weights_are_conserved_cells_come_once_and_a_mean_of_equal_colours_is_that_colour(
+            q in prop::collection::vec(prop::array::uniform3(any::<u32>()), 1..300), scale in 0u32..31,
+        ) {
+            let samples = weighted(q.into_iter().map(|q| q.map(|v| v >> scale)).collect());
+            let merged = merge(&samples, HAS);
+            prop_assert_eq!(merged.samples.points(), samples.len() as u64);
+            let cells: Vec<_> = merged.samples.q.iter().map(|&q| morton::code_96(q) >> merged.dropped).collect();
+            prop_assert!(cells.windows(2).all(|pair| pair[0] < pair[1]), "in order, each cell once");
+            prop_assert!(merged.samples.rgb.unwrap().iter().all(|&c| c == [10, 200, 255]));
+        }
+    }
+
+    #[test]
+    fn a_surface_fills_the_page() {
+        // 512 x 512 points of a plane: a grid of M cells over its box would keep 40 x 40.
+        let samples = weighted((0..1 << 18).map(|i| [(i % 512) * 8, (i / 512) * 8, 77]).collect());
+        let merged = merge(&samples, HAS);
+        assert!(merged.samples.len() > 30_000 && merged.samples.len() <= 65_536, "{}", merged.samples.len());
+        assert!(merged.samples.weight.unwrap().iter().all(|&w| w >= 4));
+    }
+
+    #[test]
+    fn a_million_coincident_points_are_one_sample() {
+        let merged = merge(&weighted(vec![[5, 6, 7]; 1_000_000]), HAS);
+        assert_eq!((merged.samples.len(), merged.samples.points(), merged.samples.q[0]), (1, 1_000_000, [5, 6, 7]));
+    }
+
+    #[test]
+    fn black_and_white_meet_in_linear_light() {
+        let samples =
+            Samples { q: vec![[0; 3]; 70_000], rgb: Some((0..70_000).map(|i| [(i % 2) as u8 * 255; 3]).collect()), ..Samples::default() };
+        let merged = merge(&samples, Wanted { rgb: true, ..Wanted::default() });
+        assert_eq!(merged.samples.rgb.unwrap(), [[188; 3]]);
+    }
+}

@@ -1,0 +1,142 @@
+//! Points, or samples that stand for several, as columns on a tree's lattice, in Morton order; and the planes that a node keeps of them.
+
+use super::file::{NodeRecord, PLANES, Plane};
+use crate::config::BITS_PER_PLANE;
+use bytemuck::Zeroable;
+
+/// The tree's lattice starts at its corner, so that coordinates need no sign; 32 bits hold any file's extent.
+pub type Cell = [u32; 3];
+
+/// Every column that is there has the length of `q`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Samples {
+    pub q: Vec<Cell>,
+    pub rgb: Option<Vec<[u8; 3]>>,
+    pub intensity: Option<Vec<u16>>,
+    pub class: Option<Vec<u8>>,
+    pub returns: Option<Vec<u8>>,
+    /// Number of the station.
+    pub source: Option<Vec<u16>>,
+    pub normal: Option<Vec<[i8; 3]>>,
+    pub gps_time: Option<Vec<f64>>,
+    /// Points that each stands for; one where this is none.
+    pub weight: Option<Vec<u32>>,
+}
+
+impl Samples {
+    /// All of `parts`, one after the other; they have the same columns, but for weights.
+    pub fn concatenated(parts: &[Samples]) -> Samples {
+        fn column<T: Clone>(parts: &[Samples], of: impl Fn(&Samples) -> &Option<Vec<T>>) -> Option<Vec<T>> {
+            let there: Option<Vec<&[T]>> = parts.iter().map(|part| of(part).as_deref()).collect();
+            there.map(|columns| columns.concat())
+        }
+        Samples {
+            q: parts.iter().map(|part| part.q.as_slice()).collect::<Vec<_>>().concat(),
+            rgb: column(parts, |part| &part.rgb),
+            intensity: column(parts, |part| &part.intensity),
+            class: column(parts, |part| &part.class),
+            returns: column(parts, |part| &part.returns),
+            source: column(parts, |part| &part.source),
+            normal: column(parts, |part| &part.normal),
+            gps_time: column(parts, |part| &part.gps_time),
+            weight: Some(parts.iter().flat_map(|part| (0..part.len()).map(|i| part.weight(i))).collect()),
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.q.len()
+    }
+
+    pub fn weight(&self, i: usize) -> u32 {
+        self.weight.as_ref().map_or(1, |weight| weight[i])
+    }
+
+    /// Points that all of them stand for.
+    pub fn points(&self) -> u64 {
+        self.weight.as_ref().map_or(self.len() as u64, |weight| weight.iter().map(|&w| w as u64).sum())
+    }
+
+    /// Appends the planes of a node to `planes`; its record, with `at` counted from the start of `planes`. Positions are kept to 2^`coarser` steps, of
+    /// which the sample lies in the middle; `corner` is where the tree's lattice starts, in steps of the file's.
+    pub fn pack(&self, corner: [i64; 3], coarser: u32, planes: &mut Vec<u8>) -> NodeRecord {
+        let mut record = NodeRecord { at: planes.len() as u64, points: self.points(), count: self.len() as u32, ..NodeRecord::zeroed() };
+        let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
+        for q in &self.q {
+            for axis in 0..3 {
+                low[axis] = low[axis].min(q[axis] >> coarser);
+                high[axis] = high[axis].max(q[axis] >> coarser);
+            }
+        }
+        record.extent = [0, 1, 2].map(|axis| high[axis] - low[axis]);
+        // Rounded positions are counted from the tree's corner, whole ones as the file counts them (`file::Contents::lattices`).
+        record.origin = [0, 1, 2].map(|axis| low[axis] as i64 + if coarser == 0 { corner[axis] } else { 0 });
+        record.coarser = coarser as u8;
+        record.bits = record.extent.iter().max().map_or(1, |&side| 32 - side.leading_zeros()).max(1) as u8;
+        let position_planes = record.position_planes();
+        let pad = BITS_PER_PLANE * position_planes - record.bits as u32;
+        let mut keep = |plane: Plane, write: &mut dyn FnMut(&mut Vec<u8>)| {
+            let start = planes.len();
+            write(planes);
+            record.crc[plane as usize] = crc32c::crc32c(&planes[start..]);
+            record.planes |= 1 << plane as u16;
+        };
+        for k in 0..position_planes {
+            let shift = BITS_PER_PLANE * (position_planes - 1 - k);
+            let axis = |q: &Cell, axis: usize| ((q[axis] >> coarser) - low[axis]) << pad >> shift & ((1 << BITS_PER_PLANE) - 1);
+            let words: Vec<u32> =
+                self.q.iter().map(|q| axis(q, 0) | axis(q, 1) << BITS_PER_PLANE | axis(q, 2) << (2 * BITS_PER_PLANE)).collect();
+            keep(PLANES[k as usize].0, &mut |planes| planes.extend_from_slice(bytemuck::cast_slice(&words)));
+        }
+        fn whole<T: bytemuck::NoUninit>(column: &Option<Vec<T>>, plane: Plane, keep: &mut dyn FnMut(Plane, &mut dyn FnMut(&mut Vec<u8>))) {
+            if let Some(column) = column {
+                keep(plane, &mut |planes| planes.extend_from_slice(bytemuck::cast_slice(column)));
+            }
+        }
+        whole(&self.rgb, Plane::Rgb, &mut keep);
+        whole(&self.intensity, Plane::Intensity, &mut keep);
+        whole(&self.class, Plane::Class, &mut keep);
+        whole(&self.returns, Plane::Returns, &mut keep);
+        whole(&self.source, Plane::Source, &mut keep);
+        whole(&self.normal, Plane::Normal, &mut keep);
+        whole(&self.gps_time, Plane::GpsTime, &mut keep);
+        whole(&self.weight, Plane::Weight, &mut keep);
+        record
+    }
+
+    /// What [`Samples::pack`] wrote, from the bytes of all planes.
+    pub fn unpack(record: &NodeRecord, corner: [i64; 3], planes: &[u8]) -> Samples {
+        let bytes = |plane: Plane| {
+            let (at, length) = record.range(plane);
+            let start = (at - record.at) as usize;
+            record.has(plane).then(|| &planes[start..start + length as usize])
+        };
+        fn column<T: bytemuck::AnyBitPattern>(bytes: Option<&[u8]>) -> Option<Vec<T>> {
+            bytes.map(|bytes| bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
+        }
+        let position_planes = record.position_planes();
+        let pad = BITS_PER_PLANE * position_planes - record.bits as u32;
+        let words: Vec<Vec<u32>> =
+            PLANES[..position_planes as usize].iter().map(|(plane, _)| column(bytes(*plane)).expect("positions are there")).collect();
+        let coarser = record.coarser as u32;
+        let low = [0, 1, 2].map(|axis| (record.origin[axis] - if coarser == 0 { corner[axis] } else { 0 }) as u32);
+        let middle = (1u32 << coarser) >> 1;
+        let cell = |i: usize| {
+            let cells = words.iter().fold([0u32; 3], |cells, words| {
+                [0, 1, 2]
+                    .map(|axis| cells[axis] << BITS_PER_PLANE | words[i] >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1))
+            });
+            [0, 1, 2].map(|axis| (((cells[axis] >> pad) + low[axis]) << coarser) + middle)
+        };
+        Samples {
+            q: (0..record.count as usize).map(cell).collect(),
+            rgb: column(bytes(Plane::Rgb)),
+            intensity: column(bytes(Plane::Intensity)),
+            class: column(bytes(Plane::Class)),
+            returns: column(bytes(Plane::Returns)),
+            source: column(bytes(Plane::Source)),
+            normal: column(bytes(Plane::Normal)),
+            gps_time: column(bytes(Plane::GpsTime)),
+            weight: column(bytes(Plane::Weight)),
+        }
+    }
+}
