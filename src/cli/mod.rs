@@ -5,6 +5,7 @@ pub mod index;
 pub mod info;
 pub mod options;
 pub mod render;
+pub mod source;
 pub mod study;
 pub mod synth;
 pub mod terminal;
