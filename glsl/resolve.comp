@@ -19,7 +19,7 @@ layout(local_size_x = 64) in;
 // Two words a key: point, depth bits. As texels, and for devices whose texel buffers are too small as a storage buffer.
 layout(r32ui) readonly uniform uimageBuffer keys;
 layout(scalar) readonly buffer KeyWords { uvec2 key[]; } key_words;
-// Of every page of positions, the two words of the address of the page that says what those points show.
+// Of every node of the frame, the two words of the address of the page that says what its points show.
 layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
 // 256 colours, four words of f32 bits each.
 layout(rgba32ui) readonly uniform uimageBuffer table;

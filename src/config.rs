@@ -23,6 +23,18 @@ pub const CHUNKS_PER_PAGE: u32 = POINTS_PER_PAGE / POINTS_PER_CHUNK;
 /// A node is drawn from as few position planes as keep its quantisation below this many pixels, a fifth of what f32 arithmetic costs (HARD_CASES 1.2).
 pub const QUANTISATION_PX: f64 = 1.0 / 4096.0;
 
+/// A cut has at most this many points a pixel of the picture: what a frame costs grows with the picture, not with the cloud.
+pub const BUDGET_PER_PIXEL: f64 = 2.0;
+
+/// A node whose samples stand for cells of at most this many pixels is not refined: finer ones would fall into the same pixels.
+pub const LOD_PX: f64 = 1.0;
+
+/// At most so many bytes of pages wait for the loader at any time: it bounds what one frame takes in, and what a turn of the camera makes useless.
+pub const UPLOAD_BYTES: u64 = 32 << 20;
+
+/// Device memory for the pages of an index when nothing is asked for: the cut of a large picture several times over.
+pub const POOL_BYTES: u64 = 1 << 30;
+
 /// Size of a picture when nothing is asked for.
 pub const SIZE: [u32; 2] = [1920, 1080];
 

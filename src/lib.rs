@@ -9,10 +9,10 @@
 //!
 //! - [`cloud`]: files to columns of points, on the files' own integer lattices. [`synth`]: files with known truth, from analytic scenes.
 //! - [`index`]: points to nodes of at most 65,536 points in Morton order, their positions in planes of bits.
-//! - [`view`]: the camera, f64.
+//! - [`view`]: the camera, f64. [`cut`]: the nodes of an index that a view is drawn from.
 //! - [`gpu`]: Vulkan, and nothing about points. [`graph`]: passes in order, with the barriers that they need. [`shader`]: the shaders as
 //!   Rust structs, generated from their SPIR-V.
-//! - [`resident`]: the nodes on the device, in pages of one size.
+//! - [`loader`]: a thread that reads nodes of an index. [`resident`]: the nodes on the device, in pages of one size.
 //! - [`passes`]: one file a pass, and the registry of effects. [`look`]: which effects run, and why. [`frame`]: the whole frame, top to bottom.
 //! - [`picture`]: PNG and EXR. [`cli`]: the program, one file a subcommand.
 //! - For all: [`config`] (every limit and default), [`error`], [`progress`], [`whole_file`].
@@ -48,11 +48,13 @@ pub mod bench;
 pub mod cli;
 pub mod cloud;
 pub mod config;
+pub mod cut;
 pub mod error;
 pub mod frame;
 pub mod gpu;
 pub mod graph;
 pub mod index;
+pub mod loader;
 pub mod look;
 pub mod passes;
 pub mod picture;

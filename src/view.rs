@@ -112,6 +112,33 @@ impl View {
             Projection::Orthographic => (self.camera.eye + aside, self.basis.forward),
         }
     }
+
+    /// The least planar depth of a box, given by its world corners, in front of the camera, or none if no point of the box can be seen.
+    pub fn least_depth(&self, (min, max): (DVec3, DVec3)) -> Option<f64> {
+        let centre = (min + max) / 2.0 - self.camera.eye;
+        let half = (max - min) / 2.0;
+        let reach = |axis: DVec3| half.dot(axis.abs());
+        let basis = &self.basis;
+        let depth = centre.dot(basis.forward);
+        // A hair more than the box, against rounding.
+        let slack = 1e-9 * (centre.length() + half.length());
+        if depth + reach(basis.forward) + slack <= 0.0 {
+            return None;
+        }
+        let half_size = [self.size[0] as f64 / 2.0 / self.focal_px(), self.size[1] as f64 / 2.0 / self.focal_px()];
+        let outside = |side: DVec3, half: f64| match self.camera.projection {
+            // The plane through the eye and the picture's edge has the normal side - half * forward.
+            Projection::Perspective => [side, -side].iter().any(|&side| {
+                let normal = side - basis.forward * half;
+                centre.dot(normal) - reach(normal) > slack * (1.0 + half)
+            }),
+            Projection::Orthographic => centre.dot(side).abs() - reach(side) > half + slack,
+        };
+        if outside(basis.right, half_size[0]) || outside(basis.up, half_size[1]) {
+            return None;
+        }
+        Some((depth - reach(basis.forward)).max(0.0))
+    }
 }
 
 /// `--view`.

@@ -11,7 +11,7 @@ struct Node {
     vec4 row_z;
     ivec3 nearest;
     uint count;
-    uint first_point;  // page * POINTS_PER_PAGE
+    uint first_point;  // number of the node in the frame * POINTS_PER_PAGE
     uint first_word;   // of the coarsest position plane in its block; the finer planes follow, a page each
 };
 

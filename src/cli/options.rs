@@ -1,8 +1,11 @@
 //! The options that `view`, `render`, `bench` and `study` share: one definition.
 
+use super::index::Bytes;
+use super::source::Source;
 use crate::cloud::attribute::{Attribute, Shown};
-use crate::cloud::{Cloud, ReadOptions, Wanted};
+use crate::cloud::{ReadOptions, Wanted};
 use crate::config;
+use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::gpu::Wish;
 use crate::look::Wishes;
@@ -35,6 +38,39 @@ pub struct PictureOptions {
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
+    #[command(flatten)]
+    pub detail: DetailOptions,
+}
+
+/// How much of an index a picture shows.
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = "Picture of an index")]
+pub struct DetailOptions {
+    /// Points to draw at most [default: 2 for every pixel]; what does not fit is drawn from coarser nodes, those that show it least first
+    #[arg(long, value_name = "POINTS")]
+    pub budget: Option<u64>,
+    /// Refine until samples lie this near to each other; 0 draws every point that the budget allows, 4 a sixteenth as many, with gaps
+    #[arg(long, value_name = "PIXELS", default_value_t = config::LOD_PX, value_parser = pixels)]
+    pub lod: f64,
+    /// Device memory for nodes [default: 1GiB]; a picture that needs more is coarser, and says so
+    #[arg(long, value_name = "BYTES")]
+    pub pool: Option<Bytes>,
+}
+
+impl DetailOptions {
+    pub fn of(&self, size: [u32; 2]) -> Detail {
+        let usual = Detail::of(size);
+        Detail { budget: self.budget.unwrap_or(usual.budget), lod_px: self.lod, ..usual }
+    }
+
+    pub fn pool_bytes(&self) -> u64 {
+        self.pool.map_or(config::POOL_BYTES, |bytes| bytes.0)
+    }
+}
+
+fn pixels(text: &str) -> std::result::Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| *number >= 0.0 && number.is_finite());
+    number.ok_or(format!("{text:?} is not a number of pixels, 0 or more"))
 }
 
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -119,21 +155,14 @@ impl PictureOptions {
     }
 
     /// What the points show, and why.
-    pub fn shown(&self, cloud: &Cloud) -> Result<(Shown, String)> {
-        let Some(attribute) = self.color else {
-            let (shown, why) = Shown::automatic(cloud);
-            return Ok((shown, why.to_string()));
-        };
-        if !cloud.is_empty() && !attribute.is_in(cloud) {
-            return Err(Error::Request(format!("--color {}: these points have none; `info` lists what they have", name(attribute))));
-        }
-        Ok((Shown::new(attribute, cloud), format!("asked for with --color {}", name(attribute))))
+    pub fn shown(&self, source: &Source) -> Result<(Shown, String)> {
+        source.shown(self.color)
     }
 
-    pub fn view(&self, cloud: &Cloud) -> Result<View> {
+    pub fn view(&self, source: &Source) -> Result<View> {
         let camera = match &self.camera {
             Some(path) => read_camera(path)?,
-            None => Camera::framing(self.view, &cloud.core_points(), self.size.0),
+            None => Camera::framing(self.view, &source.core_points(), self.size.0),
         };
         View::new(camera, self.size.0)
     }

@@ -1,7 +1,7 @@
 //! `pointillist render`: files in, one picture out; no window system is touched.
 
 use super::options::{DeviceOptions, PictureOptions, name};
-use crate::cloud;
+use super::source::{Source, Taken};
 use crate::error::{Error, Result};
 use crate::frame::{self, Outcome};
 use crate::graph::{Buffer, Frame, Gpu, Graph};
@@ -21,12 +21,13 @@ Examples:
   pointillist render north.laz south.laz -o both.png --color source --view top
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
-  pointillist render scan.laz -o out.png --explain --timings";
+  pointillist render scan.laz -o out.png --explain --timings
+  pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = help())]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT
+    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The picture to write, PNG
@@ -45,7 +46,7 @@ pub struct Arguments {
     /// Say how long everything took, milliseconds
     #[arg(long)]
     pub timings: bool,
-    /// Refuse a truncated or lying file instead of keeping what is readable
+    /// Refuse a truncated, lying or damaged file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
 }
@@ -67,21 +68,38 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     let wishes = arguments.picture.wishes()?;
     let mut stages = Stages::new();
-    let cloud = cloud::read(&arguments.files, &arguments.picture.read_options(arguments.strict), progress)?;
-    cloud.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    let source = Source::open(&arguments.files, &arguments.picture.read_options(arguments.strict), progress)?;
+    source.notes().iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
-    let view = arguments.picture.view(&cloud)?;
-    let (shown, why_shown) = arguments.picture.shown(&cloud)?;
-    let facts = Facts { points: cloud.len(), files: arguments.files.len(), shows: name(shown.attribute), why_shown, view };
+    let view = arguments.picture.view(&source)?;
+    let (shown, why_shown) = arguments.picture.shown(&source)?;
+    let mut facts = Facts {
+        points: source.points(),
+        files: arguments.files.len(),
+        nodes: source.nodes(),
+        shows: name(shown.attribute),
+        why_shown,
+        view,
+        taken: None,
+    };
     stages.done("look");
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     stages.done("open device");
-    let resident = Resident::fill(&mut gpu, cloud, shown, progress)?;
+    let mut brought = source.bring(&mut gpu, shown, arguments.picture.detail.pool_bytes(), progress)?;
     stages.done("organise");
+    facts.taken = brought.settle(&mut gpu, &view, &arguments.picture.detail.of(view.size), progress)?;
+    for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
+        if arguments.strict {
+            return Err(Error::Request(note.clone()));
+        }
+        eprintln!("pointillist: note: {note}");
+    }
+    stages.done("load");
+    let resident = brought.resident();
     let look = look::decide(&wishes, &Scene { view: &view, points: resident.points });
 
     let mut g = Graph::new(&mut gpu);
-    let outcome = frame::record(&mut g, &view, &resident, &look)?;
+    let outcome = frame::record(&mut g, &view, resident, &look)?;
     let downloads = Downloads::ask(&mut g, &outcome, arguments.exr.is_some());
     let frame = g.submit(&[])?;
     stages.done("draw");
@@ -94,15 +112,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("write");
 
     match arguments.explain.as_deref() {
-        Some("json") => println!("{}", explain_json(&facts, &gpu, &resident, &look, &outcome.statistics, &frame)),
-        Some(_) => eprint!("{}", explain(&facts, &gpu, &resident, &look, &outcome.statistics, &frame)),
+        Some("json") => println!("{}", explain_json(&facts, &gpu, resident, &look, &outcome.statistics, &frame)),
+        Some(_) => eprint!("{}", explain(&facts, &gpu, resident, &look, &outcome.statistics, &frame)),
         None => {}
     }
     if arguments.timings {
         stages.print(&frame);
     }
     frame.shelve(&mut gpu);
-    resident.free(&mut gpu);
+    brought.free(&mut gpu);
     Ok(())
 }
 
@@ -155,9 +173,12 @@ fn write_layers(path: &Path, view: &View, frame: &Frame, downloads: &Downloads) 
 struct Facts {
     points: u64,
     files: usize,
+    /// Of an index.
+    nodes: Option<usize>,
     shows: String,
     why_shown: String,
     view: View,
+    taken: Option<Taken>,
 }
 
 fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, frame: &Frame) -> String {
@@ -166,9 +187,10 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
         "cloud: {} points of {} files in {} nodes, {} MiB resident\n",
         facts.points,
         facts.files,
-        resident.nodes.len(),
+        facts.nodes.unwrap_or(resident.nodes.len()),
         resident.bytes() >> 20
     );
+    text += &facts.taken.as_ref().map_or(String::new(), Taken::to_string);
     text += &format!("memory: {} MiB in buffers and images of the device\n", gpu.memory.allocated >> 20);
     text += &format!("color: {}, because {}\n", facts.shows, facts.why_shown);
     text += &format!(
@@ -189,11 +211,12 @@ fn explain_json(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, draw
     let effects: serde_json::Map<_, _> = look.decided.iter().map(|(name, reason)| (name.to_string(), serde_json::json!(reason))).collect();
     serde_json::json!({
         "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics, "bytes": gpu.memory.allocated },
-        "cloud": { "points": facts.points, "files": facts.files, "nodes": resident.nodes.len(), "resident_bytes": resident.bytes() },
+        "cloud": { "points": facts.points, "files": facts.files, "nodes": facts.nodes.unwrap_or(resident.nodes.len()), "resident_bytes": resident.bytes() },
         "color": { "shows": facts.shows, "why": facts.why_shown },
         "camera": facts.view.camera,
         "size": facts.view.size,
         "drawn": drawn,
+        "index": facts.taken,
         "effects": effects,
         "settings": look.effects,
         "passes": frame.passes.iter().map(|(name, _)| name).collect::<Vec<_>>(),

@@ -70,6 +70,11 @@ impl Shown {
         Shown { stretch: shown.stretched(cloud), ..shown }
     }
 
+    /// Of an indexed cloud, whose heights and stretch are known.
+    pub fn indexed(attribute: Attribute, heights: [f64; 2], stretch: [u32; 2]) -> Shown {
+        Shown { attribute, heights, stretch }
+    }
+
     /// What to show where nothing is asked for: colours where there are any, else intensity that varies, else elevation.
     pub fn automatic(cloud: &Cloud) -> (Shown, &'static str) {
         if Attribute::Rgb.is_in(cloud) {
@@ -94,13 +99,15 @@ impl Shown {
             Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Return => columns.returns.as_ref().map_or(0, |v| (v[i] & 15) as u32),
             Attribute::Normal => columns.normal.as_ref().map_or(0x7F7F7F, |v| bytes(v[i].map(|c| (c as i16 + 127) as u8))),
-            Attribute::Elevation => {
-                let [lo, hi] = self.heights;
-                let height = part.lattice.offset.z + part.lattice.step.z * columns.z[i] as f64;
-                if hi > lo { ((height - lo) / (hi - lo) * ELEVATION_LEVELS).clamp(0.0, ELEVATION_LEVELS) as u32 } else { 0 }
-            }
+            Attribute::Elevation => self.elevation(part.lattice.offset.z + part.lattice.step.z * columns.z[i] as f64),
             Attribute::White => 0,
         }
+    }
+
+    /// The word of a world height.
+    pub fn elevation(&self, height: f64) -> u32 {
+        let [lo, hi] = self.heights;
+        if hi > lo { ((height - lo) / (hi - lo) * ELEVATION_LEVELS).clamp(0.0, ELEVATION_LEVELS) as u32 } else { 0 }
     }
 
     /// The words at the 2nd and 98th percentile of the points, by counting every point.

@@ -10,6 +10,7 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use std::collections::HashMap;
 use std::mem::ManuallyDrop;
+use std::sync::{Arc, PoisonError, RwLock};
 
 /// Where a buffer lives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -82,6 +83,40 @@ impl RawBuffer {
     }
 }
 
+/// Whether the device and its memory are still there; for threads that outlive them by a moment.
+#[derive(Clone)]
+pub struct Alive(Arc<RwLock<bool>>);
+
+impl Alive {
+    /// Does `work` with the device kept, or says `otherwise` where it is gone.
+    pub fn while_it_is<T>(&self, otherwise: T, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let alive = self.0.read().unwrap_or_else(PoisonError::into_inner);
+        if *alive { work() } else { Ok(otherwise) }
+    }
+}
+
+/// Some bytes of a mapped buffer, for another thread to write. Whoever makes it keeps the buffer, and everyone else away from these bytes, until it is dropped.
+pub struct Window {
+    first: *mut u8,
+    length: usize,
+    alive: Alive,
+}
+
+// SAFETY: the bytes are nobody else's (see above), and mapped memory may be written from any thread.
+unsafe impl Send for Window {}
+
+impl Window {
+    pub fn write(&mut self, at: usize, bytes: &[u8]) {
+        assert!(at.checked_add(bytes.len()).is_some_and(|end| end <= self.length), "{} bytes at {at} of {}", bytes.len(), self.length);
+        let written = self.alive.while_it_is((), || {
+            // SAFETY: within the window, checked above; the map is there as long as the device's memory, and `bytes` cannot overlap what only we write.
+            unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), self.first.add(at), bytes.len()) };
+            Ok(())
+        });
+        written.expect("writing cannot fail");
+    }
+}
+
 pub struct RawImage {
     pub raw: vk::Image,
     pub view: vk::ImageView,
@@ -97,6 +132,7 @@ pub struct Memory {
     device: ash::Device,
     /// Bytes in buffers and images, on the shelf or in use.
     pub allocated: u64,
+    pub alive: Alive,
 }
 
 impl Memory {
@@ -116,6 +152,7 @@ impl Memory {
             images: HashMap::new(),
             device: device.raw.clone(),
             allocated: 0,
+            alive: Alive(Arc::new(RwLock::new(true))),
         })
     }
 
@@ -221,6 +258,13 @@ impl Memory {
         Ok(RawImage { raw, view, desc, allocation })
     }
 
+    /// A part of a mapped buffer for another thread.
+    pub fn window(&self, buffer: &RawBuffer, bytes: std::ops::Range<u64>) -> Window {
+        assert!(bytes.start <= bytes.end && bytes.end <= buffer.desc.bytes);
+        let map = buffer.allocation.mapped_ptr().expect("a mapped buffer").as_ptr().cast::<u8>();
+        Window { first: map.wrapping_add(bytes.start as usize), length: (bytes.end - bytes.start) as usize, alive: self.alive.clone() }
+    }
+
     /// Gives a buffer back; the GPU must be done with it.
     pub fn shelve_buffer(&mut self, buffer: RawBuffer) {
         self.buffers.entry(buffer.desc).or_default().push(buffer);
@@ -261,6 +305,8 @@ impl Memory {
 
 impl Drop for Memory {
     fn drop(&mut self) {
+        // Waits for whoever is writing.
+        *self.alive.0.write().unwrap_or_else(PoisonError::into_inner) = false;
         for buffer in std::mem::take(&mut self.buffers).into_values().flatten() {
             self.destroy_buffer(buffer);
         }

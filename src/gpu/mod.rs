@@ -1,12 +1,14 @@
 //! Vulkan, and nothing about points.
 //!
 //! `device` finds and opens a device; `memory` makes named buffers and images and keeps freed ones for reuse; `kernel` makes compute
-//! pipelines; `raster` the one point-list pipeline that benchmarks compare with; `timing` reads timestamps; `trail` says which pass was running when a device was lost.
+//! pipelines; `raster` the one point-list pipeline that benchmarks compare with; `timeline` counts what is done; `timing` reads timestamps; `trail` says
+//! which pass was running when a device was lost.
 
 pub mod device;
 pub mod kernel;
 pub mod memory;
 pub mod raster;
+pub mod timeline;
 pub mod timing;
 pub mod trail;
 

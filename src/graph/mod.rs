@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::gpu::Device;
 use crate::gpu::kernel::Kernels;
 use crate::gpu::memory::{Memory, RawBuffer, Texels};
+use crate::gpu::timeline::Timeline;
 use ash::vk;
 use plan::{Pass, Plan, Resource, Shape};
 
@@ -95,6 +96,9 @@ pub struct Gpu {
     // In this order they are dropped: all of them before the device.
     pub kernels: Kernels,
     pub raster: crate::gpu::raster::Rasters,
+    /// Raised by every submission when the device is done with it, to the number of submissions so far.
+    pub passed: Timeline,
+    pub submitted: u64,
     pub memory: Memory,
     pub device: Device,
 }
@@ -103,7 +107,9 @@ impl Gpu {
     pub fn open(wish: &crate::gpu::Wish) -> Result<Gpu> {
         let device = Device::open(wish)?;
         let memory = Memory::new(&device)?;
-        Ok(Gpu { kernels: Kernels::new(&device), raster: crate::gpu::raster::Rasters::new(&device), memory, device })
+        let passed = Timeline::new(&device, &memory.alive, "passed")?;
+        let (kernels, raster) = (Kernels::new(&device), crate::gpu::raster::Rasters::new(&device));
+        Ok(Gpu { kernels, raster, passed, submitted: 0, memory, device })
     }
 }
 

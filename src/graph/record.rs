@@ -306,14 +306,19 @@ impl Scratch {
     }
 
     /// Submits and waits; a lost device is blamed on the pass that was running.
-    fn finish(&self, gpu: &Gpu, trail: &Trail) -> Result<()> {
+    fn finish(&self, gpu: &mut Gpu, trail: &Trail) -> Result<()> {
         let to_host = [vk::MemoryBarrier2::default()
             .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
             .dst_stage_mask(vk::PipelineStageFlags2::HOST)
             .dst_access_mask(vk::AccessFlags2::HOST_READ)];
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
-        let submission = vk::SubmitInfo2::default().command_buffer_infos(&commands);
+        gpu.submitted += 1;
+        let passed = [vk::SemaphoreSubmitInfo::default()
+            .semaphore(gpu.passed.raw)
+            .value(gpu.submitted)
+            .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
+        let submission = vk::SubmitInfo2::default().command_buffer_infos(&commands).signal_semaphore_infos(&passed);
         // SAFETY: the command buffer is complete, and all it uses lives until the fence has been waited for.
         unsafe {
             self.device.cmd_pipeline_barrier2(self.commands, &vk::DependencyInfo::default().memory_barriers(&to_host));

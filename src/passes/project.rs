@@ -3,7 +3,9 @@
 //! On the CPU, in f64: which nodes the view can see, from how many planes each is drawn, and each node's rows to pixels and depth.
 //! On the GPU: `project64` with 64-bit atomics, or `project32` twice (depths first, then the least id at that depth) where a device has none.
 
-use crate::config::{BITS_PER_PLANE, CHUNKS_PER_PAGE, NEAR_M, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE, QUANTISATION_PX};
+use crate::config::{CHUNKS_PER_PAGE, NEAR_M, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE};
+pub use crate::cut::Precision;
+use crate::cut::{cell_steps, quantisation_px};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Tiles};
 use crate::resident::{Resident, ResidentNode};
@@ -11,16 +13,6 @@ use crate::shader::{self, Node, project32, project64};
 use crate::view::{Projection, View};
 use glam::DVec3;
 use std::collections::BTreeMap;
-
-/// How much of each position to read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Precision {
-    /// As few planes as keep the quantisation below a quarter of a thousandth of a pixel.
-    Auto,
-    /// At most so many planes of ten bits.
-    Planes(u32),
-}
 
 /// The nodes that a view draws, on the GPU, grouped by the number of planes that they are drawn from.
 pub struct Drawn {
@@ -69,16 +61,16 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
     let mut statistics = Statistics::default();
     let mut records = Vec::new();
     let mut chunks: BTreeMap<(usize, u32), Vec<u32>> = BTreeMap::new();
-    let mut seen: Vec<_> = resident.nodes.iter().filter_map(|node| Some((visible(view, node)?, node))).collect();
+    let mut seen: Vec<_> = resident.nodes.iter().filter_map(|node| Some((view.least_depth(node.bounds())?, node))).collect();
     statistics.nodes_outside = resident.nodes.len() - seen.len();
     // Front to back, so that what lies behind finds its pixels taken. The order does not show: keys are unique.
     seen.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (distance, node) in seen {
-        let planes = planes(view, node, distance, precision);
+        let planes = precision.planes(view, &node.lattice, &node.frame, distance).min(node.planes);
         statistics.nodes_drawn += 1;
         statistics.points_drawn += node.count as u64;
         statistics.position_bytes += 4 * planes as u64 * node.count as u64;
-        statistics.quantisation_px = statistics.quantisation_px.max(quantisation_px(view, node, distance, planes));
+        statistics.quantisation_px = statistics.quantisation_px.max(quantisation_px(view, &node.lattice, &node.frame, distance, planes));
         let number = records.len() as u32;
         records.push(record_of(view, node, planes));
         let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes);
@@ -128,71 +120,12 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, band: Band) -> Buffer {
     keys
 }
 
-/// The least planar depth of the node's box in front of the camera, or none if no point of the box can be seen.
-fn visible(view: &View, node: &ResidentNode) -> Option<f64> {
-    let (min, max) = node.bounds();
-    let centre = (min + max) / 2.0 - view.camera.eye;
-    let half = (max - min) / 2.0;
-    let reach = |axis: DVec3| half.dot(axis.abs());
-    let basis = &view.basis;
-    let depth = centre.dot(basis.forward);
-    // A hair more than the box, against rounding.
-    let slack = 1e-9 * (centre.length() + half.length());
-    if depth + reach(basis.forward) + slack <= 0.0 {
-        return None;
-    }
-    let half_size = [view.size[0] as f64 / 2.0 / view.focal_px(), view.size[1] as f64 / 2.0 / view.focal_px()];
-    let outside = |side: DVec3, half: f64| match view.camera.projection {
-        // The plane through the eye and the picture's edge has the normal side - half * forward.
-        Projection::Perspective => [side, -side].iter().any(|&side| {
-            let normal = side - basis.forward * half;
-            centre.dot(normal) - reach(normal) > slack * (1.0 + half)
-        }),
-        Projection::Orthographic => centre.dot(side).abs() - reach(side) > half + slack,
-    };
-    if outside(basis.right, half_size[0]) || outside(basis.up, half_size[1]) {
-        return None;
-    }
-    Some((depth - reach(basis.forward)).max(0.0))
-}
-
-/// Lattice steps of one cell of the node drawn from so many planes; below 1 where the planes hold more bits than the node has.
-fn cell_steps(node: &ResidentNode, planes: u32) -> f64 {
-    (2f64).powi(node.frame.bits as i32 - (BITS_PER_PLANE * planes) as i32)
-}
-
-/// How far a point may be drawn from where it is, pixels, at the node's least depth. With perspective a displacement d moves a point's pixel by at most
-/// |d| f / depth, times the secant of its angle from the axis: f (dx - tan dz) / depth, by Cauchy and Schwarz.
-fn quantisation_px(view: &View, node: &ResidentNode, distance: f64, planes: u32) -> f64 {
-    if planes >= node.frame.planes {
-        return 0.0;
-    }
-    let half_cell = 0.5 * cell_steps(node, planes) * node.lattice.step.length();
-    match view.camera.projection {
-        Projection::Perspective => {
-            let f = view.focal_px();
-            let corner = 0.5 * (view.size[0] as f64).hypot(view.size[1] as f64);
-            half_cell * f.hypot(corner) / distance
-        }
-        Projection::Orthographic => half_cell * view.focal_px(),
-    }
-}
-
-fn planes(view: &View, node: &ResidentNode, distance: f64, precision: Precision) -> u32 {
-    match precision {
-        Precision::Planes(most) => most.clamp(1, node.frame.planes),
-        Precision::Auto => (1..node.frame.planes)
-            .find(|&planes| quantisation_px(view, node, distance, planes) <= QUANTISATION_PX)
-            .unwrap_or(node.frame.planes),
-    }
-}
-
 /// The node's rows, in f64, rounded once (HARD_CASES 1.2).
 fn record_of(view: &View, node: &ResidentNode, planes: u32) -> Node {
-    let steps = cell_steps(node, planes);
+    let steps = cell_steps(&node.frame, planes);
     let cell = node.lattice.step * steps;
     // Cells drop the finer bits: their points lie half a cell further on average, less half of the finest step.
-    let finest = cell_steps(node, node.frame.planes);
+    let finest = cell_steps(&node.frame, node.frame.planes);
     let middle = if planes < node.frame.planes { (steps - finest.max(1.0)) / 2.0 } else { 0.0 };
     let [x, y, z] = node.frame.origin.map(|origin| origin as f64 + middle);
     // World position of cell 0, relative to the eye.

@@ -1,20 +1,27 @@
-//! RESIDENT NODE BUFFERS: organised points in, pages that the GPU reads out.
+//! RESIDENT NODE BUFFERS: nodes in, pages that the GPU reads out.
 //!
-//! One pool of fixed pages, persistently mapped. A page is one plane of one node: 65,536 words of 32 bits. Shaders reach pages by device address, because
-//! storage buffer bindings may end at 128 MiB. A point's id is `page * points per page + i`, where `page` is that of its coarsest position plane.
-//! A node's pages are given in node order, so that ids, and with them ties, do not depend on which thread packed which node.
+//! A page is one plane of one node: 65,536 words of 32 bits, in a [`pool`] of fixed pages, persistently mapped. A small cloud is organised in memory and is
+//! resident as a whole ([`Resident::fill`]); the nodes of an index come and go ([`residency`]). Either way [`Resident::nodes`] is what a frame draws from.
+//!
+//! Shaders reach pages by device address, because storage buffer bindings may end at 128 MiB. A point's id is `number * points per page + i`, where `number`
+//! is its node's place among the nodes of the frame. Those are in node order, so ids, and with them ties, depend neither on which thread packed
+//! which node, nor on which pages were free when a node arrived.
+
+pub mod pool;
+pub mod residency;
+
+pub use residency::Residency;
 
 use crate::cloud::attribute::Shown;
 use crate::cloud::{Cloud, Columns, Lattice};
-use crate::config::{BITS_PER_PLANE, NO_POINT, PAGES_PER_BLOCK, POINTS_PER_PAGE};
+use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
-use crate::gpu::memory::RawBuffer;
-use crate::gpu::{BufferDesc, Place};
 use crate::graph::{Buffer, Gpu, Graph};
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
 use crate::progress::Progress;
 use glam::DVec3;
+use pool::{PAGE_BYTES, Pool};
 use rayon::prelude::*;
 
 /// A node whose planes are on the GPU.
@@ -23,14 +30,18 @@ pub struct ResidentNode {
     pub lattice: Lattice,
     pub frame: Frame,
     pub count: u32,
+    /// Its place among the nodes of the frame.
+    pub number: u32,
     /// Its pages lie side by side in one block: position planes from here, coarsest first, then what its points show.
     pub first_page: u32,
+    /// Position planes that are resident; at least one, and fewer than `frame.planes` where no more are needed, or not yet there.
+    pub planes: u32,
 }
 
 impl ResidentNode {
     /// The id of its first point.
     pub fn first_point(&self) -> u32 {
-        self.first_page * POINTS_PER_PAGE
+        self.number * POINTS_PER_PAGE
     }
 
     /// World corners of its box.
@@ -41,15 +52,19 @@ impl ResidentNode {
     }
 }
 
-/// The pool and what is in it.
+/// The pool, and of what is in it, what the frame draws from.
 pub struct Resident {
-    blocks: Vec<RawBuffer>,
+    pool: Pool,
+    /// In node order; of these a frame leaves out what its view cannot see.
     pub nodes: Vec<ResidentNode>,
     /// What the points show.
     pub shown: Shown,
+    /// Of the whole cloud.
     pub points: u64,
-    pages: u32,
 }
+
+/// Ids end before the one that means "no point".
+const MOST_NODES: u64 = NO_POINT as u64 / POINTS_PER_PAGE as u64;
 
 impl Resident {
     /// Organises the cloud and puts all of it into pages. The columns of each part are dropped as soon as its nodes are packed.
@@ -65,7 +80,7 @@ impl Resident {
         organise: impl Fn(&Columns) -> Organised,
         progress: &dyn Progress,
     ) -> Result<Resident> {
-        let mut resident = Resident { blocks: Vec::new(), nodes: Vec::new(), shown, points: 0, pages: 0 };
+        let mut resident = Resident { pool: Pool::new(u32::MAX), nodes: Vec::new(), shown, points: 0 };
         let total = cloud.len();
         let mut parts = cloud.parts;
         parts.iter_mut().for_each(|part| part.columns.keep(shown.attribute.wanted()));
@@ -82,26 +97,17 @@ impl Resident {
         let frames: Vec<Frame> =
             organised.nodes.par_iter().map(|node| pack::frame(&part.columns, &organised.order[node.points.clone()])).collect();
         let first = self.nodes.len();
-        for (node, &frame) in organised.nodes.iter().zip(&frames) {
-            let first_page = self.take_pages(frame.planes + 1);
-            self.nodes.push(ResidentNode { lattice: part.lattice, frame, count: node.points.len() as u32, first_page });
-        }
-        // The last page's points would run into the id that means "no point".
-        if self.pages as u64 * POINTS_PER_PAGE as u64 > NO_POINT as u64 {
+        if (first + organised.nodes.len()) as u64 > MOST_NODES {
             return Err(Error::Request(format!("{total} points are more than the 4,294,901,760 that can be resident at once")));
         }
-        while self.blocks.len() < self.pages.div_ceil(PAGES_PER_BLOCK) as usize {
-            let desc = BufferDesc { bytes: 4 * PAGES_PER_BLOCK as u64 * POINTS_PER_PAGE as u64, place: Place::Upload };
-            let name = format!("pages {}", self.blocks.len());
-            self.blocks.push(gpu.memory.buffer(&gpu.device, desc, &name)?);
+        for (node, &frame) in organised.nodes.iter().zip(&frames) {
+            let first_page = self.pool.take(gpu, frame.planes + 1)?.expect("a pool without a budget is never full");
+            let (count, number) = (node.points.len() as u32, self.nodes.len() as u32);
+            self.nodes.push(ResidentNode { lattice: part.lattice, frame, count, number, first_page, planes: frame.planes });
         }
 
         // Disjoint mutable pages for every node, so that nodes are packed in parallel straight into the mapped memory.
-        let mut pages: Vec<Option<&mut [u32]>> = self
-            .blocks
-            .iter_mut()
-            .flat_map(|block| bytemuck::cast_slice_mut::<u8, u32>(block.bytes_mut()).chunks_exact_mut(POINTS_PER_PAGE as usize).map(Some))
-            .collect();
+        let mut pages = self.pool.all_mut();
         let mut take = |page: u32| pages[page as usize].take().expect("a page belongs to one plane of one node");
         let jobs: Vec<_> = self.nodes[first..]
             .iter()
@@ -122,23 +128,12 @@ impl Resident {
         Ok(())
     }
 
-    /// Pages side by side, all in one block.
-    fn take_pages(&mut self, count: u32) -> u32 {
-        if self.pages % PAGES_PER_BLOCK + count > PAGES_PER_BLOCK {
-            self.pages = self.pages.next_multiple_of(PAGES_PER_BLOCK);
-        }
-        self.pages += count;
-        self.pages - count
-    }
-
-    /// World positions of all points, decoded from the pages, in the order of their ids.
+    /// World positions of all points of a small cloud, decoded from the pages, in the order of their ids.
     pub fn positions(&self) -> impl Iterator<Item = DVec3> + '_ {
         self.nodes.iter().flat_map(move |node| {
             let Frame { origin, bits, planes, .. } = node.frame;
             let pad = BITS_PER_PLANE * planes - bits;
-            let block = &self.blocks[(node.first_page / PAGES_PER_BLOCK) as usize];
-            let first = (node.first_page % PAGES_PER_BLOCK * POINTS_PER_PAGE) as usize;
-            let words: &[u32] = &bytemuck::cast_slice(block.bytes())[first..];
+            let words = self.pool.words(node.first_page);
             (0..node.count as usize).map(move |i| {
                 let cells = (0..planes as usize).fold([0u32; 3], |cells, plane| {
                     let word = words[plane * POINTS_PER_PAGE as usize + i];
@@ -150,34 +145,24 @@ impl Resident {
         })
     }
 
-    /// Handles of the pool's blocks for one frame; a block's page `p` starts at word `p * points per page`.
+    /// Handles of the pool's blocks for one frame.
     pub fn import(&self, g: &mut Graph) -> Vec<Buffer> {
-        self.blocks.iter().map(|block| g.import("pages", block)).collect()
+        self.pool.import(g)
     }
 
-    /// Device address of a page, as the two words that a shader makes a pointer of.
-    fn address(&self, page: u32) -> [u32; 2] {
-        let offset = 4 * POINTS_PER_PAGE as u64 * (page % PAGES_PER_BLOCK) as u64;
-        let address = self.blocks[(page / PAGES_PER_BLOCK) as usize].address + offset;
-        [address as u32, (address >> 32) as u32]
-    }
-
-    /// For every page that starts point ids, the address of the page that says what those points show.
+    /// For every node by its number, the address of the page that says what its points show.
     pub fn shown_pages(&self) -> Vec<[u32; 2]> {
-        let mut addresses = vec![[0; 2]; self.pages.max(1) as usize];
-        for node in &self.nodes {
-            addresses[node.first_page as usize] = self.address(node.first_page + node.frame.planes);
-        }
-        addresses
+        let addresses = self.nodes.iter().map(|node| self.pool.address(node.first_page + node.planes));
+        addresses.chain(self.nodes.is_empty().then_some([0; 2])).collect()
     }
 
     /// Bytes of the pages in use.
     pub fn bytes(&self) -> u64 {
-        4 * POINTS_PER_PAGE as u64 * self.pages as u64
+        PAGE_BYTES * self.pool.pages.used as u64
     }
 
     /// Gives the pool's memory back.
     pub fn free(self, gpu: &mut Gpu) {
-        self.blocks.into_iter().for_each(|block| gpu.memory.destroy_buffer(block));
+        self.pool.free(gpu);
     }
 }

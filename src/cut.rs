@@ -1,0 +1,199 @@
+//! Index and view in, the nodes to draw out: a cut through the tree, pure.
+//!
+//! A node's projected error is the side of the cells that its samples were merged in, in pixels at the least depth of its box; a leaf has every point, and
+//! none. Greedy refinement: of all inner nodes the one with the greatest error gives way to those of its children that can be seen, while that error is
+//! above `lod_px` and the cut stays within its budget of points. One that the budget keeps is drawn as it is, and smaller ones are still refined.
+//! The sequence does not depend on `lod_px`, which only says where it ends, so a smaller one never makes anything coarser.
+//!
+//! Only what is refined is looked at: the cost follows the picture, not the cloud.
+
+use crate::cloud::Lattice;
+use crate::config::{BITS_PER_PLANE, BUDGET_PER_PIXEL, LOD_PX, QUANTISATION_PX};
+use crate::index::file::Index;
+use crate::index::pack::Frame;
+use crate::view::{Projection, View};
+use std::cmp::Ordering;
+use std::collections::{BinaryHeap, HashSet};
+use std::ops::Range;
+
+/// How fine a picture is to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Detail {
+    /// Points of a cut at most; only the roots may be more.
+    pub budget: u64,
+    /// Nodes with a smaller projected error are not refined, pixels.
+    pub lod_px: f64,
+    pub precision: Precision,
+}
+
+impl Detail {
+    /// What a picture of this size shows.
+    pub fn of(size: [u32; 2]) -> Detail {
+        let budget = (size[0] as f64 * size[1] as f64 * BUDGET_PER_PIXEL) as u64;
+        Detail { budget, lod_px: LOD_PX, precision: Precision::Auto }
+    }
+}
+
+/// A node of a cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wanted {
+    pub node: usize,
+    /// Its projected error, pixels.
+    pub error_px: f64,
+    /// That of its parent, which may have to stand in for it: the greater, the sooner it is needed. Infinite for a root.
+    pub gain_px: f64,
+    /// Least planar depth of its box, metres.
+    pub distance: f64,
+}
+
+/// Nodes that together show everything that a view can see, each part once.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Cut {
+    /// Those that are needed most come first.
+    pub nodes: Vec<Wanted>,
+    pub points: u64,
+    /// Of the nodes; 0 where all are leaves.
+    pub largest_error_px: f64,
+    /// Nodes that were looked at and lie outside of the view.
+    pub nodes_outside: usize,
+}
+
+/// The cut for a view. Nodes that are `unreadable` are never in it: their children are, or else their parents, and where there are neither, nothing.
+pub fn choose(index: &Index, view: &View, detail: &Detail, unreadable: &HashSet<usize>) -> Cut {
+    let mut cut = Cut::default();
+    let mut open = BinaryHeap::new();
+    let all = Seen { index, view, unreadable };
+    let roots = all.of(0..index.directory.roots as usize, f64::INFINITY);
+    cut.nodes_outside += roots.outside;
+    cut.points = roots.points;
+    open.extend(roots.nodes.into_iter().map(Open));
+    while let Some(Open(wanted)) = open.pop() {
+        let node = &index.nodes()[wanted.node];
+        if !node.is_leaf() && wanted.error_px > detail.lod_px {
+            let finer = all.of(node.children(), wanted.error_px);
+            let points = cut.points - node.count as u64 + finer.points;
+            if finer.complete && points <= detail.budget {
+                cut.points = points;
+                cut.nodes_outside += finer.outside;
+                open.extend(finer.nodes.into_iter().map(Open));
+                continue;
+            }
+        }
+        cut.largest_error_px = cut.largest_error_px.max(wanted.error_px);
+        cut.nodes.push(wanted);
+    }
+    cut.nodes.sort_by(|a, b| b.gain_px.total_cmp(&a.gain_px).then(a.distance.total_cmp(&b.distance)).then(a.node.cmp(&b.node)));
+    cut
+}
+
+/// A node that may be refined; the greatest error first, and of equals the first node.
+struct Open(Wanted);
+
+impl Ord for Open {
+    fn cmp(&self, other: &Open) -> Ordering {
+        self.0.error_px.total_cmp(&other.0.error_px).then(other.0.node.cmp(&self.0.node))
+    }
+}
+
+impl PartialOrd for Open {
+    fn partial_cmp(&self, other: &Open) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Open {
+    fn eq(&self, other: &Open) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Open {}
+
+struct Seen<'a> {
+    index: &'a Index,
+    view: &'a View,
+    unreadable: &'a HashSet<usize>,
+}
+
+/// What shows a range of siblings.
+struct Siblings {
+    nodes: Vec<Wanted>,
+    points: u64,
+    outside: usize,
+    /// All that can be seen of them is there.
+    complete: bool,
+}
+
+impl Seen<'_> {
+    fn of(&self, siblings: Range<usize>, gain_px: f64) -> Siblings {
+        let mut found = Siblings { nodes: Vec::new(), points: 0, outside: 0, complete: true };
+        let mut ranges = vec![siblings];
+        while let Some(range) = ranges.pop() {
+            for node in range {
+                let record = &self.index.nodes()[node];
+                let Some(distance) = self.view.least_depth(self.index.bounds(record)) else {
+                    found.outside += 1;
+                    continue;
+                };
+                if self.unreadable.contains(&node) {
+                    found.complete &= !record.is_leaf();
+                    ranges.push(record.children());
+                    continue;
+                }
+                let error_px = match self.view.camera.projection {
+                    _ if record.is_leaf() => 0.0,
+                    // Infinite where the camera may be within the node.
+                    Projection::Perspective => record.spacing * self.view.focal_px() / distance,
+                    Projection::Orthographic => record.spacing * self.view.focal_px(),
+                };
+                found.points += record.count as u64;
+                found.nodes.push(Wanted { node, error_px, gain_px, distance });
+            }
+        }
+        found
+    }
+}
+
+/// How much of each position to read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// As few planes as keep the quantisation below a quarter of a thousandth of a pixel.
+    Auto,
+    /// At most so many planes of ten bits.
+    Planes(u32),
+}
+
+impl Precision {
+    /// The planes to draw a node from whose least depth is `distance`.
+    pub fn planes(self, view: &View, lattice: &Lattice, frame: &Frame, distance: f64) -> u32 {
+        match self {
+            Precision::Planes(most) => most.clamp(1, frame.planes),
+            Precision::Auto => (1..frame.planes)
+                .find(|&planes| quantisation_px(view, lattice, frame, distance, planes) <= QUANTISATION_PX)
+                .unwrap_or(frame.planes),
+        }
+    }
+}
+
+/// Lattice steps of one cell of a node drawn from so many planes; below 1 where the planes hold more bits than the node has.
+pub fn cell_steps(frame: &Frame, planes: u32) -> f64 {
+    (2f64).powi(frame.bits as i32 - (BITS_PER_PLANE * planes) as i32)
+}
+
+/// How far a point may be drawn from where it is, pixels, at the node's least depth. With perspective a displacement d moves a point's pixel by at most
+/// |d| f / depth, times the secant of its angle from the axis: f (dx - tan dz) / depth, by Cauchy and Schwarz.
+pub fn quantisation_px(view: &View, lattice: &Lattice, frame: &Frame, distance: f64, planes: u32) -> f64 {
+    if planes >= frame.planes {
+        return 0.0;
+    }
+    let half_cell = 0.5 * cell_steps(frame, planes) * lattice.step.length();
+    match view.camera.projection {
+        Projection::Perspective => {
+            let f = view.focal_px();
+            let corner = 0.5 * (view.size[0] as f64).hypot(view.size[1] as f64);
+            half_cell * f.hypot(corner) / distance
+        }
+        Projection::Orthographic => half_cell * view.focal_px(),
+    }
+}

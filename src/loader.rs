@@ -1,0 +1,244 @@
+//! LOADER THREAD: the newest wish-list in, nodes' pages out, errors as values.
+//!
+//! The frame thread posts wish-lists, the thread drains the channel and goes by the newest: what it has not begun of an older one, and the newest does not
+//! name again, comes back as dropped. Of every wish it says how it ended, and then publishes through a callback; the frame never waits for it.
+//!
+//!   read(wish): for every plane: copy it out of the file into scratch, check the checksum of that copy, write it to its page
+//! The checksum is never taken of the page itself: mapped device memory may be write-combined, and reading such memory back is slow.
+//!
+//! A panic while reading is one node's error; the thread goes on. Dropping the [`Loader`] lets the thread finish its node, and joins it.
+
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE};
+use crate::error::{Error, Result};
+use crate::index::file::{Index, NodeRecord, PLANES, Plane};
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Where a node's pages are to be written. It is dropped before the wish is answered: from then on the pages are the frame's again.
+pub trait Destination: Send {
+    /// Writes the first words of a page: position planes from 0 on, then what the points show.
+    fn put(&mut self, page: u32, words: &[u32]);
+}
+
+/// A node that a frame wants, in the order of the list.
+pub struct Wish {
+    pub node: usize,
+    /// Position planes.
+    pub planes: u32,
+    /// None where an earlier list brought it, and no answer has come yet.
+    pub destination: Option<Box<dyn Destination>>,
+}
+
+/// How a wish ended.
+#[derive(Debug)]
+pub enum Outcome {
+    /// The pages are written; so many bytes of the file were read.
+    Done(u64),
+    /// Not begun when a newer list no longer named it.
+    Dropped,
+    Failed(Error),
+}
+
+#[derive(Debug)]
+pub struct Answer {
+    pub node: usize,
+    pub outcome: Outcome,
+}
+
+pub struct Loader {
+    lists: Option<Sender<Vec<Wish>>>,
+    answers: Receiver<Answer>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Loader {
+    /// `publish` is called from the thread after every answer.
+    pub fn start(index: Arc<Index>, shown: Shown, publish: impl FnMut() + Send + 'static) -> Result<Loader> {
+        let (lists, wished) = channel();
+        let (answer, answers) = channel();
+        let path = index.path().to_owned();
+        let thread = Thread { index, shown, wished, answer, publish, words: vec![0; POINTS_PER_PAGE as usize], bytes: Vec::new() };
+        let thread = std::thread::Builder::new().name("loader".into()).spawn(move || thread.run());
+        let thread = thread.map_err(|error| Error::io("start a thread to read", &path, error))?;
+        Ok(Loader { lists: Some(lists), answers, thread: Some(thread) })
+    }
+
+    /// Replaces the wish-list.
+    pub fn post(&self, wishes: Vec<Wish>) {
+        // Where the thread is gone, `answer` and `wait` say so.
+        let _ = self.lists.as_ref().expect("taken by drop only").send(wishes);
+    }
+
+    /// An answer that is there already; an error if the thread is gone.
+    pub fn answer(&self) -> Result<Option<Answer>> {
+        match self.answers.try_recv() {
+            Ok(answer) => Ok(Some(answer)),
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => Err(gone()),
+        }
+    }
+
+    /// Whether the thread is gone, which only a panic outside of any node brings about.
+    pub fn has_ended(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// The next answer, if it comes in time.
+    pub fn wait(&self, at_most: Duration) -> Result<Option<Answer>> {
+        match self.answers.recv_timeout(at_most) {
+            Ok(answer) => Ok(Some(answer)),
+            Err(RecvTimeoutError::Timeout) => Ok(None),
+            Err(RecvTimeoutError::Disconnected) => Err(gone()),
+        }
+    }
+}
+
+fn gone() -> Error {
+    Error::Request("the thread that reads the index has ended; open it again".into())
+}
+
+impl Drop for Loader {
+    fn drop(&mut self) {
+        drop(self.lists.take());
+        if let Some(thread) = self.thread.take() {
+            // A panic outside of a node has been seen by whoever asked for answers.
+            let _ = thread.join();
+        }
+    }
+}
+
+struct Thread<P> {
+    index: Arc<Index>,
+    shown: Shown,
+    wished: Receiver<Vec<Wish>>,
+    answer: Sender<Answer>,
+    publish: P,
+    /// Scratch: one plane of one node.
+    words: Vec<u32>,
+    bytes: Vec<u8>,
+}
+
+impl<P: FnMut()> Thread<P> {
+    fn run(mut self) {
+        let mut list: VecDeque<Wish> = VecDeque::new();
+        loop {
+            let mut newer =
+                if list.is_empty() { self.wished.recv().map_err(|_| TryRecvError::Disconnected) } else { self.wished.try_recv() };
+            while let Ok(wishes) = newer {
+                list = self.replace(list, wishes);
+                newer = self.wished.try_recv();
+            }
+            if matches!(newer, Err(TryRecvError::Disconnected)) {
+                return;
+            }
+            let Some(Wish { node, planes, destination: Some(mut destination) }) = list.pop_front() else { continue };
+            let read = catch_unwind(AssertUnwindSafe(|| self.read(node, planes, &mut *destination)));
+            drop(destination);
+            let read = read.unwrap_or_else(|panic| {
+                let said = panic.downcast_ref::<&str>().map(|said| said.to_string()).or(panic.downcast_ref::<String>().cloned());
+                let what = format!("node {node} could not be read: {}", said.unwrap_or("a panic without words".into()));
+                Err(Error::format(self.index.path(), what))
+            });
+            self.say(node, read.map_or_else(Outcome::Failed, Outcome::Done));
+        }
+    }
+
+    /// The newer list, with the destinations that are still to be written.
+    fn replace(&mut self, list: VecDeque<Wish>, newer: Vec<Wish>) -> VecDeque<Wish> {
+        let mut older: Vec<Option<Wish>> = list.into_iter().map(Some).collect();
+        let mut kept = VecDeque::new();
+        for wish in newer {
+            let before = older.iter_mut().find(|before| before.as_ref().is_some_and(|before| before.node == wish.node));
+            match wish.destination {
+                Some(_) => kept.push_back(wish),
+                // None where it has been answered in the meantime.
+                None => kept.extend(before.and_then(Option::take)),
+            }
+        }
+        for Wish { node, destination, .. } in older.into_iter().flatten() {
+            drop(destination);
+            self.say(node, Outcome::Dropped);
+        }
+        kept
+    }
+
+    fn say(&mut self, node: usize, outcome: Outcome) {
+        // Nobody listens any more where the loader is being dropped.
+        let _ = self.answer.send(Answer { node, outcome });
+        (self.publish)();
+    }
+
+    /// Bytes read of the file.
+    fn read(&mut self, node: usize, planes: u32, destination: &mut dyn Destination) -> Result<u64> {
+        let index = self.index.clone();
+        let record = &index.nodes()[node];
+        let count = record.count as usize;
+        let words = &mut self.words[..count];
+        let elevation = self.shown.attribute == Attribute::Elevation;
+        let mut heights = vec![0u32; if elevation { count } else { 0 }];
+        let mut read = 0;
+        // Elevation is of the whole position, so that it does not depend on how much of it is drawn.
+        let needed = if elevation { record.position_planes() } else { planes };
+        for (page, &(plane, bytes)) in (0..needed).zip(&PLANES) {
+            index.read(node, plane, bytemuck::cast_slice_mut(words))?;
+            read += bytes * count as u64;
+            if page < planes {
+                destination.put(page, words);
+            }
+            heights.iter_mut().zip(&*words).for_each(|(height, word)| *height = *height << BITS_PER_PLANE | word >> (2 * BITS_PER_PLANE));
+        }
+        match Plane::of(self.shown.attribute).filter(|&plane| record.has(plane)) {
+            Some(plane) => {
+                self.bytes.resize(record.range(plane).1 as usize, 0);
+                index.read(node, plane, &mut self.bytes)?;
+                read += self.bytes.len() as u64;
+                widen(plane, &self.bytes, words);
+            }
+            None if elevation => {
+                let height = world_height(&index, record);
+                words.iter_mut().zip(&heights).for_each(|(word, &cell)| *word = self.shown.elevation(height(cell)));
+            }
+            None => words.fill(lacking(self.shown.attribute)),
+        }
+        destination.put(planes, words);
+        Ok(read)
+    }
+}
+
+/// World heights of a node's cells along z, as all its planes give them.
+fn world_height(index: &Index, record: &NodeRecord) -> impl Fn(u32) -> f64 {
+    let lattice = index.lattice(record);
+    let (lowest, pad) = (record.origin[2], BITS_PER_PLANE * record.position_planes() - record.bits as u32);
+    move |cell| lattice.offset.z + lattice.step.z * (lowest + (cell >> pad) as i64) as f64
+}
+
+/// The words of a plane's values, as [`Shown::word`] makes them.
+fn widen(plane: Plane, bytes: &[u8], words: &mut [u32]) {
+    let three = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
+    match plane {
+        Plane::Rgb => words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &rgb)| *word = three(rgb)),
+        Plane::Normal => {
+            let shifted = |v: [u8; 3]| v.map(|c| (c as i8 as i16 + 127) as u8);
+            words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &normal)| *word = three(shifted(normal)));
+        }
+        Plane::Intensity | Plane::Source => {
+            words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &value)| *word = u16::from_le_bytes(value) as u32);
+        }
+        Plane::Returns => words.iter_mut().zip(bytes).for_each(|(word, value)| *word = (value & 15) as u32),
+        _ => words.iter_mut().zip(bytes).for_each(|(word, value)| *word = *value as u32),
+    }
+}
+
+/// What a point shows where its part has no such attribute.
+fn lacking(attribute: Attribute) -> u32 {
+    match attribute {
+        Attribute::Rgb => 0xFFFFFF,
+        Attribute::Normal => 0x7F7F7F,
+        _ => 0,
+    }
+}

@@ -1,0 +1,486 @@
+//! Which nodes of an index are resident, and which of them a frame draws.
+//!
+//! Every frame, [`Residency::update`], without ever waiting:
+//!   hear what the loader has finished; give back pages that the GPU has passed
+//!   choose the cut for the view; while its pages do not fit the pool, one with half of the points
+//!   ask for what is missing: roots first, then by how wrong the picture is without it, at most UPLOAD_BYTES at a time
+//!     where the pool is full, evict what was drawn least recently and is not in the cut
+//!   draw each node of the cut; a missing one by its children, if they are all there, else by its nearest resident ancestor, and then nothing else of that
+//! Roots stay, so that there is always an ancestor. A node that cannot be read is said once and left to its parent or its children ([`cut::choose`]).
+//!
+//! [`Residency::settle`] repeats that until the cut is complete: the picture then depends on view, detail and pool alone, not on what was drawn before.
+//!
+//! Pages are reused when the device has passed the last submission that may read them (`Gpu::passed`). So update between frames: not between recording a
+//! frame and submitting it.
+
+use super::pool::{PAGE_BYTES, Pages, Pool};
+use super::{Resident, ResidentNode};
+use crate::cloud::attribute::Shown;
+use crate::config::UPLOAD_BYTES;
+use crate::cut::{self, Cut, Detail};
+use crate::error::{Error, Result};
+use crate::gpu::memory::Window;
+use crate::gpu::timeline::Timeline;
+use crate::graph::Gpu;
+use crate::index::file::Index;
+use crate::index::pack::Frame;
+use crate::loader::{Answer, Destination, Loader, Outcome, Wish};
+use crate::progress::Progress;
+use crate::view::View;
+use std::collections::{BTreeSet, HashMap, HashSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::Duration;
+
+/// Pages of a node: so many position planes, then what its points show.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Run {
+    first_page: u32,
+    planes: u32,
+}
+
+impl Run {
+    fn pages(&self) -> u32 {
+        self.planes + 1
+    }
+}
+
+/// A node that has pages.
+#[derive(Clone, Debug, Default)]
+struct Entry {
+    here: Option<Run>,
+    /// With the loader.
+    coming: Option<Run>,
+    /// The update that drew it last.
+    drawn: u64,
+    /// The submission that may have read its pages last.
+    read_by: u64,
+}
+
+/// A node that an update asks for.
+#[derive(Clone, Copy, Debug)]
+struct Want {
+    node: usize,
+    planes: u32,
+    /// Of the cut, not only something to fall back to.
+    needed: bool,
+}
+
+/// What one update did.
+#[derive(Clone, Debug, Default)]
+pub struct Update {
+    pub cut: Cut,
+    /// Of the cut; less than what was asked for where the pool is too small.
+    pub budget: u64,
+    /// Nodes of the cut that are not resident.
+    pub missing: usize,
+    /// Nodes of the cut that are resident with fewer planes than the view wants.
+    pub coarse: usize,
+    /// Missing nodes that nothing resident can stand in for.
+    pub holes: usize,
+    pub evicted: usize,
+    /// Read from the file since the last update.
+    pub bytes_read: u64,
+    /// Nodes that could not be read, each once, and memory that the device did not give.
+    pub errors: Vec<String>,
+}
+
+impl Update {
+    pub fn is_complete(&self) -> bool {
+        self.missing == 0 && self.coarse == 0
+    }
+}
+
+/// The nodes of an index on the device.
+pub struct Residency {
+    resident: Resident,
+    index: Arc<Index>,
+    // Before the pool is freed: its thread writes there.
+    loader: Loader,
+    /// Answers published, and those heard.
+    published: Arc<Timeline>,
+    heard: u64,
+    entries: HashMap<usize, Entry>,
+    unreadable: HashSet<usize>,
+    /// Pages that a submission may still read.
+    retired: Vec<(Run, u64)>,
+    /// The node numbers of `resident.nodes`.
+    drawn: Vec<usize>,
+    pages_coming: u32,
+    updates: u64,
+    /// Since the start.
+    pub bytes_read: u64,
+    pub evictions: u64,
+    unsaid: Update,
+}
+
+struct Mapped(Window);
+
+impl Destination for Mapped {
+    fn put(&mut self, page: u32, words: &[u32]) {
+        self.0.write((PAGE_BYTES * page as u64) as usize, bytemuck::cast_slice(words));
+    }
+}
+
+impl Residency {
+    /// `pool_bytes` of device memory at most.
+    pub fn open(gpu: &mut Gpu, index: Arc<Index>, shown: Shown, pool_bytes: u64) -> Result<Residency> {
+        let published = Arc::new(Timeline::new(&gpu.device, &gpu.memory.alive, "loaded")?);
+        let (counter, count) = (published.clone(), AtomicU64::new(0));
+        let publish = move || {
+            // A device that is lost is said by the frame.
+            let _ = counter.signal(count.fetch_add(1, Relaxed) + 1);
+        };
+        let loader = Loader::start(index.clone(), shown, publish)?;
+        // Point ids number at most so many nodes, and each has two pages or more.
+        let budget = (pool_bytes / PAGE_BYTES).min(2 * super::MOST_NODES) as u32;
+        let resident = Resident { pool: Pool::new(budget), nodes: Vec::new(), shown, points: index.directory.contents.points };
+        Ok(Residency {
+            resident,
+            index,
+            loader,
+            published,
+            heard: 0,
+            entries: HashMap::new(),
+            unreadable: HashSet::new(),
+            retired: Vec::new(),
+            drawn: Vec::new(),
+            pages_coming: 0,
+            updates: 0,
+            bytes_read: 0,
+            evictions: 0,
+            unsaid: Update::default(),
+        })
+    }
+
+    /// What the last update draws, for [`crate::resident::Resident`]'s users.
+    pub fn resident(&self) -> &Resident {
+        &self.resident
+    }
+
+    pub fn index(&self) -> &Index {
+        &self.index
+    }
+
+    /// The nodes that the last update draws.
+    pub fn drawn(&self) -> &[usize] {
+        &self.drawn
+    }
+
+    pub fn is_resident(&self, node: usize) -> bool {
+        self.here(node).is_some()
+    }
+
+    /// Bytes of the pool at most, and of them those in use.
+    pub fn pool_bytes(&self) -> [u64; 2] {
+        [self.resident.pool.pages.budget, self.resident.pool.pages.used].map(|pages| PAGE_BYTES * pages as u64)
+    }
+
+    /// Brings what the next frame draws up to date with the loader and the view. Never waits.
+    pub fn update(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
+        self.step(gpu, view, detail, true)
+    }
+
+    /// Waits until the cut is complete. Nodes that cannot be read are left out, and said in the outcome's errors.
+    pub fn settle(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail, progress: &dyn Progress) -> Result<Update> {
+        let mut whole = Update::default();
+        let mut stuck = 0;
+        loop {
+            let update = self.step(gpu, view, detail, false)?;
+            whole.errors.extend(update.errors.iter().cloned());
+            whole.bytes_read += update.bytes_read;
+            whole.evicted += update.evicted;
+            let total = update.cut.nodes.len() as u64;
+            progress.tick("loading", total - (update.missing + update.coarse) as u64, total)?;
+            if update.is_complete() {
+                return Ok(Update { errors: whole.errors, bytes_read: whole.bytes_read, evicted: whole.evicted, ..update });
+            }
+            if self.pages_coming > 0 {
+                if let Some(answer) = self.loader.wait(Duration::from_millis(100))? {
+                    self.take_in(answer);
+                    stuck = 0;
+                }
+                continue;
+            }
+            // The cut fits an empty pool: what is in the way are pages in the wrong places.
+            stuck += 1;
+            if stuck > 1 {
+                let [pool, _] = self.pool_bytes();
+                return Err(Error::Request(format!("a pool of {} MiB does not hold even the roots of this index", pool >> 20)));
+            }
+            self.evict_all(gpu)?;
+        }
+    }
+
+    /// Ends the loader and gives the memory back.
+    pub fn free(self, gpu: &mut Gpu) {
+        drop(self.loader);
+        self.resident.free(gpu);
+    }
+
+    fn step(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail, fall_back: bool) -> Result<Update> {
+        self.updates += 1;
+        for node in &self.drawn {
+            self.entries.get_mut(node).expect("what is drawn is resident").read_by = gpu.submitted;
+        }
+        self.hear()?;
+        self.reclaim(gpu)?;
+        let (cut, budget) = self.fitting(view, detail, fall_back);
+        let mut update = Update { cut, budget, ..std::mem::take(&mut self.unsaid) };
+        let wants = self.wants(view, detail, &update.cut, fall_back);
+        self.ask(gpu, &wants, &mut update)?;
+        for want in wants.iter().filter(|want| want.needed) {
+            match self.here(want.node) {
+                None => update.missing += 1,
+                Some(run) => update.coarse += (run.planes < want.planes) as usize,
+            }
+        }
+        update.holes = self.draw(view, &update.cut);
+        Ok(update)
+    }
+
+    fn here(&self, node: usize) -> Option<Run> {
+        self.entries.get(&node).and_then(|entry| entry.here)
+    }
+
+    /// Everything above a node, nearest first.
+    fn ancestors(&self, node: usize) -> impl Iterator<Item = usize> + '_ {
+        let above = |&node: &usize| Some(self.index.nodes()[node].parent as usize).filter(|&parent| parent != node);
+        std::iter::successors(above(&node), above)
+    }
+
+    fn is_root(&self, node: usize) -> bool {
+        node < self.index.directory.roots as usize
+    }
+
+    fn hear(&mut self) -> Result<()> {
+        let published = self.published.value()?;
+        while self.heard < published || self.loader.has_ended() {
+            match self.loader.answer()? {
+                Some(answer) => self.take_in(answer),
+                None => break,
+            }
+        }
+        Ok(())
+    }
+
+    fn take_in(&mut self, Answer { node, outcome }: Answer) {
+        self.heard += 1;
+        let entry = self.entries.get_mut(&node).expect("what is with the loader has an entry");
+        let run = entry.coming.take().expect("an answer for every destination");
+        self.pages_coming -= run.pages();
+        match outcome {
+            Outcome::Done(bytes) => {
+                let before = entry.here.replace(run);
+                let read_by = entry.read_by;
+                self.retired.extend(before.map(|before| (before, read_by)));
+                self.bytes_read += bytes;
+                self.unsaid.bytes_read += bytes;
+            }
+            Outcome::Dropped => self.retired.push((run, 0)),
+            Outcome::Failed(error) => {
+                self.retired.push((run, 0));
+                if self.unreadable.insert(node) {
+                    self.unsaid.errors.push(error.to_string());
+                }
+            }
+        }
+    }
+
+    /// Pages that no submission reads any more are free again.
+    fn reclaim(&mut self, gpu: &Gpu) -> Result<()> {
+        if !self.retired.is_empty() {
+            let passed = gpu.passed.value()?;
+            let pages = &mut self.resident.pool.pages;
+            self.retired.retain(|(run, read_by)| {
+                let free = *read_by <= passed;
+                if free {
+                    pages.give(run.first_page, run.pages());
+                }
+                !free
+            });
+        }
+        self.entries.retain(|_, entry| entry.here.is_some() || entry.coming.is_some());
+        Ok(())
+    }
+
+    /// The cut, or the finest one by halvings of its points whose pages an empty pool holds.
+    fn fitting(&self, view: &View, detail: &Detail, fall_back: bool) -> (Cut, u64) {
+        let mut detail = *detail;
+        loop {
+            let cut = cut::choose(&self.index, view, &detail, &self.unreadable);
+            let mut pages = Pages::new(self.resident.pool.pages.budget);
+            // Whatever is there to fall back to gives way, but for the roots.
+            let wants = self.wants(view, &detail, &cut, fall_back);
+            let stay = wants.iter().filter(|want| want.needed || self.is_root(want.node));
+            if detail.budget == 0 || stay.into_iter().all(|want| pages.take(want.planes + 1).is_some()) {
+                return (cut, detail.budget);
+            }
+            detail.budget = detail.budget.min(cut.points) / 2;
+        }
+    }
+
+    /// In the order of asking. To fall back to: the roots, and what lies above missing nodes, so that a missing node does not make all of a root coarse.
+    fn wants(&self, view: &View, detail: &Detail, cut: &Cut, fall_back: bool) -> Vec<Want> {
+        let mut above = BTreeSet::new();
+        if fall_back {
+            above.extend((0..self.index.directory.roots as usize).filter(|root| !self.unreadable.contains(root)));
+            for wanted in cut.nodes.iter().filter(|wanted| self.here(wanted.node).is_none()) {
+                let missing = self.ancestors(wanted.node).take_while(|&node| self.here(node).is_none());
+                above.extend(missing.filter(|node| !self.unreadable.contains(node)));
+            }
+            for wanted in &cut.nodes {
+                above.remove(&wanted.node);
+            }
+        }
+        let above = above.into_iter().map(|node| Want { node, planes: 1, needed: false });
+        let needed = cut.nodes.iter().map(|wanted| {
+            let record = &self.index.nodes()[wanted.node];
+            let planes = detail.precision.planes(view, &self.index.lattice(record), &self.frame(wanted.node), wanted.distance);
+            Want { node: wanted.node, planes, needed: true }
+        });
+        above.chain(needed).collect()
+    }
+
+    fn frame(&self, node: usize) -> Frame {
+        let record = &self.index.nodes()[node];
+        Frame { origin: record.origin, bits: record.bits as u32, extent: record.extent, planes: record.position_planes() }
+    }
+
+    /// Posts the newest wish-list, with pages for as much of it as may be under way at a time.
+    fn ask(&mut self, gpu: &mut Gpu, wants: &[Want], update: &mut Update) -> Result<()> {
+        let protected: HashMap<usize, bool> = wants.iter().map(|want| (want.node, want.needed)).collect();
+        let mut victims = None;
+        let mut list = Vec::new();
+        let mut enough = false;
+        for want in wants {
+            let (here, coming) = self.entries.get(&want.node).map_or((None, None), |entry| (entry.here, entry.coming));
+            if coming.is_some() {
+                list.push(Wish { node: want.node, planes: want.planes, destination: None });
+                continue;
+            }
+            if here.is_some_and(|run| run.planes >= want.planes) {
+                continue;
+            }
+            let pages = want.planes + 1;
+            // In order, as `fitting` has tried it: nothing smaller slips in before.
+            enough |= self.pages_coming > 0 && (self.pages_coming + pages) as u64 * PAGE_BYTES > UPLOAD_BYTES;
+            if enough {
+                continue;
+            }
+            let Some(first_page) = self.take(gpu, pages, want.needed, &protected, &mut victims, update)? else { continue };
+            let window = self.resident.pool.window(gpu, first_page, pages);
+            let run = Run { first_page, planes: want.planes };
+            self.entries.entry(want.node).or_default().coming = Some(run);
+            self.pages_coming += pages;
+            list.push(Wish { node: want.node, planes: want.planes, destination: Some(Box::new(Mapped(window))) });
+        }
+        if self.pages_coming > 0 {
+            self.loader.post(list);
+        }
+        Ok(())
+    }
+
+    /// A run of pages, if need be from nodes that were drawn least recently. What is only there to fall back to goes last, and for what is needed only.
+    fn take(
+        &mut self,
+        gpu: &mut Gpu,
+        pages: u32,
+        needed: bool,
+        protected: &HashMap<usize, bool>,
+        victims: &mut Option<Vec<(bool, u64, usize)>>,
+        update: &mut Update,
+    ) -> Result<Option<u32>> {
+        loop {
+            match self.resident.pool.take(gpu, pages) {
+                Ok(Some(first)) => return Ok(Some(first)),
+                Ok(None) => {}
+                Err(error) if self.resident.pool.allocated() == 0 => return Err(error),
+                Err(error) => {
+                    // The device has less than the budget: what it gave is the pool from now on.
+                    self.resident.pool.pages.budget = self.resident.pool.allocated();
+                    update.errors.push(format!("the pool stays at {} MiB: {error}", self.pool_bytes()[0] >> 20));
+                }
+            }
+            let victims = victims.get_or_insert_with(|| {
+                let passed = gpu.passed.value().unwrap_or(0);
+                let free = |(&node, entry): (&usize, &Entry)| {
+                    entry.here?;
+                    let kept = protected.get(&node).copied();
+                    let may_go = kept != Some(true) && !self.is_root(node) && entry.read_by <= passed;
+                    may_go.then_some((kept.is_some(), entry.drawn, node))
+                };
+                let mut victims: Vec<_> = self.entries.iter().filter_map(free).collect();
+                // Popped from the end.
+                victims.sort_unstable_by(|a, b| b.cmp(a));
+                victims
+            });
+            let Some((_, _, node)) = victims.pop_if(|(kept, _, _)| needed || !*kept) else { return Ok(None) };
+            let run = self.entries.get_mut(&node).and_then(|entry| entry.here.take()).expect("a victim is resident");
+            self.resident.pool.pages.give(run.first_page, run.pages());
+            self.evictions += 1;
+            update.evicted += 1;
+        }
+    }
+
+    /// Everything, so that the next pages are the first.
+    fn evict_all(&mut self, gpu: &Gpu) -> Result<()> {
+        self.drawn.clear();
+        self.resident.nodes.clear();
+        for entry in self.entries.values_mut() {
+            let run = entry.here.take().map(|run| (run, entry.read_by));
+            self.evictions += run.is_some() as u64;
+            self.retired.extend(run);
+        }
+        self.reclaim(gpu)
+    }
+
+    /// Decides what the frame draws; the number of holes.
+    fn draw(&mut self, view: &View, cut: &Cut) -> usize {
+        let mut drawn = BTreeSet::new();
+        let mut standing_in = HashSet::new();
+        let mut holes = 0;
+        for wanted in &cut.nodes {
+            if let Some(nodes) = self.finer(view, wanted.node) {
+                drawn.extend(nodes);
+            } else if let Some(ancestor) = self.ancestors(wanted.node).find(|&node| self.here(node).is_some()) {
+                standing_in.insert(ancestor);
+            } else {
+                holes += 1;
+            }
+        }
+        drawn.extend(&standing_in);
+        if !standing_in.is_empty() {
+            drawn.retain(|&node| !self.ancestors(node).any(|above| standing_in.contains(&above)));
+        }
+        self.drawn = drawn.into_iter().collect();
+        for node in &self.drawn {
+            self.entries.get_mut(node).expect("resident").drawn = self.updates;
+        }
+        let nodes = self.drawn.iter().enumerate().map(|(number, &node)| {
+            let Run { first_page, planes } = self.here(node).expect("resident");
+            let record = &self.index.nodes()[node];
+            let (lattice, frame) = (self.index.lattice(record), self.frame(node));
+            ResidentNode { lattice, frame, count: record.count, number: number as u32, first_page, planes }
+        });
+        self.resident.nodes = nodes.collect();
+        holes
+    }
+
+    /// The node itself, or those below that together show all of it that can be seen.
+    fn finer(&self, view: &View, node: usize) -> Option<Vec<usize>> {
+        let mut found = Vec::new();
+        let mut open = vec![node];
+        while let Some(node) = open.pop() {
+            let record = &self.index.nodes()[node];
+            if self.here(node).is_some() {
+                found.push(node);
+            } else if record.is_leaf() {
+                return None;
+            } else {
+                open.extend(record.children().filter(|&child| view.least_depth(self.index.bounds(&self.index.nodes()[child])).is_some()));
+            }
+        }
+        Some(found)
+    }
+}

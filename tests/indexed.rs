@@ -1,0 +1,128 @@
+//! Pictures of an index, as a user asks for them: the same as of the file itself where everything is drawn, and otherwise what `--budget`, `--lod` and `--pool` say.
+
+mod support;
+
+use pointillist::index::file::{Index, Plane};
+use pointillist::synth::Scene;
+use serde_json::Value;
+use std::path::PathBuf;
+use support::{failed, pointillist, read_exr, read_png, render, run, scan, succeeded, text};
+
+/// A scan, and its index.
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    fn new(points: u64) -> Place {
+        let place = Place { folder: tempfile::tempdir().unwrap() };
+        scan(&place.at("street.las"), Scene::Street, points);
+        succeeded(&pointillist().arg("index").arg(place.at("street.las")).arg("-o").arg(place.at("street.pnti")).output().unwrap());
+        place
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn render(&self, name: &str, line: &str) -> std::process::Output {
+        render(&self.at(name), &line.replace('@', &format!("{}/", self.folder.path().display())))
+    }
+
+    fn explained(&self, name: &str, line: &str) -> Value {
+        let output = self.render(name, &format!("{line} --explain=json"));
+        succeeded(&output);
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+}
+
+#[test]
+fn an_index_drawn_to_its_leaves_is_the_picture_of_the_file() {
+    let place = Place::new(300_000);
+    let look = "--effect edl=off --size 480x270 --camera @cam.json";
+    std::fs::write(place.at("cam.json"), r#"{"eye": [-30, -25, 25], "target": [10, 0, 2]}"#).unwrap();
+    for color in ["rgb", "intensity", "elevation", "class", "return"] {
+        succeeded(&place.render("street.las", &format!("{look} --color {color} -o @file.png")));
+        succeeded(&place.render("street.pnti", &format!("{look} --color {color} --lod 0 --budget 1000000 -o @index.png")));
+        let [file, index] = ["file.png", "index.png"].map(|name| read_png(&place.at(name)));
+        // Nodes have other origins, so f32 arithmetic may round a point into the neighbouring pixel.
+        let differ = file.pixels.iter().zip(&index.pixels).filter(|(a, b)| a != b).count();
+        assert!(differ < file.pixels.len() / 1000, "{color}: {differ} pixels differ");
+    }
+}
+
+#[test]
+fn what_is_shown_by_default_and_from_where_is_as_for_the_file() {
+    let place = Place::new(200_000);
+    let [file, index] = ["street.las", "street.pnti"].map(|name| place.explained(name, "-o @a.png --size 320x200"));
+    assert_eq!(file["color"], index["color"]);
+    let eye = |explained: &Value| [0, 1, 2].map(|axis| explained["camera"]["eye"][axis].as_f64().unwrap());
+    let (a, b) = (eye(&file), eye(&index));
+    assert!((0..3).all(|axis| (a[axis] - b[axis]).abs() < 3.0), "{a:?} {b:?}");
+    let absent = place.render("street.pnti", "-o @a.png --color normal");
+    assert!(failed(&absent, 1).contains("--color normal"));
+}
+
+#[test]
+fn budget_and_lod_and_pool_decide_the_cut_and_explain_says_it() {
+    let place = Place::new(400_000);
+    let cut = |line: &str| place.explained("street.pnti", &format!("-o @a.png --size 640x360 {line}"))["index"].clone();
+    let usual = cut("");
+    assert!(usual["points"].as_u64().unwrap() <= 2 * 640 * 360 && usual["budget"] == 2 * 640 * 360, "{usual}");
+    let coarse = cut("--lod 20");
+    assert!(coarse["points"].as_u64() < usual["points"].as_u64() && coarse["largest_error_px"].as_f64().unwrap() <= 20.0, "{coarse}");
+    assert!(coarse["bytes_read"].as_u64() < usual["bytes_read"].as_u64());
+    let bounded = cut("--lod 0 --budget 100000");
+    assert!(bounded["points"].as_u64().unwrap() <= 100_000 && bounded["largest_error_px"].as_f64().unwrap() > 0.0, "{bounded}");
+    let all = cut("--lod 0 --budget 1000000");
+    assert_eq!((&all["largest_error_px"], all["notes"].as_array().unwrap().len()), (&Value::from(0.0), 0), "{all}");
+    let said = succeeded(&place.render("street.pnti", "-o @a.png --lod 0 --budget 1000000 --pool 2MiB --explain"));
+    assert!(said.contains("--pool") && said.contains("cut: ") && said.contains("read: ") && said.contains("left out"), "{said}");
+    for wrong in ["--lod -1", "--lod nan", "--budget many", "--pool much"] {
+        failed(&place.render("street.pnti", &format!("-o @a.png {wrong}")), 2);
+    }
+}
+
+#[test]
+fn the_same_index_gives_the_same_bits() {
+    let place = Place::new(200_000);
+    let layers = |pool: &str| {
+        succeeded(&place.render("street.pnti", &format!("--exr @a.exr --size 320x200 --lod 2 --pool {pool}")));
+        read_exr(&place.at("a.exr")).layers
+    };
+    let first = layers("1GiB");
+    assert!(first == layers("1GiB") && first == layers("24MiB"));
+}
+
+#[test]
+fn damage_is_said_and_drawn_around_and_strict_refuses_it() {
+    let place = Place::new(200_000);
+    let index = Index::open(&place.at("street.pnti")).unwrap();
+    let leaf = index.nodes().iter().position(|node| node.is_leaf()).unwrap();
+    let at = index.nodes()[leaf].range(Plane::Coarse).0 as usize;
+    let mut bytes = std::fs::read(index.path()).unwrap();
+    bytes[at + 100] ^= 1;
+    std::fs::write(place.at("damaged.pnti"), bytes).unwrap();
+    let said = succeeded(&place.render("damaged.pnti", "-o @a.png --lod 0 --budget 1000000 --size 320x200"));
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(said.contains("note: ") && said.contains("damaged.pnti") && said.contains(&format!("node {leaf}'s")), "{said}");
+    std::fs::remove_file(place.at("a.png")).unwrap();
+    failed(&place.render("damaged.pnti", "-o @a.png --lod 0 --budget 1000000 --size 320x200 --strict"), 1);
+    assert!(!place.at("a.png").exists());
+}
+
+#[test]
+fn an_index_is_drawn_alone_and_is_known_by_what_it_begins_with() {
+    let place = Place::new(70_000);
+    let both = run([place.at("street.pnti"), place.at("street.las")].iter().fold(
+        vec!["render".into(), "-o".into(), place.at("a.png").into_os_string()],
+        |mut line: Vec<std::ffi::OsString>, path| {
+            line.push(path.into());
+            line
+        },
+    ));
+    assert!(failed(&both, 1).contains("alone"));
+    std::fs::rename(place.at("street.pnti"), place.at("street.las")).unwrap();
+    let output = place.render("street.las", "-o @a.png --size 64x64 --explain");
+    assert!(text(&output.stderr).contains("cut: "), "{}", text(&output.stderr));
+}
