@@ -127,7 +127,9 @@ impl Tree {
 impl Report<'_> {
     fn text(&self, path: &Path) -> String {
         let mut out = format!("{}\n", path.display());
-        let mut line = |what: &str, value: String| drop(writeln!(out, "  {what:<18} {value}"));
+        let mut line = |what: &str, value: String| {
+            let _ = writeln!(out, "  {what:<18} {value}");
+        };
         line("format", "pointillist index".into());
         line("points", self.points.to_string());
         if let Some(Bounds { min, max }) = &self.bounds {
