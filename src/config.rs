@@ -35,6 +35,12 @@ pub const UPLOAD_BYTES: u64 = 32 << 20;
 /// Device memory for the pages of an index when nothing is asked for: the cut of a large picture several times over.
 pub const POOL_BYTES: u64 = 1 << 30;
 
+/// Files with more points than this are indexed before they are drawn: whole clouds take 60 bytes a point.
+pub const WHOLE_POINTS: u64 = 20_000_000;
+
+/// Memory for points on their way into an index: a tenth of a billion points then take one pass through a temporary file.
+pub const INDEX_MEMORY: u64 = 2 << 30;
+
 /// Size of a picture when nothing is asked for.
 pub const SIZE: [u32; 2] = [1920, 1080];
 

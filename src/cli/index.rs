@@ -2,6 +2,7 @@
 
 use super::render::refuse_to_overwrite;
 use crate::cloud::Wanted;
+use crate::config;
 use crate::error::{Error, Result};
 use crate::index::build::{self, Options, Summary};
 use crate::progress::Progress;
@@ -26,7 +27,7 @@ pub struct Arguments {
     #[arg(short, long, value_name = "OUT.pnti")]
     pub output: PathBuf,
     /// Memory for points on their way; what does not fit goes to a temporary file beside the index
-    #[arg(long, value_name = "BYTES", default_value = "2GiB")]
+    #[arg(long, value_name = "BYTES", default_value_t = Bytes(config::INDEX_MEMORY))]
     pub memory: Bytes,
     /// Threads [default: one a core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
@@ -70,7 +71,9 @@ impl std::str::FromStr for Bytes {
 
 impl std::fmt::Display for Bytes {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}", self.0)
+        let units = [(1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"), (1, "")];
+        let (size, unit) = units.into_iter().find(|&(size, _)| self.0.is_multiple_of(size)).unwrap_or((1, ""));
+        write!(f, "{}{unit}", self.0 / size)
     }
 }
 
@@ -82,8 +85,9 @@ impl Arguments {
         if self.memory.0 < LEAST_MEMORY {
             return Err(Error::Request(format!("--memory {} is too little; 64MiB is the least", self.memory)));
         }
-        let threads = self.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), |threads| threads as usize);
-        Ok(Options { memory: self.memory.0, threads, wanted: Wanted { gps_time: self.gps_time, ..Wanted::ALL }, strict: self.strict })
+        let usual = Options::usual(self.strict);
+        let threads = self.threads.map_or(usual.threads, |threads| threads as usize);
+        Ok(Options { memory: self.memory.0, threads, wanted: Wanted { gps_time: self.gps_time, ..usual.wanted }, ..usual })
     }
 }
 

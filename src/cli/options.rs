@@ -8,6 +8,7 @@ use crate::config;
 use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::gpu::Wish;
+use crate::index::cache;
 use crate::look::Wishes;
 use crate::passes::Effects;
 use crate::passes::project::Precision;
@@ -42,29 +43,53 @@ pub struct PictureOptions {
     pub detail: DetailOptions,
 }
 
-/// How much of an index a picture shows.
+/// How much of a cloud a picture shows.
 #[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = "Picture of an index")]
+#[command(next_help_heading = "Large clouds")]
 pub struct DetailOptions {
     /// Points to draw at most [default: 2 for every pixel]; what does not fit is drawn from coarser nodes, those that show it least first
     #[arg(long, value_name = "POINTS")]
     pub budget: Option<u64>,
-    /// Refine until samples lie this near to each other; 0 draws every point that the budget allows, 4 a sixteenth as many, with gaps
-    #[arg(long, value_name = "PIXELS", default_value_t = config::LOD_PX, value_parser = pixels)]
-    pub lod: f64,
+    /// Refine until samples lie this near to each other [default: 1]; 0 draws every point that the budget allows, 4 a sixteenth as many, with gaps
+    #[arg(long, value_name = "PIXELS", value_parser = pixels)]
+    pub lod: Option<f64>,
     /// Device memory for nodes [default: 1GiB]; a picture that needs more is coarser, and says so
     #[arg(long, value_name = "BYTES")]
     pub pool: Option<Bytes>,
+    /// Where indexes of files are kept that are too large to be drawn whole, or drawn with --budget or --lod [default: pointillist in the user's cache folder]
+    #[arg(long, value_name = "FOLDER")]
+    pub cache_dir: Option<PathBuf>,
+    /// Keep no index: make it again each time
+    #[arg(long, conflicts_with = "cache_dir")]
+    pub no_cache: bool,
 }
 
 impl DetailOptions {
     pub fn of(&self, size: [u32; 2]) -> Detail {
         let usual = Detail::of(size);
-        Detail { budget: self.budget.unwrap_or(usual.budget), lod_px: self.lod, ..usual }
+        Detail { budget: self.budget.unwrap_or(usual.budget), lod_px: self.lod.unwrap_or(usual.lod_px), ..usual }
     }
 
     pub fn pool_bytes(&self) -> u64 {
         self.pool.map_or(config::POOL_BYTES, |bytes| bytes.0)
+    }
+
+    /// Whether files have to be indexed before they are drawn, and why.
+    pub fn needs_index(&self, files: &[PathBuf]) -> Result<Option<String>> {
+        if self.budget.is_some() || self.lod.is_some() {
+            return Ok(Some("--budget and --lod choose among the nodes of an index".into()));
+        }
+        let points = crate::cloud::stream::about(files)?;
+        let many = points > config::WHOLE_POINTS;
+        Ok(many.then(|| format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)))
+    }
+
+    pub fn place(&self) -> Result<cache::Place> {
+        match &self.cache_dir {
+            _ if self.no_cache => Ok(cache::Place::Nowhere),
+            Some(folder) => Ok(cache::Place::Folder(folder.clone())),
+            None => cache::Place::usual(),
+        }
     }
 }
 

@@ -22,7 +22,8 @@ Examples:
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
   pointillist render scan.laz -o out.png --explain --timings
-  pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less";
+  pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
+  pointillist render huge.las -o out.png                   indexed first, and found again the next time";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = help())]
@@ -68,7 +69,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     let wishes = arguments.picture.wishes()?;
     let mut stages = Stages::new();
-    let source = Source::open(&arguments.files, &arguments.picture.read_options(arguments.strict), progress)?;
+    let source = Source::open(&arguments.files, &arguments.picture.read_options(arguments.strict), &arguments.picture.detail, progress)?;
     source.notes().iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
     let view = arguments.picture.view(&source)?;

@@ -1,11 +1,13 @@
 //! What a picture is made of: files that are read whole, or an index, of which only what the picture shows is read. One flow for both.
 
-use super::options::name;
+use super::options::{DetailOptions, name};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{self, Cloud, ReadOptions};
 use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
+use crate::index::build;
+use crate::index::cache::{self, Cached};
 use crate::index::file::{Index, Plane};
 use crate::progress::Progress;
 use crate::resident::{Residency, Resident, residency::Update};
@@ -20,16 +22,28 @@ pub enum Source {
 }
 
 impl Source {
-    /// An index is opened alone: what belongs together is indexed together.
-    pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -> Result<Source> {
+    /// An index is opened alone: what belongs together is indexed together. Files too large to be drawn whole are indexed first, or their index is found.
+    pub fn open(paths: &[PathBuf], options: &ReadOptions, detail: &DetailOptions, progress: &dyn Progress) -> Result<Source> {
         match paths.iter().find(|path| Index::is_one(path)) {
-            Some(path) if paths.len() == 1 => Ok(Source::Index(Arc::new(Index::open(path)?))),
-            Some(path) => Err(Error::Request(format!(
-                "{} is an index, and is drawn alone; `pointillist index` makes one of several files",
-                path.display()
-            ))),
-            None => Ok(Source::Files(cloud::read(paths, options, progress)?)),
+            Some(path) if paths.len() == 1 => return Ok(Source::Index(Arc::new(Index::open(path)?))),
+            Some(path) => {
+                return Err(Error::Request(format!(
+                    "{} is an index, and is drawn alone; `pointillist index` makes one of several files",
+                    path.display()
+                )));
+            }
+            None => {}
         }
+        let Some(why) = detail.needs_index(paths)? else {
+            return Ok(Source::Files(cloud::read(paths, options, progress)?));
+        };
+        let build = build::Options::usual(options.strict);
+        let Cached { index, made } = cache::find_or_build(paths, &detail.place()?, &build, progress)?;
+        match made {
+            Some(made) => eprintln!("pointillist: indexed in {:.1} s, because {why}; kept: {}", made.seconds, kept(&detail.place()?)),
+            None => eprintln!("pointillist: drawn from {}, because {why}", index.path().display()),
+        }
+        Ok(Source::Index(Arc::new(index)))
     }
 
     pub fn notes(&self) -> &[String] {
@@ -107,6 +121,13 @@ impl Source {
             Source::Files(cloud) => Brought::Whole(Resident::fill(gpu, cloud, shown, progress)?),
             Source::Index(index) => Brought::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?)),
         })
+    }
+}
+
+fn kept(place: &cache::Place) -> String {
+    match place {
+        cache::Place::Folder(folder) => format!("in {}", folder.display()),
+        cache::Place::Nowhere => "not at all".into(),
     }
 }
 

@@ -72,6 +72,19 @@ pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, n
     Ok(sources)
 }
 
+/// About how many points files hold, from their headers, or for formats that must be read to know from their lengths.
+pub fn about(paths: &[PathBuf]) -> Result<u64> {
+    /// Of a record of position and colour; text takes more.
+    const BYTES_PER_POINT: u64 = 16;
+    let mut points = 0u64;
+    for path in paths {
+        let input = Input::open(path)?;
+        let is_las = input.take(0, las::MAGIC.len() as u64)? == las::MAGIC;
+        points += if is_las { Las::open(&input, Wanted::default(), &mut Vec::new())?.points() } else { input.length / BYTES_PER_POINT };
+    }
+    Ok(points)
+}
+
 impl Source {
     pub fn path(&self) -> &Path {
         &self.path

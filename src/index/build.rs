@@ -19,6 +19,7 @@ use super::samples::{Cell, Samples};
 use crate::cloud::attribute::STRETCH;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::{Lattice, ReadOptions, Station, Wanted};
+use crate::config::INDEX_MEMORY;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use rayon::prelude::*;
@@ -37,6 +38,14 @@ pub struct Options {
     pub wanted: Wanted,
     /// Refuse files that are cut off or lie, instead of indexing what is readable.
     pub strict: bool,
+}
+
+impl Options {
+    /// As `index` does it when nothing is asked for.
+    pub fn usual(strict: bool) -> Options {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        Options { memory: INDEX_MEMORY, threads, wanted: Wanted { gps_time: false, ..Wanted::ALL }, strict }
+    }
 }
 
 /// What became of it.

@@ -6,6 +6,7 @@
 
 mod bucket;
 pub mod build;
+pub mod cache;
 pub mod file;
 mod grow;
 mod map;

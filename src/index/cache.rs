@@ -1,0 +1,104 @@
+//! Indexes of files that are drawn without one, kept in the user's cache folder.
+//!
+//! In: files. Out: an index of them, made now or found again. What names it is a hash of each file's place, length, time of change and contents: of the
+//! contents 64 samples of 16 KiB, because reading a terabyte to find out whether it is the same would take longer than anybody waits; a file that is
+//! edited in between, with its length and time kept, is not noticed. An index that is damaged is made again.
+
+use super::build::{self, Options, Summary};
+use super::file::Index;
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Changes whenever an index of the same files would be another one.
+const GENERATION: u32 = 1;
+
+const SAMPLES: u64 = 64;
+const SAMPLE_BYTES: u64 = 16 << 10;
+
+/// Where indexes are kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Place {
+    Folder(PathBuf),
+    /// Nowhere: made in the system's temporary folder, and gone with the process.
+    Nowhere,
+}
+
+impl Place {
+    /// The user's own cache folder.
+    pub fn usual() -> Result<Place> {
+        let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+        let folder = set("XDG_CACHE_HOME").filter(|path| path.is_absolute()).or_else(|| set("HOME").map(|home| home.join(".cache")));
+        let folder = folder.ok_or_else(|| {
+            Error::Request("there is no cache folder (neither HOME nor XDG_CACHE_HOME is set); give --cache-dir or --no-cache".into())
+        })?;
+        Ok(Place::Folder(folder.join("pointillist")))
+    }
+}
+
+/// An index, and how it came about: nothing where it was found.
+pub struct Cached {
+    pub index: Index,
+    pub made: Option<Summary>,
+}
+
+pub fn find_or_build(paths: &[PathBuf], place: &Place, options: &Options, progress: &dyn Progress) -> Result<Cached> {
+    let name = format!("{}-{}.pnti", stem(&paths[0]), key(paths, options)?);
+    match place {
+        Place::Folder(folder) => {
+            let path = folder.join(name);
+            if path.exists() {
+                match Index::open(&path) {
+                    Ok(index) => return Ok(Cached { index, made: None }),
+                    // Not worth a word: it is made again.
+                    Err(_) => drop(std::fs::remove_file(&path)),
+                }
+            }
+            std::fs::create_dir_all(folder).map_err(|error| Error::io("create", folder, error))?;
+            let made = build::build(paths, &path, options, progress)?;
+            Ok(Cached { index: Index::open(&path)?, made: Some(made) })
+        }
+        Place::Nowhere => {
+            let path = std::env::temp_dir().join(format!("pointillist-{}-{name}", std::process::id()));
+            let made = build::build(paths, &path, options, progress)?;
+            let index = Index::open(&path);
+            // Its pages stay as long as it is open.
+            std::fs::remove_file(&path).map_err(|error| Error::io("remove", &path, error))?;
+            Ok(Cached { index: index?, made: Some(made) })
+        }
+    }
+}
+
+/// A readable beginning for the name.
+fn stem(path: &Path) -> String {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    stem.chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_')).take(40).collect()
+}
+
+fn key(paths: &[PathBuf], options: &Options) -> Result<String> {
+    let mut hash = blake3::Hasher::new();
+    hash.update(&GENERATION.to_le_bytes());
+    hash.update(format!("{:?} {}", options.wanted, options.strict).as_bytes());
+    for path in paths {
+        let failed = |error| Error::io("read", path, error);
+        let place = path.canonicalize().map_err(failed)?;
+        let mut file = File::open(path).map_err(failed)?;
+        let metadata = file.metadata().map_err(failed)?;
+        hash.update(place.as_os_str().as_encoded_bytes());
+        hash.update(&metadata.len().to_le_bytes());
+        let changed = metadata.modified().ok().and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok()).unwrap_or_default();
+        hash.update(&changed.as_nanos().to_le_bytes());
+        let mut sample = Vec::new();
+        for k in 0..SAMPLES {
+            // From the first bytes to the last.
+            let at = metadata.len().saturating_sub(SAMPLE_BYTES) as u128 * k as u128 / (SAMPLES - 1) as u128;
+            sample.clear();
+            file.seek(SeekFrom::Start(at as u64)).map_err(failed)?;
+            file.by_ref().take(SAMPLE_BYTES).read_to_end(&mut sample).map_err(failed)?;
+            hash.update(&sample);
+        }
+    }
+    Ok(hash.finalize().to_hex()[..16].to_string())
+}
