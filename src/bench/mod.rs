@@ -1,6 +1,7 @@
 //! Times of passes at fixed views and sizes, as rows that a table, JSON and a saved baseline share.
 
 pub mod flight;
+pub mod index;
 pub mod project;
 
 use crate::error::{Error, Result};

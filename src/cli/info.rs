@@ -10,8 +10,10 @@
 //! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `notes` [`line`]. An attribute that a part lacks is absent.
 
+use super::indexed_info;
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
+use crate::index::file::Index;
 use crate::progress::Progress;
 use glam::DVec3;
 use serde::Serialize;
@@ -23,9 +25,10 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "Examples:
   pointillist info scan.laz                  counts, bounds, attributes, stations, spacing
   pointillist info --json a.las b.e57        both as one cloud, one JSON object
+  pointillist info site.pnti                 an index: what went into it, and the tree
   pointillist info --strict survey.las       exit code 1 if anything is cut off or the header lies")]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT
+    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
 
@@ -39,13 +42,10 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
-    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict };
-    let cloud = cloud::read(&arguments.files, &options, progress)?;
-    let report = Report::new(&cloud);
-    let mut text = if arguments.json {
-        serde_json::to_string_pretty(&report).map_err(|error| Error::Request(format!("the report cannot be written as JSON: {error}")))?
-    } else {
-        report.text()
+    let mut text = match arguments.files.iter().find(|path| Index::is_one(path)) {
+        Some(path) if arguments.files.len() == 1 => indexed_info::report(path, arguments.json)?,
+        Some(path) => return Err(Error::Request(format!("{} is an index; ask about it alone", path.display()))),
+        None => of_files(arguments, progress)?,
     };
     text.push('\n');
     match std::io::stdout().lock().write_all(text.as_bytes()) {
@@ -53,6 +53,17 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::io("write", Path::new("standard output"), error)),
         _ => Ok(()),
     }
+}
+
+fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
+    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict };
+    let cloud = cloud::read(&arguments.files, &options, progress)?;
+    let report = Report::new(&cloud);
+    if arguments.json {
+        return serde_json::to_string_pretty(&report)
+            .map_err(|error| Error::Request(format!("the report cannot be written as JSON: {error}")));
+    }
+    Ok(report.text())
 }
 
 const HOW_SPACING: &str = "median distance to the nearest other point, of about 2000 points spread evenly through the file";
@@ -197,7 +208,7 @@ impl<'a> Report<'a> {
 }
 
 /// Stations and classes beyond this many are counted, not listed, in text.
-const LISTED: usize = 16;
+pub const LISTED: usize = 16;
 
 impl<'a> PartReport<'a> {
     fn new(part: &'a Part, index: usize, cloud: &Cloud) -> Self {

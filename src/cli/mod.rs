@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod index;
+pub mod indexed_info;
 pub mod info;
 pub mod options;
 pub mod render;

@@ -2,23 +2,23 @@
 //!
 //! In: batches of columns, from any thread. Out: for each cell of a Morton-ordered grid its points as records of fixed width, in blocks. Blocks stay in
 //! memory up to a limit; beyond it full blocks go to one nameless temporary file, which the system removes with the process, however that ends.
-//! A batch is first sorted by cell, so that a bucket is locked once a batch and not once a point.
+//! A batch is first sorted by cell, so that a bucket is locked once a batch and not once a point. A bucket that gets more points than a chunk may have
+//! becomes a grid of finer buckets there and then, so that hardly any point is moved twice.
 
 use super::morton;
 use super::samples::{Cell, Samples};
 use crate::cloud::color::to_8_bits;
 use crate::cloud::{Columns, Wanted};
 use crate::error::{Error, Result};
-use rayon::prelude::*;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
 
-/// A grid has 2^5 cells along each axis.
-pub const GRID_BITS: u32 = 5;
-const CELLS: usize = 1 << (3 * GRID_BITS);
+/// The first grid has 2^5 cells along each axis, those within a bucket that got too full 2^3: there may be many.
+const FIRST_LEVELS: u32 = 5;
+const FINER_LEVELS: u32 = 3;
 
 /// A block in memory, or on the disk once memory is full.
 const BLOCK_BYTES: usize = 64 << 10;
@@ -130,9 +130,11 @@ enum Block {
 /// The points of one cell.
 #[derive(Debug, Default)]
 pub struct Bucket {
-    pub points: u64,
+    points: u64,
     blocks: Vec<Block>,
     tail: Vec<u8>,
+    /// Where its points are once it has been too full.
+    finer: Option<Arc<Grid>>,
 }
 
 /// Memory and disk that all buckets share.
@@ -157,6 +159,12 @@ impl Spill {
         let file = File::options().read(true).write(true).create(true).truncate(true).open(&path).map_err(failed)?;
         std::fs::remove_file(&path).map_err(failed)?;
         Ok(Spill { path, file, end: AtomicU64::new(0), used: AtomicU64::new(0), limit })
+    }
+
+    /// Forgets everything, once no bucket is left.
+    pub fn reset(&self) {
+        self.used.store(0, Relaxed);
+        self.end.store(0, Relaxed);
     }
 
     pub fn bytes_on_disk(&self) -> u64 {
@@ -221,38 +229,15 @@ impl Bucket {
     }
 }
 
-impl Bucket {
-    /// The same on all threads, in pieces of about `bytes`; what they hold is forgotten as they are taken.
-    pub fn par_drain(self, spill: &Spill, bytes: usize, take: &(dyn Fn(&[u8]) -> Result<()> + Sync)) -> Result<()> {
-        let mut pieces: Vec<Bucket> = Vec::new();
-        let mut room = 0;
-        for block in self.blocks {
-            if room == 0 {
-                pieces.push(Bucket::default());
-                room = bytes;
-            }
-            room = room.saturating_sub(match &block {
-                Block::Memory(bytes) => bytes.len(),
-                Block::Disk { bytes, .. } => *bytes as usize,
-            });
-            pieces.last_mut().expect("just pushed").blocks.push(block);
-        }
-        pieces.push(Bucket { tail: self.tail, ..Bucket::default() });
-        pieces.into_par_iter().try_for_each(|piece| {
-            let mut records = Vec::new();
-            piece.drain(spill, &mut |block| {
-                records.extend_from_slice(block);
-                Ok(())
-            })?;
-            take(&records)
-        })
-    }
-}
-
 /// A grid of buckets over the cube of 2^`bits` steps at `corner`; the buckets in Morton order.
+#[derive(Debug)]
 pub struct Grid {
     corner: Cell,
     bits: u32,
+    /// It has 2^levels cells along each axis.
+    pub levels: u32,
+    /// Points that a bucket may have.
+    limit: u64,
     stride: usize,
     buckets: Vec<Mutex<Bucket>>,
 }
@@ -266,55 +251,20 @@ pub struct Sorter {
 }
 
 impl Grid {
-    pub fn new(corner: Cell, bits: u32, stride: usize) -> Grid {
-        Grid { corner, bits, stride, buckets: (0..CELLS).map(|_| Mutex::default()).collect() }
+    /// Over a whole tree, whose lattice starts at 0.
+    pub fn new(bits: u32, stride: usize, limit: u64) -> Grid {
+        Grid::over([0; 3], bits, FIRST_LEVELS, stride, limit)
     }
 
-    /// Bits of the Morton code that a bucket's cell leaves open.
-    pub fn cell_bits(&self) -> u32 {
-        3 * self.bits.saturating_sub(GRID_BITS)
+    fn over(corner: Cell, bits: u32, levels: u32, stride: usize, limit: u64) -> Grid {
+        let levels = levels.min(bits);
+        Grid { corner, bits, levels, limit, stride, buckets: (0..1 << (3 * levels)).map(|_| Mutex::default()).collect() }
     }
 
     fn number(&self, q: Cell) -> u16 {
-        let shift = self.bits.saturating_sub(GRID_BITS);
-        morton::code([0, 1, 2].map(|axis| (q[axis] - self.corner[axis]) >> shift)) as u16
-    }
-
-    /// Distributes `count` points; `cell` and `write` say where the `i`th lies and what its record is.
-    fn scatter(
-        &self,
-        count: usize,
-        cell: impl Fn(usize) -> Cell,
-        mut write: impl FnMut(usize, &mut [u8]),
-        sorter: &mut Sorter,
-        spill: &Spill,
-    ) -> Result<()> {
-        let Sorter { cells, starts, records } = sorter;
-        starts.clear();
-        starts.resize(CELLS + 1, 0);
-        cells.clear();
-        cells.extend((0..count).map(|i| self.number(cell(i))));
-        cells.iter().for_each(|&cell| starts[cell as usize + 1] += 1);
-        let mut occupied = Vec::new();
-        for cell in 0..CELLS {
-            if starts[cell + 1] > 0 {
-                occupied.push(cell);
-            }
-            starts[cell + 1] += starts[cell];
-        }
-        let ends: Vec<(usize, usize, usize)> = occupied.iter().map(|&c| (c, starts[c] as usize, starts[c + 1] as usize)).collect();
-        records.resize(count * self.stride, 0);
-        for (i, &cell) in cells.iter().enumerate() {
-            let slot = &mut starts[cell as usize];
-            let at = *slot as usize * self.stride;
-            write(i, &mut records[at..at + self.stride]);
-            *slot += 1;
-        }
-        for (cell, start, end) in ends {
-            let mut bucket = self.buckets[cell].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            bucket.append(&records[start * self.stride..end * self.stride], self.stride, spill)?;
-        }
-        Ok(())
+        let shift = self.bits - self.levels;
+        let along = |axis: usize| (q[axis] - self.corner[axis]) >> shift;
+        morton::code([along(0), along(1), along(2)]) as u16
     }
 
     /// A batch of a file; `cells` are its points on the tree's lattice.
@@ -328,16 +278,85 @@ impl Grid {
         sorter: &mut Sorter,
         spill: &Spill,
     ) -> Result<()> {
-        self.scatter(cells.len(), |i| cells[i], |i, record| layout.write(record, cells[i], columns, i, wide, part), sorter, spill)
+        let Sorter { cells: numbers, starts, records } = sorter;
+        starts.clear();
+        starts.resize(self.buckets.len() + 1, 0);
+        numbers.clear();
+        numbers.extend(cells.iter().map(|&q| self.number(q)));
+        numbers.iter().for_each(|&number| starts[number as usize + 1] += 1);
+        let mut runs = Vec::new();
+        for number in 0..self.buckets.len() {
+            let (start, count) = (starts[number] as usize, starts[number + 1] as usize);
+            if count > 0 {
+                runs.push((number as u16, start, start + count));
+            }
+            starts[number + 1] += starts[number];
+        }
+        records.resize(cells.len() * self.stride, 0);
+        for (i, &number) in numbers.iter().enumerate() {
+            let slot = &mut starts[number as usize];
+            let at = *slot as usize * self.stride;
+            layout.write(&mut records[at..at + self.stride], cells[i], columns, i, wide, part);
+            *slot += 1;
+        }
+        runs.into_iter().try_for_each(|(number, start, end)| self.append(number, &records[start * self.stride..end * self.stride], spill))
     }
 
-    /// Records of a bucket that was too full.
-    pub fn add_records(&self, from: &[u8], sorter: &mut Sorter, spill: &Spill) -> Result<()> {
-        let record = |i: usize| &from[i * self.stride..(i + 1) * self.stride];
-        self.scatter(from.len() / self.stride, |i| Layout::cell(record(i)), |i, to| to.copy_from_slice(record(i)), sorter, spill)
+    /// Records that were in a coarser bucket; few, so sorting them is cheaper than counting.
+    fn add_records(&self, from: &[u8], spill: &Spill) -> Result<()> {
+        let mut order: Vec<(u16, u32)> =
+            from.chunks_exact(self.stride).enumerate().map(|(i, record)| (self.number(Layout::cell(record)), i as u32)).collect();
+        order.sort_unstable();
+        let mut records = Vec::with_capacity(from.len());
+        for run in order.chunk_by(|a, b| a.0 == b.0) {
+            records.clear();
+            run.iter().for_each(|&(_, i)| records.extend_from_slice(&from[i as usize * self.stride..][..self.stride]));
+            self.append(run[0].0, &records, spill)?;
+        }
+        Ok(())
     }
 
-    pub fn into_buckets(self) -> Vec<Bucket> {
-        self.buckets.into_iter().map(|bucket| bucket.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())).collect()
+    fn append(&self, number: u16, records: &[u8], spill: &Spill) -> Result<()> {
+        let mut bucket = self.buckets[number as usize].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if let Some(finer) = bucket.finer.clone() {
+            drop(bucket);
+            return finer.add_records(records, spill);
+        }
+        bucket.append(records, self.stride, spill)?;
+        if bucket.points <= self.limit || self.bits == self.levels {
+            return Ok(());
+        }
+        let shift = self.bits - self.levels;
+        let corner = std::array::from_fn(|axis| self.corner[axis] + (morton::axis(number as u32, axis, self.levels) << shift));
+        let finer = Arc::new(Grid::over(corner, shift, FINER_LEVELS, self.stride, self.limit));
+        let full = std::mem::replace(&mut *bucket, Bucket { finer: Some(finer.clone()), ..Bucket::default() });
+        // Others may fill the finer grid while this thread moves what the bucket had.
+        drop(bucket);
+        full.drain(spill, &mut |records| finer.add_records(records, spill))
     }
+
+    /// Points and contents of every bucket, in Morton order.
+    pub fn into_buckets(self) -> Vec<(u64, Contents)> {
+        let inner = |bucket: Mutex<Bucket>| bucket.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let contents = |mut bucket: Bucket| match bucket.finer.take().and_then(Arc::into_inner) {
+            Some(finer) => (finer.points(), Contents::Finer(finer)),
+            None => (bucket.points, Contents::Points(bucket)),
+        };
+        self.buckets.into_iter().map(inner).map(contents).collect()
+    }
+
+    fn points(&self) -> u64 {
+        let of = |bucket: &Mutex<Bucket>| {
+            let bucket = bucket.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            bucket.finer.as_ref().map_or(bucket.points, |finer| finer.points())
+        };
+        self.buckets.iter().map(of).sum()
+    }
+}
+
+/// What a cell of a grid turned out to hold.
+pub enum Contents {
+    Points(Bucket),
+    /// More than a chunk may have.
+    Finer(Grid),
 }

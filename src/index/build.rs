@@ -4,7 +4,7 @@
 //! files whose lattices agree become one tree; others become trees of their own: no point is moved
 //! a tree:
 //!   distribute the points to a grid of buckets over the stated box        (`bucket`; a header that lies about its box costs a second pass)
-//!   cut the grid into chunks, the largest kd-cells with at most C points; a single bucket with more becomes a grid of its own
+//!   cut the grid into chunks, the largest kd-cells with at most C points
 //!   grow every chunk, on all cores: leaves and inner nodes                (`grow`); write in the order of the chunks
 //!   above the chunks, from the deepest kd-level up: bring open nodes of sibling cells together, give them parents, read samples back from the file
 //! number the nodes, roots first, siblings side by side; directory; header                                                 (`file`)
@@ -12,7 +12,7 @@
 //! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
 //! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
 
-use super::bucket::{Bucket, GRID_BITS, Grid, Layout, Sorter, Spill};
+use super::bucket::{self, Bucket, Grid, Layout, Sorter, Spill};
 use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
 use super::grow::{self, Built, Grown, Open, Tree, Worker};
 use super::samples::{Cell, Samples};
@@ -40,7 +40,7 @@ pub struct Options {
 }
 
 /// What became of it.
-#[derive(Clone, Debug, Default, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Summary {
     pub points: u64,
     pub nodes: usize,
@@ -51,16 +51,16 @@ pub struct Summary {
     pub core_bytes: u64,
     pub spilled_bytes: u64,
     pub seconds: f64,
+    /// Of these, until all points were read and distributed.
     pub read_seconds: f64,
+    /// The most memory that this process has used so far, where the system tells (Linux).
+    pub peak_mib: f64,
     pub notes: Vec<String>,
 }
 
 /// Bytes that a thread needs for each point of the chunk it grows: record, sorting, planes.
 const CHUNK_BYTES_PER_POINT: u64 = 96;
 const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 20);
-
-/// Records that a thread distributes at a time.
-const SCATTER_BYTES: usize = 1 << 20;
 
 pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary> {
     let began = Instant::now();
@@ -74,7 +74,7 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
             return Err(Error::Request(format!("{} files are more than the 65,535 that one index takes", sources.len())));
         }
         let writer = Writer::create(output)?;
-        let spill = Spill::new(output, options.memory / 2)?;
+        let spill = Spill::new(output, options.memory * 3 / 8)?;
         let contents = Contents { notes, ..Contents::default() };
         let mut builder = Builder {
             sources: &sources,
@@ -110,9 +110,17 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
         directory.contents.elevation_stretch = elevations(&directory, &writer)?;
         summary.bytes = writer.finish(&directory, end)?;
         summary.notes = directory.contents.notes;
+        summary.peak_mib = peak_mib();
         summary.seconds = began.elapsed().as_secs_f64();
         Ok(summary)
     })
+}
+
+/// "VmHWM" of /proc/self/status.
+fn peak_mib() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let kib = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.split_whitespace().next()?.parse::<f64>().ok());
+    kib.unwrap_or(0.0) / 1024.0
 }
 
 fn core_bytes(node: &NodeRecord) -> u64 {
@@ -207,14 +215,18 @@ impl Builder<'_> {
             self.contents.stations.push(Station { part: part as usize, source: has_sources.then_some(source), name, points });
         }
         let mut chunks = Vec::new();
-        let limit = self.options.memory / 4 / self.options.threads as u64 / CHUNK_BYTES_PER_POINT;
-        let limit = limit.clamp(*CHUNK_POINTS.start(), *CHUNK_POINTS.end());
-        self.cut(&tree, grid, 0, 0, tree.bits, limit, &mut chunks)?;
+        cut(grid, 0, 0, self.chunk_points(), &mut chunks);
         let open = self.grow(&tree, chunks, points, &numbers)?;
         let root = self.join(&tree, open)?;
         self.roots.push(root);
         self.contents.points += points;
         Ok(())
+    }
+
+    /// The most points that a chunk may have.
+    fn chunk_points(&self) -> u64 {
+        let points = self.options.memory / 4 / self.options.threads as u64 / CHUNK_BYTES_PER_POINT;
+        points.clamp(*CHUNK_POINTS.start(), *CHUNK_POINTS.end())
     }
 
     /// All points of a group into a grid of buckets, within the stated box; where points lie outside of it, again within their own.
@@ -240,7 +252,7 @@ impl Builder<'_> {
                 )));
             }
             let corner = if cube.0[0] == i64::MAX { [0; 3] } else { cube.0 };
-            let grid = Grid::new([0; 3], bits, layout.bytes);
+            let grid = Grid::new(bits, layout.bytes, self.chunk_points());
             let outside = AtomicBool::new(false);
             let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
             let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
@@ -292,8 +304,8 @@ impl Builder<'_> {
             }
             let true_box = union(&mut own.into_iter());
             if outside.into_inner() {
-                // What was distributed goes back to the spill's account.
-                grid.into_buckets().into_par_iter().try_for_each(|bucket| bucket.drain(self.spill, &mut |_| Ok(())))?;
+                drop(grid);
+                self.spill.reset();
                 if cube == true_box {
                     return Err(Error::Request(format!("{} changed while it was read", self.sources[group.members[0].0].path().display())));
                 }
@@ -333,46 +345,6 @@ impl Builder<'_> {
         let (a, b) = (lattice.world(low), lattice.world(high));
         let own = [a.min(b), a.max(b)];
         self.contents.bounds = Some(self.contents.bounds.map_or(own, |[low, high]| [low.min(own[0]), high.max(own[1])]));
-    }
-
-    /// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell that `depth` bits with the value `prefix` decide, of `bits` an axis.
-    fn cut(&self, tree: &Tree, grid: Grid, depth: u32, prefix: u128, bits: u32, limit: u64, chunks: &mut Vec<Chunk>) -> Result<()> {
-        let cell_bits = grid.cell_bits();
-        let levels = bits.min(GRID_BITS);
-        let buckets = grid.into_buckets();
-        let mut starts = vec![0u64];
-        starts.extend(buckets.iter().scan(0, |sum, bucket| {
-            *sum += bucket.points;
-            Some(*sum)
-        }));
-        let mut ranges = Vec::new();
-        largest(&starts, 0..1 << (3 * levels), limit, &mut ranges);
-        let mut buckets: Vec<Option<Bucket>> = buckets.into_iter().map(Some).collect();
-        for range in ranges {
-            let points = starts[range.end] - starts[range.start];
-            let decided = 3 * levels - range.len().trailing_zeros();
-            let own_prefix = prefix << decided | (range.start >> range.len().trailing_zeros()) as u128;
-            let mut own: Vec<Bucket> =
-                buckets[range.clone()].iter_mut().filter_map(Option::take).filter(|bucket| bucket.points > 0).collect();
-            if points > limit && cell_bits > 0 {
-                let within = grow::cell_of(range.start as u32, levels).map(|c| c << (bits - levels));
-                let corner = prefix_corner(prefix, depth, tree.bits);
-                let corner = [0, 1, 2].map(|axis| corner[axis] + within[axis]);
-                let finer = Grid::new(corner, bits - levels, tree.layout.bytes);
-                self.redistribute(own.remove(0), &finer)?;
-                self.cut(tree, finer, depth + decided, own_prefix, bits - levels, limit, chunks)?;
-            } else {
-                chunks.push(Chunk { depth: depth + decided, prefix: own_prefix, buckets: own });
-            }
-        }
-        Ok(())
-    }
-
-    fn redistribute(&self, bucket: Bucket, grid: &Grid) -> Result<()> {
-        bucket.par_drain(self.spill, SCATTER_BYTES, &|records| {
-            let mut sorter = Sorter::default();
-            grid.add_records(records, &mut sorter, self.spill)
-        })
     }
 
     /// Grows the chunks on all threads and writes their planes in the chunks' order; the open nodes of each chunk's cell.
@@ -548,6 +520,34 @@ impl Placing {
     }
 }
 
+/// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell that `depth` bits of the code with the value `prefix` decide.
+fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>) {
+    let levels = grid.levels;
+    let (points, buckets): (Vec<u64>, Vec<bucket::Contents>) = grid.into_buckets().into_iter().unzip();
+    let mut starts = vec![0u64];
+    starts.extend(points.iter().scan(0, |sum, points| {
+        *sum += points;
+        Some(*sum)
+    }));
+    let mut ranges = Vec::new();
+    largest(&starts, 0..buckets.len(), limit, &mut ranges);
+    let mut buckets = buckets.into_iter().enumerate();
+    for range in ranges {
+        let open = range.len().trailing_zeros();
+        let (depth, prefix) = (depth + 3 * levels - open, prefix << (3 * levels - open) | (range.start >> open) as u128);
+        let mut own = Vec::new();
+        for (_, contents) in buckets.by_ref().skip_while(|(i, _)| *i < range.start).take(range.len()) {
+            match contents {
+                bucket::Contents::Points(bucket) => own.push(bucket),
+                bucket::Contents::Finer(finer) => cut(finer, depth, prefix, limit, chunks),
+            }
+        }
+        if !own.is_empty() {
+            chunks.push(Chunk { depth, prefix, buckets: own });
+        }
+    }
+}
+
 /// The largest runs of cells with at most `limit` points, or single cells, that cover all occupied ones.
 fn largest(starts: &[u64], cells: std::ops::Range<usize>, limit: u64, ranges: &mut Vec<std::ops::Range<usize>>) {
     let points = starts[cells.end] - starts[cells.start];
@@ -560,12 +560,6 @@ fn largest(starts: &[u64], cells: std::ops::Range<usize>, limit: u64, ranges: &m
     let middle = cells.start + cells.len() / 2;
     largest(starts, cells.start..middle, limit, ranges);
     largest(starts, middle..cells.end, limit, ranges);
-}
-
-/// The least corner of the cell that the highest `depth` bits of the code decide; `depth` is a multiple of 3 here.
-fn prefix_corner(prefix: u128, depth: u32, bits: u32) -> Cell {
-    let levels = depth / 3;
-    [0, 1, 2].map(|axis| (0..levels).map(|level| ((prefix >> (3 * level + axis) & 1) as u32) << (bits - levels + level)).sum())
 }
 
 /// Numbers nodes so that roots come first and siblings lie side by side behind them.

@@ -14,7 +14,7 @@ use super::bucket::{Bucket, Layout, Spill};
 use super::file::NodeRecord;
 use super::merge::{Merged, merge};
 use super::morton;
-use super::samples::{Cell, Samples};
+use super::samples::Samples;
 use crate::cloud::{Lattice, Wanted};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
@@ -269,11 +269,6 @@ fn radix_sort(items: &mut Vec<(u64, u32)>, other: &mut Vec<(u64, u32)>, bits: u3
         }
         std::mem::swap(items, other);
     }
-}
-
-/// The kd-cell of a bucket's number.
-pub fn cell_of(code: u32, bits: u32) -> Cell {
-    [0, 1, 2].map(|axis| (0..bits).map(|b| (code >> (3 * b + axis) & 1) << b).sum())
 }
 
 #[cfg(test)]

@@ -34,6 +34,11 @@ pub fn code_96(q: [u32; 3]) -> u128 {
     (code_63(q.map(|v| v >> 21)) as u128) << 63 | code_63(q) as u128
 }
 
+/// One of the three numbers of a code of `bits` bits each.
+pub fn axis(code: u32, axis: usize, bits: u32) -> u32 {
+    (0..bits).map(|b| (code >> (3 * b + axis as u32) & 1) << b).sum()
+}
+
 /// The highest bit in which two codes differ, counted from 1; 0 if they are equal. Found without making the codes.
 pub fn highest_difference(a: [u32; 3], b: [u32; 3]) -> u8 {
     let of = |axis: usize| match a[axis] ^ b[axis] {

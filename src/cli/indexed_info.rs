@@ -1,0 +1,185 @@
+//! `pointillist info cloud.pnti`: what went into an index, and the tree.
+//!
+//! The JSON object has `points`, `bounds`, `spacing`, `parts`, `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would
+//! need every point), and `index` {`version`, `bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
+//! `spacing`}], `planes` {name: bytes}, `leaf_points` {`least`, `median`, `most`}}.
+
+use crate::cloud::Station;
+use crate::error::{Error, Result};
+use crate::index::file::{Index, IndexedPart, PLANES};
+use glam::DVec3;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+
+const HOW_SPACING: &str = "median distance to the nearest other point of its leaf, of about 2000 points of 64 leaves";
+
+#[derive(Serialize)]
+struct Report<'a> {
+    points: u64,
+    bounds: Option<Bounds>,
+    spacing: Spacing,
+    index: Tree,
+    parts: &'a [IndexedPart],
+    stations: &'a [Station],
+    notes: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Bounds {
+    min: DVec3,
+    max: DVec3,
+}
+
+#[derive(Serialize)]
+struct Spacing {
+    value: Option<f64>,
+    how: &'static str,
+}
+
+#[derive(Serialize)]
+struct Tree {
+    bytes: u64,
+    bytes_per_point: f64,
+    nodes: usize,
+    leaves: usize,
+    inner: usize,
+    roots: u32,
+    levels: Vec<Level>,
+    /// Bytes of each plane over all nodes.
+    planes: BTreeMap<String, u64>,
+    leaf_points: LeafPoints,
+}
+
+#[derive(Serialize)]
+struct Level {
+    level: u8,
+    nodes: usize,
+    samples: u64,
+    /// The widest of its inner nodes' cells, metres; none without inner nodes.
+    spacing: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct LeafPoints {
+    least: u32,
+    median: u32,
+    most: u32,
+}
+
+/// Text, or JSON.
+pub fn report(path: &Path, json: bool) -> Result<String> {
+    let index = Index::open(path)?;
+    let contents = &index.directory.contents;
+    let report = Report {
+        points: contents.points,
+        bounds: contents.bounds.map(|[min, max]| Bounds { min, max }),
+        spacing: Spacing { value: spacing(&index)?, how: HOW_SPACING },
+        index: Tree::new(&index),
+        parts: &contents.parts,
+        stations: &contents.stations,
+        notes: &contents.notes,
+    };
+    if json {
+        return serde_json::to_string_pretty(&report)
+            .map_err(|error| Error::Request(format!("the report cannot be written as JSON: {error}")));
+    }
+    Ok(report.text(path))
+}
+
+impl Tree {
+    fn new(index: &Index) -> Tree {
+        let nodes = index.nodes();
+        let mut leaves: Vec<u32> = nodes.iter().filter(|node| node.is_leaf()).map(|node| node.count).collect();
+        leaves.sort_unstable();
+        let mut levels = Vec::new();
+        for level in 0..=nodes.iter().map(|node| node.level).max().unwrap_or(0) {
+            let on_level = || nodes.iter().filter(|node| node.level == level);
+            levels.push(Level {
+                level,
+                nodes: on_level().count(),
+                samples: on_level().map(|node| node.count as u64).sum(),
+                spacing: on_level().map(|node| node.spacing).filter(|&spacing| spacing > 0.0).reduce(f64::max),
+            });
+        }
+        let bytes_of = |plane| nodes.iter().filter(|node| node.has(plane)).map(|node| node.range(plane).1).sum::<u64>();
+        let planes =
+            PLANES.iter().map(|&(plane, _)| (format!("{plane:?}").to_lowercase(), bytes_of(plane))).filter(|(_, bytes)| *bytes > 0);
+        Tree {
+            bytes: index.bytes(),
+            bytes_per_point: index.bytes() as f64 / index.directory.contents.points.max(1) as f64,
+            nodes: nodes.len(),
+            leaves: leaves.len(),
+            inner: nodes.len() - leaves.len(),
+            roots: index.directory.roots,
+            levels,
+            planes: planes.collect(),
+            leaf_points: LeafPoints {
+                least: leaves.first().copied().unwrap_or(0),
+                median: leaves.get(leaves.len() / 2).copied().unwrap_or(0),
+                most: leaves.last().copied().unwrap_or(0),
+            },
+        }
+    }
+}
+
+impl Report<'_> {
+    fn text(&self, path: &Path) -> String {
+        let mut out = format!("{}\n", path.display());
+        let mut line = |what: &str, value: String| drop(writeln!(out, "  {what:<18} {value}"));
+        line("format", "pointillist index".into());
+        line("points", self.points.to_string());
+        if let Some(Bounds { min, max }) = &self.bounds {
+            line("bounds", format!("{} {} {} to {} {} {}", min.x, min.y, min.z, max.x, max.y, max.z));
+        }
+        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| format!("{value:.6}"));
+        line("spacing", format!("{value} ({})", self.spacing.how));
+        let tree = &self.index;
+        line("size", format!("{} MiB, {:.1} bytes a point", tree.bytes >> 20, tree.bytes_per_point));
+        line("tree", format!("{} leaves, {} inner nodes, {} roots", tree.leaves, tree.inner, tree.roots));
+        line("leaves", format!("{} to {} points, median {}", tree.leaf_points.least, tree.leaf_points.most, tree.leaf_points.median));
+        for Level { level, nodes, samples, spacing } in &tree.levels {
+            let spacing = spacing.map_or(String::new(), |spacing| format!(", samples up to {spacing:.4} m apart"));
+            line(if *level == 0 { "levels" } else { "" }, format!("{level}: {nodes} nodes, {samples} samples{spacing}"));
+        }
+        for (number, (plane, bytes)) in tree.planes.iter().enumerate() {
+            line(
+                if number == 0 { "planes" } else { "" },
+                format!("{plane}: {} MiB, {:.2} bytes a point", bytes >> 20, *bytes as f64 / self.points.max(1) as f64),
+            );
+        }
+        for part in self.parts {
+            let name = part.name.as_ref().map(|name| format!(", {name}")).unwrap_or_default();
+            line("from", format!("{}{name}: {}, {} points", part.path.display(), part.header.format, part.points));
+        }
+        line("stations", self.stations.len().to_string());
+        for station in self.stations.iter().take(super::info::LISTED) {
+            line("", format!("{}: {} points", station.name, station.points));
+        }
+        if self.stations.len() > super::info::LISTED {
+            line("", format!("and {} more; --json lists them all", self.stations.len() - super::info::LISTED));
+        }
+        self.notes.iter().for_each(|note| line("note", note.clone()));
+        out.truncate(out.trim_end().len());
+        out
+    }
+}
+
+/// Of points spread evenly over leaves that are spread evenly through the tree.
+fn spacing(index: &Index) -> Result<Option<f64>> {
+    const LEAVES: usize = 64;
+    const SEEDS: usize = 32;
+    let leaves: Vec<usize> = (0..index.nodes().len()).filter(|&node| index.nodes()[node].is_leaf()).collect();
+    let mut distances = Vec::new();
+    for &leaf in leaves.iter().step_by(leaves.len().div_ceil(LEAVES).max(1)) {
+        let points = index.samples(leaf)?;
+        for (seed, _) in points.iter().step_by(points.len().div_ceil(SEEDS).max(1)) {
+            // A point measured twice says nothing about spacing.
+            let nearest = points.iter().map(|(other, _)| other.distance_squared(*seed)).filter(|&squared| squared > 0.0).reduce(f64::min);
+            distances.extend(nearest.map(f64::sqrt));
+        }
+    }
+    distances.sort_by(f64::total_cmp);
+    Ok(distances.get(distances.len() / 2).copied())
+}
