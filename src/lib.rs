@@ -1,8 +1,8 @@
 //! Draws raw, unstructured point clouds with Vulkan: no normals, no radii, no waiting.
 //!
 //! ```text
-//! file on disk -> columns -> nodes -> resident pages -> project -> resolve -> effects -> composite -> image file
-//!                 cloud      index    resident          passes ------------------------------------> picture
+//! file on disk -> columns -> nodes ---------------------> resident pages -> project -> resolve -> effects -> composite -> image file
+//!                 cloud      index -> file -> cut, loader  resident          passes ------------------------------------> picture
 //! ```
 //!
 //! The modules, in the order of the flow; each uses only what stands before it, which `tests/imports.rs` checks.

@@ -126,3 +126,23 @@ fn an_index_is_drawn_alone_and_is_known_by_what_it_begins_with() {
     let output = place.render("street.las", "-o @a.png --size 64x64 --explain");
     assert!(text(&output.stderr).contains("cut: "), "{}", text(&output.stderr));
 }
+
+#[test]
+fn a_flight_through_more_than_the_pool_holds_waits_for_nothing_and_leaves_no_hole_that_could_be_filled() {
+    let place = Place::new(600_000);
+    let fly = |more: &str| {
+        let line = format!("--size 240x135 --frames 60 --pool 6MiB --validate {more}");
+        pointillist().args(["bench", "flight", "--index"]).arg(place.at("street.pnti")).args(line.split_whitespace()).output().unwrap()
+    };
+    let output = fly("--json");
+    succeeded(&output);
+    let rows: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let number = |name: &str| rows[0][name].as_f64().unwrap_or_else(|| panic!("{name}: {rows}"));
+    assert_eq!((number("frames"), number("needless_holes")), (60.0, 0.0));
+    assert!(number("misses") > 0.0 && number("evictions") > 0.0 && number("bytes_read") > 0.0, "{rows}");
+    assert!(rows[0]["errors"].as_array().unwrap().is_empty(), "{rows}");
+    let output = fly("");
+    succeeded(&output);
+    assert!(["update", "99.9 %", "misses", "hole"].iter().all(|word| text(&output.stdout).contains(word)));
+    assert!(failed(&run(["bench", "flight"]), 1).contains("--index"));
+}

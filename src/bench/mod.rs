@@ -1,5 +1,6 @@
 //! Times of passes at fixed views and sizes, as rows that a table, JSON and a saved baseline share.
 
+pub mod flight;
 pub mod index;
 pub mod project;
 
@@ -70,5 +71,9 @@ pub fn table(rows: &[Row], baseline: &[Row]) -> String {
 
 pub fn read_baseline(path: &Path) -> Result<Vec<Row>> {
     let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
-    serde_json::from_str(&text).map_err(|error| Error::format(path, format!("is no list of rows from bench --json ({error})")))
+    let wrong = |error| Error::format(path, format!("is no list of rows from bench --json ({error})"));
+    let rows: Vec<serde_json::Value> = serde_json::from_str(&text).map_err(wrong)?;
+    // A flight is not compared.
+    let rows = rows.into_iter().filter(|row| row.get("bench").is_none());
+    rows.map(|row| serde_json::from_value(row).map_err(wrong)).collect()
 }

@@ -1,0 +1,277 @@
+//! `bench flight`: a camera flies through an index with a pool that is smaller than the data, and no frame waits for anything.
+//!
+//! In: an index. The flight: from a view of all of it down to places spread over it, past each at a small height, and up again; the same every time.
+//! Of every frame: how long `Residency::update` took, and the whole frame; nodes of the cut that were not resident; holes. That a hole could have been
+//! filled is found here by walking up and down the tree, on purpose not by the code that decides what is drawn.
+
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::cut::Detail;
+use crate::error::{Error, Result};
+use crate::frame;
+use crate::gpu::Wish;
+use crate::graph::{Gpu, Graph, Handle};
+use crate::index::file::{Index, Plane};
+use crate::look::{self, Wishes};
+use crate::passes::Scene;
+use crate::progress::Progress;
+use crate::resident::pool::PAGE_BYTES;
+use crate::resident::{Residency, residency::Update};
+use crate::view::{Camera, Preset, View};
+use glam::DVec3;
+use serde::Serialize;
+use std::collections::HashSet;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What to measure.
+pub struct Plan {
+    pub index: PathBuf,
+    pub sizes: Vec<[u32; 2]>,
+    pub frames: usize,
+    pub budget: Option<u64>,
+    pub lod_px: f64,
+    /// A quarter of what the whole index would take where none is asked for.
+    pub pool_bytes: Option<u64>,
+}
+
+/// One flight. Milliseconds are wall-clock time.
+#[derive(Clone, Debug, Serialize)]
+pub struct Flight {
+    pub bench: &'static str,
+    pub size: String,
+    pub frames: usize,
+    pub points: u64,
+    pub index_bytes: u64,
+    /// Pages of all nodes, were they resident at once.
+    pub whole_bytes: u64,
+    pub pool_bytes: u64,
+    pub budget: u64,
+    pub lod_px: f64,
+    pub ms_median: f64,
+    pub ms_p999: f64,
+    pub ms_worst: f64,
+    pub update_ms_median: f64,
+    pub update_ms_p999: f64,
+    pub update_ms_worst: f64,
+    pub points_drawn_median: f64,
+    pub bytes_read: u64,
+    /// Nodes of a cut that were not resident, summed over the frames.
+    pub misses: u64,
+    /// Frames whose cut was resident as a whole.
+    pub complete_frames: usize,
+    pub evictions: u64,
+    pub frames_with_holes: usize,
+    /// Holes that something resident could have filled.
+    pub needless_holes: usize,
+    /// What could not be read.
+    pub errors: Vec<String>,
+    pub device: String,
+    pub driver: String,
+}
+
+/// Places between which the camera flies.
+const PLACES: usize = 6;
+
+pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Flight>> {
+    let index = Arc::new(Index::open(&plan.index)?);
+    if index.nodes().is_empty() {
+        return Err(Error::format(&plan.index, "has no points to fly through"));
+    }
+    let mut gpu = Gpu::open(wish)?;
+    plan.sizes.iter().map(|&size| fly(&mut gpu, &index, plan, size, progress)).collect()
+}
+
+fn fly(gpu: &mut Gpu, index: &Arc<Index>, plan: &Plan, size: [u32; 2], progress: &dyn Progress) -> Result<Flight> {
+    let usual = Detail::of(size);
+    let detail = Detail { budget: plan.budget.unwrap_or(usual.budget), lod_px: plan.lod_px, ..usual };
+    let whole_bytes = index.nodes().iter().map(|node| (node.position_planes() + 1) as u64 * PAGE_BYTES).sum();
+    let pool_bytes = plan.pool_bytes.unwrap_or(whole_bytes / 4).max(PAGE_BYTES);
+    let contents = &index.directory.contents;
+    let colored = index.nodes().iter().any(|node| node.has(Plane::Rgb));
+    let heights = contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]);
+    let shown = match colored {
+        true => Shown::indexed(Attribute::Rgb, heights, [0, 255]),
+        false => Shown::indexed(Attribute::Elevation, heights, contents.elevation_stretch),
+    };
+    let path = Path::over(index, size)?;
+    let mut residency = Residency::open(gpu, index.clone(), shown, pool_bytes)?;
+    let [mut frames, mut updates, mut points] = [(); 3].map(|()| Vec::with_capacity(plan.frames));
+    let (mut misses, mut complete_frames, mut frames_with_holes, mut needless_holes) = (0, 0, 0, 0);
+    let mut errors = Vec::new();
+    for number in 0..plan.frames {
+        progress.tick("bench flight", number as u64, plan.frames as u64)?;
+        let view = View::new(path.camera(number as f64 / (plan.frames.max(2) - 1) as f64), size)?;
+        let began = Instant::now();
+        let update = residency.update(gpu, &view, &detail)?;
+        updates.push(milliseconds(began));
+        let resident = residency.resident();
+        let look = look::decide(&Wishes::default(), &Scene { view: &view, points: resident.points });
+        let mut g = Graph::new(gpu);
+        let outcome = frame::record(&mut g, &view, resident, &look)?;
+        let statistics = outcome.statistics;
+        let frame = g.submit(&[outcome.picture.resource()])?;
+        frames.push(milliseconds(began));
+        frame.shelve(gpu);
+        points.push(statistics.points_drawn as f64);
+        misses += update.missing as u64;
+        complete_frames += update.is_complete() as usize;
+        frames_with_holes += (update.holes > 0) as usize;
+        needless_holes += holes_that_could_be_filled(&residency, &view, &update);
+        errors.extend(update.errors);
+    }
+    let [ms_median, ms_p999, ms_worst] = ranks(&mut frames);
+    let [update_ms_median, update_ms_p999, update_ms_worst] = ranks(&mut updates);
+    let flight = Flight {
+        bench: "flight",
+        size: format!("{}x{}", size[0], size[1]),
+        frames: plan.frames,
+        points: contents.points,
+        index_bytes: index.bytes(),
+        whole_bytes,
+        pool_bytes,
+        budget: detail.budget,
+        lod_px: detail.lod_px,
+        ms_median,
+        ms_p999,
+        ms_worst,
+        update_ms_median,
+        update_ms_p999,
+        update_ms_worst,
+        points_drawn_median: ranks(&mut points)[0],
+        bytes_read: residency.bytes_read,
+        misses,
+        complete_frames,
+        evictions: residency.evictions,
+        frames_with_holes,
+        needless_holes,
+        errors,
+        device: gpu.device.name.clone(),
+        driver: gpu.device.driver.clone(),
+    };
+    residency.free(gpu);
+    Ok(flight)
+}
+
+fn milliseconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}
+
+/// Median, 99.9 % and the worst: the values nearest to those ranks.
+fn ranks(values: &mut [f64]) -> [f64; 3] {
+    values.sort_by(f64::total_cmp);
+    [0.5, 0.999, 1.0].map(|share| values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(0.0))
+}
+
+/// Nodes of the cut of which something that can be seen is not shown, although they or something above them is resident.
+fn holes_that_could_be_filled(residency: &Residency, view: &View, update: &Update) -> usize {
+    let index = residency.index();
+    let drawn: HashSet<usize> = residency.drawn().iter().copied().collect();
+    let parent = |node: usize| Some(index.nodes()[node].parent as usize).filter(|&parent| parent != node);
+    let up = |node: usize| std::iter::successors(Some(node), move |&node| parent(node));
+    let shown_below = |node: usize| {
+        let mut open = vec![node];
+        while let Some(node) = open.pop() {
+            let record = &index.nodes()[node];
+            if drawn.contains(&node) || view.least_depth(index.bounds(record)).is_none() {
+                continue;
+            }
+            if record.is_leaf() {
+                return false;
+            }
+            open.extend(record.children());
+        }
+        true
+    };
+    let hole = |node: usize| !up(node).any(|node| drawn.contains(&node)) && !shown_below(node);
+    let could = |node: usize| up(node).any(|node| residency.is_resident(node));
+    update.cut.nodes.iter().filter(|wanted| could(wanted.node) && hole(wanted.node)).count()
+}
+
+/// Where the camera is and what it looks at, along the flight.
+struct Path {
+    stops: Vec<[DVec3; 2]>,
+    fov_y: f64,
+}
+
+impl Path {
+    fn over(index: &Index, size: [u32; 2]) -> Result<Path> {
+        let mut samples = Vec::new();
+        for root in 0..index.directory.roots as usize {
+            samples.extend(index.samples(root)?.into_iter().map(|(p, _)| p));
+        }
+        let overview = Camera::framing(Preset::Fit, &samples, size);
+        let away = overview.eye - overview.target;
+        // Samples are in Morton order, so evenly spaced ones are places all over.
+        let places = (0..PLACES).map(|k| samples[(2 * k + 1) * samples.len() / (2 * PLACES)]);
+        let above = |(k, place): (usize, DVec3)| {
+            // Near enough that a node or two fill the picture, from another side each time.
+            let turned = DVec3::new(away.x, away.y, 0.0).rotate_z(k as f64 * 2.4);
+            [place + turned * 0.06 + DVec3::Z * away.length() * 0.03, place]
+        };
+        let ends = [overview.eye, overview.target];
+        let mut stops = vec![ends];
+        stops.extend(places.enumerate().map(above));
+        stops.push(ends);
+        Ok(Path { stops, fov_y: overview.fov_y })
+    }
+
+    /// `share` of the flight: 0 where it begins, 1 where it ends. Smooth between stops, and slow at them.
+    fn camera(&self, share: f64) -> Camera {
+        let at = share.clamp(0.0, 1.0) * (self.stops.len() - 1) as f64;
+        let k = (at as usize).min(self.stops.len() - 2);
+        let t = at - k as f64;
+        let t = t * t * (3.0 - 2.0 * t);
+        let [eye, target] = [0, 1].map(|end| self.stops[k][end].lerp(self.stops[k + 1][end], t));
+        Camera { eye, target, up: DVec3::Z, fov_y: self.fov_y, projection: crate::view::Projection::Perspective, ortho_height: None }
+    }
+}
+
+/// The flights for reading.
+pub fn table(flights: &[Flight]) -> String {
+    let mut text = String::new();
+    for f in flights {
+        let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
+        writeln!(
+            text,
+            "{} points, {} frames of {} at --lod {} and --budget {}; pool {:.0} MiB of {:.0} MiB that all nodes would take",
+            f.points,
+            f.frames,
+            f.size,
+            f.lod_px,
+            f.budget,
+            mib(f.pool_bytes),
+            mib(f.whole_bytes)
+        )
+        .expect("writing to a string");
+        let row = |text: &mut String, name: &str, [median, p999, worst]: [f64; 3]| {
+            writeln!(text, "  {name:<8} median {median:>9.3} ms   99.9 % {p999:>9.3} ms   worst {worst:>9.3} ms")
+                .expect("writing to a string");
+        };
+        row(&mut text, "frame", [f.ms_median, f.ms_p999, f.ms_worst]);
+        row(&mut text, "update", [f.update_ms_median, f.update_ms_p999, f.update_ms_worst]);
+        writeln!(
+            text,
+            "  {:.0} points drawn (median), {:.1} MiB read, {} misses, {} evictions, {} of {} frames complete",
+            f.points_drawn_median,
+            mib(f.bytes_read),
+            f.misses,
+            f.evictions,
+            f.complete_frames,
+            f.frames
+        )
+        .expect("writing to a string");
+        writeln!(
+            text,
+            "  {} frames with a hole, {} holes that something resident could have filled",
+            f.frames_with_holes, f.needless_holes
+        )
+        .expect("writing to a string");
+        f.errors.iter().for_each(|error| writeln!(text, "  note: {error}").expect("writing to a string"));
+    }
+    if let Some(f) = flights.first() {
+        writeln!(text, "device: {} ({})", f.device, f.driver).expect("writing to a string");
+    }
+    text
+}
