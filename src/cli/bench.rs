@@ -1,7 +1,8 @@
 //! `pointillist bench`: times of passes against other ways of doing the same.
 
+use super::index::Bytes;
 use super::options::{DetailOptions, DeviceOptions, Size};
-use crate::bench::{self, flight, project};
+use crate::bench::{self, flight, index, project};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use std::path::PathBuf;
@@ -12,13 +13,14 @@ Examples:
   pointillist bench project --points 1000000 --size 1024x1024
   pointillist bench --json > before.json                   keep the rows ...
   pointillist bench --baseline before.json                 ... and compare with them later
+  pointillist bench index --points 20000000 --laz          how fast an index is made, and how near that is to the floor
   pointillist bench flight --index site.pnti --pool 128MiB a camera flight through more than the device may hold";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Which benchmarks to run [default: project, and with --index also flight]: project, flight
-    #[arg(value_name = "NAME", value_parser = ["project", "flight"])]
+    /// Which benchmarks to run [default: project, and with --index also flight]: project, index, flight
+    #[arg(value_name = "NAME", value_parser = ["project", "index", "flight"])]
     pub names: Vec<String>,
     /// Numbers of points
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = [1_000_000, 10_000_000], value_parser = clap::value_parser!(u64).range(1..=2_000_000_000))]
@@ -26,9 +28,18 @@ pub struct Arguments {
     /// Sizes of the picture, pixels
     #[arg(long, value_name = "WxH,...", value_delimiter = ',', default_values_t = [Size([1024, 1024]), Size([1920, 1080])])]
     pub size: Vec<Size>,
-    /// Rounds; in each, every way draws once. Shuffled order depends on how full the shared cache is, so few rounds scatter
-    #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u64).range(1..=10_000))]
-    pub repeat: u64,
+    /// Rounds [default: project 25, since shuffled order depends on how full a shared cache is and few rounds scatter; index 3]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub repeat: Option<u64>,
+    /// Index LAZ instead of LAS
+    #[arg(long, help_heading = "Index")]
+    pub laz: bool,
+    /// As `index --memory`
+    #[arg(long, value_name = "BYTES", default_value_t = Bytes(crate::config::INDEX_MEMORY), help_heading = "Index")]
+    pub memory: Bytes,
+    /// Where input and output lie meanwhile [default: the system's temporary folder]
+    #[arg(long, value_name = "FOLDER", help_heading = "Index")]
+    pub folder: Option<PathBuf>,
     /// What to fly through
     #[arg(long, value_name = "FILE.pnti", help_heading = "Flight")]
     pub index: Option<PathBuf>,
@@ -52,45 +63,64 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let baseline = arguments.baseline.as_deref().map(bench::read_baseline).transpose()?.unwrap_or_default();
-    let sizes: Vec<_> = arguments.size.iter().map(|size| size.0).collect();
     let asked =
         |name: &str, otherwise: bool| if arguments.names.is_empty() { otherwise } else { arguments.names.iter().any(|n| n == name) };
-    let wish = arguments.device.wish();
-    let mut rows = Vec::new();
-    if asked("project", true) {
-        let plan = project::Plan {
-            points: arguments.points.clone(),
-            sizes: sizes.clone(),
-            repeat: arguments.repeat as usize,
-            seed: arguments.seed,
-        };
-        rows = project::run(&wish, &plan, progress)?;
-    }
-    let mut flights = Vec::new();
-    if asked("flight", arguments.index.is_some()) {
-        let index = arguments.index.clone().ok_or_else(|| Error::Request("bench flight needs an index: --index FILE.pnti".into()))?;
-        let detail = &arguments.detail;
-        let plan = flight::Plan {
-            index,
-            sizes,
-            frames: arguments.frames as usize,
-            budget: detail.budget,
-            lod_px: detail.lod,
-            pool_bytes: detail.pool.map(|bytes| bytes.0),
-        };
-        flights = flight::run(&wish, &plan, progress)?;
-    }
+    let rows = if asked("project", true) { projections(arguments, progress)? } else { Vec::new() };
+    let indexes = if asked("index", false) { index::run(&index_plan(arguments), progress)? } else { Vec::new() };
+    let flights = if asked("flight", arguments.index.is_some()) { flights(arguments, progress)? } else { Vec::new() };
     if arguments.json {
-        let values = rows.iter().map(serde_json::to_value).chain(flights.iter().map(serde_json::to_value));
-        let values = values.collect::<std::result::Result<Vec<_>, _>>().map_err(|error| Error::Request(error.to_string()))?;
-        println!("{:#}", serde_json::Value::from(values));
+        let values = rows.iter().map(serde_json::to_value).chain(indexes.iter().map(serde_json::to_value));
+        let values = values.chain(flights.iter().map(serde_json::to_value)).collect::<std::result::Result<Vec<_>, _>>();
+        println!("{:#}", serde_json::Value::from(values.map_err(|error| Error::Request(error.to_string()))?));
         return Ok(());
     }
     if !rows.is_empty() {
         print!("{}", bench::table(&rows, &baseline));
     }
+    if !indexes.is_empty() {
+        print!("{}", index::table(&indexes));
+    }
     if !flights.is_empty() {
         print!("{}", flight::table(&flights));
     }
     Ok(())
+}
+
+fn sizes(arguments: &Arguments) -> Vec<[u32; 2]> {
+    arguments.size.iter().map(|size| size.0).collect()
+}
+
+fn projections(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<bench::Row>> {
+    let plan = project::Plan {
+        points: arguments.points.clone(),
+        sizes: sizes(arguments),
+        repeat: arguments.repeat.unwrap_or(25) as usize,
+        seed: arguments.seed,
+    };
+    project::run(&arguments.device.wish(), &plan, progress)
+}
+
+fn index_plan(arguments: &Arguments) -> index::Plan {
+    index::Plan {
+        points: arguments.points.clone(),
+        laz: arguments.laz,
+        seed: arguments.seed,
+        repeat: arguments.repeat.unwrap_or(3) as usize,
+        memory: arguments.memory.to_string(),
+        folder: arguments.folder.clone().unwrap_or_else(std::env::temp_dir),
+    }
+}
+
+fn flights(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<flight::Flight>> {
+    let path = arguments.index.clone().ok_or_else(|| Error::Request("bench flight needs an index: --index FILE.pnti".into()))?;
+    let detail = &arguments.detail;
+    let plan = flight::Plan {
+        index: path,
+        sizes: sizes(arguments),
+        frames: arguments.frames as usize,
+        budget: detail.budget,
+        lod_px: detail.lod.unwrap_or(crate::config::LOD_PX),
+        pool_bytes: detail.pool.map(|bytes| bytes.0),
+    };
+    flight::run(&arguments.device.wish(), &plan, progress)
 }
