@@ -12,7 +12,7 @@
 use super::morton;
 use super::samples::{Cell, Samples};
 use crate::cloud::Wanted;
-use crate::config::POINTS_PER_PAGE;
+use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use std::sync::LazyLock;
 
 /// Positions of merged samples are kept to the cell's shortest side over 2^this: below half of what merging itself moved them.
@@ -33,8 +33,9 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     differ.iter().for_each(|&bit| pairs[bit as usize] += 1);
     // With the lowest `dropped` bits gone, a new cell begins where neighbours differ in a higher one.
     let mut cells = 1 + pairs[1..].iter().sum::<usize>();
+    let least = least_coarser(&samples.q);
     let mut dropped = 0u32;
-    while cells > POINTS_PER_PAGE as usize {
+    while cells > POINTS_PER_PAGE as usize || dropped < 3 * least {
         dropped += 1;
         cells -= pairs[dropped as usize];
     }
@@ -42,7 +43,7 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     starts.push(0);
     starts.extend(differ.iter().enumerate().filter(|&(_, &bit)| bit as u32 > dropped).map(|(i, _)| i + 1));
     starts.push(samples.len());
-    let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
+    let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL).max(least);
     let runs = Runs { samples, starts };
     let weights: Vec<u64> = runs.each(|run| run.map(|i| samples.weight(i) as u64).sum());
     let merged = Samples {
@@ -57,6 +58,15 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
         weight: Some(weights.iter().map(|&weight| weight.min(u32::MAX as u64) as u32).collect()),
     };
     Merged { samples: merged, dropped, coarser }
+}
+
+/// Positions must be rounded at least so far, as a power of two, that the box around them fits a node's planes.
+fn least_coarser(q: &[Cell]) -> u32 {
+    let (low, high) = q.iter().fold(([u32::MAX; 3], [0; 3]), |(low, high): (Cell, Cell), q| {
+        (std::array::from_fn(|axis| low[axis].min(q[axis])), std::array::from_fn(|axis| high[axis].max(q[axis])))
+    });
+    let fits = |coarser: u32| (0..3).all(|axis| (high[axis] >> coarser) - (low[axis] >> coarser) < 1 << (BITS_PER_PLANE * POSITION_PLANES));
+    (0..32).find(|&coarser| fits(coarser)).unwrap_or(0)
 }
 
 /// The runs of samples that become one each.
@@ -224,6 +234,13 @@ mod tests {
         let merged = merge(&samples, HAS);
         assert!(merged.samples.len() > 30_000 && merged.samples.len() <= 65_536, "{}", merged.samples.len());
         assert!(merged.samples.weight.unwrap().iter().all(|&w| w >= 4));
+    }
+
+    #[test]
+    fn samples_all_over_32_bits_are_rounded_into_the_planes() {
+        let merged = merge(&weighted(vec![[0; 3], [u32::MAX; 3], [1 << 31, 5, 7]]), HAS);
+        assert_eq!((merged.samples.len(), merged.coarser), (3, 2));
+        assert!(merged.samples.q.iter().all(|q| q.iter().all(|v| v % 4 == 2)));
     }
 
     #[test]
