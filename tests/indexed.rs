@@ -131,7 +131,7 @@ fn an_index_is_drawn_alone_and_is_known_by_what_it_begins_with() {
 fn a_flight_through_more_than_the_pool_holds_waits_for_nothing_and_leaves_no_hole_that_could_be_filled() {
     let place = Place::new(600_000);
     let fly = |more: &str| {
-        let line = format!("--size 240x135 --frames 60 --pool 6MiB --validate {more}");
+        let line = format!("--size 240x135 --frames 60 --lod 0 --budget 400000 --pool 8MiB --validate {more}");
         pointillist().args(["bench", "flight", "--index"]).arg(place.at("street.pnti")).args(line.split_whitespace()).output().unwrap()
     };
     let output = fly("--json");

@@ -283,10 +283,10 @@ pub struct Index {
 }
 
 impl Index {
-    /// Whether a file begins as an index does.
+    /// Whether a file begins as an index does. A pipe is none, and is not opened, which could wait for ever.
     pub fn is_one(path: &Path) -> bool {
         let mut magic = [0; 8];
-        File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut magic)).is_ok() && magic == MAGIC
+        path.is_file() && File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut magic)).is_ok() && magic == MAGIC
     }
 
     /// Checks everything but the planes, which are checked when they are read.
