@@ -198,6 +198,13 @@ impl<P: FnMut()> Thread<P> {
                 index.read(node, plane, &mut self.bytes)?;
                 read += self.bytes.len() as u64;
                 widen(plane, &self.bytes, words);
+                if plane == Plane::Source {
+                    // The file's own number of the station; nodes hold its place in the list.
+                    let stations = &index.directory.contents.stations;
+                    words
+                        .iter_mut()
+                        .for_each(|word| *word = stations.get(*word as usize).and_then(|station| station.source).unwrap_or(0) as u32);
+                }
             }
             None if elevation => {
                 let height = world_height(&index, record);

@@ -24,6 +24,16 @@ const FINER_LEVELS: u32 = 3;
 const BLOCK_BYTES: usize = 64 << 10;
 const SPILLED_BYTES: usize = 8 << 10;
 
+/// Points of one file, on their way into buckets.
+pub struct Batch<'a> {
+    /// Where they lie on the tree's lattice.
+    pub cells: &'a [Cell],
+    pub columns: &'a Columns,
+    /// Their colours are rounded from 16 bits already.
+    pub wide: bool,
+    pub part: u16,
+}
+
 /// Where a record keeps what; columns that no file has take no room.
 #[derive(Clone, Copy, Debug)]
 pub struct Layout {
@@ -46,13 +56,14 @@ impl Layout {
     }
 
     /// Writes point `i` of a batch. What its file lacks is what a renderer would show for it: white, and 0 everywhere else.
-    fn write(&self, record: &mut [u8], q: Cell, columns: &Columns, i: usize, wide: bool, part: u16) {
+    fn write(&self, record: &mut [u8], batch: &Batch, i: usize) {
+        let Batch { cells, columns, wide, part } = *batch;
         let mut at = 0;
         let mut put = |bytes: &[u8]| {
             record[at..at + bytes.len()].copy_from_slice(bytes);
             at += bytes.len();
         };
-        q.iter().for_each(|v| put(&v.to_le_bytes()));
+        cells[i].iter().for_each(|v| put(&v.to_le_bytes()));
         if self.has.rgb {
             let [r, g, b] = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]);
             put(&[r, g, b, wide as u8]);
@@ -267,17 +278,9 @@ impl Grid {
         morton::code([along(0), along(1), along(2)]) as u16
     }
 
-    /// A batch of a file; `cells` are its points on the tree's lattice.
-    pub fn add(
-        &self,
-        layout: &Layout,
-        cells: &[Cell],
-        columns: &Columns,
-        wide: bool,
-        part: u16,
-        sorter: &mut Sorter,
-        spill: &Spill,
-    ) -> Result<()> {
+    /// Distributes a batch.
+    pub fn add(&self, layout: &Layout, batch: &Batch, sorter: &mut Sorter, spill: &Spill) -> Result<()> {
+        let cells = batch.cells;
         let Sorter { cells: numbers, starts, records } = sorter;
         starts.clear();
         starts.resize(self.buckets.len() + 1, 0);
@@ -296,7 +299,7 @@ impl Grid {
         for (i, &number) in numbers.iter().enumerate() {
             let slot = &mut starts[number as usize];
             let at = *slot as usize * self.stride;
-            layout.write(&mut records[at..at + self.stride], cells[i], columns, i, wide, part);
+            layout.write(&mut records[at..at + self.stride], batch, i);
             *slot += 1;
         }
         runs.into_iter().try_for_each(|(number, start, end)| self.append(number, &records[start * self.stride..end * self.stride], spill))

@@ -290,7 +290,8 @@ impl Builder<'_> {
                         outside.store(true, Relaxed);
                         return Ok(());
                     }
-                    grid.add(&layout, &cells, columns, batch.depth.is_wide(), part, &mut sorter, self.spill)?;
+                    let batch = bucket::Batch { cells: &cells, columns, wide: batch.depth.is_wide(), part };
+                    grid.add(&layout, &batch, &mut sorter, self.spill)?;
                     let mut counts = BTreeMap::new();
                     match &columns.source {
                         Some(source) => {

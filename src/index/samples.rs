@@ -74,32 +74,22 @@ impl Samples {
         record.bits = record.extent.iter().max().map_or(1, |&side| 32 - side.leading_zeros()).max(1) as u8;
         let position_planes = record.position_planes();
         let pad = BITS_PER_PLANE * position_planes - record.bits as u32;
-        let mut keep = |plane: Plane, write: &mut dyn FnMut(&mut Vec<u8>)| {
-            let start = planes.len();
-            write(planes);
-            record.crc[plane as usize] = crc32c::crc32c(&planes[start..]);
-            record.planes |= 1 << plane as u16;
-        };
+        let mut planes = Planes { record: &mut record, bytes: planes };
         for k in 0..position_planes {
             let shift = BITS_PER_PLANE * (position_planes - 1 - k);
             let axis = |q: &Cell, axis: usize| ((q[axis] >> coarser) - low[axis]) << pad >> shift & ((1 << BITS_PER_PLANE) - 1);
             let words: Vec<u32> =
                 self.q.iter().map(|q| axis(q, 0) | axis(q, 1) << BITS_PER_PLANE | axis(q, 2) << (2 * BITS_PER_PLANE)).collect();
-            keep(PLANES[k as usize].0, &mut |planes| planes.extend_from_slice(bytemuck::cast_slice(&words)));
+            planes.keep(PLANES[k as usize].0, &Some(words));
         }
-        fn whole<T: bytemuck::NoUninit>(column: &Option<Vec<T>>, plane: Plane, keep: &mut dyn FnMut(Plane, &mut dyn FnMut(&mut Vec<u8>))) {
-            if let Some(column) = column {
-                keep(plane, &mut |planes| planes.extend_from_slice(bytemuck::cast_slice(column)));
-            }
-        }
-        whole(&self.rgb, Plane::Rgb, &mut keep);
-        whole(&self.intensity, Plane::Intensity, &mut keep);
-        whole(&self.class, Plane::Class, &mut keep);
-        whole(&self.returns, Plane::Returns, &mut keep);
-        whole(&self.source, Plane::Source, &mut keep);
-        whole(&self.normal, Plane::Normal, &mut keep);
-        whole(&self.gps_time, Plane::GpsTime, &mut keep);
-        whole(&self.weight, Plane::Weight, &mut keep);
+        planes.keep(Plane::Rgb, &self.rgb);
+        planes.keep(Plane::Intensity, &self.intensity);
+        planes.keep(Plane::Class, &self.class);
+        planes.keep(Plane::Returns, &self.returns);
+        planes.keep(Plane::Source, &self.source);
+        planes.keep(Plane::Normal, &self.normal);
+        planes.keep(Plane::GpsTime, &self.gps_time);
+        planes.keep(Plane::Weight, &self.weight);
         record
     }
 
@@ -138,5 +128,22 @@ impl Samples {
             gps_time: column(bytes(Plane::GpsTime)),
             weight: column(bytes(Plane::Weight)),
         }
+    }
+}
+
+/// A node's planes on their way.
+struct Planes<'a> {
+    record: &'a mut NodeRecord,
+    bytes: &'a mut Vec<u8>,
+}
+
+impl Planes<'_> {
+    /// Appends a column, if it is there, and says so in the record.
+    fn keep<T: bytemuck::NoUninit>(&mut self, plane: Plane, column: &Option<Vec<T>>) {
+        let Some(column) = column else { return };
+        let bytes: &[u8] = bytemuck::cast_slice(column);
+        self.record.crc[plane as usize] = crc32c::crc32c(bytes);
+        self.record.planes |= 1 << plane as u16;
+        self.bytes.extend_from_slice(bytes);
     }
 }
