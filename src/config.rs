@@ -24,7 +24,7 @@ pub const CHUNKS_PER_PAGE: u32 = POINTS_PER_PAGE / POINTS_PER_CHUNK;
 pub const QUANTISATION_PX: f64 = 1.0 / 4096.0;
 
 /// A cut has at most this many points a pixel of the picture: what a frame costs grows with the picture, not with the cloud.
-pub const BUDGET_PER_PIXEL: f64 = 2.0;
+pub const BUDGET_PER_PIXEL: f64 = 4.0;
 
 /// A node whose samples stand for cells of at most this many pixels is not refined: finer ones would fall into the same pixels.
 pub const LOD_PX: f64 = 1.0;
