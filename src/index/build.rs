@@ -314,10 +314,13 @@ impl Builder<'_> {
 
     fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
         let source = &self.sources[number];
+        let mut header = source.header().clone();
+        // A note has said what is wrong about bounds that are no numbers.
+        header.bounds.take_if(|corners| !corners.as_flattened().iter().all(|v| v.is_finite()));
         self.parts[number] = Some(IndexedPart {
             path: source.path().to_owned(),
             name: source.name().map(str::to_owned),
-            header: source.header().clone(),
+            header,
             step: group.lattice.step,
             offset: source.lattice().offset,
             points: streamed.points,
