@@ -12,7 +12,7 @@
 use super::morton;
 use super::samples::{Cell, Samples};
 use crate::cloud::Wanted;
-use crate::config::POINTS_PER_PAGE;
+use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use std::sync::LazyLock;
 
 /// Positions of merged samples are kept to the cell's shortest side over 2^this: below half of what merging itself moved them.
@@ -34,7 +34,8 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     // With the lowest `dropped` bits gone, a new cell begins where neighbours differ in a higher one.
     let mut cells = 1 + pairs[1..].iter().sum::<usize>();
     let mut dropped = 0u32;
-    while cells > POINTS_PER_PAGE as usize {
+    let least = least_dropped(&samples.q);
+    while cells > POINTS_PER_PAGE as usize || dropped < least {
         dropped += 1;
         cells -= pairs[dropped as usize];
     }
@@ -57,6 +58,19 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
         weight: Some(weights.iter().map(|&weight| weight.min(u32::MAX as u64) as u32).collect()),
     };
     Merged { samples: merged, dropped, coarser }
+}
+
+/// Bits to drop before positions, rounded as [`merge`] rounds them, fit their planes: none unless samples lie 2^30 steps apart.
+fn least_dropped(q: &[Cell]) -> u32 {
+    let most = 1u32 << (BITS_PER_PLANE * POSITION_PLANES);
+    let coarser = |axis: usize| {
+        let (low, high) = q.iter().fold((u32::MAX, 0), |(low, high), q| (low.min(q[axis]), high.max(q[axis])));
+        (0..32).find(|&coarser| (high >> coarser).saturating_sub(low >> coarser) < most).unwrap_or(32)
+    };
+    match coarser(0).max(coarser(1)).max(coarser(2)) {
+        0 => 0,
+        coarser => 3 * (coarser + BITS_WITHIN_CELL),
+    }
 }
 
 /// The runs of samples that become one each.
@@ -230,6 +244,20 @@ mod tests {
     fn a_million_coincident_points_are_one_sample() {
         let merged = merge(&weighted(vec![[5, 6, 7]; 1_000_000]), HAS);
         assert_eq!((merged.samples.len(), merged.samples.points(), merged.samples.q[0]), (1, 1_000_000, [5, 6, 7]));
+    }
+
+    #[test]
+    fn positions_of_few_samples_far_apart_fit_their_planes() {
+        let ends = [0, 1, 15, 1 << 30, (1 << 30) + 1, (1 << 31) - 1, 1 << 31, u32::MAX - 1, u32::MAX];
+        for (i, &low) in ends.iter().enumerate() {
+            for &high in &ends[i..] {
+                let merged = merge(&weighted(vec![[low, 7, low], [high, 7, low]]), HAS);
+                let at = |q: &Cell| q[0] >> merged.coarser;
+                let sides = merged.samples.q.iter().map(|q| at(q) - at(&merged.samples.q[0]));
+                assert!(sides.max() < Some(1 << 30), "{low} {high}");
+                assert!(high - low < 16 || merged.samples.len() == 2);
+            }
+        }
     }
 
     #[test]
