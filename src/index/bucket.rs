@@ -88,9 +88,28 @@ impl Layout {
         &record[12..]
     }
 
-    /// The points of records that follow each other. `station` numbers the station of a part and a source; `narrow` says which parts' colours were found
-    /// to be 16-bit. A column at a time: the records fit the cache.
-    pub fn read(&self, records: &[u8], keep: Wanted, station: &impl Fn(u16, u16) -> u16, narrow: &[bool]) -> Samples {
+    /// Brings the colours of records to what those of their whole part turned out to be. Which batch a point came in shows no longer then, so that records
+    /// of equal points are equal.
+    pub fn settle(&self, records: &mut [u8], found: &[Colors]) {
+        if !self.has.rgb || found.iter().all(|&colors| colors == Colors::Bytes) {
+            return;
+        }
+        for row in records.chunks_exact_mut(self.bytes) {
+            let part = u16::from_le_bytes([row[self.bytes - 2], row[self.bytes - 1]]);
+            let (color, wide) = row[12..16].split_at_mut(3);
+            match found[part as usize] {
+                // As if the file had no such field.
+                Colors::Black => color.fill(255),
+                Colors::Wide if wide[0] == 0 => color.iter_mut().for_each(|v| *v = to_8_bits(*v as u16)),
+                Colors::Wide | Colors::Bytes => {}
+            }
+            wide[0] = 0;
+        }
+    }
+
+    /// The points of settled records that follow each other. `station` numbers the station of a part and a source. A column at a time: the records fit the
+    /// cache.
+    pub fn read(&self, records: &[u8], keep: Wanted, station: &impl Fn(u16, u16) -> u16) -> Samples {
         let rows = || records.chunks_exact(self.bytes);
         let mut next = 12;
         let mut at = |there: bool, bytes: usize| {
@@ -102,10 +121,7 @@ impl Layout {
         let (source, normal, times) = (at(self.has.source, 2), at(self.has.normal, 3), at(self.has.gps_time, 8));
         let u16_at = |row: &[u8], at: usize| u16::from_le_bytes([row[at], row[at + 1]]);
         let part = |row: &[u8]| u16_at(row, self.bytes - 2);
-        let color = |row: &[u8], at: usize| {
-            let color = [row[at], row[at + 1], row[at + 2]];
-            if row[at + 3] == 0 && narrow[part(row) as usize] { color.map(|v| to_8_bits(v as u16)) } else { color }
-        };
+        let color = |row: &[u8], at: usize| [row[at], row[at + 1], row[at + 2]];
         let time = |row: &[u8], at: usize| f64::from_le_bytes(row[at..at + 8].try_into().expect("eight bytes"));
         Samples {
             q: rows().map(Layout::cell).collect(),
@@ -119,6 +135,16 @@ impl Layout {
             weight: None,
         }
     }
+}
+
+/// What the colours of a part were found to be, once all were read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Colors {
+    Bytes,
+    /// 16 bits; batches that held only low ones were taken for bytes.
+    Wide,
+    /// All 0, which is none.
+    Black,
 }
 
 #[derive(Debug)]

@@ -12,7 +12,7 @@
 //! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
 //! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
 
-use super::bucket::{Bucket, GRID_BITS, Grid, Layout, Sorter, Spill};
+use super::bucket::{Bucket, Colors, GRID_BITS, Grid, Layout, Sorter, Spill};
 use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
 use super::grow::{self, Built, Grown, Open, Tree, Worker};
 use super::samples::{Cell, Samples};
@@ -230,10 +230,15 @@ impl Builder<'_> {
         // Several stations need a number a point, even where no file names them.
         let has = Wanted { source: has.source || group.members.len() > 1 || self.sources.len() > 1, ..has };
         let layout = Layout::new(has);
-        let mut cube = stated;
+        let (mut cube, mut is_true) = (stated, false);
         loop {
             let extent = (0..3).map(|axis| (cube.1[axis].saturating_sub(cube.0[axis])).max(0)).max().unwrap_or(0) as u64;
             let bits = (64 - extent.leading_zeros()).max(1);
+            if bits > 32 && !is_true {
+                // Headers that lie: no box, which all points lie outside of, until their own is known.
+                cube = union(&mut std::iter::empty());
+                continue;
+            }
             if bits > 32 {
                 return Err(Error::Request(format!(
                     "the files lie {extent} steps of their lattice apart, more than 2^32; index them separately"
@@ -246,7 +251,7 @@ impl Builder<'_> {
             let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
             let mut points = 0;
             let mut own = Vec::new();
-            let mut narrow = vec![false; self.sources.len()];
+            let mut colors = vec![Colors::Bytes; self.sources.len()];
             let mut notes = Vec::new();
             let mut found = Wanted::default();
             for &(number, shift) in &group.members {
@@ -284,7 +289,11 @@ impl Builder<'_> {
                     Ok(())
                 })?;
                 points += streamed.points;
-                narrow[number] = streamed.depth.is_wide();
+                colors[number] = match (streamed.depth.is_wide(), streamed.available.rgb) {
+                    (true, _) => Colors::Wide,
+                    (false, false) => Colors::Black,
+                    (false, true) => Colors::Bytes,
+                };
                 found = join(found, streamed.available);
                 notes.extend(streamed.notes.clone());
                 own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
@@ -297,7 +306,7 @@ impl Builder<'_> {
                 if cube == true_box {
                     return Err(Error::Request(format!("{} changed while it was read", self.sources[group.members[0].0].path().display())));
                 }
-                cube = true_box;
+                (cube, is_true) = (true_box, true);
                 continue;
             }
             self.contents.notes.extend(notes);
@@ -307,7 +316,7 @@ impl Builder<'_> {
             let lattice_number = self.contents.lattices.len() as u16 - 2;
             // Colours that are all black are none, which only the points can tell.
             let has = Wanted { rgb: found.rgb, ..has };
-            let tree = Tree { layout, has, corner, bits, lattice: group.lattice, lattice_number, narrow };
+            let tree = Tree { layout, has, corner, bits, lattice: group.lattice, lattice_number, colors };
             return Ok(Ingested { grid, tree, points, stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) });
         }
     }
