@@ -515,7 +515,7 @@ impl Builder<'_> {
                 };
                 let parts = open.iter().map(samples).collect::<Result<Vec<_>>>()?;
                 let mut planes = Vec::new();
-                let (built, _) = grow::parent(tree, open, parts, &mut planes);
+                let (built, _) = grow::parent(tree, open, |child| nodes[child as usize].record.spacing, parts, &mut planes);
                 Ok((planes, built))
             })
             .collect::<Result<_>>()?;

@@ -227,19 +227,24 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         }
         let parts: Vec<Samples> =
             open.iter_mut().map(|open| open.samples.take().expect("samples of a chunk's open nodes are at hand")).collect();
-        let (built, samples) = parent(self.tree, &open, parts, &mut self.grown.planes);
+        let nodes = &self.grown.nodes;
+        let (built, samples) = parent(self.tree, &open, |child| nodes[child as usize].record.spacing, parts, &mut self.grown.planes);
         self.grown.nodes.push(built);
         vec![Open { node: self.grown.nodes.len() as u32 - 1, count: samples.len() as u32, samples: Some(samples) }]
     }
 }
 
-/// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them.
-pub fn parent(tree: &Tree, open: &[Open], parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
+/// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them. `spacing` is that of
+/// a node.
+pub fn parent(tree: &Tree, open: &[Open], spacing: impl Fn(u32) -> f64, parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
     let Merged { samples, dropped, coarser } = merge(&Samples::concatenated(&parts), tree.has);
     let mut record = pack(tree, &samples, coarser, planes);
     record.points = parts.iter().map(Samples::points).sum();
     let widest = |axis: usize| tree.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32);
-    record.spacing = widest(0).max(widest(1)).max(widest(2));
+    // Beside sparse children a dense one may have been merged further than all of them together need: it is not finer here. And an index with an infinite
+    // number would be refused.
+    let own = widest(0).max(widest(1)).max(widest(2)).min(f64::MAX);
+    record.spacing = open.iter().fold(own, |coarsest, open| coarsest.max(spacing(open.node)));
     (Built { record, children: open.iter().map(|open| open.node).collect() }, samples)
 }
 
