@@ -64,6 +64,7 @@ const SCATTER_BYTES: usize = 1 << 20;
 
 pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary> {
     let began = Instant::now();
+    let options = &Options { threads: options.threads.max(1), ..*options };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build();
     let pool = pool.map_err(|error| Error::Request(format!("cannot start {} threads: {error}", options.threads)))?;
     pool.install(|| {
@@ -446,10 +447,11 @@ impl Builder<'_> {
         };
         let outcomes: Vec<Result<Vec<u64>>> = std::thread::scope(|scope| {
             let guarded = || {
+                // Also where it panics: whoever waits for its chunk would wait for ever.
+                let alarm = Alarm { placing: &placing, placed: &placed };
                 let outcome = work();
-                if outcome.is_err() {
-                    lock(&placing).failed = true;
-                    placed.notify_all();
+                if outcome.is_ok() {
+                    std::mem::forget(alarm);
                 }
                 outcome
             };
@@ -540,6 +542,19 @@ struct Placing {
     nodes: Vec<Built>,
     open: BTreeMap<(u32, u128), Vec<Open>>,
     failed: bool,
+}
+
+/// Dropped, it ends the work of all threads.
+struct Alarm<'a> {
+    placing: &'a Mutex<Placing>,
+    placed: &'a Condvar,
+}
+
+impl Drop for Alarm<'_> {
+    fn drop(&mut self) {
+        lock(self.placing).failed = true;
+        self.placed.notify_all();
+    }
 }
 
 impl Placing {
