@@ -9,6 +9,7 @@ use super::samples::{Cell, Samples};
 use crate::cloud::color::to_8_bits;
 use crate::cloud::{Columns, Wanted};
 use crate::error::{Error, Result};
+use crate::whole_file::scratch;
 use rayon::prelude::*;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -163,6 +164,7 @@ pub struct Bucket {
 
 /// Memory and disk that all buckets share.
 pub struct Spill {
+    /// That it lies beside, for errors.
     path: PathBuf,
     file: File,
     end: AtomicU64,
@@ -173,15 +175,7 @@ pub struct Spill {
 impl Spill {
     /// A nameless file beside `output`, empty until `limit` bytes of memory are full.
     pub fn new(output: &Path, limit: u64) -> Result<Spill> {
-        let name = format!(
-            ".{}.spill-{}",
-            output.file_name().unwrap_or_default().to_string_lossy().chars().take(60).collect::<String>(),
-            std::process::id()
-        );
-        let path = output.with_file_name(name);
-        let failed = |error| Error::io("create", &path, error);
-        let file = File::options().read(true).write(true).create(true).truncate(true).open(&path).map_err(failed)?;
-        std::fs::remove_file(&path).map_err(failed)?;
+        let (path, file) = (output.to_owned(), scratch(output)?);
         Ok(Spill { path, file, end: AtomicU64::new(0), used: AtomicU64::new(0), limit })
     }
 
