@@ -1,11 +1,12 @@
 //! A file that is there whole or not at all.
 //!
 //! In: a path, and somebody who writes. Out: the file, under its own name only once it is complete and on the disk. Until then it lies beside
-//! its place as `.NAME.partial-PID`; it is removed when writing fails, when Ctrl-C ends the work, and when the process leaves in a hurry. What a killed
+//! its place as `.NAME.partial-PID`, or with another number where that one is taken; it is removed when writing fails, when Ctrl-C ends the work, and when the process leaves in a hurry. What a killed
 //! process left is removed by the next one that writes the same name: whoever writes holds a lock on its partial file, so one that can be locked is stale.
 
 use crate::error::{Error, Result};
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -15,7 +16,8 @@ static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 /// A file on its way: write to [`WholeFile::partial`], then [`WholeFile::finish`]. Dropped before that, it leaves nothing.
 pub struct WholeFile {
     path: PathBuf,
-    partial: PathBuf,
+    /// None once it has its name.
+    partial: Option<PathBuf>,
     /// Locked as long as it is being written.
     _lock: File,
 }
@@ -23,39 +25,44 @@ pub struct WholeFile {
 impl WholeFile {
     /// Creates the empty partial file, so that a folder that cannot be written to is refused before the work is done.
     pub fn create(path: &Path) -> Result<WholeFile> {
-        let name = path.file_name().ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?;
         // A rename would put a file in the place of a pipe, and as root in the place of /dev/null.
         if path.metadata().is_ok_and(|found| !found.is_file()) {
             return Err(Error::Request(format!("{} is a folder, a pipe or a device; name a file to write", path.display())));
         }
-        let ending = format!(".partial-{}", std::process::id());
-        let begin = format!(".{}", shortened(&name.to_string_lossy(), NAME_BYTES - 1 - PARTIAL_BYTES));
-        remove_stale(path, &format!("{begin}.partial-"));
-        let partial = path.with_file_name(begin + &ending);
-        let lock = File::create(&partial).map_err(|error| Error::io("create", path, error))?;
-        // Where a file system has no locks nothing is told to be stale either.
-        let _ = lock.try_lock();
-        unfinished().push(partial.clone());
-        Ok(WholeFile { path: path.to_owned(), partial, _lock: lock })
+        let begin = partial_begin(path)?;
+        remove_stale(path, &begin);
+        let (partial, lock) = claim(path, &begin)?;
+        Ok(WholeFile { path: path.to_owned(), partial: Some(partial), _lock: lock })
     }
 
     pub fn partial(&self) -> &Path {
-        &self.partial
+        self.partial.as_deref().unwrap_or(&self.path)
     }
 
     /// Brings the contents to the disk, gives the file its name, and brings that to the disk too.
-    pub fn finish(self) -> Result<()> {
-        let synced = OpenOptions::new().write(true).open(&self.partial).and_then(|file| file.sync_all());
-        let named = synced.and_then(|()| std::fs::rename(&self.partial, &self.path));
+    pub fn finish(mut self) -> Result<()> {
+        let synced = OpenOptions::new().write(true).open(self.partial()).and_then(|file| file.sync_all());
+        let named = synced.and_then(|()| self.rename());
         named.and_then(|()| sync_folder(&self.path)).map_err(|error| Error::io("write", &self.path, error))
+    }
+
+    fn rename(&mut self) -> std::io::Result<()> {
+        // Under the lock, because from the rename on somebody else may have the partial name.
+        let mut unfinished = unfinished();
+        std::fs::rename(self.partial(), &self.path)?;
+        let partial = self.partial.take();
+        unfinished.retain(|other| Some(other) != partial.as_ref());
+        Ok(())
     }
 }
 
 impl Drop for WholeFile {
     fn drop(&mut self) {
-        // After the rename there is nothing to remove, and nobody to tell if removing fails.
-        let _ = std::fs::remove_file(&self.partial);
-        unfinished().retain(|partial| *partial != self.partial);
+        let Some(partial) = self.partial.take() else { return };
+        let mut unfinished = unfinished();
+        // Nobody is left to tell if that fails.
+        let _ = std::fs::remove_file(&partial);
+        unfinished.retain(|other| *other != partial);
     }
 }
 
@@ -64,6 +71,58 @@ pub fn whole_file(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Resul
     let file = WholeFile::create(path)?;
     write(file.partial())?;
     file.finish()
+}
+
+/// A nameless file beside `path`, to read and write, which the system removes with the process, however that ends. Killed within the instant in which it
+/// has a name, it is as stale as a partial file.
+pub fn scratch(path: &Path) -> Result<File> {
+    let (partial, file) = claim(path, &partial_begin(path)?)?;
+    let removed = std::fs::remove_file(&partial);
+    unfinished().retain(|other| *other != partial);
+    removed.map_err(|error| Error::io("remove", &partial, error))?;
+    Ok(file)
+}
+
+/// What the names of partial files of `path` begin with.
+fn partial_begin(path: &Path) -> Result<String> {
+    let name = path.file_name().ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?;
+    Ok(format!(".{}.partial-", shortened(&name.to_string_lossy(), NAME_BYTES - 1 - PARTIAL_BYTES)))
+}
+
+/// Process numbers are smaller on every system.
+const NUMBERS: u32 = 1 << 22;
+
+/// Creates a partial file that nobody else has, and locks it.
+fn claim(path: &Path, begin: &str) -> Result<(PathBuf, File)> {
+    let failed = |error| Error::io("create", path, error);
+    // Another writer in this process, or one in a container with a process of the same number, may have the first.
+    for number in (0..u32::MAX / NUMBERS).map(|k| k * NUMBERS + std::process::id() % NUMBERS) {
+        let partial = path.with_file_name(format!("{begin}{number}"));
+        let mut unfinished = unfinished();
+        let file = match OpenOptions::new().read(true).write(true).create_new(true).open(&partial) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => continue,
+            created => created.map_err(failed)?,
+        };
+        // Before it was locked it looked stale: whoever has the lock, or had it, has removed it. Where a file system has no locks nothing is told to be stale.
+        if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) || !is_at(&file, &partial) {
+            continue;
+        }
+        unfinished.push(partial.clone());
+        return Ok((partial, file));
+    }
+    Err(failed(ErrorKind::AlreadyExists.into()))
+}
+
+#[cfg(unix)]
+fn is_at(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let identity = |found: std::fs::Metadata| (found.dev(), found.ino());
+    matches!((file.metadata().map(identity), path.symlink_metadata().map(identity)), (Ok(own), Ok(there)) if own == there)
+}
+
+#[cfg(not(unix))]
+fn is_at(_file: &File, path: &Path) -> bool {
+    path.exists()
 }
 
 /// Removes whatever is half written, for a process that is about to exit without unwinding.
@@ -129,6 +188,47 @@ mod tests {
         living.lock().unwrap();
         whole_file(&path, |partial| std::fs::write(partial, "new").map_err(|error| Error::io("write", partial, error))).unwrap();
         assert!(!stale.exists() && alive.exists() && path.exists());
+    }
+
+    #[test]
+    fn two_writers_in_one_process_do_not_share_a_partial_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let (first, second) = (WholeFile::create(&path).unwrap(), WholeFile::create(&path).unwrap());
+        std::fs::write(first.partial(), "first").unwrap();
+        std::fs::write(second.partial(), "second").unwrap();
+        first.finish().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"first");
+        let third = WholeFile::create(&path).unwrap();
+        second.finish().unwrap();
+        assert!(third.partial().exists());
+        drop(third);
+        assert_eq!(std::fs::read(&path).unwrap(), b"second");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn many_writers_of_one_name_leave_one_whole_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let write = |v: u8| {
+            for _ in 0..200 {
+                whole_file(&path, |partial| std::fs::write(partial, [v; 5000]).map_err(|error| Error::io("write", partial, error)))
+                    .unwrap();
+                drop(scratch(&path).unwrap());
+            }
+        };
+        std::thread::scope(|scope| {
+            (0..4).for_each(|v| {
+                drop(scope.spawn({
+                    let write = &write;
+                    move || write(v)
+                }))
+            })
+        });
+        let left = std::fs::read(&path).unwrap();
+        assert!(left.len() == 5000 && left.iter().all(|&v| v == left[0]));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]

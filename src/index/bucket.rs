@@ -10,6 +10,7 @@ use super::samples::{Cell, Samples};
 use crate::cloud::color::to_8_bits;
 use crate::cloud::{Columns, Wanted};
 use crate::error::{Error, Result};
+use crate::whole_file::scratch;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -99,9 +100,28 @@ impl Layout {
         &record[12..]
     }
 
-    /// The points of records that follow each other. `station` numbers the station of a part and a source; `narrow` says which parts' colours were found
-    /// to be 16-bit. A column at a time: the records fit the cache.
-    pub fn read(&self, records: &[u8], keep: Wanted, station: &impl Fn(u16, u16) -> u16, narrow: &[bool]) -> Samples {
+    /// Brings the colours of records to what those of their whole part turned out to be. Which batch a point came in shows no longer then, so that records
+    /// of equal points are equal.
+    pub fn settle(&self, records: &mut [u8], found: &[Colors]) {
+        if !self.has.rgb || found.iter().all(|&colors| colors == Colors::Bytes) {
+            return;
+        }
+        for row in records.chunks_exact_mut(self.bytes) {
+            let part = u16::from_le_bytes([row[self.bytes - 2], row[self.bytes - 1]]);
+            let (color, wide) = row[12..16].split_at_mut(3);
+            match found[part as usize] {
+                // As if the file had no such field.
+                Colors::Black => color.fill(255),
+                Colors::Wide if wide[0] == 0 => color.iter_mut().for_each(|v| *v = to_8_bits(*v as u16)),
+                Colors::Wide | Colors::Bytes => {}
+            }
+            wide[0] = 0;
+        }
+    }
+
+    /// The points of settled records that follow each other. `station` numbers the station of a part and a source. A column at a time: the records fit the
+    /// cache.
+    pub fn read(&self, records: &[u8], keep: Wanted, station: &impl Fn(u16, u16) -> u16) -> Samples {
         let rows = || records.chunks_exact(self.bytes);
         let mut next = 12;
         let mut at = |there: bool, bytes: usize| {
@@ -113,10 +133,7 @@ impl Layout {
         let (source, normal, times) = (at(self.has.source, 2), at(self.has.normal, 3), at(self.has.gps_time, 8));
         let u16_at = |row: &[u8], at: usize| u16::from_le_bytes([row[at], row[at + 1]]);
         let part = |row: &[u8]| u16_at(row, self.bytes - 2);
-        let color = |row: &[u8], at: usize| {
-            let color = [row[at], row[at + 1], row[at + 2]];
-            if row[at + 3] == 0 && narrow[part(row) as usize] { color.map(|v| to_8_bits(v as u16)) } else { color }
-        };
+        let color = |row: &[u8], at: usize| [row[at], row[at + 1], row[at + 2]];
         let time = |row: &[u8], at: usize| f64::from_le_bytes(row[at..at + 8].try_into().expect("eight bytes"));
         Samples {
             q: rows().map(Layout::cell).collect(),
@@ -130,6 +147,16 @@ impl Layout {
             weight: None,
         }
     }
+}
+
+/// What the colours of a part were found to be, once all were read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Colors {
+    Bytes,
+    /// 16 bits; batches that held only low ones were taken for bytes.
+    Wide,
+    /// All 0, which is none.
+    Black,
 }
 
 #[derive(Debug)]
@@ -150,6 +177,7 @@ pub struct Bucket {
 
 /// Memory and disk that all buckets share.
 pub struct Spill {
+    /// That it lies beside, for errors.
     path: PathBuf,
     file: File,
     end: AtomicU64,
@@ -160,15 +188,7 @@ pub struct Spill {
 impl Spill {
     /// A nameless file beside `output`, empty until `limit` bytes of memory are full.
     pub fn new(output: &Path, limit: u64) -> Result<Spill> {
-        let name = format!(
-            ".{}.spill-{}",
-            output.file_name().unwrap_or_default().to_string_lossy().chars().take(60).collect::<String>(),
-            std::process::id()
-        );
-        let path = output.with_file_name(name);
-        let failed = |error| Error::io("create", &path, error);
-        let file = File::options().read(true).write(true).create(true).truncate(true).open(&path).map_err(failed)?;
-        std::fs::remove_file(&path).map_err(failed)?;
+        let (path, file) = (output.to_owned(), scratch(output)?);
         Ok(Spill { path, file, end: AtomicU64::new(0), used: AtomicU64::new(0), limit })
     }
 

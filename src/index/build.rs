@@ -12,7 +12,7 @@
 //! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
 //! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
 
-use super::bucket::{self, Bucket, Grid, Layout, Sorter, Spill};
+use super::bucket::{self, Bucket, Colors, Grid, Layout, Sorter, Spill};
 use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
 use super::grow::{self, Built, Grown, Open, Tree, Worker};
 use super::samples::{Cell, Samples};
@@ -73,6 +73,7 @@ const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 20);
 
 pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary> {
     let began = Instant::now();
+    let options = &Options { threads: options.threads.max(1), ..*options };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build();
     let pool = pool.map_err(|error| Error::Request(format!("cannot start {} threads: {error}", options.threads)))?;
     pool.install(|| {
@@ -251,10 +252,15 @@ impl Builder<'_> {
         // Several stations need a number a point, even where no file names them.
         let has = Wanted { source: has.source || group.members.len() > 1 || self.sources.len() > 1, ..has };
         let layout = Layout::new(has);
-        let mut cube = stated;
+        let (mut cube, mut is_true) = (stated, false);
         loop {
             let extent = (0..3).map(|axis| (cube.1[axis].saturating_sub(cube.0[axis])).max(0)).max().unwrap_or(0) as u64;
             let bits = (64 - extent.leading_zeros()).max(1);
+            if bits > 32 && !is_true {
+                // Headers that lie: no box, which all points lie outside of, until their own is known.
+                cube = union(&mut std::iter::empty());
+                continue;
+            }
             if bits > 32 {
                 return Err(Error::Request(format!(
                     "the files lie {extent} steps of their lattice apart, more than 2^32; index them separately"
@@ -267,7 +273,7 @@ impl Builder<'_> {
             let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
             let mut points = 0;
             let mut own = Vec::new();
-            let mut narrow = vec![false; self.sources.len()];
+            let mut colors = vec![Colors::Bytes; self.sources.len()];
             let mut notes = Vec::new();
             let mut found = Wanted::default();
             for &(number, shift) in &group.members {
@@ -306,7 +312,11 @@ impl Builder<'_> {
                     Ok(())
                 })?;
                 points += streamed.points;
-                narrow[number] = streamed.depth.is_wide();
+                colors[number] = match (streamed.depth.is_wide(), streamed.available.rgb) {
+                    (true, _) => Colors::Wide,
+                    (false, false) => Colors::Black,
+                    (false, true) => Colors::Bytes,
+                };
                 found = join(found, streamed.available);
                 notes.extend(streamed.notes.clone());
                 own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
@@ -319,7 +329,7 @@ impl Builder<'_> {
                 if cube == true_box {
                     return Err(Error::Request(format!("{} changed while it was read", self.sources[group.members[0].0].path().display())));
                 }
-                cube = true_box;
+                (cube, is_true) = (true_box, true);
                 continue;
             }
             self.contents.notes.extend(notes);
@@ -329,17 +339,20 @@ impl Builder<'_> {
             let lattice_number = self.contents.lattices.len() as u16 - 2;
             // Colours that are all black are none, which only the points can tell.
             let has = Wanted { rgb: found.rgb, ..has };
-            let tree = Tree { layout, has, corner, bits, lattice: group.lattice, lattice_number, narrow };
+            let tree = Tree { layout, has, corner, bits, lattice: group.lattice, lattice_number, colors };
             return Ok(Ingested { grid, tree, points, stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) });
         }
     }
 
     fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
         let source = &self.sources[number];
+        let mut header = source.header().clone();
+        // A note has said what is wrong about bounds that are no numbers.
+        header.bounds.take_if(|corners| !corners.as_flattened().iter().all(|v| v.is_finite()));
         self.parts[number] = Some(IndexedPart {
             path: source.path().to_owned(),
             name: source.name().map(str::to_owned),
-            header: source.header().clone(),
+            header,
             step: group.lattice.step,
             offset: source.lattice().offset,
             points: streamed.points,
@@ -416,10 +429,11 @@ impl Builder<'_> {
         };
         let outcomes: Vec<Result<Vec<u64>>> = std::thread::scope(|scope| {
             let guarded = || {
+                // Also where it panics: whoever waits for its chunk would wait for ever.
+                let alarm = Alarm { placing: &placing, placed: &placed };
                 let outcome = work();
-                if outcome.is_err() {
-                    lock(&placing).failed = true;
-                    placed.notify_all();
+                if outcome.is_ok() {
+                    std::mem::forget(alarm);
                 }
                 outcome
             };
@@ -485,7 +499,7 @@ impl Builder<'_> {
                 };
                 let parts = open.iter().map(samples).collect::<Result<Vec<_>>>()?;
                 let mut planes = Vec::new();
-                let (built, _) = grow::parent(tree, open, parts, &mut planes);
+                let (built, _) = grow::parent(tree, open, |child| nodes[child as usize].record.spacing, parts, &mut planes);
                 Ok((planes, built))
             })
             .collect::<Result<_>>()?;
@@ -510,6 +524,19 @@ struct Placing {
     nodes: Vec<Built>,
     open: BTreeMap<(u32, u128), Vec<Open>>,
     failed: bool,
+}
+
+/// Dropped, it ends the work of all threads.
+struct Alarm<'a> {
+    placing: &'a Mutex<Placing>,
+    placed: &'a Condvar,
+}
+
+impl Drop for Alarm<'_> {
+    fn drop(&mut self) {
+        lock(self.placing).failed = true;
+        self.placed.notify_all();
+    }
 }
 
 impl Placing {

@@ -145,6 +145,7 @@ impl NodeRecord {
 /// One file, or one scan of one, that went into the index.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct IndexedPart {
+    #[serde(with = "any_path")]
     pub path: PathBuf,
     pub name: Option<String>,
     pub header: Header,
@@ -153,6 +154,42 @@ pub struct IndexedPart {
     pub points: u64,
     pub intensity_range: [f64; 2],
     pub rgb_bits: u8,
+}
+
+/// A path as text, or as its bytes where it is none: JSON has no other way.
+mod any_path {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use std::ffi::OsString;
+    use std::path::{Path, PathBuf};
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(untagged)]
+    enum Kept {
+        Text(String),
+        Bytes(Vec<u8>),
+    }
+
+    pub fn serialize<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+        let bytes = || path.as_os_str().as_encoded_bytes().to_vec();
+        path.to_str().map_or_else(|| Kept::Bytes(bytes()), |text| Kept::Text(text.to_owned())).serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<PathBuf, D::Error> {
+        Ok(match Kept::deserialize(deserializer)? {
+            Kept::Text(text) => text.into(),
+            Kept::Bytes(bytes) => os_string(bytes).into(),
+        })
+    }
+
+    #[cfg(unix)]
+    fn os_string(bytes: Vec<u8>) -> OsString {
+        std::os::unix::ffi::OsStringExt::from_vec(bytes)
+    }
+
+    #[cfg(not(unix))]
+    fn os_string(bytes: Vec<u8>) -> OsString {
+        String::from_utf8_lossy(&bytes).into_owned().into()
+    }
 }
 
 /// What was opened, and what is known of all of it.
@@ -247,6 +284,10 @@ impl Writer {
     pub fn finish(self, directory: &Directory, end: u64) -> Result<u64> {
         let records: &[u8] = bytemuck::cast_slice(&directory.nodes);
         let contents = serde_json::to_vec(&directory.contents).map_err(|error| Error::Request(error.to_string()))?;
+        // JSON has no infinity, and a lattice that comes back one digit off moves every point.
+        if !serde_json::from_slice(&contents).is_ok_and(|again: Contents| again == directory.contents) {
+            return Err(Error::Request(format!("{}: what was opened has numbers that an index cannot keep", self.path.display())));
+        }
         self.put(end, records)?;
         self.put(end + records.len() as u64, &contents)?;
         self.sync()?;

@@ -10,7 +10,7 @@
 //! The tree is the binary one of Pintus, section 7, but only cells that gather enough samples get a node: with G = 4 M inner nodes cost about a sixth of the
 //! leaves' bytes, where a node in every cell would cost as much again. Which cells get one depends on the points alone, not on chunks, threads or memory.
 
-use super::bucket::{Bucket, Layout, Spill};
+use super::bucket::{Bucket, Colors, Layout, Spill};
 use super::file::NodeRecord;
 use super::merge::{Merged, merge};
 use super::morton;
@@ -34,8 +34,8 @@ pub struct Tree {
     pub lattice: Lattice,
     /// Of the file's lattice; the next is the one that rounded positions lie on.
     pub lattice_number: u16,
-    /// For every part whether its colours are 16-bit.
-    pub narrow: Vec<bool>,
+    /// Of every part.
+    pub colors: Vec<Colors>,
 }
 
 /// A node with the numbers of its children.
@@ -94,6 +94,7 @@ impl Worker {
         if self.records.is_empty() {
             return Ok(Grown::default());
         }
+        tree.layout.settle(&mut self.records, &tree.colors);
         // The bits of each axis that the chunk leaves open, rounded up to a cube.
         let bits = tree.bits - depth / 3;
         let stride = tree.layout.bytes;
@@ -210,7 +211,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
             run.sort_unstable_by(|&a, &b| self.rest(a).cmp(self.rest(b)));
             run.iter().for_each(|&i| self.leaf_records.extend_from_slice(record(i)));
         }
-        let samples = self.tree.layout.read(&self.leaf_records, self.tree.has, self.station, &self.tree.narrow);
+        let samples = self.tree.layout.read(&self.leaf_records, self.tree.has, self.station);
         if let Some(column) = &samples.intensity {
             self.intensities.resize(1 << 16, 0);
             column.iter().for_each(|&v| self.intensities[v as usize] += 1);
@@ -226,19 +227,24 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         }
         let parts: Vec<Samples> =
             open.iter_mut().map(|open| open.samples.take().expect("samples of a chunk's open nodes are at hand")).collect();
-        let (built, samples) = parent(self.tree, &open, parts, &mut self.grown.planes);
+        let nodes = &self.grown.nodes;
+        let (built, samples) = parent(self.tree, &open, |child| nodes[child as usize].record.spacing, parts, &mut self.grown.planes);
         self.grown.nodes.push(built);
         vec![Open { node: self.grown.nodes.len() as u32 - 1, count: samples.len() as u32, samples: Some(samples) }]
     }
 }
 
-/// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them.
-pub fn parent(tree: &Tree, open: &[Open], parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
+/// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them. `spacing` is that of
+/// a node.
+pub fn parent(tree: &Tree, open: &[Open], spacing: impl Fn(u32) -> f64, parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
     let Merged { samples, dropped, coarser } = merge(&Samples::concatenated(&parts), tree.has);
     let mut record = pack(tree, &samples, coarser, planes);
     record.points = parts.iter().map(Samples::points).sum();
     let widest = |axis: usize| tree.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32);
-    record.spacing = widest(0).max(widest(1)).max(widest(2));
+    // Beside sparse children a dense one may have been merged further than all of them together need: it is not finer here. And an index with an infinite
+    // number would be refused.
+    let own = widest(0).max(widest(1)).max(widest(2)).min(f64::MAX);
+    record.spacing = open.iter().fold(own, |coarsest, open| coarsest.max(spacing(open.node)));
     (Built { record, children: open.iter().map(|open| open.node).collect() }, samples)
 }
 

@@ -17,6 +17,11 @@ pub struct Map {
 
 impl Map {
     pub fn open(path: &Path) -> Result<Map> {
+        let found = std::fs::metadata(path).map_err(|error| Error::io("open", path, error))?;
+        // Opening a pipe would wait for a writer.
+        if !found.is_file() {
+            return Err(Error::format(path, "is a folder, a pipe or a device, and no index"));
+        }
         let file = File::open(path).map_err(|error| Error::io("open", path, error))?;
         // SAFETY: the map is never made a slice of; its bytes are only copied by the kernel, for which a page that changes or goes is no undefined behaviour.
         let map = unsafe { Mmap::map(&file) }.map_err(|error| Error::io("map", path, error))?;

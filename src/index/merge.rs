@@ -33,9 +33,9 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     differ.iter().for_each(|&bit| pairs[bit as usize] += 1);
     // With the lowest `dropped` bits gone, a new cell begins where neighbours differ in a higher one.
     let mut cells = 1 + pairs[1..].iter().sum::<usize>();
-    let least = least_coarser(&samples.q);
     let mut dropped = 0u32;
-    while cells > POINTS_PER_PAGE as usize || dropped < 3 * least {
+    let least = least_dropped(&samples.q);
+    while cells > POINTS_PER_PAGE as usize || dropped < least {
         dropped += 1;
         cells -= pairs[dropped as usize];
     }
@@ -43,7 +43,7 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     starts.push(0);
     starts.extend(differ.iter().enumerate().filter(|&(_, &bit)| bit as u32 > dropped).map(|(i, _)| i + 1));
     starts.push(samples.len());
-    let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL).max(least);
+    let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
     let runs = Runs { samples, starts };
     let weights: Vec<u64> = runs.each(|run| run.map(|i| samples.weight(i) as u64).sum());
     let merged = Samples {
@@ -60,13 +60,17 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     Merged { samples: merged, dropped, coarser }
 }
 
-/// Positions must be rounded at least so far, as a power of two, that the box around them fits a node's planes.
-fn least_coarser(q: &[Cell]) -> u32 {
-    let (low, high) = q.iter().fold(([u32::MAX; 3], [0; 3]), |(low, high): (Cell, Cell), q| {
-        (std::array::from_fn(|axis| low[axis].min(q[axis])), std::array::from_fn(|axis| high[axis].max(q[axis])))
-    });
-    let fits = |coarser: u32| (0..3).all(|axis| (high[axis] >> coarser) - (low[axis] >> coarser) < 1 << (BITS_PER_PLANE * POSITION_PLANES));
-    (0..32).find(|&coarser| fits(coarser)).unwrap_or(0)
+/// Bits to drop before positions, rounded as [`merge`] rounds them, fit their planes: none unless samples lie 2^30 steps apart.
+fn least_dropped(q: &[Cell]) -> u32 {
+    let most = 1u32 << (BITS_PER_PLANE * POSITION_PLANES);
+    let coarser = |axis: usize| {
+        let (low, high) = q.iter().fold((u32::MAX, 0), |(low, high), q| (low.min(q[axis]), high.max(q[axis])));
+        (0..32).find(|&coarser| (high >> coarser).saturating_sub(low >> coarser) < most).unwrap_or(32)
+    };
+    match coarser(0).max(coarser(1)).max(coarser(2)) {
+        0 => 0,
+        coarser => 3 * (coarser + BITS_WITHIN_CELL),
+    }
 }
 
 /// The runs of samples that become one each.
@@ -247,6 +251,20 @@ mod tests {
     fn a_million_coincident_points_are_one_sample() {
         let merged = merge(&weighted(vec![[5, 6, 7]; 1_000_000]), HAS);
         assert_eq!((merged.samples.len(), merged.samples.points(), merged.samples.q[0]), (1, 1_000_000, [5, 6, 7]));
+    }
+
+    #[test]
+    fn positions_of_few_samples_far_apart_fit_their_planes() {
+        let ends = [0, 1, 15, 1 << 30, (1 << 30) + 1, (1 << 31) - 1, 1 << 31, u32::MAX - 1, u32::MAX];
+        for (i, &low) in ends.iter().enumerate() {
+            for &high in &ends[i..] {
+                let merged = merge(&weighted(vec![[low, 7, low], [high, 7, low]]), HAS);
+                let at = |q: &Cell| q[0] >> merged.coarser;
+                let sides = merged.samples.q.iter().map(|q| at(q) - at(&merged.samples.q[0]));
+                assert!(sides.max() < Some(1 << 30), "{low} {high}");
+                assert!(high - low < 16 || merged.samples.len() == 2);
+            }
+        }
     }
 
     #[test]
