@@ -84,6 +84,11 @@ pub fn srgb_to_linear(encoded: f64) -> f64 {
     if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
+/// Its inverse.
+pub fn linear_to_srgb(linear: f64) -> f64 {
+    if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
 /// From deep blue over green and sand to white: lightness rises all the way, so that the ramp also reads in grey.
 fn height_ramp(t: f64) -> [f64; 3] {
     const STOPS: [[f64; 3]; 6] =

@@ -1,14 +1,25 @@
 //! Numbers that studies share: quartiles of times, maximum and RMS of errors, and the front of what no other setting beats.
 
-/// Lower quartile, median, upper quartile, by linear interpolation between the sorted values (Hyndman and Fan 1996, type 7).
-pub fn quartiles(values: &[f64]) -> [f64; 3] {
+/// What the given shares of the values lie below, by linear interpolation between the sorted values (Hyndman and Fan 1996, type 7).
+pub fn quantiles<const N: usize>(values: &[f64], shares: [f64; N]) -> [f64; N] {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    [0.25, 0.5, 0.75].map(|share| {
+    shares.map(|share| {
         let at = share * sorted.len().saturating_sub(1) as f64;
         let (below, above) = (sorted.get(at.floor() as usize), sorted.get(at.ceil() as usize));
         below.zip(above).map_or(f64::NAN, |(below, above)| below + (above - below) * at.fract())
     })
+}
+
+/// Lower quartile, median, upper quartile.
+pub fn quartiles(values: &[f64]) -> [f64; 3] {
+    quantiles(values, [0.25, 0.5, 0.75])
+}
+
+/// 0 of none.
+pub fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), v| (sum + v, count + 1));
+    sum / count.max(1) as f64
 }
 
 /// Largest of the errors, and the root of the mean of their squares; 0 of none.

@@ -7,9 +7,12 @@
 //! What errors are measured against is never the renderer itself, except where a metric says so: `oracle` has the f64 twins.
 
 pub mod chart;
+pub mod flip;
 pub mod metrics;
 pub mod oracle;
+pub mod popping;
 pub mod report;
+pub mod scan;
 pub mod sweep;
 
 use crate::error::{Error, Result};
@@ -69,6 +72,7 @@ macro_rules! studies {
 
 studies! {
     precision, // bits of position
+    lod,       // projected error of the cut
 }
 
 /// Runs the named studies, or all.

@@ -5,7 +5,6 @@
 //! far its depth is from the point's. The reference is the scan itself, neither the renderer nor the analytic scene: noise is no fault of precision. One metric is against
 //! the renderer's own picture at full precision, and says so: the share of pixels that show another point.
 
-use super::chart::{Chart, Mark, Panel};
 use super::metrics::{self, Errors};
 use super::oracle::points::Points;
 use super::report::{Figure, Section, Table};
@@ -36,7 +35,7 @@ const SETTINGS: [(&str, Precision); 4] =
 const FULL: usize = 2;
 
 /// Where f32 coordinates would fail: the studies of position are made where surveys are.
-const UTM: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
+pub(super) const UTM: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
 
 /// Metric, its unit for axes, and what it is.
 const METRICS: [(&str, &str, &str); 6] = [
@@ -107,7 +106,11 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         resident.free(gpu);
     }
     mark_fronts(&mut rows);
-    let figures = METRICS.iter().map(|metric| figure(metric, &rows)).collect();
+    let label = |row: &Row| if row.value.parse::<u32>().is_ok() { format!("{} bits", row.value) } else { row.value.clone() };
+    let figure = |&(metric, y_axis, caption): &_| {
+        Figure::of("precision", metric, ["milliseconds to project (bars: quartiles)", y_axis], caption, &rows, &label)
+    };
+    let figures = METRICS.iter().map(figure).collect();
     let how = format!(
         "{} points a scene at E 500 km, N 5000 km, drawn at {} x {} pixels; n = {} interleaved rounds after one that is not counted. Errors are those of what was drawn: \
          every pixel names its point and depth, and the scan says in f64 where that point is. A pixel's error is how far outside of the pixel its point truly lies. Errors \
@@ -119,14 +122,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
 }
 
 /// As fine as readers keep coordinates of floating-point files, the finest there are: less than 2^30 steps across. A millimetre lattice needs no more than 20 bits a node.
-fn finest_step(world: &World) -> f64 {
+pub(super) fn finest_step(world: &World) -> f64 {
     let bounds = world.bounds();
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element() + 1.0;
     2f64.powi((2.0 * reach).log2().ceil() as i32 - 30)
 }
 
 /// From four times as far as the scene's own camera, from there, and from a fortieth of its distance to what it looks at.
-fn cameras(world: &World) -> [(&'static str, Camera); 3] {
+pub(super) fn cameras(world: &World) -> [(&'static str, Camera); 3] {
     let look = world.camera();
     let camera =
         |eye, target| Camera { eye, target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None };
@@ -200,26 +203,4 @@ fn counted(scene: &str, view: &str, value: &str, s: &Statistics, ms: [f64; 3]) -
         if s.quantisation_px == 0.0 { "0".into() } else { format!("{:.1e}", s.quantisation_px) },
         format!("{:.2} ({:.2} to {:.2})", ms[1], ms[0], ms[2]),
     ]
-}
-
-/// A panel for every scene and view.
-fn figure(&(metric, axis, caption): &(&str, &str, &str), rows: &[Row]) -> Figure {
-    let mut panels: Vec<Panel> = Vec::new();
-    for row in rows.iter().filter(|row| row.metric == metric) {
-        let title = format!("{}, {}", row.scene, row.view);
-        if panels.last().is_none_or(|panel| panel.title != title) {
-            panels.push(Panel { title, marks: Vec::new() });
-        }
-        let label = if row.value.parse::<u32>().is_ok() { format!("{} bits", row.value) } else { row.value.clone() };
-        let mark = Mark { label, x: row.ms, y: row.error, front: row.front, auto: row.auto };
-        panels.last_mut().expect("pushed above").marks.push(mark);
-    }
-    let chart = Chart {
-        title: caption.into(),
-        x_axis: "milliseconds to project (bars: quartiles)".into(),
-        y_axis: axis.into(),
-        columns: 3,
-        panels,
-    };
-    Figure { file: format!("precision-{}.svg", metric.replace('_', "-")), caption: caption.into(), svg: chart.svg() }
 }

@@ -1,5 +1,6 @@
 //! Sections of studies in; `NAME.csv`, `NAME-*.svg` and one self-contained `study.html` out, each written whole or not at all.
 
+use super::chart::{Chart, Mark, Panel};
 use super::{Plan, Row};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
@@ -22,6 +23,30 @@ pub struct Figure {
     pub file: String,
     pub caption: String,
     pub svg: String,
+}
+
+impl Figure {
+    /// One metric over the time it takes: a panel for every scene and view.
+    pub fn of(
+        study: &str,
+        metric: &str,
+        [x_axis, y_axis]: [&str; 2],
+        caption: &str,
+        rows: &[Row],
+        label: &dyn Fn(&Row) -> String,
+    ) -> Figure {
+        let mut panels: Vec<Panel> = Vec::new();
+        for row in rows.iter().filter(|row| row.metric == metric) {
+            let title = format!("{}, {}", row.scene, row.view);
+            if panels.last().is_none_or(|panel| panel.title != title) {
+                panels.push(Panel { title, marks: Vec::new() });
+            }
+            let mark = Mark { label: label(row), x: row.ms, y: row.error, front: row.front, auto: row.auto };
+            panels.last_mut().expect("pushed above").marks.push(mark);
+        }
+        let chart = Chart { title: caption.into(), x_axis: x_axis.into(), y_axis: y_axis.into(), columns: 3, panels };
+        Figure { file: format!("{study}-{}.svg", metric.replace('_', "-")), caption: caption.into(), svg: chart.svg() }
+    }
 }
 
 pub struct Table {
