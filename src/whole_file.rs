@@ -113,11 +113,16 @@ fn claim(path: &Path, begin: &str) -> Result<(PathBuf, File)> {
     Err(failed(ErrorKind::AlreadyExists.into()))
 }
 
+/// Whether a file is still where it was created; where the system does not say, it is.
 #[cfg(unix)]
 fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     let identity = |found: std::fs::Metadata| (found.dev(), found.ino());
-    matches!((file.metadata().map(identity), path.symlink_metadata().map(identity)), (Ok(own), Ok(there)) if own == there)
+    match (file.metadata(), path.symlink_metadata()) {
+        (Ok(own), Ok(there)) => identity(own) == identity(there),
+        (_, Err(error)) => error.kind() != ErrorKind::NotFound,
+        (Err(_), Ok(_)) => true,
+    }
 }
 
 #[cfg(not(unix))]
