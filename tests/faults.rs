@@ -206,8 +206,6 @@ fn any_call_that_fails_leaves_the_old_index_or_the_new_one() {
             ("flock", "error=ENOLCK", Success),
             ("unlink", "error=EIO", Either),
             ("openat", "error=EMFILE", Either),
-            ("openat", "error=ENOSPC", Either),
-            ("openat", "error=EACCES", Either),
             ("statx", "error=EIO", Either),
             ("pread64", "error=EIO", Either),
             ("clone3", "error=EAGAIN", Either),
