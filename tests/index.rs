@@ -130,7 +130,7 @@ fn shape(shape: Shape, count: usize, low: [i32; 3], sides: [u32; 3], seed: u64) 
             Shape::Corners => random.map(|r| if r & 1 == 1 { u64::MAX } else { 0 }),
             Shape::Series => random.map(|r| u64::MAX >> (r % 64)),
             Shape::Clusters => [0, 1, 2].map(|axis| noise(noise(seed ^ i) % 7 + axis * 100)),
-            Shape::Corner => random.map(|r| if i % 50 == 0 { r } else { r >> 12 }),
+            Shape::Corner => random.map(|r| if i.is_multiple_of(50) { r } else { r >> 12 }),
         };
         [0, 1, 2].map(|axis| within(axis, parts[axis]))
     };
@@ -475,7 +475,7 @@ fn large_clouds_of_any_shape_are_kept_bit_by_bit() {
     for (number, (low, sides)) in BOXES.into_iter().enumerate() {
         for which in SHAPES {
             // Half of them fill many leaves.
-            let count = if (number + which as usize) % 2 == 0 { 300_000 } else { 70_000 };
+            let count = if (number + which as usize).is_multiple_of(2) { 300_000 } else { 70_000 };
             let place = Place::new();
             let file = place.las("a.las", &shape(which, count, low, sides, 5), MILLIMETRES);
             let index = place.faithful(&[file], &OPTIONS);
