@@ -77,8 +77,9 @@ pub fn whole_file(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Resul
 /// has a name, it is as stale as a partial file.
 pub fn scratch(path: &Path) -> Result<File> {
     let (partial, file) = claim(path, &partial_begin(path)?)?;
+    let mut unfinished = unfinished();
     let removed = std::fs::remove_file(&partial);
-    unfinished().retain(|other| *other != partial);
+    unfinished.retain(|other| *other != partial);
     removed.map_err(|error| Error::io("remove", &partial, error))?;
     Ok(file)
 }
@@ -113,11 +114,16 @@ fn claim(path: &Path, begin: &str) -> Result<(PathBuf, File)> {
     Err(failed(ErrorKind::AlreadyExists.into()))
 }
 
+/// Whether a file is still where it was created; where the system does not say, it is.
 #[cfg(unix)]
 fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     let identity = |found: std::fs::Metadata| (found.dev(), found.ino());
-    matches!((file.metadata().map(identity), path.symlink_metadata().map(identity)), (Ok(own), Ok(there)) if own == there)
+    match (file.metadata(), path.symlink_metadata()) {
+        (Ok(own), Ok(there)) => identity(own) == identity(there),
+        (_, Err(error)) => error.kind() != ErrorKind::NotFound,
+        (Err(_), Ok(_)) => true,
+    }
 }
 
 #[cfg(not(unix))]
@@ -138,7 +144,11 @@ fn remove_stale(path: &Path, begin: &str) {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let is_partial = entry.file_name().to_str().and_then(|name| name.strip_prefix(begin)).is_some_and(|pid| pid.parse::<u32>().is_ok());
-        if is_partial && OpenOptions::new().write(true).open(entry.path()).is_ok_and(|file| file.try_lock().is_ok()) {
+        // Names of this process come and go under the same lock, so that what is removed is what was found.
+        let unfinished = unfinished();
+        let is_stale =
+            |path: &Path| OpenOptions::new().write(true).open(path).is_ok_and(|file| file.try_lock().is_ok() && is_at(&file, path));
+        if is_partial && !unfinished.contains(&entry.path()) && is_stale(&entry.path()) {
             // Whoever else is removing it has the same in mind.
             let _ = std::fs::remove_file(entry.path());
         }

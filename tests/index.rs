@@ -11,7 +11,7 @@ use pointillist::cloud::{self, Cloud, Lattice, ReadOptions, Wanted};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
 use pointillist::index::build::{self, Options, Summary};
-use pointillist::index::file::{Index, NodeRecord, PLANES, Plane};
+use pointillist::index::file::{Contents, Index, NodeRecord, PLANES, Plane};
 use pointillist::progress::{Progress, Silent};
 use pointillist::synth::Scene;
 use proptest::prelude::*;
@@ -130,7 +130,7 @@ fn shape(shape: Shape, count: usize, low: [i32; 3], sides: [u32; 3], seed: u64) 
             Shape::Corners => random.map(|r| if r & 1 == 1 { u64::MAX } else { 0 }),
             Shape::Series => random.map(|r| u64::MAX >> (r % 64)),
             Shape::Clusters => [0, 1, 2].map(|axis| noise(noise(seed ^ i) % 7 + axis * 100)),
-            Shape::Corner => random.map(|r| if i % 50 == 0 { r } else { r >> 12 }),
+            Shape::Corner => random.map(|r| if i.is_multiple_of(50) { r } else { r >> 12 }),
         };
         [0, 1, 2].map(|axis| within(axis, parts[axis]))
     };
@@ -475,7 +475,7 @@ fn large_clouds_of_any_shape_are_kept_bit_by_bit() {
     for (number, (low, sides)) in BOXES.into_iter().enumerate() {
         for which in SHAPES {
             // Half of them fill many leaves.
-            let count = if (number + which as usize) % 2 == 0 { 300_000 } else { 70_000 };
+            let count = if (number + which as usize).is_multiple_of(2) { 300_000 } else { 70_000 };
             let place = Place::new();
             let file = place.las("a.las", &shape(which, count, low, sides, 5), MILLIMETRES);
             let index = place.faithful(&[file], &OPTIONS);
@@ -590,7 +590,7 @@ fn files_too_far_apart_for_one_lattice_are_refused_with_a_reason() {
 #[test]
 fn more_than_fits_the_memory_goes_through_a_file_and_full_buckets_are_split() {
     let place = Place::new();
-    scan(&place.at("street.las"), Scene::Street, 3_000_000);
+    scan(&place.at("street.las"), Scene::Street, 2_000_000);
     let street = cloud::read(&[place.at("street.las")], &READ, &Silent).unwrap();
     let Lattice { step, offset } = street.parts[0].lattice;
     // Half a million points in a few centimetres, on the same lattice, counted from elsewhere.
@@ -599,9 +599,9 @@ fn more_than_fits_the_memory_goes_through_a_file_and_full_buckets_are_split() {
     let files = [place.at("street.las"), place.las("blob.las", &blob, frame)];
     let little = Options { memory: 64 << 20, threads: 1, ..OPTIONS };
     let summary = place.build(&files, "b.pnti", &little).unwrap();
-    assert!(summary.spilled_bytes > 10 << 20, "{} bytes spilled", summary.spilled_bytes);
+    assert!(summary.spilled_bytes > 4 << 20, "{} bytes spilled", summary.spilled_bytes);
     let one = contents_of_nodes(&place.faithful(&files, &little));
-    let two = contents_of_nodes(&place.faithful(&files, &Options { threads: 2, ..little }));
+    let two = contents_of_nodes(&place.index(&files, &Options { threads: 2, ..little }));
     assert!(one == two, "threads");
     let much = place.index(&files, &OPTIONS);
     assert_eq!(much.directory.roots, 1);
@@ -655,7 +655,7 @@ fn extreme_lattices_are_kept_exactly() {
 #[test]
 fn lattices_come_back_to_the_last_bit() {
     let place = Place::new();
-    for i in 0..300 {
+    for i in 0..100 {
         let random = |k: u64| f64::from_bits(noise(6 * i + k) & !(0x7FF << 52) | (1023 - 10 + 30 * (k >= 3) as u64) << 52).abs();
         let frame = Frame { step: [random(0), random(1), random(2)], offset: [random(3), random(4), random(5)], stated: None };
         let index = place.index(&[place.las("a.las", &[point([1, 2, 3], 1)], frame)], &OPTIONS);
@@ -769,23 +769,21 @@ fn position_colour_intensity_and_class_take_at_most_20_bytes_a_point() {
 
 /// A few points that are several nodes all the same, because they lie too far apart for one.
 fn small(place: &Place) -> PathBuf {
-    let mut points = shape(Shape::Uniform, 40, [i32::MIN; 3], [u32::MAX; 3], 1);
-    points.extend(shape(Shape::Clusters, 60, [0; 3], [100; 3], 2));
+    let mut points = shape(Shape::Uniform, 12, [i32::MIN; 3], [u32::MAX; 3], 1);
+    points.extend(shape(Shape::Clusters, 12, [0; 3], [100; 3], 2));
     place.las("small.las", &points, MILLIMETRES);
     place.build(&[place.at("small.las")], "small.pnti", &OPTIONS).unwrap();
     place.at("small.pnti")
 }
 
-/// All that can be read: directory and planes.
-fn told(path: &Path) -> Result<u64> {
+/// All that can be read: contents, and records with their planes.
+#[derive(Debug, PartialEq)]
+struct Told(Contents, Vec<(NodeRecord, BTreeMap<usize, Vec<u8>>)>);
+
+fn told(path: &Path) -> Result<Told> {
     let index = Index::open(path)?;
-    let mut hasher = DefaultHasher::new();
-    format!("{:?}", index.directory.contents).hash(&mut hasher);
-    for number in 0..index.nodes().len() {
-        format!("{:?}", index.nodes()[number]).hash(&mut hasher);
-        decode(&index, number)?.planes.hash(&mut hasher);
-    }
-    Ok(hasher.finish())
+    let nodes = (0..index.nodes().len()).map(|number| Ok((index.nodes()[number], decode(&index, number)?.planes)));
+    Ok(Told(index.directory.contents.clone(), nodes.collect::<Result<_>>()?))
 }
 
 const HEADER_BYTES: usize = 56;
@@ -803,7 +801,7 @@ fn every_flipped_bit_is_found_or_harmless() {
     std::thread::scope(|scope| {
         for (half, range) in [0..flips / 2, flips / 2..flips].into_iter().enumerate() {
             let copy = place.write(&format!("{half}.pnti"), &bytes);
-            let (bytes, found) = (&bytes, &found);
+            let (bytes, found, truth) = (&bytes, &found, &truth);
             scope.spawn(move || {
                 let file = fs::OpenOptions::new().write(true).open(&copy).unwrap();
                 for flip in range {
@@ -811,14 +809,14 @@ fn every_flipped_bit_is_found_or_harmless() {
                     file.write_all_at(&[bytes[at] ^ 1 << (flip % 8)], at as u64).unwrap();
                     match told(&copy) {
                         Ok(content) => {
-                            assert_eq!(content, truth, "bit {flip} was not found, and changed something");
+                            assert!(content == *truth, "bit {flip} was not found, and changed something");
                             assert!((HEADER_BYTES..HEADER_PAGE).contains(&at), "bit {flip} was not found");
                         }
                         Err(_) => _ = found.fetch_add(1, Relaxed),
                     }
                     file.write_all_at(&bytes[at..=at], at as u64).unwrap();
                 }
-                assert_eq!(told(&copy).unwrap(), truth);
+                assert!(told(&copy).unwrap() == *truth);
             });
         }
     });
@@ -1004,6 +1002,8 @@ fn random_records_are_refused_or_can_be_read() {
     let directory = number(&bytes, 24) as usize;
     let records = Index::open(&path).unwrap().nodes().len() * field::BYTES;
     let mut taken = 0;
+    let copy = place.write("crafted.pnti", &bytes);
+    let file = fs::OpenOptions::new().write(true).open(&copy).unwrap();
     for i in 0..20_000 {
         let mut crafted = bytes.clone();
         for k in 0..1 + noise(i) % 3 {
@@ -1014,8 +1014,9 @@ fn random_records_are_refused_or_can_be_read() {
             crafted[at] = value;
         }
         // Either is well; neither panics.
-        let told = told(&place.write("crafted.pnti", &signed(crafted)));
-        let index = Index::open(&place.at("crafted.pnti"));
+        file.write_all_at(&signed(crafted), 0).unwrap();
+        let told = told(&copy);
+        let index = Index::open(&copy);
         taken += told.is_ok() as u32;
         if let Ok(index) = index {
             for number in 0..index.nodes().len() {

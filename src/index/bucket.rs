@@ -23,7 +23,8 @@ const FINER_LEVELS: u32 = 3;
 
 /// A block in memory, or on the disk once memory is full.
 const BLOCK_BYTES: usize = 64 << 10;
-const SPILLED_BYTES: usize = 8 << 10;
+/// A page: every bucket of a grid may hold as much in memory, 128 MiB together.
+const SPILLED_BYTES: usize = 4 << 10;
 
 /// Points of one file, on their way into buckets.
 pub struct Batch<'a> {
@@ -223,7 +224,8 @@ impl Bucket {
     fn append(&mut self, mut records: &[u8], stride: usize, spill: &Spill) -> Result<()> {
         self.points += (records.len() / stride) as u64;
         while !records.is_empty() {
-            let room = if spill.is_full() { SPILLED_BYTES } else { BLOCK_BYTES } / stride * stride;
+            let is_full = spill.is_full();
+            let room = if is_full { SPILLED_BYTES } else { BLOCK_BYTES } / stride * stride;
             if self.tail.len() >= room {
                 let block = spill.keep(&mut self.tail)?;
                 self.blocks.push(block);
@@ -231,6 +233,10 @@ impl Bucket {
             }
             let (now, later) = records.split_at(records.len().min(room - self.tail.len()));
             let before = self.tail.capacity();
+            if is_full {
+                // Not twice of it, as a vector grows by itself.
+                self.tail.reserve_exact(room - self.tail.len());
+            }
             self.tail.extend_from_slice(now);
             spill.used.fetch_add((self.tail.capacity() - before) as u64, Relaxed);
             records = later;

@@ -437,7 +437,12 @@ impl Builder<'_> {
                 }
                 outcome
             };
-            let handles: Vec<_> = (0..threads).map(|_| scope.spawn(guarded)).collect();
+            // Where the system starts fewer threads, those do all the work.
+            let started = (0..threads).map_while(|_| std::thread::Builder::new().spawn_scoped(scope, guarded).ok());
+            let handles: Vec<_> = started.collect();
+            if handles.is_empty() {
+                return vec![Err(Error::Request("the system starts no more threads".into()))];
+            }
             handles.into_iter().map(|handle| handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
         });
         // The error that stopped the others, rather than theirs.
