@@ -65,7 +65,7 @@ fn made(name: &str, plan: &Plan) -> (Vec<Row>, String, usize) {
 
 #[test]
 fn the_lod_study_keeps_its_promises() {
-    let plan = Plan { points: 300_000, seed: 1, repeat: 3, size: [192, 128] };
+    let plan = Plan { points: 150_000, seed: 1, repeat: 2, size: [128, 96] };
     let (mut rows, text, figures) = made("lod", &plan);
     // Two scenes, seven settings; three views with nine metrics, one dolly with two.
     csv_holds_exactly(&text, &rows, ["lod", "lod", "auto"], 2 * 7 * (3 * 9 + 2));
