@@ -8,5 +8,7 @@ mod coordinates;
 mod decisions;
 #[path = "hard/formats.rs"]
 mod formats;
+#[path = "hard/levels.rs"]
+mod levels;
 #[path = "hard/same_bits.rs"]
 mod same_bits;

@@ -6,7 +6,6 @@
 
 use super::flip::{self, Seen};
 use super::popping::{self, Popping};
-use super::precision::cameras;
 use super::report::{Figure, Section, Table};
 use super::scan::Scan;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
@@ -21,8 +20,9 @@ use crate::passes::resolve::linear_to_srgb;
 use crate::passes::{Scene as Shot, Switch};
 use crate::progress::Progress;
 use crate::resident::{Residency, Resident};
-use crate::synth::Scene;
-use crate::view::View;
+use crate::synth::{Scene, World};
+use crate::view::{Camera, Projection, View};
+use glam::DVec3;
 
 pub const SUMMARY: &str = "projected error of the cut, against the full cloud's picture";
 
@@ -145,6 +145,15 @@ fn table(title: &str, head: &[&str]) -> Table {
 
 fn row(scene: &'static str, view: &'static str, value: &str, metric: &'static str, error: f64, ms: [f64; 3], n: usize) -> Row {
     Row { scene, view, knob: "lod", value: value.into(), metric, error, ms, n, auto: value == "auto", front: false }
+}
+
+/// From sixteen times as far as the scene's own camera, so that cuts are deep, from four times, and from there.
+fn cameras(world: &World) -> [(&'static str, Camera); 3] {
+    let look = world.camera();
+    [("far", 16.0), ("near", 4.0), ("close-up", 1.0)].map(|(name, times)| {
+        let eye = look.target + (look.eye - look.target) * times;
+        (name, Camera { eye, target: look.target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None })
+    })
 }
 
 fn detail(value: &str, size: [u32; 2]) -> Detail {

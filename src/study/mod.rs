@@ -72,6 +72,7 @@ macro_rules! studies {
 
 studies! {
     precision, // bits of position
+    index,     // what an index keeps
     lod,       // projected error of the cut
 }
 
