@@ -401,20 +401,21 @@ fn check_inner_nodes(index: &Index) {
         let (low, high) = index.bounds(node);
         if node.is_leaf() {
             below[number] = own;
+            // What is outside of the view by an ancestor's box is outside by its own.
+            let (mut child, mut above) = (number, node.parent as usize);
+            while above != child {
+                let (box_low, box_high) = index.bounds(&nodes[above]);
+                let slack = 1e-9 * (low.abs() + high.abs());
+                assert!(low.cmpge(box_low - slack).all() && high.cmple(box_high + slack).all(), "leaf {number} lies beyond node {above}");
+                (child, above) = (above, nodes[above].parent as usize);
+            }
         } else {
             assert_eq!(own.weight, node.points as f64, "node {number}: weights");
             assert_eq!(node.children().map(|child| nodes[child].points).sum::<u64>(), node.points);
             for child in node.children() {
                 let sums = below[child];
                 below[number] += sums;
-                let (child_low, child_high) = index.bounds(&nodes[child]);
                 assert!(node.spacing >= nodes[child].spacing, "node {number}: {} above {}", node.spacing, nodes[child].spacing);
-                let near = 1.0001 * DVec3::splat(node.spacing) + 1e-9 * (low.abs() + high.abs());
-                assert!(
-                    child_low.cmpge(low - near).all() && child_high.cmple(high + near).all(),
-                    "node {number}: {low} {high} +- {} has a child in {child_low} {child_high}",
-                    node.spacing
-                );
             }
         }
         let leaves = below[number];

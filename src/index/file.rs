@@ -390,12 +390,12 @@ impl Index {
         lattice(node, &self.directory.contents.lattices)
     }
 
-    /// World corners of a node's box.
+    /// World corners of a box around all points of the file that lie in a node: that of its samples, and as far beyond as the points that a sample stands for.
     pub fn bounds(&self, node: &NodeRecord) -> (DVec3, DVec3) {
         let lattice = self.lattice(node);
         let top = [0, 1, 2].map(|axis| node.origin[axis] + node.extent[axis] as i64);
         let (a, b) = (lattice.world(node.origin), lattice.world(top));
-        (a.min(b), a.max(b))
+        (a.min(b) - node.spacing, a.max(b) + node.spacing)
     }
 
     /// Copies one plane of one node out of the file and checks the copy. `into` has [`NodeRecord::range`]'s bytes.
