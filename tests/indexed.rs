@@ -66,9 +66,9 @@ fn what_is_shown_by_default_and_from_where_is_as_for_the_file() {
 #[test]
 fn budget_and_lod_and_pool_decide_the_cut_and_explain_says_it() {
     let place = Place::new(400_000);
-    let cut = |line: &str| place.explained("street.pnti", &format!("-o @a.png --size 640x360 {line}"))["index"].clone();
+    let cut = |line: &str| place.explained("street.pnti", &format!("-o @a.png --size 320x180 {line}"))["index"].clone();
     let usual = cut("");
-    assert!(usual["points"].as_u64().unwrap() <= 2 * 640 * 360 && usual["budget"] == 2 * 640 * 360, "{usual}");
+    assert!(usual["points"].as_u64().unwrap() <= 4 * 320 * 180 && usual["budget"] == 4 * 320 * 180, "{usual}");
     let coarse = cut("--lod 20");
     assert!(coarse["points"].as_u64() < usual["points"].as_u64() && coarse["largest_error_px"].as_f64().unwrap() <= 20.0, "{coarse}");
     assert!(coarse["bytes_read"].as_u64() < usual["bytes_read"].as_u64());

@@ -48,6 +48,20 @@ impl Options {
     }
 }
 
+impl Options {
+    /// The most points that a chunk may have.
+    fn chunk_points(&self) -> u64 {
+        let points = self.memory / 4 / self.threads as u64 / CHUNK_BYTES_PER_POINT;
+        points.clamp(*CHUNK_POINTS.start(), *CHUNK_POINTS.end())
+    }
+
+    /// What buckets may take: what growing chunks leaves, and where memory is short a good part of it.
+    fn bucket_bytes(&self) -> u64 {
+        let chunks = 2 * self.threads as u64 * self.chunk_points() * CHUNK_BYTES_PER_POINT + BESIDE;
+        self.memory.saturating_sub(chunks).max(self.memory * 3 / 8)
+    }
+}
+
 /// What became of it.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Summary {
@@ -69,6 +83,8 @@ pub struct Summary {
 
 /// Bytes that a thread needs for each point of the chunk it grows: record, sorting, planes.
 const CHUNK_BYTES_PER_POINT: u64 = 96;
+/// The program, what readers hold, what waits to be written.
+const BESIDE: u64 = 192 << 20;
 const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 20);
 
 pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary> {
@@ -84,7 +100,7 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
             return Err(Error::Request(format!("{} files are more than the 65,535 that one index takes", sources.len())));
         }
         let writer = Writer::create(output)?;
-        let spill = Spill::new(output, options.memory * 3 / 8)?;
+        let spill = Spill::new(output, options.bucket_bytes())?;
         let contents = Contents { notes, ..Contents::default() };
         let mut builder = Builder {
             sources: &sources,
@@ -225,18 +241,12 @@ impl Builder<'_> {
             self.contents.stations.push(Station { part: part as usize, source: has_sources.then_some(source), name, points });
         }
         let mut chunks = Vec::new();
-        cut(grid, 0, 0, self.chunk_points(), &mut chunks);
+        cut(grid, 0, 0, self.options.chunk_points(), &mut chunks);
         let open = self.grow(&tree, chunks, points, &numbers)?;
         let root = self.join(&tree, open)?;
         self.roots.push(root);
         self.contents.points += points;
         Ok(())
-    }
-
-    /// The most points that a chunk may have.
-    fn chunk_points(&self) -> u64 {
-        let points = self.options.memory / 4 / self.options.threads as u64 / CHUNK_BYTES_PER_POINT;
-        points.clamp(*CHUNK_POINTS.start(), *CHUNK_POINTS.end())
     }
 
     /// All points of a group into a grid of buckets, within the stated box; where points lie outside of it, again within their own.
@@ -267,7 +277,7 @@ impl Builder<'_> {
                 )));
             }
             let corner = if cube.0[0] == i64::MAX { [0; 3] } else { cube.0 };
-            let grid = Grid::new(bits, layout.bytes, self.chunk_points());
+            let grid = Grid::new(bits, layout.bytes, self.options.chunk_points());
             let outside = AtomicBool::new(false);
             let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
             let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
@@ -423,6 +433,7 @@ impl Builder<'_> {
                 placed.notify_all();
                 for (at, planes) in writes {
                     this.writer.put(at, &planes)?;
+                    worker.planes = planes;
                 }
                 progress.tick("indexing", done, total)?;
             }

@@ -72,6 +72,8 @@ pub struct Worker {
     sorted: Vec<(u64, u32)>,
     /// How often each intensity occurs.
     pub intensities: Vec<u64>,
+    /// Of a chunk that has been written: memory that is used again costs nothing to get.
+    pub planes: Vec<u8>,
 }
 
 impl Worker {
@@ -132,6 +134,8 @@ impl Worker {
             leaf_records: Vec::new(),
             grown: Grown::default(),
         };
+        growth.grown.planes = std::mem::take(&mut self.planes);
+        growth.grown.planes.clear();
         growth.grown.planes.reserve(records.len());
         // Of the cube's bits, those that the chunk's own cell has decided.
         let open = growth.grow(order, code_bits - depth % 3);
