@@ -26,6 +26,9 @@ pub const QUANTISATION_PX: f64 = 1.0 / 4096.0;
 /// A cut has at most this many points a pixel of the picture: what a frame costs grows with the picture, not with the cloud.
 pub const BUDGET_PER_PIXEL: f64 = 4.0;
 
+/// But never fewer than sixteen nodes full: with less, one node that must be refined as a whole uses up a small picture's budget.
+pub const BUDGET_LEAST: u64 = 16 * POINTS_PER_PAGE as u64;
+
 /// A node whose samples stand for cells of at most this many pixels is not refined: finer ones would fall into the same pixels.
 pub const LOD_PX: f64 = 1.0;
 

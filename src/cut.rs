@@ -8,7 +8,7 @@
 //! Only what is refined is looked at: the cost follows the picture, not the cloud.
 
 use crate::cloud::Lattice;
-use crate::config::{BITS_PER_PLANE, BUDGET_PER_PIXEL, LOD_PX, QUANTISATION_PX};
+use crate::config::{BITS_PER_PLANE, BUDGET_LEAST, BUDGET_PER_PIXEL, LOD_PX, QUANTISATION_PX};
 use crate::index::file::Index;
 use crate::index::pack::Frame;
 use crate::view::{Projection, View};
@@ -29,7 +29,7 @@ pub struct Detail {
 impl Detail {
     /// What a picture of this size shows.
     pub fn of(size: [u32; 2]) -> Detail {
-        let budget = (size[0] as f64 * size[1] as f64 * BUDGET_PER_PIXEL) as u64;
+        let budget = ((size[0] as f64 * size[1] as f64 * BUDGET_PER_PIXEL) as u64).max(BUDGET_LEAST);
         Detail { budget, lod_px: LOD_PX, precision: Precision::Auto }
     }
 }

@@ -68,7 +68,7 @@ fn budget_and_lod_and_pool_decide_the_cut_and_explain_says_it() {
     let place = Place::new(400_000);
     let cut = |line: &str| place.explained("street.pnti", &format!("-o @a.png --size 320x180 {line}"))["index"].clone();
     let usual = cut("");
-    assert!(usual["points"].as_u64().unwrap() <= 4 * 320 * 180 && usual["budget"] == 4 * 320 * 180, "{usual}");
+    assert!(usual["points"].as_u64().unwrap() <= 400_000 && usual["budget"] == 16 * 65_536, "{usual}");
     let coarse = cut("--lod 20");
     assert!(coarse["points"].as_u64() < usual["points"].as_u64() && coarse["largest_error_px"].as_f64().unwrap() <= 20.0, "{coarse}");
     assert!(coarse["bytes_read"].as_u64() < usual["bytes_read"].as_u64());

@@ -47,7 +47,7 @@ pub struct PictureOptions {
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Large clouds")]
 pub struct DetailOptions {
-    /// Points to draw at most [default: 4 for every pixel]; what does not fit is drawn from coarser nodes, those that show it least first
+    /// Points to draw at most [default: 4 for every pixel, a million at least]; what does not fit is drawn from coarser nodes, those that show it least first
     #[arg(long, value_name = "POINTS")]
     pub budget: Option<u64>,
     /// Refine until samples lie this near to each other [default: 1]; 0 draws every point that the budget allows, 4 a sixteenth as many, with gaps
