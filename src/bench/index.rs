@@ -42,6 +42,8 @@ pub struct Row {
     pub bytes_per_point: f64,
     pub file_bytes_per_point: f64,
     pub peak_mib: f64,
+    /// Memory that grows with the cloud: a trillion points need a trillion times as much.
+    pub held_bytes_per_point: f64,
     pub read_seconds: f64,
     pub write_seconds: f64,
     pub spilled_mib: f64,
@@ -93,6 +95,7 @@ fn measure(plan: &Plan, points: u64, progress: &dyn Progress) -> Result<Row> {
         bytes_per_point: last.core_bytes as f64 / points as f64,
         file_bytes_per_point: last.bytes as f64 / points as f64,
         peak_mib: last.peak_mib,
+        held_bytes_per_point: last.held_bytes_per_point,
         read_seconds: median(&mut reads),
         write_seconds: median(&mut writes),
         spilled_mib: last.spilled_bytes as f64 / (1 << 20) as f64,
@@ -142,11 +145,11 @@ fn write_alone(path: &Path, bytes: u64) -> Result<f64> {
 /// The rows aligned for reading.
 pub fn table(rows: &[Row]) -> String {
     let mut text = String::from(
-        "    points  format  seconds       q1       q3  M points/s  bytes a point  whole file  peak MiB  spilled MiB  read alone s  write alone s\n",
+        "    points  format  seconds       q1       q3  M points/s  bytes a point  whole file  peak MiB  held a point  spilled MiB  read alone s  write alone s\n",
     );
     for row in rows {
         text += &format!(
-            "{:>10}  {:<6} {:>8.2} {:>8.2} {:>8.2} {:>11.2} {:>14.2} {:>11.2} {:>9.0} {:>12.0} {:>13.2} {:>14.2}\n",
+            "{:>10}  {:<6} {:>8.2} {:>8.2} {:>8.2} {:>11.2} {:>14.2} {:>11.2} {:>9.0} {:>13.4} {:>12.0} {:>13.2} {:>14.2}\n",
             row.points,
             row.format,
             row.seconds,
@@ -156,6 +159,7 @@ pub fn table(rows: &[Row]) -> String {
             row.bytes_per_point,
             row.file_bytes_per_point,
             row.peak_mib,
+            row.held_bytes_per_point,
             row.spilled_mib,
             row.read_seconds,
             row.write_seconds

@@ -12,6 +12,7 @@ use crate::cloud::{Columns, Wanted};
 use crate::error::{Error, Result};
 use crate::whole_file::scratch;
 use std::fs::File;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -43,52 +44,58 @@ pub struct Layout {
     pub bytes: usize,
 }
 
+/// Bytes of a record before each column; none where it has none.
+struct Offsets {
+    rgb: Option<usize>,
+    intensity: Option<usize>,
+    class: Option<usize>,
+    returns: Option<usize>,
+    source: Option<usize>,
+    normal: Option<usize>,
+    gps_time: Option<usize>,
+    part: usize,
+    end: usize,
+}
+
+impl Offsets {
+    fn new(has: Wanted) -> Offsets {
+        let mut end = 12;
+        let mut next = |there: bool, bytes: usize| {
+            end += bytes * there as usize;
+            there.then_some(end - bytes)
+        };
+        let rgb = next(has.rgb, 4);
+        let (intensity, class, returns) = (next(has.intensity, 2), next(has.class, 1), next(has.returns, 1));
+        let (source, normal, gps_time) = (next(has.source, 2), next(has.normal, 3), next(has.gps_time, 8));
+        let part = next(true, 2).expect("every record has a part");
+        Offsets { rgb, intensity, class, returns, source, normal, gps_time, part, end }
+    }
+}
+
 impl Layout {
     pub fn new(has: Wanted) -> Layout {
-        let bytes = 12
-            + 4 * has.rgb as usize
-            + 2 * has.intensity as usize
-            + has.class as usize
-            + has.returns as usize
-            + 2 * has.source as usize
-            + 3 * has.normal as usize
-            + 8 * has.gps_time as usize
-            + 2;
-        Layout { has, bytes }
+        Layout { has, bytes: Offsets::new(has).end }
     }
 
-    /// Writes point `i` of a batch. What its file lacks is what a renderer would show for it: white, and 0 everywhere else.
-    fn write(&self, record: &mut [u8], batch: &Batch, i: usize) {
-        let Batch { cells, columns, wide, part } = *batch;
-        let mut at = 0;
-        let mut put = |bytes: &[u8]| {
-            record[at..at + bytes.len()].copy_from_slice(bytes);
-            at += bytes.len();
-        };
-        cells[i].iter().for_each(|v| put(&v.to_le_bytes()));
-        if self.has.rgb {
-            let [r, g, b] = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]);
-            put(&[r, g, b, wide as u8]);
+    /// Writes a batch, point `i` as record `slots[i]`, a column at a time over as many points as the cache keeps. What a file lacks is what a renderer
+    /// would show for it: white, and 0 everywhere else.
+    fn write(&self, records: &mut [u8], slots: &[u32], batch: &Batch) {
+        const POINTS: usize = 2048;
+        let (at, columns) = (Offsets::new(self.has), batch.columns);
+        for first in (0..slots.len()).step_by(POINTS) {
+            let range = first..slots.len().min(first + POINTS);
+            let mut rows = Rows { records, stride: self.bytes, slots: &slots[range.clone()] };
+            rows.put(Some(0), batch.cells[range.clone()].iter().map(|&q| -> [u8; 12] { bytemuck::cast(q.map(u32::to_le)) }));
+            let wide = batch.wide as u8;
+            rows.put_column(at.rgb, &columns.rgb, &range, [255; 3], |[r, g, b]| [r, g, b, wide]);
+            rows.put_column(at.intensity, &columns.intensity, &range, 0, u16::to_le_bytes);
+            rows.put_column(at.class, &columns.class, &range, 0, |class| [class]);
+            rows.put_column(at.returns, &columns.returns, &range, 0, |returns| [returns]);
+            rows.put_column(at.source, &columns.source, &range, 0, u16::to_le_bytes);
+            rows.put_column(at.normal, &columns.normal, &range, [0; 3], |normal| normal.map(|v| v as u8));
+            rows.put_column(at.gps_time, &columns.gps_time, &range, 0.0, f64::to_le_bytes);
+            rows.put(Some(at.part), range.map(|_| batch.part.to_le_bytes()));
         }
-        if self.has.intensity {
-            put(&columns.intensity.as_ref().map_or(0, |v| v[i]).to_le_bytes());
-        }
-        if self.has.class {
-            put(&[columns.class.as_ref().map_or(0, |v| v[i])]);
-        }
-        if self.has.returns {
-            put(&[columns.returns.as_ref().map_or(0, |v| v[i])]);
-        }
-        if self.has.source {
-            put(&columns.source.as_ref().map_or(0, |v| v[i]).to_le_bytes());
-        }
-        if self.has.normal {
-            put(&columns.normal.as_ref().map_or([0; 3], |v| v[i]).map(|v| v as u8));
-        }
-        if self.has.gps_time {
-            put(&columns.gps_time.as_ref().map_or(0.0, |v| v[i]).to_le_bytes());
-        }
-        put(&part.to_le_bytes());
     }
 
     pub fn cell(record: &[u8]) -> Cell {
@@ -124,14 +131,7 @@ impl Layout {
     /// cache.
     pub fn read(&self, records: &[u8], keep: Wanted, station: &impl Fn(u16, u16) -> u16) -> Samples {
         let rows = || records.chunks_exact(self.bytes);
-        let mut next = 12;
-        let mut at = |there: bool, bytes: usize| {
-            next += if there { bytes } else { 0 };
-            there.then_some(next - bytes * there as usize)
-        };
-        let (rgb, intensity, class, returns) =
-            (at(self.has.rgb, 4), at(self.has.intensity, 2), at(self.has.class, 1), at(self.has.returns, 1));
-        let (source, normal, times) = (at(self.has.source, 2), at(self.has.normal, 3), at(self.has.gps_time, 8));
+        let Offsets { rgb, intensity, class, returns, source, normal, gps_time: times, .. } = Offsets::new(self.has);
         let u16_at = |row: &[u8], at: usize| u16::from_le_bytes([row[at], row[at + 1]]);
         let part = |row: &[u8]| u16_at(row, self.bytes - 2);
         let color = |row: &[u8], at: usize| [row[at], row[at + 1], row[at + 2]];
@@ -158,6 +158,37 @@ pub enum Colors {
     Wide,
     /// All 0, which is none.
     Black,
+}
+
+/// Records that a batch's points are written to.
+struct Rows<'a> {
+    records: &'a mut [u8],
+    stride: usize,
+    slots: &'a [u32],
+}
+
+impl Rows<'_> {
+    fn put<const N: usize>(&mut self, at: Option<usize>, values: impl Iterator<Item = [u8; N]>) {
+        let Some(at) = at else { return };
+        for (&slot, value) in self.slots.iter().zip(values) {
+            let start = slot as usize * self.stride + at;
+            self.records[start..start + N].copy_from_slice(&value);
+        }
+    }
+
+    fn put_column<T: Copy, const N: usize>(
+        &mut self,
+        at: Option<usize>,
+        column: &Option<Vec<T>>,
+        range: &Range<usize>,
+        lacking: T,
+        bytes: impl Fn(T) -> [u8; N],
+    ) {
+        match column {
+            Some(column) => self.put(at, column[range.clone()].iter().map(|&value| bytes(value))),
+            None => self.put(at, range.clone().map(|_| bytes(lacking))),
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -282,9 +313,40 @@ pub struct Grid {
 /// What a thread sorts its batches in.
 #[derive(Default)]
 pub struct Sorter {
-    cells: Vec<u16>,
+    numbers: Vec<u16>,
     starts: Vec<u32>,
+    /// Where each point goes, as a record.
+    slots: Vec<u32>,
+    /// The bucket of each run of records.
+    runs: Vec<(u16, Range<usize>)>,
     records: Vec<u8>,
+}
+
+impl Sorter {
+    /// A counting sort by bucket, of so many.
+    fn sort(&mut self, numbers: impl Iterator<Item = u16>, buckets: usize) {
+        let Sorter { numbers: kept, starts, slots, runs, .. } = self;
+        kept.clear();
+        kept.extend(numbers);
+        starts.clear();
+        starts.resize(buckets, 0);
+        kept.iter().for_each(|&number| starts[number as usize] += 1);
+        runs.clear();
+        let mut end = 0;
+        for (number, start) in starts.iter_mut().enumerate() {
+            let count = std::mem::replace(start, end);
+            end += count;
+            if count > 0 {
+                runs.push((number as u16, *start as usize..end as usize));
+            }
+        }
+        slots.clear();
+        slots.extend(kept.iter().map(|&number| {
+            let slot = &mut starts[number as usize];
+            *slot += 1;
+            *slot - 1
+        }));
+    }
 }
 
 impl Grid {
@@ -306,43 +368,28 @@ impl Grid {
 
     /// Distributes a batch.
     pub fn add(&self, layout: &Layout, batch: &Batch, sorter: &mut Sorter, spill: &Spill) -> Result<()> {
-        let cells = batch.cells;
-        let Sorter { cells: numbers, starts, records } = sorter;
-        starts.clear();
-        starts.resize(self.buckets.len() + 1, 0);
-        numbers.clear();
-        numbers.extend(cells.iter().map(|&q| self.number(q)));
-        numbers.iter().for_each(|&number| starts[number as usize + 1] += 1);
-        let mut runs = Vec::new();
-        for number in 0..self.buckets.len() {
-            let (start, count) = (starts[number] as usize, starts[number + 1] as usize);
-            if count > 0 {
-                runs.push((number as u16, start, start + count));
-            }
-            starts[number + 1] += starts[number];
-        }
-        records.resize(cells.len() * self.stride, 0);
-        for (i, &number) in numbers.iter().enumerate() {
-            let slot = &mut starts[number as usize];
-            let at = *slot as usize * self.stride;
-            layout.write(&mut records[at..at + self.stride], batch, i);
-            *slot += 1;
-        }
-        runs.into_iter().try_for_each(|(number, start, end)| self.append(number, &records[start * self.stride..end * self.stride], spill))
+        sorter.sort(batch.cells.iter().map(|&q| self.number(q)), self.buckets.len());
+        sorter.records.resize(batch.cells.len() * self.stride, 0);
+        layout.write(&mut sorter.records, &sorter.slots, batch);
+        self.append_runs(sorter, spill)
     }
 
-    /// Records that were in a coarser bucket; few, so sorting them is cheaper than counting.
+    /// Records that were in a coarser bucket.
     fn add_records(&self, from: &[u8], spill: &Spill) -> Result<()> {
-        let mut order: Vec<(u16, u32)> =
-            from.chunks_exact(self.stride).enumerate().map(|(i, record)| (self.number(Layout::cell(record)), i as u32)).collect();
-        order.sort_unstable();
-        let mut records = Vec::with_capacity(from.len());
-        for run in order.chunk_by(|a, b| a.0 == b.0) {
-            records.clear();
-            run.iter().for_each(|&(_, i)| records.extend_from_slice(&from[i as usize * self.stride..][..self.stride]));
-            self.append(run[0].0, &records, spill)?;
+        let mut sorter = Sorter::default();
+        sorter.sort(from.chunks_exact(self.stride).map(|record| self.number(Layout::cell(record))), self.buckets.len());
+        sorter.records.resize(from.len(), 0);
+        for (record, &slot) in from.chunks_exact(self.stride).zip(&sorter.slots) {
+            sorter.records[slot as usize * self.stride..][..self.stride].copy_from_slice(record);
         }
-        Ok(())
+        self.append_runs(&sorter, spill)
+    }
+
+    fn append_runs(&self, sorter: &Sorter, spill: &Spill) -> Result<()> {
+        sorter.runs.iter().try_for_each(|&(number, ref run)| {
+            let records = &sorter.records[run.start * self.stride..run.end * self.stride];
+            self.append(number, records, spill)
+        })
     }
 
     fn append(&self, number: u16, records: &[u8], spill: &Spill) -> Result<()> {

@@ -70,12 +70,14 @@ pub struct Summary {
     pub leaves: usize,
     /// Of the whole file.
     pub bytes: u64,
-    /// Of position, colour, intensity and class, over all nodes, and of everything else.
+    /// Of position, colour, intensity, class and weight, over all nodes.
     pub core_bytes: u64,
     pub spilled_bytes: u64,
     pub seconds: f64,
     /// Of these, until all points were read and distributed.
     pub read_seconds: f64,
+    /// Memory that grows with the cloud, beyond `Options::memory`: nodes' records are held until all are known.
+    pub held_bytes_per_point: f64,
     /// The most memory that this process has used so far, where the system tells (Linux).
     pub peak_mib: f64,
     pub notes: Vec<String>,
@@ -83,6 +85,9 @@ pub struct Summary {
 
 /// Bytes that a thread needs for each point of the chunk it grows: record, sorting, planes.
 const CHUNK_BYTES_PER_POINT: u64 = 96;
+/// A node as it was built, then as the directory has it, with its numbers in between.
+const HELD_BYTES_PER_NODE: usize = size_of::<Built>() + size_of::<NodeRecord>() + 16;
+
 /// The program, what readers hold, what waits to be written.
 const BESIDE: u64 = 192 << 20;
 const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 20);
@@ -129,6 +134,7 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
             leaves: nodes.iter().filter(|node| node.is_leaf()).count(),
             core_bytes: nodes.iter().map(core_bytes).sum(),
             spilled_bytes: spill.bytes_on_disk(),
+            held_bytes_per_point: (nodes.len() * HELD_BYTES_PER_NODE) as f64 / contents.points.max(1) as f64,
             read_seconds,
             ..Summary::default()
         };
@@ -258,7 +264,7 @@ impl Builder<'_> {
             })
         };
         let stated = union(&mut group.members.iter().filter_map(|&(number, shift)| Some((self.sources[number].stated_bounds()?, shift))));
-        let has = group.members.iter().fold(Wanted::default(), |has, &(number, _)| join(has, self.sources[number].available()));
+        let has = group.members.iter().fold(Wanted::default(), |has, &(number, _)| either(has, self.sources[number].available()));
         // Several stations need a number a point, even where no file names them.
         let has = Wanted { source: has.source || group.members.len() > 1 || self.sources.len() > 1, ..has };
         let layout = Layout::new(has);
@@ -327,7 +333,7 @@ impl Builder<'_> {
                     (false, false) => Colors::Black,
                     (false, true) => Colors::Bytes,
                 };
-                found = join(found, streamed.available);
+                found = either(found, streamed.available);
                 notes.extend(streamed.notes.clone());
                 own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
                 self.part(number, group, &streamed);
@@ -664,7 +670,7 @@ fn elevations(directory: &Directory, writer: &Writer) -> Result<[u32; 2]> {
     Ok(percentiles(&counts))
 }
 
-fn join(a: Wanted, b: Wanted) -> Wanted {
+fn either(a: Wanted, b: Wanted) -> Wanted {
     Wanted {
         rgb: a.rgb || b.rgb,
         intensity: a.intensity || b.intensity,
