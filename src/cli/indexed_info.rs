@@ -1,13 +1,13 @@
 //! `pointillist info cloud.pnti`: what went into an index, and the tree.
 //!
 //! The JSON object has `points`, `bounds`, `spacing`, `parts`, `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would
-//! need every point), and `index` {`version`, `bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
+//! need every point), and `index` {`bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
 //! `spacing`}], `planes` {name: bytes}, `leaf_points` {`least`, `median`, `most`}}.
 
+use super::info::{Bounds, LISTED, Spacing, words};
 use crate::cloud::Station;
 use crate::error::{Error, Result};
 use crate::index::file::{Index, IndexedPart, PLANES};
-use glam::DVec3;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -24,18 +24,6 @@ struct Report<'a> {
     parts: &'a [IndexedPart],
     stations: &'a [Station],
     notes: &'a [String],
-}
-
-#[derive(Serialize)]
-struct Bounds {
-    min: DVec3,
-    max: DVec3,
-}
-
-#[derive(Serialize)]
-struct Spacing {
-    value: Option<f64>,
-    how: &'static str,
 }
 
 #[derive(Serialize)]
@@ -132,9 +120,7 @@ impl Report<'_> {
         };
         line("format", "pointillist index".into());
         line("points", self.points.to_string());
-        if let Some(Bounds { min, max }) = &self.bounds {
-            line("bounds", format!("{} {} {} to {} {} {}", min.x, min.y, min.z, max.x, max.y, max.z));
-        }
+        line("bounds", words(&self.bounds));
         let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| format!("{value:.6}"));
         line("spacing", format!("{value} ({})", self.spacing.how));
         let tree = &self.index;
@@ -156,11 +142,11 @@ impl Report<'_> {
             line("from", format!("{}{name}: {}, {} points", part.path.display(), part.header.format, part.points));
         }
         line("stations", self.stations.len().to_string());
-        for station in self.stations.iter().take(super::info::LISTED) {
+        for station in self.stations.iter().take(LISTED) {
             line("", format!("{}: {} points", station.name, station.points));
         }
-        if self.stations.len() > super::info::LISTED {
-            line("", format!("and {} more; --json lists them all", self.stations.len() - super::info::LISTED));
+        if self.stations.len() > LISTED {
+            line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));
         }
         self.notes.iter().for_each(|note| line("note", note.clone()));
         out.truncate(out.trim_end().len());

@@ -78,16 +78,17 @@ struct Report<'a> {
     notes: &'a [String],
 }
 
+/// World.
 #[derive(Serialize)]
-struct Bounds {
-    min: DVec3,
-    max: DVec3,
+pub struct Bounds {
+    pub min: DVec3,
+    pub max: DVec3,
 }
 
 #[derive(Serialize)]
-struct Spacing {
-    value: Option<f64>,
-    how: &'static str,
+pub struct Spacing {
+    pub value: Option<f64>,
+    pub how: &'static str,
 }
 
 #[derive(Serialize)]
@@ -323,7 +324,8 @@ fn bounds(bounds: Option<(DVec3, DVec3)>) -> Option<Bounds> {
     bounds.map(|(min, max)| Bounds { min, max })
 }
 
-fn words(bounds: &Option<Bounds>) -> String {
+/// Two corners.
+pub fn words(bounds: &Option<Bounds>) -> String {
     bounds.as_ref().map_or("none".into(), |Bounds { min, max }| format!("{} to {}", triple(*min), triple(*max)))
 }
 
