@@ -17,11 +17,12 @@ pub struct Outcome {
 pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
     let drawn = project::draw(g, view, resident, look.precision)?;
     let paint = resolve::paint(g, resident)?;
-    let mut layers = resolve::layers(g, view);
+    let mut resolved = resolve::layers(g, view);
     for band in project::bands(view.size, g.binding_limit()) {
         let keys = project::record(g, view, &drawn, band);
-        layers = resolve::record(g, &keys, &paint, band, layers);
+        resolved = resolve::record(g, &keys, &paint, band, resolved);
     }
+    let layers = resolved.layers(g);
     let layers = passes::apply(g, view, &look.effects, &look.decided, layers);
     let picture = composite::record(g, view, look.background, &layers);
     Ok(Outcome { picture, layers, statistics: drawn.statistics })

@@ -1,7 +1,7 @@
 //! What the user asked for + what the scene calls for -> the look of this frame, with reasons.
 
 use crate::passes::project::Precision;
-use crate::passes::{Effects, Reason, Scene, resolve};
+use crate::passes::{Decided, Effects, Scene, resolve};
 
 /// What the user asked for, whatever the scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,8 +22,7 @@ impl Default for Wishes {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Look {
     pub effects: Effects,
-    /// For every effect in order: whether it runs, and why.
-    pub decided: Vec<(&'static str, Reason)>,
+    pub decided: Decided,
     /// Linear.
     pub background: [f32; 3],
     pub precision: Precision,

@@ -139,6 +139,7 @@ struct Downloads {
     picture: Buffer,
     depth: Option<Buffer>,
     index: Option<Buffer>,
+    raw: Option<Buffer>,
 }
 
 impl Downloads {
@@ -146,26 +147,35 @@ impl Downloads {
         let picture = g.download(&outcome.picture);
         let depth = layers.then(|| g.download(&outcome.layers.depth));
         let index = layers.then(|| g.download(&outcome.layers.index));
-        Downloads { picture, depth, index }
+        let raw = layers.then(|| g.download(&outcome.layers.raw));
+        Downloads { picture, depth, index, raw }
     }
 }
 
-/// Linear picture (its alpha says where a surface is) and layers. No effect moves or fills depth yet, so `depth.Z` is `raw.Z`.
+/// Linear picture (its alpha says where a surface is) and layers.
 fn write_layers(path: &Path, view: &View, frame: &Frame, downloads: &Downloads) -> Result<()> {
     let picture: &[[f32; 4]] = frame.read(&downloads.picture);
     let depth: &[f32] = frame.read(downloads.depth.as_ref().expect("asked for with --exr"));
     let index: &[u32] = frame.read(downloads.index.as_ref().expect("asked for with --exr"));
-    let coverage = index.iter().map(|&point| (point != crate::config::NO_POINT) as u32).collect();
+    let raw: &[f32] = frame.read(downloads.raw.as_ref().expect("asked for with --exr"));
+    // What stayed unknown is nothing to an outsider.
+    let depth: Vec<f32> = depth.iter().map(|&z| if z == f32::NEG_INFINITY { f32::INFINITY } else { z }).collect();
+    let coverage = |(&z, &point): (&f32, &u32)| match (z.is_finite(), point) {
+        (false, _) => 0,
+        (true, crate::config::NO_POINT) => 2,
+        (true, _) => 1,
+    };
+    let coverage = depth.iter().zip(index).map(coverage).collect();
     let channel = |c: usize| Samples::Float(picture.iter().map(|pixel| pixel[c]).collect());
     let channels = vec![
         ("R", channel(0)),
         ("G", channel(1)),
         ("B", channel(2)),
         ("A", channel(3)),
-        ("depth.Z", Samples::Float(depth.to_vec())),
+        ("depth.Z", Samples::Float(depth)),
         ("index.V", Samples::Id(index.to_vec())),
         ("coverage.V", Samples::Id(coverage)),
-        ("raw.Z", Samples::Float(depth.to_vec())),
+        ("raw.Z", Samples::Float(raw.to_vec())),
     ];
     picture::write_exr(path, view.size, channels)
 }
@@ -202,14 +212,14 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
         drawn.position_bytes as f64 / drawn.points_drawn.max(1) as f64,
         drawn.quantisation_px,
     );
-    for (name, reason) in &look.decided {
+    for (name, reason) in &look.decided.0 {
         text += &format!("{name}: {}, because {}\n", if reason.runs { "on" } else { "off" }, reason.why);
     }
     text + &format!("plan:\n{}", frame.plan)
 }
 
 fn explain_json(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, frame: &Frame) -> serde_json::Value {
-    let effects: serde_json::Map<_, _> = look.decided.iter().map(|(name, reason)| (name.to_string(), serde_json::json!(reason))).collect();
+    let effects: serde_json::Map<_, _> = look.decided.0.iter().map(|(name, reason)| (name.to_string(), serde_json::json!(reason))).collect();
     serde_json::json!({
         "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics, "bytes": gpu.memory.allocated },
         "cloud": { "points": facts.points, "files": facts.files, "nodes": facts.nodes.unwrap_or(resident.nodes.len()), "resident_bytes": resident.bytes() },

@@ -46,6 +46,7 @@ impl ImageDesc {
     pub fn bytes_per_pixel(&self) -> u64 {
         match self.format {
             vk::Format::R32G32B32A32_SFLOAT => 16,
+            vk::Format::R32G32_UINT => 8,
             _ => 4,
         }
     }
@@ -167,6 +168,7 @@ impl Memory {
             | Usage::TRANSFER_DST
             | Usage::SHADER_DEVICE_ADDRESS
             | Usage::VERTEX_BUFFER
+            | Usage::INDIRECT_BUFFER
             | Usage::STORAGE_TEXEL_BUFFER;
         let info = vk::BufferCreateInfo::default().size(desc.bytes.max(4)).usage(usage);
         // SAFETY: a plain creation on a live device; memory of the asked requirements is bound before anyone sees the buffer.

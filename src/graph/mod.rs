@@ -68,16 +68,27 @@ pub trait Shader {
 
 /// Over what a pass is dispatched.
 #[derive(Clone, Copy, Debug)]
-pub enum Tiles {
+pub enum Tiles<'l> {
     /// Every pixel of the first image that the pass writes.
     All,
     /// So many workgroups.
     Groups([u32; 3]),
+    /// As many workgroups as three words of a buffer say, from this word on: tiles that an earlier pass has listed.
+    From(&'l Buffer, u32),
+}
+
+/// How many workgroups a pass has.
+#[derive(Clone, Copy)]
+pub(crate) enum Groups {
+    Fixed([u32; 3]),
+    /// Three words at this byte of a buffer.
+    Listed(ResourceId, u64),
 }
 
 /// What the GPU is to do in a pass.
 pub(crate) enum Work {
-    Run { code: Code, constants: Vec<(u32, u32)>, push: Vec<u8>, resources: Vec<ResourceId>, groups: [u32; 3] },
+    Run { code: Code, constants: Vec<(u32, u32)>, push: Vec<u8>, resources: Vec<ResourceId>, groups: Groups },
+    CopyImage { from: ResourceId, to: ResourceId },
     Fill { buffer: ResourceId, word: u32 },
     CopyBuffer { from: ResourceId, to: ResourceId, bytes: u64 },
     CopyOut { image: ResourceId, buffer: ResourceId },
@@ -185,7 +196,7 @@ impl<'g> Graph<'g> {
     }
 
     /// A pass that runs a compute shader.
-    pub fn run<S: Shader>(&mut self, shader: S, tiles: Tiles) {
+    pub fn run<S: Shader>(&mut self, shader: S, tiles: Tiles<'_>) {
         let code = S::CODE;
         let resources = shader.resources();
         for (binding, id) in code.bindings.iter().zip(&resources) {
@@ -196,17 +207,21 @@ impl<'g> Graph<'g> {
             assert_eq!(binding.kind.format(), found, "{}: {} got {} of another kind", code.name, binding.name, self.resources[id.0].name);
         }
         let groups = match tiles {
-            Tiles::Groups(groups) => groups,
+            Tiles::Groups(groups) => Groups::Fixed(groups),
+            Tiles::From(list, word) => Groups::Listed(list.id, 4 * word as u64),
             Tiles::All => {
                 let written = code.bindings.iter().zip(&resources).find_map(|(binding, id)| match self.resources[id.0].shape {
                     Shape::Image(desc) if binding.access != Access::Read => Some(desc.size),
                     _ => None,
                 });
                 let [width, height] = written.unwrap_or_else(|| panic!("{} writes no image, so it needs Tiles::Groups", code.name));
-                [width.div_ceil(code.workgroup[0]), height.div_ceil(code.workgroup[1]), 1]
+                Groups::Fixed([width.div_ceil(code.workgroup[0]), height.div_ceil(code.workgroup[1]), 1])
             }
         };
-        let uses = code.bindings.iter().zip(&resources).map(|(binding, &id)| (id, binding.access)).collect();
+        let mut uses: Vec<_> = code.bindings.iter().zip(&resources).map(|(binding, &id)| (id, binding.access)).collect();
+        if let Groups::Listed(list, _) = groups {
+            uses.push((list, Access::Read));
+        }
         let constants = shader.constants();
         self.push(code.name, uses, Work::Run { code, constants, push: shader.push().to_vec(), resources, groups });
     }
@@ -215,6 +230,13 @@ impl<'g> Graph<'g> {
     pub fn fill(&mut self, buffer: &mut Buffer, word: u32) {
         let name = format!("clear {}", self.resources[buffer.id.0].name);
         self.push(&name, vec![(buffer.id, Access::Write)], Work::Fill { buffer: buffer.id, word });
+    }
+
+    /// A pass that copies an image, for a reader of what it held before later passes change it in place. Dropped like any other where nobody reads the copy.
+    pub fn copy(&mut self, name: &str, from: &Image) -> Image {
+        let to = self.image_of(name, from.desc);
+        self.push(&format!("keep {name}"), vec![(from.id, Access::Read), (to.id, Access::Write)], Work::CopyImage { from: from.id, to: to.id });
+        to
     }
 
     /// A pass that draws points through the rasteriser, the way benchmarks compare with.

@@ -3,7 +3,7 @@
 //! Every pass is a debug label, a timestamp pair and a breadcrumb.
 
 use super::plan::{Plan, Shape};
-use super::{Frame, Gpu, Graph, Import, Kind, LAYOUT, Place, ResourceId, Work, too_large};
+use super::{Frame, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place, ResourceId, Work, too_large};
 use crate::error::{Error, Result};
 use crate::gpu::failed;
 use crate::gpu::kernel::descriptor_type;
@@ -275,7 +275,10 @@ impl Scratch {
                     if !push.is_empty() {
                         self.device.cmd_push_constants(self.commands, kernel.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
                     }
-                    self.device.cmd_dispatch(self.commands, groups[0], groups[1], groups[2]);
+                    match groups {
+                        Groups::Fixed([x, y, z]) => self.device.cmd_dispatch(self.commands, *x, *y, *z),
+                        Groups::Listed(list, byte) => self.device.cmd_dispatch_indirect(self.commands, at(list).buffer().0, *byte),
+                    }
                 }
             }
             Work::Fill { buffer: id, word } => {
@@ -286,6 +289,17 @@ impl Scratch {
                 let region = vk::BufferCopy::default().size(*bytes);
                 // SAFETY: both buffers have at least so many bytes.
                 unsafe { self.device.cmd_copy_buffer(self.commands, at(from).buffer().0, at(to).buffer().0, &[region]) };
+            }
+            Work::CopyImage { from, to } => {
+                let [from, to] = [from, to].map(|id| at(id).image());
+                let [width, height] = from.desc.size;
+                let color = vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, layer_count: 1, ..Default::default() };
+                let region = vk::ImageCopy::default()
+                    .src_subresource(color)
+                    .dst_subresource(color)
+                    .extent(vk::Extent3D { width, height, depth: 1 });
+                // SAFETY: both images have the same size and format.
+                unsafe { self.device.cmd_copy_image(self.commands, from.raw, LAYOUT, to.raw, LAYOUT, &[region]) };
             }
             Work::CopyOut { image: from, buffer: to } => {
                 let from = at(from).image();

@@ -1,6 +1,6 @@
 //! Eye-dome lighting: depth and colour in, colour darkened where neighbours stand in front out (Boucheny 2009, ch. 5).
 
-use super::{Layers, Reason, Scene, Setting};
+use super::{Decided, Layers, Reason, Scene, Setting, Value};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, edl::Push, edl::Spec};
 use crate::view::{Projection, View};
@@ -25,22 +25,19 @@ impl Default for Settings {
 
 impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
         vec![
-            Setting {
-                name: "strength",
-                about: "halvings of the light for each unit of mean slope",
-                value: &mut self.strength,
-                range: 0.0..=100.0,
-            },
-            Setting { name: "radius", about: "distance of the neighbours, pixels", value: &mut self.radius, range: 1.0..=64.0 },
-            Setting { name: "cap", about: "the steepest slope that counts", value: &mut self.cap, range: 0.0..=1e6 },
+            Setting { name: "strength", about: "halvings of the light for each unit of mean slope", value: number(&mut self.strength, 0.0..=100.0) },
+            Setting { name: "radius", about: "distance of the neighbours, pixels", value: number(&mut self.radius, 1.0..=64.0) },
+            Setting { name: "cap", about: "the steepest slope that counts", value: number(&mut self.cap, 0.0..=1e6) },
         ]
     }
 }
 
-pub fn called_for(scene: &Scene) -> Reason {
+pub fn called_for(scene: &Scene, before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
+        _ if before.runs("shape") => Reason { runs: false, why: "shape depiction shades already".to_string() },
         _ => Reason { runs: true, why: "points have no normals to be lit by; depth alone shows their shape".to_string() },
     }
 }

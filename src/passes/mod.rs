@@ -4,18 +4,38 @@ pub mod composite;
 pub mod project;
 pub mod resolve;
 
-use crate::graph::{Graph, Image};
+use crate::graph::{Buffer, Graph, Image};
 use crate::view::View;
 
 /// What the screen-space passes hand on.
 pub struct Layers {
-    /// Planar depth, metres; infinite where nothing is.
+    /// Planar depth, metres; infinite where nothing is, minus infinite where something is that is not known yet.
     pub depth: Image,
+    /// Planar depth as the points were projected.
+    pub raw: Image,
     /// Point ids.
     pub index: Image,
     /// Linear colour; alpha 1 where a surface is.
     pub color: Image,
+    /// Tiles with pixels of unknown depth, where a pass has looked for them.
+    pub holes: Option<Holes>,
 }
+
+/// A list of tiles of 8 x 8 pixels, made on the device (glsl/lib/tile.glsl).
+pub struct Holes {
+    pub lists: Buffer,
+    /// The list's first word.
+    pub at: u32,
+}
+
+/// Tiles across and down a picture.
+pub fn tiles(size: [u32; 2]) -> [u32; 2] {
+    size.map(|side| side.div_ceil(TILE_PX))
+}
+
+/// As in glsl/lib/tile.glsl.
+pub const TILE_PX: u32 = 8;
+pub const LIST_HEADER: u32 = 4;
 
 /// Off, on, or where the scene calls for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -38,6 +58,17 @@ pub struct Scene<'s> {
 pub struct Reason {
     pub runs: bool,
     pub why: String,
+}
+
+/// For every effect in order: whether it runs, and why.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Decided(pub Vec<(&'static str, Reason)>);
+
+impl Decided {
+    /// Whether an effect runs; an effect may ask for those before it.
+    pub fn runs(&self, name: &str) -> bool {
+        self.0.iter().any(|(effect, reason)| *effect == name && reason.runs)
+    }
 }
 
 /// The registry: one line an effect, in the order in which they run. It yields the module, the settings, the name on the command line, the switch and the call.
@@ -65,8 +96,11 @@ macro_rules! effects {
             }
 
             /// Whether each effect runs in this scene, and why.
-            pub fn decide(&self, scene: &Scene) -> Vec<(&'static str, Reason)> {
-                vec![$((stringify!($name), self.$name.decide(stringify!($name), $name::called_for(scene))),)*]
+            pub fn decide(&self, scene: &Scene) -> Decided {
+                let mut decided = Decided::default();
+                $(let reason = self.$name.decide(stringify!($name), $name::called_for(scene, &decided));
+                decided.0.push((stringify!($name), reason));)*
+                decided
             }
 
             /// A line of help for every effect and its settings.
@@ -76,9 +110,8 @@ macro_rules! effects {
         }
 
         /// Every effect that runs, in order.
-        pub fn apply(g: &mut Graph, view: &View, effects: &Effects, decided: &[(&'static str, Reason)], mut layers: Layers) -> Layers {
-            let runs = |name| decided.iter().any(|(effect, reason)| *effect == name && reason.runs);
-            $(if runs(stringify!($name)) {
+        pub fn apply(g: &mut Graph, view: &View, effects: &Effects, decided: &Decided, mut layers: Layers) -> Layers {
+            $(if decided.runs(stringify!($name)) {
                 layers = $name::record(g, view, &effects.$name.settings, layers);
             })*
             layers
@@ -87,15 +120,72 @@ macro_rules! effects {
 }
 
 effects! {
-    edl, // depth, color -> color
+    visibility, // depth, index, color -> the same without what is hidden; holes
+    fill,       // depth, color, holes -> depth, color
+    shape,      // depth, color -> color
+    edl,        // depth, color -> color
 }
 
 /// A setting of an effect as the command line knows it: name, unit and meaning, and its value.
 pub struct Setting<'s> {
     pub name: &'static str,
     pub about: &'static str,
-    pub value: &'s mut f64,
-    pub range: std::ops::RangeInclusive<f64>,
+    pub value: Value<'s>,
+}
+
+/// What a setting can be.
+pub enum Value<'s> {
+    Number(&'s mut f64, std::ops::RangeInclusive<f64>),
+    Choice(&'s mut dyn Choice),
+}
+
+/// One of a few names.
+pub trait Choice {
+    fn name(&self) -> String;
+    fn names(&self) -> Vec<String>;
+    /// Whether there is one of this name.
+    fn choose(&mut self, name: &str) -> bool;
+}
+
+impl<E: clap::ValueEnum> Choice for E {
+    fn name(&self) -> String {
+        self.to_possible_value().expect("no choice is hidden").get_name().to_string()
+    }
+
+    fn names(&self) -> Vec<String> {
+        E::value_variants().iter().map(Choice::name).collect()
+    }
+
+    fn choose(&mut self, name: &str) -> bool {
+        E::from_str(name, false).map(|chosen| *self = chosen).is_ok()
+    }
+}
+
+impl Setting<'_> {
+    fn set(&mut self, text: &str) -> Result<(), String> {
+        let name = self.name;
+        match &mut self.value {
+            Value::Choice(choice) => match choice.choose(text) {
+                true => Ok(()),
+                false => Err(format!("there is no {name}={text}; there are: {}", choice.names().join(", "))),
+            },
+            Value::Number(value, range) => {
+                let number: f64 = text.parse().map_err(|_| format!("{name}={text:?} is not a number"))?;
+                if !range.contains(&number) {
+                    return Err(format!("{name}={text} is not between {} and {}", range.start(), range.end()));
+                }
+                **value = number;
+                Ok(())
+            }
+        }
+    }
+
+    fn help(&self) -> String {
+        match &self.value {
+            Value::Number(value, range) => format!("    {}={}  {} ({} to {})", self.name, value, self.about, range.start(), range.end()),
+            Value::Choice(choice) => format!("    {}={}  {} ({})", self.name, choice.name(), self.about, choice.names().join(", ")),
+        }
+    }
 }
 
 /// What an effect's settings can say of themselves.
@@ -123,12 +213,7 @@ impl<S: Settings> Asked<S> {
                     let mut settings = self.settings.list();
                     let names = settings.iter().map(|setting| setting.name).collect::<Vec<_>>().join(", ");
                     let setting = settings.iter_mut().find(|setting| setting.name == key);
-                    let setting = setting.ok_or(format!("there is no setting {key:?}; there are: {names}"))?;
-                    let number: f64 = value.parse().map_err(|_| format!("{key}={value:?} is not a number"))?;
-                    if !setting.range.contains(&number) {
-                        return Err(format!("{key}={value} is not between {} and {}", setting.range.start(), setting.range.end()));
-                    }
-                    *setting.value = number;
+                    setting.ok_or(format!("there is no setting {key:?}; there are: {names}"))?.set(value)?;
                 }
             }
         }
@@ -145,11 +230,6 @@ impl<S: Settings> Asked<S> {
 
     fn help() -> String {
         let mut settings = S::default();
-        settings
-            .list()
-            .iter()
-            .map(|s| format!("    {}={}  {} ({} to {})", s.name, s.value, s.about, s.range.start(), s.range.end()))
-            .collect::<Vec<_>>()
-            .join("\n")
+        settings.list().iter().map(Setting::help).collect::<Vec<_>>().join("\n")
     }
 }

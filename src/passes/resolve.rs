@@ -4,14 +4,20 @@ use super::Layers;
 use super::project::Band;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Kind, Tiles};
+use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::resident::Resident;
 use crate::shader::{self, resolve::Push, resolve::Spec};
 use crate::view::View;
 
 /// Images that `record` fills band by band.
-pub fn layers(g: &mut Graph, view: &View) -> Layers {
-    Layers {
+pub struct Resolved {
+    pub depth: Image,
+    pub index: Image,
+    pub color: Image,
+}
+
+pub fn layers(g: &mut Graph, view: &View) -> Resolved {
+    Resolved {
         depth: g.image("depth", view.size, Kind::R32f),
         index: g.image("index", view.size, Kind::R32ui),
         color: g.image("color", view.size, Kind::Rgba32f),
@@ -40,8 +46,8 @@ pub fn paint(g: &mut Graph, resident: &Resident) -> Result<Paint> {
     Ok(Paint { shown, table, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
 }
 
-pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, layers: Layers) -> Layers {
-    let Layers { mut depth, mut index, mut color } = layers;
+pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {
+    let Resolved { mut depth, mut index, mut color } = resolved;
     let push = Push { size: band.size, top: band.top, lo: paint.ramp[0], scale: paint.ramp[1] };
     let spec = Spec { mode: paint.mode, texels: g.gpu.device.texels };
     let groups = [band.size[0].div_ceil(64), band.size[1], 1];
@@ -59,7 +65,16 @@ pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, layers: L
         },
         Tiles::Groups(groups),
     );
-    Layers { depth, index, color }
+    Resolved { depth, index, color }
+}
+
+impl Resolved {
+    /// The layers that effects start from.
+    pub fn layers(self, g: &mut Graph) -> Layers {
+        let Resolved { depth, index, color } = self;
+        let raw = g.copy("raw", &depth);
+        Layers { depth, raw, index, color, holes: None }
+    }
 }
 
 /// The 256 linear colours that words are looked up in.

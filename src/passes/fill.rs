@@ -1,0 +1,91 @@
+//! Filling: depths and colours with holes in, without out.
+//!
+//! `pintus` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of their neighbours, those that have been given one the weighted mean. It works on the tiles that
+//! `visibility` has listed, goes back and forth between two images, and stops where nothing changes any more.
+
+use super::{Decided, Holes, Layers, Reason, Scene, Setting, Value, tiles};
+use crate::graph::{Graph, Kind, Tiles};
+use crate::shader::{self, fill_close, fill_open, fill_pintus};
+use crate::view::{Projection, View};
+
+pub const SUMMARY: &str = "fills the holes that visibility found from the surfaces around them";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    pub method: Method,
+    /// Steps at most; 0: twice the largest kernel.
+    pub iterations: f64,
+    /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as the largest kernel's pixels at that depth.
+    pub tolerance: f64,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    #[default]
+    Pintus,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { method: Method::Pintus, iterations: 0.0, tolerance: 0.0 }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
+        vec![
+            Setting { name: "method", about: "how", value: Value::Choice(&mut self.method) },
+            Setting { name: "iterations", about: "steps at most; 0: twice the largest kernel", value: number(&mut self.iterations, 0.0..=1000.0) },
+            Setting {
+                name: "tolerance",
+                about: "difference in depth from which two surfaces are not mixed, metres; 0: from the spacing of the points",
+                value: number(&mut self.tolerance, 0.0..=1e9),
+            },
+        ]
+    }
+}
+
+pub fn called_for(_scene: &Scene, before: &Decided) -> Reason {
+    match before.runs("visibility") {
+        true => Reason { runs: true, why: "visibility leaves holes; tiles without are skipped".to_string() },
+        false => Reason { runs: false, why: "visibility does not run, and so nobody knows which pixels are holes".to_string() },
+    }
+}
+
+/// Largest kernel of visibility.
+const WIDEST: f64 = 15.0;
+
+pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+    let Some(Holes { lists, at }) = layers.holes else { return layers };
+    let Layers { mut depth, mut color, .. } = layers;
+    let (size, across) = (view.size, tiles(view.size));
+    let count = across[0] * across[1];
+    let perspective = view.camera.projection == Projection::Perspective;
+
+    let mut from = g.image("even", size, Kind::Rg32ui);
+    let mut to = g.image("odd", size, Kind::Rg32ui);
+    let push = fill_open::Push { size, tiles: across, at };
+    g.run(shader::FillOpen { lists: &lists, depth: &depth, color: &color, even: &mut from, odd: &mut to, push }, Tiles::From(&lists, at));
+
+    let most = if settings.iterations == 0.0 { 2 * WIDEST as u32 } else { settings.iterations as u32 };
+    let changed_at = 4 * (most + 2);
+    let mut steps = g.buffer("steps", 4 * (changed_at + count) as u64);
+    g.fill(&mut steps, 0);
+    let width = WIDEST / view.focal_px();
+    let relative = settings.tolerance == 0.0;
+    let tolerance = if relative { width } else { settings.tolerance } as f32;
+    for step in 1..=most {
+        let push = fill_pintus::Push { size, tiles: across, at, step, changed_at, tolerance, relative: (relative && perspective) as u32 };
+        let spec = fill_pintus::Spec { perspective };
+        let counted = steps.racing();
+        let tiles = if step == 1 { Tiles::From(&lists, at) } else { Tiles::From(&counted, 4 * step) };
+        g.run(shader::FillPintus { lists: &lists, steps: &mut steps, from: &from, to: &mut to, push, spec }, tiles);
+        std::mem::swap(&mut from, &mut to);
+    }
+
+    let push = fill_close::Push { size, tiles: across, at };
+    g.run(shader::FillClose { lists: &lists, filled: &from, depth: &mut depth, color: &mut color, push }, Tiles::From(&lists, at));
+    Layers { depth, color, holes: None, ..layers }
+}

@@ -1,0 +1,127 @@
+//! Visibility: depths of projected points in, the same without hidden layers out, and which pixels have to be filled (Pintus et al. 2011, sec. 4).
+//!
+//! ```text
+//!     classify     depth -> tiles           what each tile of 8 x 8 pixels holds
+//!     assign       tiles -> lists           which tiles have to be looked at, and how far around: a list a kernel
+//!     visibility   depth, lists -> a bit a pixel, and the list of tiles with invisible pixels; once a kernel
+//!     hide         takes those pixels out of the layers
+//! ```
+//! A tile is skipped where nothing in it can be invisible. Let no two adjacent pixels of it and its neighbours differ in depth by more than `slope` pixels' width. The cotangent of the angle to a
+//! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2; leaning lowers one sector's solid angle and raises the opposite one's by at least as much, but
+//! for the spread of directions within a sector, less than 0.71 lean. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and [`slope`] is where that is `threshold`.
+
+use super::{Decided, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Value, tiles};
+use crate::graph::{Graph, Tiles};
+use crate::shader::{self, Tile, assign, classify, hide, visibility};
+use crate::view::{Projection, View};
+use std::f64::consts::{SQRT_2, TAU};
+
+pub const SUMMARY: &str = "removes hidden layers that shine through between points, and finds the holes, by the empty cone towards the camera";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    /// Width of the neighbourhood, pixels, odd; 0: by the density of points, a tile at a time.
+    pub kernel: f64,
+    /// Into which the neighbourhood is divided: 4, 8 or 16.
+    pub sectors: f64,
+    /// A pixel is visible from so much empty solid angle on, steradians.
+    pub threshold: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { kernel: 0.0, sectors: 8.0, threshold: 2.0 }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
+        vec![
+            Setting { name: "kernel", about: "width of the neighbourhood, pixels; 0: from the spacing of the points", value: number(&mut self.kernel, 0.0..=15.0) },
+            Setting { name: "sectors", about: "parts of the neighbourhood: 4, 8 or 16", value: number(&mut self.sectors, 4.0..=16.0) },
+            Setting { name: "threshold", about: "empty solid angle from which a pixel is visible, steradians", value: number(&mut self.threshold, 0.0..=TAU) },
+        ]
+    }
+}
+
+/// Kernels 3, 5, .. 15, a list each; then the list of tiles with holes.
+const KERNELS: u32 = 7;
+
+/// A kernel is this many times as wide as the mean distance of points that fall at random: a sector of eight is then empty once in forty times.
+const KERNEL_IN_SPACINGS: f64 = 5.5;
+
+pub fn called_for(scene: &Scene, _before: &Decided) -> Reason {
+    match scene.points {
+        0 => Reason { runs: false, why: "there is nothing to hide".to_string() },
+        _ => Reason { runs: true, why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string() },
+    }
+}
+
+pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+    let Layers { mut depth, raw, mut index, mut color, .. } = layers;
+    let across = tiles(view.size);
+    let count = across[0] * across[1];
+    let stride = LIST_HEADER + count;
+    let perspective = view.camera.projection == Projection::Perspective;
+    let px_per_unit = view.focal_px() as f32;
+
+    let mut facts = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count as u64);
+    let push = classify::Push { size: view.size, tiles: across, px_per_unit, slope: slope(view, settings.threshold) as f32 };
+    g.run(
+        shader::Classify { depth: &depth, tiles: &mut facts, push, spec: classify::Spec { perspective } },
+        Tiles::Groups([count.div_ceil(64), 1, 1]),
+    );
+
+    let mut lists = g.buffer("lists", 4 * (KERNELS + 1) as u64 * stride as u64);
+    g.fill(&mut lists, 0);
+    let fixed_list = if settings.kernel == 0.0 { KERNELS } else { (settings.kernel as u32).max(3) / 2 - 1 };
+    let push = assign::Push { tiles: across, stride, fixed_list, enough: enough() };
+    g.run(shader::Assign { tiles: &facts, lists: &mut lists, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+
+    let mut invisible = g.buffer("invisible", 12 * count as u64);
+    g.fill(&mut invisible, 0);
+    let holes_at = KERNELS * stride;
+    let sectors = if settings.sectors < 8.0 { 4 } else if settings.sectors < 16.0 { 8 } else { 16 };
+    let kernels = if fixed_list < KERNELS { fixed_list..fixed_list + 1 } else { 0..KERNELS };
+    for list in kernels {
+        let push = visibility::Push {
+            size: view.size,
+            tiles_across: across[0],
+            at: list * stride,
+            holes_at,
+            px_per_unit,
+            threshold: (settings.threshold * sectors as f64 / TAU) as f32,
+        };
+        let spec = visibility::Spec { radius: list + 1, sectors, perspective };
+        let listed = lists.racing();
+        let tiles = Tiles::From(&listed, list * stride);
+        g.run(shader::Visibility { depth: &depth, lists: &mut lists, invisible: &mut invisible, push, spec }, tiles);
+    }
+
+    let push = hide::Push { tiles_across: across[0], at: holes_at };
+    g.run(
+        shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
+        Tiles::From(&lists, holes_at),
+    );
+    Layers { depth, raw, index, color, holes: Some(Holes { lists, at: holes_at }) }
+}
+
+/// The share of pixels that points cover by chance when they lie so densely that kernel 3, 5, .. 13 is [`KERNEL_IN_SPACINGS`] wide.
+fn enough() -> [f32; 6] {
+    std::array::from_fn(|i| {
+        let kernel = (2 * i + 3) as f64;
+        (1.0 - (-(KERNEL_IN_SPACINGS / kernel).powi(2)).exp()) as f32
+    })
+}
+
+/// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.
+fn slope(view: &View, threshold: f64) -> f64 {
+    let cos = 1.0 - threshold / TAU;
+    let cotangent = cos / (1.0 - cos * cos).sqrt();
+    let lean = match view.camera.projection {
+        Projection::Perspective => (view.size[0] as f64).hypot(view.size[1] as f64) / 2.0 / view.focal_px(),
+        Projection::Orthographic => 0.0,
+    };
+    ((cotangent - 0.71 * lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0)
+}
