@@ -1,4 +1,4 @@
-// Depth -> tiles: what each tile of 8 x 8 pixels holds.
+// Depth -> tiles: what each tile of 8 x 8 pixels holds, and how far apart the points of its nearest surface are on the screen.
 //
 // A tile is continuous where every pixel holds a point and no pixel is farther from its right and lower neighbours than `slope` pixels' width.
 // Then no neighbour within any kernel hides a point: n steps away depths differ by n times that at most (passes/visibility.rs has the bound).
@@ -6,11 +6,15 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 
+#include "node.glsl"
 #include "tile.glsl"
 
 layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
+layout(r32ui) readonly uniform uimage2D index;
+// Of every node of the frame, how far apart its points are: bits of a float, metres.
+layout(r32ui) readonly uniform uimageBuffer spacings;
 layout(scalar) writeonly buffer Tiles { Tile tile[]; } tiles;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
@@ -22,39 +26,42 @@ layout(push_constant, scalar) uniform Push {
     float slope;
 } push;
 
+const float FARTHEST = 3.402823466e38;
+
+// Whether two adjacent pixels hold points of one surface.
+bool adjoin(float a, float b) {
+    float least = min(a, b);
+    float most = min(max(a, b), FARTHEST);
+    precise float rise = (most - min(least, FARTHEST)) * push.px_per_unit;
+    precise float run = (PERSPECTIVE ? least : 1.0) * push.slope;
+    return max(a, b) <= FARTHEST && rise <= run;
+}
+
 void main() {
     uint number = gl_GlobalInvocationID.x;
     if (number >= push.tiles.x * push.tiles.y) return;
-    ivec2 size = ivec2(push.size);
+    ivec2 last = ivec2(push.size) - 1;
     ivec2 corner = tile_corner(number, push.tiles.x);
+    ivec2 end = min(corner + TILE_PX, ivec2(push.size));
     uint points = 0u;
     bool continuous = true;
-    const float FARTHEST = 3.402823466e38;
     float nearest = FARTHEST;
-    float farthest = 0.0;
-    float above[TILE_PX + 1];
-    for (int x = 0; x <= TILE_PX; ++x) {
-        above[x] = imageLoad(depth, mirrored(corner + ivec2(x, 0), size)).r;
-    }
-    for (int y = 0; y < TILE_PX; ++y) {
-        float below[TILE_PX + 1];
-        for (int x = 0; x <= TILE_PX; ++x) {
-            below[x] = imageLoad(depth, mirrored(corner + ivec2(x, y + 1), size)).r;
+    ivec2 nearest_at = corner;
+    for (int y = corner.y; y < end.y; ++y) {
+        float z = imageLoad(depth, ivec2(corner.x, y)).r;
+        for (int x = corner.x; x < end.x; ++x) {
+            // Beyond the picture's edge the last pixel is its own neighbour.
+            float right = imageLoad(depth, ivec2(min(x + 1, last.x), y)).r;
+            float below = imageLoad(depth, ivec2(x, min(y + 1, last.y))).r;
+            points += z <= FARTHEST ? 1u : 0u;
+            nearest_at = z < nearest ? ivec2(x, y) : nearest_at;
+            nearest = min(nearest, z);
+            continuous = continuous && adjoin(z, right) && adjoin(z, below);
+            z = right;
         }
-        for (int x = 0; x < TILE_PX; ++x) {
-            float z = above[x];
-            bool inside = corner.x + x < size.x && corner.y + y < size.y;
-            bool point = inside && z <= FARTHEST;
-            points += point ? 1u : 0u;
-            nearest = min(nearest, point ? z : FARTHEST);
-            farthest = max(farthest, point ? z : 0.0);
-            float least = min(z, min(above[x + 1], below[x]));
-            float most = max(z, max(above[x + 1], below[x]));
-            precise float rise = (min(most, FARTHEST) - min(least, FARTHEST)) * push.px_per_unit;
-            precise float run = (PERSPECTIVE ? least : 1.0) * push.slope;
-            continuous = continuous && (!inside || (most <= FARTHEST && rise <= run));
-        }
-        above = below;
     }
-    tiles.tile[number] = Tile(points, continuous ? 1u : 0u, nearest, farthest);
+    uint node = imageLoad(index, nearest_at).r >> POINTS_PER_PAGE_LOG2;
+    float spacing = uintBitsToFloat(imageLoad(spacings, points > 0u ? int(node) : 0).r);
+    precise float spacing_px = spacing * push.px_per_unit / (PERSPECTIVE ? nearest : 1.0);
+    tiles.tile[number] = Tile(points, continuous ? 1u : 0u, points > 0u ? spacing_px : 0.0);
 }

@@ -1,4 +1,4 @@
-// Layers -> the two images that filling goes back and forth between: of all tiles with pixels to fill, and the tiles around them.
+// Layers -> the two images that filling goes back and forth between: of all tiles with pixels to fill, and a rim of one pixel around them, which is as far as a pixel looks.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -6,7 +6,7 @@
 #include "tile.glsl"
 #include "pixel.glsl"
 
-layout(local_size_x = 8, local_size_y = 8) in;
+layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32f) readonly uniform image2D depth;
@@ -16,24 +16,29 @@ layout(rg32ui) writeonly uniform uimage2D odd;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size; // pixels
-    uvec2 tiles;
+    uint tiles_across;
     uint at;    // the list of tiles with pixels to fill
 } push;
 
+void open(ivec2 pixel) {
+    if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, ivec2(push.size)))) return;
+    uvec4 value = uvec4(floatBitsToUint(imageLoad(depth, pixel).r), pack_color(imageLoad(color, pixel).rgb), 0u, 0u);
+    imageStore(even, pixel, value);
+    imageStore(odd, pixel, value);
+}
+
 void main() {
-    uint count = lists.word[push.at + 3u];
-    for (uint n = gl_WorkGroupID.x; n < count; n += gl_NumWorkGroups.x) {
+    EACH_OF(lists.word[push.at + 3u]) {
         uint tile = lists.word[push.at + LIST_HEADER + n];
-        // A pixel looks one pixel far: the tile and a rim of one.
-        for (uint i = gl_LocalInvocationIndex; i < uint((TILE_PX + 2) * (TILE_PX + 2)); i += 64u) {
-            ivec2 pixel = tile_corner(tile, push.tiles.x) + ivec2(i % uint(TILE_PX + 2), i / uint(TILE_PX + 2)) - 1;
-            bool inside = all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(push.size)));
-            ivec2 at = clamp(pixel, ivec2(0), ivec2(push.size) - 1);
-            uvec4 value = uvec4(floatBitsToUint(imageLoad(depth, at).r), pack_color(imageLoad(color, at).rgb), 0u, 0u);
-            if (inside) {
-                imageStore(even, pixel, value);
-                imageStore(odd, pixel, value);
-            }
+        ivec2 corner = tile_corner(tile, push.tiles_across);
+        int lane = int(gl_LocalInvocationID.x % 8u);
+        for (int row = -1; row <= TILE_PX; ++row) {
+            open(corner + ivec2(lane, row));
+        }
+        // The rim's left and right sides: ten pixels each, among eight lanes.
+        for (int row = lane - 1; row <= TILE_PX; row += 8) {
+            open(corner + ivec2(-1, row));
+            open(corner + ivec2(TILE_PX, row));
         }
     }
 }

@@ -6,10 +6,10 @@
 #include "tile.glsl"
 #include "pixel.glsl"
 
-layout(local_size_x = 8, local_size_y = 8) in;
+layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
-layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
+layout(scalar) readonly buffer Invisible { uint column[]; } invisible;
 layout(r32f) uniform image2D depth;
 layout(r32ui) uniform uimage2D index;
 layout(rgba32f) uniform image2D color;
@@ -20,15 +20,17 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 void main() {
-    uint count = lists.word[push.at + 3u];
-    for (uint n = gl_WorkGroupID.x; n < count; n += gl_NumWorkGroups.x) {
+    EACH_OF(lists.word[push.at + 3u]) {
         uint tile = lists.word[push.at + LIST_HEADER + n];
-        uint bit = gl_LocalInvocationIndex;
-        if ((invisible.word[WORDS_PER_TILE * tile + bit / 32u] >> (bit & 31u) & 1u) == 1u) {
-            ivec2 pixel = tile_corner(tile, push.tiles_across) + ivec2(gl_LocalInvocationID.xy);
-            imageStore(depth, pixel, vec4(uintBitsToFloat(UNKNOWN_BITS)));
-            imageStore(index, pixel, uvec4(NO_POINT));
-            imageStore(color, pixel, vec4(0.0));
+        uint bits = invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u];
+        ivec2 pixel = column_of(tile, push.tiles_across);
+        for (int row = 0; row < TILE_PX; ++row) {
+            if ((bits >> row & 1u) == 1u) {
+                ivec2 at = pixel + ivec2(0, row);
+                imageStore(depth, at, vec4(uintBitsToFloat(UNKNOWN_BITS)));
+                imageStore(index, at, uvec4(NO_POINT));
+                imageStore(color, at, vec4(0.0));
+            }
         }
     }
 }

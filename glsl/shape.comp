@@ -7,6 +7,7 @@
 // eps is `softness` pixels' width: a surface that rises by less than that from pixel to pixel faces the viewer and is bright, a steeper one darkens towards a half.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
@@ -37,7 +38,7 @@ void main() {
     float rise[9];
     precise float count = 0.0;
     precise float sum = 0.0;
-    for (int k = 0; k < 9; ++k) {
+    [[unroll]] for (int k = 0; k < 9; ++k) {
         ivec2 q = pixel + ivec2(k % 3, k / 3) - 1;
         bool there = q.x >= 0 && q.y >= 0 && q.x < size.x && q.y < size.y;
         float zk = imageLoad(depth, clamp(q, ivec2(0), size - 1)).r;
@@ -50,7 +51,7 @@ void main() {
     }
     precise float mu = sum / max(count, 1.0);
     precise float squares = 0.0;
-    for (int k = 0; k < 9; ++k) {
+    [[unroll]] for (int k = 0; k < 9; ++k) {
         bool has = rise[k] < uintBitsToFloat(BACKGROUND_BITS);
         precise float off = has ? rise[k] - mu : 0.0;
         squares += off * off;

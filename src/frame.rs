@@ -22,7 +22,7 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
         let keys = project::record(g, view, &drawn, band);
         resolved = resolve::record(g, &keys, &paint, band, resolved);
     }
-    let layers = resolved.layers(g);
+    let layers = resolved.layers(g, resident)?;
     let layers = passes::apply(g, view, &look.effects, &look.decided, layers);
     let picture = composite::record(g, view, look.background, &layers);
     Ok(Outcome { picture, layers, statistics: drawn.statistics })

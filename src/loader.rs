@@ -12,6 +12,7 @@ use crate::cloud::attribute::{Attribute, Shown};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::index::file::{Index, NodeRecord, PLANES, Plane};
+use crate::index::spacing::spacing;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -37,11 +38,20 @@ pub struct Wish {
 /// How a wish ended.
 #[derive(Debug)]
 pub enum Outcome {
-    /// The pages are written; so many bytes of the file were read.
-    Done(u64),
+    /// The pages are written.
+    Done(Read),
     /// Not begun when a newer list no longer named it.
     Dropped,
     Failed(Error),
+}
+
+/// What was read of a node.
+#[derive(Clone, Copy, Debug)]
+pub struct Read {
+    /// Of the file.
+    pub bytes: u64,
+    /// How far apart its points are, in cells of the coarsest plane.
+    pub spacing: f64,
 }
 
 #[derive(Debug)]
@@ -173,20 +183,22 @@ impl<P: FnMut()> Thread<P> {
         (self.publish)();
     }
 
-    /// Bytes read of the file.
-    fn read(&mut self, node: usize, planes: u32, destination: &mut dyn Destination) -> Result<u64> {
+    fn read(&mut self, node: usize, planes: u32, destination: &mut dyn Destination) -> Result<Read> {
         let index = self.index.clone();
         let record = &index.nodes()[node];
         let count = record.count as usize;
         let words = &mut self.words[..count];
         let elevation = self.shown.attribute == Attribute::Elevation;
         let mut heights = vec![0u32; if elevation { count } else { 0 }];
-        let mut read = 0;
+        let mut read = Read { bytes: 0, spacing: 0.0 };
         // Elevation is of the whole position, so that it does not depend on how much of it is drawn.
         let needed = if elevation { record.position_planes() } else { planes };
         for (page, &(plane, bytes)) in (0..needed).zip(&PLANES) {
             index.read(node, plane, bytemuck::cast_slice_mut(words))?;
-            read += bytes * count as u64;
+            read.bytes += bytes * count as u64;
+            if page == 0 {
+                read.spacing = spacing(count, |i| words[i]);
+            }
             if page < planes {
                 destination.put(page, words);
             }
@@ -196,7 +208,7 @@ impl<P: FnMut()> Thread<P> {
             Some(plane) => {
                 self.bytes.resize(record.range(plane).1 as usize, 0);
                 index.read(node, plane, &mut self.bytes)?;
-                read += self.bytes.len() as u64;
+                read.bytes += self.bytes.len() as u64;
                 widen(plane, &self.bytes, words);
                 if plane == Plane::Source {
                     // The file's own number of the station; nodes hold its place in the list.

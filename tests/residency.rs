@@ -357,7 +357,7 @@ fn a_panic_in_the_loader_is_an_error_of_one_node() {
     assert!(
         matches!(&first.outcome, Outcome::Failed(error) if error.to_string().contains("node 1") && error.to_string().contains("on purpose"))
     );
-    assert!(matches!(second.outcome, Outcome::Done(bytes) if bytes > 0));
+    assert!(matches!(second.outcome, Outcome::Done(read) if read.bytes > 0));
     assert!(!loader.has_ended());
 }
 

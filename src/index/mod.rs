@@ -2,7 +2,7 @@
 //!
 //! In memory: `organise` cuts a part's points into nodes along the Morton order; `pack` brings one node's points into the words that the GPU reads.
 //! Out of core: `build` makes a file (`file`) of leaves and inner nodes, from `bucket`s that are `grow`n into nodes; `merge` makes a parent's samples of
-//! its children's.
+//! its children's. `spacing` says how far apart a node's points are.
 
 mod bucket;
 pub mod build;
@@ -15,5 +15,6 @@ pub mod morton;
 pub mod organise;
 pub mod pack;
 mod samples;
+pub mod spacing;
 
 pub use organise::{Arrangement, Node, Organised, organise, shuffle};

@@ -4,6 +4,7 @@
 //! last one makes it lossless. Points are in Morton order of the coarse plane; within a coarse cell they are ordered by their whole position and then by
 //! what they show, so that the same points give the same picture in whatever order a file has them (HARD_CASES 0.4, M3).
 
+use super::spacing::spacing;
 use super::{Arrangement, morton};
 use crate::cloud::Columns;
 use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
@@ -39,6 +40,7 @@ pub fn frame(columns: &Columns, order: &[u32]) -> Frame {
 }
 
 /// Sorts the points (unless they are to stay shuffled) and writes their position planes and what they show. `planes` has `frame.planes` pages.
+/// How far apart the points are, in cells of the coarsest plane, is what it gives back ([`spacing`]).
 pub fn pack(
     columns: &Columns,
     frame: &Frame,
@@ -47,7 +49,7 @@ pub fn pack(
     shown: impl Fn(usize) -> u32,
     planes: &mut [&mut [u32]],
     shown_page: &mut [u32],
-) {
+) -> f64 {
     let pad = BITS_PER_PLANE * frame.planes - frame.bits;
     let cells = |i: u32| {
         let i = i as usize;
@@ -62,14 +64,17 @@ pub fn pack(
             run.sort_by_cached_key(|&key| (cells(key as u32), shown(key as u32 as usize)));
         }
     }
+    let word = |key: u64, shift: u32| {
+        let [x, y, z] = cells(key as u32).map(|c| c >> shift & MASK);
+        x | y << BITS_PER_PLANE | z << (2 * BITS_PER_PLANE)
+    };
     for (k, plane) in planes.iter_mut().enumerate() {
         let shift = coarse - BITS_PER_PLANE * k as u32;
-        for (word, &key) in plane.iter_mut().zip(&keys) {
-            let [x, y, z] = cells(key as u32).map(|c| c >> shift & MASK);
-            *word = x | y << BITS_PER_PLANE | z << (2 * BITS_PER_PLANE);
-        }
+        plane.iter_mut().zip(&keys).for_each(|(place, &key)| *place = word(key, shift));
     }
     shown_page.iter_mut().zip(&keys).for_each(|(word, &key)| *word = shown(key as u32 as usize));
+    // Not read back from the pages: mapped device memory may be slow to read.
+    spacing(keys.len(), |i| word(keys[i], coarse))
 }
 
 #[cfg(test)]

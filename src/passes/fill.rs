@@ -66,7 +66,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
 
     let mut from = g.image("even", size, Kind::Rg32ui);
     let mut to = g.image("odd", size, Kind::Rg32ui);
-    let push = fill_open::Push { size, tiles: across, at };
+    let push = fill_open::Push { size, tiles_across: across[0], at };
     g.run(shader::FillOpen { lists: &lists, depth: &depth, color: &color, even: &mut from, odd: &mut to, push }, Tiles::From(&lists, at));
 
     let most = if settings.iterations == 0.0 { 2 * WIDEST as u32 } else { settings.iterations as u32 };
@@ -78,14 +78,13 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let tolerance = if relative { width } else { settings.tolerance } as f32;
     for step in 1..=most {
         let push = fill_pintus::Push { size, tiles: across, at, step, changed_at, tolerance, relative: (relative && perspective) as u32 };
-        let spec = fill_pintus::Spec { perspective };
         let counted = steps.racing();
         let tiles = if step == 1 { Tiles::From(&lists, at) } else { Tiles::From(&counted, 4 * step) };
-        g.run(shader::FillPintus { lists: &lists, steps: &mut steps, from: &from, to: &mut to, push, spec }, tiles);
+        g.run(shader::FillPintus { lists: &lists, steps: &mut steps, from: &from, to: &mut to, push }, tiles);
         std::mem::swap(&mut from, &mut to);
     }
 
-    let push = fill_close::Push { size, tiles: across, at };
+    let push = fill_close::Push { size, tiles_across: across[0], at };
     g.run(shader::FillClose { lists: &lists, filled: &from, depth: &mut depth, color: &mut color, push }, Tiles::From(&lists, at));
     Layers { depth, color, holes: None, ..layers }
 }

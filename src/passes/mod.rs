@@ -17,6 +17,8 @@ pub struct Layers {
     pub index: Image,
     /// Linear colour; alpha 1 where a surface is.
     pub color: Image,
+    /// Of every node of the frame, how far apart its points are, metres; f32.
+    pub spacings: Buffer,
     /// Tiles with pixels of unknown depth, where a pass has looked for them.
     pub holes: Option<Holes>,
 }

@@ -70,10 +70,12 @@ pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved:
 
 impl Resolved {
     /// The layers that effects start from.
-    pub fn layers(self, g: &mut Graph) -> Layers {
+    pub fn layers(self, g: &mut Graph, resident: &Resident) -> Result<Layers> {
         let Resolved { depth, index, color } = self;
         let raw = g.copy("raw", &depth);
-        Layers { depth, raw, index, color, holes: None }
+        let spacings: Vec<f32> = resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
+        let spacings = g.upload("spacings", &spacings)?;
+        Ok(Layers { depth, raw, index, color, spacings, holes: None })
     }
 }
 

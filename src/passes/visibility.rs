@@ -10,7 +10,7 @@
 //! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2; leaning lowers one sector's solid angle and raises the opposite one's by at least as much, but
 //! for the spread of directions within a sector, less than 0.71 lean. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and [`slope`] is where that is `threshold`.
 
-use super::{Decided, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Value, tiles};
+use super::{Decided, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Tiles};
 use crate::shader::{self, Tile, assign, classify, hide, visibility};
 use crate::view::{Projection, View};
@@ -22,15 +22,29 @@ pub const SUMMARY: &str = "removes hidden layers that shine through between poin
 pub struct Settings {
     /// Width of the neighbourhood, pixels, odd; 0: by the density of points, a tile at a time.
     pub kernel: f64,
+    /// Width of an automatic kernel, in spacings of the points.
+    pub reach: f64,
     /// Into which the neighbourhood is divided: 4, 8 or 16.
     pub sectors: f64,
+    /// Which tiles are looked at.
+    pub tiles: Looked,
     /// A pixel is visible from so much empty solid angle on, steradians.
     pub threshold: f64,
 }
 
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Looked {
+    /// Those where something can be invisible.
+    #[default]
+    Needed,
+    /// All; with a fixed kernel the picture is the same.
+    All,
+}
+
 impl Default for Settings {
     fn default() -> Self {
-        Settings { kernel: 0.0, sectors: 8.0, threshold: 2.0 }
+        Settings { kernel: 0.0, reach: 4.5, sectors: 8.0, tiles: Looked::Needed, threshold: 2.0 }
     }
 }
 
@@ -39,7 +53,9 @@ impl super::Settings for Settings {
         let number = Value::Number;
         vec![
             Setting { name: "kernel", about: "width of the neighbourhood, pixels; 0: from the spacing of the points", value: number(&mut self.kernel, 0.0..=15.0) },
+            Setting { name: "reach", about: "width of an automatic kernel, in spacings of the points", value: number(&mut self.reach, 0.0..=100.0) },
             Setting { name: "sectors", about: "parts of the neighbourhood: 4, 8 or 16", value: number(&mut self.sectors, 4.0..=16.0) },
+            Setting { name: "tiles", about: "which tiles are looked at; the picture is the same", value: Value::Choice(&mut self.tiles) },
             Setting { name: "threshold", about: "empty solid angle from which a pixel is visible, steradians", value: number(&mut self.threshold, 0.0..=TAU) },
         ]
     }
@@ -47,9 +63,6 @@ impl super::Settings for Settings {
 
 /// Kernels 3, 5, .. 15, a list each; then the list of tiles with holes.
 const KERNELS: u32 = 7;
-
-/// A kernel is this many times as wide as the mean distance of points that fall at random: a sector of eight is then empty once in forty times.
-const KERNEL_IN_SPACINGS: f64 = 5.5;
 
 pub fn called_for(scene: &Scene, _before: &Decided) -> Reason {
     match scene.points {
@@ -59,7 +72,7 @@ pub fn called_for(scene: &Scene, _before: &Decided) -> Reason {
 }
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
-    let Layers { mut depth, raw, mut index, mut color, .. } = layers;
+    let Layers { mut depth, raw, mut index, mut color, spacings, .. } = layers;
     let across = tiles(view.size);
     let count = across[0] * across[1];
     let stride = LIST_HEADER + count;
@@ -69,18 +82,19 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let mut facts = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count as u64);
     let push = classify::Push { size: view.size, tiles: across, px_per_unit, slope: slope(view, settings.threshold) as f32 };
     g.run(
-        shader::Classify { depth: &depth, tiles: &mut facts, push, spec: classify::Spec { perspective } },
+        shader::Classify { depth: &depth, index: &index, spacings: &spacings, tiles: &mut facts, push, spec: classify::Spec { perspective } },
         Tiles::Groups([count.div_ceil(64), 1, 1]),
     );
 
     let mut lists = g.buffer("lists", 4 * (KERNELS + 1) as u64 * stride as u64);
     g.fill(&mut lists, 0);
     let fixed_list = if settings.kernel == 0.0 { KERNELS } else { (settings.kernel as u32).max(3) / 2 - 1 };
-    let push = assign::Push { tiles: across, stride, fixed_list, enough: enough() };
+    let push = assign::Push { tiles: across, stride, fixed_list, pixels_per_spacing: settings.reach as f32, all: (settings.tiles == Looked::All) as u32 };
     g.run(shader::Assign { tiles: &facts, lists: &mut lists, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
 
-    let mut invisible = g.buffer("invisible", 12 * count as u64);
-    g.fill(&mut invisible, 0);
+    let mut invisible = g.buffer("invisible", 4 * TILE_PX as u64 * count as u64);
+    let mut listed = g.buffer("listed", 4 * count as u64);
+    g.fill(&mut listed, 0);
     let holes_at = KERNELS * stride;
     let sectors = if settings.sectors < 8.0 { 4 } else if settings.sectors < 16.0 { 8 } else { 16 };
     let kernels = if fixed_list < KERNELS { fixed_list..fixed_list + 1 } else { 0..KERNELS };
@@ -90,13 +104,14 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
             tiles_across: across[0],
             at: list * stride,
             holes_at,
+            radius: (list + 1).min(view.size[0] - 1).min(view.size[1] - 1) as i32,
             px_per_unit,
             threshold: (settings.threshold * sectors as f64 / TAU) as f32,
         };
-        let spec = visibility::Spec { radius: list + 1, sectors, perspective };
-        let listed = lists.racing();
-        let tiles = Tiles::From(&listed, list * stride);
-        g.run(shader::Visibility { depth: &depth, lists: &mut lists, invisible: &mut invisible, push, spec }, tiles);
+        let spec = visibility::Spec { sectors, perspective };
+        let counted = lists.racing();
+        let tiles = Tiles::From(&counted, list * stride);
+        g.run(shader::Visibility { depth: &depth, lists: &mut lists, invisible: &mut invisible, listed: &mut listed, push, spec }, tiles);
     }
 
     let push = hide::Push { tiles_across: across[0], at: holes_at };
@@ -104,15 +119,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
         Tiles::From(&lists, holes_at),
     );
-    Layers { depth, raw, index, color, holes: Some(Holes { lists, at: holes_at }) }
-}
-
-/// The share of pixels that points cover by chance when they lie so densely that kernel 3, 5, .. 13 is [`KERNEL_IN_SPACINGS`] wide.
-fn enough() -> [f32; 6] {
-    std::array::from_fn(|i| {
-        let kernel = (2 * i + 3) as f64;
-        (1.0 - (-(KERNEL_IN_SPACINGS / kernel).powi(2)).exp()) as f32
-    })
+    Layers { depth, raw, index, color, spacings, holes: Some(Holes { lists, at: holes_at }) }
 }
 
 /// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.

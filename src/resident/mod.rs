@@ -36,6 +36,8 @@ pub struct ResidentNode {
     pub first_page: u32,
     /// Position planes that are resident; at least one, and fewer than `frame.planes` where no more are needed, or not yet there.
     pub planes: u32,
+    /// How far apart its points are, metres.
+    pub spacing: f64,
 }
 
 impl ResidentNode {
@@ -61,6 +63,11 @@ pub struct Resident {
     pub shown: Shown,
     /// Of the whole cloud.
     pub points: u64,
+}
+
+/// A length in cells of the coarsest plane, in metres; where a lattice has other steps along other axes, along the widest.
+fn in_metres(cells: f64, lattice: &Lattice, frame: &Frame) -> f64 {
+    cells * crate::cut::cell_steps(frame, 1) * lattice.step.abs().max_element()
 }
 
 /// Ids end before the one that means "no point".
@@ -103,24 +110,27 @@ impl Resident {
         for (node, &frame) in organised.nodes.iter().zip(&frames) {
             let first_page = self.pool.take(gpu, frame.planes + 1)?.expect("a pool without a budget is never full");
             let (count, number) = (node.points.len() as u32, self.nodes.len() as u32);
-            self.nodes.push(ResidentNode { lattice: part.lattice, frame, count, number, first_page, planes: frame.planes });
+            self.nodes.push(ResidentNode { lattice: part.lattice, frame, count, number, first_page, planes: frame.planes, spacing: 0.0 });
         }
 
         // Disjoint mutable pages for every node, so that nodes are packed in parallel straight into the mapped memory.
         let mut pages = self.pool.all_mut();
         let mut take = |page: u32| pages[page as usize].take().expect("a page belongs to one plane of one node");
         let jobs: Vec<_> = self.nodes[first..]
-            .iter()
+            .iter_mut()
             .zip(&organised.nodes)
             .map(|(node, range)| {
                 let planes: Vec<&mut [u32]> = (0..node.frame.planes).map(|plane| take(node.first_page + plane)).collect();
-                (node, range, planes, take(node.first_page + node.frame.planes))
+                let shown_page = take(node.first_page + node.frame.planes);
+                (node, range, planes, shown_page)
             })
             .collect();
         let done = std::sync::atomic::AtomicU64::new(self.points);
         jobs.into_par_iter().try_for_each(|(node, range, mut planes, shown_page)| {
             let order = &organised.order[range.points.clone()];
-            pack::pack(&part.columns, &node.frame, order, organised.arrangement, |i| shown.word(part, i), &mut planes, shown_page);
+            let spacing =
+                pack::pack(&part.columns, &node.frame, order, organised.arrangement, |i| shown.word(part, i), &mut planes, shown_page);
+            node.spacing = in_metres(spacing, &node.lattice, &node.frame);
             let done = done.fetch_add(order.len() as u64, std::sync::atomic::Ordering::Relaxed);
             progress.tick("organising", done, total)
         })?;

@@ -14,7 +14,7 @@
 //! frame and submitting it.
 
 use super::pool::{PAGE_BYTES, Pages, Pool};
-use super::{Resident, ResidentNode};
+use super::{in_metres, Resident, ResidentNode};
 use crate::cloud::attribute::Shown;
 use crate::config::UPLOAD_BYTES;
 use crate::cut::{self, Cut, Detail};
@@ -49,6 +49,8 @@ impl Run {
 #[derive(Clone, Debug, Default)]
 struct Entry {
     here: Option<Run>,
+    /// How far apart its points are, in cells of the coarsest plane.
+    spacing: f64,
     /// With the loader.
     coming: Option<Run>,
     /// The update that drew it last.
@@ -270,12 +272,13 @@ impl Residency {
         let run = entry.coming.take().expect("an answer for every destination");
         self.pages_coming -= run.pages();
         match outcome {
-            Outcome::Done(bytes) => {
+            Outcome::Done(read) => {
                 let before = entry.here.replace(run);
+                entry.spacing = read.spacing;
                 let read_by = entry.read_by;
                 self.retired.extend(before.map(|before| (before, read_by)));
-                self.bytes_read += bytes;
-                self.unsaid.bytes_read += bytes;
+                self.bytes_read += read.bytes;
+                self.unsaid.bytes_read += read.bytes;
             }
             Outcome::Dropped => self.retired.push((run, 0)),
             Outcome::Failed(error) => {
@@ -461,7 +464,8 @@ impl Residency {
             let Run { first_page, planes } = self.here(node).expect("resident");
             let record = &self.index.nodes()[node];
             let (lattice, frame) = (self.index.lattice(record), self.frame(node));
-            ResidentNode { lattice, frame, count: record.count, number: number as u32, first_page, planes }
+            let spacing = in_metres(self.entries[&node].spacing, &lattice, &frame);
+            ResidentNode { lattice, frame, count: record.count, number: number as u32, first_page, planes, spacing }
         });
         self.resident.nodes = nodes.collect();
         holes

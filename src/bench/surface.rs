@@ -1,0 +1,160 @@
+//! `bench surface`: what turning points into a surface costs, in plain 3 x 3 passes over the same image.
+//!
+//! Two walls on a lattice, one behind the other, one pixel a point; in some parts of the picture the front one keeps one point in six, so that the other shines through. All ways are interleaved
+//! round by round on the same device. Times are of passes alone: projecting and resolving are `bench project`'s.
+
+use super::quartiles;
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
+use crate::error::Result;
+use crate::frame;
+use crate::gpu::Wish;
+use crate::graph::{Gpu, Graph, Handle, Kind, Tiles};
+use crate::look::{self, Wishes};
+use crate::passes::Scene;
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::shader;
+use crate::view::{Camera, Projection, View};
+use glam::DVec3;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// What to measure.
+pub struct Plan {
+    pub size: [u32; 2],
+    pub repeat: usize,
+    pub seed: u64,
+}
+
+/// One way's time.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    pub bench: &'static str,
+    pub way: &'static str,
+    pub size: String,
+    pub ms_median: f64,
+    pub ms_q1: f64,
+    pub ms_q3: f64,
+    /// Multiples of the plain pass, between medians.
+    pub plain_passes: f64,
+    /// That it is to stay below.
+    pub target: f64,
+    pub device: String,
+    pub driver: String,
+}
+
+/// Name, the sparse share of the picture, effects, the passes that count, and the target in plain passes.
+type Way = (&'static str, f64, &'static [&'static str], &'static [&'static str], f64);
+
+const WAYS: [Way; 5] = [
+    ("plain", 0.0, &[], &["plain"], 1.0),
+    ("visibility", 1.0, &["visibility=on,kernel=9,tiles=all", "fill=off", "shape=off"], &["visibility"], 9.0),
+    ("fill", 1.0, &["visibility=on,kernel=9", "fill=on,iterations=18", "shape=off"], &["fill_pintus"], 18.0),
+    ("dense", 0.0, &["visibility=auto", "fill=auto", "shape=auto"], SURFACE, 4.0),
+    ("tenth", 0.1, &["visibility=auto", "fill=auto", "shape=auto"], SURFACE, 10.0),
+];
+
+const SURFACE: &[&str] =
+    &["classify", "clear lists", "assign", "clear listed", "visibility", "hide", "fill_", "clear steps", "shape", "shade"];
+
+pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut gpu = Gpu::open(wish)?;
+    let [width, height] = plan.size.map(|side| side as f64);
+    let camera = Camera {
+        eye: DVec3::new(width / 2.0, -1e5, height / 2.0),
+        target: DVec3::new(width / 2.0, 0.0, height / 2.0),
+        up: DVec3::Z,
+        fov_y: 60.0,
+        projection: Projection::Orthographic,
+        ortho_height: Some(height),
+    };
+    let view = View::new(camera, plan.size)?;
+    let mut residents = Vec::new();
+    for share in [0.0, 0.1, 1.0] {
+        let cloud = walls(plan.size, share, plan.seed);
+        let shown = Shown::new(Attribute::White, &cloud);
+        residents.push((share, Resident::fill(&mut gpu, cloud, shown, progress)?));
+    }
+    let mut times = vec![Vec::new(); WAYS.len()];
+    // One round more, which warms up.
+    for round in 0..=plan.repeat {
+        progress.tick("bench surface", round as u64, plan.repeat as u64)?;
+        for ((_, share, effects, passes, _), times) in WAYS.iter().zip(&mut times) {
+            let (_, resident) = residents.iter().find(|(other, _)| other == share).expect("made above");
+            let ms = draw(&mut gpu, &view, resident, effects, passes)?;
+            if round > 0 {
+                times.push(ms);
+            }
+        }
+    }
+    residents.into_iter().for_each(|(_, resident)| resident.free(&mut gpu));
+    let one = quartiles(&mut times[0].clone())[1];
+    let row = |((way, _, _, _, target), mut times): (Way, Vec<f64>)| {
+        let [ms_q1, ms_median, ms_q3] = quartiles(&mut times);
+        let (device, driver) = (gpu.device.name.clone(), gpu.device.driver.clone());
+        let size = format!("{}x{}", plan.size[0], plan.size[1]);
+        Row { bench: "surface", way, size, ms_median, ms_q1, ms_q3, plain_passes: ms_median / one, target, device, driver }
+    };
+    Ok(WAYS.into_iter().zip(times).map(row).collect())
+}
+
+/// Milliseconds of the passes that count.
+fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, effects: &[&str], passes: &[&str]) -> Result<f64> {
+    let mut wishes = Wishes::default();
+    effects.iter().for_each(|effect| wishes.effects.set(effect).expect("a constant above"));
+    let look = look::decide(&wishes, &Scene { view, points: resident.points });
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let mut wanted = vec![outcome.layers.depth.resource(), outcome.picture.resource()];
+    if passes == ["plain"] {
+        let mut mean = g.image("mean", view.size, Kind::R32f);
+        g.run(shader::Plain { depth: &outcome.layers.depth, mean: &mut mean, push: shader::plain::Push { size: view.size } }, Tiles::All);
+        wanted = vec![mean.resource()];
+    }
+    let frame = g.submit(&wanted)?;
+    let ms = passes.iter().map(|pass| frame.ms(pass)).sum();
+    frame.shelve(gpu);
+    Ok(ms)
+}
+
+/// A wall on a lattice of a point a unit, slightly tilted, and another 50 units behind it. In columns of 64 units, this share of them, the front one keeps one point in six.
+fn walls(size: [u32; 2], sparse: f64, seed: u64) -> Cloud {
+    let mut columns = Columns::default();
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    for z in 0..size[1] as i32 {
+        for x in 0..size[0] as i32 {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            let in_sparse = ((x / 64) as f64 + 0.5) * sparse % 1.0 > 1.0 - sparse - 1e-9 && sparse > 0.0;
+            for behind in [0, 50] {
+                if behind == 0 && in_sparse && !state.is_multiple_of(6) || behind > 0 && !in_sparse {
+                    continue;
+                }
+                columns.x.push(4 * x + 2);
+                columns.y.push(4 * behind + x / 2);
+                columns.z.push(4 * z + 2);
+            }
+        }
+    }
+    let lattice = Lattice { step: DVec3::splat(0.25), offset: DVec3::ZERO };
+    let part = Part { path: "walls".into(), name: None, header: Header::default(), lattice, columns, intensity_range: [0.0, 65535.0], rgb_bits: 8 };
+    Cloud { parts: vec![part], ..Cloud::default() }
+}
+
+pub fn table(rows: &[Row]) -> String {
+    let mut text = format!("{:<12} {:>10} {:>10} {:>10} {:>10} {:>12} {:>10}\n", "way", "size", "ms", "q1", "q3", "plain passes", "at most");
+    for row in rows {
+        writeln!(
+            text,
+            "{:<12} {:>10} {:>10.2} {:>10.2} {:>10.2} {:>12.2} {:>10.0}",
+            row.way, row.size, row.ms_median, row.ms_q1, row.ms_q3, row.plain_passes, row.target
+        )
+        .expect("writing to a string");
+    }
+    if let Some(row) = rows.first() {
+        writeln!(text, "device: {} ({})", row.device, row.driver).expect("writing to a string");
+    }
+    text
+}

@@ -1,0 +1,68 @@
+//! One node's points in, how far apart they are out: what a pixel of them stands for on the screen.
+//!
+//! Points are in Morton order, so that neighbours in space are, mostly, neighbours in the list. Of every so many points the distance `r` to the eighth nearest within a window of the list says how
+//! dense the surface is there: eight points on a disc of `pi r^2`, so `sqrt(pi r^2 / 8)` apart. The upper quartile stands for the node: what is sparser than the rest has the larger gaps.
+
+use crate::config::BITS_PER_PLANE;
+use glam::DVec3;
+
+/// Points that are asked, and on either side in the list those that they may find.
+const ASKED: usize = 64;
+const WINDOW: usize = 64;
+const NEIGHBOURS: usize = 8;
+
+/// In cells of the coarsest position plane, whose words these are. 0 of a single place.
+pub fn spacing(count: usize, word: impl Fn(usize) -> u32) -> f64 {
+    let place = |i: usize| {
+        let axis = |k: u32| (word(i) >> (BITS_PER_PLANE * k) & ((1 << BITS_PER_PLANE) - 1)) as f64;
+        DVec3::new(axis(0), axis(1), axis(2))
+    };
+    let mut spacings = Vec::with_capacity(ASKED);
+    for k in 0..ASKED.min(count) {
+        let own = (2 * k + 1) * count / (2 * ASKED.min(count));
+        let window: Vec<DVec3> = (own.saturating_sub(WINDOW)..(own + WINDOW + 1).min(count)).filter(|&i| i != own).map(place).collect();
+        let at = place(own);
+        let mut squares: Vec<f64> = window.iter().map(|p| p.distance_squared(at)).collect();
+        if squares.is_empty() {
+            continue;
+        }
+        let eighth = NEIGHBOURS.min(squares.len()) - 1;
+        let (_, square, _) = squares.select_nth_unstable_by(eighth, f64::total_cmp);
+        spacings.push((std::f64::consts::PI * *square / (eighth + 1) as f64).sqrt());
+    }
+    spacings.sort_by(f64::total_cmp);
+    spacings.get(spacings.len() * 3 / 4).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::index::morton;
+
+    fn sorted(mut points: Vec<[u32; 3]>) -> Vec<u32> {
+        points.sort_by_key(|&p| morton::code(p));
+        points.iter().map(|[x, y, z]| x | y << 10 | z << 20).collect()
+    }
+
+    #[test]
+    fn a_square_lattice_and_random_points_on_a_plane_are_as_far_apart_as_they_are() {
+        let lattice = sorted((0..100 * 100).map(|i| [i % 100 * 10, i / 100 * 10, 500]).collect());
+        let found = spacing(lattice.len(), |i| lattice[i]);
+        assert!((found / 10.0 - 1.0).abs() < 0.25, "{found}");
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 54) as u32
+        };
+        let points = sorted((0..10_000).map(|_| [random(), random(), 3]).collect());
+        let found = spacing(points.len(), |i| points[i]);
+        assert!((found / 10.24 - 1.0).abs() < 0.35, "{found}");
+    }
+
+    #[test]
+    fn one_place_has_no_spacing() {
+        assert_eq!(spacing(1, |_| 0), 0.0);
+        assert_eq!(spacing(1000, |_| 77), 0.0);
+        assert_eq!(spacing(0, |_| 0), 0.0);
+    }
+}
