@@ -18,6 +18,7 @@ use crate::shader;
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// What to measure.
@@ -38,6 +39,8 @@ pub struct Row {
     pub ms_q3: f64,
     /// Multiples of the plain pass, between medians.
     pub plain_passes: f64,
+    /// Milliseconds of the passes that it consists of, in the last round.
+    pub passes: BTreeMap<String, f64>,
     /// That it is to stay below.
     pub target: f64,
     pub device: String,
@@ -49,14 +52,14 @@ type Way = (&'static str, f64, &'static [&'static str], &'static [&'static str],
 
 const WAYS: [Way; 5] = [
     ("plain", 0.0, &[], &["plain"], 1.0),
-    ("visibility", 1.0, &["visibility=on,kernel=9,tiles=all", "fill=off", "shape=off"], &["visibility"], 9.0),
+    ("visibility", 1.0, &["visibility=on,kernel=9,tiles=all", "fill=off", "shape=off"], &["pack_depth", "visibility"], 9.0),
     ("fill", 1.0, &["visibility=on,kernel=9", "fill=on,iterations=18", "shape=off"], &["fill_pintus"], 18.0),
     ("dense", 0.0, &["visibility=auto", "fill=auto", "shape=auto"], SURFACE, 4.0),
     ("tenth", 0.1, &["visibility=auto", "fill=auto", "shape=auto"], SURFACE, 10.0),
 ];
 
 const SURFACE: &[&str] =
-    &["classify", "clear lists", "assign", "clear listed", "visibility", "hide", "fill_", "clear steps", "shape", "shade"];
+    &["pack_depth", "classify", "clear lists", "assign", "clear listed", "visibility", "hide", "fill_", "clear steps", "shape", "shade"];
 
 pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(wish)?;
@@ -77,30 +80,31 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
         residents.push((share, Resident::fill(&mut gpu, cloud, shown, progress)?));
     }
     let mut times = vec![Vec::new(); WAYS.len()];
+    let mut parts = vec![BTreeMap::new(); WAYS.len()];
     // One round more, which warms up.
     for round in 0..=plan.repeat {
         progress.tick("bench surface", round as u64, plan.repeat as u64)?;
-        for ((_, share, effects, passes, _), times) in WAYS.iter().zip(&mut times) {
+        for (k, (_, share, effects, passes, _)) in WAYS.iter().enumerate() {
             let (_, resident) = residents.iter().find(|(other, _)| other == share).expect("made above");
-            let ms = draw(&mut gpu, &view, resident, effects, passes)?;
+            parts[k] = draw(&mut gpu, &view, resident, effects, passes)?;
             if round > 0 {
-                times.push(ms);
+                times[k].push(parts[k].values().sum::<f64>());
             }
         }
     }
     residents.into_iter().for_each(|(_, resident)| resident.free(&mut gpu));
     let one = quartiles(&mut times[0].clone())[1];
-    let row = |((way, _, _, _, target), mut times): (Way, Vec<f64>)| {
+    let row = |(((way, _, _, _, target), mut times), passes): ((Way, Vec<f64>), BTreeMap<String, f64>)| {
         let [ms_q1, ms_median, ms_q3] = quartiles(&mut times);
         let (device, driver) = (gpu.device.name.clone(), gpu.device.driver.clone());
         let size = format!("{}x{}", plan.size[0], plan.size[1]);
-        Row { bench: "surface", way, size, ms_median, ms_q1, ms_q3, plain_passes: ms_median / one, target, device, driver }
+        Row { bench: "surface", way, size, ms_median, ms_q1, ms_q3, plain_passes: ms_median / one, passes, target, device, driver }
     };
-    Ok(WAYS.into_iter().zip(times).map(row).collect())
+    Ok(WAYS.into_iter().zip(times).zip(parts).map(row).collect())
 }
 
-/// Milliseconds of the passes that count.
-fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, effects: &[&str], passes: &[&str]) -> Result<f64> {
+/// Milliseconds of the passes that count, by name.
+fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, effects: &[&str], passes: &[&str]) -> Result<BTreeMap<String, f64>> {
     let mut wishes = Wishes::default();
     effects.iter().for_each(|effect| wishes.effects.set(effect).expect("a constant above"));
     let look = look::decide(&wishes, &Scene { view, points: resident.points });
@@ -113,7 +117,10 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, effects: &[&str], passe
         wanted = vec![mean.resource()];
     }
     let frame = g.submit(&wanted)?;
-    let ms = passes.iter().map(|pass| frame.ms(pass)).sum();
+    let mut ms = BTreeMap::new();
+    for (name, time) in frame.passes.iter().filter(|(name, _)| passes.iter().any(|pass| name.starts_with(pass))) {
+        *ms.entry(name.clone()).or_default() += time;
+    }
     frame.shelve(gpu);
     Ok(ms)
 }
@@ -152,6 +159,10 @@ pub fn table(rows: &[Row]) -> String {
             row.way, row.size, row.ms_median, row.ms_q1, row.ms_q3, row.plain_passes, row.target
         )
         .expect("writing to a string");
+        if row.passes.len() > 1 {
+            let parts: Vec<String> = row.passes.iter().map(|(name, ms)| format!("{name} {ms:.2}")).collect();
+            writeln!(text, "    {}", parts.join(", ")).expect("writing to a string");
+        }
     }
     if let Some(row) = rows.first() {
         writeln!(text, "device: {} ({})", row.device, row.driver).expect("writing to a string");

@@ -11,8 +11,8 @@
 //! for the spread of directions within a sector, less than 0.71 lean. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and [`slope`] is where that is `threshold`.
 
 use super::{Decided, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
-use crate::graph::{Graph, Tiles};
-use crate::shader::{self, Tile, assign, classify, hide, visibility};
+use crate::graph::{Graph, Kind, Tiles};
+use crate::shader::{self, Tile, assign, classify, hide, pack_depth, visibility};
 use crate::view::{Projection, View};
 use std::f64::consts::{SQRT_2, TAU};
 
@@ -79,6 +79,11 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let perspective = view.camera.projection == Projection::Perspective;
     let px_per_unit = view.focal_px() as f32;
 
+    let packed_size = [TILE_PX * (across[0] + 2), TILE_PX * (across[1] + 2) / 4];
+    let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);
+    let push = pack_depth::Push { size: view.size, packed_size };
+    g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push }, Tiles::All);
+
     let mut facts = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count as u64);
     let push = classify::Push { size: view.size, tiles: across, px_per_unit, slope: slope(view, settings.threshold) as f32 };
     g.run(
@@ -104,14 +109,13 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
             tiles_across: across[0],
             at: list * stride,
             holes_at,
-            radius: (list + 1).min(view.size[0] - 1).min(view.size[1] - 1) as i32,
             px_per_unit,
             threshold: (settings.threshold * sectors as f64 / TAU) as f32,
         };
-        let spec = visibility::Spec { sectors, perspective };
+        let spec = visibility::Spec { radius: list + 1, sectors, perspective };
         let counted = lists.racing();
         let tiles = Tiles::From(&counted, list * stride);
-        g.run(shader::Visibility { depth: &depth, lists: &mut lists, invisible: &mut invisible, listed: &mut listed, push, spec }, tiles);
+        g.run(shader::Visibility { packed_depth: &packed, lists: &mut lists, invisible: &mut invisible, listed: &mut listed, push, spec }, tiles);
     }
 
     let push = hide::Push { tiles_across: across[0], at: holes_at };
