@@ -49,12 +49,18 @@ const SCENES: [(&str, Source); 7] = [
 const PILOT: u64 = 200_000;
 const FRAMED_BY: u64 = 5_000;
 
+/// How far around the scene the near view is from the whole one, degrees.
+const ASIDE: f64 = 115.0;
+
+/// The near view's distance, a share of the whole one's: the picture is full, and a fifteenth of the surface is in it.
+const NEAR: f64 = 0.75;
+
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Pixels.
     pub size: [u32; 2],
     pub seed: u64,
-    /// A density that would take more of a scene is left out.
+    /// Densities that take more points of a scene, seen or not, are left out.
     pub most_points: u64,
     /// Where meshes lie.
     pub data: PathBuf,
@@ -126,24 +132,23 @@ pub fn each(options: &Options, progress: &dyn Progress, mut visit: impl FnMut(&C
             let covered = truth.inside.iter().filter(|inside| **inside).count() as f64;
             let density = |points: &[DVec3]| first_surface(&truth, points) as f64 / covered.max(1.0);
             let share = density(&pilot) / pilot.len() as f64;
-            let densities = options.densities.iter().map(|density| Sampling::Density(*density));
+            let count = |density: f64| (density / share).ceil();
+            let affordable = |density: &f64| count(*density) <= options.most_points as f64;
+            let (densities, too_dense): (Vec<f64>, Vec<f64>) = options.densities.iter().partition(|density| affordable(density));
+            if let Some(least) = too_dense.iter().copied().reduce(f64::min) {
+                left_out.push(format!("{scene}, {view_name}: {least} points a pixel and more, {:.0} points of the scene", count(least)));
+            }
             let vertices = matches!(shown, Shown::Mesh(_)).then_some(Sampling::Vertices);
-            for sampling in densities.chain(vertices) {
+            for sampling in densities.into_iter().map(Sampling::Density).chain(vertices) {
                 let points = match (sampling, &shown) {
-                    (Sampling::Density(density), _) => {
-                        let count = (density / share).ceil();
-                        if !(count <= options.most_points as f64) {
-                            left_out.push(format!("{scene}, {view_name}: {density} points a pixel are {count:.0} points of the scene"));
-                            continue;
-                        }
-                        &shown.points(count as u64, options.seed, progress)?
-                    }
+                    (Sampling::Density(density), _) => &shown.points(count(density) as u64, options.seed, progress)?,
                     (Sampling::Vertices, Shown::Mesh(mesh)) => &mesh.vertices,
                     (Sampling::Vertices, Shown::World(_)) => unreachable!("only meshes have vertices"),
                 };
+                let density = density(points);
                 for &noise_px in &options.noises_px {
-                    let seen = noisy(&truth, points, noise_px, options.seed);
-                    let (density, cloud, truth) = (density(points), cloud(scene, &seen), truth.clone());
+                    let cloud = cloud(scene, &noisy(&truth, points, noise_px, options.seed));
+                    let truth = truth.clone();
                     visit(&Case { scene, view_name, sampling, density, noise_px, view, cloud, truth })?;
                 }
             }
@@ -153,7 +158,7 @@ pub fn each(options: &Options, progress: &dyn Progress, mut visit: impl FnMut(&C
 }
 
 enum Shown {
-    World(World),
+    World(Box<World>),
     Mesh(Mesh),
 }
 
@@ -181,8 +186,10 @@ impl Shown {
         match source {
             Source::Synthetic(scene) => {
                 let mut world = synth::build(scene, options.seed, 0.0);
+                // In plain coordinates: what surveys add to them is for studies of position.
+                world.offset = DVec3::ZERO;
                 world.step = finest_step(&world);
-                Ok(Some(Shown::World(world)))
+                Ok(Some(Shown::World(Box::new(world))))
             }
             Source::Mesh(file, up) => {
                 let path: &Path = &options.data.join(file);
@@ -214,33 +221,43 @@ impl Shown {
         }
     }
 
-    /// Whole with perspective, near with perspective and from another side, and without perspective.
+    /// Whole with perspective, near and from another side, and without perspective.
     fn views(&self, size: [u32; 2], seed: u64, progress: &dyn Progress) -> Result<[(&'static str, View); 3]> {
         let points = self.points(FRAMED_BY, seed, progress)?;
         let whole = Camera::framing(Preset::Fit, &points, size);
         let back = whole.eye - whole.target;
-        let turned = DMat3::from_rotation_z(2.0) * back;
-        let (first, second) = match self {
-            // In a street one stands.
-            Shown::World(world) if !world.stations().is_empty() => {
-                let look = world.camera();
-                let along = look.target - look.eye;
-                let camera = |along: DVec3| Camera {
-                    eye: look.eye,
-                    target: look.eye + along,
-                    up: DVec3::Z,
-                    fov_y: look.fov_y,
-                    projection: Projection::Perspective,
-                    ortho_height: None,
-                };
-                (("along", camera(along)), ("back", camera(along * DVec3::new(-1.0, -1.0, 1.0))))
-            }
-            _ => (("whole", whole), ("near", Camera { eye: whole.target + turned / 2.0, ..whole })),
+        let turned = DMat3::from_rotation_z(ASIDE.to_radians()) * back;
+        let cameras = match self {
+            Shown::World(world) if !world.stations().is_empty() => in_street(world),
+            _ => [
+                ("whole", whole),
+                ("near", Camera { eye: whole.target + turned * NEAR, ..whole }),
+                ("parallel", Camera::framing(Preset::Iso, &points, size)),
+            ],
         };
-        let third = ("parallel", Camera::framing(Preset::Iso, &points, size));
-        let view = |(name, camera)| Ok((name, View::new(camera, size)?));
-        Ok([view(first)?, view(second)?, view(third)?])
+        let [first, second, third] = cameras.map(|(name, camera)| Ok((name, View::new(camera, size)?)));
+        Ok([first?, second?, third?])
     }
+}
+
+/// Where its scanners stood: along it, back, and at its houses without perspective. What is above was not scanned.
+fn in_street(world: &World) -> [(&'static str, Camera); 3] {
+    let (look, stations) = (world.camera(), world.stations());
+    let along = Camera {
+        eye: look.eye,
+        target: look.target,
+        up: DVec3::Z,
+        fov_y: look.fov_y,
+        projection: Projection::Perspective,
+        ortho_height: None,
+    };
+    let end = stations.iter().map(|station| station.position).max_by(|a, b| a.y.total_cmp(&b.y)).expect("a street has stations");
+    // Beside the station: from its own place nothing that it saw is hidden.
+    let back = Camera { eye: end + DVec3::new(0.6, 0.0, 0.3), target: look.eye, ..along };
+    let above = stations[1].position + DVec3::Z * 4.0;
+    let target = above + DVec3::new(1.0, 1.0, -0.1);
+    let houses = Camera { eye: above, target, projection: Projection::Orthographic, ortho_height: Some(16.0), ..along };
+    [("along", along), ("back", back), ("parallel", houses)]
 }
 
 /// The pixel that a point falls into, and its planar depth.

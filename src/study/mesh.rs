@@ -221,3 +221,119 @@ fn ply(bytes: &[u8]) -> Found {
     }
     Some((vertices, faces))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CORNERS: [DVec3; 4] =
+        [DVec3::new(1.0, 0.1, 0.0), DVec3::new(-0.4, 0.9, 0.2), DVec3::new(-0.5, -0.8, 0.1), DVec3::new(0.0, 0.1, 1.3)];
+    const FACES: [[u32; 3]; 4] = [[0, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+
+    fn tetrahedron() -> Mesh {
+        Mesh::new(CORNERS.to_vec(), &FACES)
+    }
+
+    /// Where a ray enters the intersection of the half-spaces, or leaves it from inside.
+    fn half_spaces(origin: DVec3, direction: DVec3) -> Option<f64> {
+        let inside = CORNERS.iter().sum::<DVec3>() / 4.0;
+        let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
+        for face in FACES {
+            let [a, b, c] = face.map(|corner| CORNERS[corner as usize]);
+            let normal = (b - a).cross(c - a);
+            let outward = normal * (a - inside).dot(normal).signum();
+            let (t, speed) = ((a - origin).dot(outward) / direction.dot(outward), direction.dot(outward));
+            if speed < 0.0 { enter = enter.max(t) } else { leave = leave.min(t) }
+        }
+        [enter, leave].into_iter().find(|t| enter < leave && *t > 0.0)
+    }
+
+    #[test]
+    fn a_tetrahedron_is_met_where_its_planes_are() {
+        let mesh = tetrahedron();
+        let mut hits = 0;
+        for i in 0..20_000 {
+            let mut random = Random::new(5, 0, i);
+            let mut any = || DVec3::from_array(std::array::from_fn(|_| random.normal()));
+            let origin = any() * 2.0;
+            let direction = any() * 0.5 - origin;
+            let (own, known) = (mesh.first(origin, direction), half_spaces(origin, direction));
+            assert_eq!(own.is_some(), known.is_some(), "{origin} {direction}");
+            if let (Some(own), Some(known)) = (own, known) {
+                hits += 1;
+                assert!((own - known).abs() <= 1e-9 * known.abs().max(1.0), "{own} {known}");
+            }
+        }
+        assert!(hits > 1_000);
+    }
+
+    #[test]
+    fn no_ray_slips_between_triangles() {
+        // A fan around one vertex, seen whole from above: every ray through an edge or the vertex itself must meet it.
+        let ring = 7;
+        let corner = |i: u32| (i as f64 * std::f64::consts::TAU / ring as f64).sin_cos();
+        let rim = (0..ring).map(|i| DVec3::new(corner(i).0, corner(i).1, 0.1 * i as f64));
+        let middle = DVec3::new(0.1, -0.07, 0.3);
+        let vertices: Vec<DVec3> = std::iter::once(middle).chain(rim).collect();
+        let faces: Vec<[u32; 3]> = (0..ring).map(|i| [0, 1 + i, 1 + (i + 1) % ring]).collect();
+        let mesh = Mesh::new(vertices.clone(), &faces);
+        for i in 0..20_000 {
+            let mut random = Random::new(3, 0, i);
+            let eye = DVec3::new(random.normal(), random.normal(), 9.0);
+            let through = middle.lerp(vertices[1 + random.below(ring as usize)], 0.99 * random.unit());
+            assert!(mesh.first(eye, through - eye).is_some() && mesh.first(eye, middle - eye).is_some(), "{eye} {through}");
+        }
+    }
+
+    #[test]
+    fn points_are_uniform_by_area() {
+        // Two squares, one with nine times the area of the other.
+        let square =
+            |x: f64, side: f64| [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(u, v)| DVec3::new(x + u * side, v * side, 0.0));
+        let vertices: Vec<DVec3> = square(0.0, 1.0).into_iter().chain(square(10.0, 3.0)).collect();
+        let mesh = Mesh::new(vertices, &[[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]);
+        let points: Vec<DVec3> = (0..40_000).map(|i| mesh.sample(&mut Random::new(1, 0, i))).collect();
+        let share = |keep: &dyn Fn(&DVec3) -> bool| points.iter().filter(|p| keep(p)).count() as f64 / points.len() as f64;
+        assert!((share(&|p| p.x < 5.0) - 0.1).abs() < 0.006);
+        assert!((share(&|p| p.x > 5.0 && p.y < 1.5) - 0.45).abs() < 0.01);
+    }
+
+    #[test]
+    fn ply_in_three_codings_and_obj_are_the_same_mesh() {
+        let header = |coding: &str| {
+            format!(
+                "ply\nformat {coding} 1.0\ncomment made by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty double z\nproperty uchar red\n\
+                 element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+            )
+        };
+        let vertices = [[0.5f32, 0.0, 0.25], [1.0, 0.0, 0.0], [1.0, 1.0, -2.0], [0.0, 1.0, 0.0]];
+        let ascii = header("ascii") + &vertices.map(|[x, y, z]| format!("{x} {y} {z} 7\n")).concat() + "4 0 1 2 3\n";
+        let binary = |big: bool| {
+            let order = |mut bytes: Vec<u8>| {
+                if big {
+                    bytes.reverse();
+                }
+                bytes
+            };
+            let mut bytes = header(if big { "binary_big_endian" } else { "binary_little_endian" }).into_bytes();
+            for [x, y, z] in vertices {
+                bytes.extend(
+                    [order(x.to_le_bytes().into()), order(y.to_le_bytes().into()), order((z as f64).to_le_bytes().into()), vec![7]]
+                        .concat(),
+                );
+            }
+            bytes.push(4);
+            bytes.extend((0..4i32).flat_map(|vertex| order(vertex.to_le_bytes().into())));
+            bytes
+        };
+        let text = vertices.map(|[x, y, z]| format!("v {x} {y} {z}\n")).concat() + "vn 0 0 1\nf 1/1/1 2//1 3 -1\n";
+        let expected = Some((vertices.map(|v| DVec3::from_array(v.map(f64::from))).to_vec(), vec![[0, 1, 2], [0, 2, 3]]));
+        for (name, found) in
+            [("ascii", ply(ascii.as_bytes())), ("little", ply(&binary(false))), ("big", ply(&binary(true))), ("obj", obj(text.as_bytes()))]
+        {
+            assert_eq!(found, expected, "{name}");
+        }
+        let whole = binary(false);
+        assert!((0..whole.len()).all(|length| ply(&whole[..length]).is_none()), "a part of a file is no mesh");
+    }
+}

@@ -75,12 +75,15 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let left_out = cases::each(&options, progress, |case| {
         progress.tick("study surface", 0, 0)?;
         let resident = Resident::fill(gpu, case.cloud.clone(), Shown::new(Attribute::White, &case.cloud), progress)?;
-        let times = sweep::interleaved(&styles, plan.repeat, |(_, wishes)| Ok(draw(gpu, &case.view, &resident, wishes)?.ms))?;
-        let raw = draw(gpu, &case.view, &resident, &styles[0].1)?.depth;
+        let mut drawings: Vec<Drawing> = styles.iter().map(|_| Drawing::default()).collect();
+        let order: Vec<usize> = (0..styles.len()).collect();
+        let times = sweep::interleaved(&order, plan.repeat, |&style| {
+            drawings[style] = draw(gpu, &case.view, &resident, &styles[style].1)?;
+            Ok(drawings[style].ms)
+        })?;
         let mut own = Vec::new();
-        for ((style, wishes), times) in styles.iter().zip(&times) {
-            let drawing = draw(gpu, &case.view, &resident, wishes)?;
-            let errors = case.errors(&raw, &drawing.depth, drawing.visible.as_deref());
+        for (((style, _), drawing), times) in styles.iter().zip(&drawings).zip(&times) {
+            let errors = case.errors(&drawings[0].depth, &drawing.depth, drawing.visible.as_deref());
             let ms = metrics::quartiles(times);
             own.extend(METRICS.iter().zip(values(&errors)).map(|((metric, ..), error)| row(case, style, metric, error, ms, times.len())));
             table.rows.push(counted(case, style, &errors, ms));
@@ -111,6 +114,7 @@ fn wishes(settings: &[&str]) -> Result<Wishes> {
     Ok(wishes)
 }
 
+#[derive(Default)]
 struct Drawing {
     depth: Vec<f32>,
     /// What was taken for visible of the raw points; everything where no effect decides.
