@@ -33,6 +33,24 @@ const METRICS: [(&str, &str, &str); 6] = [
     ("lost_visible", "1 - recall", "Visible points that are lost: of the visible points, the share that was taken for hidden"),
 ];
 
+const HEAD: [&str; 15] = [
+    "scene",
+    "view",
+    "sampling",
+    "points a pixel",
+    "noise, px",
+    "style",
+    "points",
+    "interior pixels",
+    "depth off, %",
+    "wrong layer, %",
+    "holes, %",
+    "spilled, %",
+    "precision, %",
+    "recall, %",
+    "ms",
+];
+
 fn values(errors: &Errors) -> [f64; 6] {
     [
         errors.misplaced_share(),
@@ -51,25 +69,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let mut marks = Vec::new();
     let mut table = Table {
         title: "All cases".into(),
-        head: [
-            "scene",
-            "view",
-            "sampling",
-            "points a pixel",
-            "noise, px",
-            "style",
-            "points",
-            "interior pixels",
-            "depth off, %",
-            "wrong layer, %",
-            "holes, %",
-            "spilled, %",
-            "precision, %",
-            "recall, %",
-            "ms",
-        ]
-        .map(String::from)
-        .to_vec(),
+        head: HEAD.map(String::from).to_vec(),
         rows: Vec::new(),
     };
     let left_out = cases::each(&options, progress, |case| {
