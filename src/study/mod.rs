@@ -6,14 +6,17 @@
 //!
 //! What errors are measured against is never the renderer itself, except where a metric says so: `oracle` has the f64 twins.
 
+pub mod cases;
 pub mod chart;
 pub mod flip;
+pub mod mesh;
 pub mod metrics;
 pub mod oracle;
 pub mod popping;
 pub mod report;
 pub mod scan;
 pub mod sweep;
+pub mod truth;
 
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
@@ -74,6 +77,7 @@ studies! {
     precision, // bits of position
     index,     // what an index keeps
     lod,       // projected error of the cut
+    surface,   // depth, layers, holes, contours
 }
 
 /// Runs the named studies, or all.

@@ -121,18 +121,14 @@ impl World {
         self.trace_beyond(origin, direction, 0.0)
     }
 
+    /// How far the first surface with t > 0 is, and nothing else about it.
+    pub fn first(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
+        self.nearest(origin, direction, 0.0).map(|(t, ..)| t)
+    }
+
     /// The first surface with t > `t_min`: for the later returns of a pulse.
     pub fn trace_beyond(&self, origin: DVec3, direction: DVec3, t_min: f64) -> Option<Hit> {
-        let mut nearest = (0.0, DVec3::ZERO, 0u32);
-        let found = self.tree.walk(origin, direction, t_min, f64::INFINITY, false, |primitive, t_max| {
-            let (t, normal) = self.cross(primitive, origin, direction, t_min, t_max)?;
-            nearest = (t, normal, primitive);
-            Some(t)
-        });
-        if !found {
-            return None;
-        }
-        let (t, normal, primitive) = nearest;
+        let (t, normal, primitive) = self.nearest(origin, direction, t_min)?;
         let point = origin + direction * t;
         match self.solids.get(primitive as usize) {
             Some(solid) => {
@@ -147,6 +143,17 @@ impl World {
                 Some(self.shade_leaf(leaf, t, point, facing))
             }
         }
+    }
+
+    /// The first primitive with t > `t_min`: t, its local normal, its number.
+    fn nearest(&self, origin: DVec3, direction: DVec3, t_min: f64) -> Option<(f64, DVec3, u32)> {
+        let mut nearest = None;
+        self.tree.walk(origin, direction, t_min, f64::INFINITY, false, |primitive, t_max| {
+            let (t, normal) = self.cross(primitive, origin, direction, t_min, t_max)?;
+            nearest = Some((t, normal, primitive));
+            Some(t)
+        });
+        nearest
     }
 
     /// A point of a solid's surface, uniform by area, as a hit at t = 0. Local draws are the caller's.

@@ -1,0 +1,191 @@
+//! Study `surface`: how far the depth image of points is from the surface that they were taken from.
+//!
+//! The knob is the style: what is switched on, as the command line would say it. Scenes, views, densities and noise are those of `cases`, the numbers those of `truth`.
+//! Points alone are the baseline; they are also what every style is given, so they say which points show that should be hidden.
+
+use super::cases::{self, Case, Options, Sampling};
+use super::chart::{Chart, Mark, Panel};
+use super::report::{Figure, Section, Table};
+use super::truth::Errors;
+use super::{Plan, Row, mark_fronts, metrics, sweep};
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::error::{Error, Result};
+use crate::frame;
+use crate::graph::{Gpu, Graph};
+use crate::look::{self, Wishes};
+use crate::passes::Scene as Seen;
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::view::View;
+
+pub const SUMMARY: &str = "depth, layers, holes and contours, against the surface itself";
+
+/// Name, and what it sets, as `--effect` takes it. The first is what the others start from.
+const STYLES: [(&str, &[&str]); 1] = [("points", &["edl=off"])];
+
+/// Metric, its unit for axes, and what it is.
+const METRICS: [(&str, &str, &str); 6] = [
+    ("depth_share", "share of pixels", "Depth: interior pixels farther than 0.5 % of the depth from the surface in them"),
+    ("layer_share", "share of pixels", "Layers: interior pixels outside of the true depths of their 3x3, by more than 0.05 % of the depth and the noise"),
+    ("holes", "share of pixels", "Holes: pixels of the silhouette without a depth"),
+    ("spilled", "share of pixels", "Spilled: pixels with a depth more than 1 px outside of the silhouette"),
+    ("shown_hidden", "1 - precision", "Hidden points that show: of the points taken for visible, the share that is not"),
+    ("lost_visible", "1 - recall", "Visible points that are lost: of the visible points, the share that was taken for hidden"),
+];
+
+const HEAD: [&str; 15] = [
+    "scene",
+    "view",
+    "sampling",
+    "points a pixel",
+    "noise, px",
+    "style",
+    "points",
+    "interior pixels",
+    "depth off, %",
+    "wrong layer, %",
+    "holes, %",
+    "spilled, %",
+    "precision, %",
+    "recall, %",
+    "ms",
+];
+
+fn values(errors: &Errors) -> [f64; 6] {
+    [
+        errors.misplaced_share(),
+        errors.wrong_layer_share(),
+        errors.hole_share(),
+        errors.spilled_share(),
+        1.0 - errors.precision(),
+        1.0 - errors.recall(),
+    ]
+}
+
+pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+    let styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
+    let options = Options { size: plan.size, seed: plan.seed, most_points: plan.points, ..Options::default() };
+    let mut rows = Vec::new();
+    let mut marks = Vec::new();
+    let mut table = Table {
+        title: "All cases".into(),
+        head: HEAD.map(String::from).to_vec(),
+        rows: Vec::new(),
+    };
+    let left_out = cases::each(&options, progress, |case| {
+        progress.tick("study surface", 0, 0)?;
+        let resident = Resident::fill(gpu, case.cloud.clone(), Shown::new(Attribute::White, &case.cloud), progress)?;
+        let mut drawings: Vec<Drawing> = styles.iter().map(|_| Drawing::default()).collect();
+        let order: Vec<usize> = (0..styles.len()).collect();
+        let times = sweep::interleaved(&order, plan.repeat, |&style| {
+            drawings[style] = draw(gpu, &case.view, &resident, &styles[style].1)?;
+            Ok(drawings[style].ms)
+        })?;
+        let mut own = Vec::new();
+        for (((style, _), drawing), times) in styles.iter().zip(&drawings).zip(&times) {
+            let errors = case.errors(&drawings[0].depth, &drawing.depth, drawing.visible.as_deref());
+            let ms = metrics::quartiles(times);
+            own.extend(METRICS.iter().zip(values(&errors)).map(|((metric, ..), error)| row(case, style, metric, error, ms, times.len())));
+            table.rows.push(counted(case, style, &errors, ms));
+        }
+        resident.free(gpu);
+        mark_fronts(&mut own);
+        own.iter().for_each(|row| mark(&mut marks, case, row));
+        rows.extend(own);
+        Ok(())
+    })?;
+    left_out.iter().for_each(|line| eprintln!("study surface leaves out {line}"));
+    let figures = METRICS.iter().map(|&(metric, y_axis, caption)| figure(metric, y_axis, caption, &mut marks)).collect();
+    let how = format!(
+        "Truth is the surface itself, ray-cast in f64 at centres, corners and sides of all pixels. Scenes and meshes are sampled uniformly by area, hidden sides too, the street by its \
+         scanner; <em>vertices</em> are a mesh's own. Points a pixel are those of the first surface. Noise is Gaussian along the ray to the eye, cut off at three sigma. Here points a \
+         pixel, not time, lie to the right. Interior pixels are more than 2 px from creases and edges of the true depth (bent by more than 1 % of the depth, and of the depth range); \
+         shares are of those that have a depth. What no scanner saw is not counted. Aimed at: 1e-4 of depth, 1e-3 of layers, 1e-3 of holes, 1e-4 spilled. n = {} interleaved rounds. \
+         Left out: {}.",
+        plan.repeat,
+        if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") }
+    );
+    Ok(Section { name: "surface", title: "The surface itself".into(), how, rows, figures, tables: vec![table] })
+}
+
+fn wishes(settings: &[&str]) -> Result<Wishes> {
+    let mut wishes = Wishes::default();
+    settings.iter().try_for_each(|text| wishes.effects.set(text)).map_err(Error::Request)?;
+    Ok(wishes)
+}
+
+#[derive(Default)]
+struct Drawing {
+    depth: Vec<f32>,
+    /// What was taken for visible of the raw points; everything where no effect decides.
+    visible: Option<Vec<bool>>,
+    /// Of all passes.
+    ms: f64,
+}
+
+fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
+    let look = look::decide(wishes, &Seen { view, points: resident.points });
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let depth = g.download(&outcome.layers.depth);
+    let frame = g.submit(&[])?;
+    let drawing = Drawing { depth: frame.read(&depth).to_vec(), visible: None, ms: frame.ms("") };
+    frame.shelve(gpu);
+    Ok(drawing)
+}
+
+fn row(case: &Case, style: &str, metric: &'static str, error: f64, ms: [f64; 3], n: usize) -> Row {
+    let value = format!("{style} {} noise {} px", sampling(case), case.noise_px);
+    Row { scene: case.scene, view: case.view_name, knob: "style", value, metric, error, ms, n, auto: false, front: false }
+}
+
+fn sampling(case: &Case) -> String {
+    match case.sampling {
+        Sampling::Density(density) => format!("{density}/px"),
+        Sampling::Vertices => "vertices".into(),
+    }
+}
+
+fn counted(case: &Case, style: &str, errors: &Errors, ms: [f64; 3]) -> Vec<String> {
+    let percent = |share: f64| format!("{:.3}", 100.0 * share);
+    let shares = [
+        errors.misplaced_share(),
+        errors.wrong_layer_share(),
+        errors.hole_share(),
+        errors.spilled_share(),
+        errors.precision(),
+        errors.recall(),
+    ];
+    [
+        case.scene.to_string(),
+        case.view_name.into(),
+        sampling(case),
+        format!("{:.3}", case.density),
+        case.noise_px.to_string(),
+        style.into(),
+        case.cloud.len().to_string(),
+        errors.interior.to_string(),
+    ]
+    .into_iter()
+    .chain(shares.map(percent))
+    .chain([format!("{:.2}", ms[1])])
+    .collect()
+}
+
+/// Into the panel of its metric, scene and view: error over points a pixel.
+fn mark(panels: &mut Vec<(&'static str, Panel)>, case: &Case, row: &Row) {
+    let title = format!("{}, {}", case.scene, case.view_name);
+    let at = panels.iter().position(|(metric, panel)| *metric == row.metric && panel.title == title).unwrap_or_else(|| {
+        panels.push((row.metric, Panel { title, marks: Vec::new() }));
+        panels.len() - 1
+    });
+    let style = row.value.split(' ').next().unwrap_or_default();
+    let label = if case.noise_px > 0.0 { format!("{style}, noise") } else { style.to_string() };
+    panels[at].1.marks.push(Mark { label, x: [case.density; 3], y: row.error, front: row.front, auto: row.auto });
+}
+
+fn figure(metric: &str, y_axis: &str, caption: &str, panels: &mut Vec<(&'static str, Panel)>) -> Figure {
+    let panels = panels.extract_if(.., |(of, _)| *of == metric).map(|(_, panel)| panel).collect();
+    let chart = Chart { title: caption.into(), x_axis: "points a pixel".into(), y_axis: y_axis.into(), columns: 3, panels };
+    Figure { file: format!("surface-{}.svg", metric.replace('_', "-")), caption: caption.into(), svg: chart.svg() }
+}
