@@ -16,7 +16,7 @@ layout(scalar) buffer Lists { uint word[]; } lists;
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
     uint stride;     // words from list to list; list i has kernel 2 i + 3
-    uint fixed_list; // 7: by density
+    uint fixed_list; // 11: by spacing
     float pixels_per_spacing; // width of the kernel
     uint all; // 1: no tile is left out
 } push;
@@ -41,7 +41,10 @@ void main() {
     if (push.all == 0u && (points == 0u || continuous)) return;
     Tile at = tiles.tile[number];
     precise float kernel = (at.points > 0u ? at.spacing : spacing) * push.pixels_per_spacing;
-    uint list = uint(clamp(ceil((kernel - 3.0) * 0.5), 0.0, 6.0));
-    list = push.fixed_list < 7u ? push.fixed_list : list;
+    // Lists 0 to 6: kernels 3, 5, .. 15; 7 to 10: every second pixel of kernels 19, 23, .. 31.
+    float wider = clamp(ceil((kernel - 3.0) * 0.5), 0.0, 6.0);
+    float widest = clamp(7.0 + ceil((kernel - 19.0) * 0.25), 7.0, 10.0);
+    uint list = uint(kernel <= 15.0 ? wider : widest);
+    list = push.fixed_list < 11u ? push.fixed_list : list;
     APPEND(list * push.stride, number)
 }

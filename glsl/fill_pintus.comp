@@ -29,6 +29,7 @@ layout(push_constant, scalar) uniform Push {
     uint changed_at; // the first tile's word in `steps`
     float tolerance; // of depth: metres, or, where it is relative, parts of the depth
     uint relative;
+    uint surrounded; // background is filled, too, where so many of its neighbours have a value
 } push;
 
 const uint NOTHING = 0xFFFFFFFFu;
@@ -37,6 +38,13 @@ uvec2 value_at(ivec2 pixel) {
     bool inside = all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(push.size)));
     uvec2 value = imageLoad(from, clamp(pixel, ivec2(0), ivec2(push.size) - 1)).rg;
     return inside ? value : uvec2(BACKGROUND_BITS, 0u);
+}
+
+// Neighbours that have a value.
+uint valid_of(uvec2 above[3], uvec2 level[3], uvec2 below[3]) {
+    uint valid = (has_depth(level[0].x) ? 1u : 0u) + (has_depth(level[2].x) ? 1u : 0u);
+    [[unroll]] for (int k = 0; k < 3; ++k) valid += (has_depth(above[k].x) ? 1u : 0u) + (has_depth(below[k].x) ? 1u : 0u);
+    return valid;
 }
 
 uvec2 mean(uvec2 own, uvec2 around[8]) {
@@ -98,7 +106,9 @@ void main() {
         for (int row = awake && top.x < size.x ? 0 : TILE_PX; row < TILE_PX; ++row) {
             ivec2 pixel = top + ivec2(0, row);
             [[unroll]] for (int k = 0; k < 3; ++k) below[k] = value_at(pixel + ivec2(k - 1, 1));
-            for (bool filling = pixel.y < size.y && (level[1].x & FILLING) != 0u; filling; filling = false) {
+            uint valid = valid_of(above, level, below);
+            bool hole = (level[1].x & FILLING) != 0u || (level[1].x == BACKGROUND_BITS && valid >= push.surrounded);
+            for (bool filling = pixel.y < size.y && hole; filling; filling = false) {
                 uvec2 around[8] = { above[0], above[1], above[2], level[0], level[2], below[0], below[1], below[2] };
                 [[unroll]] for (int k = 0; k < 8; ++k) around[k].x = has_depth(around[k].x) ? around[k].x & ~FILLING : NOTHING;
                 uvec2 next = level[1];

@@ -21,6 +21,7 @@
 
 layout(local_size_x = 64) in;
 
+layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D packed_depth;
 layout(scalar) buffer Lists { uint word[]; } lists;
 // Of every column of every tile, from the top, a bit a pixel; valid for tiles on the list of holes.
@@ -31,6 +32,8 @@ layout(scalar) buffer Listed { uint tile[]; } listed;
 layout(constant_id = 0) const uint RADIUS = 4u;
 layout(constant_id = 1) const uint SECTORS = 8u;
 layout(constant_id = 2) const bool PERSPECTIVE = true;
+// Pixels from neighbour to neighbour: 2 where `packed_depth` holds the nearest of 2 x 2.
+layout(constant_id = 3) const uint STRIDE = 1u;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
@@ -39,6 +42,7 @@ layout(push_constant, scalar) uniform Push {
     uint holes_at;     // the list of tiles with invisible pixels
     float px_per_unit;
     float threshold;   // steradians * SECTORS / 2 pi
+    float holes;       // the same for a pixel without a point
 } push;
 
 const float FARTHEST = 3.402823466e38;
@@ -49,8 +53,9 @@ const float FARTHEST_PLACE = 1e15;
 const float NOTHING = -1e37;
 
 const int R = int(RADIUS);
+const int STEP = int(STRIDE);
 // Texels above and below a lane's own.
-const int REACH = (R + 3) / 4;
+const int REACH = (R * STEP + 3) / 4;
 const int ROWS = 4 * (2 * REACH + 1);
 
 float share(float lean, bool empty) {
@@ -79,7 +84,7 @@ int sector_of(ivec2 d) {
     float z[MOST_ROWS]; \
     float zz[MOST_ROWS]; \
     [[unroll]] for (int q = 0; q < 2 * REACH + 1; ++q) { \
-        vec4 four = imageLoad(packed_depth, texel + ivec2(dx, q - REACH)); \
+        vec4 four = imageLoad(packed_depth, texel + ivec2(STEP * dx, q - REACH)); \
         [[unroll]] for (int c = 0; c < 4; ++c) { \
             bool point = four[c] <= FARTHEST; \
             float place = clamp(four[c], NEAREST_PLACE, FARTHEST_PLACE); \
@@ -90,11 +95,11 @@ int sector_of(ivec2 d) {
     [[unroll]] for (int p = 0; p < 4; ++p) { \
         [[unroll]] for (int dy = -R; dy <= R; ++dy) { \
             if (dx != 0 || dy != 0) { \
-                int i = 4 * REACH + p + dy; \
-                precise float aside = float(dx) * ray_x + float(dy) * ray_y[p]; \
-                precise float twist = float(dx) * ray_y[p] - float(dy) * ray_x; \
+                int i = 4 * REACH + p + STEP * dy; \
+                precise float aside = float(STEP * dx) * ray_x + float(STEP * dy) * ray_y[p]; \
+                precise float twist = float(STEP * dx) * ray_y[p] - float(STEP * dy) * ray_x; \
                 precise float along = (z0[p] - z[i]) * f_rr[p] - (PERSPECTIVE ? z[i] * aside : 0.0); \
-                precise float across = zz[i] * (float(dx * dx + dy * dy) + (PERSPECTIVE ? twist * twist : 0.0)); \
+                precise float across = zz[i] * (float(STEP * STEP * (dx * dx + dy * dy)) + (PERSPECTIVE ? twist * twist : 0.0)); \
                 precise float t = along * abs(along) / across; \
                 int s = 16 * p + sector_of(ivec2(dx, dy)); \
                 most[s] = max(most[s], zz[i] > 0.0 ? t : NOTHING); \
@@ -103,7 +108,7 @@ int sector_of(ivec2 d) {
     } \
 }
 
-const int MOST_ROWS = 20;
+const int MOST_ROWS = 36;
 
 void main() {
     ivec2 size = ivec2(push.size);
@@ -113,14 +118,15 @@ void main() {
         uint bits = 0u;
         for (int half_tile = 0; half_tile < 2; ++half_tile) {
             int first = top.y + 4 * half_tile;
-            ivec2 texel = ivec2(top.x + TILE_PX, (first + TILE_PX) / 4);
-            vec4 own = imageLoad(packed_depth, texel);
+            ivec2 texel = ivec2(top.x + MARGIN_PX, (first + MARGIN_PX) / 4);
             float ray_x = (float(top.x) + 0.5 - 0.5 * float(size.x)) / push.px_per_unit;
             float ray_y[4];
             float z0[4];
             float f_rr[4];
             float most[64];
+            vec4 own;
             [[unroll]] for (int p = 0; p < 4; ++p) {
+                own[p] = imageLoad(depth, min(ivec2(top.x, first + p), size - 1)).r;
                 ray_y[p] = (float(first + p) + 0.5 - 0.5 * float(size.y)) / push.px_per_unit;
                 z0[p] = clamp(own[p], NEAREST_PLACE, FARTHEST_PLACE);
                 precise float rr = 1.0 + ray_x * ray_x + ray_y[p] * ray_y[p];
@@ -139,7 +145,7 @@ void main() {
                     [[unroll]] for (int s = 0; s < 16; ++s) sum += share(most[16 * p + s], empty);
                 }
                 bool inside = top.x < size.x && first + p < size.y;
-                bits |= inside && sum < push.threshold ? 1u << (4 * half_tile + p) : 0u;
+                bits |= inside && sum < (empty ? push.holes : push.threshold) ? 1u << (4 * half_tile + p) : 0u;
             }
         }
         invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u] = bits;

@@ -5,6 +5,8 @@
 // longer than the 65,535 workgroups that every device dispatches allow.
 
 const int TILE_PX = 8;
+// Of packed depth, on every side: as far as the widest kernel looks.
+const int MARGIN_PX = 16;
 const uint LIST_HEADER = 4u;
 const uint MOST_GROUPS = 65535u;
 const uint TILES_PER_GROUP = 8u;

@@ -17,6 +17,8 @@ pub struct Settings {
     pub iterations: f64,
     /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as the largest kernel's pixels at that depth.
     pub tolerance: f64,
+    /// Background is a hole, too, where so many of its eight neighbours have a value; 9: never.
+    pub surrounded: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -28,7 +30,7 @@ pub enum Method {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Pintus, iterations: 0.0, tolerance: 0.0 }
+        Settings { method: Method::Pintus, iterations: 0.0, tolerance: 0.0, surrounded: 5.0 }
     }
 }
 
@@ -43,6 +45,7 @@ impl super::Settings for Settings {
                 about: "difference in depth from which two surfaces are not mixed, metres; 0: from the spacing of the points",
                 value: number(&mut self.tolerance, 0.0..=1e9),
             },
+            Setting { name: "surrounded", about: "background is filled, too, where so many of its 8 neighbours are; 9: never", value: number(&mut self.surrounded, 1.0..=9.0) },
         ]
     }
 }
@@ -55,7 +58,7 @@ pub fn called_for(_scene: &Scene, before: &Decided) -> Reason {
 }
 
 /// Largest kernel of visibility.
-const WIDEST: f64 = 15.0;
+const WIDEST: f64 = 31.0;
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
     let Some(Holes { lists, at }) = layers.holes else { return layers };
@@ -77,7 +80,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let relative = settings.tolerance == 0.0;
     let tolerance = if relative { width } else { settings.tolerance } as f32;
     for step in 1..=most {
-        let push = fill_pintus::Push { size, tiles: across, at, step, changed_at, tolerance, relative: (relative && perspective) as u32 };
+        let push = fill_pintus::Push { size, tiles: across, at, step, changed_at, tolerance, relative: (relative && perspective) as u32, surrounded: settings.surrounded as u32 };
         let counted = steps.racing();
         let tiles = if step == 1 { Tiles::From(&lists, at) } else { Tiles::From(&counted, 4 * step) };
         g.run(shader::FillPintus { lists: &lists, steps: &mut steps, from: &from, to: &mut to, push }, tiles);

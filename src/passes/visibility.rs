@@ -26,6 +26,8 @@ pub struct Settings {
     pub reach: f64,
     /// Into which the neighbourhood is divided: 4, 8 or 16.
     pub sectors: f64,
+    /// A pixel without a point is background from so much on, steradians: less than one sector's share demands that all are closed, and so keeps notches of silhouettes open.
+    pub holes: f64,
     /// Which tiles are looked at.
     pub tiles: Looked,
     /// A pixel is visible from so much empty solid angle on, steradians.
@@ -44,7 +46,7 @@ pub enum Looked {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { kernel: 0.0, reach: 4.5, sectors: 8.0, tiles: Looked::Needed, threshold: 2.0 }
+        Settings { kernel: 0.0, reach: 5.5, sectors: 8.0, tiles: Looked::Needed, threshold: 2.0, holes: 0.7 }
     }
 }
 
@@ -55,14 +57,18 @@ impl super::Settings for Settings {
             Setting { name: "kernel", about: "width of the neighbourhood, pixels; 0: from the spacing of the points", value: number(&mut self.kernel, 0.0..=15.0) },
             Setting { name: "reach", about: "width of an automatic kernel, in spacings of the points", value: number(&mut self.reach, 0.0..=100.0) },
             Setting { name: "sectors", about: "parts of the neighbourhood: 4, 8 or 16", value: number(&mut self.sectors, 4.0..=16.0) },
+            Setting { name: "holes", about: "empty solid angle from which a pixel without a point is background, steradians", value: number(&mut self.holes, 0.0..=TAU) },
             Setting { name: "tiles", about: "which tiles are looked at; the picture is the same", value: Value::Choice(&mut self.tiles) },
             Setting { name: "threshold", about: "empty solid angle from which a pixel is visible, steradians", value: number(&mut self.threshold, 0.0..=TAU) },
         ]
     }
 }
 
-/// Kernels 3, 5, .. 15, a list each; then the list of tiles with holes.
-const KERNELS: u32 = 7;
+/// Kernels 3, 5, .. 15, a list each; where points are sparser, every second pixel of kernels 19, 23, .. 31; then the list of tiles with holes.
+const KERNELS: u32 = 11;
+const FINE: u32 = 7;
+/// As in glsl/lib/tile.glsl.
+const MARGIN_PX: u32 = 16;
 
 pub fn called_for(scene: &Scene, _before: &Decided) -> Reason {
     match scene.points {
@@ -79,10 +85,13 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let perspective = view.camera.projection == Projection::Perspective;
     let px_per_unit = view.focal_px() as f32;
 
-    let packed_size = [TILE_PX * (across[0] + 2), TILE_PX * (across[1] + 2) / 4];
-    let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);
-    let push = pack_depth::Push { size: view.size, packed_size };
-    g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push }, Tiles::All);
+    let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
+    let packed = [1, 2].map(|span| {
+        let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);
+        let push = pack_depth::Push { size: view.size, packed_size, span };
+        g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push }, Tiles::All);
+        packed
+    });
 
     let mut facts = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count as u64);
     let push = classify::Push { size: view.size, tiles: across, px_per_unit, slope: slope(view, settings.threshold) as f32 };
@@ -104,6 +113,8 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let sectors = if settings.sectors < 8.0 { 4 } else if settings.sectors < 16.0 { 8 } else { 16 };
     let kernels = if fixed_list < KERNELS { fixed_list..fixed_list + 1 } else { 0..KERNELS };
     for list in kernels {
+        // Kernel 2 radius + 1, or 4 radius + 3.
+        let (span, radius) = if list < FINE { (1, list + 1) } else { (2, list - FINE + 4) };
         let push = visibility::Push {
             size: view.size,
             tiles_across: across[0],
@@ -111,11 +122,12 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
             holes_at,
             px_per_unit,
             threshold: (settings.threshold * sectors as f64 / TAU) as f32,
+            holes: (settings.holes * sectors as f64 / TAU) as f32,
         };
-        let spec = visibility::Spec { radius: list + 1, sectors, perspective };
+        let spec = visibility::Spec { radius, sectors, perspective, stride: span };
         let counted = lists.racing();
         let tiles = Tiles::From(&counted, list * stride);
-        g.run(shader::Visibility { packed_depth: &packed, lists: &mut lists, invisible: &mut invisible, listed: &mut listed, push, spec }, tiles);
+        g.run(shader::Visibility { depth: &depth, packed_depth: &packed[span as usize - 1], lists: &mut lists, invisible: &mut invisible, listed: &mut listed, push, spec }, tiles);
     }
 
     let push = hide::Push { tiles_across: across[0], at: holes_at };

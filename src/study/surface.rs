@@ -9,6 +9,7 @@ use super::report::{Figure, Section, Table};
 use super::truth::Errors;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, Shown};
+use crate::config::NO_POINT;
 use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph};
@@ -21,7 +22,8 @@ use crate::view::View;
 pub const SUMMARY: &str = "depth, layers, holes and contours, against the surface itself";
 
 /// Name, and what it sets, as `--effect` takes it. The first is what the others start from.
-const STYLES: [(&str, &[&str]); 1] = [("points", &["edl=off"])];
+const STYLES: [(&str, &[&str]); 2] =
+    [("points", &["visibility=off", "fill=off", "shape=off", "edl=off"]), ("surface", &["visibility=auto", "fill=auto", "shape=off", "edl=off"])];
 
 /// Metric, its unit for axes, and what it is.
 const METRICS: [(&str, &str, &str); 6] = [
@@ -63,8 +65,21 @@ fn values(errors: &Errors) -> [f64; 6] {
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
+    let mut styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
+    if let Ok(list) = std::env::var("PT_STYLES") { // HACK
+        for style in list.split(';') {
+            let name: &'static str = Box::leak(style.to_string().into_boxed_str());
+            let mut w = styles[1].1.clone();
+            style.split_whitespace().try_for_each(|t| w.effects.set(t)).map_err(Error::Request)?;
+            styles.push((name, w));
+        }
+    }
     let options = Options { size: plan.size, seed: plan.seed, most_points: plan.points, ..Options::default() };
+    let mut options = options;
+    if let Ok(list) = std::env::var("PT_SCENES") { // HACK
+        let names: Vec<String> = list.split(',').map(String::from).collect();
+        options.scenes = names;
+    }
     let mut rows = Vec::new();
     let mut marks = Vec::new();
     let mut table = Table {
@@ -127,9 +142,10 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let look = look::decide(wishes, &Seen { view, points: resident.points });
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
-    let depth = g.download(&outcome.layers.depth);
+    let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
     let frame = g.submit(&[])?;
-    let drawing = Drawing { depth: frame.read(&depth).to_vec(), visible: None, ms: frame.ms("") };
+    let visible = frame.read::<u32>(&index).iter().map(|&point| point != NO_POINT).collect();
+    let drawing = Drawing { depth: frame.read(&depth).to_vec(), visible: Some(visible), ms: frame.ms("") };
     frame.shelve(gpu);
     Ok(drawing)
 }
