@@ -59,7 +59,7 @@ const WAYS: [Way; 5] = [
 ];
 
 const SURFACE: &[&str] =
-    &["pack_depth", "classify", "clear lists", "assign", "clear listed", "visibility", "hide", "fill_", "clear steps", "shape", "shade"];
+    &["pack_depth", "classify", "clear lists", "assign", "clear listed", "visibility", "hide", "fill_", "clear steps", "clear rough", "clear wanted", "shape", "unpack_light"];
 
 pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(wish)?;

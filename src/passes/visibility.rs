@@ -78,7 +78,7 @@ pub fn called_for(scene: &Scene, _before: &Decided) -> Reason {
 }
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
-    let Layers { mut depth, raw, mut index, mut color, spacings, .. } = layers;
+    let Layers { mut depth, raw, mut index, mut color, spacings, lit, .. } = layers;
     let across = tiles(view.size);
     let count = across[0] * across[1];
     let stride = LIST_HEADER + count;
@@ -135,7 +135,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
         Tiles::From(&lists, holes_at),
     );
-    Layers { depth, raw, index, color, spacings, holes: Some(Holes { lists, at: holes_at }) }
+    Layers { depth, raw, index, color, spacings, holes: Some(Holes { lists, at: holes_at }), lit }
 }
 
 /// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.
