@@ -1,0 +1,116 @@
+//! One bucket's records in any order -> the same in Morton order, those at one place by what else they are.
+//!
+//! ```text
+//! key = the 11 highest bits of each axis in which positions differ at all, interleaved        (a bucket of a surface: hardly two points share one)
+//! radix sort of key and number of the record, together one u64, 11 bits at a time
+//! runs of equal keys: by whole code, then by content
+//! ```
+//! So the order depends on the points alone, not on the order in which they came. A bucket at a time, because most fit the cache, where a chunk of many
+//! buckets does not.
+
+use super::bucket::Layout;
+use super::morton;
+use super::samples::Cell;
+use crate::error::{Error, Result};
+use std::cmp::Ordering;
+
+/// Of a key, from each axis: of the three, and 31 bits for the number of a record, comes a u64.
+const AXIS_BITS: u32 = 11;
+const NUMBER_BITS: u32 = 64 - 3 * AXIS_BITS;
+const DIGIT_BITS: u32 = 11;
+/// Counting 2^11 digits takes longer than to compare so few.
+const FEW: usize = 256;
+
+/// What a thread keeps from bucket to bucket.
+#[derive(Default)]
+pub struct RadixSorter {
+    items: Vec<u64>,
+    other: Vec<u64>,
+}
+
+impl RadixSorter {
+    /// Appends `records` to `sorted`, in order.
+    pub fn sort(&mut self, layout: &Layout, records: &[u8], sorted: &mut Vec<u8>) -> Result<()> {
+        let rows = || records.chunks_exact(layout.bytes);
+        let Some(first) = rows().next().map(Layout::cell) else { return Ok(()) };
+        if rows().len() > 1 << NUMBER_BITS {
+            return Err(Error::Request(format!("{} points at one place are more than the 2^31 that can be sorted", rows().len())));
+        }
+        let mut differ: Cell = [0; 3];
+        rows().map(Layout::cell).for_each(|q| (0..3).for_each(|axis| differ[axis] |= q[axis] ^ first[axis]));
+        let bits = 32 - (differ[0] | differ[1] | differ[2]).leading_zeros();
+        let dropped = bits.saturating_sub(AXIS_BITS);
+        let key = |q: Cell| morton::code_63(q.map(|v| v >> dropped & ((1 << AXIS_BITS) - 1)));
+        self.items.clear();
+        self.items.extend(rows().map(Layout::cell).zip(0..).map(|(q, number)| key(q) << NUMBER_BITS | number));
+        radix_sort(&mut self.items, &mut self.other, NUMBER_BITS);
+        let number = |item: u64| (item & ((1 << NUMBER_BITS) - 1)) as usize;
+        let record = |item: u64| &records[number(item) * layout.bytes..][..layout.bytes];
+        for run in self.items.chunk_by_mut(|a, b| a >> NUMBER_BITS == b >> NUMBER_BITS).filter(|run| run.len() > 1) {
+            run.sort_unstable_by(|&a, &b| order(record(a), record(b)));
+        }
+        sorted.reserve(records.len());
+        self.items.iter().for_each(|&item| sorted.extend_from_slice(record(item)));
+        Ok(())
+    }
+}
+
+/// By code, then by content.
+fn order(a: &[u8], b: &[u8]) -> Ordering {
+    morton::order(Layout::cell(a), Layout::cell(b)).then_with(|| Layout::rest(a).cmp(Layout::rest(b)))
+}
+
+/// Sorts by the bits from `from` on (least significant digit first).
+fn radix_sort(items: &mut Vec<u64>, other: &mut Vec<u64>, from: u32) {
+    if items.len() < FEW {
+        return items.sort_unstable();
+    }
+    other.resize(items.len(), 0);
+    for shift in (from..u64::BITS).step_by(DIGIT_BITS as usize) {
+        let digit = |item: u64| (item >> shift) as usize & ((1 << DIGIT_BITS) - 1);
+        let mut next = [0u32; 1 << DIGIT_BITS];
+        items.iter().for_each(|&item| next[digit(item)] += 1);
+        if next[digit(items[0])] as usize == items.len() {
+            continue;
+        }
+        let mut sum = 0;
+        next.iter_mut().for_each(|count| sum += std::mem::replace(count, sum));
+        for &item in items.iter() {
+            let slot = &mut next[digit(item)];
+            other[*slot as usize] = item;
+            *slot += 1;
+        }
+        std::mem::swap(items, other);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::Wanted;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn records_are_sorted_by_code_and_content_whatever_their_order(
+            points in prop::collection::vec((prop::array::uniform3(any::<u32>()), 0u16..3), 0..600), scale in 0u32..32, seed in any::<u64>(),
+        ) {
+            let layout = Layout::new(Wanted::default());
+            let sorted = |points: &[(Cell, u16)]| {
+                let row = |&(q, part): &(Cell, u16)| [q.map(u32::to_le_bytes).as_flattened(), &part.to_le_bytes()].concat();
+                let mut sorted = Vec::new();
+                RadixSorter::default().sort(&layout, &points.iter().flat_map(row).collect::<Vec<_>>(), &mut sorted).unwrap();
+                sorted
+            };
+            let mut points: Vec<_> = points.into_iter().map(|(q, part)| (q.map(|v| v >> scale), part)).collect();
+            let found = sorted(&points);
+            points.sort_by_key(|(q, part)| (q[0] as u64 ^ seed.rotate_left(*part as u32)).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+            prop_assert_eq!(&found, &sorted(&points));
+            points.sort_by_key(|&(q, part)| (morton::code_96(q), part));
+            let cells: Vec<Cell> = found.chunks_exact(layout.bytes).map(Layout::cell).collect();
+            prop_assert_eq!(cells, points.iter().map(|&(q, _)| q).collect::<Vec<_>>());
+            let parts: Vec<u16> = found.chunks_exact(layout.bytes).map(|row| u16::from_le_bytes([row[12], row[13]])).collect();
+            prop_assert_eq!(parts, points.iter().map(|&(_, part)| part).collect::<Vec<_>>());
+        }
+    }
+}
