@@ -98,9 +98,15 @@ impl Layout {
         }
     }
 
+    #[inline]
     pub fn cell(record: &[u8]) -> Cell {
-        let at = |at: usize| u32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]);
-        [at(0), at(4), at(8)]
+        bytemuck::pod_read_unaligned::<Cell>(&record[..size_of::<Cell>()]).map(u32::from_le)
+    }
+
+    /// One of many records.
+    #[inline]
+    pub fn record<'a>(&self, records: &'a [u8], number: u32) -> &'a [u8] {
+        &records[number as usize * self.bytes..][..self.bytes]
     }
 
     /// Everything behind the position, for an order by content.
@@ -127,26 +133,54 @@ impl Layout {
         }
     }
 
-    /// The points of settled records that follow each other. `station` numbers the station of a part and a source. A column at a time: the records fit the
-    /// cache.
-    pub fn read(&self, records: &[u8], keep: Wanted, station: &impl Fn(u16, u16) -> u16) -> Samples {
-        let rows = || records.chunks_exact(self.bytes);
-        let Offsets { rgb, intensity, class, returns, source, normal, gps_time: times, .. } = Offsets::new(self.has);
-        let u16_at = |row: &[u8], at: usize| u16::from_le_bytes([row[at], row[at + 1]]);
-        let part = |row: &[u8]| u16_at(row, self.bytes - 2);
-        let color = |row: &[u8], at: usize| [row[at], row[at + 1], row[at + 2]];
-        let time = |row: &[u8], at: usize| f64::from_le_bytes(row[at..at + 8].try_into().expect("eight bytes"));
-        Samples {
-            q: rows().map(Layout::cell).collect(),
-            rgb: rgb.filter(|_| keep.rgb).map(|at| rows().map(|row| color(row, at)).collect()),
-            intensity: intensity.map(|at| rows().map(|row| u16_at(row, at)).collect()),
-            class: class.map(|at| rows().map(|row| row[at]).collect()),
-            returns: returns.map(|at| rows().map(|row| row[at]).collect()),
-            source: source.map(|at| rows().map(|row| station(part(row), u16_at(row, at))).collect()),
-            normal: normal.map(|at| rows().map(|row| [row[at] as i8, row[at + 1] as i8, row[at + 2] as i8]).collect()),
-            gps_time: times.map(|at| rows().map(|row| time(row, at)).collect()),
-            weight: None,
+    /// The points of some settled records, in this order. `station` numbers the station of a part and a source. A column at a time over as many records as
+    /// the cache keeps.
+    pub fn read(&self, records: &[u8], order: &[u32], keep: Wanted, station: &impl Fn(u16, u16) -> u16) -> Samples {
+        const POINTS: usize = 1024;
+        fn column<T>(there: bool, points: usize) -> Option<Vec<T>> {
+            there.then(|| Vec::with_capacity(points))
         }
+        fn extend<'a, T>(
+            column: &mut Option<Vec<T>>,
+            at: Option<usize>,
+            rows: impl Iterator<Item = &'a [u8]>,
+            value: impl Fn(&'a [u8]) -> T,
+        ) {
+            if let (Some(column), Some(at)) = (column, at) {
+                column.extend(rows.map(|row| value(&row[at..])));
+            }
+        }
+        fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+            *bytes.first_chunk().expect("a record has all its columns")
+        }
+        let at = Offsets::new(self.has);
+        let points = order.len();
+        let mut samples = Samples {
+            q: Vec::with_capacity(points),
+            rgb: column(keep.rgb, points),
+            intensity: column(keep.intensity, points),
+            class: column(keep.class, points),
+            returns: column(keep.returns, points),
+            source: column(keep.source, points),
+            normal: column(keep.normal, points),
+            gps_time: column(keep.gps_time, points),
+            weight: None,
+        };
+        for some in order.chunks(POINTS) {
+            let rows = || some.iter().map(|&number| self.record(records, number));
+            samples.q.extend(rows().map(Layout::cell));
+            extend(&mut samples.rgb, at.rgb, rows(), first);
+            extend(&mut samples.intensity, at.intensity, rows(), |row| u16::from_le_bytes(first(row)));
+            extend(&mut samples.class, at.class, rows(), |row| row[0]);
+            extend(&mut samples.returns, at.returns, rows(), |row| row[0]);
+            extend(&mut samples.normal, at.normal, rows(), |row| first(row).map(|v| v as i8));
+            extend(&mut samples.gps_time, at.gps_time, rows(), |row| f64::from_le_bytes(first(row)));
+            if let (Some(column), Some(source)) = (&mut samples.source, at.source) {
+                let u16_at = |row: &[u8], at: usize| u16::from_le_bytes(first(&row[at..]));
+                column.extend(rows().map(|row| station(u16_at(row, at.part), u16_at(row, source))));
+            }
+        }
+        samples
     }
 }
 

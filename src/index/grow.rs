@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! sort the records by Morton code, a bucket at a time                                             (`sort`)
-//! grow(cell of the kd-tree: a run of the records):
+//! grow(cell of the kd-tree: a run of the order):
 //!   at most M points: a leaf                                     (one step wide with more, which cannot be split: several leaves; HARD_CASES 27)
 //!   else the cell's halves differ in one bit of the code: grow both, and put their open nodes together
 //!   once the open nodes hold G samples, `merge` makes a parent of them, which is then the only open node
@@ -19,7 +19,6 @@ use super::sort::RadixSorter;
 use crate::cloud::{Lattice, Wanted};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
-use std::ops::Range;
 
 /// Open nodes with so many samples between them get a parent.
 const GATHERED: u64 = 4 * POINTS_PER_PAGE as u64;
@@ -70,10 +69,9 @@ pub struct Grown {
 #[derive(Default)]
 pub struct Worker {
     sorter: RadixSorter,
-    /// Of one bucket, as they came.
-    unsorted: Vec<u8>,
-    /// Of the chunk, in Morton order.
+    /// Of the chunk, bucket by bucket, and their order.
     records: Vec<u8>,
+    order: Vec<u32>,
     /// How often each intensity occurs.
     pub intensities: Vec<u64>,
     /// Of a chunk that has been written: memory that is used again costs nothing to get.
@@ -90,22 +88,25 @@ impl Worker {
         station: &impl Fn(u16, u16) -> u16,
         spill: &Spill,
     ) -> Result<Grown> {
+        let layout = &tree.layout;
         self.records.clear();
+        self.order.clear();
         for bucket in buckets {
-            self.unsorted.clear();
+            let start = self.records.len();
             bucket.drain(spill, &mut |records| {
-                self.unsorted.extend_from_slice(records);
+                self.records.extend_from_slice(records);
                 Ok(())
             })?;
-            tree.layout.settle(&mut self.unsorted, &tree.colors);
-            self.sorter.sort(&tree.layout, &self.unsorted, &mut self.records)?;
+            let own = &mut self.records[start..];
+            layout.settle(own, &tree.colors);
+            self.sorter.sort(layout, own, (start / layout.bytes) as u32, &mut self.order)?;
         }
         let mut planes = std::mem::take(&mut self.planes);
         planes.clear();
         planes.reserve(self.records.len());
         let grown = Grown { planes, ..Grown::default() };
         let mut growth = Growth { tree, records: &self.records, station, intensities: &mut self.intensities, grown };
-        let open = growth.grow(0..self.records.len() / tree.layout.bytes, 3 * tree.bits - depth);
+        let open = growth.grow(&self.order, 3 * tree.bits - depth);
         Ok(Grown { open, ..growth.grown })
     }
 }
@@ -120,48 +121,29 @@ struct Growth<'a, S> {
 
 impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
     /// The open nodes of a cell that leaves `left` bits of the code open.
-    fn grow(&mut self, points: Range<usize>, left: u32) -> Vec<Open> {
-        if points.is_empty() {
+    fn grow(&mut self, order: &[u32], left: u32) -> Vec<Open> {
+        if order.is_empty() {
             return Vec::new();
         }
         let fits = left.div_ceil(3) <= BITS_PER_PLANE * POSITION_PLANES;
-        if points.len() <= POINTS_PER_PAGE as usize && fits {
-            return vec![self.leaf(points)];
+        if order.len() <= POINTS_PER_PAGE as usize && fits {
+            return vec![self.leaf(order)];
         }
         if left == 0 {
-            let starts = points.clone().step_by(POINTS_PER_PAGE as usize);
-            let open = starts.map(|start| self.leaf(start..points.end.min(start + POINTS_PER_PAGE as usize))).collect();
+            let open = order.chunks(POINTS_PER_PAGE as usize).map(|run| self.leaf(run)).collect();
             return self.parent(open);
         }
-        let middle = self.middle(&points, left - 1);
-        let mut open = self.grow(points.start..middle, left - 1);
-        let upper = self.grow(middle..points.end, left - 1);
+        let cell = |&i: &u32| Layout::cell(self.tree.layout.record(self.records, i));
+        let (low, high) = order.split_at(order.partition_point(|i| !morton::has(cell(i), left - 1)));
+        let mut open = self.grow(low, left - 1);
+        let upper = self.grow(high, left - 1);
         let joined = !open.is_empty() && !upper.is_empty();
         open.extend(upper);
         if joined { self.parent(open) } else { open }
     }
 
-    fn records(&self, points: Range<usize>) -> &[u8] {
-        let stride = self.tree.layout.bytes;
-        &self.records[points.start * stride..points.end * stride]
-    }
-
-    /// The first point whose code has a bit, where all bits above are equal.
-    fn middle(&self, points: &Range<usize>, bit: u32) -> usize {
-        let (mut low, mut high) = (points.start, points.end);
-        while low < high {
-            let middle = low.midpoint(high);
-            if morton::has(Layout::cell(self.records(middle..middle + 1)), bit) {
-                high = middle;
-            } else {
-                low = middle + 1;
-            }
-        }
-        low
-    }
-
-    fn leaf(&mut self, points: Range<usize>) -> Open {
-        let samples = self.tree.layout.read(self.records(points), self.tree.has, self.station);
+    fn leaf(&mut self, order: &[u32]) -> Open {
+        let samples = self.tree.layout.read(self.records, order, self.tree.has, self.station);
         if let Some(column) = &samples.intensity {
             self.intensities.resize(1 << 16, 0);
             column.iter().for_each(|&v| self.intensities[v as usize] += 1);

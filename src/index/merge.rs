@@ -13,6 +13,7 @@ use super::morton;
 use super::samples::{Cell, Samples};
 use crate::cloud::Wanted;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
+use std::borrow::Cow;
 use std::sync::LazyLock;
 
 /// Positions of merged samples are kept to the cell's shortest side over 2^this: below half of what merging itself moved them.
@@ -44,8 +45,9 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     starts.extend(differ.iter().enumerate().filter(|&(_, &bit)| bit as u32 > dropped).map(|(i, _)| i + 1));
     starts.push(samples.len());
     let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
-    let runs = Runs { samples, starts };
-    let weights: Vec<u64> = runs.each(|run| run.map(|i| samples.weight(i) as u64).sum());
+    let weights = samples.weight.as_deref().map_or_else(|| vec![1; samples.len()].into(), Cow::Borrowed);
+    let runs = Runs { samples, weights, starts };
+    let weights: Vec<u64> = runs.each(|run| runs.weights[run].iter().map(|&weight| weight as u64).sum());
     let merged = Samples {
         q: runs.positions(&weights, dropped, coarser),
         rgb: has.rgb.then(|| runs.colors(samples.rgb.as_deref().unwrap_or_default(), &weights)),
@@ -76,12 +78,14 @@ fn least_dropped(q: &[Cell]) -> u32 {
 /// The runs of samples that become one each.
 struct Runs<'a> {
     samples: &'a Samples,
+    /// The weight of each.
+    weights: Cow<'a, [u32]>,
     starts: Vec<usize>,
 }
 
 impl Runs<'_> {
-    fn each<T>(&self, one: impl Fn(std::ops::Range<usize>) -> T) -> Vec<T> {
-        self.starts.windows(2).map(|ends| one(ends[0]..ends[1])).collect()
+    fn each<T>(&self, one: impl FnMut(std::ops::Range<usize>) -> T) -> Vec<T> {
+        self.starts.windows(2).map(|ends| ends[0]..ends[1]).map(one).collect()
     }
 
     fn weighted<T>(&self, weights: &[u64], one: impl Fn(std::ops::Range<usize>, u64) -> T) -> Vec<T> {
@@ -96,7 +100,7 @@ impl Runs<'_> {
             let corner: Cell = std::array::from_fn(|axis| (q[run.start][axis] as u64 >> bits[axis] << bits[axis]) as u32);
             let mut sum = [0u128; 3];
             for i in run {
-                let weight = self.samples.weight(i) as u64;
+                let weight = self.weights[i] as u64;
                 for axis in 0..3 {
                     // Up to 2^64 - 2^33: a product of 32 bits by 32 fits, their sum may not.
                     sum[axis] += (weight * (q[i][axis] - corner[axis]) as u64) as u128;
@@ -115,7 +119,7 @@ impl Runs<'_> {
         self.weighted(weights, |run, total| {
             let mut sum = [0u128; 3];
             for i in run {
-                let weight = self.samples.weight(i) as u64;
+                let weight = self.weights[i] as u64;
                 for c in 0..3 {
                     sum[c] += (weight * decode[rgb[i][c] as usize] as u64) as u128;
                 }
@@ -125,19 +129,19 @@ impl Runs<'_> {
     }
 
     fn means(&self, values: &[u16], weights: &[u64]) -> Vec<u16> {
-        self.weighted(weights, |run, total| {
-            mean(run.map(|i| (self.samples.weight(i) as u64 * values[i] as u64) as u128).sum(), total) as u16
-        })
+        self.weighted(weights, |run, total| mean(run.map(|i| (self.weights[i] as u64 * values[i] as u64) as u128).sum(), total) as u16)
     }
 
     /// The value with the greatest weight; of equally heavy ones the least.
     fn majorities<T: Copy + Ord>(&self, values: &[T]) -> Vec<T> {
+        let mut all: Vec<(T, u64)> = Vec::new();
         self.each(|run| {
             let first = values[run.start];
             if values[run.clone()].iter().all(|&value| value == first) {
                 return first;
             }
-            let mut all: Vec<(T, u64)> = run.map(|i| (values[i], self.samples.weight(i) as u64)).collect();
+            all.clear();
+            all.extend(run.map(|i| (values[i], self.weights[i] as u64)));
             all.sort_unstable();
             let mut best = (first, 0);
             for run in all.chunk_by(|a, b| a.0 == b.0) {
@@ -154,7 +158,7 @@ impl Runs<'_> {
         self.each(|run| {
             let mut sum = [0i64; 3];
             for i in run {
-                (0..3).for_each(|axis| sum[axis] += self.samples.weight(i) as i64 * normals[i][axis] as i64);
+                (0..3).for_each(|axis| sum[axis] += self.weights[i] as i64 * normals[i][axis] as i64);
             }
             let length = sum.map(|v| v as f64 * v as f64).iter().sum::<f64>().sqrt();
             if length > 0.0 { sum.map(|v| (v as f64 / length * 127.0).round() as i8) } else { [0; 3] }
@@ -163,7 +167,7 @@ impl Runs<'_> {
 
     /// Times of different passes have no meaningful mean: that of the heaviest sample, of equally heavy ones the earliest.
     fn times(&self, times: &[f64]) -> Vec<f64> {
-        let weight = |i: usize| self.samples.weight(i);
+        let weight = |i: usize| self.weights[i];
         self.each(|run| {
             let heaviest = run.max_by(|&a, &b| weight(a).cmp(&weight(b)).then(times[b].total_cmp(&times[a])));
             times[heaviest.expect("a cell has samples")]
@@ -171,13 +175,10 @@ impl Runs<'_> {
     }
 }
 
-/// Rounded to the nearest; in 64 bits where they are enough, because dividing 128 is slow.
+/// Rounded to the nearest. Of whole numbers below 2^53 a quotient in f64 is never rounded up to the next whole one, and is found sooner than in integers.
 fn mean(sum: u128, total: u64) -> u64 {
     let sum = sum + total as u128 / 2;
-    match u64::try_from(sum) {
-        Ok(sum) => sum / total,
-        Err(_) => (sum / total as u128) as u64,
-    }
+    if (sum | total as u128) < 1 << 53 { (sum as i64 as f64 / total as i64 as f64) as i64 as u64 } else { (sum / total as u128) as u64 }
 }
 
 /// sRGB to linear light of 16 bits: finer than the steps of 8-bit sRGB everywhere.
@@ -264,6 +265,16 @@ mod tests {
                 assert!(sides.max() < Some(1 << 30), "{low} {high}");
                 assert!(high - low < 16 || merged.samples.len() == 2);
             }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn means_are_rounded_to_the_nearest(total in 1u64..1 << 56, mean in 0u64..1 << 56, more in any::<u64>(), scale in 0u32..56) {
+            let (total, mean) = ((total >> scale).max(1), mean >> scale);
+            let below = total as u128 / 2;
+            let sum = mean as u128 * total as u128 + (more % total) as u128;
+            prop_assert_eq!(super::mean(sum, total) as u128, (sum + below) / total as u128);
         }
     }
 

@@ -1,4 +1,4 @@
-//! One bucket's records in any order -> the same in Morton order, those at one place by what else they are.
+//! One bucket's records in any order -> their numbers in Morton order, those at one place by what else they are.
 //!
 //! ```text
 //! key = the 11 highest bits of each axis in which positions differ at all, interleaved        (a bucket of a surface: hardly two points share one)
@@ -29,34 +29,33 @@ pub struct RadixSorter {
 }
 
 impl RadixSorter {
-    /// Appends `records` to `sorted`, in order.
-    pub fn sort(&mut self, layout: &Layout, records: &[u8], sorted: &mut Vec<u8>) -> Result<()> {
+    /// Appends the order of `records`, the first of which has the number `first`.
+    pub fn sort(&mut self, layout: &Layout, records: &[u8], first: u32, order: &mut Vec<u32>) -> Result<()> {
         let rows = || records.chunks_exact(layout.bytes);
-        let Some(first) = rows().next().map(Layout::cell) else { return Ok(()) };
+        let Some(one) = rows().next().map(Layout::cell) else { return Ok(()) };
         if rows().len() > 1 << NUMBER_BITS {
             return Err(Error::Request(format!("{} points at one place are more than the 2^31 that can be sorted", rows().len())));
         }
         let mut differ: Cell = [0; 3];
-        rows().map(Layout::cell).for_each(|q| (0..3).for_each(|axis| differ[axis] |= q[axis] ^ first[axis]));
+        rows().map(Layout::cell).for_each(|q| (0..3).for_each(|axis| differ[axis] |= q[axis] ^ one[axis]));
         let bits = 32 - (differ[0] | differ[1] | differ[2]).leading_zeros();
         let dropped = bits.saturating_sub(AXIS_BITS);
         let key = |q: Cell| morton::code_63(q.map(|v| v >> dropped & ((1 << AXIS_BITS) - 1)));
         self.items.clear();
         self.items.extend(rows().map(Layout::cell).zip(0..).map(|(q, number)| key(q) << NUMBER_BITS | number));
         radix_sort(&mut self.items, &mut self.other, NUMBER_BITS);
-        let number = |item: u64| (item & ((1 << NUMBER_BITS) - 1)) as usize;
-        let record = |item: u64| &records[number(item) * layout.bytes..][..layout.bytes];
+        let number = |item: u64| (item & ((1 << NUMBER_BITS) - 1)) as u32;
+        let record = |item: u64| layout.record(records, number(item));
         for run in self.items.chunk_by_mut(|a, b| a >> NUMBER_BITS == b >> NUMBER_BITS).filter(|run| run.len() > 1) {
-            run.sort_unstable_by(|&a, &b| order(record(a), record(b)));
+            run.sort_unstable_by(|&a, &b| compare(record(a), record(b)));
         }
-        sorted.reserve(records.len());
-        self.items.iter().for_each(|&item| sorted.extend_from_slice(record(item)));
+        order.extend(self.items.iter().map(|&item| first + number(item)));
         Ok(())
     }
 }
 
 /// By code, then by content.
-fn order(a: &[u8], b: &[u8]) -> Ordering {
+fn compare(a: &[u8], b: &[u8]) -> Ordering {
     morton::order(Layout::cell(a), Layout::cell(b)).then_with(|| Layout::rest(a).cmp(Layout::rest(b)))
 }
 
@@ -98,18 +97,19 @@ mod tests {
             let layout = Layout::new(Wanted::default());
             let sorted = |points: &[(Cell, u16)]| {
                 let row = |&(q, part): &(Cell, u16)| [q.map(u32::to_le_bytes).as_flattened(), &part.to_le_bytes()].concat();
-                let mut sorted = Vec::new();
-                RadixSorter::default().sort(&layout, &points.iter().flat_map(row).collect::<Vec<_>>(), &mut sorted).unwrap();
-                sorted
+                let records: Vec<u8> = points.iter().flat_map(row).collect();
+                let mut order = Vec::new();
+                RadixSorter::default().sort(&layout, &records, 0, &mut order).unwrap();
+                order.iter().map(|&i| layout.record(&records, i).to_vec()).collect::<Vec<_>>()
             };
             let mut points: Vec<_> = points.into_iter().map(|(q, part)| (q.map(|v| v >> scale), part)).collect();
             let found = sorted(&points);
             points.sort_by_key(|(q, part)| (q[0] as u64 ^ seed.rotate_left(*part as u32)).wrapping_mul(0x9E37_79B9_7F4A_7C15));
             prop_assert_eq!(&found, &sorted(&points));
             points.sort_by_key(|&(q, part)| (morton::code_96(q), part));
-            let cells: Vec<Cell> = found.chunks_exact(layout.bytes).map(Layout::cell).collect();
+            let cells: Vec<Cell> = found.iter().map(|row| Layout::cell(row)).collect();
             prop_assert_eq!(cells, points.iter().map(|&(q, _)| q).collect::<Vec<_>>());
-            let parts: Vec<u16> = found.chunks_exact(layout.bytes).map(|row| u16::from_le_bytes([row[12], row[13]])).collect();
+            let parts: Vec<u16> = found.iter().map(|row| u16::from_le_bytes([row[12], row[13]])).collect();
             prop_assert_eq!(parts, points.iter().map(|&(_, part)| part).collect::<Vec<_>>());
         }
     }
