@@ -90,7 +90,7 @@ const HELD_BYTES_PER_NODE: usize = size_of::<Built>() + size_of::<NodeRecord>() 
 
 /// The program, what readers hold, what waits to be written.
 const BESIDE: u64 = 192 << 20;
-const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 20);
+const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 19);
 
 pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary> {
     let began = Instant::now();

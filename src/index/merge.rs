@@ -14,6 +14,7 @@ use super::samples::{Cell, Samples};
 use crate::cloud::Wanted;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::LazyLock;
 
 /// Positions of merged samples are kept to the cell's shortest side over 2^this: below half of what merging itself moved them.
@@ -65,10 +66,9 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
 /// Bits to drop before positions, rounded as [`merge`] rounds them, fit their planes: none unless samples lie 2^30 steps apart.
 fn least_dropped(q: &[Cell]) -> u32 {
     let most = 1u32 << (BITS_PER_PLANE * POSITION_PLANES);
-    let coarser = |axis: usize| {
-        let (low, high) = q.iter().fold((u32::MAX, 0), |(low, high), q| (low.min(q[axis]), high.max(q[axis])));
-        (0..32).find(|&coarser| (high >> coarser).saturating_sub(low >> coarser) < most).unwrap_or(32)
-    };
+    let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
+    q.iter().for_each(|q| (0..3).for_each(|axis| (low[axis], high[axis]) = (low[axis].min(q[axis]), high[axis].max(q[axis]))));
+    let coarser = |axis: usize| (0..32).find(|&coarser| (high[axis] >> coarser).saturating_sub(low[axis] >> coarser) < most).unwrap_or(32);
     match coarser(0).max(coarser(1)).max(coarser(2)) {
         0 => 0,
         coarser => 3 * (coarser + BITS_WITHIN_CELL),
@@ -84,12 +84,30 @@ struct Runs<'a> {
 }
 
 impl Runs<'_> {
-    fn each<T>(&self, one: impl FnMut(std::ops::Range<usize>) -> T) -> Vec<T> {
+    fn each<T>(&self, one: impl FnMut(Range<usize>) -> T) -> Vec<T> {
         self.starts.windows(2).map(|ends| ends[0]..ends[1]).map(one).collect()
     }
 
-    fn weighted<T>(&self, weights: &[u64], one: impl Fn(std::ops::Range<usize>, u64) -> T) -> Vec<T> {
+    fn weighted<T>(&self, weights: &[u64], one: impl Fn(Range<usize>, u64) -> T) -> Vec<T> {
         self.starts.windows(2).zip(weights).map(|(ends, &weight)| one(ends[0]..ends[1], weight)).collect()
+    }
+
+    /// Weighted, rounded to the nearest.
+    fn mean<const N: usize>(&self, run: Range<usize>, total: u64, value: impl Fn(usize) -> [u32; N]) -> [u64; N] {
+        if run.len() == 1 {
+            return value(run.start).map(u64::from);
+        }
+        let weighted = |i: usize| value(i).map(|v| self.weights[i] as u64 * v as u64);
+        let half = total / 2;
+        // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the weights fits 32.
+        if total >> 32 == 0 {
+            let mut sum = [half; N];
+            run.for_each(|i| sum.iter_mut().zip(weighted(i)).for_each(|(sum, v)| *sum += v));
+            return sum.map(|sum| quotient(sum, total));
+        }
+        let mut sum = [half as u128; N];
+        run.for_each(|i| sum.iter_mut().zip(weighted(i)).for_each(|(sum, v)| *sum += v as u128));
+        sum.map(|sum| (sum / total as u128) as u64)
     }
 
     /// Rounded to the middle of 2^coarser steps, which lie within the cell: the order of the samples stays that of their cells.
@@ -97,18 +115,12 @@ impl Runs<'_> {
         let bits = morton::axis_bits(dropped);
         let (q, middle) = (&self.samples.q, (1u32 << coarser) >> 1);
         self.weighted(weights, |run, total| {
-            let corner: Cell = std::array::from_fn(|axis| (q[run.start][axis] as u64 >> bits[axis] << bits[axis]) as u32);
-            let mut sum = [0u128; 3];
-            for i in run {
-                let weight = self.weights[i] as u64;
-                for axis in 0..3 {
-                    // Up to 2^64 - 2^33: a product of 32 bits by 32 fits, their sum may not.
-                    sum[axis] += (weight * (q[i][axis] - corner[axis]) as u64) as u128;
-                }
-            }
+            let first = q[run.start];
+            let corner: Cell = std::array::from_fn(|axis| (first[axis] as u64 >> bits[axis] << bits[axis]) as u32);
+            // Below the cell's side, which the mean cannot reach.
+            let within: [u64; 3] = self.mean(run, total, |i| std::array::from_fn(|axis| q[i][axis] - corner[axis]));
             std::array::from_fn(|axis| {
-                // Below the cell's side, which the mean cannot reach.
-                let within = mean(sum[axis], total).min((1u64 << bits[axis]) - 1) as u32;
+                let within = within[axis].min((1u64 << bits[axis]) - 1) as u32;
                 ((corner[axis] + within) >> coarser << coarser) + middle
             })
         })
@@ -116,20 +128,12 @@ impl Runs<'_> {
 
     fn colors(&self, rgb: &[[u8; 3]], weights: &[u64]) -> Vec<[u8; 3]> {
         let (decode, encode) = (&*DECODE, &**ENCODE);
-        self.weighted(weights, |run, total| {
-            let mut sum = [0u128; 3];
-            for i in run {
-                let weight = self.weights[i] as u64;
-                for c in 0..3 {
-                    sum[c] += (weight * decode[rgb[i][c] as usize] as u64) as u128;
-                }
-            }
-            sum.map(|sum| encode[mean(sum, total) as usize])
-        })
+        let linear = |i: usize| rgb[i].map(|v| decode[v as usize] as u32);
+        self.weighted(weights, |run, total| self.mean(run, total, linear).map(|mean| encode[mean as usize]))
     }
 
     fn means(&self, values: &[u16], weights: &[u64]) -> Vec<u16> {
-        self.weighted(weights, |run, total| mean(run.map(|i| (self.weights[i] as u64 * values[i] as u64) as u128).sum(), total) as u16)
+        self.weighted(weights, |run, total| self.mean(run, total, |i| [values[i] as u32])[0] as u16)
     }
 
     /// The value with the greatest weight; of equally heavy ones the least.
@@ -175,10 +179,9 @@ impl Runs<'_> {
     }
 }
 
-/// Rounded to the nearest. Of whole numbers below 2^53 a quotient in f64 is never rounded up to the next whole one, and is found sooner than in integers.
-fn mean(sum: u128, total: u64) -> u64 {
-    let sum = sum + total as u128 / 2;
-    if (sum | total as u128) < 1 << 53 { (sum as i64 as f64 / total as i64 as f64) as i64 as u64 } else { (sum / total as u128) as u64 }
+/// Rounded down. Of whole numbers below 2^53 the quotient in f64 is never rounded up to the next whole one, and is found sooner than in integers.
+fn quotient(sum: u64, total: u64) -> u64 {
+    if (sum | total) >> 53 == 0 { (sum as i64 as f64 / total as i64 as f64) as i64 as u64 } else { sum / total }
 }
 
 /// sRGB to linear light of 16 bits: finer than the steps of 8-bit sRGB everywhere.
@@ -270,11 +273,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn means_are_rounded_to_the_nearest(total in 1u64..1 << 56, mean in 0u64..1 << 56, more in any::<u64>(), scale in 0u32..56) {
-            let (total, mean) = ((total >> scale).max(1), mean >> scale);
-            let below = total as u128 / 2;
-            let sum = mean as u128 * total as u128 + (more % total) as u128;
-            prop_assert_eq!(super::mean(sum, total) as u128, (sum + below) / total as u128);
+        fn quotients_are_those_of_integers(total in 1u64..1 << 40, quotient in any::<u64>(), rest in any::<u64>(), scale in 0u32..40) {
+            let total = (total >> scale).max(1);
+            let quotient = quotient % (u64::MAX / total);
+            prop_assert_eq!(super::quotient(quotient * total + rest % total, total), quotient);
+            prop_assert_eq!(super::quotient(quotient * total + (total - 1), total), quotient);
         }
     }
 

@@ -44,19 +44,19 @@ pub fn has(q: [u32; 3], bit: u32) -> bool {
     q[bit as usize % 3] >> (bit / 3) & 1 == 1
 }
 
-/// The highest bit in which two codes differ, counted from 1; 0 if they are equal. Found without making the codes.
+/// The highest bit in which two codes differ, counted from 1; 0 if they are equal. Found without making the codes, and without branches, which nobody
+/// could foretell.
 pub fn highest_difference(a: [u32; 3], b: [u32; 3]) -> u8 {
-    let of = |axis: usize| match a[axis] ^ b[axis] {
-        0 => 0,
-        different => 3 * (31 - different.leading_zeros()) + axis as u32 + 1,
+    let of = |axis: usize| {
+        let different = a[axis] ^ b[axis];
+        (3 * (different | 1).ilog2() + axis as u32 + 1) * (different != 0) as u32
     };
     of(0).max(of(1)).max(of(2)) as u8
 }
 
-/// The order of two codes. Found without making them.
+/// The order of two codes.
 pub fn order(a: [u32; 3], b: [u32; 3]) -> std::cmp::Ordering {
-    // The axis that has the highest different bit decides; at the same height the last one.
-    let axis = (0..3).max_by_key(|&axis| 32 - (a[axis] ^ b[axis]).leading_zeros()).unwrap_or(0);
+    let axis = highest_difference(a, b).wrapping_sub(1) as usize % 3;
     a[axis].cmp(&b[axis])
 }
 
