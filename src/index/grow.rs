@@ -10,10 +10,11 @@
 //! The tree is the binary one of Pintus, section 7, but only cells that gather enough samples get a node: with G = 4 M inner nodes cost about a sixth of the
 //! leaves' bytes, where a node in every cell would cost as much again. Which cells get one depends on the points alone, not on chunks, threads or memory.
 
-use super::bucket::{Bucket, Colors, Layout, Spill};
+use super::bucket::{Bucket, Spill};
 use super::file::NodeRecord;
 use super::merge::{Merged, merge};
 use super::morton;
+use super::record::{Colors, Layout};
 use super::samples::Samples;
 use super::sort::RadixSorter;
 use crate::cloud::{Lattice, Wanted};
@@ -133,7 +134,8 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
             let open = order.chunks(POINTS_PER_PAGE as usize).map(|run| self.leaf(run)).collect();
             return self.parent(open);
         }
-        let cell = |&i: &u32| Layout::cell(self.tree.layout.record(self.records, i));
+        let layout = &self.tree.layout;
+        let cell = |&i: &u32| layout.cell(layout.record(self.records, i));
         let (low, high) = order.split_at(order.partition_point(|i| !morton::has(cell(i), left - 1)));
         let mut open = self.grow(low, left - 1);
         let upper = self.grow(high, left - 1);

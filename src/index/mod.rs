@@ -14,6 +14,7 @@ mod merge;
 pub mod morton;
 pub mod organise;
 pub mod pack;
+mod record;
 mod samples;
 mod sort;
 

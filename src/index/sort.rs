@@ -8,8 +8,8 @@
 //! So the order depends on the points alone, not on the order in which they came. A bucket at a time, because most fit the cache, where a chunk of many
 //! buckets does not.
 
-use super::bucket::Layout;
 use super::morton;
+use super::record::Layout;
 use super::samples::Cell;
 use crate::error::{Error, Result};
 use std::cmp::Ordering;
@@ -32,22 +32,22 @@ impl RadixSorter {
     /// Appends the order of `records`, the first of which has the number `first`.
     pub fn sort(&mut self, layout: &Layout, records: &[u8], first: u32, order: &mut Vec<u32>) -> Result<()> {
         let rows = || records.chunks_exact(layout.bytes);
-        let Some(one) = rows().next().map(Layout::cell) else { return Ok(()) };
+        let Some(one) = rows().next().map(|row| layout.cell(row)) else { return Ok(()) };
         if rows().len() > 1 << NUMBER_BITS {
             return Err(Error::Request(format!("{} points at one place are more than the 2^31 that can be sorted", rows().len())));
         }
         let mut differ: Cell = [0; 3];
-        rows().map(Layout::cell).for_each(|q| (0..3).for_each(|axis| differ[axis] |= q[axis] ^ one[axis]));
+        rows().map(|row| layout.cell(row)).for_each(|q| (0..3).for_each(|axis| differ[axis] |= q[axis] ^ one[axis]));
         let bits = 32 - (differ[0] | differ[1] | differ[2]).leading_zeros();
         let dropped = bits.saturating_sub(AXIS_BITS);
         let key = |q: Cell| morton::code_63(q.map(|v| v >> dropped & ((1 << AXIS_BITS) - 1)));
         self.items.clear();
-        self.items.extend(rows().map(Layout::cell).zip(0..).map(|(q, number)| key(q) << NUMBER_BITS | number));
+        self.items.extend(rows().map(|row| layout.cell(row)).zip(0..).map(|(q, number)| key(q) << NUMBER_BITS | number));
         radix_sort(&mut self.items, &mut self.other, NUMBER_BITS);
         let number = |item: u64| (item & ((1 << NUMBER_BITS) - 1)) as u32;
         let record = |item: u64| layout.record(records, number(item));
         for run in self.items.chunk_by_mut(|a, b| a >> NUMBER_BITS == b >> NUMBER_BITS).filter(|run| run.len() > 1) {
-            run.sort_unstable_by(|&a, &b| compare(record(a), record(b)));
+            run.sort_unstable_by(|&a, &b| compare(layout, record(a), record(b)));
         }
         order.extend(self.items.iter().map(|&item| first + number(item)));
         Ok(())
@@ -55,8 +55,8 @@ impl RadixSorter {
 }
 
 /// By code, then by content.
-fn compare(a: &[u8], b: &[u8]) -> Ordering {
-    morton::order(Layout::cell(a), Layout::cell(b)).then_with(|| Layout::rest(a).cmp(Layout::rest(b)))
+fn compare(layout: &Layout, a: &[u8], b: &[u8]) -> Ordering {
+    morton::order(layout.cell(a), layout.cell(b)).then_with(|| layout.rest(a).cmp(layout.rest(b)))
 }
 
 /// Sorts by the bits from `from` on (least significant digit first).
@@ -85,32 +85,35 @@ fn radix_sort(items: &mut Vec<u64>, other: &mut Vec<u64>, from: u32) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::record::Batch;
     use super::*;
-    use crate::cloud::Wanted;
+    use crate::cloud::{Columns, Wanted};
     use proptest::prelude::*;
 
     proptest! {
         #[test]
         fn records_are_sorted_by_code_and_content_whatever_their_order(
-            points in prop::collection::vec((prop::array::uniform3(any::<u32>()), 0u16..3), 0..600), scale in 0u32..32, seed in any::<u64>(),
+            points in prop::collection::vec((prop::array::uniform3(any::<u32>()), 0u8..3), 0..600), scale in 0u32..32, seed in any::<u64>(),
         ) {
-            let layout = Layout::new(Wanted::default());
-            let sorted = |points: &[(Cell, u16)]| {
-                let row = |&(q, part): &(Cell, u16)| [q.map(u32::to_le_bytes).as_flattened(), &part.to_le_bytes()].concat();
-                let records: Vec<u8> = points.iter().flat_map(row).collect();
+            let has = Wanted { class: true, ..Wanted::default() };
+            let layout = Layout::new(has, 32 - scale, &[0]);
+            let sorted = |points: &[(Cell, u8)]| {
+                let (cells, class): (Vec<Cell>, Vec<u8>) = points.iter().copied().unzip();
+                let columns = Columns { class: Some(class), ..Columns::default() };
+                let mut records = vec![0; points.len() * layout.bytes];
+                let slots: Vec<u32> = (0..points.len() as u32).collect();
+                layout.write(&mut records, &slots, &Batch { cells: &cells, columns: &columns, wide: false, part: 0 });
                 let mut order = Vec::new();
                 RadixSorter::default().sort(&layout, &records, 0, &mut order).unwrap();
-                order.iter().map(|&i| layout.record(&records, i).to_vec()).collect::<Vec<_>>()
+                let samples = layout.read(&records, &order, has, &|_, _| 0);
+                samples.q.into_iter().zip(samples.class.unwrap()).collect::<Vec<_>>()
             };
-            let mut points: Vec<_> = points.into_iter().map(|(q, part)| (q.map(|v| v >> scale), part)).collect();
+            let mut points: Vec<_> = points.into_iter().map(|(q, class)| (q.map(|v| v >> scale), class)).collect();
             let found = sorted(&points);
-            points.sort_by_key(|(q, part)| (q[0] as u64 ^ seed.rotate_left(*part as u32)).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+            points.sort_by_key(|(q, class)| (q[0] as u64 ^ seed.rotate_left(*class as u32)).wrapping_mul(0x9E37_79B9_7F4A_7C15));
             prop_assert_eq!(&found, &sorted(&points));
-            points.sort_by_key(|&(q, part)| (morton::code_96(q), part));
-            let cells: Vec<Cell> = found.iter().map(|row| Layout::cell(row)).collect();
-            prop_assert_eq!(cells, points.iter().map(|&(q, _)| q).collect::<Vec<_>>());
-            let parts: Vec<u16> = found.iter().map(|row| u16::from_le_bytes([row[12], row[13]])).collect();
-            prop_assert_eq!(parts, points.iter().map(|&(_, part)| part).collect::<Vec<_>>());
+            points.sort_by_key(|&(q, class)| (morton::code_96(q), class));
+            prop_assert_eq!(found, points);
         }
     }
 }
