@@ -14,10 +14,12 @@ layout(local_size_x = 64) in;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) writeonly uniform image2D packed_depth;
 
+// Each pixel is the nearest of so many x so many, itself at the top left.
+layout(constant_id = 0) const uint SPAN = 1u;
+
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     uvec2 packed_size; // texels
-    int span;          // each pixel the nearest of so many x so many, itself at the top left
 } push;
 
 void main() {
@@ -25,15 +27,16 @@ void main() {
     if (any(greaterThanEqual(texel, ivec2(push.packed_size)))) return;
     ivec2 size = ivec2(push.size);
     ivec2 top = ivec2(texel.x, 4 * texel.y) - MARGIN_PX;
-    vec4 four;
-    [[unroll]] for (int row = 0; row < 4; ++row) {
-        float nearest = uintBitsToFloat(BACKGROUND_BITS);
-        for (int i = 0; i < push.span * push.span; ++i) {
-            ivec2 at = top + ivec2(i % push.span, row + i / push.span);
-            ivec2 mirrored = size - 1 - abs(size - 1 - abs(at));
-            nearest = min(nearest, imageLoad(depth, clamp(mirrored, ivec2(0), size - 1)).r);
+    vec4 four = vec4(uintBitsToFloat(BACKGROUND_BITS));
+    for (int i = 0; i < int(SPAN); ++i) {
+        int x = size.x - 1 - abs(size.x - 1 - abs(top.x + i));
+        [[unroll]] for (int row = 0; row < 5; ++row) {
+            if (row == 4 && SPAN == 1u) break;
+            int y = size.y - 1 - abs(size.y - 1 - abs(top.y + row));
+            float z = imageLoad(depth, clamp(ivec2(x, y), ivec2(0), size - 1)).r;
+            if (row < 4) four[row] = min(four[row], z);
+            if (row > 0 && SPAN == 2u) four[row - 1] = min(four[row - 1], z);
         }
-        four[row] = nearest;
     }
     imageStore(packed_depth, texel, four);
 }

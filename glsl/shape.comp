@@ -23,16 +23,13 @@ layout(scalar) buffer Wanted { uint tile[]; } wanted;
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size;  // pixels
     uvec2 tiles;
     float width; // of `softness` pixels: metres, or with perspective parts of the depth
     int rings;   // 0: there is no deeper level
 } push;
 
 float depth_at(ivec2 pixel) {
-    bool inside = all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(push.size)));
-    float z = imageLoad(depth, clamp(pixel, ivec2(0), ivec2(push.size) - 1)).r;
-    return inside ? depth_or_none(z) : NO_DEPTH;
+    return depth_or_none(imageLoad(depth, pixel).r);
 }
 
 void want(ivec2 tile) {

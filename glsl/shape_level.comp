@@ -19,15 +19,18 @@ layout(scalar) readonly buffer Wanted { uint tile[]; } wanted;
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size;   // pixels
     uint tiles_across;
     float width;  // of `softness` pixels: metres, or with perspective parts of the depth
     float before; // weight of what the shade holds
     float weight; // of this level
 } push;
 
+// Outside of an image there are zeros, and inside only depths and NO_DEPTH.
+float inside_or_none(float z) {
+    return z > 0.0 ? z : NO_DEPTH;
+}
+
 void main() {
-    int width = int(push.size.x);
     EACH_OF(lists.word[3]) {
         uint tile = lists.word[LIST_HEADER + n];
         ivec2 top = column_of(tile, push.tiles_across);
@@ -36,15 +39,11 @@ void main() {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             float z[18];
             [[unroll]] for (int k = 0; k < 3; ++k) {
-                int x = texel.x + k - 1;
-                bool inside = x >= 0 && x < width;
-                int column = clamp(x, 0, width - 1);
-                float above = imageLoad(from, ivec2(column, texel.y - 1)).w;
-                vec4 own = imageLoad(from, ivec2(column, texel.y));
-                float below = imageLoad(from, ivec2(column, texel.y + 1)).x;
-                z[k] = inside && texel.y > 0 ? above : NO_DEPTH;
-                [[unroll]] for (int p = 0; p < 4; ++p) z[3 * p + 3 + k] = inside ? own[p] : NO_DEPTH;
-                z[15 + k] = inside && 4 * texel.y + 4 < int(push.size.y) ? below : NO_DEPTH;
+                ivec2 at = texel + ivec2(k - 1, 0);
+                vec4 own = imageLoad(from, at);
+                z[k] = inside_or_none(imageLoad(from, at - ivec2(0, 1)).w);
+                [[unroll]] for (int p = 0; p < 4; ++p) z[3 * p + 3 + k] = inside_or_none(own[p]);
+                z[15 + k] = inside_or_none(imageLoad(from, at + ivec2(0, 1)).x);
             }
             vec4 omegas;
             vec4 nexts;

@@ -14,9 +14,9 @@ struct Level {
     bool flat_;  // a plane, as far as this pixel sees: deeper levels give the same omega
 };
 
-// Depth, or NO_DEPTH.
+// Depth, or NO_DEPTH: of what is unknown, and of what lies outside of an image.
 float depth_or_none(float z) {
-    return z > 0.0 && z < NO_DEPTH ? z : NO_DEPTH;
+    return has_depth(floatBitsToUint(z)) && z > 0.0 ? z : NO_DEPTH;
 }
 
 // Of the 3 x 3, row by row, the pixel itself in the middle; `width` is of `softness` pixels: metres, or with perspective parts of the depth.

@@ -92,7 +92,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let mut wanted = g.buffer("wanted", 4 * count as u64);
     g.fill(&mut lists, 0);
     g.fill(&mut wanted, 0);
-    let push = shape::Push { size, tiles: across, width, rings: rings(weights.len() as u32) };
+    let push = shape::Push { tiles: across, width, rings: rings(weights.len() as u32) };
     g.run(
         shader::Shape {
             depth: &layers.depth,
@@ -107,7 +107,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     );
     for (k, &weight) in weights.iter().enumerate().skip(1) {
         let before = if k == 1 { weights[0] } else { 1.0 } as f32;
-        let push = shape_level::Push { size, tiles_across: across[0], width, before, weight: weight as f32 };
+        let push = shape_level::Push { tiles_across: across[0], width, before, weight: weight as f32 };
         let spec = shape_level::Spec { perspective };
         g.run(
             shader::ShapeLevel { from: &from, to: &mut to, shade: &mut shade, lists: &lists, wanted: &wanted, push, spec },
