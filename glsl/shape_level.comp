@@ -25,11 +25,6 @@ layout(push_constant, scalar) uniform Push {
     float weight; // of this level
 } push;
 
-// Outside of an image there are zeros, and inside only depths and NO_DEPTH.
-float inside_or_none(float z) {
-    return z > 0.0 ? z : NO_DEPTH;
-}
-
 void main() {
     EACH_OF(lists.word[3]) {
         uint tile = lists.word[LIST_HEADER + n];
@@ -38,13 +33,7 @@ void main() {
         for (int half_tile = 0; half_tile < 2; ++half_tile) {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             float z[18];
-            [[unroll]] for (int k = 0; k < 3; ++k) {
-                ivec2 at = texel + ivec2(k - 1, 0);
-                vec4 own = imageLoad(from, at);
-                z[k] = inside_or_none(imageLoad(from, at - ivec2(0, 1)).w);
-                [[unroll]] for (int p = 0; p < 4; ++p) z[3 * p + 3 + k] = inside_or_none(own[p]);
-                z[15 + k] = inside_or_none(imageLoad(from, at + ivec2(0, 1)).x);
-            }
+            LOAD_AROUND(z, from, texel)
             vec4 omegas;
             vec4 nexts;
             [[unroll]] for (int p = 0; p < 4; ++p) {

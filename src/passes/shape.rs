@@ -5,7 +5,7 @@
 
 use super::{Decided, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
-use crate::shader::{self, shape, shape_level, unpack_light, whiten};
+use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
 use crate::view::{Projection, View};
 
 pub const SUMMARY: &str = "shades by shape: lines at creases, light on what faces the viewer, without normals";
@@ -92,10 +92,13 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let mut wanted = g.buffer("wanted", 4 * count as u64);
     g.fill(&mut lists, 0);
     g.fill(&mut wanted, 0);
-    let push = shape::Push { tiles: across, width, rings: rings(weights.len() as u32) };
+    let push = pack_depth::Push { size, packed_size: packed };
+    let spec = pack_depth::Spec { span: 1, margin: false };
+    g.run(shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push, spec }, Tiles::All);
+    let push = shape::Push { size, tiles: across, width, rings: rings(weights.len() as u32) };
     g.run(
         shader::Shape {
-            depth: &layers.depth,
+            depth: &to,
             next: &mut from,
             shade: &mut shade,
             lists: &mut lists,

@@ -106,7 +106,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);
         let push = pack_depth::Push { size: view.size, packed_size };
         let needed = Tiles::From(&lists, packed_at + (span - 1) * LIST_HEADER);
-        g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push, spec: pack_depth::Spec { span } }, needed);
+        g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push, spec: pack_depth::Spec { span, margin: true } }, needed);
         packed
     });
 
