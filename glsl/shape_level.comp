@@ -14,9 +14,12 @@ layout(rgba32f) readonly uniform image2D from;
 layout(rgba32f) writeonly uniform image2D to;
 layout(rgba32f) uniform image2D shade;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
-layout(scalar) readonly buffer Wanted { uint tile[]; } wanted;
+layout(r32ui) readonly uniform uimageBuffer listed_words;
+layout(scalar) readonly buffer Wanted { uint word[]; } wanted;
+layout(r32ui) readonly uniform uimageBuffer wanted_words;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
+layout(constant_id = 1) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
     uint tiles_across;
@@ -26,10 +29,10 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 void main() {
-    EACH_OF(lists.word[3]) {
-        uint tile = lists.word[LIST_HEADER + n];
+    EACH_OF(WORD(listed_words, lists, 3u)) {
+        uint tile = WORD(listed_words, lists, LIST_HEADER + n);
         ivec2 top = column_of(tile, push.tiles_across);
-        bool shaded = (wanted.tile[tile] & 2u) != 0u;
+        bool shaded = (WORD(wanted_words, wanted, tile) & 2u) != 0u;
         for (int half_tile = 0; half_tile < 2; ++half_tile) {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             float z[18];

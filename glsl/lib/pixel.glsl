@@ -5,7 +5,7 @@ const uint NO_POINT = 0xFFFFFFFFu;
 const uint BACKGROUND_BITS = 0x7F800000u;
 const uint UNKNOWN_BITS = 0xFF800000u;
 
-// While filling, a pixel is two words. The first: bits of its depth, with the sign set where the pixel is being filled. The second: its colour.
+// While filling, a pixel is two words: bits of its depth, with the sign set where the pixel is being filled, and its colour.
 const uint FILLING = 0x80000000u;
 
 // What lies outside of an image reads as 0 (robustImageAccess), and is no depth.
@@ -17,12 +17,13 @@ bool has_depth(uint bits) {
 const vec3 ROOTS = vec3(2047.0, 2047.0, 1023.0);
 
 uint pack_light(vec3 light) {
-    uvec3 q = uvec3(min(sqrt(light), ROOTS) + 0.5);
-    return q.r | (q.g << 11) | (q.b << 22);
+    // By way of signed integers, which CPUs convert in one instruction.
+    ivec3 q = ivec3(min(sqrt(light), ROOTS) + 0.5);
+    return uint(q.r | (q.g << 11) | (q.b << 22));
 }
 
 vec3 light_of(uint word) {
-    vec3 root = vec3(word & 2047u, (word >> 11) & 2047u, word >> 22);
+    vec3 root = vec3(ivec3(word & 2047u, (word >> 11) & 2047u, word >> 22));
     return root * root;
 }
 

@@ -111,9 +111,9 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     for (k, &weight) in weights.iter().enumerate().skip(1) {
         let before = if k == 1 { weights[0] } else { 1.0 } as f32;
         let push = shape_level::Push { tiles_across: across[0], width, before, weight: weight as f32 };
-        let spec = shape_level::Spec { perspective };
+        let spec = shape_level::Spec { perspective, texels: g.gpu.device.texels };
         g.run(
-            shader::ShapeLevel { from: &from, to: &mut to, shade: &mut shade, lists: &lists, wanted: &wanted, push, spec },
+            shader::ShapeLevel { from: &from, to: &mut to, shade: &mut shade, lists: &lists, listed_words: &lists, wanted: &wanted, wanted_words: &wanted, push, spec },
             Tiles::From(&lists, 0),
         );
         std::mem::swap(&mut from, &mut to);

@@ -128,10 +128,10 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
             threshold: (settings.threshold * sectors as f64 / TAU) as f32,
             holes: (settings.holes * sectors as f64 / TAU) as f32,
         };
-        let spec = visibility::Spec { radius, sectors, perspective, stride: span };
+        let spec = visibility::Spec { radius, sectors, perspective, stride: span, texels: g.gpu.device.texels };
         let counted = lists.racing();
         let tiles = Tiles::From(&counted, list * stride);
-        g.run(shader::Visibility { depth: &depth, packed_depth: &packed[span as usize - 1], lists: &mut lists, invisible: &mut invisible, listed: &mut listed, push, spec }, tiles);
+        g.run(shader::Visibility { depth: &depth, packed_depth: &packed[span as usize - 1], listed_words: &counted, lists: &mut lists, invisible: &mut invisible, listed: &mut listed, push, spec }, tiles);
     }
 
     let push = hide::Push { tiles_across: across[0], at: holes_at };
