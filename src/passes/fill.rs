@@ -68,7 +68,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let perspective = view.camera.projection == Projection::Perspective;
 
     let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
-    let pair = |g: &mut Graph, name: &str| ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32ui));
+    let pair = |g: &mut Graph, name: &str| ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32f));
     let ([mut from_depth, mut from_color], [mut to_depth, mut to_color]) = (pair(g, "even"), pair(g, "odd"));
     let push = fill_open::Push { tiles_across: across[0], at };
     g.run(
