@@ -1,6 +1,7 @@
 // What was filled -> layers. A pixel that nothing reached is background.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "tile.glsl"
@@ -9,7 +10,9 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
-layout(rg32ui) readonly uniform uimage2D filled;
+// Words of depth and of colour, four rows a texel.
+layout(rgba32ui) readonly uniform uimage2D filled_depth;
+layout(rgba32ui) readonly uniform uimage2D filled_color;
 layout(r32f) uniform image2D depth;
 layout(rgba32f) uniform image2D color;
 
@@ -22,14 +25,18 @@ layout(push_constant, scalar) uniform Push {
 void main() {
     EACH_OF(lists.word[push.at + 3u]) {
         uint tile = lists.word[push.at + LIST_HEADER + n];
-        for (int row = 0; row < TILE_PX; ++row) {
-            ivec2 pixel = column_of(tile, push.tiles_across) + ivec2(0, row);
-            bool inside = all(lessThan(pixel, ivec2(push.size)));
-            uvec2 value = imageLoad(filled, min(pixel, ivec2(push.size) - 1)).rg;
-            if (inside && (value.x & FILLING) != 0u) {
-                bool has = has_depth(value.x);
-                imageStore(depth, pixel, vec4(uintBitsToFloat(has ? value.x & ~FILLING : BACKGROUND_BITS)));
-                imageStore(color, pixel, has ? vec4(unpack_color(value.y), 1.0) : vec4(0.0));
+        ivec2 top = column_of(tile, push.tiles_across);
+        for (int half_tile = 0; half_tile < 2; ++half_tile) {
+            ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
+            uvec4 depths = imageLoad(filled_depth, texel);
+            uvec4 colors = imageLoad(filled_color, texel);
+            [[unroll]] for (int row = 0; row < 4; ++row) {
+                ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
+                if ((depths[row] & FILLING) != 0u && all(lessThan(pixel, ivec2(push.size)))) {
+                    bool has = has_depth(depths[row]);
+                    imageStore(depth, pixel, vec4(uintBitsToFloat(has ? depths[row] & ~FILLING : BACKGROUND_BITS)));
+                    imageStore(color, pixel, has ? vec4(unpack_color(colors[row]), 1.0) : vec4(0.0));
+                }
             }
         }
     }

@@ -1,6 +1,7 @@
-// Layers -> the two images that filling goes back and forth between: of all tiles with pixels to fill, and a rim of one pixel around them, which is as far as a pixel looks.
+// Layers -> the images that filling goes back and forth between: of all tiles with pixels to fill, and a rim around them, at least as far as a pixel looks.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "tile.glsl"
@@ -11,34 +12,37 @@ layout(local_size_x = 64) in;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
-layout(rg32ui) writeonly uniform uimage2D even;
-layout(rg32ui) writeonly uniform uimage2D odd;
+// Words of depth and of colour, four rows a texel.
+layout(rgba32ui) writeonly uniform uimage2D even_depth;
+layout(rgba32ui) writeonly uniform uimage2D even_color;
+layout(rgba32ui) writeonly uniform uimage2D odd_depth;
+layout(rgba32ui) writeonly uniform uimage2D odd_color;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size; // pixels
     uint tiles_across;
-    uint at;    // the list of tiles with pixels to fill
+    uint at; // the list of tiles with pixels to fill
 } push;
 
-void open(ivec2 pixel) {
-    if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, ivec2(push.size)))) return;
-    uvec4 value = uvec4(floatBitsToUint(imageLoad(depth, pixel).r), pack_color(imageLoad(color, pixel).rgb), 0u, 0u);
-    imageStore(even, pixel, value);
-    imageStore(odd, pixel, value);
+void open(ivec2 texel) {
+    uvec4 depths;
+    uvec4 colors;
+    // What lies beyond the picture reads as 0: no depth.
+    [[unroll]] for (int row = 0; row < 4; ++row) {
+        ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
+        depths[row] = floatBitsToUint(imageLoad(depth, pixel).r);
+        colors[row] = pack_color(imageLoad(color, pixel).rgb);
+    }
+    imageStore(even_depth, texel, depths);
+    imageStore(odd_depth, texel, depths);
+    imageStore(even_color, texel, colors);
+    imageStore(odd_color, texel, colors);
 }
 
 void main() {
     EACH_OF(lists.word[push.at + 3u]) {
         uint tile = lists.word[push.at + LIST_HEADER + n];
-        ivec2 corner = tile_corner(tile, push.tiles_across);
-        int lane = int(gl_LocalInvocationID.x % 8u);
-        for (int row = -1; row <= TILE_PX; ++row) {
-            open(corner + ivec2(lane, row));
-        }
-        // The rim's left and right sides: ten pixels each, among eight lanes.
-        for (int row = lane - 1; row <= TILE_PX; row += 8) {
-            open(corner + ivec2(-1, row));
-            open(corner + ivec2(TILE_PX, row));
-        }
+        ivec2 corner = tile_corner(tile, push.tiles_across) / ivec2(1, 4);
+        // The tile's two rows of texels, one above, one below, and a column on either side.
+        for (int i = int(gl_LocalInvocationID.x % 8u); i < 40; i += 8) open(corner + ivec2(i % 10, i / 10) - 1);
     }
 }

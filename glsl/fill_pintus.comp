@@ -17,12 +17,18 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
+layout(r32ui) readonly uniform uimageBuffer listed_words;
 layout(scalar) buffer Steps { uint word[]; } steps;
-layout(rg32ui) readonly uniform uimage2D from;
-layout(rg32ui) writeonly uniform uimage2D to;
+layout(r32ui) readonly uniform uimageBuffer step_words;
+// Words of depth and of colour, four rows a texel.
+layout(rgba32ui) readonly uniform uimage2D from_depth;
+layout(rgba32ui) readonly uniform uimage2D from_color;
+layout(rgba32ui) writeonly uniform uimage2D to_depth;
+layout(rgba32ui) writeonly uniform uimage2D to_color;
+
+layout(constant_id = 0) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size;      // pixels
     uvec2 tiles;
     uint at;         // the list of tiles with pixels to fill
     uint step;       // from 1
@@ -32,99 +38,124 @@ layout(push_constant, scalar) uniform Push {
     uint surrounded; // background is filled, too, where so many of its neighbours have a value
 } push;
 
-const uint NOTHING = 0xFFFFFFFFu;
+// More than any depth's bits.
+const int NOTHING = 0x7FFFFFFF;
 
-uvec2 value_at(ivec2 pixel) {
-    bool inside = all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(push.size)));
-    uvec2 value = imageLoad(from, clamp(pixel, ivec2(0), ivec2(push.size) - 1)).rg;
-    return inside ? value : uvec2(BACKGROUND_BITS, 0u);
+// Without the sign; NOTHING where there is no depth. Comparisons are of signed integers, for which CPUs have an instruction.
+int depth_bits(uint word) {
+    int magnitude = int(word & ~FILLING);
+    return magnitude > 0 && magnitude < int(BACKGROUND_BITS) ? magnitude : NOTHING;
 }
 
-// Neighbours that have a value.
-uint valid_of(uvec2 above[3], uvec2 level[3], uvec2 below[3]) {
-    uint valid = (has_depth(level[0].x) ? 1u : 0u) + (has_depth(level[2].x) ? 1u : 0u);
-    [[unroll]] for (int k = 0; k < 3; ++k) valid += (has_depth(above[k].x) ? 1u : 0u) + (has_depth(below[k].x) ? 1u : 0u);
-    return valid;
-}
-
-uvec2 mean(uvec2 own, uvec2 around[8]) {
-    float z0 = uintBitsToFloat(own.x & ~FILLING);
-    precise float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
-    precise float weights = 1.0;
-    precise float rise = 0.0;
-    precise vec3 color = unpack_color(own.y);
-    [[unroll]] for (int k = 0; k < 8; ++k) {
-        bool corner = k == 0 || k == 2 || k == 5 || k == 7;
-        bool has = around[k].x != NOTHING;
-        precise float difference = (has ? uintBitsToFloat(around[k].x) : z0) - z0;
-        precise float near = tolerance > 0.0 ? 1.0 - min(1.0, abs(difference) / tolerance) : difference == 0.0 ? 1.0 : 0.0;
-        precise float weight = has ? (corner ? 0.292893219 : 0.5) * near : 0.0;
-        weights += weight;
-        rise += weight * difference;
-        color += weight * unpack_color(around[k].y);
-    }
-    precise float z = z0 + rise / weights;
-    return uvec2(floatBitsToUint(z) | FILLING, pack_color(color / weights));
-}
-
-uvec2 median(uvec2 own, uvec2 around[8]) {
-    uint valid = 0u;
-    [[unroll]] for (int k = 0; k < 8; ++k) valid += around[k].x != NOTHING ? 1u : 0u;
-    uint rank = (valid - 1u) / 2u;
-    uvec2 found = own;
-    [[unroll]] for (int k = 0; k < 8; ++k) {
-        uint before = 0u;
-        [[unroll]] for (int i = 0; i < 8; ++i) {
-            if (i != k) before += around[i].x < around[k].x || (around[i].x == around[k].x && i < k) ? 1u : 0u;
-        }
-        found = valid > 0u && before == rank ? uvec2(around[k].x | FILLING, around[k].y) : found;
-    }
-    return found;
-}
+// Of the 3 x 3, row by row, by places in a column of six rows of three: the pixel is at `c`.
+#define AROUND(k, c) ((c) - 4 + (k) + (k) / 4)
 
 void main() {
-    ivec2 size = ivec2(push.size);
-    EACH_OF(lists.word[push.at + 3u]) {
-        uint tile = lists.word[push.at + LIST_HEADER + n];
+    EACH_OF(WORD(listed_words, lists, push.at + 3u)) {
+        uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
         ivec2 own_tile = ivec2(tile % push.tiles.x, tile / push.tiles.x);
         bool awake = push.step == 1u;
         for (int k = 0; k < 9 && !awake; ++k) {
             ivec2 at = clamp(own_tile + ivec2(k % 3, k / 3) - 1, ivec2(0), ivec2(push.tiles) - 1);
             // A neighbour may be changing right now: then it is taken for changed, which costs time and nothing else.
-            awake = steps.word[push.changed_at + uint(at.y) * push.tiles.x + uint(at.x)] + 1u >= push.step;
+            awake = WORD(step_words, steps, push.changed_at + uint(at.y) * push.tiles.x + uint(at.x)) + 1u >= push.step;
         }
         ivec2 top = column_of(tile, push.tiles.x);
-        uvec2 above[3];
-        uvec2 level[3];
-        uvec2 below[3];
-        [[unroll]] for (int k = 0; k < 3; ++k) {
-            above[k] = value_at(top + ivec2(k - 1, -1));
-            level[k] = value_at(top + ivec2(k - 1, 0));
-        }
         bool changed = false;
         // Loops for conditions, here and below: lavapipe leaves a loop that no lane runs, and walks through a branch that none takes.
-        for (int row = awake && top.x < size.x ? 0 : TILE_PX; row < TILE_PX; ++row) {
-            ivec2 pixel = top + ivec2(0, row);
-            [[unroll]] for (int k = 0; k < 3; ++k) below[k] = value_at(pixel + ivec2(k - 1, 1));
-            uint valid = valid_of(above, level, below);
-            bool hole = (level[1].x & FILLING) != 0u || (level[1].x == BACKGROUND_BITS && valid >= push.surrounded);
-            for (bool filling = pixel.y < size.y && hole; filling; filling = false) {
-                uvec2 around[8] = { above[0], above[1], above[2], level[0], level[2], below[0], below[1], below[2] };
-                [[unroll]] for (int k = 0; k < 8; ++k) around[k].x = has_depth(around[k].x) ? around[k].x & ~FILLING : NOTHING;
-                uvec2 next = level[1];
-                for (bool one = has_depth(next.x); one; one = false) next = mean(level[1], around);
-                for (bool none = !has_depth(level[1].x); none; none = false) next = median(level[1], around);
-                changed = changed || next != level[1];
-                imageStore(to, pixel, uvec4(next, 0u, 0u));
+        for (int half_tile = awake ? 0 : 2; half_tile < 2; ++half_tile) {
+            ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
+            // Bits of depths without the sign, NOTHING where there is none.
+            int bits[18];
+            uvec4 own = imageLoad(from_depth, texel);
+            [[unroll]] for (int k = 0; k < 3; ++k) {
+                ivec2 at = texel + ivec2(k - 1, 0);
+                uvec4 column = k == 1 ? own : imageLoad(from_depth, at);
+                bits[k] = depth_bits(imageLoad(from_depth, at - ivec2(0, 1)).w);
+                [[unroll]] for (int p = 0; p < 4; ++p) bits[3 * p + 3 + k] = depth_bits(column[p]);
+                bits[15 + k] = depth_bits(imageLoad(from_depth, at + ivec2(0, 1)).x);
             }
-            above = level;
-            level = below;
+            bvec4 filling;
+            bvec4 none;
+            [[unroll]] for (int p = 0; p < 4; ++p) {
+                int valid = 0;
+                [[unroll]] for (int k = 0; k < 8; ++k) valid += bits[AROUND(k, 3 * p + 4)] != NOTHING ? 1 : 0;
+                filling[p] = valid > 0 && ((own[p] & FILLING) != 0u || (own[p] == BACKGROUND_BITS && valid >= int(push.surrounded)));
+                none[p] = filling[p] && bits[3 * p + 4] == NOTHING;
+            }
+            for (bool work = any(filling); work; work = false) {
+                uint colors[18];
+                uvec4 own_colors = imageLoad(from_color, texel);
+                [[unroll]] for (int k = 0; k < 3; ++k) {
+                    ivec2 at = texel + ivec2(k - 1, 0);
+                    uvec4 column = k == 1 ? own_colors : imageLoad(from_color, at);
+                    colors[k] = imageLoad(from_color, at - ivec2(0, 1)).w;
+                    [[unroll]] for (int p = 0; p < 4; ++p) colors[3 * p + 3 + k] = column[p];
+                    colors[15 + k] = imageLoad(from_color, at + ivec2(0, 1)).x;
+                }
+                uvec4 next = own;
+                uvec4 next_colors = own_colors;
+                [[unroll]] for (int p = 0; p < 4; ++p) {
+                    // The mean, where there is a value; elsewhere of numbers that are not used.
+                    int c = 3 * p + 4;
+                    float z0 = intBitsToFloat(bits[c] == NOTHING ? 0x3F800000 : bits[c]);
+                    precise float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
+                    // Where there is no tolerance, only equal depths are of one surface.
+                    precise float strictness = tolerance > 0.0 ? 1.0 / tolerance : 3.402823466e38;
+                    precise float weights = 1.0;
+                    precise float rise = 0.0;
+                    precise vec3 light = light_of(colors[c]);
+                    [[unroll]] for (int k = 0; k < 8; ++k) {
+                        int i = AROUND(k, c);
+                        bool corner = k == 0 || k == 2 || k == 5 || k == 7;
+                        bool has = bits[i] != NOTHING;
+                        precise float difference = (has ? intBitsToFloat(bits[i]) : z0) - z0;
+                        precise float near = 1.0 - min(1.0, abs(difference) * strictness);
+                        precise float weight = has ? (corner ? 0.292893219 : 0.5) * near : 0.0;
+                        weights += weight;
+                        rise += weight * difference;
+                        light += weight * light_of(colors[i]);
+                    }
+                    precise float share = 1.0 / weights;
+                    precise float step = rise * share;
+                    // A thousandth of what tells surfaces apart shows nowhere, and would keep the tile awake for long.
+                    precise float z = abs(step) * 1024.0 < tolerance ? z0 : z0 + step;
+                    bool mean = filling[p] && !none[p];
+                    next[p] = mean ? floatBitsToUint(z) | FILLING : next[p];
+                    next_colors[p] = mean ? pack_light(light * share) : next_colors[p];
+                }
+                for (bool median = any(none); median; median = false) {
+                    [[unroll]] for (int p = 0; p < 4; ++p) {
+                        int c = 3 * p + 4;
+                        int valid = 0;
+                        [[unroll]] for (int k = 0; k < 8; ++k) valid += bits[AROUND(k, c)] != NOTHING ? 1 : 0;
+                        int rank = (valid - 1) >> 1;
+                        [[unroll]] for (int k = 0; k < 8; ++k) {
+                            int own_bits = bits[AROUND(k, c)];
+                            int before = 0;
+                            [[unroll]] for (int i = 0; i < 8; ++i) {
+                                int other = bits[AROUND(i, c)];
+                                if (i != k) before += other < own_bits || (other == own_bits && i < k) ? 1 : 0;
+                            }
+                            bool found = none[p] && before == rank;
+                            next[p] = found ? uint(own_bits) | FILLING : next[p];
+                            next_colors[p] = found ? colors[AROUND(k, c)] : next_colors[p];
+                        }
+                    }
+                }
+                changed = changed || next != own || next_colors != own_colors;
+                imageStore(to_depth, texel, next);
+                imageStore(to_color, texel, next_colors);
+            }
         }
         if (changed) {
-            steps.word[push.changed_at + tile] = push.step;
-            steps.word[4u * push.step + 4u] = lists.word[push.at];
-            steps.word[4u * push.step + 5u] = 1u;
-            steps.word[4u * push.step + 6u] = 1u;
+            if (WORD(step_words, steps, push.changed_at + tile) != push.step) steps.word[push.changed_at + tile] = push.step;
+            // Looked at before it is written: a word that all cores write travels between their caches.
+            if (WORD(step_words, steps, 4u * push.step + 4u) == 0u) {
+                steps.word[4u * push.step + 5u] = 1u;
+                steps.word[4u * push.step + 6u] = 1u;
+                steps.word[4u * push.step + 4u] = lists.word[push.at];
+            }
         }
     }
 }

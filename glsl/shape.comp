@@ -13,8 +13,8 @@
 
 layout(local_size_x = 64) in;
 
-layout(r32f) readonly uniform image2D depth;
-// Four rows a texel.
+// All with four rows a texel.
+layout(rgba32f) readonly uniform image2D depth;
 layout(rgba32f) writeonly uniform image2D next;
 layout(rgba32f) writeonly uniform image2D shade;
 layout(scalar) buffer Lists { uint word[]; } lists;
@@ -28,12 +28,6 @@ layout(push_constant, scalar) uniform Push {
     float width; // of `softness` pixels: metres, or with perspective parts of the depth
     int rings;   // 0: there is no deeper level
 } push;
-
-float depth_at(ivec2 pixel) {
-    bool inside = all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(push.size)));
-    float z = imageLoad(depth, clamp(pixel, ivec2(0), ivec2(push.size) - 1)).r;
-    return inside ? depth_or_none(z) : NO_DEPTH;
-}
 
 void want(ivec2 tile) {
     for (int y = max(tile.y - push.rings, 0); y <= min(tile.y + push.rings, int(push.tiles.y) - 1); ++y) {
@@ -50,9 +44,9 @@ void main() {
         ivec2 top = column_of(n, push.tiles.x);
         bool plane = true;
         for (int half_tile = 0; half_tile < 2; ++half_tile) {
-            ivec2 first = top + ivec2(0, 4 * half_tile);
+            ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             float z[18];
-            [[unroll]] for (int k = 0; k < 18; ++k) z[k] = depth_at(first + ivec2(k % 3 - 1, k / 3 - 1));
+            LOAD_AROUND(z, depth, texel)
             vec4 omegas;
             vec4 nexts;
             [[unroll]] for (int p = 0; p < 4; ++p) {
@@ -61,9 +55,9 @@ void main() {
                 Level level = level_of(around, push.width, PERSPECTIVE);
                 omegas[p] = level.omega;
                 nexts[p] = level.next;
-                plane = plane && level.flat_;
+                bool at_edge = any(equal(ivec2(texel.x, 4 * texel.y + p), ivec2(0))) || any(greaterThanEqual(ivec2(texel.x, 4 * texel.y + p), ivec2(push.size) - 1));
+                plane = plane && (level.flat_ || at_edge);
             }
-            ivec2 texel = ivec2(first.x, first.y / 4);
             imageStore(shade, texel, omegas);
             imageStore(next, texel, nexts);
         }

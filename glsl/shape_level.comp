@@ -14,12 +14,14 @@ layout(rgba32f) readonly uniform image2D from;
 layout(rgba32f) writeonly uniform image2D to;
 layout(rgba32f) uniform image2D shade;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
-layout(scalar) readonly buffer Wanted { uint tile[]; } wanted;
+layout(r32ui) readonly uniform uimageBuffer listed_words;
+layout(scalar) readonly buffer Wanted { uint word[]; } wanted;
+layout(r32ui) readonly uniform uimageBuffer wanted_words;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
+layout(constant_id = 1) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size;   // pixels
     uint tiles_across;
     float width;  // of `softness` pixels: metres, or with perspective parts of the depth
     float before; // weight of what the shade holds
@@ -27,25 +29,14 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 void main() {
-    int width = int(push.size.x);
-    EACH_OF(lists.word[3]) {
-        uint tile = lists.word[LIST_HEADER + n];
+    EACH_OF(WORD(listed_words, lists, 3u)) {
+        uint tile = WORD(listed_words, lists, LIST_HEADER + n);
         ivec2 top = column_of(tile, push.tiles_across);
-        bool shaded = (wanted.tile[tile] & 2u) != 0u;
+        bool shaded = (WORD(wanted_words, wanted, tile) & 2u) != 0u;
         for (int half_tile = 0; half_tile < 2; ++half_tile) {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             float z[18];
-            [[unroll]] for (int k = 0; k < 3; ++k) {
-                int x = texel.x + k - 1;
-                bool inside = x >= 0 && x < width;
-                int column = clamp(x, 0, width - 1);
-                float above = imageLoad(from, ivec2(column, texel.y - 1)).w;
-                vec4 own = imageLoad(from, ivec2(column, texel.y));
-                float below = imageLoad(from, ivec2(column, texel.y + 1)).x;
-                z[k] = inside && texel.y > 0 ? above : NO_DEPTH;
-                [[unroll]] for (int p = 0; p < 4; ++p) z[3 * p + 3 + k] = inside ? own[p] : NO_DEPTH;
-                z[15 + k] = inside && 4 * texel.y + 4 < int(push.size.y) ? below : NO_DEPTH;
-            }
+            LOAD_AROUND(z, from, texel)
             vec4 omegas;
             vec4 nexts;
             [[unroll]] for (int p = 0; p < 4; ++p) {

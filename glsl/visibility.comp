@@ -24,6 +24,7 @@ layout(local_size_x = 64) in;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D packed_depth;
 layout(scalar) buffer Lists { uint word[]; } lists;
+layout(r32ui) readonly uniform uimageBuffer listed_words;
 // Of every column of every tile, from the top, a bit a pixel; valid for tiles on the list of holes.
 layout(scalar) writeonly buffer Invisible { uint column[]; } invisible;
 // Of every tile, 1 when it is on that list.
@@ -34,6 +35,7 @@ layout(constant_id = 1) const uint SECTORS = 8u;
 layout(constant_id = 2) const bool PERSPECTIVE = true;
 // Pixels from neighbour to neighbour: 2 where `packed_depth` holds the nearest of 2 x 2.
 layout(constant_id = 3) const uint STRIDE = 1u;
+layout(constant_id = 4) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
@@ -112,8 +114,8 @@ const int MOST_ROWS = 36;
 
 void main() {
     ivec2 size = ivec2(push.size);
-    EACH_OF(lists.word[push.at + 3u]) {
-        uint tile = lists.word[push.at + LIST_HEADER + n];
+    EACH_OF(WORD(listed_words, lists, push.at + 3u)) {
+        uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
         ivec2 top = column_of(tile, push.tiles_across);
         uint bits = 0u;
         for (int half_tile = 0; half_tile < 2; ++half_tile) {

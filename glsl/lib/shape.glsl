@@ -14,9 +14,9 @@ struct Level {
     bool flat_;  // a plane, as far as this pixel sees: deeper levels give the same omega
 };
 
-// Depth, or NO_DEPTH.
+// Depth, or NO_DEPTH: of what is unknown, and of what lies outside of an image.
 float depth_or_none(float z) {
-    return z > 0.0 && z < NO_DEPTH ? z : NO_DEPTH;
+    return has_depth(floatBitsToUint(z)) && z > 0.0 ? z : NO_DEPTH;
 }
 
 // Of the 3 x 3, row by row, the pixel itself in the middle; `width` is of `softness` pixels: metres, or with perspective parts of the depth.
@@ -45,3 +45,13 @@ Level level_of(float z[9], float width, bool perspective) {
     bool plane = count == 9.0 && abs(mu) * 256.0 <= spread;
     return Level(point ? omega : 1.0, point ? next : NO_DEPTH, plane || !point);
 }
+
+// Of a texel, which is four pixels of a column: they and their neighbours, row by row, three to a row.
+#define LOAD_AROUND(z, image, texel) \
+    [[unroll]] for (int k = 0; k < 3; ++k) { \
+        ivec2 at = (texel) + ivec2(k - 1, 0); \
+        vec4 own = imageLoad(image, at); \
+        z[k] = depth_or_none(imageLoad(image, at - ivec2(0, 1)).w); \
+        [[unroll]] for (int p = 0; p < 4; ++p) z[3 * p + 3 + k] = depth_or_none(own[p]); \
+        z[15 + k] = depth_or_none(imageLoad(image, at + ivec2(0, 1)).x); \
+    }

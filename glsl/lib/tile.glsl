@@ -26,6 +26,9 @@ struct Tile {
     atomicMax(lists.word[at], min(place / TILES_PER_GROUP + 1u, MOST_GROUPS)); \
 }
 
+// A word of a buffer that is bound twice: as texels, which lavapipe gathers, while it loads words one lane at a time; and as words, for devices whose texel buffers are too small.
+#define WORD(texels, words, i) (TEXELS ? imageLoad(texels, int(i)).r : words.word[i])
+
 // Runs what follows for every tile of a list, by its place `n` in it; local_size_x = 64.
 #define EACH_OF(count) \
     for (uint n = gl_WorkGroupID.x * TILES_PER_GROUP + gl_LocalInvocationID.x / 8u; n < (count); n += gl_NumWorkGroups.x * TILES_PER_GROUP)

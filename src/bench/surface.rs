@@ -140,7 +140,7 @@ fn walls(size: [u32; 2], sparse: f64, seed: u64) -> Cloud {
                     continue;
                 }
                 columns.x.push(4 * x + 2);
-                columns.y.push(4 * behind + x / 2);
+                columns.y.push(4 * behind + x);
                 columns.z.push(4 * z + 2);
             }
         }

@@ -248,15 +248,15 @@ fn missing(instance: &ash::Instance, device: vk::PhysicalDevice, properties: &vk
     let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut v12).push_next(&mut v13);
     // SAFETY: the device has Vulkan 1.3, so it knows these structures.
     unsafe { instance.get_physical_device_features2(device, &mut features) };
-    let [int64, extended_formats] = [features.features.shader_int64, features.features.shader_storage_image_extended_formats];
+    let int64 = features.features.shader_int64;
     let required = [
         (v13.synchronization2, "synchronization2"),
         (v13.dynamic_rendering, "dynamicRendering"),
         (v13.maintenance4, "maintenance4"),
+        (v13.robust_image_access, "robustImageAccess"),
         (v12.timeline_semaphore, "timelineSemaphore"),
         (v12.buffer_device_address, "bufferDeviceAddress"),
         (v12.scalar_block_layout, "scalarBlockLayout"),
-        (extended_formats, "shaderStorageImageExtendedFormats"),
     ];
     let missing = required.iter().filter(|(has, _)| *has == vk::FALSE).map(|&(_, name)| name).collect();
     (missing, int64 == vk::FALSE || v12.shader_buffer_int64_atomics == vk::FALSE)
@@ -270,8 +270,8 @@ fn open_device(instance: &ash::Instance, physical: vk::PhysicalDevice, family: u
         .buffer_device_address(true)
         .scalar_block_layout(true)
         .shader_buffer_int64_atomics(int64_atomics);
-    let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(true).maintenance4(true);
-    let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics).shader_storage_image_extended_formats(true);
+    let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(true).maintenance4(true).robust_image_access(true);
+    let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics);
     let info =
         vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features).push_next(&mut v12).push_next(&mut v13);
     // SAFETY: every pointer in `info` outlives the call, and `missing` has checked the features.

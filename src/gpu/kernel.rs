@@ -24,8 +24,7 @@ pub enum Kind {
     TexelsRgba32ui,
     R32f,
     R32ui,
-    /// Two words a pixel.
-    Rg32ui,
+    Rgba32ui,
     Rgba32f,
 }
 
@@ -35,7 +34,7 @@ impl Kind {
             Kind::Buffer | Kind::TexelsR32ui | Kind::TexelsRgba32ui => None,
             Kind::R32f => Some(vk::Format::R32_SFLOAT),
             Kind::R32ui => Some(vk::Format::R32_UINT),
-            Kind::Rg32ui => Some(vk::Format::R32G32_UINT),
+            Kind::Rgba32ui => Some(vk::Format::R32G32B32A32_UINT),
             Kind::Rgba32f => Some(vk::Format::R32G32B32A32_SFLOAT),
         }
     }

@@ -3,7 +3,7 @@
 //! `pintus` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of their neighbours, those that have been given one the weighted mean. It works on the tiles that
 //! `visibility` has listed, goes back and forth between two images, and stops where nothing changes any more.
 
-use super::{Decided, Holes, Layers, Reason, Scene, Setting, Value, tiles};
+use super::{Decided, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, fill_close, fill_open, fill_pintus};
 use crate::view::{Projection, View};
@@ -67,11 +67,25 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let count = across[0] * across[1];
     let perspective = view.camera.projection == Projection::Perspective;
 
-    let mut from = g.image("even", size, Kind::Rg32ui);
-    let mut to = g.image("odd", size, Kind::Rg32ui);
-    let push = fill_open::Push { size, tiles_across: across[0], at };
-    g.run(shader::FillOpen { lists: &lists, depth: &depth, color: &color, even: &mut from, odd: &mut to, push }, Tiles::From(&lists, at));
+    let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
+    let pair = |g: &mut Graph, name: &str| ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32ui));
+    let ([mut from_depth, mut from_color], [mut to_depth, mut to_color]) = (pair(g, "even"), pair(g, "odd"));
+    let push = fill_open::Push { tiles_across: across[0], at };
+    g.run(
+        shader::FillOpen {
+            lists: &lists,
+            depth: &depth,
+            color: &color,
+            even_depth: &mut from_depth,
+            even_color: &mut from_color,
+            odd_depth: &mut to_depth,
+            odd_color: &mut to_color,
+            push,
+        },
+        Tiles::From(&lists, at),
+    );
 
+    let texels = g.gpu.device.texels;
     let most = if settings.iterations == 0.0 { 2 * WIDEST as u32 } else { settings.iterations as u32 };
     let changed_at = 4 * (most + 2);
     let mut steps = g.buffer("steps", 4 * (changed_at + count) as u64);
@@ -80,14 +94,37 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let relative = settings.tolerance == 0.0;
     let tolerance = if relative { width } else { settings.tolerance } as f32;
     for step in 1..=most {
-        let push = fill_pintus::Push { size, tiles: across, at, step, changed_at, tolerance, relative: (relative && perspective) as u32, surrounded: settings.surrounded as u32 };
+        let push = fill_pintus::Push {
+            tiles: across,
+            at,
+            step,
+            changed_at,
+            tolerance,
+            relative: (relative && perspective) as u32,
+            surrounded: settings.surrounded as u32,
+        };
         let counted = steps.racing();
-        let tiles = if step == 1 { Tiles::From(&lists, at) } else { Tiles::From(&counted, 4 * step) };
-        g.run(shader::FillPintus { lists: &lists, steps: &mut steps, from: &from, to: &mut to, push }, tiles);
-        std::mem::swap(&mut from, &mut to);
+        let listed = if step == 1 { Tiles::From(&lists, at) } else { Tiles::From(&counted, 4 * step) };
+        g.run(
+            shader::FillPintus {
+                lists: &lists,
+                listed_words: &lists,
+                step_words: &counted,
+                steps: &mut steps,
+                from_depth: &from_depth,
+                from_color: &from_color,
+                to_depth: &mut to_depth,
+                to_color: &mut to_color,
+                push,
+                spec: fill_pintus::Spec { texels },
+            },
+            listed,
+        );
+        std::mem::swap(&mut from_depth, &mut to_depth);
+        std::mem::swap(&mut from_color, &mut to_color);
     }
 
     let push = fill_close::Push { size, tiles_across: across[0], at };
-    g.run(shader::FillClose { lists: &lists, filled: &from, depth: &mut depth, color: &mut color, push }, Tiles::From(&lists, at));
+    g.run(shader::FillClose { lists: &lists, filled_depth: &from_depth, filled_color: &from_color, depth: &mut depth, color: &mut color, push }, Tiles::From(&lists, at));
     Layers { depth, color, holes: None, ..layers }
 }

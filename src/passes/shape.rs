@@ -5,7 +5,7 @@
 
 use super::{Decided, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
-use crate::shader::{self, shape, shape_level, unpack_light, whiten};
+use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
 use crate::view::{Projection, View};
 
 pub const SUMMARY: &str = "shades by shape: lines at creases, light on what faces the viewer, without normals";
@@ -92,10 +92,13 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let mut wanted = g.buffer("wanted", 4 * count as u64);
     g.fill(&mut lists, 0);
     g.fill(&mut wanted, 0);
+    let push = pack_depth::Push { size, packed_size: packed };
+    let spec = pack_depth::Spec { span: 1, margin: false };
+    g.run(shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push, spec }, Tiles::All);
     let push = shape::Push { size, tiles: across, width, rings: rings(weights.len() as u32) };
     g.run(
         shader::Shape {
-            depth: &layers.depth,
+            depth: &to,
             next: &mut from,
             shade: &mut shade,
             lists: &mut lists,
@@ -107,10 +110,10 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     );
     for (k, &weight) in weights.iter().enumerate().skip(1) {
         let before = if k == 1 { weights[0] } else { 1.0 } as f32;
-        let push = shape_level::Push { size, tiles_across: across[0], width, before, weight: weight as f32 };
-        let spec = shape_level::Spec { perspective };
+        let push = shape_level::Push { tiles_across: across[0], width, before, weight: weight as f32 };
+        let spec = shape_level::Spec { perspective, texels: g.gpu.device.texels };
         g.run(
-            shader::ShapeLevel { from: &from, to: &mut to, shade: &mut shade, lists: &lists, wanted: &wanted, push, spec },
+            shader::ShapeLevel { from: &from, to: &mut to, shade: &mut shade, lists: &lists, listed_words: &lists, wanted: &wanted, wanted_words: &wanted, push, spec },
             Tiles::From(&lists, 0),
         );
         std::mem::swap(&mut from, &mut to);
