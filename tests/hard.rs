@@ -12,3 +12,5 @@ mod formats;
 mod levels;
 #[path = "hard/same_bits.rs"]
 mod same_bits;
+#[path = "hard/surface.rs"]
+mod surface;

@@ -4,8 +4,11 @@
 
 mod gpu;
 
+#[path = "kernels/surface.rs"]
+mod surface;
+
 use glam::DVec3;
-use gpu::{Random, WAYS, Way, bumpy, cloud, draw, orthographic, part, perspective};
+use gpu::{Random, WAYS, Way, bumpy, cloud, draw, orthographic, part, perspective, random_keys};
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
@@ -79,8 +82,9 @@ fn resolved(cloud: &Cloud, attribute: Attribute, view: &View, settings: &edl::Se
         let mut g = Graph::new(gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &resident).unwrap();
-        let layers = resolve::layers(&mut g, view);
-        let layers = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, layers);
+        let resolved = resolve::layers(&mut g, view);
+        let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
+        let layers = resolved.layers(&mut g, &resident).unwrap();
         let [depth, index, color] = [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image));
         let layers = edl::record(&mut g, view, settings, layers);
         let lit = g.download(&layers.color);
@@ -98,19 +102,6 @@ fn resolved(cloud: &Cloud, attribute: Attribute, view: &View, settings: &edl::Se
         resident.free(gpu);
         resolved
     })
-}
-
-/// A third of the pixels empty, the others at depths from a millimetre to a megametre: half of them in steps of ten, half smoothly.
-fn random_keys(size: [u32; 2], points: u32, random: &mut Random) -> Vec<[u32; 2]> {
-    let key = |_| {
-        let depth = match random.bits() % 6 {
-            0 | 1 => return [NO_POINT; 2],
-            2 | 3 => 10f64.powi(random.within(-3.0, 6.0) as i32),
-            _ => random.within(4.9, 5.1),
-        };
-        [(random.bits() % points as u64) as u32, (depth as f32).to_bits()]
-    };
-    (0..size[0] * size[1]).map(key).collect()
 }
 
 /// The words that the points of a one-node cloud show, by id.

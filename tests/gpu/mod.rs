@@ -3,13 +3,16 @@
 #![allow(dead_code, reason = "every test file is a crate of its own and uses a part of this")]
 
 use glam::DVec3;
-use pointillist::cloud::attribute::Shown;
+use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
+use pointillist::config::NO_POINT;
 use pointillist::frame;
 use pointillist::gpu::Wish;
-use pointillist::graph::{Gpu, Graph};
+use pointillist::graph::{Buffer, Frame, Gpu, Graph};
 use pointillist::look::{self, Wishes};
-use pointillist::passes::{Scene, project::Statistics};
+use pointillist::passes;
+use pointillist::passes::project::{Band, Statistics};
+use pointillist::passes::{Effects, Scene, Switch, composite, fill, resolve, shape, visibility};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::{Camera, Projection, View};
@@ -92,6 +95,99 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> Layers {
     })
 }
 
+/// Points that the keys of a [`Canvas`] may name.
+pub const CANVAS_POINTS: u32 = 2000;
+
+/// The device, and points of random colours to draw with by hand: keys in, and what passes make of them out.
+pub struct Canvas<'g> {
+    gpu: &'g mut Gpu,
+    resident: Resident,
+}
+
+pub fn canvas<T>(work: impl FnOnce(&mut Canvas) -> T) -> T {
+    with(Way::Compute64, |gpu| {
+        let (points, colors) = bumpy(CANVAS_POINTS as usize, 20_000, &mut Random(0xCA75));
+        let cloud = cloud(vec![part(Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO }, &points, Some(colors))]);
+        let shown = Shown::new(Attribute::Rgb, &cloud);
+        let resident = Resident::fill(gpu, cloud, shown, &Silent).expect("resident");
+        let mut canvas = Canvas { gpu, resident };
+        let result = work(&mut canvas);
+        let Canvas { gpu, resident } = canvas;
+        resident.free(gpu);
+        result
+    })
+}
+
+/// Layers after a pass, as bits.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Stage {
+    pub depth: Vec<f32>,
+    pub index: Vec<u32>,
+    pub color: Vec<[f32; 4]>,
+}
+
+/// What given keys become; nothing where the effect is switched off.
+#[derive(Default)]
+pub struct Surface {
+    pub raw: Stage,
+    pub seen: Stage,
+    pub filled: Stage,
+    pub lit: Vec<f32>,
+    pub picture: Vec<[f32; 4]>,
+}
+
+impl Canvas<'_> {
+    /// The spacing of the points, metres: the same of all, since they are one node's.
+    pub fn spacing(&self) -> f64 {
+        assert_eq!(self.resident.nodes.len(), 1);
+        self.resident.nodes[0].spacing
+    }
+
+    pub fn draw(&mut self, view: &View, keys: &[[u32; 2]], effects: &Effects) -> Surface {
+        let mut g = Graph::new(self.gpu);
+        let uploaded = g.upload("keys", keys).unwrap();
+        let paint = resolve::paint(&mut g, &self.resident).unwrap();
+        let resolved = resolve::layers(&mut g, view);
+        let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
+        let mut layers = resolved.layers(&mut g, &self.resident).unwrap();
+        let raw = keep(&mut g, &layers);
+        let (mut seen, mut filled) = (None, None);
+        if effects.visibility.switch != Switch::Off {
+            layers = visibility::record(&mut g, view, &effects.visibility.settings, layers);
+            seen = Some(keep(&mut g, &layers));
+        }
+        if effects.fill.switch != Switch::Off {
+            layers = fill::record(&mut g, view, &effects.fill.settings, layers);
+            filled = Some(keep(&mut g, &layers));
+        }
+        if effects.shape.switch != Switch::Off {
+            layers = shape::record(&mut g, view, &effects.shape.settings, layers);
+        }
+        let lit = layers.lit.as_ref().map(|lit| g.download(lit));
+        let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &layers);
+        let picture = g.download(&picture);
+        let frame = g.submit(&[]).expect("drawn, and no validation message");
+        let stage = |kept: Option<[Buffer; 3]>| kept.map_or(Stage::default(), |kept| read(&frame, &kept));
+        let surface = Surface {
+            raw: stage(Some(raw)),
+            seen: stage(seen),
+            filled: stage(filled),
+            lit: lit.map_or(Vec::new(), |lit| frame.read(&lit).to_vec()),
+            picture: frame.read(&picture).to_vec(),
+        };
+        frame.shelve(self.gpu);
+        surface
+    }
+}
+
+fn keep(g: &mut Graph, layers: &passes::Layers) -> [Buffer; 3] {
+    [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image))
+}
+
+fn read(frame: &Frame, [depth, index, color]: &[Buffer; 3]) -> Stage {
+    Stage { depth: frame.read(depth).to_vec(), index: frame.read(index).to_vec(), color: frame.read(color).to_vec() }
+}
+
 /// xorshift64 (Marsaglia 2003): tests need variety and the same numbers every time.
 pub struct Random(pub u64);
 
@@ -117,6 +213,19 @@ pub fn part(lattice: Lattice, points: &[[i32; 3]], rgb: Option<Vec<[u8; 3]>>) ->
 
 pub fn cloud(parts: Vec<Part>) -> Cloud {
     Cloud { parts, ..Cloud::default() }
+}
+
+/// A third of the pixels empty, the others at depths from a millimetre to a megametre: half of them in steps of ten, half smoothly.
+pub fn random_keys(size: [u32; 2], points: u32, random: &mut Random) -> Vec<[u32; 2]> {
+    let key = |_| {
+        let depth = match random.bits() % 6 {
+            0 | 1 => return [NO_POINT; 2],
+            2 | 3 => 10f64.powi(random.within(-3.0, 6.0) as i32),
+            _ => random.within(4.9, 5.1),
+        };
+        [(random.bits() % points as u64) as u32, (depth as f32).to_bits()]
+    };
+    (0..size[0] * size[1]).map(key).collect()
 }
 
 /// `count` coloured points on bumpy surfaces in a cube of `width` steps around the lattice's origin.

@@ -5,8 +5,11 @@
 //! Nothing here is fast or clever on purpose, and nothing is shared with the kernels.
 
 pub mod edl;
+pub mod fill;
 pub mod points;
 pub mod project;
+pub mod shape;
+pub mod visibility;
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

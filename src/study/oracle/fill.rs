@@ -1,0 +1,131 @@
+//! The f64 twin of the filling passes: a picture half filled in, one step further out, with bounds (papers/README.md, Pintus, anisotropic filling).
+//!
+//! A pixel's colour is three codes of 11, 11 and 10 bits, proportional to the roots of linear colour: that is what filling is defined on. A median is one of the neighbours, exactly; a mean has an error.
+//! Steps are compared one by one, each from what the kernel itself made of those before: then errors do not add up, and a tile that slept when it should not have stays behind.
+
+use super::{Bounded, ULP};
+use crate::passes::TILE_PX;
+use crate::passes::fill::Settings;
+use crate::view::{Projection, View};
+use std::ops::RangeInclusive;
+
+const CODES: [u32; 3] = [2047, 2047, 1023];
+/// Of visibility; a tolerance that is not given is as wide as this many pixels.
+const WIDEST_KERNEL: f64 = 31.0;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pixel {
+    pub depth: Option<f32>,
+    pub codes: [u32; 3],
+    /// Visibility took it out, or filling put it there.
+    pub filling: bool,
+}
+
+impl Pixel {
+    /// As the layers have it.
+    pub fn new(depth: f32, color: [f32; 4], filling: bool) -> Pixel {
+        Pixel { depth: depth.is_finite().then_some(depth), codes: [0, 1, 2].map(|c| code(color[c] as f64, c).round() as u32), filling }
+    }
+}
+
+/// Not yet rounded to a whole number.
+fn code(linear: f64, channel: usize) -> f64 {
+    linear.clamp(0.0, 1.0).sqrt() * CODES[channel] as f64
+}
+
+fn linear(code: u32, channel: usize) -> Bounded {
+    let root = Bounded::exact(code) / Bounded::exact(CODES[channel]);
+    root * root
+}
+
+/// What a pixel may become.
+#[derive(Clone, Debug)]
+pub struct Next {
+    pub depth: Option<Bounded>,
+    pub codes: [RangeInclusive<u32>; 3],
+    pub filling: bool,
+}
+
+impl Next {
+    fn exactly(pixel: Pixel) -> Next {
+        Next { depth: pixel.depth.map(Bounded::exact), codes: pixel.codes.map(|code| code..=code), filling: pixel.filling }
+    }
+
+    /// Whether the layers may have it so. Colours come back unpacked, and what nothing has reached is background.
+    pub fn holds(&self, depth: f32, color: [f32; 4]) -> bool {
+        let Some(z) = self.depth else { return depth == f32::INFINITY && color == [0.0; 4] };
+        let channel = |c: usize| {
+            let code = code(color[c] as f64, c).round() as u32;
+            // A pixel that is not being filled keeps its colour, which is no code's.
+            self.codes[c].contains(&code) && (!self.filling || linear(code, c).holds(color[c]))
+        };
+        z.holds(depth) && color[3] == 1.0 && (0..3).all(channel)
+    }
+}
+
+/// One step. Only tiles that hold pixels to fill are looked at.
+pub fn step(view: &View, settings: &Settings, pixels: &[Pixel]) -> Vec<Next> {
+    let [width, height] = view.size.map(|side| side as i64);
+    let tile = |i: usize| [i as i64 % width / TILE_PX as i64, i as i64 / width / TILE_PX as i64];
+    let listed: std::collections::HashSet<_> = (0..pixels.len()).filter(|&i| pixels[i].filling).map(tile).collect();
+    let next = |i: usize| {
+        let (x, y, own) = (i as i64 % width, i as i64 / width, pixels[i]);
+        let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
+        let inside = around.filter(|(dx, dy)| (0..width).contains(&(x + dx)) && (0..height).contains(&(y + dy)));
+        let valid: Vec<(f32, Pixel, bool)> = inside
+            .filter_map(|(dx, dy)| {
+                let pixel = pixels[((y + dy) * width + x + dx) as usize];
+                pixel.depth.map(|z| (z, pixel, dx != 0 && dy != 0))
+            })
+            .collect();
+        let surrounded = own.depth.is_none() && valid.len() >= settings.surrounded as usize && listed.contains(&tile(i));
+        match own.depth {
+            _ if !own.filling && !surrounded => Next::exactly(own),
+            Some(z) => mean(view, settings, z, own, &valid),
+            None => median(own, valid),
+        }
+    };
+    (0..pixels.len()).map(next).collect()
+}
+
+/// The lower median by depth; of equals the one that comes first, row by row.
+fn median(own: Pixel, mut valid: Vec<(f32, Pixel, bool)>) -> Next {
+    valid.sort_by(|a, b| a.0.total_cmp(&b.0));
+    match valid.get(valid.len().saturating_sub(1) / 2) {
+        Some((_, middle, _)) => Next::exactly(Pixel { filling: true, ..*middle }),
+        None => Next::exactly(own),
+    }
+}
+
+fn mean(view: &View, settings: &Settings, z0: f32, own: Pixel, valid: &[(f32, Pixel, bool)]) -> Next {
+    let one = Bounded::exact(1.0);
+    let tolerance = match settings.tolerance {
+        0.0 if view.camera.projection == Projection::Perspective => {
+            Bounded::exact((WIDEST_KERNEL / view.focal_px()) as f32) * Bounded::exact(z0)
+        }
+        0.0 => Bounded::exact((WIDEST_KERNEL / view.focal_px()) as f32),
+        metres => Bounded::exact(metres as f32),
+    };
+    let (mut weights, mut rise, mut colors) = (one, Bounded::exact(0.0), [0, 1, 2].map(|c| linear(own.codes[c], c)));
+    for &(z, pixel, corner) in valid {
+        let difference = Bounded::exact(z) - Bounded::exact(z0);
+        let apart = if difference.value < 0.0 { -difference } else { difference };
+        let near = match tolerance.value > 0.0 {
+            true => one - (apart / tolerance).min(1.0),
+            false => Bounded::exact((z == z0) as u32),
+        };
+        let lateral = if corner { Bounded::constant(1.0 - 0.5f64.sqrt()) } else { Bounded::exact(0.5) };
+        let weight = lateral * near;
+        weights = weights + weight;
+        rise = rise + weight * difference;
+        colors = [0, 1, 2].map(|c| colors[c] + weight * linear(pixel.codes[c], c));
+    }
+    let codes = [0, 1, 2].map(|c| {
+        let color = colors[c] / weights;
+        // The root is within 5 ulps, its multiple and what is added to it within 1 each.
+        let rounding = 7.0 * ULP * (CODES[c] as f64 + 1.0);
+        let [lo, hi] = [-1.0, 1.0].map(|way| code(color.value + way * color.error, c) + 0.5 + way * rounding);
+        lo.max(0.0).floor() as u32..=(hi.floor() as u32).min(CODES[c])
+    });
+    Next { depth: Some(Bounded::exact(z0) + rise / weights), codes, filling: true }
+}

@@ -1,0 +1,194 @@
+//! The f64 twin of the visibility passes: depths in, in the kernels' own f32 bits; of every pixel the empty solid angle out, and what follows from it.
+//!
+//! papers/README.md (Pintus, visibility), word for word: points in the camera's space, the largest `v . c` of every sector, the sum of `2 pi / S (1 - max v . c)`.
+//! The kernels' sum is within 2.1e-6 of that, relatively (HARD_CASES 7), and the threshold is rounded to f32, so that pixels within [`BAND`] of it may be decided either way.
+
+use crate::passes::TILE_PX;
+use crate::passes::visibility::Settings;
+use crate::view::{Projection, View};
+use glam::DVec3;
+use std::f64::consts::TAU;
+
+/// Of the sum (HARD_CASES 7).
+pub const BAND: f64 = 4e-6;
+
+/// Which neighbours a pixel looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kernel {
+    /// Neighbours to each side.
+    pub radius: i64,
+    /// Pixels from one to the next; with two, the nearest of 2 x 2 pixels, itself at their top left, stands for a neighbour.
+    pub step: i64,
+}
+
+impl Kernel {
+    /// 3, 5, .. 15 pixels wide, or 19, 23, .. 31.
+    pub fn of_width(width: i64) -> Kernel {
+        if width <= 15 { Kernel { radius: width / 2, step: 1 } } else { Kernel { radius: (width - 3) / 4, step: 2 } }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    Visible,
+    Invisible,
+    /// Too near to the threshold to say.
+    InBand,
+}
+
+/// Depths as a picture: those that hold a point are finite.
+#[derive(Clone, Copy)]
+pub struct Depths<'d> {
+    pub view: &'d View,
+    pub depth: &'d [f32],
+}
+
+impl Depths<'_> {
+    fn size(&self) -> [i64; 2] {
+        self.view.size.map(|side| side as i64)
+    }
+
+    fn at(&self, x: i64, y: i64) -> Option<f64> {
+        let [width, height] = self.size();
+        let z = self.depth[(mirrored(y, height) * width + mirrored(x, width)) as usize];
+        z.is_finite().then_some(z as f64)
+    }
+
+    /// The point of a neighbour, if it holds one, at the middle of a pixel.
+    fn neighbour(&self, x: i64, y: i64, step: i64) -> Option<DVec3> {
+        let block = (0..step).flat_map(|dy| (0..step).map(move |dx| (dx, dy)));
+        let nearest = block.filter_map(|(dx, dy)| self.at(x + dx, y + dy)).fold(f64::INFINITY, f64::min);
+        nearest.is_finite().then(|| self.point(x, y, nearest))
+    }
+
+    /// In the camera's space: right, down, forward.
+    fn point(&self, x: i64, y: i64, z: f64) -> DVec3 {
+        let [width, height] = self.size();
+        let f = self.view.focal_px() as f32 as f64;
+        let across = DVec3::new((x as f64 + 0.5 - width as f64 / 2.0) / f, (y as f64 + 0.5 - height as f64 / 2.0) / f, 0.0);
+        match self.view.camera.projection {
+            Projection::Perspective => (across + DVec3::Z) * z,
+            Projection::Orthographic => across + DVec3::Z * z,
+        }
+    }
+
+    /// The empty solid angle of a pixel, steradians. One without a point lies beyond all neighbours: its cones are closed, or hemispheres.
+    pub fn solid_angle(&self, [x, y]: [i64; 2], kernel: Kernel, sectors: usize) -> f64 {
+        let own = self.at(x, y).map(|z| self.point(x, y, z));
+        let mut most: Vec<Option<f64>> = vec![None; sectors];
+        for dy in -kernel.radius..=kernel.radius {
+            for dx in -kernel.radius..=kernel.radius {
+                let (dx, dy) = (dx * kernel.step, dy * kernel.step);
+                if (dx, dy) == (0, 0) {
+                    continue;
+                }
+                let Some(pi) = self.neighbour(x + dx, y + dy, kernel.step) else { continue };
+                let cos = match own {
+                    None => 1.0,
+                    Some(p0) => {
+                        let v = match self.view.camera.projection {
+                            Projection::Perspective => -p0.normalize(),
+                            Projection::Orthographic => -DVec3::Z,
+                        };
+                        v.dot((pi - p0).normalize())
+                    }
+                };
+                let sector = &mut most[sector(dx, dy, sectors)];
+                *sector = Some(sector.map_or(cos, |most| most.max(cos)));
+            }
+        }
+        most.iter().map(|cos| TAU / sectors as f64 * (1.0 - cos.unwrap_or(0.0))).sum()
+    }
+
+    pub fn verdict(&self, at: [i64; 2], kernel: Kernel, settings: &Settings) -> Verdict {
+        let sum = self.solid_angle(at, kernel, settings.sectors as usize);
+        let needed = if self.at(at[0], at[1]).is_some() { settings.threshold } else { settings.holes };
+        match sum - needed {
+            apart if apart.abs() <= BAND * sum => Verdict::InBand,
+            apart if apart >= 0.0 => Verdict::Visible,
+            _ => Verdict::Invisible,
+        }
+    }
+
+    /// Of every tile the kernel that the spacing of its points, metres, the same everywhere, calls for; none where rounding may choose another.
+    pub fn kernels(&self, settings: &Settings, spacing: f64) -> Vec<Option<Kernel>> {
+        let [width, height] = self.size();
+        let tile = TILE_PX as i64;
+        let [across, down] = [width, height].map(|side| (side + tile - 1) / tile);
+        let nearest = |tx: i64, ty: i64| {
+            let pixels =
+                (ty * tile..((ty + 1) * tile).min(height)).flat_map(|y| (tx * tile..((tx + 1) * tile).min(width)).map(move |x| (x, y)));
+            pixels.filter_map(|(x, y)| self.at(x, y)).reduce(f64::min)
+        };
+        let spacing_px = |z: f64| match self.view.camera.projection {
+            Projection::Perspective => spacing * self.view.focal_px() / z,
+            Projection::Orthographic => spacing * self.view.focal_px(),
+        };
+        let own = |tx: i64, ty: i64| nearest(tx, ty).map(spacing_px);
+        let kernel = |i: i64| {
+            let (tx, ty) = (i % across, i / across);
+            let around = (ty - 1..=ty + 1).flat_map(|y| (tx - 1..=tx + 1).map(move |x| (x, y)));
+            let around = around.filter(|(x, y)| (0..across).contains(x) && (0..down).contains(y));
+            let spacing = own(tx, ty).or_else(|| around.filter_map(|(x, y)| own(x, y)).reduce(f64::max)).unwrap_or(0.0);
+            let [lo, hi] = [1.0 - BAND, 1.0 + BAND].map(|slack| of_extent(spacing * settings.reach * slack));
+            (lo == hi).then(|| Kernel::of_width(lo))
+        };
+        (0..across * down).map(kernel).collect()
+    }
+}
+
+/// The least kernel that is so many pixels wide, or the widest.
+fn of_extent(pixels: f64) -> i64 {
+    (3..=15).step_by(2).chain((19..=31).step_by(4)).find(|&width| width as f64 >= pixels).unwrap_or(31)
+}
+
+/// Beyond the edge the picture is seen as in a mirror, which stands in the middle of the last pixel, and which ends where the picture does.
+fn mirrored(x: i64, side: i64) -> i64 {
+    let x = if x < 0 { -x } else { x };
+    let x = if x > side - 1 { 2 * (side - 1) - x } else { x };
+    x.clamp(0, side - 1)
+}
+
+/// 4, 8 or 16 sectors of a full turn, each with its first border; in integers. Turned by quarters until it lies in the first one, an offset is beyond an eighth of a turn where y >= x, and beyond a
+/// sixteenth where y / x >= sqrt(2) - 1, which no fraction equals.
+pub fn sector(x: i64, y: i64, sectors: usize) -> usize {
+    let (mut x, mut y, mut quarter) = (x, y, 0);
+    while !(x > 0 && y >= 0) {
+        (x, y, quarter) = (y, -x, quarter + 1);
+    }
+    let eighth = (y >= x) as usize;
+    let sixteenth = match eighth {
+        0 => (x + y) * (x + y) > 2 * x * x,
+        _ => (y - x) * (y - x) > 2 * x * x,
+    } as usize;
+    match sectors {
+        4 => quarter,
+        8 => 2 * quarter + eighth,
+        16 => 4 * quarter + 2 * eighth + sixteenth,
+        _ => panic!("there are 4, 8 or 16 sectors, not {sectors}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// No offset of a kernel lies within rounding of a border but those on the axes and diagonals, which f64 has exactly as eighths of a turn.
+    #[test]
+    fn sectors_are_those_of_the_angle() {
+        for (x, y) in (-31..=31).flat_map(|y| (-31..=31).map(move |x| (x, y))).filter(|at| *at != (0, 0)) {
+            let turn = ((y as f64).atan2(x as f64) / TAU).rem_euclid(1.0);
+            for sectors in [4, 8, 16] {
+                let exact = (turn * sectors as f64 * (1.0 + 1e-12)).floor() as usize % sectors;
+                assert_eq!(sector(x, y, sectors), exact, "({x}, {y}) of {sectors}");
+            }
+        }
+    }
+
+    #[test]
+    fn mirrors_end_where_the_picture_does() {
+        assert_eq!([-3, -1, 0, 4, 5, 6].map(|x| mirrored(x, 5)), [3, 1, 0, 4, 3, 2]);
+        assert_eq!([-9, -1, 0, 1, 9].map(|x| mirrored(x, 1)), [0; 5]);
+        assert_eq!([-9, 9].map(|x| mirrored(x, 3)), [0, 0]);
+    }
+}
