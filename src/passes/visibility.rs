@@ -70,7 +70,7 @@ const FINE: u32 = 7;
 /// As in glsl/lib/tile.glsl.
 const MARGIN_PX: u32 = 16;
 
-pub fn called_for(scene: &Scene, _before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to hide".to_string() },
         _ => Reason { runs: true, why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string() },
