@@ -19,6 +19,8 @@ layout(push_constant, scalar) uniform Push {
     uint fixed_list; // 11: by spacing
     float pixels_per_spacing; // width of the kernel
     uint all; // 1: no tile is left out
+    uint packed_at; // dispatches of pack_depth, for the narrow kernels and for the wide ones
+    uvec2 pack_groups;
 } push;
 
 void main() {
@@ -46,5 +48,11 @@ void main() {
     float widest = clamp(7.0 + ceil((kernel - 19.0) * 0.25), 7.0, 10.0);
     uint list = uint(kernel <= 15.0 ? wider : widest);
     list = push.fixed_list < 11u ? push.fixed_list : list;
+    uint packed_for = push.packed_at + (list < 7u ? 0u : LIST_HEADER);
+    if (lists.word[packed_for] == 0u) {
+        lists.word[packed_for + 1u] = push.pack_groups.y;
+        lists.word[packed_for + 2u] = 1u;
+        lists.word[packed_for] = push.pack_groups.x;
+    }
     APPEND(list * push.stride, number)
 }

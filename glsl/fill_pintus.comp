@@ -35,9 +35,7 @@ layout(push_constant, scalar) uniform Push {
 const uint NOTHING = 0xFFFFFFFFu;
 
 uvec2 value_at(ivec2 pixel) {
-    bool inside = all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(push.size)));
-    uvec2 value = imageLoad(from, clamp(pixel, ivec2(0), ivec2(push.size) - 1)).rg;
-    return inside ? value : uvec2(BACKGROUND_BITS, 0u);
+    return imageLoad(from, pixel).rg;
 }
 
 // Neighbours that have a value.
@@ -50,21 +48,25 @@ uint valid_of(uvec2 above[3], uvec2 level[3], uvec2 below[3]) {
 uvec2 mean(uvec2 own, uvec2 around[8]) {
     float z0 = uintBitsToFloat(own.x & ~FILLING);
     precise float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
+    // Where there is no tolerance, only equal depths are of one surface.
+    precise float strictness = tolerance > 0.0 ? 1.0 / tolerance : 3.402823466e38;
     precise float weights = 1.0;
     precise float rise = 0.0;
-    precise vec3 color = unpack_color(own.y);
+    precise vec3 light = light_of(own.y);
     [[unroll]] for (int k = 0; k < 8; ++k) {
         bool corner = k == 0 || k == 2 || k == 5 || k == 7;
         bool has = around[k].x != NOTHING;
         precise float difference = (has ? uintBitsToFloat(around[k].x) : z0) - z0;
-        precise float near = tolerance > 0.0 ? 1.0 - min(1.0, abs(difference) / tolerance) : difference == 0.0 ? 1.0 : 0.0;
+        precise float near = 1.0 - min(1.0, abs(difference) * strictness);
         precise float weight = has ? (corner ? 0.292893219 : 0.5) * near : 0.0;
         weights += weight;
         rise += weight * difference;
-        color += weight * unpack_color(around[k].y);
+        light += weight * light_of(around[k].y);
     }
-    precise float z = z0 + rise / weights;
-    return uvec2(floatBitsToUint(z) | FILLING, pack_color(color / weights));
+    precise float step = rise / weights;
+    // A thousandth of what tells surfaces apart shows nowhere, and would keep the tile awake for long.
+    precise float z = abs(step) * 1024.0 < tolerance ? z0 : z0 + step;
+    return uvec2(floatBitsToUint(z) | FILLING, pack_light(light / weights));
 }
 
 uvec2 median(uvec2 own, uvec2 around[8]) {

@@ -1,4 +1,4 @@
-// Depth -> the same, four rows a texel, with a margin around the picture: a kernel then loads four pixels at once and needs not look where the picture ends.
+// Depth -> the same, four rows a texel, for kernels that look far: with a margin around the picture, so that they need not look where it ends; or without.
 //
 // Points beyond the picture's edge are not known; the pixels inside stand for them as in a mirror, so that a hole at the edge is like any other.
 #version 460
@@ -14,26 +14,31 @@ layout(local_size_x = 64) in;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) writeonly uniform image2D packed_depth;
 
+// Each pixel is the nearest of so many x so many, itself at the top left.
+layout(constant_id = 0) const uint SPAN = 1u;
+layout(constant_id = 1) const bool MARGIN = true;
+
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     uvec2 packed_size; // texels
-    int span;          // each pixel the nearest of so many x so many, itself at the top left
 } push;
 
 void main() {
     ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(texel, ivec2(push.packed_size)))) return;
     ivec2 size = ivec2(push.size);
-    ivec2 top = ivec2(texel.x, 4 * texel.y) - MARGIN_PX;
-    vec4 four;
-    [[unroll]] for (int row = 0; row < 4; ++row) {
-        float nearest = uintBitsToFloat(BACKGROUND_BITS);
-        for (int i = 0; i < push.span * push.span; ++i) {
-            ivec2 at = top + ivec2(i % push.span, row + i / push.span);
-            ivec2 mirrored = size - 1 - abs(size - 1 - abs(at));
-            nearest = min(nearest, imageLoad(depth, clamp(mirrored, ivec2(0), size - 1)).r);
+    ivec2 top = ivec2(texel.x, 4 * texel.y) - (MARGIN ? MARGIN_PX : 0);
+    vec4 four = vec4(uintBitsToFloat(BACKGROUND_BITS));
+    for (int i = 0; i < int(SPAN); ++i) {
+        int x = size.x - 1 - abs(size.x - 1 - abs(top.x + i));
+        [[unroll]] for (int row = 0; row < 5; ++row) {
+            if (row == 4 && SPAN == 1u) break;
+            int y = size.y - 1 - abs(size.y - 1 - abs(top.y + row));
+            // Without a margin, what lies beyond the picture reads as 0: no depth.
+            float z = imageLoad(depth, MARGIN ? clamp(ivec2(x, y), ivec2(0), size - 1) : top + ivec2(i, row)).r;
+            if (row < 4) four[row] = min(four[row], z);
+            if (row > 0 && SPAN == 2u) four[row - 1] = min(four[row - 1], z);
         }
-        four[row] = nearest;
     }
     imageStore(packed_depth, texel, four);
 }

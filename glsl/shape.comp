@@ -1,67 +1,67 @@
-// One level of shape depiction (Pintus et al. 2011, sec. 6, eq. 2 and 3; papers/README.md): depth of level k in; its share of the shade added; depth of level k + 1 out.
+// The first level of shape depiction (Pintus et al. 2011, sec. 6; lib/shape.glsl): depth -> shade, depth of the next level, and the tiles that deeper levels are worth for.
 //
-//   mu, sigma = mean and standard deviation of the depths in the 3 x 3         of differences to the centre: exact beside it
-//   dmin = mu - sigma, dmax = mu + sigma
-//   omega = clamp(1 - |d - dmin| / (dmax - dmin + eps), 0, 1)
-//   next d = (mu + dmin) / 2 = mu - sigma / 2
-// eps is `softness` pixels' width: a surface that rises by less than that from pixel to pixel faces the viewer and is bright, a steeper one darkens towards a half.
+// Where a surface is a plane, every level gives the same shade; only tiles near others are listed. A deeper level looks one pixel farther, so that tiles within `rings` - 1 of one that is no plane
+// have another shade, and one ring more keeps what they look at right. `wanted`: 1 a tile whose depth is needed, 3 one whose shade is, too.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
+#include "shape.glsl"
+#include "tile.glsl"
 
 layout(local_size_x = 64) in;
 
-layout(r32f) readonly uniform image2D depth;
-layout(r32f) readonly uniform image2D shade_before;
-layout(r32f) writeonly uniform image2D next;
-layout(r32f) writeonly uniform image2D shade;
+// All with four rows a texel.
+layout(rgba32f) readonly uniform image2D depth;
+layout(rgba32f) writeonly uniform image2D next;
+layout(rgba32f) writeonly uniform image2D shade;
+layout(scalar) buffer Lists { uint word[]; } lists;
+layout(scalar) buffer Wanted { uint tile[]; } wanted;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-layout(constant_id = 1) const bool FIRST = true;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size;        // pixels
-    float width;       // of `softness` pixels: metres, or with perspective parts of the depth
-    float weight;      // of this level; all levels' weights add up to 1
+    uvec2 size;  // pixels
+    uvec2 tiles;
+    float width; // of `softness` pixels: metres, or with perspective parts of the depth
+    int rings;   // 0: there is no deeper level
 } push;
 
+void want(ivec2 tile) {
+    for (int y = max(tile.y - push.rings, 0); y <= min(tile.y + push.rings, int(push.tiles.y) - 1); ++y) {
+        for (int x = max(tile.x - push.rings, 0); x <= min(tile.x + push.rings, int(push.tiles.x) - 1); ++x) {
+            bool near = max(abs(x - tile.x), abs(y - tile.y)) < push.rings;
+            uint at = uint(y) * push.tiles.x + uint(x);
+            if ((atomicOr(wanted.tile[at], near ? 3u : 1u) & 3u) == 0u) APPEND(0u, at)
+        }
+    }
+}
+
 void main() {
-    ivec2 size = ivec2(push.size);
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (pixel.x >= size.x || pixel.y >= size.y) return;
-    float z = imageLoad(depth, pixel).r;
-    bool point = has_depth(floatBitsToUint(z)) && z > 0.0;
-    float z0 = point ? z : 1.0;
-    float rise[9];
-    precise float count = 0.0;
-    precise float sum = 0.0;
-    [[unroll]] for (int k = 0; k < 9; ++k) {
-        ivec2 q = pixel + ivec2(k % 3, k / 3) - 1;
-        bool there = q.x >= 0 && q.y >= 0 && q.x < size.x && q.y < size.y;
-        float zk = imageLoad(depth, clamp(q, ivec2(0), size - 1)).r;
-        bool has = there && zk > 0.0 && zk < uintBitsToFloat(BACKGROUND_BITS);
-        rise[k] = has ? zk - z0 : 0.0;
-        // Marks a neighbour that is not there.
-        rise[k] = has ? rise[k] : uintBitsToFloat(BACKGROUND_BITS);
-        count += has ? 1.0 : 0.0;
-        sum += has ? rise[k] : 0.0;
+    EACH_OF(push.tiles.x * push.tiles.y) {
+        ivec2 top = column_of(n, push.tiles.x);
+        bool plane = true;
+        for (int half_tile = 0; half_tile < 2; ++half_tile) {
+            ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
+            float z[18];
+            LOAD_AROUND(z, depth, texel)
+            vec4 omegas;
+            vec4 nexts;
+            [[unroll]] for (int p = 0; p < 4; ++p) {
+                float around[9];
+                [[unroll]] for (int k = 0; k < 9; ++k) around[k] = z[3 * p + k];
+                Level level = level_of(around, push.width, PERSPECTIVE);
+                omegas[p] = level.omega;
+                nexts[p] = level.next;
+                bool at_edge = any(equal(ivec2(texel.x, 4 * texel.y + p), ivec2(0))) || any(greaterThanEqual(ivec2(texel.x, 4 * texel.y + p), ivec2(push.size) - 1));
+                plane = plane && (level.flat_ || at_edge);
+            }
+            imageStore(shade, texel, omegas);
+            imageStore(next, texel, nexts);
+        }
+        // One lane of a tile marks it, and those around it.
+        if (!plane && push.rings > 0 && (atomicOr(wanted.tile[n], 4u) & 4u) == 0u) want(ivec2(n % push.tiles.x, n / push.tiles.x));
     }
-    precise float mu = sum / max(count, 1.0);
-    precise float squares = 0.0;
-    [[unroll]] for (int k = 0; k < 9; ++k) {
-        bool has = rise[k] < uintBitsToFloat(BACKGROUND_BITS);
-        precise float off = has ? rise[k] - mu : 0.0;
-        squares += off * off;
-    }
-    precise float sigma = sqrt(squares / max(count, 1.0));
-    precise float eps = max(PERSPECTIVE ? push.width * z0 : push.width, z0 * 9.5367431640625e-7);
-    // d = z0 is 0 here.
-    precise float omega = clamp(1.0 - abs(sigma - mu) / (2.0 * sigma + eps), 0.0, 1.0);
-    precise float lower = z0 + (mu - 0.5 * sigma);
-    imageStore(next, pixel, vec4(point ? max(lower, z0 * 0.5) : z));
-    precise float sum_of_levels = (FIRST ? 0.0 : imageLoad(shade_before, pixel).r) + push.weight * omega;
-    imageStore(shade, pixel, vec4(sum_of_levels));
 }

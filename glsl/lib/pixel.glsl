@@ -8,17 +8,28 @@ const uint UNKNOWN_BITS = 0xFF800000u;
 // While filling, a pixel is two words. The first: bits of its depth, with the sign set where the pixel is being filled. The second: its colour.
 const uint FILLING = 0x80000000u;
 
+// What lies outside of an image reads as 0 (robustImageAccess), and is no depth.
 bool has_depth(uint bits) {
-    return (bits & 0x7FFFFFFFu) < BACKGROUND_BITS;
+    return (bits & 0x7FFFFFFFu) - 1u < BACKGROUND_BITS - 1u;
 }
 
-// Linear colour as square roots, 11 + 11 + 10 bits: finer than sRGB's 8, and decoded by a multiplication.
-uint pack_color(vec3 linear) {
-    uvec3 q = uvec3(sqrt(clamp(linear, 0.0, 1.0)) * vec3(2047.0, 2047.0, 1023.0) + 0.5);
+// Linear colour as square roots, 11 + 11 + 10 bits: finer than sRGB's 8, and decoded by a multiplication. `light_of` is linear, in units of its own that save divisions.
+const vec3 ROOTS = vec3(2047.0, 2047.0, 1023.0);
+
+uint pack_light(vec3 light) {
+    uvec3 q = uvec3(min(sqrt(light), ROOTS) + 0.5);
     return q.r | (q.g << 11) | (q.b << 22);
 }
 
-vec3 unpack_color(uint word) {
-    vec3 root = vec3(word & 2047u, (word >> 11) & 2047u, word >> 22) / vec3(2047.0, 2047.0, 1023.0);
+vec3 light_of(uint word) {
+    vec3 root = vec3(word & 2047u, (word >> 11) & 2047u, word >> 22);
     return root * root;
+}
+
+uint pack_color(vec3 linear) {
+    return pack_light(max(linear, 0.0) * (ROOTS * ROOTS));
+}
+
+vec3 unpack_color(uint word) {
+    return light_of(word) / (ROOTS * ROOTS);
 }

@@ -59,7 +59,7 @@ const WAYS: [Way; 5] = [
 ];
 
 const SURFACE: &[&str] =
-    &["pack_depth", "classify", "clear lists", "assign", "clear listed", "visibility", "hide", "fill_", "clear steps", "shape", "shade"];
+    &["pack_depth", "classify", "clear lists", "assign", "clear listed", "visibility", "hide", "fill_", "clear steps", "clear rough", "clear wanted", "shape", "unpack_light"];
 
 pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(wish)?;
@@ -140,7 +140,7 @@ fn walls(size: [u32; 2], sparse: f64, seed: u64) -> Cloud {
                     continue;
                 }
                 columns.x.push(4 * x + 2);
-                columns.y.push(4 * behind + x / 2);
+                columns.y.push(4 * behind + x);
                 columns.z.push(4 * z + 2);
             }
         }

@@ -253,6 +253,7 @@ fn missing(instance: &ash::Instance, device: vk::PhysicalDevice, properties: &vk
         (v13.synchronization2, "synchronization2"),
         (v13.dynamic_rendering, "dynamicRendering"),
         (v13.maintenance4, "maintenance4"),
+        (v13.robust_image_access, "robustImageAccess"),
         (v12.timeline_semaphore, "timelineSemaphore"),
         (v12.buffer_device_address, "bufferDeviceAddress"),
         (v12.scalar_block_layout, "scalarBlockLayout"),
@@ -270,7 +271,7 @@ fn open_device(instance: &ash::Instance, physical: vk::PhysicalDevice, family: u
         .buffer_device_address(true)
         .scalar_block_layout(true)
         .shader_buffer_int64_atomics(int64_atomics);
-    let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(true).maintenance4(true);
+    let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(true).maintenance4(true).robust_image_access(true);
     let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics).shader_storage_image_extended_formats(true);
     let info =
         vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features).push_next(&mut v12).push_next(&mut v13);

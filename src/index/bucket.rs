@@ -1,14 +1,13 @@
 //! Points in any order -> BUCKETS of points that lie together, in bounded memory.
 //!
-//! In: batches of columns, from any thread. Out: for each cell of a Morton-ordered grid its points as records of fixed width, in blocks. Blocks stay in
+//! In: batches of columns, from any thread. Out: for each cell of a Morton-ordered grid its points as `record`s, in blocks. Blocks stay in
 //! memory up to a limit; beyond it full blocks go to one nameless temporary file, which the system removes with the process, however that ends.
 //! A batch is first sorted by cell, so that a bucket is locked once a batch and not once a point. A bucket that gets more points than a chunk may have
 //! becomes a grid of finer buckets there and then, so that hardly any point is moved twice.
 
 use super::morton;
-use super::samples::{Cell, Samples};
-use crate::cloud::color::to_8_bits;
-use crate::cloud::{Columns, Wanted};
+use super::record::{Batch, Layout};
+use super::samples::Cell;
 use crate::error::{Error, Result};
 use crate::whole_file::scratch;
 use std::fs::File;
@@ -26,170 +25,6 @@ const FINER_LEVELS: u32 = 3;
 const BLOCK_BYTES: usize = 64 << 10;
 /// A page: every bucket of a grid may hold as much in memory, 128 MiB together.
 const SPILLED_BYTES: usize = 4 << 10;
-
-/// Points of one file, on their way into buckets.
-pub struct Batch<'a> {
-    /// Where they lie on the tree's lattice.
-    pub cells: &'a [Cell],
-    pub columns: &'a Columns,
-    /// Their colours are rounded from 16 bits already.
-    pub wide: bool,
-    pub part: u16,
-}
-
-/// Where a record keeps what; columns that no file has take no room.
-#[derive(Clone, Copy, Debug)]
-pub struct Layout {
-    pub has: Wanted,
-    pub bytes: usize,
-}
-
-/// Bytes of a record before each column; none where it has none.
-struct Offsets {
-    rgb: Option<usize>,
-    intensity: Option<usize>,
-    class: Option<usize>,
-    returns: Option<usize>,
-    source: Option<usize>,
-    normal: Option<usize>,
-    gps_time: Option<usize>,
-    part: usize,
-    end: usize,
-}
-
-impl Offsets {
-    fn new(has: Wanted) -> Offsets {
-        let mut end = 12;
-        let mut next = |there: bool, bytes: usize| {
-            end += bytes * there as usize;
-            there.then_some(end - bytes)
-        };
-        let rgb = next(has.rgb, 4);
-        let (intensity, class, returns) = (next(has.intensity, 2), next(has.class, 1), next(has.returns, 1));
-        let (source, normal, gps_time) = (next(has.source, 2), next(has.normal, 3), next(has.gps_time, 8));
-        let part = next(true, 2).expect("every record has a part");
-        Offsets { rgb, intensity, class, returns, source, normal, gps_time, part, end }
-    }
-}
-
-impl Layout {
-    pub fn new(has: Wanted) -> Layout {
-        Layout { has, bytes: Offsets::new(has).end }
-    }
-
-    /// Writes a batch, point `i` as record `slots[i]`, a column at a time over as many points as the cache keeps. What a file lacks is what a renderer
-    /// would show for it: white, and 0 everywhere else.
-    fn write(&self, records: &mut [u8], slots: &[u32], batch: &Batch) {
-        const POINTS: usize = 2048;
-        let (at, columns) = (Offsets::new(self.has), batch.columns);
-        for first in (0..slots.len()).step_by(POINTS) {
-            let range = first..slots.len().min(first + POINTS);
-            let mut rows = Rows { records, stride: self.bytes, slots: &slots[range.clone()] };
-            rows.put(Some(0), batch.cells[range.clone()].iter().map(|&q| -> [u8; 12] { bytemuck::cast(q.map(u32::to_le)) }));
-            let wide = batch.wide as u8;
-            rows.put_column(at.rgb, &columns.rgb, &range, [255; 3], |[r, g, b]| [r, g, b, wide]);
-            rows.put_column(at.intensity, &columns.intensity, &range, 0, u16::to_le_bytes);
-            rows.put_column(at.class, &columns.class, &range, 0, |class| [class]);
-            rows.put_column(at.returns, &columns.returns, &range, 0, |returns| [returns]);
-            rows.put_column(at.source, &columns.source, &range, 0, u16::to_le_bytes);
-            rows.put_column(at.normal, &columns.normal, &range, [0; 3], |normal| normal.map(|v| v as u8));
-            rows.put_column(at.gps_time, &columns.gps_time, &range, 0.0, f64::to_le_bytes);
-            rows.put(Some(at.part), range.map(|_| batch.part.to_le_bytes()));
-        }
-    }
-
-    pub fn cell(record: &[u8]) -> Cell {
-        let at = |at: usize| u32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]);
-        [at(0), at(4), at(8)]
-    }
-
-    /// Everything behind the position, for an order by content.
-    pub fn rest(record: &[u8]) -> &[u8] {
-        &record[12..]
-    }
-
-    /// Brings the colours of records to what those of their whole part turned out to be. Which batch a point came in shows no longer then, so that records
-    /// of equal points are equal.
-    pub fn settle(&self, records: &mut [u8], found: &[Colors]) {
-        if !self.has.rgb || found.iter().all(|&colors| colors == Colors::Bytes) {
-            return;
-        }
-        for row in records.chunks_exact_mut(self.bytes) {
-            let part = u16::from_le_bytes([row[self.bytes - 2], row[self.bytes - 1]]);
-            let (color, wide) = row[12..16].split_at_mut(3);
-            match found[part as usize] {
-                // As if the file had no such field.
-                Colors::Black => color.fill(255),
-                Colors::Wide if wide[0] == 0 => color.iter_mut().for_each(|v| *v = to_8_bits(*v as u16)),
-                Colors::Wide | Colors::Bytes => {}
-            }
-            wide[0] = 0;
-        }
-    }
-
-    /// The points of settled records that follow each other. `station` numbers the station of a part and a source. A column at a time: the records fit the
-    /// cache.
-    pub fn read(&self, records: &[u8], keep: Wanted, station: &impl Fn(u16, u16) -> u16) -> Samples {
-        let rows = || records.chunks_exact(self.bytes);
-        let Offsets { rgb, intensity, class, returns, source, normal, gps_time: times, .. } = Offsets::new(self.has);
-        let u16_at = |row: &[u8], at: usize| u16::from_le_bytes([row[at], row[at + 1]]);
-        let part = |row: &[u8]| u16_at(row, self.bytes - 2);
-        let color = |row: &[u8], at: usize| [row[at], row[at + 1], row[at + 2]];
-        let time = |row: &[u8], at: usize| f64::from_le_bytes(row[at..at + 8].try_into().expect("eight bytes"));
-        Samples {
-            q: rows().map(Layout::cell).collect(),
-            rgb: rgb.filter(|_| keep.rgb).map(|at| rows().map(|row| color(row, at)).collect()),
-            intensity: intensity.map(|at| rows().map(|row| u16_at(row, at)).collect()),
-            class: class.map(|at| rows().map(|row| row[at]).collect()),
-            returns: returns.map(|at| rows().map(|row| row[at]).collect()),
-            source: source.map(|at| rows().map(|row| station(part(row), u16_at(row, at))).collect()),
-            normal: normal.map(|at| rows().map(|row| [row[at] as i8, row[at + 1] as i8, row[at + 2] as i8]).collect()),
-            gps_time: times.map(|at| rows().map(|row| time(row, at)).collect()),
-            weight: None,
-        }
-    }
-}
-
-/// What the colours of a part were found to be, once all were read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Colors {
-    Bytes,
-    /// 16 bits; batches that held only low ones were taken for bytes.
-    Wide,
-    /// All 0, which is none.
-    Black,
-}
-
-/// Records that a batch's points are written to.
-struct Rows<'a> {
-    records: &'a mut [u8],
-    stride: usize,
-    slots: &'a [u32],
-}
-
-impl Rows<'_> {
-    fn put<const N: usize>(&mut self, at: Option<usize>, values: impl Iterator<Item = [u8; N]>) {
-        let Some(at) = at else { return };
-        for (&slot, value) in self.slots.iter().zip(values) {
-            let start = slot as usize * self.stride + at;
-            self.records[start..start + N].copy_from_slice(&value);
-        }
-    }
-
-    fn put_column<T: Copy, const N: usize>(
-        &mut self,
-        at: Option<usize>,
-        column: &Option<Vec<T>>,
-        range: &Range<usize>,
-        lacking: T,
-        bytes: impl Fn(T) -> [u8; N],
-    ) {
-        match column {
-            Some(column) => self.put(at, column[range.clone()].iter().map(|&value| bytes(value))),
-            None => self.put(at, range.clone().map(|_| bytes(lacking))),
-        }
-    }
-}
 
 #[derive(Debug)]
 enum Block {
@@ -306,7 +141,7 @@ pub struct Grid {
     pub levels: u32,
     /// Points that a bucket may have.
     limit: u64,
-    stride: usize,
+    layout: Layout,
     buckets: Vec<Mutex<Bucket>>,
 }
 
@@ -351,13 +186,13 @@ impl Sorter {
 
 impl Grid {
     /// Over a whole tree, whose lattice starts at 0.
-    pub fn new(bits: u32, stride: usize, limit: u64) -> Grid {
-        Grid::over([0; 3], bits, FIRST_LEVELS, stride, limit)
+    pub fn new(bits: u32, layout: Layout, limit: u64) -> Grid {
+        Grid::over([0; 3], bits, FIRST_LEVELS, layout, limit)
     }
 
-    fn over(corner: Cell, bits: u32, levels: u32, stride: usize, limit: u64) -> Grid {
+    fn over(corner: Cell, bits: u32, levels: u32, layout: Layout, limit: u64) -> Grid {
         let levels = levels.min(bits);
-        Grid { corner, bits, levels, limit, stride, buckets: (0..1 << (3 * levels)).map(|_| Mutex::default()).collect() }
+        Grid { corner, bits, levels, limit, layout, buckets: (0..1 << (3 * levels)).map(|_| Mutex::default()).collect() }
     }
 
     fn number(&self, q: Cell) -> u16 {
@@ -367,27 +202,27 @@ impl Grid {
     }
 
     /// Distributes a batch.
-    pub fn add(&self, layout: &Layout, batch: &Batch, sorter: &mut Sorter, spill: &Spill) -> Result<()> {
+    pub fn add(&self, batch: &Batch, sorter: &mut Sorter, spill: &Spill) -> Result<()> {
         sorter.sort(batch.cells.iter().map(|&q| self.number(q)), self.buckets.len());
-        sorter.records.resize(batch.cells.len() * self.stride, 0);
-        layout.write(&mut sorter.records, &sorter.slots, batch);
+        sorter.records.resize(batch.cells.len() * self.layout.bytes, 0);
+        self.layout.write(&mut sorter.records, &sorter.slots, batch);
         self.append_runs(sorter, spill)
     }
 
     /// Records that were in a coarser bucket.
     fn add_records(&self, from: &[u8], spill: &Spill) -> Result<()> {
         let mut sorter = Sorter::default();
-        sorter.sort(from.chunks_exact(self.stride).map(|record| self.number(Layout::cell(record))), self.buckets.len());
+        sorter.sort(from.chunks_exact(self.layout.bytes).map(|record| self.number(self.layout.cell(record))), self.buckets.len());
         sorter.records.resize(from.len(), 0);
-        for (record, &slot) in from.chunks_exact(self.stride).zip(&sorter.slots) {
-            sorter.records[slot as usize * self.stride..][..self.stride].copy_from_slice(record);
+        for (record, &slot) in from.chunks_exact(self.layout.bytes).zip(&sorter.slots) {
+            sorter.records[slot as usize * self.layout.bytes..][..self.layout.bytes].copy_from_slice(record);
         }
         self.append_runs(&sorter, spill)
     }
 
     fn append_runs(&self, sorter: &Sorter, spill: &Spill) -> Result<()> {
         sorter.runs.iter().try_for_each(|&(number, ref run)| {
-            let records = &sorter.records[run.start * self.stride..run.end * self.stride];
+            let records = &sorter.records[run.start * self.layout.bytes..run.end * self.layout.bytes];
             self.append(number, records, spill)
         })
     }
@@ -398,13 +233,13 @@ impl Grid {
             drop(bucket);
             return finer.add_records(records, spill);
         }
-        bucket.append(records, self.stride, spill)?;
+        bucket.append(records, self.layout.bytes, spill)?;
         if bucket.points <= self.limit || self.bits == self.levels {
             return Ok(());
         }
         let shift = self.bits - self.levels;
         let corner = std::array::from_fn(|axis| self.corner[axis] + (morton::axis(number as u32, axis, self.levels) << shift));
-        let finer = Arc::new(Grid::over(corner, shift, FINER_LEVELS, self.stride, self.limit));
+        let finer = Arc::new(Grid::over(corner, shift, FINER_LEVELS, self.layout, self.limit));
         let full = std::mem::replace(&mut *bucket, Bucket { finer: Some(finer.clone()), ..Bucket::default() });
         // Others may fill the finer grid while this thread moves what the bucket had.
         drop(bucket);

@@ -12,9 +12,10 @@
 //! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
 //! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
 
-use super::bucket::{self, Bucket, Colors, Grid, Layout, Sorter, Spill};
+use super::bucket::{self, Bucket, Grid, Sorter, Spill};
 use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
 use super::grow::{self, Built, Grown, Open, Tree, Worker};
+use super::record::{Batch, Colors, Layout};
 use super::samples::{Cell, Samples};
 use crate::cloud::attribute::STRETCH;
 use crate::cloud::stream::{self, Source};
@@ -90,7 +91,7 @@ const HELD_BYTES_PER_NODE: usize = size_of::<Built>() + size_of::<NodeRecord>() 
 
 /// The program, what readers hold, what waits to be written.
 const BESIDE: u64 = 192 << 20;
-const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 20);
+const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 19);
 
 pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary> {
     let began = Instant::now();
@@ -267,7 +268,7 @@ impl Builder<'_> {
         let has = group.members.iter().fold(Wanted::default(), |has, &(number, _)| either(has, self.sources[number].available()));
         // Several stations need a number a point, even where no file names them.
         let has = Wanted { source: has.source || group.members.len() > 1 || self.sources.len() > 1, ..has };
-        let layout = Layout::new(has);
+        let parts: Vec<u16> = group.members.iter().map(|&(number, _)| number as u16).collect();
         let (mut cube, mut is_true) = (stated, false);
         loop {
             let extent = (0..3).map(|axis| (cube.1[axis].saturating_sub(cube.0[axis])).max(0)).max().unwrap_or(0) as u64;
@@ -283,7 +284,8 @@ impl Builder<'_> {
                 )));
             }
             let corner = if cube.0[0] == i64::MAX { [0; 3] } else { cube.0 };
-            let grid = Grid::new(bits, layout.bytes, self.options.chunk_points());
+            let layout = Layout::new(has, bits, &parts);
+            let grid = Grid::new(bits, layout, self.options.chunk_points());
             let outside = AtomicBool::new(false);
             let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
             let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
@@ -312,8 +314,8 @@ impl Builder<'_> {
                         outside.store(true, Relaxed);
                         return Ok(());
                     }
-                    let batch = bucket::Batch { cells: &cells, columns, wide: batch.depth.is_wide(), part };
-                    grid.add(&layout, &batch, &mut sorter, self.spill)?;
+                    let batch = Batch { cells: &cells, columns, wide: batch.depth.is_wide(), part };
+                    grid.add(&batch, &mut sorter, self.spill)?;
                     let mut counts = BTreeMap::new();
                     match &columns.source {
                         Some(source) => {

@@ -13,6 +13,8 @@ use super::morton;
 use super::samples::{Cell, Samples};
 use crate::cloud::Wanted;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
+use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::LazyLock;
 
 /// Positions of merged samples are kept to the cell's shortest side over 2^this: below half of what merging itself moved them.
@@ -44,8 +46,9 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     starts.extend(differ.iter().enumerate().filter(|&(_, &bit)| bit as u32 > dropped).map(|(i, _)| i + 1));
     starts.push(samples.len());
     let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
-    let runs = Runs { samples, starts };
-    let weights: Vec<u64> = runs.each(|run| run.map(|i| samples.weight(i) as u64).sum());
+    let weights = samples.weight.as_deref().map_or_else(|| vec![1; samples.len()].into(), Cow::Borrowed);
+    let runs = Runs { samples, weights, starts };
+    let weights: Vec<u64> = runs.each(|run| runs.weights[run].iter().map(|&weight| weight as u64).sum());
     let merged = Samples {
         q: runs.positions(&weights, dropped, coarser),
         rgb: has.rgb.then(|| runs.colors(samples.rgb.as_deref().unwrap_or_default(), &weights)),
@@ -63,10 +66,9 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
 /// Bits to drop before positions, rounded as [`merge`] rounds them, fit their planes: none unless samples lie 2^30 steps apart.
 fn least_dropped(q: &[Cell]) -> u32 {
     let most = 1u32 << (BITS_PER_PLANE * POSITION_PLANES);
-    let coarser = |axis: usize| {
-        let (low, high) = q.iter().fold((u32::MAX, 0), |(low, high), q| (low.min(q[axis]), high.max(q[axis])));
-        (0..32).find(|&coarser| (high >> coarser).saturating_sub(low >> coarser) < most).unwrap_or(32)
-    };
+    let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
+    q.iter().for_each(|q| (0..3).for_each(|axis| (low[axis], high[axis]) = (low[axis].min(q[axis]), high[axis].max(q[axis]))));
+    let coarser = |axis: usize| (0..32).find(|&coarser| (high[axis] >> coarser).saturating_sub(low[axis] >> coarser) < most).unwrap_or(32);
     match coarser(0).max(coarser(1)).max(coarser(2)) {
         0 => 0,
         coarser => 3 * (coarser + BITS_WITHIN_CELL),
@@ -76,16 +78,36 @@ fn least_dropped(q: &[Cell]) -> u32 {
 /// The runs of samples that become one each.
 struct Runs<'a> {
     samples: &'a Samples,
+    /// The weight of each.
+    weights: Cow<'a, [u32]>,
     starts: Vec<usize>,
 }
 
 impl Runs<'_> {
-    fn each<T>(&self, one: impl Fn(std::ops::Range<usize>) -> T) -> Vec<T> {
-        self.starts.windows(2).map(|ends| one(ends[0]..ends[1])).collect()
+    fn each<T>(&self, one: impl FnMut(Range<usize>) -> T) -> Vec<T> {
+        self.starts.windows(2).map(|ends| ends[0]..ends[1]).map(one).collect()
     }
 
-    fn weighted<T>(&self, weights: &[u64], one: impl Fn(std::ops::Range<usize>, u64) -> T) -> Vec<T> {
+    fn weighted<T>(&self, weights: &[u64], one: impl Fn(Range<usize>, u64) -> T) -> Vec<T> {
         self.starts.windows(2).zip(weights).map(|(ends, &weight)| one(ends[0]..ends[1], weight)).collect()
+    }
+
+    /// Weighted, rounded to the nearest.
+    fn mean<const N: usize>(&self, run: Range<usize>, total: u64, value: impl Fn(usize) -> [u32; N]) -> [u64; N] {
+        if run.len() == 1 {
+            return value(run.start).map(u64::from);
+        }
+        let weighted = |i: usize| value(i).map(|v| self.weights[i] as u64 * v as u64);
+        let half = total / 2;
+        // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the weights fits 32.
+        if total >> 32 == 0 {
+            let mut sum = [half; N];
+            run.for_each(|i| sum.iter_mut().zip(weighted(i)).for_each(|(sum, v)| *sum += v));
+            return sum.map(|sum| quotient(sum, total));
+        }
+        let mut sum = [half as u128; N];
+        run.for_each(|i| sum.iter_mut().zip(weighted(i)).for_each(|(sum, v)| *sum += v as u128));
+        sum.map(|sum| (sum / total as u128) as u64)
     }
 
     /// Rounded to the middle of 2^coarser steps, which lie within the cell: the order of the samples stays that of their cells.
@@ -93,18 +115,12 @@ impl Runs<'_> {
         let bits = morton::axis_bits(dropped);
         let (q, middle) = (&self.samples.q, (1u32 << coarser) >> 1);
         self.weighted(weights, |run, total| {
-            let corner: Cell = std::array::from_fn(|axis| (q[run.start][axis] as u64 >> bits[axis] << bits[axis]) as u32);
-            let mut sum = [0u128; 3];
-            for i in run {
-                let weight = self.samples.weight(i) as u64;
-                for axis in 0..3 {
-                    // Up to 2^64 - 2^33: a product of 32 bits by 32 fits, their sum may not.
-                    sum[axis] += (weight * (q[i][axis] - corner[axis]) as u64) as u128;
-                }
-            }
+            let first = q[run.start];
+            let corner: Cell = std::array::from_fn(|axis| (first[axis] as u64 >> bits[axis] << bits[axis]) as u32);
+            // Below the cell's side, which the mean cannot reach.
+            let within: [u64; 3] = self.mean(run, total, |i| std::array::from_fn(|axis| q[i][axis] - corner[axis]));
             std::array::from_fn(|axis| {
-                // Below the cell's side, which the mean cannot reach.
-                let within = mean(sum[axis], total).min((1u64 << bits[axis]) - 1) as u32;
+                let within = within[axis].min((1u64 << bits[axis]) - 1) as u32;
                 ((corner[axis] + within) >> coarser << coarser) + middle
             })
         })
@@ -112,32 +128,24 @@ impl Runs<'_> {
 
     fn colors(&self, rgb: &[[u8; 3]], weights: &[u64]) -> Vec<[u8; 3]> {
         let (decode, encode) = (&*DECODE, &**ENCODE);
-        self.weighted(weights, |run, total| {
-            let mut sum = [0u128; 3];
-            for i in run {
-                let weight = self.samples.weight(i) as u64;
-                for c in 0..3 {
-                    sum[c] += (weight * decode[rgb[i][c] as usize] as u64) as u128;
-                }
-            }
-            sum.map(|sum| encode[mean(sum, total) as usize])
-        })
+        let linear = |i: usize| rgb[i].map(|v| decode[v as usize] as u32);
+        self.weighted(weights, |run, total| self.mean(run, total, linear).map(|mean| encode[mean as usize]))
     }
 
     fn means(&self, values: &[u16], weights: &[u64]) -> Vec<u16> {
-        self.weighted(weights, |run, total| {
-            mean(run.map(|i| (self.samples.weight(i) as u64 * values[i] as u64) as u128).sum(), total) as u16
-        })
+        self.weighted(weights, |run, total| self.mean(run, total, |i| [values[i] as u32])[0] as u16)
     }
 
     /// The value with the greatest weight; of equally heavy ones the least.
     fn majorities<T: Copy + Ord>(&self, values: &[T]) -> Vec<T> {
+        let mut all: Vec<(T, u64)> = Vec::new();
         self.each(|run| {
             let first = values[run.start];
             if values[run.clone()].iter().all(|&value| value == first) {
                 return first;
             }
-            let mut all: Vec<(T, u64)> = run.map(|i| (values[i], self.samples.weight(i) as u64)).collect();
+            all.clear();
+            all.extend(run.map(|i| (values[i], self.weights[i] as u64)));
             all.sort_unstable();
             let mut best = (first, 0);
             for run in all.chunk_by(|a, b| a.0 == b.0) {
@@ -154,7 +162,7 @@ impl Runs<'_> {
         self.each(|run| {
             let mut sum = [0i64; 3];
             for i in run {
-                (0..3).for_each(|axis| sum[axis] += self.samples.weight(i) as i64 * normals[i][axis] as i64);
+                (0..3).for_each(|axis| sum[axis] += self.weights[i] as i64 * normals[i][axis] as i64);
             }
             let length = sum.map(|v| v as f64 * v as f64).iter().sum::<f64>().sqrt();
             if length > 0.0 { sum.map(|v| (v as f64 / length * 127.0).round() as i8) } else { [0; 3] }
@@ -163,7 +171,7 @@ impl Runs<'_> {
 
     /// Times of different passes have no meaningful mean: that of the heaviest sample, of equally heavy ones the earliest.
     fn times(&self, times: &[f64]) -> Vec<f64> {
-        let weight = |i: usize| self.samples.weight(i);
+        let weight = |i: usize| self.weights[i];
         self.each(|run| {
             let heaviest = run.max_by(|&a, &b| weight(a).cmp(&weight(b)).then(times[b].total_cmp(&times[a])));
             times[heaviest.expect("a cell has samples")]
@@ -171,13 +179,9 @@ impl Runs<'_> {
     }
 }
 
-/// Rounded to the nearest; in 64 bits where they are enough, because dividing 128 is slow.
-fn mean(sum: u128, total: u64) -> u64 {
-    let sum = sum + total as u128 / 2;
-    match u64::try_from(sum) {
-        Ok(sum) => sum / total,
-        Err(_) => (sum / total as u128) as u64,
-    }
+/// Rounded down. Of whole numbers below 2^53 the quotient in f64 is never rounded up to the next whole one, and is found sooner than in integers.
+fn quotient(sum: u64, total: u64) -> u64 {
+    if (sum | total) >> 53 == 0 { (sum as i64 as f64 / total as i64 as f64) as i64 as u64 } else { sum / total }
 }
 
 /// sRGB to linear light of 16 bits: finer than the steps of 8-bit sRGB everywhere.
@@ -264,6 +268,16 @@ mod tests {
                 assert!(sides.max() < Some(1 << 30), "{low} {high}");
                 assert!(high - low < 16 || merged.samples.len() == 2);
             }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn quotients_are_those_of_integers(total in 1u64..1 << 40, quotient in any::<u64>(), rest in any::<u64>(), scale in 0u32..40) {
+            let total = (total >> scale).max(1);
+            let quotient = quotient % (u64::MAX / total);
+            prop_assert_eq!(super::quotient(quotient * total + rest % total, total), quotient);
+            prop_assert_eq!(super::quotient(quotient * total + (total - 1), total), quotient);
         }
     }
 

@@ -1,7 +1,7 @@
 //! POINTS -> NODES.
 //!
 //! In memory: `organise` cuts a part's points into nodes along the Morton order; `pack` brings one node's points into the words that the GPU reads.
-//! Out of core: `build` makes a file (`file`) of leaves and inner nodes, from `bucket`s that are `grow`n into nodes; `merge` makes a parent's samples of
+//! Out of core: `build` makes a file (`file`) of leaves and inner nodes, from `bucket`s that are `sort`ed and `grow`n into nodes; `merge` makes a parent's samples of
 //! its children's. `spacing` says how far apart a node's points are.
 
 mod bucket;
@@ -14,7 +14,9 @@ mod merge;
 pub mod morton;
 pub mod organise;
 pub mod pack;
+mod record;
 mod samples;
+mod sort;
 pub mod spacing;
 
 pub use organise::{Arrangement, Node, Organised, organise, shuffle};

@@ -39,13 +39,25 @@ pub fn axis(code: u32, axis: usize, bits: u32) -> u32 {
     (0..bits).map(|b| (code >> (3 * b + axis as u32) & 1) << b).sum()
 }
 
-/// The highest bit in which two codes differ, counted from 1; 0 if they are equal. Found without making the codes.
+/// One bit of the code of three numbers.
+pub fn has(q: [u32; 3], bit: u32) -> bool {
+    q[bit as usize % 3] >> (bit / 3) & 1 == 1
+}
+
+/// The highest bit in which two codes differ, counted from 1; 0 if they are equal. Found without making the codes, and without branches, which nobody
+/// could foretell.
 pub fn highest_difference(a: [u32; 3], b: [u32; 3]) -> u8 {
-    let of = |axis: usize| match a[axis] ^ b[axis] {
-        0 => 0,
-        different => 3 * (31 - different.leading_zeros()) + axis as u32 + 1,
+    let of = |axis: usize| {
+        let different = a[axis] ^ b[axis];
+        (3 * (different | 1).ilog2() + axis as u32 + 1) * (different != 0) as u32
     };
     of(0).max(of(1)).max(of(2)) as u8
+}
+
+/// The order of two codes.
+pub fn order(a: [u32; 3], b: [u32; 3]) -> std::cmp::Ordering {
+    let axis = highest_difference(a, b).wrapping_sub(1) as usize % 3;
+    a[axis].cmp(&b[axis])
 }
 
 /// The bits that dropping the lowest `dropped` bits of a code takes from each axis: x loses the first.
@@ -67,6 +79,7 @@ mod tests {
             prop_assert_eq!(super::code(q.map(|v| v & 1023)) as u128, naive(q, 10));
             prop_assert_eq!(super::code_63(q) as u128, naive(q, 21));
             prop_assert_eq!(super::code_96(q), naive(q, 32));
+            prop_assert!((0..96).all(|bit| super::has(q, bit) == (naive(q, 32) >> bit & 1 == 1)));
         }
 
         #[test]
@@ -74,6 +87,7 @@ mod tests {
             let other = naive(a, 32) ^ if flip == 0 { 0 } else { 1 << (flip - 1) | low & ((1 << (flip - 1)) - 1) };
             let b = [0, 1, 2].map(|axis| (0..32).map(|k| ((other >> (3 * k + axis)) as u32 & 1) << k).sum());
             prop_assert_eq!(super::highest_difference(a, b) as u32, flip);
+            prop_assert_eq!(super::order(a, b), naive(a, 32).cmp(&naive(b, 32)));
         }
 
         #[test]

@@ -1,12 +1,15 @@
-//! LAYERS -> PICTURE: colour over the background, linear.
+//! LAYERS -> PICTURE: lit colour over the background, linear.
 
 use super::Layers;
 use crate::graph::{Graph, Image, Kind, Tiles};
-use crate::shader::{self, composite::Push};
+use crate::shader::{self, composite::Push, composite::Spec};
 use crate::view::View;
 
 pub fn record(g: &mut Graph, view: &View, background: [f32; 3], layers: &Layers) -> Image {
     let mut picture = g.image("picture", view.size, Kind::Rgba32f);
-    g.run(shader::Composite { color: &layers.color, picture: &mut picture, push: Push { size: view.size, background } }, Tiles::All);
+    // Without light there is nothing to read; a binding wants an image all the same.
+    let (lit, spec) = (layers.lit.as_ref().unwrap_or(&layers.depth), Spec { lit_by: layers.lit.is_some() });
+    let push = Push { size: view.size, background };
+    g.run(shader::Composite { color: &layers.color, lit, picture: &mut picture, push, spec }, Tiles::All);
     picture
 }

@@ -17,6 +17,8 @@ pub struct Layers {
     pub index: Image,
     /// Linear colour; alpha 1 where a surface is.
     pub color: Image,
+    /// What is left of the light, which multiplies the colour; all of it where no effect takes any.
+    pub lit: Option<Image>,
     /// Of every node of the frame, how far apart its points are, metres; f32.
     pub spacings: Buffer,
     /// Tiles with pixels of unknown depth, where a pass has looked for them.
@@ -124,7 +126,7 @@ macro_rules! effects {
 effects! {
     visibility, // depth, index, color -> the same without what is hidden; holes
     fill,       // depth, color, holes -> depth, color
-    shape,      // depth, color -> color
+    shape,      // depth -> lit
     edl,        // depth, color -> color
 }
 

@@ -1,10 +1,11 @@
-//! Shape depiction: depth and colour in, colour times a shade out that shows shape without normals (Pintus et al. 2011, sec. 6).
+//! Shape depiction: depth in, a shade out that shows shape without normals (Pintus et al. 2011, sec. 6).
 //!
 //! Every level compares a pixel's depth with mean and deviation of its 3 x 3, and hands a smoother depth to the next: fine levels draw lines, coarse ones light whole surfaces.
+//! Levels after the first run where the surface is no plane: on a plane every level gives the same shade (to 1/256).
 
-use super::{Decided, Layers, Reason, Scene, Setting, Value};
+use super::{Decided, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
-use crate::shader::{self, shade, shape};
+use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
 use crate::view::{Projection, View};
 
 pub const SUMMARY: &str = "shades by shape: lines at creases, light on what faces the viewer, without normals";
@@ -69,23 +70,66 @@ pub fn weights(settings: &Settings) -> Vec<f64> {
     weights.iter().map(|weight| weight / sum).collect()
 }
 
+/// Rings of tiles around one that is no plane whose depth deeper levels need: a level looks a pixel farther, and one ring more takes what is out of date beyond.
+fn rings(levels: u32) -> i32 {
+    match levels {
+        0 | 1 => 0,
+        _ => 1 + (levels - 1).div_ceil(TILE_PX) as i32,
+    }
+}
+
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+    let (size, across) = (view.size, tiles(view.size));
+    let count = across[0] * across[1];
     let perspective = view.camera.projection == Projection::Perspective;
     let width = (settings.softness / view.focal_px()) as f32;
-    let mut level: Option<(crate::graph::Image, crate::graph::Image)> = None;
-    for (k, weight) in weights(settings).into_iter().enumerate() {
-        let mut next = g.image("next", view.size, Kind::R32f);
-        let mut shade = g.image("shade", view.size, Kind::R32f);
-        let (depth, shade_before) = level.as_ref().map_or((&layers.depth, &layers.depth), |(depth, shade)| (depth, shade));
-        let push = shape::Push { size: view.size, width, weight: weight as f32 };
-        let spec = shape::Spec { perspective, first: k == 0 };
-        g.run(shader::Shape { depth, shade_before, next: &mut next, shade: &mut shade, push, spec }, Tiles::All);
-        level = Some((next, shade));
+    let weights = weights(settings);
+
+    // Whole tiles, so that lanes beyond the edge need not be told apart.
+    let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
+    let [mut from, mut to, mut shade] = ["smooth", "smoother", "shade"].map(|name| g.image(name, packed, Kind::Rgba32f));
+    let mut lists = g.buffer("rough tiles", 4 * (LIST_HEADER + count) as u64);
+    let mut wanted = g.buffer("wanted", 4 * count as u64);
+    g.fill(&mut lists, 0);
+    g.fill(&mut wanted, 0);
+    let push = pack_depth::Push { size, packed_size: packed };
+    let spec = pack_depth::Spec { span: 1, margin: false };
+    g.run(shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push, spec }, Tiles::All);
+    let push = shape::Push { size, tiles: across, width, rings: rings(weights.len() as u32) };
+    g.run(
+        shader::Shape {
+            depth: &to,
+            next: &mut from,
+            shade: &mut shade,
+            lists: &mut lists,
+            wanted: &mut wanted,
+            push,
+            spec: shape::Spec { perspective },
+        },
+        Tiles::Groups([count.div_ceil(8).min(65_535), 1, 1]),
+    );
+    for (k, &weight) in weights.iter().enumerate().skip(1) {
+        let before = if k == 1 { weights[0] } else { 1.0 } as f32;
+        let push = shape_level::Push { tiles_across: across[0], width, before, weight: weight as f32 };
+        let spec = shape_level::Spec { perspective };
+        g.run(
+            shader::ShapeLevel { from: &from, to: &mut to, shade: &mut shade, lists: &lists, wanted: &wanted, push, spec },
+            Tiles::From(&lists, 0),
+        );
+        std::mem::swap(&mut from, &mut to);
     }
-    let (_, shade) = level.expect("one level at least");
-    let mut shaded = g.image("shaded", view.size, Kind::Rgba32f);
-    let keep = if settings.base == Base::Color { 1.0 } else { 0.0 };
-    let push = shade::Push { size: view.size, keep };
-    g.run(shader::Shade { color: &layers.color, shade: &shade, shaded: &mut shaded, push }, Tiles::All);
-    Layers { color: shaded, ..layers }
+    let mut lit = g.image("lit", size, Kind::R32f);
+    g.run(
+        shader::UnpackLight { shade: &shade, lit: &mut lit, push: unpack_light::Push { size } },
+        Tiles::Groups([size[0].div_ceil(64), size[1].div_ceil(4), 1]),
+    );
+    let color = match settings.base {
+        Base::Color => layers.color,
+        Base::White => {
+            let mut white = g.image("white", size, Kind::Rgba32f);
+            g.run(shader::Whiten { color: &layers.color, white: &mut white, push: whiten::Push { size } }, Tiles::All);
+            white
+        }
+    };
+    Layers { color, lit: Some(lit), ..layers }
 }

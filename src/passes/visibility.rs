@@ -3,6 +3,7 @@
 //! ```text
 //!     classify     depth -> tiles           what each tile of 8 x 8 pixels holds
 //!     assign       tiles -> lists           which tiles have to be looked at, and how far around: a list a kernel
+//!     pack_depth   depth -> the same in the form that kernels read; only where a tile is listed
 //!     visibility   depth, lists -> a bit a pixel, and the list of tiles with invisible pixels; once a kernel
 //!     hide         takes those pixels out of the layers
 //! ```
@@ -78,20 +79,12 @@ pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Rea
 }
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
-    let Layers { mut depth, raw, mut index, mut color, spacings, .. } = layers;
+    let Layers { mut depth, raw, mut index, mut color, spacings, lit, .. } = layers;
     let across = tiles(view.size);
     let count = across[0] * across[1];
     let stride = LIST_HEADER + count;
     let perspective = view.camera.projection == Projection::Perspective;
     let px_per_unit = view.focal_px() as f32;
-
-    let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
-    let packed = [1, 2].map(|span| {
-        let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);
-        let push = pack_depth::Push { size: view.size, packed_size, span };
-        g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push }, Tiles::All);
-        packed
-    });
 
     let mut facts = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count as u64);
     let push = classify::Push { size: view.size, tiles: across, px_per_unit, slope: slope(view, settings.threshold) as f32 };
@@ -100,11 +93,22 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         Tiles::Groups([count.div_ceil(64), 1, 1]),
     );
 
-    let mut lists = g.buffer("lists", 4 * (KERNELS + 1) as u64 * stride as u64);
+    let packed_at = (KERNELS + 1) * stride;
+    let mut lists = g.buffer("lists", 4 * (packed_at + 2 * LIST_HEADER) as u64);
     g.fill(&mut lists, 0);
     let fixed_list = if settings.kernel == 0.0 { KERNELS } else { (settings.kernel as u32).max(3) / 2 - 1 };
-    let push = assign::Push { tiles: across, stride, fixed_list, pixels_per_spacing: settings.reach as f32, all: (settings.tiles == Looked::All) as u32 };
+    let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
+    let pack_groups = [packed_size[0].div_ceil(64), packed_size[1]];
+    let push = assign::Push { tiles: across, stride, fixed_list, pixels_per_spacing: settings.reach as f32, all: (settings.tiles == Looked::All) as u32, packed_at, pack_groups };
     g.run(shader::Assign { tiles: &facts, lists: &mut lists, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+
+    let packed = [1, 2].map(|span| {
+        let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);
+        let push = pack_depth::Push { size: view.size, packed_size };
+        let needed = Tiles::From(&lists, packed_at + (span - 1) * LIST_HEADER);
+        g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push, spec: pack_depth::Spec { span, margin: true } }, needed);
+        packed
+    });
 
     let mut invisible = g.buffer("invisible", 4 * TILE_PX as u64 * count as u64);
     let mut listed = g.buffer("listed", 4 * count as u64);
@@ -135,7 +139,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
         Tiles::From(&lists, holes_at),
     );
-    Layers { depth, raw, index, color, spacings, holes: Some(Holes { lists, at: holes_at }) }
+    Layers { depth, raw, index, color, spacings, holes: Some(Holes { lists, at: holes_at }), lit }
 }
 
 /// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.

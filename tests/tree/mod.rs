@@ -16,6 +16,8 @@ struct Grown {
     weights: Vec<u32>,
     children: Vec<Grown>,
     represented: u64,
+    /// The box around all points below.
+    bounds: [[i32; 3]; 2],
 }
 
 pub const STEP: f64 = 0.001;
@@ -53,8 +55,10 @@ fn halves(points: Vec<usize>, at: &[[i32; 3]], halvings: u32) -> Vec<Vec<usize>>
 
 fn grow(points: Vec<usize>, at: &[[i32; 3]], shape: &Shape) -> Grown {
     let represented = points.len() as u64;
+    let corner = |pick: fn(i32, i32) -> i32| [0, 1, 2].map(|axis| points.iter().map(|&i| at[i][axis]).reduce(pick).unwrap_or(0));
+    let bounds = [corner(i32::min), corner(i32::max)];
     if points.len() <= shape.leaf_points {
-        return Grown { weights: Vec::new(), points, children: Vec::new(), represented };
+        return Grown { weights: Vec::new(), points, children: Vec::new(), represented, bounds };
     }
     let children: Vec<Grown> = halves(points, at, shape.halvings).into_iter().map(|half| grow(half, at, shape)).collect();
     // Every sample of a parent is one of its children's.
@@ -62,7 +66,7 @@ fn grow(points: Vec<usize>, at: &[[i32; 3]], shape: &Shape) -> Grown {
     let every = all.len().div_ceil(shape.leaf_points).max(1);
     let points: Vec<usize> = all.into_iter().step_by(every).collect();
     let weights = vec![(represented / points.len() as u64) as u32; points.len()];
-    Grown { points, weights, children, represented }
+    Grown { points, weights, children, represented, bounds }
 }
 
 /// Writes an index of these points (millimetres) and opens it.
@@ -91,6 +95,12 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
             let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
             pack::pack(&columns, &frame, &order, Arrangement::Morton, |i| i as u32, &mut planes, &mut sorted);
             let spacing = frame.extent.iter().max().map_or(0.0, |&side| side.max(1) as f64 * STEP / (order.len() as f64).sqrt().max(1.0));
+            // Points lie no further outside of the samples' box than that.
+            let [low, high] = grown.bounds;
+            let beyond = |axis: usize| {
+                (frame.origin[axis] - low[axis] as i64).max(high[axis] as i64 - frame.origin[axis] - frame.extent[axis] as i64)
+            };
+            let spacing = spacing.max((0..3).map(beyond).max().unwrap_or(0) as f64 * STEP);
             let mut record = NodeRecord {
                 origin: frame.origin,
                 points: grown.represented,

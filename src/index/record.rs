@@ -1,0 +1,229 @@
+//! Points as records of fixed width, on their way through buckets, and back.
+//!
+//! In: columns. Out: bytes that can be moved as a whole, in memory or through a file, and the columns again, of any records in any order. A record has no
+//! room for what no file has; memory, and what goes through the disk, shrink by as much.
+
+use super::samples::{Cell, Samples};
+use crate::cloud::color::to_8_bits;
+use crate::cloud::{Columns, Wanted};
+use std::ops::Range;
+
+/// Points of one file.
+pub struct Batch<'a> {
+    /// Where they lie on the tree's lattice.
+    pub cells: &'a [Cell],
+    pub columns: &'a Columns,
+    /// Their colours are rounded from 16 bits already.
+    pub wide: bool,
+    pub part: u16,
+}
+
+/// Where a record keeps what; columns that no file has take no room.
+#[derive(Clone, Copy, Debug)]
+pub struct Layout {
+    pub bytes: usize,
+    at: Offsets,
+    /// Of all points, where records name none.
+    part: u16,
+}
+
+/// Bytes of a record before each column; none where it has none.
+#[derive(Clone, Copy, Debug)]
+struct Offsets {
+    /// The least byte behind the position.
+    rest: usize,
+    rgb: Option<usize>,
+    intensity: Option<usize>,
+    class: Option<usize>,
+    returns: Option<usize>,
+    source: Option<usize>,
+    normal: Option<usize>,
+    gps_time: Option<usize>,
+    part: Option<usize>,
+}
+
+/// Three coordinates of so many bits fit a u64.
+const PACKED_BITS: u32 = 21;
+const PACKED_BYTES: usize = size_of::<u64>();
+
+impl Layout {
+    /// For points of a cube of 2^`bits` steps, of these parts.
+    pub fn new(has: Wanted, bits: u32, parts: &[u16]) -> Layout {
+        let rest = if bits <= PACKED_BITS { PACKED_BYTES } else { size_of::<Cell>() };
+        let mut bytes = rest;
+        let mut next = |there: bool, width: usize| {
+            bytes += width * there as usize;
+            there.then_some(bytes - width)
+        };
+        let rgb = next(has.rgb, 4);
+        let (intensity, class, returns) = (next(has.intensity, 2), next(has.class, 1), next(has.returns, 1));
+        let (source, normal, gps_time) = (next(has.source, 2), next(has.normal, 3), next(has.gps_time, 8));
+        let part = next(parts.len() > 1, 2);
+        let at = Offsets { rest, rgb, intensity, class, returns, source, normal, gps_time, part };
+        Layout { bytes, at, part: parts.first().copied().unwrap_or_default() }
+    }
+
+    fn is_packed(&self) -> bool {
+        self.at.rest == PACKED_BYTES
+    }
+
+    /// Writes a batch, point `i` as record `slots[i]`, a column at a time over as many points as the cache keeps. What a file lacks is what a renderer
+    /// would show for it: white, and 0 everywhere else.
+    pub fn write(&self, records: &mut [u8], slots: &[u32], batch: &Batch) {
+        const POINTS: usize = 2048;
+        let (at, columns) = (self.at, batch.columns);
+        for first in (0..slots.len()).step_by(POINTS) {
+            let range = first..slots.len().min(first + POINTS);
+            let mut rows = Rows { records, stride: self.bytes, slots: &slots[range.clone()] };
+            let cells = batch.cells[range.clone()].iter();
+            if self.is_packed() {
+                rows.put(Some(0), cells.map(|q| (0..3).fold(0, |bits, axis| bits << PACKED_BITS | q[axis] as u64).to_le_bytes()));
+            } else {
+                rows.put(Some(0), cells.map(|&q| -> [u8; size_of::<Cell>()] { bytemuck::cast(q.map(u32::to_le)) }));
+            }
+            let wide = batch.wide as u8;
+            rows.put_column(at.rgb, &columns.rgb, &range, [255; 3], |[r, g, b]| [r, g, b, wide]);
+            rows.put_column(at.intensity, &columns.intensity, &range, 0, u16::to_le_bytes);
+            rows.put_column(at.class, &columns.class, &range, 0, |class| [class]);
+            rows.put_column(at.returns, &columns.returns, &range, 0, |returns| [returns]);
+            rows.put_column(at.source, &columns.source, &range, 0, u16::to_le_bytes);
+            rows.put_column(at.normal, &columns.normal, &range, [0; 3], |normal| normal.map(|v| v as u8));
+            rows.put_column(at.gps_time, &columns.gps_time, &range, 0.0, f64::to_le_bytes);
+            rows.put(at.part, range.map(|_| batch.part.to_le_bytes()));
+        }
+    }
+
+    #[inline]
+    pub fn cell(&self, record: &[u8]) -> Cell {
+        if self.is_packed() {
+            let bits = u64::from_le_bytes(first(record));
+            let at = |axis: u32| (bits >> (PACKED_BITS * (2 - axis))) as u32 & ((1 << PACKED_BITS) - 1);
+            return [at(0), at(1), at(2)];
+        }
+        let cell: [u8; size_of::<Cell>()] = first(record);
+        bytemuck::cast::<_, Cell>(cell).map(u32::from_le)
+    }
+
+    /// One of many records.
+    #[inline]
+    pub fn record<'a>(&self, records: &'a [u8], number: u32) -> &'a [u8] {
+        &records[number as usize * self.bytes..][..self.bytes]
+    }
+
+    /// Everything behind the position, for an order by content.
+    pub fn rest<'a>(&self, record: &'a [u8]) -> &'a [u8] {
+        &record[self.at.rest..]
+    }
+
+    fn part(&self, record: &[u8]) -> u16 {
+        self.at.part.map_or(self.part, |at| u16::from_le_bytes(first(&record[at..])))
+    }
+
+    /// Brings the colours of records to what those of their whole part turned out to be. Which batch a point came in shows no longer then, so that records
+    /// of equal points are equal.
+    pub fn settle(&self, records: &mut [u8], found: &[Colors]) {
+        let Some(at) = self.at.rgb.filter(|_| found.iter().any(|&colors| colors != Colors::Bytes)) else { return };
+        for row in records.chunks_exact_mut(self.bytes) {
+            let colors = found[self.part(row) as usize];
+            let (color, wide) = row[at..at + 4].split_at_mut(3);
+            match colors {
+                // As if the file had no such field.
+                Colors::Black => color.fill(255),
+                Colors::Wide if wide[0] == 0 => color.iter_mut().for_each(|v| *v = to_8_bits(*v as u16)),
+                Colors::Wide | Colors::Bytes => {}
+            }
+            wide[0] = 0;
+        }
+    }
+
+    /// The points of some settled records, in this order. `station` numbers the station of a part and a source. A column at a time over as many records as
+    /// the cache keeps.
+    pub fn read(&self, records: &[u8], order: &[u32], keep: Wanted, station: &impl Fn(u16, u16) -> u16) -> Samples {
+        const POINTS: usize = 1024;
+        fn column<T>(there: bool, points: usize) -> Option<Vec<T>> {
+            there.then(|| Vec::with_capacity(points))
+        }
+        fn extend<'a, T>(
+            column: &mut Option<Vec<T>>,
+            at: Option<usize>,
+            rows: impl Iterator<Item = &'a [u8]>,
+            value: impl Fn(&'a [u8]) -> T,
+        ) {
+            if let (Some(column), Some(at)) = (column, at) {
+                column.extend(rows.map(|row| value(&row[at..])));
+            }
+        }
+        let at = self.at;
+        let points = order.len();
+        let mut samples = Samples {
+            q: Vec::with_capacity(points),
+            rgb: column(keep.rgb, points),
+            intensity: column(keep.intensity, points),
+            class: column(keep.class, points),
+            returns: column(keep.returns, points),
+            source: column(keep.source, points),
+            normal: column(keep.normal, points),
+            gps_time: column(keep.gps_time, points),
+            weight: None,
+        };
+        for some in order.chunks(POINTS) {
+            let rows = || some.iter().map(|&number| self.record(records, number));
+            samples.q.extend(rows().map(|row| self.cell(row)));
+            extend(&mut samples.rgb, at.rgb, rows(), first);
+            extend(&mut samples.intensity, at.intensity, rows(), |row| u16::from_le_bytes(first(row)));
+            extend(&mut samples.class, at.class, rows(), |row| row[0]);
+            extend(&mut samples.returns, at.returns, rows(), |row| row[0]);
+            extend(&mut samples.normal, at.normal, rows(), |row| first(row).map(|v| v as i8));
+            extend(&mut samples.gps_time, at.gps_time, rows(), |row| f64::from_le_bytes(first(row)));
+            if let (Some(column), Some(source)) = (&mut samples.source, at.source) {
+                column.extend(rows().map(|row| station(self.part(row), u16::from_le_bytes(first(&row[source..])))));
+            }
+        }
+        samples
+    }
+}
+
+/// What the colours of a part were found to be, once all were read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Colors {
+    Bytes,
+    /// 16 bits; batches that held only low ones were taken for bytes.
+    Wide,
+    /// All 0, which is none.
+    Black,
+}
+
+/// Records that a batch's points are written to.
+struct Rows<'a> {
+    records: &'a mut [u8],
+    stride: usize,
+    slots: &'a [u32],
+}
+
+impl Rows<'_> {
+    fn put<const N: usize>(&mut self, at: Option<usize>, values: impl Iterator<Item = [u8; N]>) {
+        let Some(at) = at else { return };
+        for (&slot, value) in self.slots.iter().zip(values) {
+            let start = slot as usize * self.stride + at;
+            self.records[start..start + N].copy_from_slice(&value);
+        }
+    }
+
+    fn put_column<T: Copy, const N: usize>(
+        &mut self,
+        at: Option<usize>,
+        column: &Option<Vec<T>>,
+        range: &Range<usize>,
+        lacking: T,
+        bytes: impl Fn(T) -> [u8; N],
+    ) {
+        match column {
+            Some(column) => self.put(at, column[range.clone()].iter().map(|&value| bytes(value))),
+            None => self.put(at, range.clone().map(|_| bytes(lacking))),
+        }
+    }
+}
+
+fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    *bytes.first_chunk().expect("a record has all its columns")
+}
