@@ -34,6 +34,13 @@ pub struct Wishes {
     pub precision: Precision,
 }
 
+impl Wishes {
+    /// Every point one pixel.
+    pub fn points() -> Wishes {
+        Wishes { effects: Effects::of(Style::Points), ..Wishes::default() }
+    }
+}
+
 impl Default for Wishes {
     fn default() -> Self {
         Wishes { effects: Effects::default(), background: crate::config::BACKGROUND, precision: Precision::Auto }

@@ -39,7 +39,7 @@ impl Place {
 #[test]
 fn an_index_drawn_to_its_leaves_is_the_picture_of_the_file() {
     let place = Place::new(300_000);
-    let look = "--effect edl=off --size 480x270 --camera @cam.json";
+    let look = "--style points --effect edl=off --size 480x270 --camera @cam.json";
     std::fs::write(place.at("cam.json"), r#"{"eye": [-30, -25, 25], "target": [10, 0, 2]}"#).unwrap();
     for color in ["rgb", "intensity", "elevation", "class", "return"] {
         succeeded(&place.render("street.las", &format!("{look} --color {color} -o @file.png")));

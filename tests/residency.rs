@@ -87,7 +87,7 @@ fn few(points: u64) -> Detail {
 type Picture = (Vec<u32>, Vec<u32>, Vec<[u32; 4]>);
 
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Picture {
-    let mut wishes = Wishes::default();
+    let mut wishes = Wishes::points();
     wishes.effects.edl.switch = Switch::Off;
     let look = look::decide(&wishes, &Scene { view, points: resident.points });
     let mut g = Graph::new(gpu);

@@ -195,7 +195,7 @@ pub struct Drawing {
 
 /// What is resident, without effects.
 pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> {
-    let mut wishes = Wishes::default();
+    let mut wishes = Wishes::points();
     wishes.effects.edl.switch = Switch::Off;
     let look = look::decide(&wishes, &Shot { view, points: resident.points });
     let mut g = Graph::new(gpu);

@@ -151,7 +151,7 @@ struct Drawing {
 }
 
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, precision: Precision) -> Result<Drawing> {
-    let mut wishes = Wishes { precision, ..Wishes::default() };
+    let mut wishes = Wishes { precision, ..Wishes::points() };
     wishes.effects.edl.switch = Switch::Off;
     let look = look::decide(&wishes, &Seen { view, points: resident.points });
     let mut g = Graph::new(gpu);

@@ -117,7 +117,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
 }
 
 pub(super) fn wishes(settings: &[&str]) -> Result<Wishes> {
-    let mut wishes = Wishes::default();
+    let mut wishes = Wishes::points();
     settings.iter().try_for_each(|text| wishes.effects.set(text)).map_err(Error::Request)?;
     Ok(wishes)
 }

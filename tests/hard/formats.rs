@@ -86,7 +86,7 @@ fn agrees(name: &str, write: impl FnOnce(&Path) -> Written) {
     for (place, camera) in cameras() {
         for precision in [Precision::Auto, Precision::Planes(3)] {
             let view = View::new(camera, [331, 257]).unwrap();
-            let layers = draw(Way::Compute64, &cloud, &view, &Wishes { precision, ..Wishes::default() });
+            let layers = draw(Way::Compute64, &cloud, &view, &Wishes { precision, ..Wishes::points() });
             let source = project::Source::new(part, &view, precision, moved);
             let agreement = project::check(&view, &[(source, written.relative(camera.eye))], &layers.depth);
             assert_eq!(agreement.objection(), None, "{name}, {place}, {precision:?}");
