@@ -347,7 +347,9 @@ fn the_surface_study_keeps_its_promises() {
         assert!(!case.2.starts_with("points") || error("lost_visible") == 0.0 && error("spilled") < 0.01, "{case:?}");
     }
     let holes = |value: &str| {
-        let found = rows.iter().find(|row| (row.scene, row.view, row.metric) == ("torus", "whole", "holes") && row.value.starts_with("points") && row.value.contains(value));
+        let found = rows.iter().find(|row| {
+            (row.scene, row.view, row.metric) == ("torus", "whole", "holes") && row.value.starts_with("points") && row.value.contains(value)
+        });
         found.unwrap().error
     };
     assert!(holes(" 0.04/px") > holes(" 0.1/px") && holes(" 0.1/px") > holes(" 0.25/px"));
