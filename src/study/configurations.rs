@@ -26,8 +26,9 @@ const VERTICES: &str = "its vertices";
 const SCENES: [&str; 4] = ["sphere", "torus", "street", "dragon"];
 const ALL: &str = "all scenes";
 
-/// Times are medians over no more rounds: configurations are many.
-const MOST_ROUNDS: usize = 5;
+/// Configurations are many, so that rounds, views and pixels are not: a study takes minutes, not hours, on a software device.
+const MOST_ROUNDS: usize = 3;
+const MOST_SIDE: u32 = 512;
 const VIEWS: usize = 2;
 
 /// The knob of what the renderer does when nothing is asked for.
@@ -115,7 +116,7 @@ struct Pool {
 pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let scenes = if plan.scenes.is_empty() { SCENES.map(String::from).to_vec() } else { plan.scenes.clone() };
     let options = Options {
-        size: plan.size,
+        size: plan.size.map(|side| side.min(MOST_SIDE)),
         seed: plan.seed,
         // Hidden sides cost as many points as seen ones.
         most_points: 4 * plan.points,
@@ -151,9 +152,11 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
     }));
     let how = format!(
         "{} Truth is the surface itself, ray-cast in f64. {} views of each scene at one density are pooled, and all scenes: errors are sums over all pixels, milliseconds are \
-         sums over the frames. Milliseconds are those of the passes that the settings change. n = {rounds} interleaved rounds after one that is not counted. Left out: {}.",
+         sums over the frames, of {} x {} pixels. Milliseconds are those of the passes that the settings change. n = {rounds} interleaved rounds after one that is not counted. Left out: {}.",
         Q::HOW,
         VIEWS,
+        options.size[0],
+        options.size[1],
         if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") }
     );
     let tables = vec![table::<Q>(&pools)];
@@ -260,7 +263,8 @@ fn knobs(rows: &[Row]) -> Vec<&'static str> {
 
 fn table<Q: Question>(pools: &[Pool]) -> Table {
     let first = ["scene", "points", "knob", "value"].map(String::from);
-    let metrics = Q::METRICS.iter().map(|metric| if metric.root { metric.name.to_string() } else { format!("{}, %", metric.name.replace('_', " ")) });
+    let metrics =
+        Q::METRICS.iter().map(|metric| if metric.root { metric.name.to_string() } else { format!("{}, %", metric.name.replace('_', " ")) });
     let head = first.into_iter().chain(metrics).chain(Q::COUNTERS.iter().map(|name| name.to_string())).chain(["ms".into()]).collect();
     let row = |(pool, sum): (&Pool, &Sum)| -> Vec<String> {
         let errors = Q::METRICS.iter().zip(&sum.parts).map(|(metric, part)| match metric.root {

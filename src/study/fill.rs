@@ -35,7 +35,12 @@ const METRICS: &[Metric] = &[
         root: false,
     },
     Metric { name: "holes", axis: "share of pixels", about: "Holes: pixels of the silhouette without a depth", root: false },
-    Metric { name: "spilled", axis: "share of pixels", about: "Spilled: pixels with a depth more than 1 px outside of the silhouette", root: false },
+    Metric {
+        name: "spilled",
+        axis: "share of pixels",
+        about: "Spilled: pixels with a depth more than 1 px outside of the silhouette",
+        root: false,
+    },
 ];
 
 impl Question for Fill {
@@ -58,7 +63,10 @@ impl Question for Fill {
         let tolerance = |px: f64| own("tolerance", &format!("{px} px"), &format!("fill=on,tolerance={}", px * pixel_m));
         [own(AUTO, AUTO, "fill=on"), bare("points", "fill=off")]
             .into_iter()
-            .chain(["1", "2", "3", "4", "6", "9"].map(|radius| bare(&format!("splat {radius} px"), &format!("fill=on,method=splat,radius={radius}"))))
+            .chain(
+                ["1", "2", "3", "4", "6", "9"]
+                    .map(|radius| bare(&format!("splat {radius} px"), &format!("fill=on,method=splat,radius={radius}"))),
+            )
             .chain([own("method", "pullpush", "fill=on,method=pullpush"), bare("pullpush, no visibility", "fill=on,method=pullpush")])
             .chain(["2", "4", "8", "16", "32"].map(|steps| own("iterations", steps, &format!("fill=on,iterations={steps}"))))
             .chain([2.0, 4.0, 8.0, 16.0, 64.0, 128.0].map(tolerance))
