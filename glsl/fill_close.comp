@@ -10,9 +10,9 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
-// Words of depth and of colour, four rows a texel.
-layout(rgba32ui) readonly uniform uimage2D filled_depth;
-layout(rgba32ui) readonly uniform uimage2D filled_color;
+// Depth and colour (lib/pixel.glsl), four rows a texel.
+layout(rgba32f) readonly uniform image2D filled_depth;
+layout(rgba32f) readonly uniform image2D filled_color;
 layout(r32f) uniform image2D depth;
 layout(rgba32f) uniform image2D color;
 
@@ -28,8 +28,8 @@ void main() {
         ivec2 top = column_of(tile, push.tiles_across);
         for (int half_tile = 0; half_tile < 2; ++half_tile) {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
-            uvec4 depths = imageLoad(filled_depth, texel);
-            uvec4 colors = imageLoad(filled_color, texel);
+            uvec4 depths = floatBitsToUint(imageLoad(filled_depth, texel));
+            vec4 colors = imageLoad(filled_color, texel);
             [[unroll]] for (int row = 0; row < 4; ++row) {
                 ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
                 if ((depths[row] & FILLING) != 0u && all(lessThan(pixel, ivec2(push.size)))) {

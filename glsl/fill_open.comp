@@ -12,11 +12,11 @@ layout(local_size_x = 64) in;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
-// Words of depth and of colour, four rows a texel.
-layout(rgba32ui) writeonly uniform uimage2D even_depth;
-layout(rgba32ui) writeonly uniform uimage2D even_color;
-layout(rgba32ui) writeonly uniform uimage2D odd_depth;
-layout(rgba32ui) writeonly uniform uimage2D odd_color;
+// Depth and colour (lib/pixel.glsl), four rows a texel.
+layout(rgba32f) writeonly uniform image2D even_depth;
+layout(rgba32f) writeonly uniform image2D even_color;
+layout(rgba32f) writeonly uniform image2D odd_depth;
+layout(rgba32f) writeonly uniform image2D odd_color;
 
 layout(push_constant, scalar) uniform Push {
     uint tiles_across;
@@ -24,12 +24,12 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 void open(ivec2 texel) {
-    uvec4 depths;
-    uvec4 colors;
+    vec4 depths;
+    vec4 colors;
     // What lies beyond the picture reads as 0: no depth.
     [[unroll]] for (int row = 0; row < 4; ++row) {
         ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
-        depths[row] = floatBitsToUint(imageLoad(depth, pixel).r);
+        depths[row] = imageLoad(depth, pixel).r;
         colors[row] = pack_color(imageLoad(color, pixel).rgb);
     }
     imageStore(even_depth, texel, depths);

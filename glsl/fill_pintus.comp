@@ -20,11 +20,11 @@ layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32ui) readonly uniform uimageBuffer listed_words;
 layout(scalar) buffer Steps { uint word[]; } steps;
 layout(r32ui) readonly uniform uimageBuffer step_words;
-// Words of depth and of colour, four rows a texel.
-layout(rgba32ui) readonly uniform uimage2D from_depth;
-layout(rgba32ui) readonly uniform uimage2D from_color;
-layout(rgba32ui) writeonly uniform uimage2D to_depth;
-layout(rgba32ui) writeonly uniform uimage2D to_color;
+// Depth and colour (lib/pixel.glsl), four rows a texel.
+layout(rgba32f) readonly uniform image2D from_depth;
+layout(rgba32f) readonly uniform image2D from_color;
+layout(rgba32f) writeonly uniform image2D to_depth;
+layout(rgba32f) writeonly uniform image2D to_color;
 
 layout(constant_id = 0) const bool TEXELS = true;
 
@@ -67,13 +67,13 @@ void main() {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             // Bits of depths without the sign, NOTHING where there is none.
             int bits[18];
-            uvec4 own = imageLoad(from_depth, texel);
+            uvec4 own = floatBitsToUint(imageLoad(from_depth, texel));
             [[unroll]] for (int k = 0; k < 3; ++k) {
                 ivec2 at = texel + ivec2(k - 1, 0);
-                uvec4 column = k == 1 ? own : imageLoad(from_depth, at);
-                bits[k] = depth_bits(imageLoad(from_depth, at - ivec2(0, 1)).w);
+                uvec4 column = k == 1 ? own : floatBitsToUint(imageLoad(from_depth, at));
+                bits[k] = depth_bits(floatBitsToUint(imageLoad(from_depth, at - ivec2(0, 1)).w));
                 [[unroll]] for (int p = 0; p < 4; ++p) bits[3 * p + 3 + k] = depth_bits(column[p]);
-                bits[15 + k] = depth_bits(imageLoad(from_depth, at + ivec2(0, 1)).x);
+                bits[15 + k] = depth_bits(floatBitsToUint(imageLoad(from_depth, at + ivec2(0, 1)).x));
             }
             bvec4 filling;
             bvec4 none;
@@ -84,17 +84,17 @@ void main() {
                 none[p] = filling[p] && bits[3 * p + 4] == NOTHING;
             }
             for (bool work = any(filling); work; work = false) {
-                uint colors[18];
-                uvec4 own_colors = imageLoad(from_color, texel);
+                float colors[18];
+                vec4 own_colors = imageLoad(from_color, texel);
                 [[unroll]] for (int k = 0; k < 3; ++k) {
                     ivec2 at = texel + ivec2(k - 1, 0);
-                    uvec4 column = k == 1 ? own_colors : imageLoad(from_color, at);
+                    vec4 column = k == 1 ? own_colors : imageLoad(from_color, at);
                     colors[k] = imageLoad(from_color, at - ivec2(0, 1)).w;
                     [[unroll]] for (int p = 0; p < 4; ++p) colors[3 * p + 3 + k] = column[p];
                     colors[15 + k] = imageLoad(from_color, at + ivec2(0, 1)).x;
                 }
                 uvec4 next = own;
-                uvec4 next_colors = own_colors;
+                vec4 next_colors = own_colors;
                 [[unroll]] for (int p = 0; p < 4; ++p) {
                     // The mean, where there is a value; elsewhere of numbers that are not used.
                     int c = 3 * p + 4;
@@ -144,7 +144,7 @@ void main() {
                     }
                 }
                 changed = changed || next != own || next_colors != own_colors;
-                imageStore(to_depth, texel, next);
+                imageStore(to_depth, texel, uintBitsToFloat(next));
                 imageStore(to_color, texel, next_colors);
             }
         }

@@ -3,13 +3,15 @@
 use crate::error::Result;
 use crate::graph::{Graph, Image};
 use crate::look::Look;
-use crate::passes::{self, Layers, composite, project, resolve};
+use crate::passes::{self, Layers, composite, normal, project, resolve};
 use crate::resident::Resident;
 use crate::view::View;
 
 /// What a frame leaves behind.
 pub struct Outcome {
     pub picture: Image,
+    /// World normals of the surface, zero where it has none.
+    pub normal: Image,
     pub layers: Layers,
     pub statistics: project::Statistics,
 }
@@ -24,6 +26,7 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
     }
     let layers = resolved.layers(g, resident)?;
     let layers = passes::apply(g, view, &look.effects, &look.decided, layers);
+    let normal = normal::record(g, view, &layers);
     let picture = composite::record(g, view, look.background, &layers);
-    Ok(Outcome { picture, layers, statistics: drawn.statistics })
+    Ok(Outcome { picture, normal, layers, statistics: drawn.statistics })
 }

@@ -1,7 +1,29 @@
 //! What the user asked for + what the scene calls for -> the look of this frame, with reasons.
 
 use crate::passes::project::Precision;
-use crate::passes::{Decided, Effects, Scene, resolve};
+use crate::passes::{Decided, Effects, Scene, Switch, resolve};
+
+/// How points become a picture: which effects may run when nothing is said of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Style {
+    /// A surface: what is hidden is hidden, holes are filled, shape is shaded
+    #[default]
+    Surface,
+    /// Every point one pixel
+    Points,
+}
+
+impl Effects {
+    pub fn of(style: Style) -> Effects {
+        let mut effects = Effects::default();
+        if style == Style::Points {
+            effects.visibility.switch = Switch::Off;
+            effects.fill.switch = Switch::Off;
+            effects.shape.switch = Switch::Off;
+        }
+        effects
+    }
+}
 
 /// What the user asked for, whatever the scene.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,7 +5,7 @@ const uint NO_POINT = 0xFFFFFFFFu;
 const uint BACKGROUND_BITS = 0x7F800000u;
 const uint UNKNOWN_BITS = 0xFF800000u;
 
-// While filling, a pixel is two words: bits of its depth, with the sign set where the pixel is being filled, and its colour.
+// While filling, a pixel is two floats: its depth, negative where the pixel is being filled, and its colour. Floats, because lavapipe loads images of integers several times slower.
 const uint FILLING = 0x80000000u;
 
 // What lies outside of an image reads as 0 (robustImageAccess), and is no depth.
@@ -13,24 +13,26 @@ bool has_depth(uint bits) {
     return (bits & 0x7FFFFFFFu) - 1u < BACKGROUND_BITS - 1u;
 }
 
-// Linear colour as square roots, 11 + 11 + 10 bits: finer than sRGB's 8, and decoded by a multiplication. `light_of` is linear, in units of its own that save divisions.
-const vec3 ROOTS = vec3(2047.0, 2047.0, 1023.0);
+// Linear colour as square roots of 8 bits each, which is near sRGB and decoded by a multiplication; together a whole number that a float holds exactly. `light_of` is linear, in units of its own that
+// save divisions.
+const float ROOTS = 255.0;
 
-uint pack_light(vec3 light) {
+float pack_light(vec3 light) {
     // By way of signed integers, which CPUs convert in one instruction.
     ivec3 q = ivec3(min(sqrt(light), ROOTS) + 0.5);
-    return uint(q.r | (q.g << 11) | (q.b << 22));
+    return float(q.r | (q.g << 8) | (q.b << 16));
 }
 
-vec3 light_of(uint word) {
-    vec3 root = vec3(ivec3(word & 2047u, (word >> 11) & 2047u, word >> 22));
+vec3 light_of(float packed_light) {
+    int word = int(packed_light);
+    vec3 root = vec3(ivec3(word & 255, (word >> 8) & 255, word >> 16));
     return root * root;
 }
 
-uint pack_color(vec3 linear) {
+float pack_color(vec3 linear) {
     return pack_light(max(linear, 0.0) * (ROOTS * ROOTS));
 }
 
-vec3 unpack_color(uint word) {
-    return light_of(word) / (ROOTS * ROOTS);
+vec3 unpack_color(float packed_light) {
+    return light_of(packed_light) / (ROOTS * ROOTS);
 }

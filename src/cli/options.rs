@@ -9,7 +9,7 @@ use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::gpu::Wish;
 use crate::index::cache;
-use crate::look::Wishes;
+use crate::look::{Style, Wishes};
 use crate::passes::Effects;
 use crate::passes::project::Precision;
 use crate::view::{Camera, Preset, View};
@@ -34,7 +34,7 @@ pub struct PictureOptions {
     #[arg(long, value_name = "NAME=off|on|auto[,key=value...]")]
     pub effect: Vec<String>,
     /// How points become a picture
-    #[arg(long, value_enum, default_value_t = Style::Points)]
+    #[arg(long, value_enum, default_value_t)]
     pub style: Style,
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
@@ -109,12 +109,6 @@ pub struct DeviceOptions {
     pub validate: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Style {
-    /// Every point one pixel
-    Points,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size(pub [u32; 2]);
 
@@ -160,7 +154,7 @@ impl std::fmt::Display for Background {
 
 impl PictureOptions {
     pub fn wishes(&self) -> Result<Wishes> {
-        let mut effects = Effects::default();
+        let mut effects = Effects::of(self.style);
         for text in &self.effect {
             effects.set(text).map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
         }

@@ -34,7 +34,7 @@ pub struct Arguments {
     /// The picture to write, PNG
     #[arg(short, long, value_name = "OUT.png", required_unless_present = "exr")]
     pub output: Option<PathBuf>,
-    /// Also (or only) write the layers: R G B A linear, depth.Z, index.V, coverage.V, raw.Z
+    /// Also (or only) write the layers: R G B A linear, depth.Z, index.V, coverage.V, normal.X Y Z, lit.V, raw.Z
     #[arg(long, value_name = "OUT.exr")]
     pub exr: Option<PathBuf>,
     #[command(flatten)]
@@ -140,6 +140,9 @@ struct Downloads {
     depth: Option<Buffer>,
     index: Option<Buffer>,
     raw: Option<Buffer>,
+    normal: Option<Buffer>,
+    /// None where nothing takes light away.
+    lit: Option<Buffer>,
 }
 
 impl Downloads {
@@ -148,7 +151,9 @@ impl Downloads {
         let depth = layers.then(|| g.download(&outcome.layers.depth));
         let index = layers.then(|| g.download(&outcome.layers.index));
         let raw = layers.then(|| g.download(&outcome.layers.raw));
-        Downloads { picture, depth, index, raw }
+        let normal = layers.then(|| g.download(&outcome.normal));
+        let lit = outcome.layers.lit.as_ref().filter(|_| layers).map(|lit| g.download(lit));
+        Downloads { picture, depth, index, raw, normal, lit }
     }
 }
 
@@ -167,6 +172,9 @@ fn write_layers(path: &Path, view: &View, frame: &Frame, downloads: &Downloads) 
     };
     let coverage = depth.iter().zip(index).map(coverage).collect();
     let channel = |c: usize| Samples::Float(picture.iter().map(|pixel| pixel[c]).collect());
+    let normal: &[[f32; 4]] = frame.read(downloads.normal.as_ref().expect("asked for with --exr"));
+    let normal = |axis: usize| Samples::Float(normal.iter().map(|normal| normal[axis]).collect());
+    let lit = downloads.lit.as_ref().map_or_else(|| vec![1.0; raw.len()], |lit| frame.read::<f32>(lit).to_vec());
     let channels = vec![
         ("R", channel(0)),
         ("G", channel(1)),
@@ -175,6 +183,10 @@ fn write_layers(path: &Path, view: &View, frame: &Frame, downloads: &Downloads) 
         ("depth.Z", Samples::Float(depth)),
         ("index.V", Samples::Id(index.to_vec())),
         ("coverage.V", Samples::Id(coverage)),
+        ("normal.X", normal(0)),
+        ("normal.Y", normal(1)),
+        ("normal.Z", normal(2)),
+        ("lit.V", Samples::Float(lit)),
         ("raw.Z", Samples::Float(raw.to_vec())),
     ];
     picture::write_exr(path, view.size, channels)

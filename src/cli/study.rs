@@ -4,7 +4,7 @@ use super::options::{DeviceOptions, Size};
 use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;
-use crate::study::{self, Plan, STUDIES, report};
+use crate::study::{self, Plan, STUDIES, cases, report};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -35,6 +35,9 @@ pub struct Arguments {
     /// Size of the pictures, pixels
     #[arg(long, value_name = "WxH", default_value_t = Size([1280, 720]))]
     pub size: Size,
+    /// Scenes of the studies surface, visibility, fill and shape [default: each study's own]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = clap::builder::PossibleValuesParser::new(cases::NAMES))]
+    pub scenes: Vec<String>,
     #[command(flatten)]
     pub device: DeviceOptions,
 }
@@ -45,7 +48,7 @@ fn help() -> String {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
-    let plan = Plan { points: arguments.points, seed: arguments.seed, repeat: arguments.repeat as usize, size: arguments.size.0 };
+    let plan = Plan { points: arguments.points, seed: arguments.seed, repeat: arguments.repeat as usize, size: arguments.size.0, scenes: arguments.scenes.clone() };
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     let sections = study::run(&arguments.names, &mut gpu, &plan, progress)?;
     report::write(&arguments.output, &sections, &plan, &report::Origin::here(&gpu))?;

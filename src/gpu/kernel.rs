@@ -24,7 +24,6 @@ pub enum Kind {
     TexelsRgba32ui,
     R32f,
     R32ui,
-    Rgba32ui,
     Rgba32f,
 }
 
@@ -34,7 +33,6 @@ impl Kind {
             Kind::Buffer | Kind::TexelsR32ui | Kind::TexelsRgba32ui => None,
             Kind::R32f => Some(vk::Format::R32_SFLOAT),
             Kind::R32ui => Some(vk::Format::R32_UINT),
-            Kind::Rgba32ui => Some(vk::Format::R32G32B32A32_UINT),
             Kind::Rgba32f => Some(vk::Format::R32G32B32A32_SFLOAT),
         }
     }
@@ -132,10 +130,8 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
             layout_info = layout_info.push_constant_ranges(&push);
         }
         let layout = raw.create_pipeline_layout(&layout_info, None).map_err(failed("vkCreatePipelineLayout"))?;
-        let scratch = std::env::var("PT_SPV").ok().and_then(|d| std::fs::read(format!("{d}/{}.spv", code.name)).ok());
-        let scratch: Option<Vec<u32>> = scratch.map(|b| b.chunks(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect());
         let module = raw
-            .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(scratch.as_deref().unwrap_or(code.spirv)), None)
+            .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code.spirv), None)
             .map_err(failed("vkCreateShaderModule"))?;
         let stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)

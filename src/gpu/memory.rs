@@ -45,7 +45,7 @@ impl ImageDesc {
 
     pub fn bytes_per_pixel(&self) -> u64 {
         match self.format {
-            vk::Format::R32G32B32A32_SFLOAT | vk::Format::R32G32B32A32_UINT => 16,
+            vk::Format::R32G32B32A32_SFLOAT => 16,
             _ => 4,
         }
     }

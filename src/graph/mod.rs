@@ -185,6 +185,14 @@ impl<'g> Graph<'g> {
         Buffer { id, desc }
     }
 
+    /// A second handle of a transient buffer, for studies that count what passes did.
+    pub fn named(&self, name: &str) -> Option<Buffer> {
+        self.resources.iter().enumerate().find_map(|(i, resource)| match resource.shape {
+            Shape::Buffer(desc) if resource.name == name => Some(Buffer { id: ResourceId(i), desc }),
+            _ => None,
+        })
+    }
+
     fn add(&mut self, name: &str, shape: Shape) -> ResourceId {
         self.resources.push(Resource { name: name.to_string(), shape });
         ResourceId(self.resources.len() - 1)

@@ -34,7 +34,7 @@ impl super::Settings for Settings {
     }
 }
 
-pub fn called_for(scene: &Scene, before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, _settings: &Settings, before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
         _ if before.runs("shape") => Reason { runs: false, why: "shape depiction shades already".to_string() },

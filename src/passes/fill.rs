@@ -2,6 +2,11 @@
 //!
 //! `pintus` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of their neighbours, those that have been given one the weighted mean. It works on the tiles that
 //! `visibility` has listed, goes back and forth between two images, and stops where nothing changes any more.
+//!
+//! `splat` and `pullpush` are what it is compared with, in files of their own.
+
+mod pullpush;
+mod splat;
 
 use super::{Decided, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
@@ -19,18 +24,25 @@ pub struct Settings {
     pub tolerance: f64,
     /// Background is a hole, too, where so many of its eight neighbours have a value; 9: never.
     pub surrounded: f64,
+    /// Of splats, pixels; 0: 2.
+    pub radius: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
+    /// Step by step from the rim of a hole inwards.
     #[default]
     Pintus,
+    /// Points as discs of one size; with visibility=off these are plain splats.
+    Splat,
+    /// Means of ever coarser pictures.
+    Pullpush,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Pintus, iterations: 0.0, tolerance: 0.0, surrounded: 5.0 }
+        Settings { method: Method::Pintus, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0 }
     }
 }
 
@@ -46,11 +58,19 @@ impl super::Settings for Settings {
                 value: number(&mut self.tolerance, 0.0..=1e9),
             },
             Setting { name: "surrounded", about: "background is filled, too, where so many of its 8 neighbours are; 9: never", value: number(&mut self.surrounded, 1.0..=9.0) },
+            Setting { name: "radius", about: "of splats, pixels; 0: 2", value: number(&mut self.radius, 0.0..=31.0) },
         ]
     }
 }
 
-pub fn called_for(_scene: &Scene, before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, settings: &Settings, before: &Decided) -> Reason {
+    match settings.method {
+        Method::Pintus => {}
+        _ if scene.points == 0 => return Reason { runs: false, why: "there is nothing to fill with".to_string() },
+        Method::Splat => return Reason { runs: true, why: "splats cover the gaps between points; they need not know where gaps are".to_string() },
+        Method::Pullpush if before.runs("visibility") => {}
+        Method::Pullpush => return Reason { runs: true, why: "without visibility every pixel without a point is a hole, the background too".to_string() },
+    }
     match before.runs("visibility") {
         true => Reason { runs: true, why: "visibility leaves holes; tiles without are skipped".to_string() },
         false => Reason { runs: false, why: "visibility does not run, and so nobody knows which pixels are holes".to_string() },
@@ -61,6 +81,11 @@ pub fn called_for(_scene: &Scene, before: &Decided) -> Reason {
 const WIDEST: f64 = 31.0;
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+    match settings.method {
+        Method::Pintus => {}
+        Method::Splat => return splat::record(g, view, settings, layers),
+        Method::Pullpush => return pullpush::record(g, view, settings, layers),
+    }
     let Some(Holes { lists, at }) = layers.holes else { return layers };
     let Layers { mut depth, mut color, .. } = layers;
     let (size, across) = (view.size, tiles(view.size));
@@ -68,7 +93,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let perspective = view.camera.projection == Projection::Perspective;
 
     let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
-    let pair = |g: &mut Graph, name: &str| ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32ui));
+    let pair = |g: &mut Graph, name: &str| ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32f));
     let ([mut from_depth, mut from_color], [mut to_depth, mut to_color]) = (pair(g, "even"), pair(g, "odd"));
     let push = fill_open::Push { tiles_across: across[0], at };
     g.run(
@@ -127,4 +152,11 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let push = fill_close::Push { size, tiles_across: across[0], at };
     g.run(shader::FillClose { lists: &lists, filled_depth: &from_depth, filled_color: &from_color, depth: &mut depth, color: &mut color, push }, Tiles::From(&lists, at));
     Layers { depth, color, holes: None, ..layers }
+}
+
+/// Difference in depth from which two surfaces are not mixed, and 1 where it is parts of the depth.
+fn tolerance(view: &View, settings: &Settings) -> (f32, u32) {
+    let automatic = settings.tolerance == 0.0;
+    let relative = automatic && view.camera.projection == Projection::Perspective;
+    (if automatic { WIDEST / view.focal_px() } else { settings.tolerance } as f32, relative as u32)
 }

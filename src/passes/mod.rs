@@ -1,6 +1,7 @@
 //! One file a pass: from handles to handles. The trunk (project, resolve, composite) and the registry of effects.
 
 pub mod composite;
+pub mod normal;
 pub mod project;
 pub mod resolve;
 
@@ -102,7 +103,7 @@ macro_rules! effects {
             /// Whether each effect runs in this scene, and why.
             pub fn decide(&self, scene: &Scene) -> Decided {
                 let mut decided = Decided::default();
-                $(let reason = self.$name.decide(stringify!($name), $name::called_for(scene, &decided));
+                $(let reason = self.$name.decide(stringify!($name), $name::called_for(scene, &self.$name.settings, &decided));
                 decided.0.push((stringify!($name), reason));)*
                 decided
             }

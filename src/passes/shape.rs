@@ -53,7 +53,7 @@ impl super::Settings for Settings {
     }
 }
 
-pub fn called_for(scene: &Scene, _before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
         _ => Reason { runs: true, why: "points have no normals to be lit by; depth alone shows their shape".to_string() },

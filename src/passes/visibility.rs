@@ -71,7 +71,7 @@ const FINE: u32 = 7;
 /// As in glsl/lib/tile.glsl.
 const MARGIN_PX: u32 = 16;
 
-pub fn called_for(scene: &Scene, _before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to hide".to_string() },
         _ => Reason { runs: true, why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string() },
@@ -151,4 +151,30 @@ fn slope(view: &View, threshold: f64) -> f64 {
         Projection::Orthographic => 0.0,
     };
     ((cotangent - 0.71 * lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0)
+}
+
+/// What a frame looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counted {
+    /// Tiles whose pixels were looked at.
+    pub tiles: u64,
+    /// Neighbours of pixels that were looked at.
+    pub taps: u64,
+    /// Tiles with pixels to be filled.
+    pub holes: u64,
+}
+
+/// From the words of the buffer `lists`, after a frame.
+pub fn counted(size: [u32; 2], lists: &[u32]) -> Counted {
+    let [across, down] = tiles(size);
+    let length = |list: u32| lists.get((list * (LIST_HEADER + across * down) + 3) as usize).copied().unwrap_or_default() as u64;
+    let taps = |list: u32| {
+        let radius = if list < FINE { list + 1 } else { list - FINE + 4 } as u64;
+        (2 * radius + 1).pow(2) - 1
+    };
+    Counted {
+        tiles: (0..KERNELS).map(length).sum(),
+        taps: (0..KERNELS).map(|list| length(list) * (TILE_PX * TILE_PX) as u64 * taps(list)).sum(),
+        holes: length(KERNELS),
+    }
 }

@@ -45,6 +45,16 @@ const SCENES: [(&str, Source); 7] = [
     ("fragment", Source::Mesh("photogrammetry/frag_115.ply", Up::Z)),
 ];
 
+pub const NAMES: [&str; SCENES.len()] = {
+    let mut names = [""; SCENES.len()];
+    let mut i = 0;
+    while i < names.len() {
+        names[i] = SCENES[i].0;
+        i += 1;
+    }
+    names
+};
+
 /// Points of the pilot that measures how many of a scene's points a view sees, and of those that it is framed by.
 const PILOT: u64 = 200_000;
 const FRAMED_BY: u64 = 5_000;
@@ -66,6 +76,8 @@ pub struct Options {
     pub data: PathBuf,
     /// Names of scenes; all of them where there are none.
     pub scenes: Vec<String>,
+    /// How many of its views, from the first on.
+    pub views: usize,
     /// Points of the first surface a covered pixel.
     pub densities: Vec<f64>,
     /// Sigmas, in pixels at a point's own depth.
@@ -80,6 +92,7 @@ impl Default for Options {
             most_points: 4_000_000,
             data: "../shared/data".into(),
             scenes: Vec::new(),
+            views: 3,
             densities: vec![0.04, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0],
             noises_px: vec![0.0, 0.5],
         }
@@ -127,7 +140,7 @@ pub fn each(options: &Options, progress: &dyn Progress, mut visit: impl FnMut(&C
             continue;
         };
         let pilot = shown.points(PILOT, options.seed, progress)?;
-        for (view_name, view) in shown.views(options.size, options.seed, progress)? {
+        for (view_name, view) in shown.views(options.size, options.seed, progress)?.into_iter().take(options.views) {
             let truth = Arc::new(Truth::cast(&view, &shown));
             let covered = truth.inside.iter().filter(|inside| **inside).count() as f64;
             let density = |points: &[DVec3]| first_surface(&truth, points) as f64 / covered.max(1.0);

@@ -8,6 +8,7 @@
 
 pub mod cases;
 pub mod chart;
+pub mod configurations;
 pub mod flip;
 pub mod mesh;
 pub mod metrics;
@@ -24,7 +25,7 @@ use crate::progress::Progress;
 use report::Section;
 
 /// How large, and how often.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Plan {
     /// Points a scene.
     pub points: u64,
@@ -33,6 +34,8 @@ pub struct Plan {
     pub repeat: usize,
     /// Of the pictures, pixels.
     pub size: [u32; 2],
+    /// Names of `cases`, for studies of surfaces; each study's own where there are none.
+    pub scenes: Vec<String>,
 }
 
 /// One configuration under one metric: a line of the CSV.
@@ -78,6 +81,9 @@ studies! {
     index,     // what an index keeps
     lod,       // projected error of the cut
     surface,   // depth, layers, holes, contours
+    visibility, // what is hidden, and what is a hole
+    fill,      // depths of holes
+    shape,     // light without normals
 }
 
 /// Runs the named studies, or all.

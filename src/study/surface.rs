@@ -22,8 +22,12 @@ use crate::view::View;
 pub const SUMMARY: &str = "depth, layers, holes and contours, against the surface itself";
 
 /// Name, and what it sets, as `--effect` takes it. The first is what the others start from.
-const STYLES: [(&str, &[&str]); 2] =
-    [("points", &["visibility=off", "fill=off", "shape=off", "edl=off"]), ("surface", &["visibility=auto", "fill=auto", "shape=off", "edl=off"])];
+const STYLES: [(&str, &[&str]); 4] = [
+    ("points", &["visibility=off", "fill=off", "shape=off", "edl=off"]),
+    ("surface", &["visibility=auto", "fill=auto", "shape=off", "edl=off"]),
+    ("splat", &["visibility=off", "fill=auto,method=splat", "shape=off", "edl=off"]),
+    ("pullpush", &["visibility=auto", "fill=auto,method=pullpush", "shape=off", "edl=off"]),
+];
 
 /// Metric, its unit for axes, and what it is.
 const METRICS: [(&str, &str, &str); 6] = [
@@ -65,21 +69,9 @@ fn values(errors: &Errors) -> [f64; 6] {
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let mut styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
-    if let Ok(list) = std::env::var("PT_STYLES") { // HACK
-        for style in list.split(';') {
-            let name: &'static str = Box::leak(style.to_string().into_boxed_str());
-            let mut w = styles[1].1.clone();
-            style.split_whitespace().try_for_each(|t| w.effects.set(t)).map_err(Error::Request)?;
-            styles.push((name, w));
-        }
-    }
-    let options = Options { size: plan.size, seed: plan.seed, most_points: plan.points, ..Options::default() };
-    let mut options = options;
-    if let Ok(list) = std::env::var("PT_SCENES") { // HACK
-        let names: Vec<String> = list.split(',').map(String::from).collect();
-        options.scenes = names;
-    }
+    let styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
+    let options =
+        Options { size: plan.size, seed: plan.seed, most_points: plan.points, scenes: plan.scenes.clone(), ..Options::default() };
     let mut rows = Vec::new();
     let mut marks = Vec::new();
     let mut table = Table {
@@ -98,7 +90,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         })?;
         let mut own = Vec::new();
         for (((style, _), drawing), times) in styles.iter().zip(&drawings).zip(&times) {
-            let errors = case.errors(&drawings[0].depth, &drawing.depth, drawing.visible.as_deref());
+            let raw = &drawings[0].depth;
+            let errors = case.errors(raw, &drawing.depth, Some(&drawing.visible(raw)));
             let ms = metrics::quartiles(times);
             own.extend(METRICS.iter().zip(values(&errors)).map(|((metric, ..), error)| row(case, style, metric, error, ms, times.len())));
             table.rows.push(counted(case, style, &errors, ms));
@@ -123,7 +116,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section { name: "surface", title: "The surface itself".into(), how, rows, figures, tables: vec![table] })
 }
 
-fn wishes(settings: &[&str]) -> Result<Wishes> {
+pub(super) fn wishes(settings: &[&str]) -> Result<Wishes> {
     let mut wishes = Wishes::default();
     settings.iter().try_for_each(|text| wishes.effects.set(text)).map_err(Error::Request)?;
     Ok(wishes)
@@ -132,10 +125,17 @@ fn wishes(settings: &[&str]) -> Result<Wishes> {
 #[derive(Default)]
 struct Drawing {
     depth: Vec<f32>,
-    /// What was taken for visible of the raw points; everything where no effect decides.
-    visible: Option<Vec<bool>>,
+    index: Vec<u32>,
     /// Of all passes.
     ms: f64,
+}
+
+impl Drawing {
+    /// What was taken for visible of the raw points: what its own pixel still shows, where it is.
+    fn visible(&self, raw: &[f32]) -> Vec<bool> {
+        let shown = |((own, raw), index): ((&f32, &f32), &u32)| *index != NO_POINT && own == raw;
+        self.depth.iter().zip(raw).zip(&self.index).map(shown).collect()
+    }
 }
 
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
@@ -144,8 +144,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
     let frame = g.submit(&[])?;
-    let visible = frame.read::<u32>(&index).iter().map(|&point| point != NO_POINT).collect();
-    let drawing = Drawing { depth: frame.read(&depth).to_vec(), visible: Some(visible), ms: frame.ms("") };
+    let drawing = Drawing { depth: frame.read(&depth).to_vec(), index: frame.read(&index).to_vec(), ms: frame.ms("") };
     frame.shelve(gpu);
     Ok(drawing)
 }

@@ -1,0 +1,25 @@
+//! Fixed-size splats: depth, index and colour of points in, of discs of one size out, the nearest in front. What every point renderer has, and so what filling is compared with.
+//!
+//! It asks for no visibility: what lies behind a disc is hidden by it. Where visibility ran, discs are of what it left. One size is wrong nearly everywhere: too small where points are sparse, and
+//! silhouettes grow by the radius.
+
+use super::Settings;
+use crate::graph::{Graph, Kind, Tiles};
+use crate::passes::Layers;
+use crate::shader::{self, fill_splat};
+use crate::view::View;
+
+/// Where none is asked for: a fixed size is one that does not look at the points.
+pub const RADIUS_PX: f64 = 2.0;
+
+pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+    let radius = if settings.radius == 0.0 { RADIUS_PX } else { settings.radius } as f32;
+    let mut splat_depth = g.image("splat depth", view.size, Kind::R32f);
+    let mut splat_index = g.image("splat index", view.size, Kind::R32ui);
+    let mut splat_color = g.image("splat color", view.size, Kind::Rgba32f);
+    let Layers { depth, index, color, .. } = &layers;
+    let push = fill_splat::Push { size: view.size, radius };
+    let (of_depth, of_index, of_color) = (&mut splat_depth, &mut splat_index, &mut splat_color);
+    g.run(shader::FillSplat { depth, index, color, splat_depth: of_depth, splat_index: of_index, splat_color: of_color, push }, Tiles::All);
+    Layers { depth: splat_depth, index: splat_index, color: splat_color, holes: None, ..layers }
+}

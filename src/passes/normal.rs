@@ -1,0 +1,21 @@
+//! DEPTH -> NORMALS of the surface that is drawn, world. Recorded for whoever reads it: without a reader the pass is dropped.
+
+use super::Layers;
+use crate::graph::{Graph, Image, Kind, Tiles};
+use crate::shader::{self, normal::Push, normal::Spec};
+use crate::view::{Projection, View};
+
+pub fn record(g: &mut Graph, view: &View, layers: &Layers) -> Image {
+    let mut normal = g.image("normal", view.size, Kind::Rgba32f);
+    let axis = |axis: glam::DVec3| axis.as_vec3().to_array();
+    let push = Push {
+        size: view.size,
+        px_per_unit: view.focal_px() as f32,
+        right: axis(view.basis.right),
+        up: axis(view.basis.up),
+        forward: axis(view.basis.forward),
+    };
+    let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
+    g.run(shader::Normal { depth: &layers.depth, normal: &mut normal, push, spec }, Tiles::All);
+    normal
+}

@@ -1,0 +1,276 @@
+//! Settings of effects in; rows, figures and tables out: what the studies `visibility`, `fill` and `shape` share.
+//!
+//! ```text
+//!     case (scene, view, density) -> every configuration drawn once for its errors, and round by round, in turn, for its times
+//!     views of a scene at one density, and all scenes at one density, are pooled: errors are sums over all their pixels, times are sums over their frames
+//! ```
+//! Noise and densities are few here: `surface` has all of them. What a configuration costs is what its passes take after points have become pixels.
+
+use super::cases::{self, Case, Options, Sampling};
+use super::report::{Figure, Section, Table};
+use super::surface::wishes;
+use super::{Plan, Row, mark_fronts, metrics, sweep};
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::error::Result;
+use crate::frame;
+use crate::graph::{Frame, Gpu, Graph, Handle};
+use crate::look::{self, Wishes};
+use crate::passes::Scene as Seen;
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::view::View;
+
+/// Points of the first surface a covered pixel; and what a case with so many is called.
+const DENSITIES: [(f64, &str); 3] = [(0.1, "0.1 points/px"), (0.5, "0.5 points/px"), (2.0, "2 points/px")];
+const VERTICES: &str = "its vertices";
+const SCENES: [&str; 4] = ["sphere", "torus", "street", "dragon"];
+const ALL: &str = "all scenes";
+
+/// Times are medians over no more rounds: configurations are many.
+const MOST_ROUNDS: usize = 5;
+const VIEWS: usize = 2;
+
+/// The knob of what the renderer does when nothing is asked for.
+pub const AUTO: &str = "auto";
+
+pub struct Configuration {
+    pub knob: &'static str,
+    pub value: String,
+    /// As `--effect` takes them.
+    pub settings: Vec<String>,
+}
+
+impl Configuration {
+    pub fn new(knob: &'static str, value: impl std::fmt::Display, settings: &[&str]) -> Configuration {
+        Configuration { knob, value: value.to_string(), settings: settings.iter().map(|text| text.to_string()).collect() }
+    }
+}
+
+pub struct Metric {
+    pub name: &'static str,
+    /// Its unit for axes.
+    pub axis: &'static str,
+    pub about: &'static str,
+    /// Parts are squares, and the error is the root of their mean.
+    pub root: bool,
+}
+
+/// Sum of errors, and how many pixels could have had one.
+pub type Part = [f64; 2];
+
+#[derive(Clone, Debug, Default)]
+pub struct Drawing {
+    pub depth: Vec<f32>,
+    pub index: Vec<u32>,
+    /// Light that is left; empty where no effect takes any.
+    pub lit: Vec<f32>,
+    /// Tiles, a list a kernel; empty where visibility did not run.
+    pub lists: Vec<u32>,
+    /// Tiles that are no planes; empty where shape depiction did not run.
+    pub rough: Vec<u32>,
+}
+
+/// What a study asks.
+pub trait Question {
+    const NAME: &'static str;
+    const TITLE: &'static str;
+    const METRICS: &'static [Metric];
+    /// What times would not tell on another device.
+    const COUNTERS: &'static [&'static str];
+    /// What is drawn first, and handed to `know`.
+    const REFERENCE: &'static [&'static str];
+    /// The last pass before those that cost.
+    const AFTER: &'static [&'static str];
+    const HOW: &'static str;
+    /// What all configurations of a case are measured against.
+    type Known;
+
+    /// The same in every case, but for settings that depend on it.
+    fn configurations(case: &Case) -> Vec<Configuration>;
+    fn know(case: &Case, reference: Drawing) -> Self::Known;
+    /// A part for every metric, a number for every counter.
+    fn measure(case: &Case, known: &Self::Known, drawing: &Drawing) -> (Vec<Part>, Vec<f64>);
+    fn more_figures(_rows: &[Row]) -> Vec<Figure> {
+        Vec::new()
+    }
+}
+
+/// One configuration in all cases of a scene and density.
+#[derive(Clone, Default)]
+struct Sum {
+    knob: &'static str,
+    value: String,
+    parts: Vec<Part>,
+    counters: Vec<f64>,
+    /// A round each.
+    times: Vec<f64>,
+}
+
+struct Pool {
+    scene: &'static str,
+    sampling: &'static str,
+    sums: Vec<Sum>,
+}
+
+pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+    let scenes = if plan.scenes.is_empty() { SCENES.map(String::from).to_vec() } else { plan.scenes.clone() };
+    let options = Options {
+        size: plan.size,
+        seed: plan.seed,
+        // Hidden sides cost as many points as seen ones.
+        most_points: 4 * plan.points,
+        scenes,
+        views: VIEWS,
+        densities: DENSITIES.map(|(density, _)| density).to_vec(),
+        noises_px: vec![0.0],
+        ..Options::default()
+    };
+    let rounds = plan.repeat.min(MOST_ROUNDS);
+    let mut pools: Vec<Pool> = Vec::new();
+    let left_out = cases::each(&options, progress, |case| {
+        let sampling = match case.sampling {
+            Sampling::Density(density) => DENSITIES.iter().find(|(known, _)| *known == density).expect("asked for").1,
+            Sampling::Vertices => VERTICES,
+        };
+        let sums = measured::<Q>(gpu, case, rounds, progress)?;
+        let whole = (sampling != VERTICES).then_some(ALL);
+        whole.into_iter().chain([case.scene]).for_each(|scene| add(&mut pools, scene, sampling, &sums));
+        Ok(())
+    })?;
+    left_out.iter().for_each(|line| eprintln!("study {} leaves out {line}", Q::NAME));
+    // Stable: scenes and densities stay in their order.
+    pools.sort_by_key(|pool| pool.scene != ALL);
+    let mut rows: Vec<Row> = pools.iter().flat_map(|pool| pool.sums.iter().flat_map(|sum| of::<Q>(pool, sum))).collect();
+    mark_fronts(&mut rows);
+    let mut figures = Q::more_figures(&rows);
+    figures.extend(knobs(&rows).into_iter().flat_map(|knob| Q::METRICS.iter().map(move |metric| (knob, metric))).map(|(knob, metric)| {
+        let shown: Vec<Row> = rows.iter().filter(|row| row.knob == knob || row.auto).cloned().collect();
+        let label = |row: &Row| if row.auto { AUTO.to_string() } else { row.value.clone() };
+        let axes = ["milliseconds of the passes (bars: quartiles)", metric.axis];
+        Figure::of(&format!("{}-{knob}", Q::NAME), metric.name, axes, &format!("{knob}. {}", metric.about), &shown, &label)
+    }));
+    let how = format!(
+        "{} Truth is the surface itself, ray-cast in f64. {} views of each scene at one density are pooled, and all scenes: errors are sums over all pixels, milliseconds are \
+         sums over the frames. Milliseconds are those of the passes that the settings change. n = {rounds} interleaved rounds after one that is not counted. Left out: {}.",
+        Q::HOW,
+        VIEWS,
+        if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") }
+    );
+    let tables = vec![table::<Q>(&pools)];
+    Ok(Section { name: Q::NAME, title: Q::TITLE.into(), how, rows, figures, tables })
+}
+
+fn measured<Q: Question>(gpu: &mut Gpu, case: &Case, rounds: usize, progress: &dyn Progress) -> Result<Vec<Sum>> {
+    let resident = Resident::fill(gpu, case.cloud.clone(), Shown::new(Attribute::White, &case.cloud), progress)?;
+    let known = Q::know(case, draw(gpu, &case.view, &resident, &wishes(Q::REFERENCE)?)?);
+    let mut sums = Vec::new();
+    let mut asked = Vec::new();
+    for Configuration { knob, value, settings } in Q::configurations(case) {
+        let wishes = wishes(&settings.iter().map(String::as_str).collect::<Vec<_>>())?;
+        let (parts, counters) = Q::measure(case, &known, &draw(gpu, &case.view, &resident, &wishes)?);
+        sums.push(Sum { knob, value, parts, counters, times: Vec::new() });
+        asked.push(wishes);
+    }
+    let times = sweep::interleaved(&asked, rounds, |wishes| {
+        progress.tick(Q::NAME, 0, 0)?;
+        time(gpu, &case.view, &resident, wishes, Q::AFTER)
+    })?;
+    sums.iter_mut().zip(times).for_each(|(sum, times)| sum.times = times);
+    resident.free(gpu);
+    Ok(sums)
+}
+
+fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
+    let look = look::decide(wishes, &Seen { view, points: resident.points });
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
+    let lit = outcome.layers.lit.as_ref().map(|lit| g.download(lit));
+    let [lists, rough] = ["lists", "rough tiles"].map(|name| g.named(name).map(|list| g.download_buffer(&list)));
+    let frame = g.submit(&[])?;
+    fn words<T: bytemuck::Pod>(frame: &Frame, buffer: Option<crate::graph::Buffer>) -> Vec<T> {
+        buffer.map(|buffer| frame.read(&buffer).to_vec()).unwrap_or_default()
+    }
+    let drawing = Drawing {
+        depth: frame.read(&depth).to_vec(),
+        index: frame.read(&index).to_vec(),
+        lit: words(&frame, lit),
+        lists: words(&frame, lists),
+        rough: words(&frame, rough),
+    };
+    frame.shelve(gpu);
+    Ok(drawing)
+}
+
+/// Milliseconds of the passes after the last that is called like one of `after`.
+fn time(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes, after: &[&str]) -> Result<f64> {
+    let look = look::decide(wishes, &Seen { view, points: resident.points });
+    let mut g = Graph::new(gpu);
+    let layers = frame::record(&mut g, view, resident, &look)?.layers;
+    let wanted = [&layers.depth, &layers.index, &layers.color].into_iter().chain(&layers.lit).map(Handle::resource).collect::<Vec<_>>();
+    let frame = g.submit(&wanted)?;
+    let last = frame.passes.iter().rposition(|(name, _)| after.iter().any(|after| name.starts_with(after))).map_or(0, |last| last + 1);
+    let ms = frame.passes[last..].iter().map(|(_, ms)| ms).sum();
+    frame.shelve(gpu);
+    Ok(ms)
+}
+
+fn add(pools: &mut Vec<Pool>, scene: &'static str, sampling: &'static str, sums: &[Sum]) {
+    let Some(pool) = pools.iter_mut().find(|pool| (pool.scene, pool.sampling) == (scene, sampling)) else {
+        return pools.push(Pool { scene, sampling, sums: sums.to_vec() });
+    };
+    for (pooled, sum) in pool.sums.iter_mut().zip(sums) {
+        pooled.parts.iter_mut().zip(&sum.parts).for_each(|(to, from)| *to = [to[0] + from[0], to[1] + from[1]]);
+        pooled.counters.iter_mut().zip(&sum.counters).for_each(|(to, from)| *to += from);
+        pooled.times.iter_mut().zip(&sum.times).for_each(|(to, from)| *to += from);
+    }
+}
+
+fn error(metric: &Metric, [sum, whole]: Part) -> f64 {
+    let mean = sum / whole.max(1.0);
+    if metric.root { mean.sqrt() } else { mean }
+}
+
+fn of<Q: Question>(pool: &Pool, sum: &Sum) -> Vec<Row> {
+    let ms = metrics::quartiles(&sum.times);
+    let row = |(metric, part): (&Metric, &Part)| Row {
+        scene: pool.scene,
+        view: pool.sampling,
+        knob: sum.knob,
+        value: sum.value.clone(),
+        metric: metric.name,
+        error: error(metric, *part),
+        ms,
+        n: sum.times.len(),
+        auto: sum.knob == AUTO,
+        front: false,
+    };
+    Q::METRICS.iter().zip(&sum.parts).map(row).collect()
+}
+
+/// But for `auto`, which is on every curve.
+fn knobs(rows: &[Row]) -> Vec<&'static str> {
+    rows.iter().map(|row| row.knob).filter(|knob| *knob != AUTO).fold(Vec::new(), |mut knobs, knob| {
+        if !knobs.contains(&knob) {
+            knobs.push(knob);
+        }
+        knobs
+    })
+}
+
+fn table<Q: Question>(pools: &[Pool]) -> Table {
+    let first = ["scene", "points", "knob", "value"].map(String::from);
+    let metrics = Q::METRICS.iter().map(|metric| if metric.root { metric.name.to_string() } else { format!("{}, %", metric.name.replace('_', " ")) });
+    let head = first.into_iter().chain(metrics).chain(Q::COUNTERS.iter().map(|name| name.to_string())).chain(["ms".into()]).collect();
+    let row = |(pool, sum): (&Pool, &Sum)| -> Vec<String> {
+        let errors = Q::METRICS.iter().zip(&sum.parts).map(|(metric, part)| match metric.root {
+            true => format!("{:.4}", error(metric, *part)),
+            false => format!("{:.3}", 100.0 * error(metric, *part)),
+        });
+        let names = [pool.scene.to_string(), pool.sampling.into(), sum.knob.into(), sum.value.clone()].into_iter();
+        let counters = sum.counters.iter().map(|count| format!("{count:.0}"));
+        names.chain(errors).chain(counters).chain([format!("{:.2}", metrics::quartiles(&sum.times)[1])]).collect()
+    };
+    let rows = pools.iter().flat_map(|pool| pool.sums.iter().map(move |sum| (pool, sum))).map(row).collect();
+    Table { title: "All configurations, with counters".into(), head, rows }
+}

@@ -1,0 +1,123 @@
+//! Study `visibility`: how well hidden points are told from visible ones, and holes from background, against what it costs.
+//!
+//! Knobs are kernel, sectors and threshold, one at a time. A point is visible where it belongs to the first surface of its pixel (`truth`). Pixels without a point are holes inside of the silhouette.
+
+use super::cases::Case;
+use super::chart::{Chart, Mark, Panel};
+use super::configurations::{self, AUTO, Configuration, Drawing, Metric, Part, Question};
+use super::report::{Figure, Section};
+use super::{Plan, Row};
+use crate::config::NO_POINT;
+use crate::error::Result;
+use crate::graph::Gpu;
+use crate::passes::visibility;
+use crate::progress::Progress;
+
+pub const SUMMARY: &str = "kernel, sectors and threshold: hidden points told from visible ones, holes from background";
+
+pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+    configurations::run::<Visibility>(gpu, plan, progress)
+}
+
+struct Visibility;
+
+const METRICS: &[Metric] = &[
+    Metric {
+        name: "shown_hidden",
+        axis: "1 - precision",
+        about: "Hidden points that show: of the points taken for visible, the share that is not",
+        root: false,
+    },
+    Metric {
+        name: "lost_visible",
+        axis: "1 - recall",
+        about: "Visible points that are lost: of the visible points, the share that was taken for hidden",
+        root: false,
+    },
+    Metric {
+        name: "missed_holes",
+        axis: "share of the silhouette",
+        about: "Missed holes: pixels without a point inside of the silhouette that were taken for background",
+        root: false,
+    },
+    Metric {
+        name: "false_holes",
+        axis: "share of the silhouette",
+        about: "False holes: pixels more than 1 px outside of the silhouette that were taken for holes",
+        root: false,
+    },
+];
+
+impl Question for Visibility {
+    const NAME: &'static str = "visibility";
+    const TITLE: &'static str = "Visibility: kernel, sectors, threshold";
+    const METRICS: &'static [Metric] = METRICS;
+    const COUNTERS: &'static [&'static str] = &["tiles looked at", "taps", "tiles with holes"];
+    const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=off", "shape=off", "edl=off"];
+    const AFTER: &'static [&'static str] = &["resolve"];
+    const HOW: &'static str = "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. Filling is off.";
+    /// Depth as projected.
+    type Known = Vec<f32>;
+
+    fn configurations(_case: &Case) -> Vec<Configuration> {
+        let own = |knob, value: &str| {
+            let setting = if knob == AUTO { "visibility=on".into() } else { format!("visibility=on,{knob}={value}") };
+            Configuration::new(knob, value, &["fill=off", "shape=off", "edl=off", &setting])
+        };
+        let knobs: [(&str, &[&str]); 4] = [
+            (AUTO, &[AUTO]),
+            ("kernel", &["3", "5", "7", "9", "11", "13", "15"]),
+            ("sectors", &["4", "16"]),
+            ("threshold", &["0.25", "0.5", "1", "1.5", "2.5", "3", "4", "5"]),
+        ];
+        knobs.into_iter().flat_map(|(knob, values)| values.iter().map(move |value| own(knob, value))).collect()
+    }
+
+    fn know(_case: &Case, reference: Drawing) -> Vec<f32> {
+        reference.depth
+    }
+
+    fn measure(case: &Case, raw: &Vec<f32>, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
+        let visible: Vec<bool> = drawing.index.iter().map(|point| *point != NO_POINT).collect();
+        let errors = case.errors(raw, &drawing.depth, Some(&visible));
+        let count = |of: &dyn Fn(usize) -> bool| (0..raw.len()).filter(|&i| raw[i] == f32::INFINITY && of(i)).count() as f64;
+        let is_hole = |i: usize| drawing.depth[i] == f32::NEG_INFINITY;
+        let inside = errors.inside as f64;
+        let ([seen, lost], [shown, _]) = (errors.visible.map(|count| count as f64), errors.hidden.map(|count| count as f64));
+        let parts = vec![
+            [shown, seen + shown],
+            [lost, seen + lost],
+            [count(&|i| case.truth.inside[i] && !is_hole(i)), inside],
+            [count(&|i| case.truth.beyond[i] && is_hole(i)), inside],
+        ];
+        let counted = visibility::counted(case.view.size, &drawing.lists);
+        (parts, [counted.tiles, counted.taps, counted.holes].map(|count| count as f64).to_vec())
+    }
+
+    fn more_figures(rows: &[Row]) -> Vec<Figure> {
+        vec![curve(rows)]
+    }
+}
+
+/// Precision over recall, a mark a threshold. Both at once: what one threshold gains in the one it pays in the other.
+fn curve(rows: &[Row]) -> Figure {
+    // An axis has no place for 0.
+    let least = 1e-6;
+    let mut panels: Vec<Panel> = Vec::new();
+    let of = |metric: &'static str| rows.iter().filter(move |row| row.metric == metric && (row.auto || row.knob == "threshold"));
+    for (shown, lost) in of("shown_hidden").zip(of("lost_visible")) {
+        let title = format!("{}, {}", shown.scene, shown.view);
+        if panels.last().is_none_or(|panel| panel.title != title) {
+            panels.push(Panel { title, marks: Vec::new() });
+        }
+        let mark = Mark { label: shown.value.clone(), x: [lost.error.max(least); 3], y: shown.error, front: false, auto: shown.auto };
+        panels.last_mut().expect("pushed above").marks.push(mark);
+    }
+    for panel in &mut panels {
+        let both: Vec<(f64, f64)> = panel.marks.iter().map(|mark| (mark.y, mark.x[1])).collect();
+        panel.marks.iter_mut().zip(super::metrics::front(&both)).for_each(|(mark, front)| mark.front = front);
+    }
+    let caption = "Threshold: hidden points that show over visible points that are lost, here without time";
+    let chart = Chart { title: caption.into(), x_axis: "1 - recall".into(), y_axis: "1 - precision".into(), columns: 3, panels };
+    Figure { file: "visibility-precision-recall.svg".into(), caption: caption.into(), svg: chart.svg() }
+}
