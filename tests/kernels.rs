@@ -8,7 +8,7 @@ mod gpu;
 mod surface;
 
 use glam::DVec3;
-use gpu::{Random, WAYS, Way, bumpy, cloud, draw, orthographic, part, perspective, random_keys};
+use gpu::{Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, random_keys};
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
@@ -50,7 +50,7 @@ fn project_and_resolve_agree_with_f64_and_both_key_ways_with_each_other() {
         for camera in cameras() {
             let view = View::new(camera, size).unwrap();
             for precision in [Precision::Auto, Precision::Planes(3)] {
-                let wishes = Wishes { precision, ..Wishes::points() };
+                let wishes = Wishes { precision, ..bare() };
                 let [by64, by32] = WAYS.map(|way| draw(way, &cloud, &view, &wishes));
                 assert!(by64.bits() == by32.bits(), "{size:?} {camera:?}: the two ways differ");
                 by64.assert_finite();
@@ -205,7 +205,7 @@ fn the_oracles_refuse_what_is_wrong() {
     let source = project::Source::new(part, &view, Precision::Auto, DVec3::ZERO);
     let positions = project::positions(part, view.camera.eye);
     let check = |depth: &[f32]| project::check(&view, &[(source, positions.clone())], depth);
-    let depth = draw(Way::Compute64, &cloud, &view, &Wishes::points()).depth;
+    let depth = draw(Way::Compute64, &cloud, &view, &bare()).depth;
     let covered = depth.iter().filter(|z| z.is_finite()).count();
     assert!(covered > 10_000);
     // A row further down, half a millimetre too far, emptied, and not a number.
@@ -217,7 +217,7 @@ fn the_oracles_refuse_what_is_wrong() {
     // Eyes a hundredth of a pixel aside: about one point in a hundred falls into another pixel, and the bounds are narrow enough to see it.
     let mut aside = view;
     aside.camera.eye += view.basis.right * (0.01 * 31.0 / view.focal_px());
-    let depth = draw(Way::Compute64, &cloud, &aside, &Wishes::points()).depth;
+    let depth = draw(Way::Compute64, &cloud, &aside, &bare()).depth;
     assert!(check(&depth).wrong > covered / 500, "{:?}", check(&depth));
 }
 
@@ -228,7 +228,7 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
     for way in WAYS {
         gpu::with(way, |gpu| {
             let resident = Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
-            let mut wishes = Wishes::points();
+            let mut wishes = bare();
             wishes.effects.edl.switch = Switch::On;
             let look = look::decide(&wishes, &Scene { view: &view, points: 1000 });
             let mut g = Graph::new(gpu);
@@ -241,5 +241,5 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
         });
     }
     // And the device is as silent as before.
-    draw(Way::Compute64, &cloud, &view, &Wishes::points());
+    draw(Way::Compute64, &cloud, &view, &bare());
 }

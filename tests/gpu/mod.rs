@@ -71,6 +71,13 @@ fn bytes(colors: &[[f32; 4]]) -> &[u32] {
     bytemuck::cast_slice(colors)
 }
 
+/// No effect runs: points as they are projected.
+pub fn bare() -> Wishes {
+    let mut wishes = Wishes::default();
+    passes::EFFECTS.iter().for_each(|effect| wishes.effects.set(&format!("{effect}=off")).expect("every effect can be switched off"));
+    wishes
+}
+
 pub fn draw(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> Layers {
     with(way, |gpu| {
         let (shown, _) = Shown::automatic(cloud);

@@ -1,6 +1,6 @@
 //! Where points are: huge nodes, extreme lattices, coordinates that are no numbers (HARD_CASES 1, 30).
 
-use crate::gpu::{Layers, Random, Way, cloud, draw, orthographic, part, perspective};
+use crate::gpu::{Layers, Random, Way, bare, cloud, draw, orthographic, part, perspective};
 use glam::DVec3;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions};
 use pointillist::config::NO_POINT;
@@ -13,7 +13,7 @@ use pointillist::view::View;
 /// Draws and holds the depths against f64; both precisions.
 fn agrees(cloud: &Cloud, view: &View) -> Layers {
     let draw = |precision| {
-        let layers = draw(Way::Compute64, cloud, view, &Wishes { precision, ..Wishes::points() });
+        let layers = draw(Way::Compute64, cloud, view, &Wishes { precision, ..bare() });
         let sources: Vec<_> = cloud
             .parts
             .iter()
@@ -47,7 +47,7 @@ fn hard_02_camera_in_a_huge_node() {
     assert_eq!(layers.nodes.len(), 1);
 
     // HARD_CASES 1.2: 12 u f, beyond the quantisation that was chosen. Every drawn point truly lies in its pixel, or nearer to it than that.
-    let exact = draw(Way::Compute64, &cloud, &view, &Wishes { precision: Precision::Planes(3), ..Wishes::points() });
+    let exact = draw(Way::Compute64, &cloud, &view, &Wishes { precision: Precision::Planes(3), ..bare() });
     let points = Points::new(&cloud.parts, &exact.nodes);
     let f = view.focal_px();
     let beside = |at: f64, pixel: f64| (pixel - at).max(at - (pixel + 1.0)).max(0.0);
@@ -72,7 +72,7 @@ fn hard_03_at_and_behind_the_camera_plane() {
     // Looking along +y from between the lattice points: pixel centres at whole x and z.
     let eye = DVec3::new(0.5, 0.0, 0.5);
     let flat = View::new(orthographic(eye, eye + DVec3::Y, 12.0), size).unwrap();
-    let layers = draw(Way::Compute64, &cloud, &flat, &Wishes::points());
+    let layers = draw(Way::Compute64, &cloud, &flat, &bare());
     assert_eq!(layers.depth, vec![5.0; 16 * 12], "each pixel shows its point at y = 5, none of those at y <= 0");
     let mut ids = layers.index.clone();
     ids.sort_unstable();
@@ -81,13 +81,13 @@ fn hard_03_at_and_behind_the_camera_plane() {
 
     // With perspective the points on the camera plane would divide by zero; those behind would be mirrored into the picture.
     let deep = View::new(perspective(eye, eye + DVec3::Y, 90.0), size).unwrap();
-    let layers = draw(Way::Compute64, &cloud, &deep, &Wishes::points());
+    let layers = draw(Way::Compute64, &cloud, &deep, &bare());
     assert!(layers.depth.iter().all(|&z| z == 5.0 || z == f32::INFINITY));
     agrees(&cloud, &deep);
 
     // Nothing at all is in front.
     let away = View::new(perspective(DVec3::new(0.0, 6.0, 0.0), DVec3::new(0.0, 7.0, 0.0), 90.0), size).unwrap();
-    assert_eq!(draw(Way::Compute64, &cloud, &away, &Wishes::points()).depth, vec![f32::INFINITY; 16 * 12]);
+    assert_eq!(draw(Way::Compute64, &cloud, &away, &bare()).depth, vec![f32::INFINITY; 16 * 12]);
 }
 
 fn read(name: &str, text: &str) -> Cloud {
@@ -117,7 +117,7 @@ fn hard_03_coordinates_beyond_f32_do_not_reach_the_picture() {
             perspective(DVec3::splat(-1e30), DVec3::ZERO, 60.0),
             orthographic(DVec3::ZERO, DVec3::Z, huge.parse().unwrap()),
         ] {
-            let layers = draw(Way::Compute64, &cloud, &View::new(camera, [33, 17]).unwrap(), &Wishes::points());
+            let layers = draw(Way::Compute64, &cloud, &View::new(camera, [33, 17]).unwrap(), &bare());
             println!("{huge} {:?}: {} pixels", camera.projection, layers.index.iter().filter(|id| **id != NO_POINT).count());
             layers.assert_finite();
         }
@@ -153,7 +153,7 @@ fn hard_30_steps_below_the_ulp_of_the_offset() {
     // An eye can only be where f64 has a number: at the offset. Half a pixel aside of the points, by an even size and one pixel a step.
     let eye = DVec3::splat(offset) + DVec3::Z;
     let view = View::new(orthographic(eye, eye - DVec3::Z, 32.0 * step), [64, 32]).unwrap();
-    let layers = draw(Way::Compute64, &cloud, &view, &Wishes::points());
+    let layers = draw(Way::Compute64, &cloud, &view, &bare());
     // Points lie on the edges between pixels exactly, and their arithmetic is exact: x = 32 + i falls into pixel 32 + i. Rows run downwards: y = 16 - j, for j = -16 row 32.
     let drawn = layers.index.iter().filter(|id| **id != NO_POINT).count();
     assert_eq!(drawn, 64 * 31, "neighbours share pixels");

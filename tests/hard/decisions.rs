@@ -1,6 +1,6 @@
 //! Which point a pixel shows, which colour it has, and at which sizes (HARD_CASES 1.4 to 1.6, 24, 25).
 
-use crate::gpu::{Random, WAYS, Way, bumpy, cloud, draw, orthographic, part, perspective};
+use crate::gpu::{Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective};
 use glam::DVec3;
 use pointillist::cloud::{self, Lattice, ReadOptions, Wanted};
 use pointillist::config::{CHUNKS_PER_PAGE, NEAR_M, NO_POINT, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE};
@@ -25,7 +25,7 @@ fn hard_04_depth_quanta() {
         let points: Vec<_> = grid((1 << 23) + 2).chain(grid(1 << 23)).chain(grid((1 << 23) + 2)).collect();
         let cloud = cloud(vec![part(Lattice { step: DVec3::splat(quantum), offset: DVec3::ZERO }, &points, None)]);
         let view = View::new(orthographic(DVec3::ZERO, DVec3::Y, 16.0 * 4096.0 * quantum), [16, 16]).unwrap();
-        let exact = Wishes { precision: Precision::Planes(3), ..Wishes::points() };
+        let exact = Wishes { precision: Precision::Planes(3), ..bare() };
         assert_eq!(draw(Way::Compute64, &cloud, &view, &exact).depth, vec![depth as f32; 256], "at {depth} m");
         // Without the nearer layer the pictures are two quanta farther: nothing is rounded onto anything.
         let mut behind = cloud.clone();
@@ -66,7 +66,7 @@ fn hard_05_coincident_points_show_the_same_one_whatever_their_order() {
     let colors: Vec<[u8; 3]> = (0..100u8).map(|i| [i + 1, 255 - i, i / 2]).collect();
     let picture = |colors: Vec<[u8; 3]>| {
         let cloud = cloud(vec![part(lattice, &[[0, 1000, 0]; 100], Some(colors))]);
-        draw(Way::Compute64, &cloud, &View::new(perspective(DVec3::ZERO, DVec3::Y, 60.0), [3, 3]).unwrap(), &Wishes::points())
+        draw(Way::Compute64, &cloud, &View::new(perspective(DVec3::ZERO, DVec3::Y, 60.0), [3, 3]).unwrap(), &bare())
     };
     let forward = picture(colors.clone());
     let backward = picture(colors.into_iter().rev().collect());
@@ -94,7 +94,7 @@ fn hard_06_counts_around_every_limit() {
             let eye = DVec3::new(2.56, 2.56, 1.0);
             let view = View::new(orthographic(eye, eye - DVec3::Z, 5.12), [512, 512]).unwrap();
             for way in WAYS {
-                let layers = draw(way, &cloud, &view, &Wishes { precision: Precision::Planes(3), ..Wishes::points() });
+                let layers = draw(way, &cloud, &view, &Wishes { precision: Precision::Planes(3), ..bare() });
                 let mut ids: Vec<u32> = layers.index.into_iter().filter(|id| *id != NO_POINT).collect();
                 ids.sort_unstable();
                 ids.dedup();
@@ -117,7 +117,7 @@ fn hard_06_sizes() {
             orthographic(lattice.offset + DVec3::Z * 20.0, lattice.offset, 20.0 * (size[1] as f64 / size[0] as f64).min(1.0)),
         ] {
             let view = View::new(camera, size).unwrap();
-            let [by64, by32] = WAYS.map(|way| draw(way, &cloud, &view, &Wishes::points()));
+            let [by64, by32] = WAYS.map(|way| draw(way, &cloud, &view, &bare()));
             assert!(by64.bits() == by32.bits(), "{size:?}");
             by64.assert_finite();
             let source = project::Source::new(&cloud.parts[0], &view, Precision::Auto, DVec3::ZERO);
@@ -167,7 +167,7 @@ fn hard_25_two_passes_one_depth() {
     for eye in [DVec3::new(13.0, -21.0, 7.0), DVec3::new(0.1, 0.2, 0.3), DVec3::new(1e5, 1e5, 1e5)] {
         let view = View::new(perspective(lattice.offset + eye, lattice.offset, 60.0), [400, 300]).unwrap();
         for precision in [Precision::Planes(1), Precision::Planes(2), Precision::Auto] {
-            let layers = draw(Way::Compute32, &cloud, &view, &Wishes { precision, ..Wishes::points() });
+            let layers = draw(Way::Compute32, &cloud, &view, &Wishes { precision, ..bare() });
             let covered = layers.depth.iter().filter(|z| z.is_finite()).count();
             assert!(covered > 0);
             assert_eq!(layers.index.iter().filter(|id| **id != NO_POINT).count(), covered, "{precision:?}");

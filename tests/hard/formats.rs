@@ -1,6 +1,6 @@
 //! "raw.Z agrees with f64", for each format and camera. The reference are the numbers that the test wrote into the file, in f64, and nothing that the readers made of them.
 
-use crate::gpu::{Random, Way, bumpy, draw, orthographic, perspective};
+use crate::gpu::{Random, Way, bare, bumpy, draw, orthographic, perspective};
 use e57::{E57Writer, Record, RecordValue};
 use glam::DVec3;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions};
@@ -86,7 +86,7 @@ fn agrees(name: &str, write: impl FnOnce(&Path) -> Written) {
     for (place, camera) in cameras() {
         for precision in [Precision::Auto, Precision::Planes(3)] {
             let view = View::new(camera, [331, 257]).unwrap();
-            let layers = draw(Way::Compute64, &cloud, &view, &Wishes { precision, ..Wishes::points() });
+            let layers = draw(Way::Compute64, &cloud, &view, &Wishes { precision, ..bare() });
             let source = project::Source::new(part, &view, precision, moved);
             let agreement = project::check(&view, &[(source, written.relative(camera.eye))], &layers.depth);
             assert_eq!(agreement.objection(), None, "{name}, {place}, {precision:?}");

@@ -42,7 +42,11 @@ fn moved(camera: Camera, by: DVec3, scale: f64) -> Camera {
 }
 
 fn picture(cloud: &Cloud, camera: Camera) -> crate::gpu::Layers {
-    let layers = draw(Way::Compute64, cloud, &View::new(camera, SIZE).unwrap(), &wishes());
+    picture_of(cloud, camera, &wishes())
+}
+
+fn picture_of(cloud: &Cloud, camera: Camera, wishes: &Wishes) -> crate::gpu::Layers {
+    let layers = draw(Way::Compute64, cloud, &View::new(camera, SIZE).unwrap(), wishes);
     assert!(layers.depth.iter().filter(|z| z.is_finite()).count() > 1000, "hardly anything is in the picture");
     layers.assert_finite();
     layers
@@ -122,8 +126,11 @@ fn hard_00_duplicated_points() {
         [&mut columns.x, &mut columns.y, &mut columns.z].into_iter().for_each(|column| column.extend_from_within(..20_000));
         columns.rgb.as_mut().unwrap().extend_from_within(..20_000);
     }
+    // More points a node are denser ones, and an automatic kernel is narrower.
+    let mut wishes = wishes();
+    wishes.effects.set("visibility=on,kernel=9").unwrap();
     for camera in cameras() {
-        let [a, b] = [&once, &thrice].map(|cloud| picture(cloud, camera));
+        let [a, b] = [&once, &thrice].map(|cloud| picture_of(cloud, camera, &wishes));
         assert_eq!((a.nodes.len(), b.nodes.len()), (1, 1));
         let ((depth, _, color, shaded), (depths, _, colors, shadeds)) = (a.bits(), b.bits());
         assert!(depth == depths && color == colors && shaded == shadeds, "duplicates change more than ids");

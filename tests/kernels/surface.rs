@@ -8,6 +8,7 @@ use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
 use pointillist::study::oracle::shape as shape_oracle;
 use pointillist::study::oracle::visibility::{Depths, Kernel, Verdict};
 use pointillist::view::View;
+use rayon::prelude::*;
 
 const SIZES: [[u32; 2]; 5] = [[1, 1], [7, 3], [8, 8], [65, 33], [127, 61]];
 
@@ -76,116 +77,88 @@ impl Tally {
         };
         if agrees { Ok(()) } else { Err(format!("{verdict:?}, but {} became {}", raw.depth[i], seen.depth[i])) }
     }
+}
 
-    fn assert_few_in_band(&self) {
-        println!("{self:?}");
-        assert!(self.invisible > 0 && self.in_band as f64 <= 1e-4 * self.pixels as f64, "{self:?}");
+/// Whether kernels decide as the twin does; of every tile its own, where that is known.
+fn check_seen(
+    canvas: &mut Canvas,
+    view: &View,
+    keys: &[[u32; 2]],
+    settings: visibility::Settings,
+    kernel: Option<Kernel>,
+    tally: &mut Tally,
+) -> Vec<Kernel> {
+    let surface = canvas.draw(view, keys, &only_visibility(settings));
+    let depths = Depths { view, depth: &surface.raw.depth };
+    let chosen = depths.kernels(&settings, canvas.spacing());
+    let width = view.size[0] as i64;
+    let case = |i: usize| {
+        let at = [i as i64 % width, i as i64 / width];
+        let tile = at[1] / TILE_PX as i64 * tiles(view.size)[0] as i64 + at[0] / TILE_PX as i64;
+        kernel.or(chosen[tile as usize]).map(|kernel| (i, at, kernel))
+    };
+    let verdict = |(i, at, kernel)| (i, at, kernel, depths.verdict(at, kernel, &settings));
+    let verdicts: Vec<_> = (0..keys.len()).into_par_iter().filter_map(case).map(verdict).collect();
+    for &(i, at, kernel, verdict) in &verdicts {
+        tally.count(verdict, &surface, i).unwrap_or_else(|why| {
+            let sum = depths.solid_angle(at, kernel, settings.sectors as usize);
+            panic!("{:?} {:?} {kernel:?} {settings:?} {at:?}, sum {sum}: {why}", view.camera.projection, view.size)
+        });
     }
+    verdicts.into_iter().map(|(_, _, kernel, _)| kernel).collect()
 }
 
+const ALL: visibility::Looked = visibility::Looked::All;
+
 #[test]
-fn visibility_decides_as_f64_does_at_every_kernel() {
+fn visibility_decides_as_f64_does() {
     let random = &mut Random(0x5EE);
-    let mut tally = Tally::default();
+    let (mut tally, mut automatic) = (Tally::default(), std::collections::HashSet::new());
     canvas(|canvas| {
-        for (n, width) in (3..=15).step_by(2).chain((19..=31).step_by(4)).enumerate() {
-            for size in SIZES {
+        let widths = (3..=15).step_by(2).chain((19..=31).step_by(4)).map(|width| (width, 8));
+        for (width, sectors) in widths.chain([(5, 4), (5, 16), (15, 16), (23, 4)]) {
+            for (n, size) in SIZES.into_iter().enumerate() {
                 for view in views(size) {
-                    let sectors = [4, 8, 16][n % 3];
-                    for keys in [random_keys(size, CANVAS_POINTS, random), layered_keys(size, random)] {
-                        let settings = visibility::Settings {
-                            kernel: asked(width),
-                            sectors: sectors as f64,
-                            threshold: random.within(0.5, 5.0),
-                            holes: random.within(0.3, 4.0),
-                            tiles: visibility::Looked::All,
-                            ..visibility::Settings::default()
-                        };
-                        let surface = canvas.draw(&view, &keys, &only_visibility(settings));
-                        let depths = Depths { view: &view, depth: &surface.raw.depth };
-                        for i in 0..keys.len() {
-                            let at = [i as i64 % size[0] as i64, i as i64 / size[0] as i64];
-                            let verdict = depths.verdict(at, Kernel::of_width(width), &settings);
-                            tally.count(verdict, &surface, i).unwrap_or_else(|why| {
-                                let sum = depths.solid_angle(at, Kernel::of_width(width), sectors);
-                                panic!("{:?} {size:?} {width} {settings:?} {at:?}, sum {sum}: {why}", view.camera.projection)
-                            });
-                        }
-                    }
+                    let wild = (width as usize / 2 + n).is_multiple_of(2);
+                    let keys = if wild { random_keys(size, CANVAS_POINTS, random) } else { layered_keys(size, random) };
+                    let (threshold, holes) = (random.within(0.5, 5.0), random.within(0.3, 4.0));
+                    let settings = visibility::Settings {
+                        kernel: asked(width),
+                        sectors: sectors as f64,
+                        threshold,
+                        holes,
+                        tiles: ALL,
+                        ..Default::default()
+                    };
+                    check_seen(canvas, &view, &keys, settings, Some(Kernel::of_width(width)), &mut tally);
                 }
             }
         }
+        for view in views([127, 61]) {
+            for reach in [5.5, 9.0] {
+                let settings = visibility::Settings { reach, tiles: ALL, ..Default::default() };
+                let keys = growing_keys(&view, canvas.spacing() * view.focal_px() * 5.5, random);
+                automatic.extend(
+                    check_seen(canvas, &view, &keys, settings, None, &mut tally).into_iter().map(|kernel| (kernel.radius, kernel.step)),
+                );
+            }
+        }
     });
-    tally.assert_few_in_band();
+    assert_eq!(automatic.len(), 11, "{automatic:?}");
+    println!("{tally:?}");
+    assert!(tally.invisible > tally.pixels / 4 && tally.in_band as f64 <= 1e-4 * tally.pixels as f64, "{tally:?}");
 }
 
-/// Sectors that other tests do not try, at the default kernel.
-#[test]
-fn visibility_decides_as_f64_does_with_every_number_of_sectors() {
-    let random = &mut Random(0x5EC);
-    let mut tally = Tally::default();
-    canvas(|canvas| {
-        for sectors in [4.0, 8.0, 16.0] {
-            for view in views([65, 33]) {
-                for keys in [random_keys(view.size, CANVAS_POINTS, random), layered_keys(view.size, random)] {
-                    let settings =
-                        visibility::Settings { kernel: 9.0, sectors, tiles: visibility::Looked::All, ..visibility::Settings::default() };
-                    let surface = canvas.draw(&view, &keys, &only_visibility(settings));
-                    let depths = Depths { view: &view, depth: &surface.raw.depth };
-                    for i in 0..keys.len() {
-                        let verdict = depths.verdict([i as i64 % 65, i as i64 / 65], Kernel::of_width(9), &settings);
-                        tally.count(verdict, &surface, i).unwrap_or_else(|why| panic!("{:?} {sectors} {i}: {why}", view.camera.projection));
-                    }
-                }
-            }
-        }
-    });
-    tally.assert_few_in_band();
-}
-
-/// Depths that grow across the picture: every automatic kernel is some tile's.
-#[test]
-fn visibility_chooses_kernels_by_the_spacing_of_the_nearest_points() {
-    let random = &mut Random(0xA070);
-    let mut tally = Tally::default();
-    let mut kernels = std::collections::HashSet::new();
-    canvas(|canvas| {
-        let size = [127, 61];
-        for view in views(size) {
-            for round in 0..3 {
-                // Perspective: from 40 pixels a spacing's reach to less than 3.
-                let settings = visibility::Settings { tiles: visibility::Looked::All, ..visibility::Settings::default() };
-                let px = canvas.spacing() * view.focal_px() * settings.reach;
-                let keys: Vec<[u32; 2]> = layered_keys(size, random)
-                    .into_iter()
-                    .enumerate()
-                    .map(|(i, [point, bits])| {
-                        let wanted = 40.0 - 38.0 * (i % 127) as f64 / 127.0;
-                        let z = f32::from_bits(bits) as f64 / 5.0 * px / wanted;
-                        // A tile in twenty has no points at all.
-                        let empty = (i % 127 / 8 + 16 * (i / 127 / 8) + round) % 20 == 0 || point == NO_POINT;
-                        if empty { [NO_POINT; 2] } else { [point, (z as f32).to_bits()] }
-                    })
-                    .collect();
-                let settings = visibility::Settings { reach: settings.reach * [1.0, 0.7, 1.6][round], ..settings };
-                let surface = canvas.draw(&view, &keys, &only_visibility(settings));
-                let depths = Depths { view: &view, depth: &surface.raw.depth };
-                let chosen = depths.kernels(&settings, canvas.spacing());
-                for i in 0..keys.len() {
-                    let at = [i as i64 % 127, i as i64 / 127];
-                    let tile = at[1] / TILE_PX as i64 * tiles(size)[0] as i64 + at[0] / TILE_PX as i64;
-                    let Some(kernel) = chosen[tile as usize] else { continue };
-                    kernels.insert((kernel.radius, kernel.step));
-                    let verdict = depths.verdict(at, kernel, &settings);
-                    tally
-                        .count(verdict, &surface, i)
-                        .unwrap_or_else(|why| panic!("{:?} {round} {at:?} {kernel:?}: {why}", view.camera.projection));
-                }
-            }
-        }
-    });
-    assert_eq!(kernels.len(), 11, "{kernels:?}");
-    tally.assert_few_in_band();
+/// Depths that grow across the picture: from an automatic kernel of 40 pixels to less than 3. A tile in twenty has no points at all.
+fn growing_keys(view: &View, reach_px: f64, random: &mut Random) -> Vec<[u32; 2]> {
+    let width = view.size[0] as usize;
+    let key = |(i, [point, bits]): (usize, [u32; 2])| {
+        let wanted = 40.0 - 39.9 * (i % width) as f64 / width as f64;
+        let z = f32::from_bits(bits) as f64 / 5.0 * reach_px / wanted;
+        let empty = (i % width / 8 + 16 * (i / width / 8)).is_multiple_of(20) || point == NO_POINT;
+        if empty { [NO_POINT; 2] } else { [point, (z as f32).to_bits()] }
+    };
+    layered_keys(view.size, random).into_iter().enumerate().map(key).collect()
 }
 
 /// What filling starts from, or goes on from.
@@ -194,22 +167,22 @@ fn pixels(seen: &Stage, filled: &Stage) -> Vec<Pixel> {
     (0..seen.depth.len()).map(|i| Pixel::new(filled.depth[i], filled.color[i], filling(i))).collect()
 }
 
-/// Draws so many steps and one more; how many pixels that one may change, and how wide their bounds are.
-fn check_step(canvas: &mut Canvas, view: &View, keys: &[[u32; 2]], effects: &Effects, steps: u32) -> (usize, f64) {
-    let mut draw = |steps: u32| {
-        let mut effects = effects.clone();
-        effects.fill.switch = if steps == 0 { Switch::Off } else { Switch::On };
-        effects.fill.settings.iterations = steps as f64;
-        let surface = canvas.draw(view, keys, &effects);
-        let filled = if steps == 0 { surface.seen.clone() } else { surface.filled };
-        (surface.seen, filled)
-    };
-    let ((seen, before), (_, after)) = (draw(steps), draw(steps + 1));
-    let settings = &effects.fill.settings;
+/// Layers before filling, and after so many steps of it.
+fn after_steps(canvas: &mut Canvas, view: &View, keys: &[[u32; 2]], effects: &Effects, steps: u32) -> (Stage, Stage) {
+    let mut effects = effects.clone();
+    effects.fill.switch = if steps == 0 { Switch::Off } else { Switch::On };
+    effects.fill.settings.iterations = steps as f64;
+    let surface = canvas.draw(view, keys, &effects);
+    let filled = if steps == 0 { surface.seen.clone() } else { surface.filled };
+    (surface.seen, filled)
+}
+
+/// One step: how many pixels it may change, and how wide their bounds are.
+fn check_step(view: &View, settings: &fill::Settings, seen: &Stage, before: &Stage, after: &Stage, case: &str) -> (usize, f64) {
     let (mut filling, mut widest) = (0, 0f64);
-    for (i, next) in fill_oracle::step(view, settings, &pixels(&seen, &before)).iter().enumerate() {
+    for (i, next) in fill_oracle::step(view, settings, &pixels(seen, before)).iter().enumerate() {
         let (z, color) = (after.depth[i], after.color[i]);
-        let case = || format!("{:?} {:?} {settings:?} step {} pixel {i}", view.camera.projection, view.size, steps + 1);
+        let case = || format!("{:?} {:?} {settings:?} {case} pixel {i}", view.camera.projection, view.size);
         assert_eq!(after.index[i], seen.index[i], "{}", case());
         match next.filling {
             true => assert!(next.holds(z, color), "{}: {} {:?} is not {next:?}", case(), z, color),
@@ -217,7 +190,7 @@ fn check_step(canvas: &mut Canvas, view: &View, keys: &[[u32; 2]], effects: &Eff
         }
         assert!(!before.depth[i].is_finite() || z.is_finite(), "{}: what was filled is gone", case());
         filling += next.filling as usize;
-        widest = widest.max(next.depth.map_or(0.0, |z| z.error / z.value));
+        widest = next.depths.iter().map(|z| z.error / z.value).fold(widest, f64::max);
     }
     (filling, widest)
 }
@@ -233,8 +206,11 @@ fn filling_takes_every_step_as_f64_does() {
                     let keys = if surrounded == 9.0 { random_keys(size, CANVAS_POINTS, random) } else { layered_keys(size, random) };
                     let mut effects = only_visibility(visibility::Settings { kernel: 5.0, holes, ..visibility::Settings::default() });
                     effects.fill.settings = fill::Settings { tolerance, surrounded, ..fill::Settings::default() };
-                    for steps in [0, 1, 2, 7] {
-                        let (filled, wide) = check_step(canvas, &view, &keys, &effects, steps);
+                    for steps in [0, 1, 6] {
+                        let [(seen, before), (_, after)] =
+                            [steps, steps + 1].map(|steps| after_steps(canvas, &view, &keys, &effects, steps));
+                        let case = format!("step {}", steps + 1);
+                        let (filled, wide) = check_step(&view, &effects.fill.settings, &seen, &before, &after, &case);
                         filling += filled;
                         widest = widest.max(wide);
                     }
@@ -243,7 +219,7 @@ fn filling_takes_every_step_as_f64_does() {
         }
     });
     println!("{filling} pixels filled, bounds at most {widest:e} of the depth");
-    assert!(filling > 100_000 && widest < 1e-5);
+    assert!(filling > 50_000 && widest < 1e-5);
 }
 
 /// One picture to the end: holes as wide as take many steps, so that tiles fall asleep and are woken by their neighbours. Every step is the twin's from the step before, with every tile awake.
@@ -265,8 +241,15 @@ fn filling_sleeps_where_nothing_changes_and_nowhere_else() {
         for view in views(size) {
             // Every pixel without a point is a hole.
             let effects = only_visibility(visibility::Settings { kernel: 5.0, holes: 10.0, ..visibility::Settings::default() });
-            let filling: Vec<usize> = (0..62).map(|steps| check_step(canvas, &view, &keys, &effects, steps).0).collect();
-            println!("{filling:?}");
+            let (seen, mut before) = after_steps(canvas, &view, &keys, &effects, 0);
+            let mut at_rest = 0;
+            for step in 1..=24 {
+                let (_, after) = after_steps(canvas, &view, &keys, &effects, step);
+                check_step(&view, &effects.fill.settings, &seen, &before, &after, &format!("step {step}"));
+                at_rest = if after == before { at_rest + 1 } else { 0 };
+                before = after;
+            }
+            println!("{:?}: nothing has changed for {at_rest} steps", view.camera.projection);
         }
     });
 }
@@ -281,14 +264,14 @@ fn only_shape(settings: shape::Settings) -> Effects {
 #[test]
 fn shape_leaves_the_light_that_f64_does() {
     let random = &mut Random(0x54A9E);
-    let mut widest = 0f64;
+    let mut bounds = Vec::new();
     canvas(|canvas| {
         for size in SIZES {
             for view in views(size) {
                 for (levels, xi, first, softness) in
                     [(1.0, 1.5, 0.0, 1.0), (2.0, 0.0, 0.0, 0.0), (8.0, 1.5, 0.0, 1.0), (8.0, 1.5, 1.0, 0.0), (12.0, 0.5, 0.0, 5.0)]
                 {
-                    for keys in [random_keys(size, CANVAS_POINTS, random), layered_keys(size, random)] {
+                    for (layered, keys) in [(false, random_keys(size, CANVAS_POINTS, random)), (true, layered_keys(size, random))] {
                         let settings = shape::Settings { levels, xi, first, softness, ..shape::Settings::default() };
                         let surface = canvas.draw(&view, &keys, &only_shape(settings));
                         let twin = shape_oracle::light(&view, &settings, &surface.raw.depth);
@@ -299,13 +282,69 @@ fn shape_leaves_the_light_that_f64_does() {
                                 view.camera.projection,
                                 surface.raw.depth[i]
                             );
-                            widest = widest.max(twin.error);
+                            bounds.extend(layered.then_some(twin.error));
                         }
                     }
                 }
             }
         }
     });
-    println!("widest bound {widest:e}");
-    assert!(widest < 1e-2);
+    // Of surfaces: where depths of millimetres and megametres meet, nearly anything is within rounding.
+    bounds.sort_by(f64::total_cmp);
+    let [middle, most] = [0.5, 0.9].map(|share| bounds[(share * bounds.len() as f64) as usize]);
+    println!("{} pixels, bounds: median {middle:e}, nine in ten {most:e}", bounds.len());
+    assert!(most < 1e-3);
+}
+
+/// Tilted planes beside a rough strip. Where whole tiles are planes the kernels leave deeper levels out, which may change the light by no more than the last bits of a screen's colour; and however many
+/// levels there are, what a frame before left in memory shows nowhere.
+#[test]
+fn shape_leaves_deeper_levels_out_where_they_change_nothing() {
+    let random = &mut Random(0x914E);
+    let size = [301, 61];
+    canvas(|canvas| {
+        for view in views(size) {
+            let depth = |i: u32| {
+                let (x, y) = ((i % size[0]) as f64, (i / size[0]) as f64);
+                // Planes: 1 / z is affine with perspective, z without.
+                let affine = 0.2 + 2e-5 * x + 1e-5 * y;
+                let z = if view.camera.projection == pointillist::view::Projection::Perspective { 1.0 / affine } else { 25.0 * affine };
+                [i % CANVAS_POINTS, ((if x < 9.0 { z * random.within(1.0, 1.05) } else { z }) as f32).to_bits()]
+            };
+            let keys: Vec<_> = (0..size[0] * size[1]).map(depth).collect();
+            for (levels, softness) in [(8.0, 1.0), (8.0, 0.1), (20.0, 1.0), (64.0, 1.0)] {
+                let settings = shape::Settings { levels, softness, ..shape::Settings::default() };
+                let effects = only_shape(settings);
+                let surface = canvas.draw(&view, &keys, &effects);
+                for _ in 0..2 {
+                    canvas.draw(&view, &random_keys(size, CANVAS_POINTS, random), &effects);
+                    let again = canvas.draw(&view, &keys, &effects);
+                    let differing = surface.lit.iter().zip(&again.lit).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
+                    assert_eq!(differing, 0, "{:?} {levels} levels: pixels that show another frame", view.camera.projection);
+                }
+                if levels > 20.0 {
+                    continue;
+                }
+                let twin = shape_oracle::light(&view, &settings, &surface.raw.depth);
+                let off = |i: usize| (surface.lit[i] as f64 - twin[i].value).abs() - twin[i].error;
+                // Planes end at the picture's edges; deeper levels carry that inwards, and the kernels leave it out.
+                let rim = levels as u32;
+                let inside = |i: &usize| {
+                    let (x, y) = (*i as u32 % size[0], *i as u32 / size[0]);
+                    x >= rim && y >= rim && x + rim < size[0] && y + rim < size[1]
+                };
+                let worst = |pixels: &mut dyn Iterator<Item = usize>| pixels.max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap();
+                let (middle, anywhere) = (worst(&mut (0..keys.len()).filter(inside)), worst(&mut (0..keys.len())));
+                let at = |i: usize| format!("{:e} at {:?}", off(i), [i as u32 % size[0], i as u32 / size[0]]);
+                let case = format!(
+                    "{:?} {levels} levels, softness {softness}: off by {} inside, by {} anywhere",
+                    view.camera.projection,
+                    at(middle),
+                    at(anywhere)
+                );
+                println!("{case}");
+                assert!(off(middle) < 1.0 / 256.0 && off(anywhere) < 1.0 / 64.0, "{case}");
+            }
+        }
+    });
 }

@@ -1,6 +1,7 @@
 //! The f64 twin of the filling passes: a picture half filled in, one step further out, with bounds (papers/README.md, Pintus, anisotropic filling).
 //!
 //! A pixel's colour is three codes of 11, 11 and 10 bits, proportional to the roots of linear colour: that is what filling is defined on. A median is one of the neighbours, exactly; a mean has an error.
+//! A mean that would move a depth by less than a 1024th of the tolerance leaves it, so that pictures come to rest; near to that, either is right.
 //! Steps are compared one by one, each from what the kernel itself made of those before: then errors do not add up, and a tile that slept when it should not have stays behind.
 
 use super::{Bounded, ULP};
@@ -41,25 +42,32 @@ fn linear(code: u32, channel: usize) -> Bounded {
 /// What a pixel may become.
 #[derive(Clone, Debug)]
 pub struct Next {
-    pub depth: Option<Bounded>,
+    /// One of these; no depth where there are none.
+    pub depths: Vec<Bounded>,
     pub codes: [RangeInclusive<u32>; 3],
     pub filling: bool,
 }
 
 impl Next {
     fn exactly(pixel: Pixel) -> Next {
-        Next { depth: pixel.depth.map(Bounded::exact), codes: pixel.codes.map(|code| code..=code), filling: pixel.filling }
+        Next {
+            depths: pixel.depth.map(Bounded::exact).into_iter().collect(),
+            codes: pixel.codes.map(|code| code..=code),
+            filling: pixel.filling,
+        }
     }
 
     /// Whether the layers may have it so. Colours come back unpacked, and what nothing has reached is background.
     pub fn holds(&self, depth: f32, color: [f32; 4]) -> bool {
-        let Some(z) = self.depth else { return depth == f32::INFINITY && color == [0.0; 4] };
+        if self.depths.is_empty() {
+            return depth == f32::INFINITY && color == [0.0; 4];
+        }
         let channel = |c: usize| {
             let code = code(color[c] as f64, c).round() as u32;
             // A pixel that is not being filled keeps its colour, which is no code's.
             self.codes[c].contains(&code) && (!self.filling || linear(code, c).holds(color[c]))
         };
-        z.holds(depth) && color[3] == 1.0 && (0..3).all(channel)
+        self.depths.iter().any(|z| z.holds(depth)) && color[3] == 1.0 && (0..3).all(channel)
     }
 }
 
@@ -111,7 +119,7 @@ fn mean(view: &View, settings: &Settings, z0: f32, own: Pixel, valid: &[(f32, Pi
         let difference = Bounded::exact(z) - Bounded::exact(z0);
         let apart = if difference.value < 0.0 { -difference } else { difference };
         let near = match tolerance.value > 0.0 {
-            true => one - (apart / tolerance).min(1.0),
+            true => one - (apart * (one / tolerance)).min(1.0),
             false => Bounded::exact((z == z0) as u32),
         };
         let lateral = if corner { Bounded::constant(1.0 - 0.5f64.sqrt()) } else { Bounded::exact(0.5) };
@@ -120,12 +128,22 @@ fn mean(view: &View, settings: &Settings, z0: f32, own: Pixel, valid: &[(f32, Pi
         rise = rise + weight * difference;
         colors = [0, 1, 2].map(|c| colors[c] + weight * linear(pixel.codes[c], c));
     }
+    let share = one / weights;
     let codes = [0, 1, 2].map(|c| {
-        let color = colors[c] / weights;
+        let color = colors[c] * share;
         // The root is within 5 ulps, its multiple and what is added to it within 1 each.
         let rounding = 7.0 * ULP * (CODES[c] as f64 + 1.0);
         let [lo, hi] = [-1.0, 1.0].map(|way| code(color.value + way * color.error, c) + 0.5 + way * rounding);
         lo.max(0.0).floor() as u32..=(hi.floor() as u32).min(CODES[c])
     });
-    Next { depth: Some(Bounded::exact(z0) + rise / weights), codes, filling: true }
+    let (own, step) = (Bounded::exact(z0), rise * share);
+    let at_rest = |step: f64, tolerance: f64| step * 1024.0 < tolerance;
+    let surely = at_rest(step.value.abs() + step.error, tolerance.value - tolerance.error);
+    let possibly = at_rest(step.value.abs() - step.error, tolerance.value + tolerance.error);
+    let depths = match (surely, possibly) {
+        (true, _) => vec![own],
+        (false, true) => vec![own, own + step],
+        (false, false) => vec![own + step],
+    };
+    Next { depths, codes, filling: true }
 }

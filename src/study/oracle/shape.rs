@@ -60,7 +60,7 @@ fn level(view: &View, depths: &[Option<Bounded>], i: usize, width: f64) -> (Boun
     let part = Bounded { value: part, error: 0.0 } * own;
     let eps = if view.camera.projection == Projection::Perspective { part } else { part.max(width) };
     let spread = Bounded { value: 2.0 * sigma, error: 2.0 * sigma_error } + eps;
-    let omega = (Bounded::exact(1.0) - from_dmin / spread).max(0.0).min(1.0);
+    let omega = (Bounded::exact(1.0) - from_dmin / spread).through(|omega| omega.clamp(0.0, 1.0));
 
     let next = (own.value + (mu - sigma / 2.0)).max(own.value / 2.0);
     let error = before + mu_rounding + sigma_error / 2.0 + ULP * apart + ULP * (own.value + apart);
