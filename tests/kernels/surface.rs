@@ -135,7 +135,7 @@ fn visibility_decides_as_f64_does() {
             }
         }
         for view in views([127, 61]) {
-            for reach in [5.5, 9.0] {
+            for reach in [5.5, 7.5, 9.0] {
                 let settings = visibility::Settings { reach, tiles: ALL, ..Default::default() };
                 let keys = growing_keys(&view, canvas.spacing() * view.focal_px() * 5.5, random);
                 automatic.extend(
@@ -153,7 +153,7 @@ fn visibility_decides_as_f64_does() {
 fn growing_keys(view: &View, reach_px: f64, random: &mut Random) -> Vec<[u32; 2]> {
     let width = view.size[0] as usize;
     let key = |(i, [point, bits]): (usize, [u32; 2])| {
-        let wanted = 40.0 - 39.9 * (i % width) as f64 / width as f64;
+        let wanted = 40.0 * (1.0 - (i % width) as f64 / width as f64).powi(2);
         let z = f32::from_bits(bits) as f64 / 5.0 * reach_px / wanted;
         let empty = (i % width / 8 + 16 * (i / width / 8)).is_multiple_of(20) || point == NO_POINT;
         if empty { [NO_POINT; 2] } else { [point, (z as f32).to_bits()] }

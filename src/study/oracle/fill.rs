@@ -1,6 +1,6 @@
 //! The f64 twin of the filling passes: a picture half filled in, one step further out, with bounds (papers/README.md, Pintus, anisotropic filling).
 //!
-//! A pixel's colour is three codes of 11, 11 and 10 bits, proportional to the roots of linear colour: that is what filling is defined on. A median is one of the neighbours, exactly; a mean has an error.
+//! A pixel's colour is three codes of 8 bits, proportional to the roots of linear colour: that is what filling is defined on. A median is one of the neighbours, exactly; a mean has an error.
 //! A mean that would move a depth by less than a 1024th of the tolerance leaves it, so that pictures come to rest; near to that, either is right.
 //! Steps are compared one by one, each from what the kernel itself made of those before: then errors do not add up, and a tile that slept when it should not have stays behind.
 
@@ -10,7 +10,7 @@ use crate::passes::fill::Settings;
 use crate::view::{Projection, View};
 use std::ops::RangeInclusive;
 
-const CODES: [u32; 3] = [2047, 2047, 1023];
+const CODES: [u32; 3] = [255; 3];
 /// Of visibility; a tolerance that is not given is as wide as this many pixels.
 const WIDEST_KERNEL: f64 = 31.0;
 
