@@ -363,7 +363,9 @@ fn configured(name: &str, configurations: usize, metrics: usize, figures: usize)
     fronts_are_fronts(&rows);
     for (group, rows) in groups(&rows) {
         assert_eq!((rows.len(), rows.iter().filter(|row| row.auto).count()), (configurations, 1), "{group:?}");
-        assert!(rows.iter().all(|row| row.n == 2 && (0.0..=1.0).contains(&row.error) && row.ms[0] >= 0.0), "{group:?}");
+        // What floods the background can spill more than the silhouette holds.
+        let most = if group.2 == "spilled" { f64::INFINITY } else { 1.0 };
+        assert!(rows.iter().all(|row| row.n == 2 && (0.0..=most).contains(&row.error) && row.ms[0] >= 0.0), "{group:?}");
     }
     rows
 }

@@ -28,8 +28,8 @@ const ALL: &str = "all scenes";
 
 /// Configurations are many, so that rounds, views and pixels are not: a study takes minutes, not hours, on a software device.
 const MOST_ROUNDS: usize = 3;
-const MOST_SIDE: u32 = 512;
-const VIEWS: usize = 2;
+const MOST_SIDE: u32 = 384;
+const VIEWS: usize = 1;
 
 /// The knob of what the renderer does when nothing is asked for.
 pub const AUTO: &str = "auto";
@@ -151,10 +151,10 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
         Figure::of(&format!("{}-{knob}", Q::NAME), metric.name, axes, &format!("{knob}. {}", metric.about), &shown, &label)
     }));
     let how = format!(
-        "{} Truth is the surface itself, ray-cast in f64. {} views of each scene at one density are pooled, and all scenes: errors are sums over all pixels, milliseconds are \
-         sums over the frames, of {} x {} pixels. Milliseconds are those of the passes that the settings change. n = {rounds} interleaved rounds after one that is not counted. Left out: {}.",
+        "{} Truth is the surface itself, ray-cast in f64. All scenes at one density are pooled: errors are sums over all pixels, milliseconds are sums over the frames, of \
+         {} x {} pixels. Milliseconds are those of the passes that the settings change. n = {rounds} interleaved rounds after one that is not \
+         counted. Left out: {}.",
         Q::HOW,
-        VIEWS,
         options.size[0],
         options.size[1],
         if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") }
