@@ -16,7 +16,8 @@ layout(scalar) buffer Lists { uint word[]; } lists;
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
     uint stride;     // words from list to list; list i has kernel 2 i + 3
-    uint fixed_list; // 11: by spacing
+    uint least_list; // of those that the spacings of all points ask for
+    uint most_list;
     float pixels_per_spacing; // width of the kernel
     uint all; // 1: no tile is left out
     uint packed_at; // dispatches of pack_depth, for the narrow kernels and for the wide ones
@@ -47,7 +48,7 @@ void main() {
     float wider = clamp(ceil((kernel - 3.0) * 0.5), 0.0, 6.0);
     float widest = clamp(7.0 + ceil((kernel - 19.0) * 0.25), 7.0, 10.0);
     uint list = uint(kernel <= 15.0 ? wider : widest);
-    list = push.fixed_list < 11u ? push.fixed_list : list;
+    list = clamp(list, push.least_list, push.most_list);
     uint packed_for = push.packed_at + (list < 7u ? 0u : LIST_HEADER);
     if (lists.word[packed_for] == 0u) {
         lists.word[packed_for + 1u] = push.pack_groups.y;

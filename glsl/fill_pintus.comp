@@ -101,7 +101,7 @@ void main() {
                     float z0 = intBitsToFloat(bits[c] == NOTHING ? 0x3F800000 : bits[c]);
                     precise float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
                     // Where there is no tolerance, only equal depths are of one surface.
-                    precise float strictness = tolerance > 0.0 ? 1.0 / tolerance : 3.402823466e38;
+                    precise float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
                     precise float weights = 1.0;
                     precise float rise = 0.0;
                     precise vec3 light = light_of(colors[c]);

@@ -1,7 +1,7 @@
 // The first level of shape depiction (Pintus et al. 2011, sec. 6; lib/shape.glsl): depth -> shade, depth of the next level, and the tiles that deeper levels are worth for.
 //
-// Where a surface is a plane, every level gives the same shade; only tiles near others are listed. A deeper level looks one pixel farther, so that tiles within `rings` - 1 of one that is no plane
-// have another shade, and one ring more keeps what they look at right. `wanted`: 1 a tile whose depth is needed, 3 one whose shade is, too.
+// Where a surface is a plane, every level gives the same shade; only tiles near others are listed. A deeper level looks one pixel farther, so that tiles within `shaded` rings of one that is no plane
+// have another shade, and rings beyond keep what they look at right. `wanted`: 1 a tile whose depth is needed, 3 one whose shade is, too.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -26,13 +26,14 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size;  // pixels
     uvec2 tiles;
     float width; // of `softness` pixels: metres, or with perspective parts of the depth
-    int rings;   // 0: there is no deeper level
+    int shaded;  // rings whose shade deeper levels change; 0: there is no deeper level
+    int rings;   // and those whose depth they need
 } push;
 
 void want(ivec2 tile) {
     for (int y = max(tile.y - push.rings, 0); y <= min(tile.y + push.rings, int(push.tiles.y) - 1); ++y) {
         for (int x = max(tile.x - push.rings, 0); x <= min(tile.x + push.rings, int(push.tiles.x) - 1); ++x) {
-            bool near = max(abs(x - tile.x), abs(y - tile.y)) < push.rings;
+            bool near = max(abs(x - tile.x), abs(y - tile.y)) <= push.shaded;
             uint at = uint(y) * push.tiles.x + uint(x);
             if ((atomicOr(wanted.tile[at], near ? 3u : 1u) & 3u) == 0u) APPEND(0u, at)
         }
@@ -62,6 +63,6 @@ void main() {
             imageStore(next, texel, nexts);
         }
         // One lane of a tile marks it, and those around it.
-        if (!plane && push.rings > 0 && (atomicOr(wanted.tile[n], 4u) & 4u) == 0u) want(ivec2(n % push.tiles.x, n / push.tiles.x));
+        if (!plane && push.shaded > 0 && (atomicOr(wanted.tile[n], 4u) & 4u) == 0u) want(ivec2(n % push.tiles.x, n / push.tiles.x));
     }
 }

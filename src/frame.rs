@@ -24,7 +24,7 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
         let keys = project::record(g, view, &drawn, band);
         resolved = resolve::record(g, &keys, &paint, band, resolved);
     }
-    let layers = resolved.layers(g, resident)?;
+    let layers = resolved.layers(g, view, resident)?;
     let layers = passes::apply(g, view, &look.effects, &look.decided, layers);
     let normal = normal::record(g, view, &layers);
     let picture = composite::record(g, view, look.background, &layers);

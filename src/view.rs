@@ -114,7 +114,12 @@ impl View {
     }
 
     /// The least planar depth of a box, given by its world corners, in front of the camera, or none if no point of the box can be seen.
-    pub fn least_depth(&self, (min, max): (DVec3, DVec3)) -> Option<f64> {
+    pub fn least_depth(&self, bounds: (DVec3, DVec3)) -> Option<f64> {
+        self.depths(bounds).map(|(least, _)| least)
+    }
+
+    /// The least planar depth of a box, as [`View::least_depth`], and the greatest.
+    pub fn depths(&self, (min, max): (DVec3, DVec3)) -> Option<(f64, f64)> {
         let centre = (min + max) / 2.0 - self.camera.eye;
         let half = (max - min) / 2.0;
         let reach = |axis: DVec3| half.dot(axis.abs());
@@ -137,7 +142,8 @@ impl View {
         if outside(basis.right, half_size[0]) || outside(basis.up, half_size[1]) {
             return None;
         }
-        Some((depth - reach(basis.forward)).max(0.0))
+        let reach = reach(basis.forward);
+        Some(((depth - reach).max(0.0), depth + reach))
     }
 }
 

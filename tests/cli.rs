@@ -119,7 +119,7 @@ fn every_option_of_render_does_what_it_says() {
     let place = Place::new();
     let cloud = place.scan("torus.las", Scene::Torus, 60_000);
     place.write("cam.json", CAMERA);
-    let plain = "--size 96x64 --camera @cam.json";
+    let plain = "--size 96x64 --style points --camera @cam.json";
     let output = place.render(&cloud, &format!("{plain} -o @plain.png --exr @plain.exr"));
     assert_eq!(succeeded(&output), "");
     let bytes = |name: &str| fs::read(place.at(name)).unwrap();
@@ -136,12 +136,12 @@ fn every_option_of_render_does_what_it_says() {
     }
 
     for different in
-        ["--background ffffff", "--color elevation", "--color white", "--effect edl=off", "--effect edl=on,strength=1.5,radius=3"]
+        ["--background ffffff", "--color elevation", "--color white", "--effect edl=off", "--effect edl=on,strength=1.5,radius=3", "--effect shape=on"]
     {
         succeeded(&place.render(&cloud, &format!("{plain} -o @other.png {different}")));
         assert!(bytes("plain.png") != bytes("other.png"), "{different} changes nothing");
     }
-    for same in ["--style points", "--effect edl=auto", "--device 0", "--background #181b20", "--color rgb", "--strict"] {
+    for same in ["--effect visibility=off", "--effect edl=auto", "--device 0", "--background #181b20", "--color rgb", "--strict"] {
         succeeded(&place.render(&cloud, &format!("{plain} -o @other.png {same}")));
         assert!(bytes("plain.png") == bytes("other.png"), "{same} changes the picture");
     }

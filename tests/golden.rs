@@ -6,8 +6,8 @@
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::gpu::Wish;
 use pointillist::graph::{Gpu, Graph};
-use pointillist::look::{self, Wishes};
-use pointillist::passes::Scene;
+use pointillist::look::{self, Style, Wishes};
+use pointillist::passes::{Effects, Scene};
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
 use pointillist::view::{Camera, Preset, View};
@@ -20,14 +20,18 @@ const CODES: u8 = 2;
 const SHARE: f64 = 1e-3;
 
 fn check(name: &str, attribute: Attribute, effects: &str, preset: Preset) {
+    check_style(Style::Points, name, attribute, effects, preset);
+}
+
+fn check_style(style: Style, name: &str, attribute: Attribute, effects: &str, preset: Preset) {
     let mut gpu =
         Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(synth::Scene::NestedTori, 1, 0.0);
     let cloud = synth::collect("nested-tori", &world, 60_000, 7, 0.0, &Silent).unwrap();
     let view = View::new(Camera::framing(preset, &cloud.core_points(), SIZE), SIZE).unwrap();
     let shown = Shown::new(attribute, &cloud);
-    let mut wishes = Wishes::default();
-    wishes.effects.set(effects).unwrap();
+    let mut wishes = Wishes { effects: Effects::of(style), ..Wishes::default() };
+    effects.split_whitespace().for_each(|effect| wishes.effects.set(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
     let look = look::decide(&wishes, &Scene { view: &view, points: resident.points });
     let mut g = Graph::new(&mut gpu);
@@ -88,4 +92,24 @@ fn class_from_above() {
 #[test]
 fn source_without_perspective() {
     check("source", Attribute::Source, "edl=auto", Preset::Iso);
+}
+
+#[test]
+fn surface() {
+    check_style(Style::Surface, "surface", Attribute::Rgb, "", Preset::Fit);
+}
+
+#[test]
+fn visibility_alone() {
+    check_style(Style::Surface, "visibility", Attribute::White, "fill=off shape=off edl=off", Preset::Fit);
+}
+
+#[test]
+fn fill_of_sparse_points() {
+    check_style(Style::Surface, "fill", Attribute::Rgb, "visibility=on,kernel=9 shape=off edl=off", Preset::Iso);
+}
+
+#[test]
+fn shape_on_white() {
+    check_style(Style::Surface, "shape", Attribute::Rgb, "shape=on,base=white,first=1", Preset::Top);
 }

@@ -86,7 +86,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         Method::Splat => return splat::record(g, view, settings, layers),
         Method::Pullpush => return pullpush::record(g, view, settings, layers),
     }
-    let Some(Holes { lists, at }) = layers.holes else { return layers };
+    let Some(Holes { lists, at, kernel }) = layers.holes else { return layers };
     let Layers { mut depth, mut color, .. } = layers;
     let (size, across) = (view.size, tiles(view.size));
     let count = across[0] * across[1];
@@ -111,7 +111,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     );
 
     let texels = g.gpu.device.texels;
-    let most = if settings.iterations == 0.0 { 2 * WIDEST as u32 } else { settings.iterations as u32 };
+    let most = if settings.iterations == 0.0 { 2 * kernel } else { settings.iterations as u32 };
     let changed_at = 4 * (most + 2);
     let mut steps = g.buffer("steps", 4 * (changed_at + count) as u64);
     g.fill(&mut steps, 0);

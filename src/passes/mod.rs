@@ -22,6 +22,8 @@ pub struct Layers {
     pub lit: Option<Image>,
     /// Of every node of the frame, how far apart its points are, metres; f32.
     pub spacings: Buffer,
+    /// The least and the most that may be on the screen, pixels; infinite where the camera is within a node.
+    pub spacing_px: [f64; 2],
     /// Tiles with pixels of unknown depth, where a pass has looked for them.
     pub holes: Option<Holes>,
 }
@@ -31,6 +33,8 @@ pub struct Holes {
     pub lists: Buffer,
     /// The list's first word.
     pub at: u32,
+    /// Width of the widest kernel that has looked for them, pixels.
+    pub kernel: u32,
 }
 
 /// Tiles across and down a picture.

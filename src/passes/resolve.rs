@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::resident::Resident;
 use crate::shader::{self, resolve::Push, resolve::Spec};
-use crate::view::View;
+use crate::view::{Projection, View};
 
 /// Images that `record` fills band by band.
 pub struct Resolved {
@@ -70,13 +70,28 @@ pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved:
 
 impl Resolved {
     /// The layers that effects start from.
-    pub fn layers(self, g: &mut Graph, resident: &Resident) -> Result<Layers> {
+    pub fn layers(self, g: &mut Graph, view: &View, resident: &Resident) -> Result<Layers> {
         let Resolved { depth, index, color } = self;
         let raw = g.copy("raw", &depth);
         let spacings: Vec<f32> = resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;
-        Ok(Layers { depth, raw, index, color, lit: None, spacings, holes: None })
+        Ok(Layers { depth, raw, index, color, lit: None, spacings, spacing_px: spacing_px(view, resident), holes: None })
     }
+}
+
+/// Of all nodes that the view can see, the least and the most that their points' spacing may be, pixels.
+fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
+    let f = view.focal_px();
+    let seen = resident.nodes.iter().filter_map(|node| {
+        let (near, far) = view.depths(node.bounds())?;
+        Some(match view.camera.projection {
+            Projection::Perspective => [node.spacing * f / far, node.spacing * f / near],
+            Projection::Orthographic => [node.spacing * f; 2],
+        })
+    });
+    let all = seen.reduce(|all, own| [all[0].min(own[0]), all[1].max(own[1])]);
+    // A spacing of 0 at a depth of 0 is no spacing.
+    all.map_or([0.0; 2], |range| range.map(|px| if px.is_nan() { 0.0 } else { px }))
 }
 
 /// The 256 linear colours that words are looked up in.

@@ -70,12 +70,11 @@ pub fn weights(settings: &Settings) -> Vec<f64> {
     weights.iter().map(|weight| weight / sum).collect()
 }
 
-/// Rings of tiles around one that is no plane whose depth deeper levels need: a level looks a pixel farther, and one ring more takes what is out of date beyond.
-fn rings(levels: u32) -> i32 {
-    match levels {
-        0 | 1 => 0,
-        _ => 1 + (levels - 1).div_ceil(TILE_PX) as i32,
-    }
+/// Rings of tiles around one that is no plane: those whose shade deeper levels change, because a level looks a pixel farther, and those whose depths that takes, because what is out of date comes a
+/// pixel nearer with every level.
+fn rings(levels: u32) -> [i32; 2] {
+    let shaded = levels.saturating_sub(1).div_ceil(TILE_PX);
+    [shaded, shaded + levels.saturating_sub(2).div_ceil(TILE_PX)].map(|rings| rings as i32)
 }
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
@@ -95,7 +94,8 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let push = pack_depth::Push { size, packed_size: packed };
     let spec = pack_depth::Spec { span: 1, margin: false };
     g.run(shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push, spec }, Tiles::All);
-    let push = shape::Push { size, tiles: across, width, rings: rings(weights.len() as u32) };
+    let [shaded, rings] = rings(weights.len() as u32);
+    let push = shape::Push { size, tiles: across, width, shaded, rings };
     g.run(
         shader::Shape {
             depth: &to,

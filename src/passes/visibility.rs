@@ -79,7 +79,7 @@ pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Rea
 }
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
-    let Layers { mut depth, raw, mut index, mut color, spacings, lit, .. } = layers;
+    let Layers { mut depth, raw, mut index, mut color, spacings, spacing_px, lit, .. } = layers;
     let across = tiles(view.size);
     let count = across[0] * across[1];
     let stride = LIST_HEADER + count;
@@ -96,10 +96,14 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let packed_at = (KERNELS + 1) * stride;
     let mut lists = g.buffer("lists", 4 * (packed_at + 2 * LIST_HEADER) as u64);
     g.fill(&mut lists, 0);
-    let fixed_list = if settings.kernel == 0.0 { KERNELS } else { (settings.kernel as u32).max(3) / 2 - 1 };
+    // A kernel that no tile can ask for is not even made.
+    let [least_list, most_list] = match settings.kernel {
+        0.0 => spacing_px.map(|px| list_of(px * settings.reach)),
+        kernel => [list_of(kernel); 2],
+    };
     let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
     let pack_groups = [packed_size[0].div_ceil(64), packed_size[1]];
-    let push = assign::Push { tiles: across, stride, fixed_list, pixels_per_spacing: settings.reach as f32, all: (settings.tiles == Looked::All) as u32, packed_at, pack_groups };
+    let push = assign::Push { tiles: across, stride, least_list, most_list, pixels_per_spacing: settings.reach as f32, all: (settings.tiles == Looked::All) as u32, packed_at, pack_groups };
     g.run(shader::Assign { tiles: &facts, lists: &mut lists, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
 
     let packed = [1, 2].map(|span| {
@@ -115,10 +119,9 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     g.fill(&mut listed, 0);
     let holes_at = KERNELS * stride;
     let sectors = if settings.sectors < 8.0 { 4 } else if settings.sectors < 16.0 { 8 } else { 16 };
-    let kernels = if fixed_list < KERNELS { fixed_list..fixed_list + 1 } else { 0..KERNELS };
-    for list in kernels {
+    for list in least_list..=most_list {
         // Kernel 2 radius + 1, or 4 radius + 3.
-        let (span, radius) = if list < FINE { (1, list + 1) } else { (2, list - FINE + 4) };
+        let (span, radius) = span_and_radius(list);
         let push = visibility::Push {
             size: view.size,
             tiles_across: across[0],
@@ -139,7 +142,24 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
         Tiles::From(&lists, holes_at),
     );
-    Layers { depth, raw, index, color, spacings, holes: Some(Holes { lists, at: holes_at }), lit }
+    Layers { depth, raw, index, color, spacings, spacing_px, holes: Some(Holes { lists, at: holes_at, kernel: width_of(most_list) }), lit }
+}
+
+/// The list of the least kernel that is at least so wide, or of the widest; as in glsl/assign.comp.
+fn list_of(kernel: f64) -> u32 {
+    let list = if kernel <= 15.0 { ((kernel - 3.0) / 2.0).ceil().max(0.0) } else { FINE as f64 + ((kernel - 19.0) / 4.0).ceil().max(0.0) };
+    list.min((KERNELS - 1) as f64) as u32
+}
+
+/// Pixels from neighbour to neighbour, and neighbours to either side.
+fn span_and_radius(list: u32) -> (u32, u32) {
+    if list < FINE { (1, list + 1) } else { (2, list - FINE + 4) }
+}
+
+/// Pixels: both sides, and the pixel itself or the 2 x 2 that it is one of.
+fn width_of(list: u32) -> u32 {
+    let (span, radius) = span_and_radius(list);
+    2 * span * radius + 2 * span - 1
 }
 
 /// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.
