@@ -156,7 +156,7 @@ impl Canvas<'_> {
         let paint = resolve::paint(&mut g, &self.resident).unwrap();
         let resolved = resolve::layers(&mut g, view);
         let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
-        let mut layers = resolved.layers(&mut g, &self.resident).unwrap();
+        let mut layers = resolved.layers(&mut g, view, &self.resident).unwrap();
         let raw = keep(&mut g, &layers);
         let (mut seen, mut filled) = (None, None);
         if effects.visibility.switch != Switch::Off {
