@@ -84,7 +84,7 @@ fn resolved(cloud: &Cloud, attribute: Attribute, view: &View, settings: &edl::Se
         let paint = resolve::paint(&mut g, &resident).unwrap();
         let resolved = resolve::layers(&mut g, view);
         let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
-        let layers = resolved.layers(&mut g, &resident).unwrap();
+        let layers = resolved.layers(&mut g, view, &resident).unwrap();
         let [depth, index, color] = [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image));
         let layers = edl::record(&mut g, view, settings, layers);
         let lit = g.download(&layers.color);
