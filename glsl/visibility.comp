@@ -81,34 +81,45 @@ int sector_of(ivec2 d) {
     return 2 * octant + (second ? 1 : 0);
 }
 
-// The neighbours in one column, of all four pixels.
-#define COLUMN(dx) { \
-    float z[MOST_ROWS]; \
-    float zz[MOST_ROWS]; \
+// The depths of a column of neighbours, of all four pixels.
+#define LOAD_COLUMN(dx) \
     [[unroll]] for (int q = 0; q < 2 * REACH + 1; ++q) { \
-        vec4 four = imageLoad(packed_depth, texel + ivec2(STEP * dx, q - REACH)); \
+        vec4 four = imageLoad(packed_depth, texel + ivec2(STEP * (dx), q - REACH)); \
         [[unroll]] for (int c = 0; c < 4; ++c) { \
             bool point = four[c] <= FARTHEST; \
             float place = clamp(four[c], NEAREST_PLACE, FARTHEST_PLACE); \
             z[4 * q + c] = place; \
             zz[4 * q + c] = point ? (PERSPECTIVE ? place * place : 1.0) : 0.0; \
         } \
-    } \
-    [[unroll]] for (int p = 0; p < 4; ++p) { \
-        [[unroll]] for (int dy = -R; dy <= R; ++dy) { \
-            if (dx != 0 || dy != 0) { \
-                int i = 4 * REACH + p + STEP * dy; \
-                precise float aside = float(STEP * dx) * ray_x + float(STEP * dy) * ray_y[p]; \
-                precise float twist = float(STEP * dx) * ray_y[p] - float(STEP * dy) * ray_x; \
-                precise float along = (z0[p] - z[i]) * f_rr[p] - (PERSPECTIVE ? z[i] * aside : 0.0); \
-                precise float across = zz[i] * (float(STEP * STEP * (dx * dx + dy * dy)) + (PERSPECTIVE ? twist * twist : 0.0)); \
-                precise float t = along * abs(along) / across; \
-                int s = 16 * p + sector_of(ivec2(dx, dy)); \
-                most[s] = max(most[s], zz[i] > 0.0 ? t : NOTHING); \
+    }
+
+// t |t| of the neighbour at (dx, dy) of pixel p.
+#define LEAN(t, p, dx, dy) \
+    int i = 4 * REACH + p + STEP * dy; \
+    precise float aside = float(STEP * dx) * ray_x + float(STEP * dy) * ray_y[p]; \
+    precise float twist = float(STEP * dx) * ray_y[p] - float(STEP * dy) * ray_x; \
+    precise float along = (z0[p] - z[i]) * f_rr[p] - (PERSPECTIVE ? z[i] * aside : 0.0); \
+    precise float across = zz[i] * (float(STEP * STEP * (dx * dx + dy * dy)) + (PERSPECTIVE ? twist * twist : 0.0)); \
+    precise float ratio = along * abs(along) / across; \
+    float t = zz[i] > 0.0 ? ratio : NOTHING;
+
+// Columns on one side of the pixel. The loop over them stays a loop, so that wide kernels compile fast: a row then has two octants, one for columns nearer than the row is, and one for those farther.
+#define SIDE(side) \
+    for (int m = 1; m <= R; ++m) { \
+        int dx = side * m; \
+        LOAD_COLUMN(dx) \
+        [[unroll]] for (int p = 0; p < 4; ++p) { \
+            [[unroll]] for (int dy = -R; dy <= R; ++dy) { \
+                LEAN(t, p, dx, dy) \
+                int across_row = 16 * p + sector_of(ivec2(side * (abs(dy) + 1), dy)); \
+                int along_row = 16 * p + (dy == 0 ? sector_of(ivec2(side, 0)) : sector_of(ivec2(side, 3 * dy))); \
+                bool diagonal = 16 * p + sector_of(ivec2(side * max(abs(dy), 1), dy)) == across_row; \
+                bool wide = m > abs(dy) || (m == abs(dy) && diagonal); \
+                most[across_row] = max(most[across_row], wide ? t : NOTHING); \
+                most[along_row] = max(most[along_row], wide ? NOTHING : t); \
             } \
         } \
-    } \
-}
+    }
 
 const int MOST_ROWS = 36;
 
@@ -135,7 +146,31 @@ void main() {
                 f_rr[p] = PERSPECTIVE ? push.px_per_unit * rr : push.px_per_unit;
                 [[unroll]] for (int s = 0; s < 16; ++s) most[16 * p + s] = NOTHING;
             }
-            [[unroll]] for (int dx = -R; dx <= R; ++dx) COLUMN(dx)
+            float z[MOST_ROWS];
+            float zz[MOST_ROWS];
+            if (SECTORS == 16u) {
+                [[unroll]] for (int dx = -R; dx <= R; ++dx) {
+                    LOAD_COLUMN(dx)
+                    [[unroll]] for (int p = 0; p < 4; ++p) {
+                        [[unroll]] for (int dy = -R; dy <= R; ++dy) {
+                            LEAN(t, p, dx, dy)
+                            int s = 16 * p + sector_of(ivec2(dx, dy));
+                            if (dx != 0 || dy != 0) most[s] = max(most[s], t);
+                        }
+                    }
+                }
+            } else {
+                SIDE(-1)
+                SIDE(1)
+                LOAD_COLUMN(0)
+                [[unroll]] for (int p = 0; p < 4; ++p) {
+                    [[unroll]] for (int dy = -R; dy <= R; ++dy) {
+                        LEAN(t, p, 0, dy)
+                        int s = 16 * p + sector_of(ivec2(0, dy));
+                        if (dy != 0) most[s] = max(most[s], t);
+                    }
+                }
+            }
             [[unroll]] for (int p = 0; p < 4; ++p) {
                 bool empty = !(own[p] <= FARTHEST);
                 precise float sum = 0.0;
