@@ -135,9 +135,14 @@ fn every_option_of_render_does_what_it_says() {
         assert!(nothing || (depth[pixel] > 3.0 && depth[pixel] < 8.0 && depth[pixel] == raw[pixel]), "{}", depth[pixel]);
     }
 
-    for different in
-        ["--background ffffff", "--color elevation", "--color white", "--effect edl=off", "--effect edl=on,strength=1.5,radius=3", "--effect shape=on"]
-    {
+    for different in [
+        "--background ffffff",
+        "--color elevation",
+        "--color white",
+        "--effect edl=off",
+        "--effect edl=on,strength=1.5,radius=3",
+        "--effect shape=on",
+    ] {
         succeeded(&place.render(&cloud, &format!("{plain} -o @other.png {different}")));
         assert!(bytes("plain.png") != bytes("other.png"), "{different} changes nothing");
     }

@@ -163,7 +163,8 @@ fn gpu_and_graph_know_nothing_about_points_and_files_nothing_about_devices() {
 
 #[test]
 fn every_shader_has_a_pass() {
-    let passes: String = sources().into_iter().filter(|(path, _)| path.starts_with("passes/") || path.starts_with("bench/")).map(|(_, code)| code).collect();
+    let passes: String =
+        sources().into_iter().filter(|(path, _)| path.starts_with("passes/") || path.starts_with("bench/")).map(|(_, code)| code).collect();
     for path in list(&root().join("glsl")) {
         let Some(extension) = path.extension().and_then(|extension| extension.to_str()) else { continue };
         let name = path.file_stem().unwrap().to_str().unwrap();

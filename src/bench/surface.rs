@@ -58,8 +58,21 @@ const WAYS: [Way; 5] = [
     ("tenth", 0.1, &["visibility=auto", "fill=auto", "shape=auto"], SURFACE, 10.0),
 ];
 
-const SURFACE: &[&str] =
-    &["pack_depth", "classify", "clear lists", "assign", "clear listed", "visibility", "hide", "fill_", "clear steps", "clear rough", "clear wanted", "shape", "unpack_light"];
+const SURFACE: &[&str] = &[
+    "pack_depth",
+    "classify",
+    "clear lists",
+    "assign",
+    "clear listed",
+    "visibility",
+    "hide",
+    "fill_",
+    "clear steps",
+    "clear rough",
+    "clear wanted",
+    "shape",
+    "unpack_light",
+];
 
 pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(wish)?;
@@ -146,12 +159,21 @@ fn walls(size: [u32; 2], sparse: f64, seed: u64) -> Cloud {
         }
     }
     let lattice = Lattice { step: DVec3::splat(0.25), offset: DVec3::ZERO };
-    let part = Part { path: "walls".into(), name: None, header: Header::default(), lattice, columns, intensity_range: [0.0, 65535.0], rgb_bits: 8 };
+    let part = Part {
+        path: "walls".into(),
+        name: None,
+        header: Header::default(),
+        lattice,
+        columns,
+        intensity_range: [0.0, 65535.0],
+        rgb_bits: 8,
+    };
     Cloud { parts: vec![part], ..Cloud::default() }
 }
 
 pub fn table(rows: &[Row]) -> String {
-    let mut text = format!("{:<12} {:>10} {:>10} {:>10} {:>10} {:>12} {:>10}\n", "way", "size", "ms", "q1", "q3", "plain passes", "at most");
+    let mut text =
+        format!("{:<12} {:>10} {:>10} {:>10} {:>10} {:>12} {:>10}\n", "way", "size", "ms", "q1", "q3", "plain passes", "at most");
     for row in rows {
         writeln!(
             text,

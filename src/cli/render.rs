@@ -231,7 +231,8 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
 }
 
 fn explain_json(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, frame: &Frame) -> serde_json::Value {
-    let effects: serde_json::Map<_, _> = look.decided.0.iter().map(|(name, reason)| (name.to_string(), serde_json::json!(reason))).collect();
+    let effects: serde_json::Map<_, _> =
+        look.decided.0.iter().map(|(name, reason)| (name.to_string(), serde_json::json!(reason))).collect();
     serde_json::json!({
         "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics, "bytes": gpu.memory.allocated },
         "cloud": { "points": facts.points, "files": facts.files, "nodes": facts.nodes.unwrap_or(resident.nodes.len()), "resident_bytes": resident.bytes() },

@@ -48,7 +48,13 @@ fn help() -> String {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
-    let plan = Plan { points: arguments.points, seed: arguments.seed, repeat: arguments.repeat as usize, size: arguments.size.0, scenes: arguments.scenes.clone() };
+    let plan = Plan {
+        points: arguments.points,
+        seed: arguments.seed,
+        repeat: arguments.repeat as usize,
+        size: arguments.size.0,
+        scenes: arguments.scenes.clone(),
+    };
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     let sections = study::run(&arguments.names, &mut gpu, &plan, progress)?;
     report::write(&arguments.output, &sections, &plan, &report::Origin::here(&gpu))?;

@@ -270,7 +270,11 @@ fn open_device(instance: &ash::Instance, physical: vk::PhysicalDevice, family: u
         .buffer_device_address(true)
         .scalar_block_layout(true)
         .shader_buffer_int64_atomics(int64_atomics);
-    let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).dynamic_rendering(true).maintenance4(true).robust_image_access(true);
+    let mut v13 = vk::PhysicalDeviceVulkan13Features::default()
+        .synchronization2(true)
+        .dynamic_rendering(true)
+        .maintenance4(true)
+        .robust_image_access(true);
     let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics);
     let info =
         vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features).push_next(&mut v12).push_next(&mut v13);

@@ -243,7 +243,11 @@ impl<'g> Graph<'g> {
     /// A pass that copies an image, for a reader of what it held before later passes change it in place. Dropped like any other where nobody reads the copy.
     pub fn copy(&mut self, name: &str, from: &Image) -> Image {
         let to = self.image_of(name, from.desc);
-        self.push(&format!("keep {name}"), vec![(from.id, Access::Read), (to.id, Access::Write)], Work::CopyImage { from: from.id, to: to.id });
+        self.push(
+            &format!("keep {name}"),
+            vec![(from.id, Access::Read), (to.id, Access::Write)],
+            Work::CopyImage { from: from.id, to: to.id },
+        );
         to
     }
 

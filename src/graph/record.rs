@@ -294,10 +294,8 @@ impl Scratch {
                 let [from, to] = [from, to].map(|id| at(id).image());
                 let [width, height] = from.desc.size;
                 let color = vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, layer_count: 1, ..Default::default() };
-                let region = vk::ImageCopy::default()
-                    .src_subresource(color)
-                    .dst_subresource(color)
-                    .extent(vk::Extent3D { width, height, depth: 1 });
+                let region =
+                    vk::ImageCopy::default().src_subresource(color).dst_subresource(color).extent(vk::Extent3D { width, height, depth: 1 });
                 // SAFETY: both images have the same size and format.
                 unsafe { self.device.cmd_copy_image(self.commands, from.raw, LAYOUT, to.raw, LAYOUT, &[region]) };
             }

@@ -14,7 +14,7 @@
 //! frame and submitting it.
 
 use super::pool::{PAGE_BYTES, Pages, Pool};
-use super::{in_metres, Resident, ResidentNode};
+use super::{Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::Shown;
 use crate::config::UPLOAD_BYTES;
 use crate::cut::{self, Cut, Detail};
