@@ -114,6 +114,9 @@ fn a_picture_from_a_file_and_nothing_else() {
     assert!(picture.pixels.iter().filter(|&&pixel| pixel != background).count() > 10_000);
 }
 
+/// Of PRODUCT.md.
+const CHANNELS: [&str; 12] = ["A", "B", "G", "R", "coverage.V", "depth.Z", "index.V", "lit.V", "normal.X", "normal.Y", "normal.Z", "raw.Z"];
+
 #[test]
 fn every_option_of_render_does_what_it_says() {
     let place = Place::new();
@@ -126,7 +129,7 @@ fn every_option_of_render_does_what_it_says() {
 
     let layers = read_exr(&place.at("plain.exr"));
     assert_eq!(layers.size, [96, 64]);
-    assert_eq!(layers.layers.keys().collect::<Vec<_>>(), ["A", "B", "G", "R", "coverage.V", "depth.Z", "index.V", "raw.Z"]);
+    assert_eq!(layers.layers.keys().collect::<Vec<_>>(), CHANNELS);
     let (depth, raw) = (layers.floats("depth.Z"), layers.floats("raw.Z"));
     for pixel in 0..depth.len() {
         let nothing = layers.layers["index.V"][pixel] == u32::MAX;
