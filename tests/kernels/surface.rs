@@ -33,11 +33,6 @@ fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
     (0..size[0] * size[1]).map(key).collect()
 }
 
-/// Beyond 15 the setting numbers the kernels and is no width.
-fn asked(width: i64) -> f64 {
-    if width <= 15 { width as f64 } else { (2 * ((width - 19) / 4 + 7) + 3) as f64 }
-}
-
 /// Every effect switched off.
 fn nothing() -> Effects {
     let mut effects = Effects::default();
@@ -123,7 +118,7 @@ fn visibility_decides_as_f64_does() {
                     let keys = if wild { random_keys(size, CANVAS_POINTS, random) } else { layered_keys(size, random) };
                     let (threshold, holes) = (random.within(0.5, 5.0), random.within(0.3, 4.0));
                     let settings = visibility::Settings {
-                        kernel: asked(width),
+                        kernel: width as f64,
                         sectors: sectors as f64,
                         threshold,
                         holes,
