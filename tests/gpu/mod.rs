@@ -157,6 +157,8 @@ impl Canvas<'_> {
         let resolved = resolve::layers(&mut g, view);
         let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
         let mut layers = resolved.layers(&mut g, view, &self.resident).unwrap();
+        // Depths come from keys here, and lie anywhere.
+        layers.spacing_px = [0.0, f64::INFINITY];
         let raw = keep(&mut g, &layers);
         let (mut seen, mut filled) = (None, None);
         if effects.visibility.switch != Switch::Off {
