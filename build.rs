@@ -22,7 +22,7 @@ fn main() {
     for source in &sources {
         // Reflected before optimisation, which removes what is unused.
         let plain = compile(source, shaderc::OptimizationLevel::Zero);
-        let optimised = compile(source, shaderc::OptimizationLevel::Performance);
+        let optimised = precise(&compile(source, shaderc::OptimizationLevel::Performance));
         generate(&mut rust, &mut shared, source, &plain, &optimised);
     }
     for (name, body) in shared {
@@ -65,6 +65,30 @@ fn compile(source: &Path, level: shaderc::OptimizationLevel) -> Vec<u32> {
         Ok(artifact) => artifact.as_binary().to_vec(),
         Err(error) => panic!("{error}"),
     }
+}
+
+/// The same with every floating-point operation as it is written: neither contracted nor rearranged, so that all drivers give the same bits (HARD_CASES 25). GLSL's `precise` says so of one variable at
+/// a time, and the optimiser forgets it wherever it inlines a function a second time.
+fn precise(words: &[u32]) -> Vec<u32> {
+    // FNegate, FAdd, FSub, FMul, FDiv, FRem, FMod, VectorTimesScalar, Dot.
+    const ARITHMETIC: [u32; 9] = [127, 129, 131, 133, 136, 140, 141, 142, 148];
+    const OP_DECORATE: u32 = 71;
+    const OP_MEMBER_DECORATE: u32 = 72;
+    const NO_CONTRACTION: u32 = 42;
+    let (mut results, mut decorations_end, mut at) = (Vec::new(), 5, 5);
+    while at < words.len() {
+        let (op, length) = (words[at] & 0xFFFF, (words[at] >> 16).max(1) as usize);
+        if ARITHMETIC.contains(&op) {
+            results.push(words[at + 2]);
+        }
+        at += length;
+        if op == OP_DECORATE || op == OP_MEMBER_DECORATE {
+            decorations_end = at;
+        }
+    }
+    assert!(decorations_end > 5, "a shader without a single decoration has no place where they are");
+    let added = results.into_iter().flat_map(|id| [3 << 16 | OP_DECORATE, id, NO_CONTRACTION]);
+    words[..decorations_end].iter().copied().chain(added).chain(words[decorations_end..].iter().copied()).collect()
 }
 
 fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &Path, plain: &[u32], optimised: &[u32]) {

@@ -4,6 +4,7 @@
 // and gaps between its points are the holes. A tile without points goes by its neighbours.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "tile.glsl"
@@ -15,7 +16,9 @@ layout(scalar) buffer Lists { uint word[]; } lists;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
-    uint stride;     // words from list to list; list i has kernel 2 i + 3
+    uint stride;     // words from list to list
+    float widths[9]; // of the lists' kernels, pixels
+    uint fine;       // lists whose kernels look at every pixel; the others look at every second
     uint least_list; // of those that the spacings of all points ask for
     uint most_list;
     float pixels_per_spacing; // width of the kernel
@@ -32,8 +35,8 @@ void main() {
     uint points = 0u;
     float spacing = 0.0;
     bool continuous = true;
-    for (int dy = -1; dy <= 1; ++dy) {
-        for (int dx = -1; dx <= 1; ++dx) {
+    [[dont_unroll]] for (int dy = -1; dy <= 1; ++dy) {
+        [[dont_unroll]] for (int dx = -1; dx <= 1; ++dx) {
             ivec2 at = clamp(own + ivec2(dx, dy), ivec2(0), across - 1);
             Tile tile = tiles.tile[at.y * across.x + at.x];
             points += tile.points;
@@ -43,13 +46,11 @@ void main() {
     }
     if (push.all == 0u && (points == 0u || continuous)) return;
     Tile at = tiles.tile[number];
-    precise float kernel = (at.points > 0u ? at.spacing : spacing) * push.pixels_per_spacing;
-    // Lists 0 to 6: kernels 3, 5, .. 15; 7 to 10: every second pixel of kernels 19, 23, .. 31.
-    float wider = clamp(ceil((kernel - 3.0) * 0.5), 0.0, 6.0);
-    float widest = clamp(7.0 + ceil((kernel - 19.0) * 0.25), 7.0, 10.0);
-    uint list = uint(kernel <= 15.0 ? wider : widest);
+    float kernel = (at.points > 0u ? at.spacing : spacing) * push.pixels_per_spacing;
+    uint list = 0u;
+    [[unroll]] for (int k = 0; k < 8; ++k) list += kernel > push.widths[k] ? 1u : 0u;
     list = clamp(list, push.least_list, push.most_list);
-    uint packed_for = push.packed_at + (list < 7u ? 0u : LIST_HEADER);
+    uint packed_for = push.packed_at + (list < push.fine ? 0u : LIST_HEADER);
     if (lists.word[packed_for] == 0u) {
         lists.word[packed_for + 1u] = push.pack_groups.y;
         lists.word[packed_for + 2u] = 1u;

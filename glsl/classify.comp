@@ -32,8 +32,8 @@ const float FARTHEST = 3.402823466e38;
 bool adjoin(float a, float b) {
     float least = min(a, b);
     float most = min(max(a, b), FARTHEST);
-    precise float rise = (most - min(least, FARTHEST)) * push.px_per_unit;
-    precise float run = (PERSPECTIVE ? least : 1.0) * push.slope;
+    float rise = (most - min(least, FARTHEST)) * push.px_per_unit;
+    float run = (PERSPECTIVE ? least : 1.0) * push.slope;
     return max(a, b) <= FARTHEST && rise <= run;
 }
 
@@ -62,6 +62,6 @@ void main() {
     }
     uint node = imageLoad(index, nearest_at).r >> POINTS_PER_PAGE_LOG2;
     float spacing = uintBitsToFloat(imageLoad(spacings, points > 0u ? int(node) : 0).r);
-    precise float spacing_px = spacing * push.px_per_unit / (PERSPECTIVE ? nearest : 1.0);
+    float spacing_px = spacing * push.px_per_unit / (PERSPECTIVE ? nearest : 1.0);
     tiles.tile[number] = Tile(points, continuous ? 1u : 0u, points > 0u ? spacing_px : 0.0);
 }

@@ -34,7 +34,7 @@ void main() {
     vec4 c = imageLoad(color, pixel);
     bool empty = c.a == 0.0;
     float width = PERSPECTIVE ? (empty ? 1.0 : z) : 1.0;
-    precise float sum = 0.0;
+    float sum = 0.0;
     for (int dy = -1; dy <= 1; ++dy) {
         for (int dx = -1; dx <= 1; ++dx) {
             if (dx == 0 && dy == 0) continue;
@@ -43,10 +43,10 @@ void main() {
             float zk = imageLoad(depth, clamp(q, ivec2(0), size - 1)).r;
             // Empty pixels are infinitely far, and a comparison, unlike a difference of infinities, is always defined.
             bool before = inside && !empty && zk < z;
-            precise float slope = (before ? z - zk : 0.0) / width * push.px_per_unit / float(push.radius_px);
+            float slope = (before ? z - zk : 0.0) / width * push.px_per_unit / float(push.radius_px);
             sum += min(slope, push.slope_cap);
         }
     }
-    precise float shade = exact_exp2(-push.strength * (sum / 8.0));
+    float shade = exact_exp2(-push.strength * (sum / 8.0));
     imageStore(lit, pixel, vec4(c.rgb * shade, c.a));
 }

@@ -26,7 +26,7 @@ void main() {
     EACH_OF(lists.word[push.at + 3u]) {
         uint tile = lists.word[push.at + LIST_HEADER + n];
         ivec2 top = column_of(tile, push.tiles_across);
-        for (int half_tile = 0; half_tile < 2; ++half_tile) {
+        [[dont_unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             uvec4 depths = floatBitsToUint(imageLoad(filled_depth, texel));
             vec4 colors = imageLoad(filled_color, texel);

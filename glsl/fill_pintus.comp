@@ -2,7 +2,8 @@
 //
 //   without a value: the lower median, by depth, of the neighbours' values in the 3 x 3, with that neighbour's colour
 //   with one:        the mean of the neighbourhood, weighted by (1 - r / 2) (1 - min(1, |z - z0| / tolerance))
-// Background never gives a value. Depths are averaged as differences to the pixel's own.
+// Background never gives a value. Depths are averaged as differences to the pixel's own. What is chosen is chosen by mix, not by ?, which becomes a branch: a compiler that is no compiler of branches
+// takes minutes over hundreds of them.
 //
 // A tile in whose neighbourhood nothing changed in the step before is left alone: both images hold the same there. `steps` is four words a step: three of the
 // dispatch, which is empty when nothing changed in the step before, and one spare; then for every tile the last step that changed it.
@@ -41,10 +42,10 @@ layout(push_constant, scalar) uniform Push {
 // More than any depth's bits.
 const int NOTHING = 0x7FFFFFFF;
 
-// Without the sign; NOTHING where there is no depth. Comparisons are of signed integers, for which CPUs have an instruction.
+// Without the sign; NOTHING where there is no depth.
 int depth_bits(uint word) {
-    int magnitude = int(word & ~FILLING);
-    return magnitude > 0 && magnitude < int(BACKGROUND_BITS) ? magnitude : NOTHING;
+    uint magnitude = word & ~FILLING;
+    return mix(NOTHING, int(magnitude), magnitude - 1u < BACKGROUND_BITS - 1u);
 }
 
 // Of the 3 x 3, row by row, by places in a column of six rows of three: the pixel is at `c`.
@@ -55,7 +56,7 @@ void main() {
         uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
         ivec2 own_tile = ivec2(tile % push.tiles.x, tile / push.tiles.x);
         bool awake = push.step == 1u;
-        for (int k = 0; k < 9 && !awake; ++k) {
+        [[dont_unroll]] for (int k = 0; k < 9 && !awake; ++k) {
             ivec2 at = clamp(own_tile + ivec2(k % 3, k / 3) - 1, ivec2(0), ivec2(push.tiles) - 1);
             // A neighbour may be changing right now: then it is taken for changed, which costs time and nothing else.
             awake = WORD(step_words, steps, push.changed_at + uint(at.y) * push.tiles.x + uint(at.x)) + 1u >= push.step;
@@ -63,7 +64,7 @@ void main() {
         ivec2 top = column_of(tile, push.tiles.x);
         bool changed = false;
         // Loops for conditions, here and below: lavapipe leaves a loop that no lane runs, and walks through a branch that none takes.
-        for (int half_tile = awake ? 0 : 2; half_tile < 2; ++half_tile) {
+        [[dont_unroll]] for (int half_tile = awake ? 0 : 2; half_tile < 2; ++half_tile) {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             // Bits of depths without the sign, NOTHING where there is none.
             int bits[18];
@@ -79,9 +80,10 @@ void main() {
             bvec4 none;
             [[unroll]] for (int p = 0; p < 4; ++p) {
                 int valid = 0;
-                [[unroll]] for (int k = 0; k < 8; ++k) valid += bits[AROUND(k, 3 * p + 4)] != NOTHING ? 1 : 0;
-                filling[p] = valid > 0 && ((own[p] & FILLING) != 0u || (own[p] == BACKGROUND_BITS && valid >= int(push.surrounded)));
-                none[p] = filling[p] && bits[3 * p + 4] == NOTHING;
+                [[unroll]] for (int k = 0; k < 8; ++k) valid += int(bits[AROUND(k, 3 * p + 4)] != NOTHING);
+                int needed = mix(mix(9, int(push.surrounded), own[p] == BACKGROUND_BITS), 1, (own[p] & FILLING) != 0u);
+                filling[p] = valid >= needed;
+                none[p] = all(bvec2(filling[p], bits[3 * p + 4] == NOTHING));
             }
             for (bool work = any(filling); work; work = false) {
                 float colors[18];
@@ -98,48 +100,49 @@ void main() {
                 [[unroll]] for (int p = 0; p < 4; ++p) {
                     // The mean, where there is a value; elsewhere of numbers that are not used.
                     int c = 3 * p + 4;
-                    float z0 = intBitsToFloat(bits[c] == NOTHING ? 0x3F800000 : bits[c]);
-                    precise float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
+                    float z0 = intBitsToFloat(mix(bits[c], 0x3F800000, bits[c] == NOTHING));
+                    float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
                     // Where there is no tolerance, only equal depths are of one surface.
-                    precise float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
-                    precise float weights = 1.0;
-                    precise float rise = 0.0;
-                    precise vec3 light = light_of(colors[c]);
+                    float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
+                    float weights = 1.0;
+                    float rise = 0.0;
+                    vec3 light = light_of(colors[c]);
                     [[unroll]] for (int k = 0; k < 8; ++k) {
                         int i = AROUND(k, c);
                         bool corner = k == 0 || k == 2 || k == 5 || k == 7;
                         bool has = bits[i] != NOTHING;
-                        precise float difference = (has ? intBitsToFloat(bits[i]) : z0) - z0;
-                        precise float near = 1.0 - min(1.0, abs(difference) * strictness);
-                        precise float weight = has ? (corner ? 0.292893219 : 0.5) * near : 0.0;
+                        float difference = mix(z0, intBitsToFloat(bits[i]), has) - z0;
+                        float near = 1.0 - min(1.0, abs(difference) * strictness);
+                        float weight = mix(0.0, (corner ? 0.292893219 : 0.5) * near, has);
                         weights += weight;
                         rise += weight * difference;
                         light += weight * light_of(colors[i]);
                     }
-                    precise float share = 1.0 / weights;
-                    precise float step = rise * share;
+                    float share = 1.0 / weights;
+                    float step = rise * share;
                     // A thousandth of what tells surfaces apart shows nowhere, and would keep the tile awake for long.
-                    precise float z = abs(step) * 1024.0 < tolerance ? z0 : z0 + step;
-                    bool mean = filling[p] && !none[p];
-                    next[p] = mean ? floatBitsToUint(z) | FILLING : next[p];
-                    next_colors[p] = mean ? pack_light(light * share) : next_colors[p];
+                    float z = mix(z0 + step, z0, abs(step) * 1024.0 < tolerance);
+                    bool mean = filling[p] != none[p];
+                    next[p] = mix(next[p], floatBitsToUint(z) | FILLING, mean);
+                    next_colors[p] = mix(next_colors[p], pack_light(light * share), mean);
                 }
                 for (bool median = any(none); median; median = false) {
                     [[unroll]] for (int p = 0; p < 4; ++p) {
                         int c = 3 * p + 4;
                         int valid = 0;
-                        [[unroll]] for (int k = 0; k < 8; ++k) valid += bits[AROUND(k, c)] != NOTHING ? 1 : 0;
-                        int rank = (valid - 1) >> 1;
+                        [[unroll]] for (int k = 0; k < 8; ++k) valid += int(bits[AROUND(k, c)] != NOTHING);
+                        int rank = mix(-1, (valid - 1) >> 1, none[p]);
                         [[unroll]] for (int k = 0; k < 8; ++k) {
                             int own_bits = bits[AROUND(k, c)];
                             int before = 0;
                             [[unroll]] for (int i = 0; i < 8; ++i) {
                                 int other = bits[AROUND(i, c)];
-                                if (i != k) before += other < own_bits || (other == own_bits && i < k) ? 1 : 0;
+                                if (i < k) before += int(other <= own_bits);
+                                if (i > k) before += int(other < own_bits);
                             }
-                            bool found = none[p] && before == rank;
-                            next[p] = found ? uint(own_bits) | FILLING : next[p];
-                            next_colors[p] = found ? colors[AROUND(k, c)] : next_colors[p];
+                            bool found = before == rank;
+                            next[p] = mix(next[p], uint(own_bits) | FILLING, found);
+                            next_colors[p] = mix(next_colors[p], colors[AROUND(k, c)], found);
                         }
                     }
                 }

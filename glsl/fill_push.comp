@@ -46,19 +46,19 @@ void main() {
         }
         bool reached = has_depth(floatBitsToUint(nearest));
         float like = has_depth(floatBitsToUint(z[0])) ? z[0] : nearest;
-        precise float tolerance = push.relative == 1u ? push.tolerance * like : push.tolerance;
-        precise float weights = 0.0;
-        precise float rise = 0.0;
-        precise vec3 sum = vec3(0.0);
+        float tolerance = push.relative == 1u ? push.tolerance * like : push.tolerance;
+        float weights = 0.0;
+        float rise = 0.0;
+        vec3 sum = vec3(0.0);
         [[unroll]] for (int k = 0; k < 4; ++k) {
             bool has = has_depth(floatBitsToUint(z[k]));
-            precise float difference = has ? z[k] - like : 0.0;
+            float difference = has ? z[k] - like : 0.0;
             float weight = has && abs(difference) <= tolerance ? (k == 0 ? 9.0 : k == 3 ? 1.0 : 3.0) : 0.0;
             weights += weight;
             rise += weight * difference;
             sum += weight * c[k];
         }
-        precise float mean = like + rise / max(weights, 1.0);
+        float mean = like + rise / max(weights, 1.0);
         imageStore(depth, pixel, vec4(reached ? mean : uintBitsToFloat(BACKGROUND_BITS)));
         imageStore(color, pixel, reached ? vec4(sum / max(weights, 1.0), 1.0) : vec4(0.0));
     }

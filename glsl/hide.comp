@@ -1,6 +1,7 @@
 // Takes invisible pixels out of the layers: their depth becomes minus infinity, "not known", where the background's is plus infinity.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "tile.glsl"
@@ -24,7 +25,7 @@ void main() {
         uint tile = lists.word[push.at + LIST_HEADER + n];
         uint bits = invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u];
         ivec2 pixel = column_of(tile, push.tiles_across);
-        for (int row = 0; row < TILE_PX; ++row) {
+        [[dont_unroll]] for (int row = 0; row < TILE_PX; ++row) {
             if ((bits >> row & 1u) == 1u) {
                 ivec2 at = pixel + ivec2(0, row);
                 imageStore(depth, at, vec4(uintBitsToFloat(UNKNOWN_BITS)));

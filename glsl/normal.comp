@@ -25,7 +25,8 @@ layout(push_constant, scalar) uniform Push {
 // Right, down and away from the camera.
 vec3 place(ivec2 pixel, float z) {
     vec2 aside = (vec2(pixel) + 0.5 - 0.5 * vec2(push.size)) / push.px_per_unit;
-    return vec3(PERSPECTIVE ? aside * z : aside, z);
+    vec2 across = PERSPECTIVE ? aside * z : aside;
+    return vec3(across, z);
 }
 
 // From the pixel to its nearer neighbour along an axis, both taken the same way round; zero where there is none.
@@ -36,7 +37,8 @@ vec3 along(ivec2 pixel, float z, ivec2 axis) {
     bool has_after = has_depth(floatBitsToUint(after)) && after > 0.0;
     vec3 own = place(pixel, z);
     bool forwards = has_after && (!has_before || abs(after - z) <= abs(before - z));
-    return forwards ? place(pixel + axis, after) - own : has_before ? own - place(pixel - axis, before) : vec3(0.0);
+    vec3 step = forwards ? place(pixel + axis, after) - own : has_before ? own - place(pixel - axis, before) : vec3(0.0);
+    return step;
 }
 
 void main() {
@@ -49,9 +51,9 @@ void main() {
         vec3 b = along(pixel, z, ivec2(0, 1)) / z;
         // Right x down points away from the camera.
         vec3 c = -vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
-        precise float square = c.x * c.x + c.y * c.y + c.z * c.z;
+        float square = c.x * c.x + c.y * c.y + c.z * c.z;
         n = square > 0.0 ? c / sqrt(square) : vec3(0.0);
     }
-    precise vec3 world = push.right * n.x - push.up * n.y + push.forward * n.z;
+    vec3 world = push.right * n.x - push.up * n.y + push.forward * n.z;
     imageStore(normal, pixel, vec4(world, 0.0));
 }

@@ -16,18 +16,18 @@ layout(rgba32f) writeonly uniform image2D packed_depth;
 
 // Each pixel is the nearest of so many x so many, itself at the top left.
 layout(constant_id = 0) const uint SPAN = 1u;
-layout(constant_id = 1) const bool MARGIN = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     uvec2 packed_size; // texels
+    int margin;        // pixels around the picture, a multiple of 4
 } push;
 
 void main() {
     ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(texel, ivec2(push.packed_size)))) return;
     ivec2 size = ivec2(push.size);
-    ivec2 top = ivec2(texel.x, 4 * texel.y) - (MARGIN ? MARGIN_PX : 0);
+    ivec2 top = ivec2(texel.x, 4 * texel.y) - push.margin;
     vec4 four = vec4(uintBitsToFloat(BACKGROUND_BITS));
     for (int i = 0; i < int(SPAN); ++i) {
         int x = size.x - 1 - abs(size.x - 1 - abs(top.x + i));
@@ -35,7 +35,7 @@ void main() {
             if (row == 4 && SPAN == 1u) break;
             int y = size.y - 1 - abs(size.y - 1 - abs(top.y + row));
             // Without a margin, what lies beyond the picture reads as 0: no depth.
-            float z = imageLoad(depth, MARGIN ? clamp(ivec2(x, y), ivec2(0), size - 1) : top + ivec2(i, row)).r;
+            float z = imageLoad(depth, push.margin > 0 ? clamp(ivec2(x, y), ivec2(0), size - 1) : top + ivec2(i, row)).r;
             if (row < 4) four[row] = min(four[row], z);
             if (row > 0 && SPAN == 2u) four[row - 1] = min(four[row - 1], z);
         }

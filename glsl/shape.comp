@@ -44,7 +44,7 @@ void main() {
     EACH_OF(push.tiles.x * push.tiles.y) {
         ivec2 top = column_of(n, push.tiles.x);
         bool plane = true;
-        for (int half_tile = 0; half_tile < 2; ++half_tile) {
+        [[dont_unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             float z[18];
             LOAD_AROUND(z, depth, texel)

@@ -33,7 +33,7 @@ void main() {
         uint tile = WORD(listed_words, lists, LIST_HEADER + n);
         ivec2 top = column_of(tile, push.tiles_across);
         bool shaded = (WORD(wanted_words, wanted, tile) & 2u) != 0u;
-        for (int half_tile = 0; half_tile < 2; ++half_tile) {
+        [[dont_unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
             ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
             float z[18];
             LOAD_AROUND(z, from, texel)
@@ -46,7 +46,7 @@ void main() {
                 omegas[p] = level.omega;
                 nexts[p] = level.next;
             }
-            precise vec4 sum = imageLoad(shade, texel) * push.before + omegas * push.weight;
+            vec4 sum = imageLoad(shade, texel) * push.before + omegas * push.weight;
             if (shaded) imageStore(shade, texel, sum);
             imageStore(to, texel, nexts);
         }

@@ -10,8 +10,8 @@
 // Since only the largest t of a sector counts, t |t| is compared, and roots are taken once a sector. A pixel without a point stands for one beyond all its neighbours: its cones are closed, or
 // hemispheres. A neighbour beyond the plane through p0 across the ray opens its cone beyond the hemisphere (t < 0).
 //
-// Sectors are octants by integer offsets, halved at 22.5 degrees where there are sixteen, joined in pairs where there are four. A lane takes four pixels of a column: their neighbourhoods overlap, and a
-// texel of `packed_depth` holds four rows.
+// Sectors are told by integer offsets. Half of them lie to the right of the pixel, or straight above it; the others are the same after half a turn, and so is the code. A lane takes four pixels of a
+// column: their neighbourhoods overlap, and a texel of `packed_depth` holds four rows. The loop over columns stays a loop, so that wide kernels compile fast.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -56,133 +56,103 @@ const float NOTHING = -1e37;
 
 const int R = int(RADIUS);
 const int STEP = int(STRIDE);
-// Texels above and below a lane's own.
+// Texels above and below a lane's own, and pixels from the first of them to the lane's first.
 const int REACH = (R * STEP + 3) / 4;
-const int ROWS = 4 * (2 * REACH + 1);
-
-float share(float lean, bool empty) {
-    float square = min(abs(lean), 1e30);
-    precise float t = sqrt(square);
-    precise float r = sqrt(1.0 + square);
-    precise float closed = 1.0 / (r * (r + t));
-    precise float open = 1.0 + t / r;
-    return lean <= NOTHING ? 1.0 : empty ? 0.0 : lean > 0.0 ? closed : open;
-}
-
-// The sector of an offset: two to an octant, of which the second is used only where there are sixteen.
-int sector_of(ivec2 d) {
-    ivec2 a = abs(d);
-    int octant = d.x > 0 ? (d.y >= 0 ? (d.y < d.x ? 0 : 1) : (a.y <= a.x ? 7 : 6))
-               : d.x < 0 ? (d.y > 0 ? (a.y <= a.x ? 3 : 2) : (a.y < a.x ? 4 : 5))
-               : d.y > 0 ? 2 : 6;
-    int longer = max(a.x, a.y);
-    bool beyond = (a.x + a.y) * (a.x + a.y) >= 2 * longer * longer;
-    bool second = SECTORS == 16u && (octant % 2 == 0 ? beyond : !beyond);
-    return 2 * octant + (second ? 1 : 0);
-}
-
-// The depths of a column of neighbours, of all four pixels.
-#define LOAD_COLUMN(dx) \
-    [[unroll]] for (int q = 0; q < 2 * REACH + 1; ++q) { \
-        vec4 four = imageLoad(packed_depth, texel + ivec2(STEP * (dx), q - REACH)); \
-        [[unroll]] for (int c = 0; c < 4; ++c) { \
-            bool point = four[c] <= FARTHEST; \
-            float place = clamp(four[c], NEAREST_PLACE, FARTHEST_PLACE); \
-            z[4 * q + c] = place; \
-            zz[4 * q + c] = point ? (PERSPECTIVE ? place * place : 1.0) : 0.0; \
-        } \
-    }
-
-// t |t| of the neighbour at (dx, dy) of pixel p.
-#define LEAN(t, p, dx, dy) \
-    int i = 4 * REACH + p + STEP * dy; \
-    precise float aside = float(STEP * dx) * ray_x + float(STEP * dy) * ray_y[p]; \
-    precise float twist = float(STEP * dx) * ray_y[p] - float(STEP * dy) * ray_x; \
-    precise float along = (z0[p] - z[i]) * f_rr[p] - (PERSPECTIVE ? z[i] * aside : 0.0); \
-    precise float across = zz[i] * (float(STEP * STEP * (dx * dx + dy * dy)) + (PERSPECTIVE ? twist * twist : 0.0)); \
-    precise float ratio = along * abs(along) / across; \
-    float t = zz[i] > 0.0 ? ratio : NOTHING;
-
-// Columns on one side of the pixel. The loop over them stays a loop, so that wide kernels compile fast: a row then has two octants, one for columns nearer than the row is, and one for those farther.
-#define SIDE(side) \
-    for (int m = 1; m <= R; ++m) { \
-        int dx = side * m; \
-        LOAD_COLUMN(dx) \
-        [[unroll]] for (int p = 0; p < 4; ++p) { \
-            [[unroll]] for (int dy = -R; dy <= R; ++dy) { \
-                LEAN(t, p, dx, dy) \
-                int across_row = 16 * p + sector_of(ivec2(side * (abs(dy) + 1), dy)); \
-                int along_row = 16 * p + (dy == 0 ? sector_of(ivec2(side, 0)) : sector_of(ivec2(side, 3 * dy))); \
-                bool diagonal = 16 * p + sector_of(ivec2(side * max(abs(dy), 1), dy)) == across_row; \
-                bool wide = m > abs(dy) || (m == abs(dy) && diagonal); \
-                most[across_row] = max(most[across_row], wide ? t : NOTHING); \
-                most[along_row] = max(most[along_row], wide ? NOTHING : t); \
-            } \
-        } \
-    }
-
+const int ABOVE = 4 * REACH;
 const int MOST_ROWS = 36;
+const int PER_QUARTER = int(SECTORS) / 4;
+
+// Of a sector: its solid angle in hemispheres' shares, from its largest t |t|.
+float share(float lean, bool empty) {
+    float square = min(abs(lean), 1e18);
+    float hypotenuse = 1.0 + square;
+    float closed = 1.0 / (hypotenuse + sqrt(hypotenuse * square));
+    float open = 2.0 - closed;
+    float known = empty ? 0.0 : lean > 0.0 ? closed : open;
+    return lean <= NOTHING ? 1.0 : known;
+}
+
+// The sector of an offset in its quarter of the plane, which begins with an axis: 0 to PER_QUARTER - 1.
+int sector_of(int along, int beside) {
+    bool eighth = beside >= along;
+    int shorter = eighth ? beside - along : along + beside;
+    bool sixteenth = shorter * shorter > 2 * along * along;
+    return SECTORS == 4u ? 0 : SECTORS == 8u ? int(eighth) : 2 * int(eighth) + int(sixteenth);
+}
 
 void main() {
     ivec2 size = ivec2(push.size);
+    float farthest = PERSPECTIVE ? FARTHEST_PLACE : FARTHEST_PLACE / push.px_per_unit;
     EACH_OF(WORD(listed_words, lists, push.at + 3u)) {
         uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
         ivec2 top = column_of(tile, push.tiles_across);
         uint bits = 0u;
-        for (int half_tile = 0; half_tile < 2; ++half_tile) {
+        [[dont_unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
             int first = top.y + 4 * half_tile;
             ivec2 texel = ivec2(top.x + MARGIN_PX, (first + MARGIN_PX) / 4);
             float ray_x = (float(top.x) + 0.5 - 0.5 * float(size.x)) / push.px_per_unit;
-            float ray_y[4];
-            float z0[4];
-            float f_rr[4];
-            float most[64];
-            vec4 own;
+            vec4 ray_y, z0, f_rr, own;
+            vec4 sum = vec4(0.0);
             [[unroll]] for (int p = 0; p < 4; ++p) {
                 own[p] = imageLoad(depth, min(ivec2(top.x, first + p), size - 1)).r;
                 ray_y[p] = (float(first + p) + 0.5 - 0.5 * float(size.y)) / push.px_per_unit;
-                z0[p] = clamp(own[p], NEAREST_PLACE, FARTHEST_PLACE);
-                precise float rr = 1.0 + ray_x * ray_x + ray_y[p] * ray_y[p];
+                float rr = 1.0 + ray_x * ray_x + ray_y[p] * ray_y[p];
                 f_rr[p] = PERSPECTIVE ? push.px_per_unit * rr : push.px_per_unit;
-                [[unroll]] for (int s = 0; s < 16; ++s) most[16 * p + s] = NOTHING;
+                z0[p] = clamp(own[p], NEAREST_PLACE, farthest);
             }
-            float z[MOST_ROWS];
-            float zz[MOST_ROWS];
-            if (SECTORS == 16u) {
-                [[unroll]] for (int dx = -R; dx <= R; ++dx) {
-                    LOAD_COLUMN(dx)
-                    [[unroll]] for (int p = 0; p < 4; ++p) {
-                        [[unroll]] for (int dy = -R; dy <= R; ++dy) {
-                            LEAN(t, p, dx, dy)
-                            int s = 16 * p + sector_of(ivec2(dx, dy));
-                            if (dx != 0 || dy != 0) most[s] = max(most[s], t);
+            [[dont_unroll]] for (int side = 1; side >= -1; side -= 2) {
+                float most[32];
+                [[unroll]] for (int s = 0; s < 32; ++s) most[s] = NOTHING;
+                [[dont_unroll]] for (int dx = 0; dx <= R; ++dx) {
+                    // The depths of a column of neighbours, of all four pixels, and the squares by which lengths are multiplied, 0 where no point is.
+                    float z[MOST_ROWS];
+                    float zz[MOST_ROWS];
+                    [[unroll]] for (int q = 0; q < 2 * REACH + 1; ++q) {
+                        vec4 four = imageLoad(packed_depth, texel + side * ivec2(STEP * dx, q - REACH));
+                        four = mix(four.wzyx, four, bvec4(side > 0));
+                        [[unroll]] for (int c = 0; c < 4; ++c) {
+                            float place = clamp(four[c], NEAREST_PLACE, farthest);
+                            z[4 * q + c] = place;
+                            zz[4 * q + c] = mix(0.0, PERSPECTIVE ? place * place : 1.0, four[c] <= FARTHEST);
+                        }
+                    }
+                    [[unroll]] for (int dy = -R; dy <= R; ++dy) {
+                        // The half plane has the axis above the pixel, and not the one below it.
+                        int sector = dy < 0 ? sector_of(-dy, dx) : dx > 0 ? sector_of(dx, dy) : PER_QUARTER;
+                        [[unroll]] for (int p = 0; p < 4; ++p) {
+                            int i = ABOVE + p + STEP * dy;
+                            float aside = float(STEP * dx) * ray_x + float(STEP * dy) * ray_y[p];
+                            float twist = float(STEP * dx) * ray_y[p] - float(STEP * dy) * ray_x;
+                            float along = (z0[p] - z[i]) * f_rr[p] - (PERSPECTIVE ? z[i] * aside : 0.0);
+                            float across = zz[i] * (float(STEP * STEP * (dx * dx + dy * dy)) + (PERSPECTIVE ? twist * twist : 0.0));
+                            float ratio = along * abs(along) / across;
+                            float lean = mix(NOTHING, ratio, zz[i] > 0.0);
+                            [[unroll]] for (int k = 0; k < PER_QUARTER; ++k) {
+                                int s = 8 * p + (dy < 0 ? 0 : 4) + k;
+                                most[s] = max(most[s], mix(NOTHING, lean, sector == k));
+                            }
                         }
                     }
                 }
-            } else {
-                SIDE(-1)
-                SIDE(1)
-                LOAD_COLUMN(0)
                 [[unroll]] for (int p = 0; p < 4; ++p) {
-                    [[unroll]] for (int dy = -R; dy <= R; ++dy) {
-                        LEAN(t, p, 0, dy)
-                        int s = 16 * p + sector_of(ivec2(0, dy));
-                        if (dy != 0) most[s] = max(most[s], t);
+                    [[unroll]] for (int k = 0; k < PER_QUARTER; ++k) {
+                        bool empty = !(own[p] <= FARTHEST);
+                        float shares = share(most[8 * p + k], empty) + share(most[8 * p + 4 + k], empty);
+                        sum[p] += shares;
                     }
                 }
+                // Half a turn.
+                ray_x = -ray_x;
+                ray_y = -ray_y.wzyx;
+                f_rr = f_rr.wzyx;
+                z0 = z0.wzyx;
+                own = own.wzyx;
+                sum = sum.wzyx;
             }
             [[unroll]] for (int p = 0; p < 4; ++p) {
-                bool empty = !(own[p] <= FARTHEST);
-                precise float sum = 0.0;
-                if (SECTORS == 4u) {
-                    [[unroll]] for (int s = 0; s < 4; ++s) sum += share(max(most[16 * p + 4 * s], most[16 * p + 4 * s + 2]), empty);
-                } else if (SECTORS == 8u) {
-                    [[unroll]] for (int s = 0; s < 8; ++s) sum += share(most[16 * p + 2 * s], empty);
-                } else {
-                    [[unroll]] for (int s = 0; s < 16; ++s) sum += share(most[16 * p + s], empty);
-                }
                 bool inside = top.x < size.x && first + p < size.y;
-                bits |= inside && sum < (empty ? push.holes : push.threshold) ? 1u << (4 * half_tile + p) : 0u;
+                bool empty = !(own[p] <= FARTHEST);
+                bits |= inside && sum[p] < (empty ? push.holes : push.threshold) ? 1u << (4 * half_tile + p) : 0u;
             }
         }
         invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u] = bits;

@@ -4,8 +4,8 @@
 float exact_exp2(float x) {
     float clamped = max(x, -126.0);
     float whole = floor(clamped + 0.5);
-    precise float f = (clamped - whole) * 0.693147180559945;
-    precise float p = 1.0 + f * (1.0 + f * (0.5 + f * (0.166666667 + f * (0.0416666667 + f * (0.00833333333 + f * 0.00138888889)))));
-    precise float scaled = p * intBitsToFloat((int(whole) + 127) << 23);
+    float f = (clamped - whole) * 0.693147180559945;
+    float p = 1.0 + f * (1.0 + f * (0.5 + f * (0.166666667 + f * (0.0416666667 + f * (0.00833333333 + f * 0.00138888889)))));
+    float scaled = p * intBitsToFloat((int(whole) + 127) << 23);
     return x < -126.0 ? 0.0 : scaled;
 }

@@ -34,5 +34,6 @@ float pack_color(vec3 linear) {
 }
 
 vec3 unpack_color(float packed_light) {
-    return light_of(packed_light) / (ROOTS * ROOTS);
+    // Mesa rearranges a vector times a scalar in spite of NoContraction, but not a vector times a vector.
+    return light_of(packed_light) * vec3(1.0 / (ROOTS * ROOTS));
 }

@@ -14,8 +14,8 @@ layout(push_constant, scalar) uniform Push {
 const uint CHUNKS_PER_PAGE = POINTS_PER_PAGE / POINTS_PER_CHUNK;
 const uint NO_POINT = 0xFFFFFFFFu;
 
-precise float row(vec4 r, vec3 d) {
-    precise float sum = r.x * d.x + r.y * d.y + r.z * d.z + r.w;
+float row(vec4 r, vec3 d) {
+    float sum = r.x * d.x + r.y * d.y + r.z * d.z + r.w;
     return sum;
 }
 
@@ -29,9 +29,9 @@ uint place(vec4 row_x, vec4 row_y, vec4 row_z, ivec3 offset, out float depth) {
     vec3 d = vec3(offset);
     depth = row(row_z, d);
     // Never divides by what is about to be rejected: drivers may assume that there is no infinity (HARD_CASES 0.1).
-    precise float scale = PERSPECTIVE ? 1.0 / (depth >= push.near ? depth : 1.0) : 1.0;
-    precise float x = row(row_x, d) * scale + push.centre.x;
-    precise float y = row(row_y, d) * scale + push.centre.y;
+    float scale = PERSPECTIVE ? 1.0 / (depth >= push.near ? depth : 1.0) : 1.0;
+    float x = row(row_x, d) * scale + push.centre.x;
+    float y = row(row_y, d) * scale + push.centre.y;
     // Tested as floats before converting: NaN and infinity fail, and (-1, 0) does not truncate into column 0 (HARD_CASES 1.3).
     bool inside = depth >= push.near && depth <= FARTHEST && x >= 0.0 && x < push.size.x && y >= 0.0 && y < push.size.y;
     return inside ? uint(y) * uint(push.size.x) + uint(x) : NO_PIXEL;

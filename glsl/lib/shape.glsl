@@ -16,32 +16,32 @@ struct Level {
 
 // Depth, or NO_DEPTH: of what is unknown, and of what lies outside of an image.
 float depth_or_none(float z) {
-    return has_depth(floatBitsToUint(z)) && z > 0.0 ? z : NO_DEPTH;
+    return mix(NO_DEPTH, z, floatBitsToUint(z) - 1u < BACKGROUND_BITS - 1u);
 }
 
 // Of the 3 x 3, row by row, the pixel itself in the middle; `width` is of `softness` pixels: metres, or with perspective parts of the depth.
 Level level_of(float z[9], float width, bool perspective) {
     bool point = z[4] < NO_DEPTH;
     float z0 = point ? z[4] : 1.0;
-    precise float count = 0.0;
-    precise float sum = 0.0;
+    float count = 0.0;
+    float sum = 0.0;
     [[unroll]] for (int k = 0; k < 9; ++k) {
         bool has = z[k] < NO_DEPTH;
-        count += has ? 1.0 : 0.0;
-        sum += has ? z[k] - z0 : 0.0;
+        count += float(has);
+        sum += mix(0.0, z[k] - z0, has);
     }
-    precise float mu = sum / max(count, 1.0);
-    precise float squares = 0.0;
+    float mu = sum / max(count, 1.0);
+    float squares = 0.0;
     [[unroll]] for (int k = 0; k < 9; ++k) {
-        precise float off = z[k] < NO_DEPTH ? (z[k] - z0) - mu : 0.0;
+        float off = mix(0.0, (z[k] - z0) - mu, z[k] < NO_DEPTH);
         squares += off * off;
     }
-    precise float sigma = sqrt(squares / max(count, 1.0));
-    precise float eps = max(perspective ? width * z0 : width, z0 * 9.5367431640625e-7);
+    float sigma = sqrt(squares / max(count, 1.0));
+    float eps = max(perspective ? width * z0 : width, z0 * 9.5367431640625e-7);
     // d is 0 here.
-    precise float spread = 2.0 * sigma + eps;
-    precise float omega = clamp(1.0 - abs(sigma - mu) / spread, 0.0, 1.0);
-    precise float next = max(z0 + (mu - 0.5 * sigma), 0.5 * z0);
+    float spread = 2.0 * sigma + eps;
+    float omega = clamp(1.0 - abs(sigma - mu) / spread, 0.0, 1.0);
+    float next = max(z0 + (mu - 0.5 * sigma), 0.5 * z0);
     bool plane = count == 9.0 && abs(mu) * 256.0 <= spread;
     return Level(point ? omega : 1.0, point ? next : NO_DEPTH, plane || !point);
 }

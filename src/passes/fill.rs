@@ -90,7 +90,6 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let Layers { mut depth, mut color, .. } = layers;
     let (size, across) = (view.size, tiles(view.size));
     let count = across[0] * across[1];
-    let perspective = view.camera.projection == Projection::Perspective;
 
     let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
     let pair = |g: &mut Graph, name: &str| ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32f));
@@ -115,9 +114,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let changed_at = 4 * (most + 2);
     let mut steps = g.buffer("steps", 4 * (changed_at + count) as u64);
     g.fill(&mut steps, 0);
-    let width = WIDEST / view.focal_px();
-    let relative = settings.tolerance == 0.0;
-    let tolerance = if relative { width } else { settings.tolerance } as f32;
+    let (tolerance, relative) = tolerance(view, settings);
     for step in 1..=most {
         let push = fill_pintus::Push {
             tiles: across,
@@ -125,7 +122,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
             step,
             changed_at,
             tolerance,
-            relative: (relative && perspective) as u32,
+            relative,
             surrounded: settings.surrounded as u32,
         };
         let counted = steps.racing();

@@ -65,9 +65,11 @@ impl super::Settings for Settings {
     }
 }
 
-/// Kernels 3, 5, .. 15, a list each; where points are sparser, every second pixel of kernels 19, 23, .. 31; then the list of tiles with holes.
-const KERNELS: u32 = 11;
-const FINE: u32 = 7;
+/// Of automatic kernels, pixels: a list of tiles each, and then comes the list of tiles with holes. Those after the first [`FINE`] look at every second pixel. Every kernel is a pipeline, which software
+/// devices take a fifth of a second to make.
+pub const WIDTHS: [u32; 9] = [3, 5, 7, 9, 11, 15, 19, 23, 31];
+const KERNELS: u32 = WIDTHS.len() as u32;
+const FINE: u32 = 6;
 /// As in glsl/lib/tile.glsl.
 const MARGIN_PX: u32 = 16;
 
@@ -99,18 +101,29 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     // A kernel that no tile can ask for is not even made.
     let [least_list, most_list] = match settings.kernel {
         0.0 => spacing_px.map(|px| list_of(px * settings.reach)),
-        kernel => [list_of(kernel); 2],
+        width => [list_of(width); 2],
     };
     let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
     let pack_groups = [packed_size[0].div_ceil(64), packed_size[1]];
-    let push = assign::Push { tiles: across, stride, least_list, most_list, pixels_per_spacing: settings.reach as f32, all: (settings.tiles == Looked::All) as u32, packed_at, pack_groups };
+    let push = assign::Push {
+        tiles: across,
+        stride,
+        widths: WIDTHS.map(|width| width as f32),
+        fine: FINE,
+        least_list,
+        most_list,
+        pixels_per_spacing: settings.reach as f32,
+        all: (settings.tiles == Looked::All) as u32,
+        packed_at,
+        pack_groups,
+    };
     g.run(shader::Assign { tiles: &facts, lists: &mut lists, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
 
     let packed = [1, 2].map(|span| {
         let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);
-        let push = pack_depth::Push { size: view.size, packed_size };
+        let push = pack_depth::Push { size: view.size, packed_size, margin: MARGIN_PX as i32 };
         let needed = Tiles::From(&lists, packed_at + (span - 1) * LIST_HEADER);
-        g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push, spec: pack_depth::Spec { span, margin: true } }, needed);
+        g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push, spec: pack_depth::Spec { span } }, needed);
         packed
     });
 
@@ -120,8 +133,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let holes_at = KERNELS * stride;
     let sectors = if settings.sectors < 8.0 { 4 } else if settings.sectors < 16.0 { 8 } else { 16 };
     for list in least_list..=most_list {
-        // Kernel 2 radius + 1, or 4 radius + 3.
-        let (span, radius) = span_and_radius(list);
+        let Kernel { span, radius } = Kernel::of(list, settings);
         let push = visibility::Push {
             size: view.size,
             tiles_across: across[0],
@@ -142,24 +154,42 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
         Tiles::From(&lists, holes_at),
     );
-    Layers { depth, raw, index, color, spacings, spacing_px, holes: Some(Holes { lists, at: holes_at, kernel: width_of(most_list) }), lit }
+    Layers { depth, raw, index, color, spacings, spacing_px, holes: Some(Holes { lists, at: holes_at, kernel: Kernel::of(most_list, settings).width() }), lit }
 }
 
 /// The list of the least kernel that is at least so wide, or of the widest; as in glsl/assign.comp.
-fn list_of(kernel: f64) -> u32 {
-    let list = if kernel <= 15.0 { ((kernel - 3.0) / 2.0).ceil().max(0.0) } else { FINE as f64 + ((kernel - 19.0) / 4.0).ceil().max(0.0) };
-    list.min((KERNELS - 1) as f64) as u32
+fn list_of(pixels: f64) -> u32 {
+    (0..KERNELS - 1).find(|&list| WIDTHS[list as usize] as f64 >= pixels).unwrap_or(KERNELS - 1)
 }
 
-/// Pixels from neighbour to neighbour, and neighbours to either side.
-fn span_and_radius(list: u32) -> (u32, u32) {
-    if list < FINE { (1, list + 1) } else { (2, list - FINE + 4) }
+/// Which neighbours a pixel looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Kernel {
+    /// Pixels from one to the next: with 2, the nearest of 2 x 2 pixels, itself at their top left, stands for a neighbour.
+    pub span: u32,
+    /// Neighbours to either side.
+    pub radius: u32,
 }
 
-/// Pixels: both sides, and the pixel itself or the 2 x 2 that it is one of.
-fn width_of(list: u32) -> u32 {
-    let (span, radius) = span_and_radius(list);
-    2 * span * radius + 2 * span - 1
+impl Kernel {
+    /// 3, 5, .. 15 pixels wide, or 19, 23, .. 31.
+    pub fn of_width(width: u32) -> Kernel {
+        if width <= 15 { Kernel { span: 1, radius: (width / 2).max(1) } } else { Kernel { span: 2, radius: (width - 3) / 4 } }
+    }
+
+    fn of(list: u32, settings: &Settings) -> Kernel {
+        Kernel::of_width(if settings.kernel == 0.0 { WIDTHS[list as usize] } else { settings.kernel as u32 })
+    }
+
+    /// Pixels: both sides, and the pixel itself or the 2 x 2 that it is one of.
+    pub fn width(self) -> u32 {
+        2 * self.span * self.radius + 2 * self.span - 1
+    }
+
+    /// Neighbours of a pixel.
+    fn taps(self) -> u32 {
+        (2 * self.radius + 1).pow(2) - 1
+    }
 }
 
 /// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.
@@ -185,16 +215,9 @@ pub struct Counted {
 }
 
 /// From the words of the buffer `lists`, after a frame.
-pub fn counted(size: [u32; 2], lists: &[u32]) -> Counted {
+pub fn counted(size: [u32; 2], settings: &Settings, lists: &[u32]) -> Counted {
     let [across, down] = tiles(size);
     let length = |list: u32| lists.get((list * (LIST_HEADER + across * down) + 3) as usize).copied().unwrap_or_default() as u64;
-    let taps = |list: u32| {
-        let radius = if list < FINE { list + 1 } else { list - FINE + 4 } as u64;
-        (2 * radius + 1).pow(2) - 1
-    };
-    Counted {
-        tiles: (0..KERNELS).map(length).sum(),
-        taps: (0..KERNELS).map(|list| length(list) * (TILE_PX * TILE_PX) as u64 * taps(list)).sum(),
-        holes: length(KERNELS),
-    }
+    let taps = |list: u32| length(list) * (TILE_PX * TILE_PX * Kernel::of(list, settings).taps()) as u64;
+    Counted { tiles: (0..KERNELS).map(length).sum(), taps: (0..KERNELS).map(taps).sum(), holes: length(KERNELS) }
 }

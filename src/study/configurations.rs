@@ -16,6 +16,7 @@ use crate::frame;
 use crate::graph::{Frame, Gpu, Graph, Handle};
 use crate::look::{self, Wishes};
 use crate::passes::Scene as Seen;
+use crate::passes::visibility::{self, Counted};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::view::View;
@@ -65,8 +66,7 @@ pub struct Drawing {
     pub index: Vec<u32>,
     /// Light that is left; empty where no effect takes any.
     pub lit: Vec<f32>,
-    /// Tiles, a list a kernel; empty where visibility did not run.
-    pub lists: Vec<u32>,
+    pub counted: Counted,
     /// Tiles that are no planes; empty where shape depiction did not run.
     pub rough: Vec<u32>,
 }
@@ -198,7 +198,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
         depth: frame.read(&depth).to_vec(),
         index: frame.read(&index).to_vec(),
         lit: words(&frame, lit),
-        lists: words(&frame, lists),
+        counted: visibility::counted(view.size, &look.effects.visibility.settings, &words(&frame, lists)),
         rough: words(&frame, rough),
     };
     frame.shelve(gpu);

@@ -7,7 +7,7 @@ use pointillist::look::Wishes;
 use pointillist::passes::{EFFECTS, Effects, Scene, fill, shape, visibility};
 use pointillist::progress::Silent;
 use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
-use pointillist::study::oracle::visibility::{Depths, Kernel, sector};
+use pointillist::study::oracle::visibility::{Depths, sector};
 use pointillist::study::oracle::{Bounded, shape as shape_oracle};
 use pointillist::synth;
 use pointillist::view::{Camera, Preset, Projection, View};
@@ -53,7 +53,7 @@ fn hard_07_cone_solid_angle() {
                     let pixel = (at[1] * 9 + at[0]) as usize;
                     depths[pixel] = Some(own as f32);
                     let given: Vec<f32> = depths.iter().map(|z| z.unwrap()).collect();
-                    let sum = Depths { view: &view, depth: &given }.solid_angle(at, Kernel::of_width(width), sectors);
+                    let sum = Depths { view: &view, depth: &given }.solid_angle(at, visibility::Kernel::of_width(width), sectors);
                     (least, greatest) = (least.min(sum), greatest.max(sum));
                     let mut visible = |threshold: f64| {
                         let mut effects = effects(&["visibility=on"]);

@@ -4,29 +4,13 @@
 //! The kernels' sum is within 2.1e-6 of that, relatively (HARD_CASES 7), and the threshold is rounded to f32, so that pixels within [`BAND`] of it may be decided either way.
 
 use crate::passes::TILE_PX;
-use crate::passes::visibility::Settings;
+use crate::passes::visibility::{Kernel, Settings, WIDTHS};
 use crate::view::{Projection, View};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
 /// Of the sum (HARD_CASES 7).
 pub const BAND: f64 = 4e-6;
-
-/// Which neighbours a pixel looks at.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Kernel {
-    /// Neighbours to each side.
-    pub radius: i64,
-    /// Pixels from one to the next; with two, the nearest of 2 x 2 pixels, itself at their top left, stands for a neighbour.
-    pub step: i64,
-}
-
-impl Kernel {
-    /// 3, 5, .. 15 pixels wide, or 19, 23, .. 31.
-    pub fn of_width(width: i64) -> Kernel {
-        if width <= 15 { Kernel { radius: width / 2, step: 1 } } else { Kernel { radius: (width - 3) / 4, step: 2 } }
-    }
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -76,13 +60,14 @@ impl Depths<'_> {
     pub fn solid_angle(&self, [x, y]: [i64; 2], kernel: Kernel, sectors: usize) -> f64 {
         let own = self.at(x, y).map(|z| self.point(x, y, z));
         let mut most: Vec<Option<f64>> = vec![None; sectors];
-        for dy in -kernel.radius..=kernel.radius {
-            for dx in -kernel.radius..=kernel.radius {
-                let (dx, dy) = (dx * kernel.step, dy * kernel.step);
+        let [radius, span] = [kernel.radius, kernel.span].map(i64::from);
+        for dy in -radius..=radius {
+            for dx in -radius..=radius {
+                let (dx, dy) = (dx * span, dy * span);
                 if (dx, dy) == (0, 0) {
                     continue;
                 }
-                let Some(pi) = self.neighbour(x + dx, y + dy, kernel.step) else { continue };
+                let Some(pi) = self.neighbour(x + dx, y + dy, span) else { continue };
                 let cos = match own {
                     None => 1.0,
                     Some(p0) => {
@@ -138,8 +123,8 @@ impl Depths<'_> {
 }
 
 /// The least kernel that is so many pixels wide, or the widest.
-fn of_extent(pixels: f64) -> i64 {
-    (3..=15).step_by(2).chain((19..=31).step_by(4)).find(|&width| width as f64 >= pixels).unwrap_or(31)
+fn of_extent(pixels: f64) -> u32 {
+    WIDTHS.into_iter().find(|&width| width as f64 >= pixels).unwrap_or(WIDTHS[WIDTHS.len() - 1])
 }
 
 /// Beyond the edge the picture is seen as in a mirror, which stands in the middle of the last pixel, and which ends where the picture does.
