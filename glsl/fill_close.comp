@@ -22,22 +22,25 @@ layout(push_constant, scalar) uniform Push {
     uint at;    // the list of tiles with pixels to fill
 } push;
 
-void main() {
-    EACH_OF(lists.word[push.at + 3u]) {
-        uint tile = lists.word[push.at + LIST_HEADER + n];
-        ivec2 top = column_of(tile, push.tiles_across);
-        [[dont_unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
-            ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
-            uvec4 depths = floatBitsToUint(imageLoad(filled_depth, texel));
-            vec4 colors = imageLoad(filled_color, texel);
-            [[unroll]] for (int row = 0; row < 4; ++row) {
-                ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
-                if ((depths[row] & FILLING) != 0u && all(lessThan(pixel, ivec2(push.size)))) {
-                    bool has = has_depth(depths[row]);
-                    imageStore(depth, pixel, vec4(uintBitsToFloat(has ? depths[row] & ~FILLING : BACKGROUND_BITS)));
-                    imageStore(color, pixel, has ? vec4(unpack_color(colors[row]), 1.0) : vec4(0.0));
-                }
+void work(uint n) {
+    uint tile = lists.word[push.at + LIST_HEADER + n];
+    ivec2 top = column_of(tile, push.tiles_across);
+    [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
+        ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
+        uvec4 depths = floatBitsToUint(imageLoad(filled_depth, texel));
+        vec4 colors = imageLoad(filled_color, texel);
+        [[unroll]] for (int row = 0; row < 4; ++row) {
+            ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
+            if ((depths[row] & FILLING) != 0u && all(lessThan(pixel, ivec2(push.size)))) {
+                bool has = has_depth(depths[row]);
+                imageStore(depth, pixel, vec4(uintBitsToFloat(has ? depths[row] & ~FILLING : BACKGROUND_BITS)));
+                imageStore(color, pixel, has ? vec4(unpack_color(colors[row]), 1.0) : vec4(0.0));
             }
         }
+        if (half_tile == 1) break;
     }
+}
+
+void main() {
+    EACH_OF(lists.word[push.at + 3u], work)
 }

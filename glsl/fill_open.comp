@@ -38,11 +38,16 @@ void open(ivec2 texel) {
     imageStore(odd_color, texel, colors);
 }
 
-void main() {
-    EACH_OF(lists.word[push.at + 3u]) {
-        uint tile = lists.word[push.at + LIST_HEADER + n];
-        ivec2 corner = tile_corner(tile, push.tiles_across) / ivec2(1, 4);
-        // The tile's two rows of texels, one above, one below, and a column on either side.
-        for (int i = int(gl_LocalInvocationID.x % 8u); i < 40; i += 8) open(corner + ivec2(i % 10, i / 10) - 1);
+void work(uint n) {
+    uint tile = lists.word[push.at + LIST_HEADER + n];
+    ivec2 corner = tile_corner(tile, push.tiles_across) / ivec2(1, 4);
+    // The tile's two rows of texels, one above, one below, and a column on either side.
+    [[dont_unroll]] for (int i = int(gl_LocalInvocationID.x % 8u);; i += 8) {
+        open(corner + ivec2(i % 10, i / 10) - 1);
+        if (i >= 32) break;
     }
+}
+
+void main() {
+    EACH_OF(lists.word[push.at + 3u], work)
 }

@@ -37,6 +37,7 @@ layout(push_constant, scalar) uniform Push {
     float tolerance; // of depth: metres, or, where it is relative, parts of the depth
     uint relative;
     uint surrounded; // background is filled, too, where so many of its neighbours have a value
+    uint most_groups; // of a step's dispatch
 } push;
 
 // More than any depth's bits.
@@ -51,114 +52,140 @@ int depth_bits(uint word) {
 // Of the 3 x 3, row by row, by places in a column of six rows of three: the pixel is at `c`.
 #define AROUND(k, c) ((c) - 4 + (k) + (k) / 4)
 
-void main() {
-    EACH_OF(WORD(listed_words, lists, push.at + 3u)) {
-        uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
-        ivec2 own_tile = ivec2(tile % push.tiles.x, tile / push.tiles.x);
-        bool awake = push.step == 1u;
-        [[dont_unroll]] for (int k = 0; k < 9 && !awake; ++k) {
-            ivec2 at = clamp(own_tile + ivec2(k % 3, k / 3) - 1, ivec2(0), ivec2(push.tiles) - 1);
-            // A neighbour may be changing right now: then it is taken for changed, which costs time and nothing else.
-            awake = WORD(step_words, steps, push.changed_at + uint(at.y) * push.tiles.x + uint(at.x)) + 1u >= push.step;
+// Whether anything around a tile changed in the step before.
+bool awake(uint tile) {
+    bool changed = push.step == 1u;
+    ivec2 own = ivec2(tile % push.tiles.x, tile / push.tiles.x);
+    [[dont_unroll]] for (int k = 0;; ++k) {
+        ivec2 at = clamp(own + ivec2(k % 3, k / 3) - 1, ivec2(0), ivec2(push.tiles) - 1);
+        // A neighbour may be changing right now: then it is taken for changed, which costs time and nothing else.
+        changed = changed || WORD(step_words, steps, push.changed_at + uint(at.y) * push.tiles.x + uint(at.x)) + 1u >= push.step;
+        if (changed || k == 8) break;
+    }
+    return changed;
+}
+
+// The next place on the list whose tile is awake, of those of this lane's eight, from `n` on.
+uint next_awake(uint n, uint end) {
+    if (n < end) for (;;) {
+        if (awake(WORD(listed_words, lists, push.at + LIST_HEADER + n))) break;
+        n += TILES_PER_GROUP;
+        if (n >= end) break;
+    }
+    return n;
+}
+
+void work(uint tile) {
+    ivec2 top = column_of(tile, push.tiles.x);
+    bool changed = false;
+    [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
+        ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
+        // Bits of depths without the sign, NOTHING where there is none.
+        int bits[18];
+        uvec4 own = floatBitsToUint(imageLoad(from_depth, texel));
+        [[unroll]] for (int k = 0; k < 3; ++k) {
+            ivec2 at = texel + ivec2(k - 1, 0);
+            uvec4 column = k == 1 ? own : floatBitsToUint(imageLoad(from_depth, at));
+            bits[k] = depth_bits(floatBitsToUint(imageLoad(from_depth, at - ivec2(0, 1)).w));
+            [[unroll]] for (int p = 0; p < 4; ++p) bits[3 * p + 3 + k] = depth_bits(column[p]);
+            bits[15 + k] = depth_bits(floatBitsToUint(imageLoad(from_depth, at + ivec2(0, 1)).x));
         }
-        ivec2 top = column_of(tile, push.tiles.x);
-        bool changed = false;
-        // Loops for conditions, here and below: lavapipe leaves a loop that no lane runs, and walks through a branch that none takes.
-        [[dont_unroll]] for (int half_tile = awake ? 0 : 2; half_tile < 2; ++half_tile) {
-            ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
-            // Bits of depths without the sign, NOTHING where there is none.
-            int bits[18];
-            uvec4 own = floatBitsToUint(imageLoad(from_depth, texel));
+        bvec4 filling;
+        bvec4 none;
+        [[unroll]] for (int p = 0; p < 4; ++p) {
+            int valid = 0;
+            [[unroll]] for (int k = 0; k < 8; ++k) valid += int(bits[AROUND(k, 3 * p + 4)] != NOTHING);
+            int needed = mix(mix(9, int(push.surrounded), own[p] == BACKGROUND_BITS), 1, (own[p] & FILLING) != 0u);
+            filling[p] = valid >= needed;
+            none[p] = all(bvec2(filling[p], bits[3 * p + 4] == NOTHING));
+        }
+        if (any(filling)) {
+            float colors[18];
+            vec4 own_colors = imageLoad(from_color, texel);
             [[unroll]] for (int k = 0; k < 3; ++k) {
                 ivec2 at = texel + ivec2(k - 1, 0);
-                uvec4 column = k == 1 ? own : floatBitsToUint(imageLoad(from_depth, at));
-                bits[k] = depth_bits(floatBitsToUint(imageLoad(from_depth, at - ivec2(0, 1)).w));
-                [[unroll]] for (int p = 0; p < 4; ++p) bits[3 * p + 3 + k] = depth_bits(column[p]);
-                bits[15 + k] = depth_bits(floatBitsToUint(imageLoad(from_depth, at + ivec2(0, 1)).x));
+                vec4 column = k == 1 ? own_colors : imageLoad(from_color, at);
+                colors[k] = imageLoad(from_color, at - ivec2(0, 1)).w;
+                [[unroll]] for (int p = 0; p < 4; ++p) colors[3 * p + 3 + k] = column[p];
+                colors[15 + k] = imageLoad(from_color, at + ivec2(0, 1)).x;
             }
-            bvec4 filling;
-            bvec4 none;
+            uvec4 next = own;
+            vec4 next_colors = own_colors;
             [[unroll]] for (int p = 0; p < 4; ++p) {
-                int valid = 0;
-                [[unroll]] for (int k = 0; k < 8; ++k) valid += int(bits[AROUND(k, 3 * p + 4)] != NOTHING);
-                int needed = mix(mix(9, int(push.surrounded), own[p] == BACKGROUND_BITS), 1, (own[p] & FILLING) != 0u);
-                filling[p] = valid >= needed;
-                none[p] = all(bvec2(filling[p], bits[3 * p + 4] == NOTHING));
-            }
-            for (bool work = any(filling); work; work = false) {
-                float colors[18];
-                vec4 own_colors = imageLoad(from_color, texel);
-                [[unroll]] for (int k = 0; k < 3; ++k) {
-                    ivec2 at = texel + ivec2(k - 1, 0);
-                    vec4 column = k == 1 ? own_colors : imageLoad(from_color, at);
-                    colors[k] = imageLoad(from_color, at - ivec2(0, 1)).w;
-                    [[unroll]] for (int p = 0; p < 4; ++p) colors[3 * p + 3 + k] = column[p];
-                    colors[15 + k] = imageLoad(from_color, at + ivec2(0, 1)).x;
+                // The mean, where there is a value; elsewhere of numbers that are not used.
+                int c = 3 * p + 4;
+                float z0 = intBitsToFloat(mix(bits[c], 0x3F800000, bits[c] == NOTHING));
+                float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
+                // Where there is no tolerance, only equal depths are of one surface.
+                float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
+                float weights = 1.0;
+                float rise = 0.0;
+                vec3 light = light_of(colors[c]);
+                [[unroll]] for (int k = 0; k < 8; ++k) {
+                    int i = AROUND(k, c);
+                    bool corner = k == 0 || k == 2 || k == 5 || k == 7;
+                    bool has = bits[i] != NOTHING;
+                    float difference = mix(z0, intBitsToFloat(bits[i]), has) - z0;
+                    float near = 1.0 - min(1.0, abs(difference) * strictness);
+                    float weight = mix(0.0, (corner ? 0.292893219 : 0.5) * near, has);
+                    weights += weight;
+                    rise += weight * difference;
+                    light += weight * light_of(colors[i]);
                 }
-                uvec4 next = own;
-                vec4 next_colors = own_colors;
+                float share = 1.0 / weights;
+                float step = rise * share;
+                // A thousandth of what tells surfaces apart shows nowhere, and would keep the tile awake for long.
+                float z = mix(z0 + step, z0, abs(step) * 1024.0 < tolerance);
+                bool mean = filling[p] != none[p];
+                next[p] = mix(next[p], floatBitsToUint(z) | FILLING, mean);
+                next_colors[p] = mix(next_colors[p], pack_light(light * share), mean);
+            }
+            if (any(none)) {
                 [[unroll]] for (int p = 0; p < 4; ++p) {
-                    // The mean, where there is a value; elsewhere of numbers that are not used.
                     int c = 3 * p + 4;
-                    float z0 = intBitsToFloat(mix(bits[c], 0x3F800000, bits[c] == NOTHING));
-                    float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
-                    // Where there is no tolerance, only equal depths are of one surface.
-                    float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;
-                    float weights = 1.0;
-                    float rise = 0.0;
-                    vec3 light = light_of(colors[c]);
+                    int valid = 0;
+                    [[unroll]] for (int k = 0; k < 8; ++k) valid += int(bits[AROUND(k, c)] != NOTHING);
+                    int rank = mix(-1, (valid - 1) >> 1, none[p]);
                     [[unroll]] for (int k = 0; k < 8; ++k) {
-                        int i = AROUND(k, c);
-                        bool corner = k == 0 || k == 2 || k == 5 || k == 7;
-                        bool has = bits[i] != NOTHING;
-                        float difference = mix(z0, intBitsToFloat(bits[i]), has) - z0;
-                        float near = 1.0 - min(1.0, abs(difference) * strictness);
-                        float weight = mix(0.0, (corner ? 0.292893219 : 0.5) * near, has);
-                        weights += weight;
-                        rise += weight * difference;
-                        light += weight * light_of(colors[i]);
-                    }
-                    float share = 1.0 / weights;
-                    float step = rise * share;
-                    // A thousandth of what tells surfaces apart shows nowhere, and would keep the tile awake for long.
-                    float z = mix(z0 + step, z0, abs(step) * 1024.0 < tolerance);
-                    bool mean = filling[p] != none[p];
-                    next[p] = mix(next[p], floatBitsToUint(z) | FILLING, mean);
-                    next_colors[p] = mix(next_colors[p], pack_light(light * share), mean);
-                }
-                for (bool median = any(none); median; median = false) {
-                    [[unroll]] for (int p = 0; p < 4; ++p) {
-                        int c = 3 * p + 4;
-                        int valid = 0;
-                        [[unroll]] for (int k = 0; k < 8; ++k) valid += int(bits[AROUND(k, c)] != NOTHING);
-                        int rank = mix(-1, (valid - 1) >> 1, none[p]);
-                        [[unroll]] for (int k = 0; k < 8; ++k) {
-                            int own_bits = bits[AROUND(k, c)];
-                            int before = 0;
-                            [[unroll]] for (int i = 0; i < 8; ++i) {
-                                int other = bits[AROUND(i, c)];
-                                if (i < k) before += int(other <= own_bits);
-                                if (i > k) before += int(other < own_bits);
-                            }
-                            bool found = before == rank;
-                            next[p] = mix(next[p], uint(own_bits) | FILLING, found);
-                            next_colors[p] = mix(next_colors[p], colors[AROUND(k, c)], found);
+                        int own_bits = bits[AROUND(k, c)];
+                        int before = 0;
+                        [[unroll]] for (int i = 0; i < 8; ++i) {
+                            int other = bits[AROUND(i, c)];
+                            if (i < k) before += int(other <= own_bits);
+                            if (i > k) before += int(other < own_bits);
                         }
+                        bool found = before == rank;
+                        next[p] = mix(next[p], uint(own_bits) | FILLING, found);
+                        next_colors[p] = mix(next_colors[p], colors[AROUND(k, c)], found);
                     }
                 }
-                changed = changed || next != own || next_colors != own_colors;
-                imageStore(to_depth, texel, uintBitsToFloat(next));
-                imageStore(to_color, texel, next_colors);
             }
+            changed = changed || next != own || next_colors != own_colors;
+            imageStore(to_depth, texel, uintBitsToFloat(next));
+            imageStore(to_color, texel, next_colors);
         }
-        if (changed) {
-            if (WORD(step_words, steps, push.changed_at + tile) != push.step) steps.word[push.changed_at + tile] = push.step;
-            // Looked at before it is written: a word that all cores write travels between their caches.
-            if (WORD(step_words, steps, 4u * push.step + 4u) == 0u) {
-                steps.word[4u * push.step + 5u] = 1u;
-                steps.word[4u * push.step + 6u] = 1u;
-                steps.word[4u * push.step + 4u] = lists.word[push.at];
-            }
+        if (half_tile == 1) break;
+    }
+    if (changed) {
+        if (WORD(step_words, steps, push.changed_at + tile) != push.step) steps.word[push.changed_at + tile] = push.step;
+        // Looked at before it is written: a word that all cores write travels between their caches.
+        if (WORD(step_words, steps, 4u * push.step + 4u) == 0u) {
+            steps.word[4u * push.step + 5u] = 1u;
+            steps.word[4u * push.step + 6u] = 1u;
+            steps.word[4u * push.step + 4u] = min(lists.word[push.at], push.most_groups);
         }
+    }
+}
+
+// Each workgroup has its own part of the list, from end to end, so that tiles side by side follow each other.
+void main() {
+    uint listed = WORD(listed_words, lists, push.at + 3u);
+    uint part = (listed / gl_NumWorkGroups.x / TILES_PER_GROUP + 1u) * TILES_PER_GROUP;
+    uint end = min(listed, (gl_WorkGroupID.x + 1u) * part);
+    uint n = next_awake(gl_WorkGroupID.x * part + gl_LocalInvocationID.x / 8u, end);
+    if (n < end) for (;;) {
+        work(WORD(listed_words, lists, push.at + LIST_HEADER + n));
+        n = next_awake(n + TILES_PER_GROUP, end);
+        if (n >= end) break;
     }
 }

@@ -20,18 +20,21 @@ layout(push_constant, scalar) uniform Push {
     uint at; // the list of tiles with invisible pixels
 } push;
 
-void main() {
-    EACH_OF(lists.word[push.at + 3u]) {
-        uint tile = lists.word[push.at + LIST_HEADER + n];
-        uint bits = invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u];
-        ivec2 pixel = column_of(tile, push.tiles_across);
-        [[dont_unroll]] for (int row = 0; row < TILE_PX; ++row) {
-            if ((bits >> row & 1u) == 1u) {
-                ivec2 at = pixel + ivec2(0, row);
-                imageStore(depth, at, vec4(uintBitsToFloat(UNKNOWN_BITS)));
-                imageStore(index, at, uvec4(NO_POINT));
-                imageStore(color, at, vec4(0.0));
-            }
+void work(uint n) {
+    uint tile = lists.word[push.at + LIST_HEADER + n];
+    uint bits = invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u];
+    ivec2 pixel = column_of(tile, push.tiles_across);
+    [[dont_unroll]] for (int row = 0;; ++row) {
+        if ((bits >> row & 1u) == 1u) {
+            ivec2 at = pixel + ivec2(0, row);
+            imageStore(depth, at, vec4(uintBitsToFloat(UNKNOWN_BITS)));
+            imageStore(index, at, uvec4(NO_POINT));
+            imageStore(color, at, vec4(0.0));
         }
+        if (row == TILE_PX - 1) break;
     }
+}
+
+void main() {
+    EACH_OF(lists.word[push.at + 3u], work)
 }

@@ -40,29 +40,32 @@ void want(ivec2 tile) {
     }
 }
 
-void main() {
-    EACH_OF(push.tiles.x * push.tiles.y) {
-        ivec2 top = column_of(n, push.tiles.x);
-        bool plane = true;
-        [[dont_unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
-            ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
-            float z[18];
-            LOAD_AROUND(z, depth, texel)
-            vec4 omegas;
-            vec4 nexts;
-            [[unroll]] for (int p = 0; p < 4; ++p) {
-                float around[9];
-                [[unroll]] for (int k = 0; k < 9; ++k) around[k] = z[3 * p + k];
-                Level level = level_of(around, push.width, PERSPECTIVE);
-                omegas[p] = level.omega;
-                nexts[p] = level.next;
-                bool at_edge = any(equal(ivec2(texel.x, 4 * texel.y + p), ivec2(0))) || any(greaterThanEqual(ivec2(texel.x, 4 * texel.y + p), ivec2(push.size) - 1));
-                plane = plane && (level.flat_ || at_edge);
-            }
-            imageStore(shade, texel, omegas);
-            imageStore(next, texel, nexts);
+void work(uint n) {
+    ivec2 top = column_of(n, push.tiles.x);
+    bool plane = true;
+    [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
+        ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
+        float z[18];
+        LOAD_AROUND(z, depth, texel)
+        vec4 omegas;
+        vec4 nexts;
+        [[unroll]] for (int p = 0; p < 4; ++p) {
+            float around[9];
+            [[unroll]] for (int k = 0; k < 9; ++k) around[k] = z[3 * p + k];
+            Level level = level_of(around, push.width, PERSPECTIVE);
+            omegas[p] = level.omega;
+            nexts[p] = level.next;
+            bool at_edge = any(equal(ivec2(texel.x, 4 * texel.y + p), ivec2(0))) || any(greaterThanEqual(ivec2(texel.x, 4 * texel.y + p), ivec2(push.size) - 1));
+            plane = plane && (level.flat_ || at_edge);
         }
-        // One lane of a tile marks it, and those around it.
-        if (!plane && push.shaded > 0 && (atomicOr(wanted.tile[n], 4u) & 4u) == 0u) want(ivec2(n % push.tiles.x, n / push.tiles.x));
+        imageStore(shade, texel, omegas);
+        imageStore(next, texel, nexts);
+        if (half_tile == 1) break;
     }
+    // One lane of a tile marks it, and those around it.
+    if (!plane && push.shaded > 0 && (atomicOr(wanted.tile[n], 4u) & 4u) == 0u) want(ivec2(n % push.tiles.x, n / push.tiles.x));
+}
+
+void main() {
+    EACH_OF(push.tiles.x * push.tiles.y, work)
 }

@@ -28,27 +28,30 @@ layout(push_constant, scalar) uniform Push {
     float weight; // of this level
 } push;
 
-void main() {
-    EACH_OF(WORD(listed_words, lists, 3u)) {
-        uint tile = WORD(listed_words, lists, LIST_HEADER + n);
-        ivec2 top = column_of(tile, push.tiles_across);
-        bool shaded = (WORD(wanted_words, wanted, tile) & 2u) != 0u;
-        [[dont_unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
-            ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
-            float z[18];
-            LOAD_AROUND(z, from, texel)
-            vec4 omegas;
-            vec4 nexts;
-            [[unroll]] for (int p = 0; p < 4; ++p) {
-                float around[9];
-                [[unroll]] for (int k = 0; k < 9; ++k) around[k] = z[3 * p + k];
-                Level level = level_of(around, push.width, PERSPECTIVE);
-                omegas[p] = level.omega;
-                nexts[p] = level.next;
-            }
-            vec4 sum = imageLoad(shade, texel) * push.before + omegas * push.weight;
-            if (shaded) imageStore(shade, texel, sum);
-            imageStore(to, texel, nexts);
+void work(uint n) {
+    uint tile = WORD(listed_words, lists, LIST_HEADER + n);
+    ivec2 top = column_of(tile, push.tiles_across);
+    bool shaded = (WORD(wanted_words, wanted, tile) & 2u) != 0u;
+    [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
+        ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
+        float z[18];
+        LOAD_AROUND(z, from, texel)
+        vec4 omegas;
+        vec4 nexts;
+        [[unroll]] for (int p = 0; p < 4; ++p) {
+            float around[9];
+            [[unroll]] for (int k = 0; k < 9; ++k) around[k] = z[3 * p + k];
+            Level level = level_of(around, push.width, PERSPECTIVE);
+            omegas[p] = level.omega;
+            nexts[p] = level.next;
         }
+        vec4 sum = imageLoad(shade, texel) * push.before + omegas * push.weight;
+        if (shaded) imageStore(shade, texel, sum);
+        imageStore(to, texel, nexts);
+        if (half_tile == 1) break;
     }
+}
+
+void main() {
+    EACH_OF(WORD(listed_words, lists, 3u), work)
 }

@@ -80,82 +80,87 @@ int sector_of(int along, int beside) {
     return SECTORS == 4u ? 0 : SECTORS == 8u ? int(eighth) : 2 * int(eighth) + int(sixteenth);
 }
 
-void main() {
+void work(uint n) {
     ivec2 size = ivec2(push.size);
     float farthest = PERSPECTIVE ? FARTHEST_PLACE : FARTHEST_PLACE / push.px_per_unit;
-    EACH_OF(WORD(listed_words, lists, push.at + 3u)) {
-        uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
-        ivec2 top = column_of(tile, push.tiles_across);
-        uint bits = 0u;
-        [[dont_unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
-            int first = top.y + 4 * half_tile;
-            ivec2 texel = ivec2(top.x + MARGIN_PX, (first + MARGIN_PX) / 4);
-            float ray_x = (float(top.x) + 0.5 - 0.5 * float(size.x)) / push.px_per_unit;
-            vec4 ray_y, z0, f_rr, own;
-            vec4 sum = vec4(0.0);
-            [[unroll]] for (int p = 0; p < 4; ++p) {
-                own[p] = imageLoad(depth, min(ivec2(top.x, first + p), size - 1)).r;
-                ray_y[p] = (float(first + p) + 0.5 - 0.5 * float(size.y)) / push.px_per_unit;
-                float rr = 1.0 + ray_x * ray_x + ray_y[p] * ray_y[p];
-                f_rr[p] = PERSPECTIVE ? push.px_per_unit * rr : push.px_per_unit;
-                z0[p] = clamp(own[p], NEAREST_PLACE, farthest);
-            }
-            [[dont_unroll]] for (int side = 1; side >= -1; side -= 2) {
-                float most[32];
-                [[unroll]] for (int s = 0; s < 32; ++s) most[s] = NOTHING;
-                [[dont_unroll]] for (int dx = 0; dx <= R; ++dx) {
-                    // The depths of a column of neighbours, of all four pixels, and the squares by which lengths are multiplied, 0 where no point is.
-                    float z[MOST_ROWS];
-                    float zz[MOST_ROWS];
-                    [[unroll]] for (int q = 0; q < 2 * REACH + 1; ++q) {
-                        vec4 four = imageLoad(packed_depth, texel + side * ivec2(STEP * dx, q - REACH));
-                        four = mix(four.wzyx, four, bvec4(side > 0));
-                        [[unroll]] for (int c = 0; c < 4; ++c) {
-                            float place = clamp(four[c], NEAREST_PLACE, farthest);
-                            z[4 * q + c] = place;
-                            zz[4 * q + c] = mix(0.0, PERSPECTIVE ? place * place : 1.0, four[c] <= FARTHEST);
-                        }
-                    }
-                    [[unroll]] for (int dy = -R; dy <= R; ++dy) {
-                        // The half plane has the axis above the pixel, and not the one below it.
-                        int sector = dy < 0 ? sector_of(-dy, dx) : dx > 0 ? sector_of(dx, dy) : PER_QUARTER;
-                        [[unroll]] for (int p = 0; p < 4; ++p) {
-                            int i = ABOVE + p + STEP * dy;
-                            float aside = float(STEP * dx) * ray_x + float(STEP * dy) * ray_y[p];
-                            float twist = float(STEP * dx) * ray_y[p] - float(STEP * dy) * ray_x;
-                            float along = (z0[p] - z[i]) * f_rr[p] - (PERSPECTIVE ? z[i] * aside : 0.0);
-                            float across = zz[i] * (float(STEP * STEP * (dx * dx + dy * dy)) + (PERSPECTIVE ? twist * twist : 0.0));
-                            float ratio = along * abs(along) / across;
-                            float lean = mix(NOTHING, ratio, zz[i] > 0.0);
-                            [[unroll]] for (int k = 0; k < PER_QUARTER; ++k) {
-                                int s = 8 * p + (dy < 0 ? 0 : 4) + k;
-                                most[s] = max(most[s], mix(NOTHING, lean, sector == k));
-                            }
-                        }
-                    }
-                }
-                [[unroll]] for (int p = 0; p < 4; ++p) {
-                    [[unroll]] for (int k = 0; k < PER_QUARTER; ++k) {
-                        bool empty = !(own[p] <= FARTHEST);
-                        float shares = share(most[8 * p + k], empty) + share(most[8 * p + 4 + k], empty);
-                        sum[p] += shares;
-                    }
-                }
-                // Half a turn.
-                ray_x = -ray_x;
-                ray_y = -ray_y.wzyx;
-                f_rr = f_rr.wzyx;
-                z0 = z0.wzyx;
-                own = own.wzyx;
-                sum = sum.wzyx;
-            }
-            [[unroll]] for (int p = 0; p < 4; ++p) {
-                bool inside = top.x < size.x && first + p < size.y;
-                bool empty = !(own[p] <= FARTHEST);
-                bits |= inside && sum[p] < (empty ? push.holes : push.threshold) ? 1u << (4 * half_tile + p) : 0u;
-            }
+    uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
+    ivec2 top = column_of(tile, push.tiles_across);
+    uint bits = 0u;
+    [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
+        int first = top.y + 4 * half_tile;
+        ivec2 texel = ivec2(top.x + MARGIN_PX, (first + MARGIN_PX) / 4);
+        float ray_x = (float(top.x) + 0.5 - 0.5 * float(size.x)) / push.px_per_unit;
+        vec4 ray_y, z0, f_rr, own;
+        vec4 sum = vec4(0.0);
+        [[unroll]] for (int p = 0; p < 4; ++p) {
+            own[p] = imageLoad(depth, min(ivec2(top.x, first + p), size - 1)).r;
+            ray_y[p] = (float(first + p) + 0.5 - 0.5 * float(size.y)) / push.px_per_unit;
+            float rr = 1.0 + ray_x * ray_x + ray_y[p] * ray_y[p];
+            f_rr[p] = PERSPECTIVE ? push.px_per_unit * rr : push.px_per_unit;
+            z0[p] = clamp(own[p], NEAREST_PLACE, farthest);
         }
-        invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u] = bits;
-        if (bits != 0u && atomicExchange(listed.tile[tile], 1u) == 0u) APPEND(push.holes_at, tile)
+        [[dont_unroll]] for (int side = 1;; side = -1) {
+            float most[32];
+            [[unroll]] for (int s = 0; s < 32; ++s) most[s] = NOTHING;
+            [[dont_unroll]] for (int dx = 0;; ++dx) {
+                // The depths of a column of neighbours, of all four pixels, and the squares by which lengths are multiplied, 0 where no point is.
+                float z[MOST_ROWS];
+                float zz[MOST_ROWS];
+                [[unroll]] for (int q = 0; q < 2 * REACH + 1; ++q) {
+                    vec4 four = imageLoad(packed_depth, texel + side * ivec2(STEP * dx, q - REACH));
+                    four = mix(four.wzyx, four, bvec4(side > 0));
+                    [[unroll]] for (int c = 0; c < 4; ++c) {
+                        float place = clamp(four[c], NEAREST_PLACE, farthest);
+                        z[4 * q + c] = place;
+                        zz[4 * q + c] = mix(0.0, PERSPECTIVE ? place * place : 1.0, four[c] <= FARTHEST);
+                    }
+                }
+                [[unroll]] for (int dy = -R; dy <= R; ++dy) {
+                    // The half plane has the axis above the pixel, and not the one below it.
+                    int sector = dy < 0 ? sector_of(-dy, dx) : dx > 0 ? sector_of(dx, dy) : PER_QUARTER;
+                    [[unroll]] for (int p = 0; p < 4; ++p) {
+                        int i = ABOVE + p + STEP * dy;
+                        float aside = float(STEP * dx) * ray_x + float(STEP * dy) * ray_y[p];
+                        float twist = float(STEP * dx) * ray_y[p] - float(STEP * dy) * ray_x;
+                        float along = (z0[p] - z[i]) * f_rr[p] - (PERSPECTIVE ? z[i] * aside : 0.0);
+                        float across = zz[i] * (float(STEP * STEP * (dx * dx + dy * dy)) + (PERSPECTIVE ? twist * twist : 0.0));
+                        float ratio = along * abs(along) / across;
+                        float lean = mix(NOTHING, ratio, zz[i] > 0.0);
+                        [[unroll]] for (int k = 0; k < PER_QUARTER; ++k) {
+                            int s = 8 * p + (dy < 0 ? 0 : 4) + k;
+                            most[s] = max(most[s], mix(NOTHING, lean, sector == k));
+                        }
+                    }
+                }
+                if (dx == R) break;
+            }
+            [[unroll]] for (int p = 0; p < 4; ++p) {
+                [[unroll]] for (int k = 0; k < PER_QUARTER; ++k) {
+                    bool empty = !(own[p] <= FARTHEST);
+                    float shares = share(most[8 * p + k], empty) + share(most[8 * p + 4 + k], empty);
+                    sum[p] += shares;
+                }
+            }
+            // Half a turn.
+            ray_x = -ray_x;
+            ray_y = -ray_y.wzyx;
+            f_rr = f_rr.wzyx;
+            z0 = z0.wzyx;
+            own = own.wzyx;
+            sum = sum.wzyx;
+            if (side < 0) break;
+        }
+        [[unroll]] for (int p = 0; p < 4; ++p) {
+            bool inside = top.x < size.x && first + p < size.y;
+            bool empty = !(own[p] <= FARTHEST);
+            bits |= inside && sum[p] < (empty ? push.holes : push.threshold) ? 1u << (4 * half_tile + p) : 0u;
+        }
+        if (half_tile == 1) break;
     }
+    invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u] = bits;
+    if (bits != 0u && atomicExchange(listed.tile[tile], 1u) == 0u) APPEND(push.holes_at, tile)
+}
+
+void main() {
+    EACH_OF(WORD(listed_words, lists, push.at + 3u), work)
 }

@@ -29,9 +29,21 @@ struct Tile {
 // A word of a buffer that is bound twice: as texels, which lavapipe gathers, while it loads words one lane at a time; and as words, for devices whose texel buffers are too small.
 #define WORD(texels, words, i) (TEXELS ? imageLoad(texels, int(i)).r : words.word[i])
 
-// Runs what follows for every tile of a list, by its place `n` in it; local_size_x = 64.
-#define EACH_OF(count) \
-    for (uint n = gl_WorkGroupID.x * TILES_PER_GROUP + gl_LocalInvocationID.x / 8u; n < (count); n += gl_NumWorkGroups.x * TILES_PER_GROUP)
+// Runs `work` for every tile of a list, by its place in it; local_size_x = 64.
+//
+// Loops are tested at their ends, here and wherever time matters: through the body of one that is tested at its beginning lavapipe walks once more, with all lanes off. It walks through branches that no
+// lane takes, too.
+#define FIRST_PLACE (gl_WorkGroupID.x * TILES_PER_GROUP + gl_LocalInvocationID.x / 8u)
+#define TO_NEXT_PLACE (gl_NumWorkGroups.x * TILES_PER_GROUP)
+#define EACH_OF(count, work) { \
+    uint end = (count); \
+    uint n = FIRST_PLACE; \
+    if (n < end) for (;;) { \
+        work(n); \
+        n += TO_NEXT_PLACE; \
+        if (n >= end) break; \
+    } \
+}
 
 ivec2 tile_corner(uint tile, uint tiles_across) {
     return ivec2(tile % tiles_across, tile / tiles_across) * TILE_PX;

@@ -37,6 +37,8 @@ pub struct Device {
     pub int64_atomics: bool,
     /// Texel buffers are large enough for pages and keys; Vulkan promises only 65,536 texels.
     pub texels: bool,
+    /// Workgroups of a pass that goes through a list of which most may need nothing: on a CPU few, since there every workgroup walks through its code once even if nothing is to be done.
+    pub most_groups: u32,
     pub labels: Option<ext::debug_utils::Device>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     // Boxed: the messenger holds its address.
@@ -93,6 +95,10 @@ impl Device {
             is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
             int64_atomics,
             texels: properties.limits.max_texel_buffer_elements >= TEXELS_NEEDED,
+            most_groups: match properties.device_type {
+                vk::PhysicalDeviceType::CPU => 8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32),
+                _ => properties.limits.max_compute_work_group_count[0],
+            },
             labels,
             messenger: debug.zip(messenger),
             messages,

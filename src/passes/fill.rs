@@ -124,6 +124,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
             tolerance,
             relative,
             surrounded: settings.surrounded as u32,
+            most_groups: g.gpu.device.most_groups,
         };
         let counted = steps.racing();
         let listed = if step == 1 { Tiles::From(&lists, at) } else { Tiles::From(&counted, 4 * step) };
