@@ -164,6 +164,8 @@ fn every_option_of_render_does_what_it_says() {
 
     let said = succeeded(&place.render(&cloud, &format!("{plain} -o @other.png --explain")));
     assert!(["device:", "60000 points", "edl: on, because", "plan:", "composite"].iter().all(|part| said.contains(part)), "{said}");
+    let said = succeeded(&place.render(&cloud, "--size 96x64 -o @other.png --explain"));
+    assert!(["tiles: 96 of 8 x 8 pixels", "with pixels to fill, in"].iter().all(|part| said.contains(part)), "{said}");
     let output = place.render(&cloud, &format!("{plain} -o @other.png --explain=json"));
     assert_eq!(succeeded(&output), "");
     let explained: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::frame::{self, Outcome};
 use crate::graph::{Buffer, Frame, Gpu, Graph};
 use crate::look::{self, Look};
+use crate::passes::counts::{self, Counts};
 use crate::passes::{Effects, Scene, project::Statistics};
 use crate::picture::{self, Samples};
 use crate::progress::Progress;
@@ -102,6 +103,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, resident, &look)?;
     let downloads = Downloads::ask(&mut g, &outcome, arguments.exr.is_some());
+    let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g));
     let frame = g.submit(&[])?;
     stages.done("draw");
     if let Some(path) = &arguments.output {
@@ -112,10 +114,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     stages.done("write");
 
-    match arguments.explain.as_deref() {
-        Some("json") => println!("{}", explain_json(&facts, &gpu, resident, &look, &outcome.statistics, &frame)),
-        Some(_) => eprint!("{}", explain(&facts, &gpu, resident, &look, &outcome.statistics, &frame)),
-        None => {}
+    if let Some(asked) = asked {
+        let counts = asked.counts(&frame, view.size, &look.effects);
+        match arguments.explain.as_deref() {
+            Some("json") => println!("{}", explain_json(&facts, &gpu, resident, &look, &outcome.statistics, &counts, &frame)),
+            _ => eprint!("{}", explain(&facts, &gpu, resident, &look, &outcome.statistics, &counts, &frame)),
+        }
     }
     if arguments.timings {
         stages.print(&frame);
@@ -204,7 +208,7 @@ struct Facts {
     taken: Option<Taken>,
 }
 
-fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, frame: &Frame) -> String {
+fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, counts: &Counts, frame: &Frame) -> String {
     let mut text = format!("device: {} ({}), 64-bit atomics: {}\n", gpu.device.name, gpu.device.driver, gpu.device.int64_atomics);
     text += &format!(
         "cloud: {} points of {} files in {} nodes, {} MiB resident\n",
@@ -227,10 +231,19 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
     for (name, reason) in &look.decided.0 {
         text += &format!("{name}: {}, because {}\n", if reason.runs { "on" } else { "off" }, reason.why);
     }
+    text += &format!("tiles: {counts}\n");
     text + &format!("plan:\n{}", frame.plan)
 }
 
-fn explain_json(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, frame: &Frame) -> serde_json::Value {
+fn explain_json(
+    facts: &Facts,
+    gpu: &Gpu,
+    resident: &Resident,
+    look: &Look,
+    drawn: &Statistics,
+    counts: &Counts,
+    frame: &Frame,
+) -> serde_json::Value {
     let effects: serde_json::Map<_, _> =
         look.decided.0.iter().map(|(name, reason)| (name.to_string(), serde_json::json!(reason))).collect();
     serde_json::json!({
@@ -242,6 +255,7 @@ fn explain_json(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, draw
         "drawn": drawn,
         "index": facts.taken,
         "effects": effects,
+        "tiles": counts,
         "settings": look.effects,
         "passes": frame.passes.iter().map(|(name, _)| name).collect::<Vec<_>>(),
         "barriers": frame.plan.barriers(),

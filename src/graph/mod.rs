@@ -185,7 +185,7 @@ impl<'g> Graph<'g> {
         Buffer { id, desc }
     }
 
-    /// A second handle of a transient buffer, for studies that count what passes did.
+    /// A second handle of a transient buffer, for who counts what passes did.
     pub fn named(&self, name: &str) -> Option<Buffer> {
         self.resources.iter().enumerate().find_map(|(i, resource)| match resource.shape {
             Shape::Buffer(desc) if resource.name == name => Some(Buffer { id: ResourceId(i), desc }),

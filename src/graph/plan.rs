@@ -117,9 +117,28 @@ fn last_uses(passes: &[Pass], kept: &[bool], resources: usize, wanted: &[Resourc
     last
 }
 
+/// Blocks of up to four lines that follow each other three times and more are written once, with how often.
+fn folded(lines: &[String]) -> String {
+    let repeats = |at: usize, length: usize| {
+        let block = &lines[at..at + length];
+        lines[at..].chunks_exact(length).take_while(|other| *other == block).count()
+    };
+    let (mut out, mut at) = (String::new(), 0);
+    while at < lines.len() {
+        let longest = 4.min(lines.len() - at);
+        let (length, times) = (1..=longest).map(|length| (length, repeats(at, length))).find(|(_, times)| *times > 2).unwrap_or((1, 1));
+        out.extend(lines[at..at + length].iter().map(String::as_str));
+        if times > 1 {
+            out += &format!("  .. {} times the last {length} lines\n", times);
+        }
+        at += length * times;
+    }
+    out
+}
+
 fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> String {
     use fmt::Write;
-    let mut out = String::new();
+    let mut lines = Vec::new();
     for step in &plan.steps {
         let pass = &passes[step.pass];
         let names = |wanted: fn(Access) -> bool| {
@@ -130,11 +149,12 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
             names.join(", ")
         };
         if step.barrier {
-            writeln!(out, "  -- barrier").unwrap();
+            lines.push("  -- barrier\n".to_string());
         }
         let (from, to) = (names(|access| access == Access::Read), names(|access| access != Access::Read));
-        writeln!(out, "  {:<12} {}{}{}", pass.name, from, if from.is_empty() { "-> " } else { " -> " }, to).unwrap();
+        lines.push(format!("  {:<12} {}{}{}\n", pass.name, from, if from.is_empty() { "-> " } else { " -> " }, to));
     }
+    let mut out = folded(&lines);
     let dropped: Vec<_> = passes.iter().zip(kept).filter(|(_, kept)| !**kept).map(|(pass, _)| pass.name.as_str()).collect();
     if !dropped.is_empty() {
         writeln!(out, "  dropped, because nobody reads what they write: {}", dropped.join(", ")).unwrap();

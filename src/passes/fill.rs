@@ -158,3 +158,9 @@ fn tolerance(view: &View, settings: &Settings) -> (f32, u32) {
     let relative = automatic && view.camera.projection == Projection::Perspective;
     (if automatic { WIDEST / view.focal_px() } else { settings.tolerance } as f32, relative as u32)
 }
+
+/// Steps until nothing changed any more, from the words of the buffer `steps` after a frame in which so many were recorded.
+pub fn steps_taken(steps: &[u32], recorded: u32) -> u32 {
+    let changed = |step: &u32| steps.get(4 * *step as usize + 4).is_some_and(|groups| *groups > 0);
+    (1..=recorded).take_while(changed).count() as u32
+}

@@ -1,6 +1,7 @@
 //! One file a pass: from handles to handles. The trunk (project, resolve, composite) and the registry of effects.
 
 pub mod composite;
+pub mod counts;
 pub mod normal;
 pub mod project;
 pub mod resolve;

@@ -187,7 +187,7 @@ impl Kernel {
     }
 
     /// Neighbours of a pixel.
-    fn taps(self) -> u32 {
+    pub fn taps(self) -> u32 {
         (2 * self.radius + 1).pow(2) - 1
     }
 }
@@ -203,21 +203,9 @@ fn slope(view: &View, threshold: f64) -> f64 {
     ((cotangent - 0.71 * lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0)
 }
 
-/// What a frame looked at.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counted {
-    /// Tiles whose pixels were looked at.
-    pub tiles: u64,
-    /// Neighbours of pixels that were looked at.
-    pub taps: u64,
-    /// Tiles with pixels to be filled.
-    pub holes: u64,
-}
-
-/// From the words of the buffer `lists`, after a frame.
-pub fn counted(size: [u32; 2], settings: &Settings, lists: &[u32]) -> Counted {
+/// Tiles that each kernel looked at, and those with pixels to be filled, from the words of the buffer `lists` after a frame.
+pub fn listed(size: [u32; 2], settings: &Settings, lists: &[u32]) -> (Vec<(Kernel, u64)>, u64) {
     let [across, down] = tiles(size);
     let length = |list: u32| lists.get((list * (LIST_HEADER + across * down) + 3) as usize).copied().unwrap_or_default() as u64;
-    let taps = |list: u32| length(list) * (TILE_PX * TILE_PX * Kernel::of(list, settings).taps()) as u64;
-    Counted { tiles: (0..KERNELS).map(length).sum(), taps: (0..KERNELS).map(taps).sum(), holes: length(KERNELS) }
+    ((0..KERNELS).map(|list| (Kernel::of(list, settings), length(list))).collect(), length(KERNELS))
 }

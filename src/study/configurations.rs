@@ -16,7 +16,7 @@ use crate::frame;
 use crate::graph::{Frame, Gpu, Graph, Handle};
 use crate::look::{self, Wishes};
 use crate::passes::Scene as Seen;
-use crate::passes::visibility::{self, Counted};
+use crate::passes::counts::{self, Counts};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::view::View;
@@ -66,9 +66,7 @@ pub struct Drawing {
     pub index: Vec<u32>,
     /// Light that is left; empty where no effect takes any.
     pub lit: Vec<f32>,
-    pub counted: Counted,
-    /// Tiles that are no planes; empty where shape depiction did not run.
-    pub rough: Vec<u32>,
+    pub counts: Counts,
 }
 
 /// What a study asks.
@@ -189,7 +187,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
     let lit = outcome.layers.lit.as_ref().map(|lit| g.download(lit));
-    let [lists, rough] = ["lists", "rough tiles"].map(|name| g.named(name).map(|list| g.download_buffer(&list)));
+    let asked = counts::Asked::of(&mut g);
     let frame = g.submit(&[])?;
     fn words<T: bytemuck::Pod>(frame: &Frame, buffer: Option<crate::graph::Buffer>) -> Vec<T> {
         buffer.map(|buffer| frame.read(&buffer).to_vec()).unwrap_or_default()
@@ -198,8 +196,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
         depth: frame.read(&depth).to_vec(),
         index: frame.read(&index).to_vec(),
         lit: words(&frame, lit),
-        counted: visibility::counted(view.size, &look.effects.visibility.settings, &words(&frame, lists)),
-        rough: words(&frame, rough),
+        counts: asked.counts(&frame, view.size, &look.effects),
     };
     frame.shelve(gpu);
     Ok(drawing)

@@ -85,6 +85,6 @@ impl Question for Fill {
             part(errors.spilled, errors.inside),
         ];
         let filled = drawing.depth.iter().zip(&drawing.index).filter(|(depth, index)| depth.is_finite() && **index == NO_POINT).count();
-        (parts, vec![drawing.counted.holes as f64, filled as f64])
+        (parts, vec![drawing.counts.holes as f64, filled as f64])
     }
 }

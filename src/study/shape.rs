@@ -9,7 +9,7 @@ use super::configurations::{self, AUTO, Configuration, Drawing, Metric, Part, Qu
 use super::report::Section;
 use crate::error::Result;
 use crate::graph::Gpu;
-use crate::passes::{LIST_HEADER, shape, tiles};
+use crate::passes::shape;
 use crate::progress::Progress;
 use crate::view::{Projection, View};
 use rayon::prelude::*;
@@ -62,10 +62,8 @@ impl Question for Shape {
         let pixels: Vec<usize> = (0..drawing.depth.len()).filter(counts).collect();
         let squares = |light: &dyn Fn(usize) -> f64| pixels.iter().map(|&i| (drawing.lit[i] as f64 - light(i)).powi(2)).sum::<f64>();
         let count = pixels.len() as f64;
-        let [across, down] = tiles(case.view.size);
-        let rough = drawing.rough.get(LIST_HEADER as usize - 1).copied().unwrap_or_default();
         let parts = vec![[squares(&|i| known.own[i] as f64), count], [squares(&|i| known.truth[i]), count]];
-        (parts, vec![(across * down) as f64, rough as f64])
+        (parts, [drawing.counts.tiles, drawing.counts.rough].map(|count| count as f64).to_vec())
     }
 }
 

@@ -10,7 +10,6 @@ use super::{Plan, Row};
 use crate::config::NO_POINT;
 use crate::error::Result;
 use crate::graph::Gpu;
-use crate::passes::visibility::Counted;
 use crate::progress::Progress;
 
 pub const SUMMARY: &str = "kernel, sectors and threshold: hidden points told from visible ones, holes from background";
@@ -91,8 +90,8 @@ impl Question for Visibility {
             [count(&|i| case.truth.inside[i] && !is_hole(i)), inside],
             [count(&|i| case.truth.beyond[i] && is_hole(i)), inside],
         ];
-        let Counted { tiles, taps, holes } = drawing.counted;
-        (parts, [tiles, taps, holes].map(|count| count as f64).to_vec())
+        let counts = &drawing.counts;
+        (parts, [counts.looked(), counts.taps, counts.holes].map(|count| count as f64).to_vec())
     }
 
     fn more_figures(rows: &[Row]) -> Vec<Figure> {

@@ -1,0 +1,75 @@
+//! What a frame looked at, tile by tile: the lists that passes made on the device, counted afterwards.
+
+use super::visibility::{self, Kernel};
+use super::{Effects, LIST_HEADER, TILE_PX, fill, tiles};
+use crate::graph::{Buffer, Frame, Graph};
+
+/// Lists that come back with the frame; none of a pass that does not run.
+pub struct Asked {
+    lists: Option<Buffer>,
+    steps: Option<Buffer>,
+    rough: Option<Buffer>,
+}
+
+/// Tiles of 8 x 8 pixels.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Counts {
+    /// Of the whole picture.
+    pub tiles: u64,
+    /// Where something could be hidden or missing, by the width in pixels of the kernel that looked.
+    pub looked_at: Vec<(u32, u64)>,
+    /// Neighbours of pixels that were looked at there.
+    pub taps: u64,
+    /// With pixels to fill.
+    pub holes: u64,
+    /// Steps of filling until nothing changed any more.
+    pub filling_steps: u32,
+    /// That are no planes: deeper levels of shape depiction shade them and those around them.
+    pub rough: u64,
+}
+
+impl Asked {
+    pub fn of(g: &mut Graph) -> Asked {
+        let [lists, steps, rough] = ["lists", "steps", "rough tiles"].map(|name| g.named(name).map(|list| g.download_buffer(&list)));
+        Asked { lists, steps, rough }
+    }
+
+    pub fn counts(&self, frame: &Frame, size: [u32; 2], effects: &Effects) -> Counts {
+        let words = |list: &Option<Buffer>| list.as_ref().map_or(&[][..], |list| frame.read::<u32>(list));
+        let [across, down] = tiles(size);
+        let (by_kernel, holes) = visibility::listed(size, &effects.visibility.settings, words(&self.lists));
+        let recorded = frame.passes.iter().filter(|(name, _)| name == "fill_pintus").count() as u32;
+        let taps = |&(kernel, tiles): &(Kernel, u64)| tiles * (TILE_PX * TILE_PX * kernel.taps()) as u64;
+        Counts {
+            tiles: across as u64 * down as u64,
+            taps: by_kernel.iter().map(taps).sum(),
+            looked_at: by_kernel.iter().filter(|(_, tiles)| *tiles > 0).map(|(kernel, tiles)| (kernel.width(), *tiles)).collect(),
+            holes,
+            filling_steps: if holes > 0 { fill::steps_taken(words(&self.steps), recorded) } else { 0 },
+            rough: words(&self.rough).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64,
+        }
+    }
+}
+
+impl Counts {
+    /// Tiles where something could be hidden or missing.
+    pub fn looked(&self) -> u64 {
+        self.looked_at.iter().map(|(_, tiles)| tiles).sum()
+    }
+}
+
+impl std::fmt::Display for Counts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let kernels: Vec<_> = self.looked_at.iter().map(|(width, tiles)| format!("{tiles} with kernel {width}")).collect();
+        let kernels = if kernels.is_empty() { String::new() } else { format!(" ({})", kernels.join(", ")) };
+        write!(
+            f,
+            "{} of {TILE_PX} x {TILE_PX} pixels; {} looked at for what is hidden or missing{kernels}; {} with pixels to fill, in {} steps; {} shaded by more than the first level of shape",
+            self.tiles,
+            self.looked(),
+            self.holes,
+            self.filling_steps,
+            self.rough
+        )
+    }
+}
