@@ -9,7 +9,7 @@
 //! ```
 //! A tile is skipped where nothing in it can be invisible. Let no two adjacent pixels of it and its neighbours differ in depth by more than `slope` pixels' width. The cotangent of the angle to a
 //! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2; leaning lowers one sector's solid angle and raises the opposite one's by at least as much, but
-//! for the spread of directions within a sector, less than 0.71 lean. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and [`slope`] is where that is `threshold`.
+//! for the spread of directions within a sector, less than 0.71 lean. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
 use super::{Decided, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
@@ -65,7 +65,7 @@ impl super::Settings for Settings {
     }
 }
 
-/// Of automatic kernels, pixels: a list of tiles each, and then comes the list of tiles with holes. Those after the first [`FINE`] look at every second pixel. Every kernel is a pipeline, which software
+/// Of automatic kernels, pixels: a list of tiles each, and then comes the list of tiles with holes. Those after the first `FINE` look at every second pixel. Every kernel is a pipeline, which software
 /// devices take a fifth of a second to make.
 pub const WIDTHS: [u32; 9] = [3, 5, 7, 9, 11, 15, 19, 23, 31];
 const KERNELS: u32 = WIDTHS.len() as u32;
