@@ -5,8 +5,8 @@
 // Background never gives a value. Depths are averaged as differences to the pixel's own. What is chosen is chosen by mix, not by ?, which becomes a branch: a compiler that is no compiler of branches
 // takes minutes over hundreds of them.
 //
-// A tile in whose neighbourhood nothing changed in the step before is left alone: both images hold the same there. `steps` is four words a step: three of the
-// dispatch, which is empty when nothing changed in the step before, and one spare; then for every tile the last step that changed it.
+// A tile where nothing changed in the step before, and no pixel next to it, is left alone: both images hold the same there. `steps` is four words a step: three of the dispatch, which is empty when
+// nothing changed in the step before, and one spare; then for every tile the last step that changed a pixel of it, or next to it.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -19,6 +19,9 @@ layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
 layout(r32ui) readonly uniform uimageBuffer listed_words;
+// Of every tile, the width of the kernel that found its holes, pixels.
+layout(scalar) readonly buffer Kernels { uint word[]; } kernels;
+layout(r32ui) readonly uniform uimageBuffer kernel_words;
 layout(scalar) buffer Steps { uint word[]; } steps;
 layout(r32ui) readonly uniform uimageBuffer step_words;
 // Depth and colour (lib/pixel.glsl), four rows a texel.
@@ -33,13 +36,15 @@ layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
     uint at;         // the list of tiles with pixels to fill
     uint step;       // from 1
-    uint changed_at; // the first tile's word in `steps`
+    uint woken_at; // the first tile's word in `steps`
     float tolerance; // of depth: metres, or, where it is relative, parts of the depth
     uint relative;
     uint surrounded; // background is filled, too, where so many of its neighbours have a value
     uint most_groups; // of a step's dispatch
 } push;
 
+// A step of less than the tolerance divided by this and by the kernel's width is none: about two pixels' width divided by that of the kernel.
+const float AT_REST = 16.0;
 // More than any depth's bits.
 const int NOTHING = 0x7FFFFFFF;
 
@@ -52,17 +57,25 @@ int depth_bits(uint word) {
 // Of the 3 x 3, row by row, by places in a column of six rows of three: the pixel is at `c`.
 #define AROUND(k, c) ((c) - 4 + (k) + (k) / 4)
 
-// Whether anything around a tile changed in the step before.
+// Whether anything in or next to a tile changed in the step before. Where something changes right now, that is taken for yes, which costs time and nothing else.
 bool awake(uint tile) {
-    bool changed = push.step == 1u;
+    return push.step == 1u || WORD(step_words, steps, push.woken_at + tile) + 1u >= push.step;
+}
+
+// A pixel of this lane's column changed, maybe that at its top, that at its bottom: the tile is to be looked at in the next step, and those that such a pixel is next to.
+void wake(uint tile, bool top, bool bottom) {
     ivec2 own = ivec2(tile % push.tiles.x, tile / push.tiles.x);
+    int column = int(gl_LocalInvocationID.x % 8u);
+    int beside = int(column == TILE_PX - 1) - int(column == 0);
     [[dont_unroll]] for (int k = 0;; ++k) {
-        ivec2 at = clamp(own + ivec2(k % 3, k / 3) - 1, ivec2(0), ivec2(push.tiles) - 1);
-        // A neighbour may be changing right now: then it is taken for changed, which costs time and nothing else.
-        changed = changed || WORD(step_words, steps, push.changed_at + uint(at.y) * push.tiles.x + uint(at.x)) + 1u >= push.step;
-        if (changed || k == 8) break;
+        ivec2 next = ivec2(beside * (k % 2), k / 2 - 1);
+        ivec2 at = clamp(own + next, ivec2(0), ivec2(push.tiles) - 1);
+        uint word = push.woken_at + uint(at.y) * push.tiles.x + uint(at.x);
+        bool meant = next.y == 0 || (next.y < 0 ? top : bottom);
+        // Looked at before it is written: a word that all cores write travels between their caches.
+        if (meant && WORD(step_words, steps, word) != push.step) steps.word[word] = push.step;
+        if (k == 5) break;
     }
-    return changed;
 }
 
 // The next place on the list whose tile is awake, of those of this lane's eight, from `n` on.
@@ -77,7 +90,12 @@ uint next_awake(uint n, uint end) {
 
 void work(uint tile) {
     ivec2 top = column_of(tile, push.tiles.x);
+    // What the steps to come add up to grows with the square of a hole's width: with steps so much smaller the wider it is, what is missing in the end is a slope, the same for all. Smaller steps show
+    // nowhere, and would keep the tile awake for long.
+    float at_rest = AT_REST * float(WORD(kernel_words, kernels, tile));
     bool changed = false;
+    bool top_changed = false;
+    bool bottom_changed = false;
     [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
         ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
         // Bits of depths without the sign, NOTHING where there is none.
@@ -134,8 +152,7 @@ void work(uint tile) {
                 }
                 float share = 1.0 / weights;
                 float step = rise * share;
-                // A thousandth of what tells surfaces apart shows nowhere, and would keep the tile awake for long.
-                float z = mix(z0 + step, z0, abs(step) * 1024.0 < tolerance);
+                float z = mix(z0 + step, z0, abs(step) * at_rest < tolerance);
                 bool mean = filling[p] != none[p];
                 next[p] = mix(next[p], floatBitsToUint(z) | FILLING, mean);
                 next_colors[p] = mix(next_colors[p], pack_light(light * share), mean);
@@ -161,14 +178,15 @@ void work(uint tile) {
                 }
             }
             changed = changed || next != own || next_colors != own_colors;
+            top_changed = top_changed || half_tile == 0 && (next.x != own.x || next_colors.x != own_colors.x);
+            bottom_changed = half_tile == 1 && (next.w != own.w || next_colors.w != own_colors.w);
             imageStore(to_depth, texel, uintBitsToFloat(next));
             imageStore(to_color, texel, next_colors);
         }
         if (half_tile == 1) break;
     }
     if (changed) {
-        if (WORD(step_words, steps, push.changed_at + tile) != push.step) steps.word[push.changed_at + tile] = push.step;
-        // Looked at before it is written: a word that all cores write travels between their caches.
+        wake(tile, top_changed, bottom_changed);
         if (WORD(step_words, steps, 4u * push.step + 4u) == 0u) {
             steps.word[4u * push.step + 5u] = 1u;
             steps.word[4u * push.step + 6u] = 1u;

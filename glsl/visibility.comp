@@ -27,8 +27,8 @@ layout(scalar) buffer Lists { uint word[]; } lists;
 layout(r32ui) readonly uniform uimageBuffer listed_words;
 // Of every column of every tile, from the top, a bit a pixel; valid for tiles on the list of holes.
 layout(scalar) writeonly buffer Invisible { uint column[]; } invisible;
-// Of every tile, 1 when it is on that list.
-layout(scalar) buffer Listed { uint tile[]; } listed;
+// Of every tile on that list, the width of the kernel that put it there, pixels; 0 of others.
+layout(scalar) buffer Kernels { uint tile[]; } kernels;
 
 layout(constant_id = 0) const uint RADIUS = 4u;
 layout(constant_id = 1) const uint SECTORS = 8u;
@@ -158,7 +158,7 @@ void work(uint n) {
         if (half_tile == 1) break;
     }
     invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u] = bits;
-    if (bits != 0u && atomicExchange(listed.tile[tile], 1u) == 0u) APPEND(push.holes_at, tile)
+    if (bits != 0u && atomicExchange(kernels.tile[tile], 2u * STRIDE * (RADIUS + 1u) - 1u) == 0u) APPEND(push.holes_at, tile)
 }
 
 void main() {

@@ -18,7 +18,7 @@ pub const SUMMARY: &str = "fills the holes that visibility found from the surfac
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub method: Method,
-    /// Steps at most; 0: twice the largest kernel.
+    /// Steps at most; 0: the width of the widest kernel that looked for holes, which closes any that it found in half of them.
     pub iterations: f64,
     /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as the largest kernel's pixels at that depth.
     pub tolerance: f64,
@@ -51,7 +51,7 @@ impl super::Settings for Settings {
         let number = Value::Number;
         vec![
             Setting { name: "method", about: "how", value: Value::Choice(&mut self.method) },
-            Setting { name: "iterations", about: "steps at most; 0: twice the largest kernel", value: number(&mut self.iterations, 0.0..=1000.0) },
+            Setting { name: "iterations", about: "steps at most; 0: the width of the widest kernel that looked for holes", value: number(&mut self.iterations, 0.0..=1000.0) },
             Setting {
                 name: "tolerance",
                 about: "difference in depth from which two surfaces are not mixed, metres; 0: from the spacing of the points",
@@ -86,7 +86,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         Method::Splat => return splat::record(g, view, settings, layers),
         Method::Pullpush => return pullpush::record(g, view, settings, layers),
     }
-    let Some(Holes { lists, at, kernel }) = layers.holes else { return layers };
+    let Some(Holes { lists, at, kernels, widest }) = layers.holes else { return layers };
     let Layers { mut depth, mut color, .. } = layers;
     let (size, across) = (view.size, tiles(view.size));
     let count = across[0] * across[1];
@@ -110,9 +110,9 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     );
 
     let texels = g.gpu.device.texels;
-    let most = if settings.iterations == 0.0 { 2 * kernel } else { settings.iterations as u32 };
-    let changed_at = 4 * (most + 2);
-    let mut steps = g.buffer("steps", 4 * (changed_at + count) as u64);
+    let most = if settings.iterations == 0.0 { widest } else { settings.iterations as u32 };
+    let woken_at = 4 * (most + 2);
+    let mut steps = g.buffer("steps", 4 * (woken_at + count) as u64);
     g.fill(&mut steps, 0);
     let (tolerance, relative) = tolerance(view, settings);
     for step in 1..=most {
@@ -120,7 +120,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
             tiles: across,
             at,
             step,
-            changed_at,
+            woken_at,
             tolerance,
             relative,
             surrounded: settings.surrounded as u32,
@@ -132,6 +132,8 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
             shader::FillPintus {
                 lists: &lists,
                 listed_words: &lists,
+                kernel_words: &kernels,
+                kernels: &kernels,
                 step_words: &counted,
                 steps: &mut steps,
                 from_depth: &from_depth,

@@ -34,8 +34,10 @@ pub struct Holes {
     pub lists: Buffer,
     /// The list's first word.
     pub at: u32,
-    /// Width of the widest kernel that has looked for them, pixels.
-    pub kernel: u32,
+    /// Of every tile, the width of the kernel that has found some, pixels; u32.
+    pub kernels: Buffer,
+    /// Of the widest kernel that has looked for them.
+    pub widest: u32,
 }
 
 /// Tiles across and down a picture.

@@ -128,8 +128,8 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     });
 
     let mut invisible = g.buffer("invisible", 4 * TILE_PX as u64 * count as u64);
-    let mut listed = g.buffer("listed", 4 * count as u64);
-    g.fill(&mut listed, 0);
+    let mut kernels = g.buffer("kernels", 4 * count as u64);
+    g.fill(&mut kernels, 0);
     let holes_at = KERNELS * stride;
     let sectors = if settings.sectors < 8.0 { 4 } else if settings.sectors < 16.0 { 8 } else { 16 };
     for list in least_list..=most_list {
@@ -146,7 +146,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         let spec = visibility::Spec { radius, sectors, perspective, stride: span, texels: g.gpu.device.texels };
         let counted = lists.racing();
         let tiles = Tiles::From(&counted, list * stride);
-        g.run(shader::Visibility { depth: &depth, packed_depth: &packed[span as usize - 1], listed_words: &counted, lists: &mut lists, invisible: &mut invisible, listed: &mut listed, push, spec }, tiles);
+        g.run(shader::Visibility { depth: &depth, packed_depth: &packed[span as usize - 1], listed_words: &counted, lists: &mut lists, invisible: &mut invisible, kernels: &mut kernels, push, spec }, tiles);
     }
 
     let push = hide::Push { tiles_across: across[0], at: holes_at };
@@ -154,7 +154,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
         shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
         Tiles::From(&lists, holes_at),
     );
-    Layers { depth, raw, index, color, spacings, spacing_px, holes: Some(Holes { lists, at: holes_at, kernel: Kernel::of(most_list, settings).width() }), lit }
+    Layers { depth, raw, index, color, spacings, spacing_px, holes: Some(Holes { lists, at: holes_at, kernels, widest: Kernel::of(most_list, settings).width() }), lit }
 }
 
 /// The list of the least kernel that is at least so wide, or of the widest; as in glsl/assign.comp.

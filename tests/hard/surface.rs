@@ -160,7 +160,7 @@ fn hard_09_filling() {
                         let stage = before.as_ref().unwrap_or(&surface.seen);
                         let pixels: Vec<Pixel> =
                             (0..depths.len()).map(|i| Pixel::new(stage.depth[i], stage.color[i], depths[i].is_none())).collect();
-                        for (i, next) in fill_oracle::step(&view, &effects.fill.settings, &pixels).iter().enumerate() {
+                        for (i, next) in fill_oracle::step(&view, &effects.fill.settings, 3, &pixels).iter().enumerate() {
                             let case = format!(
                                 "{:?} tolerance {tolerance} step {iterations} pixel {}, {}",
                                 view.camera.projection,

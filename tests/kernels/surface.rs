@@ -171,9 +171,10 @@ fn after_steps(canvas: &mut Canvas, view: &View, keys: &[[u32; 2]], effects: &Ef
 }
 
 /// One step: how many pixels it may change, and how wide their bounds are.
-fn check_step(view: &View, settings: &fill::Settings, seen: &Stage, before: &Stage, after: &Stage, case: &str) -> (usize, f64) {
+fn check_step(view: &View, effects: &Effects, seen: &Stage, before: &Stage, after: &Stage, case: &str) -> (usize, f64) {
+    let (settings, kernel) = (&effects.fill.settings, effects.visibility.settings.kernel as u32);
     let (mut filling, mut widest) = (0, 0f64);
-    for (i, next) in fill_oracle::step(view, settings, &pixels(seen, before)).iter().enumerate() {
+    for (i, next) in fill_oracle::step(view, settings, kernel, &pixels(seen, before)).iter().enumerate() {
         let (z, color) = (after.depth[i], after.color[i]);
         let case = || format!("{:?} {:?} {settings:?} {case} pixel {i}", view.camera.projection, view.size);
         assert_eq!(after.index[i], seen.index[i], "{}", case());
@@ -203,7 +204,7 @@ fn filling_takes_every_step_as_f64_does() {
                         let [(seen, before), (_, after)] =
                             [steps, steps + 1].map(|steps| after_steps(canvas, &view, &keys, &effects, steps));
                         let case = format!("step {}", steps + 1);
-                        let (filled, wide) = check_step(&view, &effects.fill.settings, &seen, &before, &after, &case);
+                        let (filled, wide) = check_step(&view, &effects, &seen, &before, &after, &case);
                         filling += filled;
                         widest = widest.max(wide);
                     }
@@ -238,7 +239,7 @@ fn filling_sleeps_where_nothing_changes_and_nowhere_else() {
             let mut at_rest = 0;
             for step in 1..=24 {
                 let (_, after) = after_steps(canvas, &view, &keys, &effects, step);
-                check_step(&view, &effects.fill.settings, &seen, &before, &after, &format!("step {step}"));
+                check_step(&view, &effects, &seen, &before, &after, &format!("step {step}"));
                 at_rest = if after == before { at_rest + 1 } else { 0 };
                 before = after;
             }

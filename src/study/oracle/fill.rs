@@ -1,7 +1,7 @@
 //! The f64 twin of the filling passes: a picture half filled in, one step further out, with bounds (papers/README.md, Pintus, anisotropic filling).
 //!
 //! A pixel's colour is three codes of 8 bits, proportional to the roots of linear colour: that is what filling is defined on. A median is one of the neighbours, exactly; a mean has an error.
-//! A mean that would move a depth by less than a 1024th of the tolerance leaves it, so that pictures come to rest; near to that, either is right.
+//! A mean that would move a depth by less than a 16th of the tolerance divided by the width of the kernel leaves it, so that pictures come to rest; near to that, either is right.
 //! Steps are compared one by one, each from what the kernel itself made of those before: then errors do not add up, and a tile that slept when it should not have stays behind.
 
 use super::{Bounded, ULP};
@@ -10,6 +10,8 @@ use crate::passes::fill::Settings;
 use crate::view::{Projection, View};
 use std::ops::RangeInclusive;
 
+/// As in glsl/fill_pintus.comp.
+const AT_REST: f64 = 16.0;
 const CODES: [u32; 3] = [255; 3];
 /// Of visibility; a tolerance that is not given is as wide as this many pixels.
 const WIDEST_KERNEL: f64 = 31.0;
@@ -71,8 +73,8 @@ impl Next {
     }
 }
 
-/// One step. Only tiles that hold pixels to fill are looked at.
-pub fn step(view: &View, settings: &Settings, pixels: &[Pixel]) -> Vec<Next> {
+/// One step, of holes that a kernel `kernel` pixels wide found. Only tiles that hold pixels to fill are looked at.
+pub fn step(view: &View, settings: &Settings, kernel: u32, pixels: &[Pixel]) -> Vec<Next> {
     let [width, height] = view.size.map(|side| side as i64);
     let tile = |i: usize| [i as i64 % width / TILE_PX as i64, i as i64 / width / TILE_PX as i64];
     let listed: std::collections::HashSet<_> = (0..pixels.len()).filter(|&i| pixels[i].filling).map(tile).collect();
@@ -89,7 +91,7 @@ pub fn step(view: &View, settings: &Settings, pixels: &[Pixel]) -> Vec<Next> {
         let surrounded = own.depth.is_none() && valid.len() >= settings.surrounded as usize && listed.contains(&tile(i));
         match own.depth {
             _ if !own.filling && !surrounded => Next::exactly(own),
-            Some(z) => mean(view, settings, z, own, &valid),
+            Some(z) => mean(view, settings, kernel, z, own, &valid),
             None => median(own, valid),
         }
     };
@@ -105,7 +107,7 @@ fn median(own: Pixel, mut valid: Vec<(f32, Pixel, bool)>) -> Next {
     }
 }
 
-fn mean(view: &View, settings: &Settings, z0: f32, own: Pixel, valid: &[(f32, Pixel, bool)]) -> Next {
+fn mean(view: &View, settings: &Settings, kernel: u32, z0: f32, own: Pixel, valid: &[(f32, Pixel, bool)]) -> Next {
     let one = Bounded::exact(1.0);
     let tolerance = match settings.tolerance {
         0.0 if view.camera.projection == Projection::Perspective => {
@@ -137,7 +139,7 @@ fn mean(view: &View, settings: &Settings, z0: f32, own: Pixel, valid: &[(f32, Pi
         lo.max(0.0).floor() as u32..=(hi.floor() as u32).min(CODES[c])
     });
     let (own, step) = (Bounded::exact(z0), rise * share);
-    let at_rest = |step: f64, tolerance: f64| step * 1024.0 < tolerance;
+    let at_rest = |step: f64, tolerance: f64| step * AT_REST * (kernel as f64) < tolerance;
     let surely = at_rest(step.value.abs() + step.error, tolerance.value - tolerance.error);
     let possibly = at_rest(step.value.abs() - step.error, tolerance.value + tolerance.error);
     let depths = match (surely, possibly) {
