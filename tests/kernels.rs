@@ -4,6 +4,8 @@
 
 mod gpu;
 
+#[path = "kernels/phong.rs"]
+mod phong;
 #[path = "kernels/surface.rs"]
 mod surface;
 

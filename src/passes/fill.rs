@@ -8,7 +8,7 @@
 mod pullpush;
 mod splat;
 
-use super::{Decided, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
+use super::{Decided, Effects, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, fill_close, fill_open, fill_pintus};
 use crate::view::{Projection, View};
@@ -63,7 +63,8 @@ impl super::Settings for Settings {
     }
 }
 
-pub fn called_for(scene: &Scene, settings: &Settings, before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+    let settings = &asked.fill.settings;
     match settings.method {
         Method::Pintus => {}
         _ if scene.points == 0 => return Reason { runs: false, why: "there is nothing to fill with".to_string() },

@@ -74,6 +74,11 @@ impl<'s> Scene<'s> {
     }
 }
 
+/// A number to three digits, for people to read.
+pub fn significant(number: f64) -> f64 {
+    format!("{number:.2e}").parse().expect("a number as it was written")
+}
+
 /// Why an effect runs, or does not.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Reason {
@@ -119,7 +124,7 @@ macro_rules! effects {
             /// Whether each effect runs in this scene, and why.
             pub fn decide(&self, scene: &Scene) -> Decided {
                 let mut decided = Decided::default();
-                $(let reason = self.$name.decide(stringify!($name), $name::called_for(scene, &self.$name.settings, &decided));
+                $(let reason = self.$name.decide(stringify!($name), $name::called_for(scene, self, &decided));
                 decided.0.push((stringify!($name), reason));)*
                 decided
             }
@@ -144,6 +149,7 @@ effects! {
     visibility, // depth, index, color -> the same without what is hidden; holes
     fill,       // depth, color, holes -> depth, color
     shape,      // depth -> lit
+    phong,      // depth, color -> color
     edl,        // depth, color -> color
 }
 

@@ -3,7 +3,7 @@
 //! Every level compares a pixel's depth with mean and deviation of its 3 x 3, and hands a smoother depth to the next: fine levels draw lines, coarse ones light whole surfaces.
 //! Levels after the first run where the surface is no plane: on a plane every level gives the same shade (to 1/256).
 
-use super::{Decided, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
+use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
 use crate::view::Projection;
@@ -53,7 +53,7 @@ impl super::Settings for Settings {
     }
 }
 
-pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
         _ => Reason { runs: true, why: "points have no normals to be lit by; depth alone shows their shape".to_string() },

@@ -13,7 +13,7 @@ use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Statistics};
-use pointillist::passes::{Effects, Scene, Switch, composite, fill, resolve, shape, visibility};
+use pointillist::passes::{Effects, Scene, Switch, composite, fill, phong, resolve, shape, visibility};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::{Camera, Projection, View};
@@ -140,6 +140,8 @@ pub struct Surface {
     pub raw: Stage,
     pub seen: Stage,
     pub filled: Stage,
+    /// By Phong lighting.
+    pub shaded: Stage,
     pub lit: Vec<f32>,
     pub picture: Vec<[f32; 4]>,
 }
@@ -152,7 +154,11 @@ impl Canvas<'_> {
     }
 
     pub fn draw(&mut self, view: &View, keys: &[[u32; 2]], effects: &Effects) -> Surface {
-        let scene = Scene::of(view, &self.resident, Light::default());
+        self.draw_in(Light::default(), view, keys, effects)
+    }
+
+    pub fn draw_in(&mut self, light: Light, view: &View, keys: &[[u32; 2]], effects: &Effects) -> Surface {
+        let scene = Scene::of(view, &self.resident, light);
         let mut g = Graph::new(self.gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &self.resident).unwrap();
@@ -162,7 +168,7 @@ impl Canvas<'_> {
         // Depths come from keys here, and lie anywhere.
         layers.spacing_px = [0.0, f64::INFINITY];
         let raw = keep(&mut g, &layers);
-        let (mut seen, mut filled) = (None, None);
+        let (mut seen, mut filled, mut shaded) = (None, None, None);
         if effects.visibility.switch != Switch::Off {
             layers = visibility::record(&mut g, &scene, &effects.visibility.settings, layers);
             seen = Some(keep(&mut g, &layers));
@@ -174,6 +180,10 @@ impl Canvas<'_> {
         if effects.shape.switch != Switch::Off {
             layers = shape::record(&mut g, &scene, &effects.shape.settings, layers);
         }
+        if effects.phong.switch != Switch::Off {
+            layers = phong::record(&mut g, &scene, &effects.phong.settings, layers);
+            shaded = Some(keep(&mut g, &layers));
+        }
         let lit = layers.lit.as_ref().map(|lit| g.download(lit));
         let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &layers);
         let picture = g.download(&picture);
@@ -183,6 +193,7 @@ impl Canvas<'_> {
             raw: stage(Some(raw)),
             seen: stage(seen),
             filled: stage(filled),
+            shaded: stage(shaded),
             lit: lit.map_or(Vec::new(), |lit| frame.read(&lit).to_vec()),
             picture: frame.read(&picture).to_vec(),
         };
