@@ -5,8 +5,7 @@
 // Background never gives a value. Depths are averaged as differences to the pixel's own. What is chosen is chosen by mix, not by ?, which becomes a branch: a compiler that is no compiler of branches
 // takes minutes over hundreds of them.
 //
-// A tile in whose neighbourhood nothing changed in the step before is left alone: both images hold the same there. `steps` is four words a step: three of the
-// dispatch, which is empty when nothing changed in the step before, and one spare; then for every tile the last step that changed it.
+// A tile in whose neighbourhood nothing changed in the step before is left alone (lib/steps.glsl).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -49,21 +48,10 @@ int depth_bits(uint word) {
     return mix(NOTHING, int(magnitude), magnitude - 1u < BACKGROUND_BITS - 1u);
 }
 
+#include "steps.glsl"
+
 // Of the 3 x 3, row by row, by places in a column of six rows of three: the pixel is at `c`.
 #define AROUND(k, c) ((c) - 4 + (k) + (k) / 4)
-
-// Whether anything around a tile changed in the step before.
-bool awake(uint tile) {
-    bool changed = push.step == 1u;
-    ivec2 own = ivec2(tile % push.tiles.x, tile / push.tiles.x);
-    [[dont_unroll]] for (int k = 0;; ++k) {
-        ivec2 at = clamp(own + ivec2(k % 3, k / 3) - 1, ivec2(0), ivec2(push.tiles) - 1);
-        // A neighbour may be changing right now: then it is taken for changed, which costs time and nothing else.
-        changed = changed || WORD(step_words, steps, push.changed_at + uint(at.y) * push.tiles.x + uint(at.x)) + 1u >= push.step;
-        if (changed || k == 8) break;
-    }
-    return changed;
-}
 
 // The next place on the list whose tile is awake, of those of this lane's eight, from `n` on.
 uint next_awake(uint n, uint end) {
@@ -166,15 +154,7 @@ void work(uint tile) {
         }
         if (half_tile == 1) break;
     }
-    if (changed) {
-        if (WORD(step_words, steps, push.changed_at + tile) != push.step) steps.word[push.changed_at + tile] = push.step;
-        // Looked at before it is written: a word that all cores write travels between their caches.
-        if (WORD(step_words, steps, 4u * push.step + 4u) == 0u) {
-            steps.word[4u * push.step + 5u] = 1u;
-            steps.word[4u * push.step + 6u] = 1u;
-            steps.word[4u * push.step + 4u] = min(lists.word[push.at], push.most_groups);
-        }
-    }
+    if (changed) record_change(tile, lists.word[push.at]);
 }
 
 // Each workgroup has its own part of the list, from end to end, so that tiles side by side follow each other.

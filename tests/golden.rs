@@ -115,6 +115,11 @@ fn fill_of_sparse_points() {
 }
 
 #[test]
+fn fill_by_masks() {
+    check_style(Style::Surface, "dobrev", Attribute::Rgb, "fill=method=dobrev shape=off", Preset::Iso);
+}
+
+#[test]
 fn phong_with_the_camera() {
     check_style(Style::Surface, "phong", Attribute::White, "phong=on shape=off", Preset::Fit);
 }

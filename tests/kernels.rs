@@ -4,6 +4,8 @@
 
 mod gpu;
 
+#[path = "kernels/dobrev.rs"]
+mod dobrev;
 #[path = "kernels/phong.rs"]
 mod phong;
 #[path = "kernels/surface.rs"]

@@ -72,6 +72,12 @@ impl<'s> Scene<'s> {
     pub fn of(view: &'s View, resident: &Resident, light: Light) -> Scene<'s> {
         Scene { view, light, points: resident.points, spacing_m: resident.spacing_m() }
     }
+
+    /// The layer distance: surfaces nearer to each other than this are taken for one, metres. Where none is asked for, four spacings of the points, which holds what
+    /// neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
+    pub fn layer_m(&self, asked: f64) -> f64 {
+        if asked == 0.0 { 4.0 * self.spacing_m } else { asked }
+    }
 }
 
 /// A number to three digits, for people to read.
