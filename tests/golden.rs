@@ -116,7 +116,12 @@ fn fill_of_sparse_points() {
 
 #[test]
 fn fill_by_masks() {
-    check_style(Style::Surface, "dobrev", Attribute::Rgb, "fill=method=dobrev shape=off", Preset::Iso);
+    check_style(Style::Surface, "dobrev", Attribute::Rgb, "fill=method=dobrev smooth=off shape=off", Preset::Iso);
+}
+
+#[test]
+fn smooth_after_masks() {
+    check_style(Style::Surface, "smooth", Attribute::Rgb, "fill=method=dobrev smooth=on,filter=gaussian", Preset::Iso);
 }
 
 #[test]

@@ -8,6 +8,8 @@ mod gpu;
 mod dobrev;
 #[path = "kernels/phong.rs"]
 mod phong;
+#[path = "kernels/smooth.rs"]
+mod smooth;
 #[path = "kernels/surface.rs"]
 mod surface;
 

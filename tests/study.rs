@@ -401,6 +401,16 @@ fn the_fill_study_keeps_its_promises() {
 }
 
 #[test]
+fn the_smooth_study_keeps_its_promises() {
+    let rows = configured("smooth", 11, 2, 3 * 2);
+    for scene in ["all scenes", "sphere", "torus"] {
+        // The more a filter weighs the neighbours, the less rough is what it leaves.
+        let rough = ["none", "auto", "gaussian", "box"].map(|value| of(&rows, scene, "roughness_rms", value));
+        assert!(rough.is_sorted_by(|a, b| a > b), "{scene}: {rough:?}");
+    }
+}
+
+#[test]
 fn the_shape_study_keeps_its_promises() {
     let rows = configured("shape", 9, 2, 2);
     for scene in ["all scenes", "sphere", "torus"] {

@@ -154,6 +154,7 @@ macro_rules! effects {
 effects! {
     visibility, // depth, index, color -> the same without what is hidden; holes
     fill,       // depth, color, holes -> depth, color
+    smooth,     // depth, color -> depth, color
     shape,      // depth -> lit
     phong,      // depth, color -> color
     edl,        // depth, color -> color

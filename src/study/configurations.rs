@@ -1,4 +1,4 @@
-//! Settings of effects in; rows, figures and tables out: what the studies `visibility`, `fill` and `shape` share.
+//! Settings of effects in; rows, figures and tables out: what the studies `visibility`, `fill`, `smooth` and `shape` share.
 //!
 //! ```text
 //!     case (scene, view, density) -> every configuration drawn once for its errors, and round by round, in turn, for its times

@@ -13,7 +13,7 @@ use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Statistics};
-use pointillist::passes::{Effects, Scene, Switch, composite, fill, phong, resolve, shape, visibility};
+use pointillist::passes::{Effects, Scene, Switch, composite, fill, phong, resolve, shape, smooth, visibility};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::{Camera, Projection, View};
@@ -140,6 +140,7 @@ pub struct Surface {
     pub raw: Stage,
     pub seen: Stage,
     pub filled: Stage,
+    pub smoothed: Stage,
     /// By Phong lighting.
     pub shaded: Stage,
     pub lit: Vec<f32>,
@@ -168,7 +169,7 @@ impl Canvas<'_> {
         // Depths come from keys here, and lie anywhere.
         layers.spacing_px = [0.0, f64::INFINITY];
         let raw = keep(&mut g, &layers);
-        let (mut seen, mut filled, mut shaded) = (None, None, None);
+        let (mut seen, mut filled, mut smoothed, mut shaded) = (None, None, None, None);
         if effects.visibility.switch != Switch::Off {
             layers = visibility::record(&mut g, &scene, &effects.visibility.settings, layers);
             seen = Some(keep(&mut g, &layers));
@@ -176,6 +177,10 @@ impl Canvas<'_> {
         if effects.fill.switch != Switch::Off {
             layers = fill::record(&mut g, &scene, &effects.fill.settings, layers);
             filled = Some(keep(&mut g, &layers));
+        }
+        if effects.smooth.switch != Switch::Off {
+            layers = smooth::record(&mut g, &scene, &effects.smooth.settings, layers);
+            smoothed = Some(keep(&mut g, &layers));
         }
         if effects.shape.switch != Switch::Off {
             layers = shape::record(&mut g, &scene, &effects.shape.settings, layers);
@@ -193,6 +198,7 @@ impl Canvas<'_> {
             raw: stage(Some(raw)),
             seen: stage(seen),
             filled: stage(filled),
+            smoothed: stage(smoothed),
             shaded: stage(shaded),
             lit: lit.map_or(Vec::new(), |lit| frame.read(&lit).to_vec()),
             picture: frame.read(&picture).to_vec(),

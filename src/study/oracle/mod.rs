@@ -11,6 +11,7 @@ pub mod phong;
 pub mod points;
 pub mod project;
 pub mod shape;
+pub mod smooth;
 pub mod visibility;
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
