@@ -116,12 +116,17 @@ fn fill_of_sparse_points() {
 
 #[test]
 fn fill_by_masks() {
-    check_style(Style::Surface, "dobrev", Attribute::Rgb, "fill=method=dobrev smooth=off shape=off", Preset::Iso);
+    check_style(Style::Surface, "dobrev", Attribute::Rgb, "fill=method=dobrev smooth=off shape=off antialias=off", Preset::Iso);
 }
 
 #[test]
 fn smooth_after_masks() {
-    check_style(Style::Surface, "smooth", Attribute::Rgb, "fill=method=dobrev smooth=on,filter=gaussian", Preset::Iso);
+    check_style(Style::Surface, "smooth", Attribute::Rgb, "fill=method=dobrev smooth=on,filter=gaussian antialias=off", Preset::Iso);
+}
+
+#[test]
+fn antialias_of_silhouettes() {
+    check_style(Style::Surface, "antialias", Attribute::Rgb, "antialias=on", Preset::Fit);
 }
 
 #[test]

@@ -4,6 +4,8 @@
 
 mod gpu;
 
+#[path = "kernels/antialias.rs"]
+mod antialias;
 #[path = "kernels/dobrev.rs"]
 mod dobrev;
 #[path = "kernels/phong.rs"]

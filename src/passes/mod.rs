@@ -158,6 +158,7 @@ effects! {
     shape,      // depth -> lit
     phong,      // depth, color -> color
     edl,        // depth, color -> color
+    antialias,  // depth, color, lit -> color, lit
 }
 
 /// A setting of an effect as the command line knows it: name, unit and meaning, and its value.

@@ -60,7 +60,7 @@ impl Question for Fill {
         let hits: Vec<f64> = case.truth.depth.iter().copied().filter(|depth| depth.is_finite()).collect();
         let pixel_m = case.truth.pixel_m(metrics::quartiles(&hits)[1]);
         let tolerance = |px: f64| own("tolerance", &format!("{px} px"), &format!("fill=on,tolerance={}", px * pixel_m));
-        let masks = ["visibility=off", "fill=on,method=dobrev", "smooth=off", "shape=off", "edl=off"];
+        let masks = ["visibility=off", "fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
         [own(AUTO, AUTO, "fill=on"), bare("points", "fill=off"), Configuration::new("method", "dobrev", &masks)]
             .into_iter()
             .chain(

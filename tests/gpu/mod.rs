@@ -13,7 +13,7 @@ use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Statistics};
-use pointillist::passes::{Effects, Scene, Switch, composite, fill, phong, resolve, shape, smooth, visibility};
+use pointillist::passes::{Effects, Scene, Switch, antialias, composite, fill, phong, resolve, shape, smooth, visibility};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::{Camera, Projection, View};
@@ -143,7 +143,10 @@ pub struct Surface {
     pub smoothed: Stage,
     /// By Phong lighting.
     pub shaded: Stage,
+    pub blended: Stage,
     pub lit: Vec<f32>,
+    /// Light after blending.
+    pub left: Vec<f32>,
     pub picture: Vec<[f32; 4]>,
 }
 
@@ -169,7 +172,7 @@ impl Canvas<'_> {
         // Depths come from keys here, and lie anywhere.
         layers.spacing_px = [0.0, f64::INFINITY];
         let raw = keep(&mut g, &layers);
-        let (mut seen, mut filled, mut smoothed, mut shaded) = (None, None, None, None);
+        let (mut seen, mut filled, mut smoothed, mut shaded, mut blended) = (None, None, None, None, None);
         if effects.visibility.switch != Switch::Off {
             layers = visibility::record(&mut g, &scene, &effects.visibility.settings, layers);
             seen = Some(keep(&mut g, &layers));
@@ -190,6 +193,11 @@ impl Canvas<'_> {
             shaded = Some(keep(&mut g, &layers));
         }
         let lit = layers.lit.as_ref().map(|lit| g.download(lit));
+        if effects.antialias.switch != Switch::Off {
+            layers = antialias::record(&mut g, &scene, &effects.antialias.settings, layers);
+            blended = Some(keep(&mut g, &layers));
+        }
+        let left = layers.lit.as_ref().map(|left| g.download(left));
         let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &layers);
         let picture = g.download(&picture);
         let frame = g.submit(&[]).expect("drawn, and no validation message");
@@ -200,7 +208,9 @@ impl Canvas<'_> {
             filled: stage(filled),
             smoothed: stage(smoothed),
             shaded: stage(shaded),
+            blended: stage(blended),
             lit: lit.map_or(Vec::new(), |lit| frame.read(&lit).to_vec()),
+            left: left.map_or(Vec::new(), |left| frame.read(&left).to_vec()),
             picture: frame.read(&picture).to_vec(),
         };
         frame.shelve(self.gpu);

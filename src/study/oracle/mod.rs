@@ -4,6 +4,7 @@
 //! are running error bounds (Higham 2002, sec. 3.3; HARD_CASES 0.3) over the kernel's own operations, from what Vulkan promises of each (HARD_CASES 0.1).
 //! Nothing here is fast or clever on purpose, and nothing is shared with the kernels.
 
+pub mod antialias;
 pub mod dobrev;
 pub mod edl;
 pub mod fill;
