@@ -5,8 +5,7 @@
 // Background never gives a value. Depths are averaged as differences to the pixel's own. What is chosen is chosen by mix, not by ?, which becomes a branch: a compiler that is no compiler of branches
 // takes minutes over hundreds of them.
 //
-// A tile where nothing changed in the step before, and no pixel next to it, is left alone: both images hold the same there. `steps` is four words a step: three of the dispatch, which is empty when
-// nothing changed in the step before, and one spare; then for every tile the last step that changed a pixel of it, or next to it.
+// A tile that nothing changed in the step before is left alone (lib/steps.glsl).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -54,29 +53,10 @@ int depth_bits(uint word) {
     return mix(NOTHING, int(magnitude), magnitude - 1u < BACKGROUND_BITS - 1u);
 }
 
+#include "steps.glsl"
+
 // Of the 3 x 3, row by row, by places in a column of six rows of three: the pixel is at `c`.
 #define AROUND(k, c) ((c) - 4 + (k) + (k) / 4)
-
-// Whether anything in or next to a tile changed in the step before. Where something changes right now, that is taken for yes, which costs time and nothing else.
-bool awake(uint tile) {
-    return push.step == 1u || WORD(step_words, steps, push.woken_at + tile) + 1u >= push.step;
-}
-
-// A pixel of this lane's column changed, maybe that at its top, that at its bottom: the tile is to be looked at in the next step, and those that such a pixel is next to.
-void wake(uint tile, bool top, bool bottom) {
-    ivec2 own = ivec2(tile % push.tiles.x, tile / push.tiles.x);
-    int column = int(gl_LocalInvocationID.x % 8u);
-    int beside = int(column == TILE_PX - 1) - int(column == 0);
-    [[dont_unroll]] for (int k = 0;; ++k) {
-        ivec2 next = ivec2(beside * (k % 2), k / 2 - 1);
-        ivec2 at = clamp(own + next, ivec2(0), ivec2(push.tiles) - 1);
-        uint word = push.woken_at + uint(at.y) * push.tiles.x + uint(at.x);
-        bool meant = next.y == 0 || (next.y < 0 ? top : bottom);
-        // Looked at before it is written: a word that all cores write travels between their caches.
-        if (meant && WORD(step_words, steps, word) != push.step) steps.word[word] = push.step;
-        if (k == 5) break;
-    }
-}
 
 // The next place on the list whose tile is awake, of those of this lane's eight, from `n` on.
 uint next_awake(uint n, uint end) {
@@ -93,9 +73,7 @@ void work(uint tile) {
     // What the steps to come add up to grows with the square of a hole's width: with steps so much smaller the wider it is, what is missing in the end is a slope, the same for all. Smaller steps show
     // nowhere, and would keep the tile awake for long.
     float at_rest = AT_REST * float(WORD(kernel_words, kernels, tile));
-    bool changed = false;
-    bool top_changed = false;
-    bool bottom_changed = false;
+    Changes changes = NO_CHANGES;
     [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
         ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
         // Bits of depths without the sign, NOTHING where there is none.
@@ -177,22 +155,14 @@ void work(uint tile) {
                     }
                 }
             }
-            changed = changed || next != own || next_colors != own_colors;
-            top_changed = top_changed || half_tile == 0 && (next.x != own.x || next_colors.x != own_colors.x);
-            bottom_changed = half_tile == 1 && (next.w != own.w || next_colors.w != own_colors.w);
+            uvec4 differ = uvec4(notEqual(next, own)) | uvec4(notEqual(next_colors, own_colors));
+            add_changes(changes, half_tile, bvec4(differ));
             imageStore(to_depth, texel, uintBitsToFloat(next));
             imageStore(to_color, texel, next_colors);
         }
         if (half_tile == 1) break;
     }
-    if (changed) {
-        wake(tile, top_changed, bottom_changed);
-        if (WORD(step_words, steps, 4u * push.step + 4u) == 0u) {
-            steps.word[4u * push.step + 5u] = 1u;
-            steps.word[4u * push.step + 6u] = 1u;
-            steps.word[4u * push.step + 4u] = min(lists.word[push.at], push.most_groups);
-        }
-    }
+    record_changes(changes, tile, lists.word[push.at]);
 }
 
 // Each workgroup has its own part of the list, from end to end, so that tiles side by side follow each other.

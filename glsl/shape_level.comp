@@ -5,6 +5,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
+#include "around.glsl"
 #include "shape.glsl"
 #include "tile.glsl"
 

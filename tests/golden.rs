@@ -6,8 +6,9 @@
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::gpu::Wish;
 use pointillist::graph::{Gpu, Graph};
+use pointillist::light::Light;
 use pointillist::look::{self, Style, Wishes};
-use pointillist::passes::{Effects, Scene};
+use pointillist::passes::Effects;
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
 use pointillist::view::{Camera, Preset, View};
@@ -24,16 +25,20 @@ fn check(name: &str, attribute: Attribute, effects: &str, preset: Preset) {
 }
 
 fn check_style(style: Style, name: &str, attribute: Attribute, effects: &str, preset: Preset) {
+    check_lit(Light::default(), style, name, attribute, effects, preset);
+}
+
+fn check_lit(light: Light, style: Style, name: &str, attribute: Attribute, effects: &str, preset: Preset) {
     let mut gpu =
         Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(synth::Scene::NestedTori, 1, 0.0);
     let cloud = synth::collect("nested-tori", &world, 60_000, 7, 0.0, &Silent).unwrap();
     let view = View::new(Camera::framing(preset, &cloud.core_points(), SIZE), SIZE).unwrap();
     let shown = Shown::new(attribute, &cloud);
-    let mut wishes = Wishes { effects: Effects::of(style), ..Wishes::default() };
+    let mut wishes = Wishes { effects: Effects::of(style), light, ..Wishes::default() };
     effects.split_whitespace().for_each(|effect| wishes.effects.set(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
-    let look = look::decide(&wishes, &Scene { view: &view, points: resident.points });
+    let look = look::decide(&wishes, &view, &resident);
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
     let download = g.download(&outcome.picture);
@@ -107,6 +112,32 @@ fn visibility_alone() {
 #[test]
 fn fill_of_sparse_points() {
     check_style(Style::Surface, "fill", Attribute::Rgb, "visibility=on,kernel=9 shape=off edl=off", Preset::Iso);
+}
+
+#[test]
+fn fill_by_masks() {
+    check_style(Style::Surface, "dobrev", Attribute::Rgb, "fill=method=dobrev smooth=off shape=off antialias=off", Preset::Iso);
+}
+
+#[test]
+fn smooth_after_masks() {
+    check_style(Style::Surface, "smooth", Attribute::Rgb, "fill=method=dobrev smooth=on,filter=gaussian antialias=off", Preset::Iso);
+}
+
+#[test]
+fn antialias_of_silhouettes() {
+    check_style(Style::Surface, "antialias", Attribute::Rgb, "antialias=on", Preset::Fit);
+}
+
+#[test]
+fn phong_with_the_camera() {
+    check_style(Style::Surface, "phong", Attribute::White, "phong=on shape=off", Preset::Fit);
+}
+
+#[test]
+fn phong_by_a_light() {
+    check_lit("direction:1,1,-1".parse().unwrap(), Style::Surface, "phong-direction", Attribute::Rgb, "", Preset::Top);
+    check_lit("position:0,0,1".parse().unwrap(), Style::Surface, "phong-position", Attribute::White, "shape=off", Preset::Iso);
 }
 
 #[test]

@@ -12,5 +12,7 @@ mod formats;
 mod levels;
 #[path = "hard/same_bits.rs"]
 mod same_bits;
+#[path = "hard/screen.rs"]
+mod screen;
 #[path = "hard/surface.rs"]
 mod surface;

@@ -389,7 +389,7 @@ fn the_visibility_study_keeps_its_promises() {
 
 #[test]
 fn the_fill_study_keeps_its_promises() {
-    let rows = configured("fill", 26, 4, 4 * 4);
+    let rows = configured("fill", 27, 4, 4 * 4);
     for scene in ["all scenes", "sphere", "torus"] {
         let error = |metric: &str, value: &str| of(&rows, scene, metric, value);
         // Larger splats leave fewer holes and spill more; without visibility pull-push floods the background; what is only points spills nothing.
@@ -397,6 +397,16 @@ fn the_fill_study_keeps_its_promises() {
         assert!(splats("holes").is_sorted_by(|a, b| a >= b) && splats("spilled").is_sorted(), "{scene}");
         assert!(error("holes", "pullpush, no visibility") == 0.0 && error("spilled", "pullpush, no visibility") > 0.1, "{scene}");
         assert!(error("spilled", "points") == 0.0 && error("holes", "points") > error("holes", "auto"), "{scene}");
+    }
+}
+
+#[test]
+fn the_smooth_study_keeps_its_promises() {
+    let rows = configured("smooth", 11, 2, 3 * 2);
+    for scene in ["all scenes", "sphere", "torus"] {
+        // The more a filter weighs the neighbours, the less rough is what it leaves.
+        let rough = ["none", "auto", "gaussian", "box"].map(|value| of(&rows, scene, "roughness_rms", value));
+        assert!(rough.is_sorted_by(|a, b| a > b), "{scene}: {rough:?}");
     }
 }
 

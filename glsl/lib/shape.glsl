@@ -1,4 +1,4 @@
-// One level of shape depiction at one pixel, for shape.comp and shape_level.comp. Declares no bindings.
+// One level of shape depiction at one pixel, for shape.comp and shape_level.comp, which include around.glsl. Declares no bindings.
 //
 //   mu, sigma = mean and standard deviation of the depths in the 3 x 3         of differences to the centre: exact beside it
 //   dmin = mu - sigma, dmax = mu + sigma
@@ -6,18 +6,11 @@
 //   next d = (mu + dmin) / 2 = mu - sigma / 2
 // eps is `softness` pixels' width: a surface that rises by less than that from pixel to pixel faces the viewer and is bright, a steeper one darkens towards a half.
 
-#define NO_DEPTH uintBitsToFloat(BACKGROUND_BITS)
-
 struct Level {
     float omega; // 1 where there is no depth
     float next;
     bool flat_;  // a plane, as far as this pixel sees: deeper levels give the same omega
 };
-
-// Depth, or NO_DEPTH: of what is unknown, and of what lies outside of an image.
-float depth_or_none(float z) {
-    return mix(NO_DEPTH, z, floatBitsToUint(z) - 1u < BACKGROUND_BITS - 1u);
-}
 
 // Of the 3 x 3, row by row, the pixel itself in the middle; `width` is of `softness` pixels: metres, or with perspective parts of the depth.
 Level level_of(float z[9], float width, bool perspective) {
@@ -45,13 +38,3 @@ Level level_of(float z[9], float width, bool perspective) {
     bool plane = count == 9.0 && abs(mu) * 256.0 <= spread;
     return Level(point ? omega : 1.0, point ? next : NO_DEPTH, plane || !point);
 }
-
-// Of a texel, which is four pixels of a column: they and their neighbours, row by row, three to a row.
-#define LOAD_AROUND(z, image, texel) \
-    [[unroll]] for (int k = 0; k < 3; ++k) { \
-        ivec2 at = (texel) + ivec2(k - 1, 0); \
-        vec4 own = imageLoad(image, at); \
-        z[k] = depth_or_none(imageLoad(image, at - ivec2(0, 1)).w); \
-        [[unroll]] for (int p = 0; p < 4; ++p) z[3 * p + 3 + k] = depth_or_none(own[p]); \
-        z[15 + k] = depth_or_none(imageLoad(image, at + ivec2(0, 1)).x); \
-    }

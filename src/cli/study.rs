@@ -35,7 +35,7 @@ pub struct Arguments {
     /// Size of the pictures, pixels
     #[arg(long, value_name = "WxH", default_value_t = Size([1280, 720]))]
     pub size: Size,
-    /// Scenes of the studies surface, visibility, fill and shape [default: each study's own]
+    /// Scenes of the studies surface, visibility, fill, smooth and shape [default: each study's own]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = clap::builder::PossibleValuesParser::new(cases::NAMES))]
     pub scenes: Vec<String>,
     #[command(flatten)]

@@ -1,9 +1,9 @@
 //! Eye-dome lighting: depth and colour in, colour darkened where neighbours stand in front out (Boucheny 2009, ch. 5).
 
-use super::{Decided, Layers, Reason, Scene, Setting, Value};
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, edl::Push, edl::Spec};
-use crate::view::{Projection, View};
+use crate::view::Projection;
 
 pub const SUMMARY: &str = "eye-dome lighting: darkens what stands behind its neighbours, so that shape shows without normals";
 
@@ -34,15 +34,17 @@ impl super::Settings for Settings {
     }
 }
 
-pub fn called_for(scene: &Scene, _settings: &Settings, before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
+        _ if before.runs("phong") => Reason { runs: false, why: "Phong lighting shades already".to_string() },
         _ if before.runs("shape") => Reason { runs: false, why: "shape depiction shades already".to_string() },
         _ => Reason { runs: true, why: "points have no normals to be lit by; depth alone shows their shape".to_string() },
     }
 }
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
     let mut lit = g.image("lit", view.size, Kind::Rgba32f);
     let push = Push {
         size: view.size,

@@ -3,12 +3,14 @@
 //! `pintus` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of their neighbours, those that have been given one the weighted mean. It works on the tiles that
 //! `visibility` has listed, goes back and forth between two images, and stops where nothing changes any more.
 //!
-//! `splat` and `pullpush` are what it is compared with, in files of their own.
+//! `dobrev` (Dobrev et al. 2010, sec. 3.2 and 3.3) needs no visibility: masks tell holes from background, and hidden pixels from those that are seen.
+//! `splat` and `pullpush` are what both are compared with. Each has a file of its own.
 
+mod dobrev;
 mod pullpush;
 mod splat;
 
-use super::{Decided, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
+use super::{Decided, Effects, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, significant, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, fill_close, fill_open, fill_pintus};
 use crate::view::{Projection, View};
@@ -18,7 +20,7 @@ pub const SUMMARY: &str = "fills the holes that visibility found from the surfac
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub method: Method,
-    /// Steps at most; 0: the width of the widest kernel that looked for holes, which closes any that it found in half of them.
+    /// Steps at most; 0: the width of the widest kernel that looked for holes, and with dobrev, of either kind, one and a half of a point's spacings on the screen. Dobrev counts to 127.
     pub iterations: f64,
     /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as the largest kernel's pixels at that depth.
     pub tolerance: f64,
@@ -26,6 +28,8 @@ pub struct Settings {
     pub surrounded: f64,
     /// Of splats, pixels; 0: 2.
     pub radius: f64,
+    /// Of dobrev: what is nearer by at least this is another surface, metres; 0: four spacings of the points.
+    pub layer: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -34,6 +38,8 @@ pub enum Method {
     /// Step by step from the rim of a hole inwards.
     #[default]
     Pintus,
+    /// From the nearest neighbour, where masks say that a pixel is a hole or hidden.
+    Dobrev,
     /// Points as discs of one size; with visibility=off these are plain splats.
     Splat,
     /// Means of ever coarser pictures.
@@ -42,7 +48,7 @@ pub enum Method {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Pintus, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0 }
+        Settings { method: Method::Pintus, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0, layer: 0.0 }
     }
 }
 
@@ -51,7 +57,7 @@ impl super::Settings for Settings {
         let number = Value::Number;
         vec![
             Setting { name: "method", about: "how", value: Value::Choice(&mut self.method) },
-            Setting { name: "iterations", about: "steps at most; 0: the width of the widest kernel that looked for holes", value: number(&mut self.iterations, 0.0..=1000.0) },
+            Setting { name: "iterations", about: "steps at most; 0: the width of the widest kernel; with dobrev one and a half spacings of the points, 127 at most", value: number(&mut self.iterations, 0.0..=1000.0) },
             Setting {
                 name: "tolerance",
                 about: "difference in depth from which two surfaces are not mixed, metres; 0: from the spacing of the points",
@@ -59,14 +65,20 @@ impl super::Settings for Settings {
             },
             Setting { name: "surrounded", about: "background is filled, too, where so many of its 8 neighbours are; 9: never", value: number(&mut self.surrounded, 1.0..=9.0) },
             Setting { name: "radius", about: "of splats, pixels; 0: 2", value: number(&mut self.radius, 0.0..=31.0) },
+            Setting { name: "layer", about: "of dobrev: least distance of two surfaces, metres; 0: four spacings of the points", value: number(&mut self.layer, 0.0..=1e9) },
         ]
     }
 }
 
-pub fn called_for(scene: &Scene, settings: &Settings, before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+    let settings = &asked.fill.settings;
     match settings.method {
         Method::Pintus => {}
         _ if scene.points == 0 => return Reason { runs: false, why: "there is nothing to fill with".to_string() },
+        Method::Dobrev => {
+            let layer_m = scene.layer_m(settings.layer);
+            return Reason { runs: true, why: format!("masks find the holes, and what is hidden: surfaces are {} m apart at least", significant(layer_m)) };
+        }
         Method::Splat => return Reason { runs: true, why: "splats cover the gaps between points; they need not know where gaps are".to_string() },
         Method::Pullpush if before.runs("visibility") => {}
         Method::Pullpush => return Reason { runs: true, why: "without visibility every pixel without a point is a hole, the background too".to_string() },
@@ -80,9 +92,11 @@ pub fn called_for(scene: &Scene, settings: &Settings, before: &Decided) -> Reaso
 /// Largest kernel of visibility.
 const WIDEST: f64 = 31.0;
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
     match settings.method {
         Method::Pintus => {}
+        Method::Dobrev => return dobrev::record(g, scene, settings, layers),
         Method::Splat => return splat::record(g, view, settings, layers),
         Method::Pullpush => return pullpush::record(g, view, settings, layers),
     }

@@ -7,6 +7,8 @@ pub mod project;
 pub mod resolve;
 
 use crate::graph::{Buffer, Graph, Image};
+use crate::light::Light;
+use crate::resident::Resident;
 use crate::view::View;
 
 /// What the screen-space passes hand on.
@@ -59,10 +61,30 @@ pub enum Switch {
     Auto,
 }
 
-/// What effects decide by.
+/// What effects decide by, and work on.
 pub struct Scene<'s> {
     pub view: &'s View,
+    pub light: Light,
     pub points: u64,
+    /// How far apart points are, metres; 0 where nobody knows.
+    pub spacing_m: f64,
+}
+
+impl<'s> Scene<'s> {
+    pub fn of(view: &'s View, resident: &Resident, light: Light) -> Scene<'s> {
+        Scene { view, light, points: resident.points, spacing_m: resident.spacing_m() }
+    }
+
+    /// The layer distance: surfaces nearer to each other than this are taken for one, metres. Where none is asked for, four spacings of the points, which holds what
+    /// neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
+    pub fn layer_m(&self, asked: f64) -> f64 {
+        if asked == 0.0 { 4.0 * self.spacing_m } else { asked }
+    }
+}
+
+/// A number to three digits, for people to read.
+pub fn significant(number: f64) -> f64 {
+    format!("{number:.2e}").parse().expect("a number as it was written")
 }
 
 /// Why an effect runs, or does not.
@@ -110,7 +132,7 @@ macro_rules! effects {
             /// Whether each effect runs in this scene, and why.
             pub fn decide(&self, scene: &Scene) -> Decided {
                 let mut decided = Decided::default();
-                $(let reason = self.$name.decide(stringify!($name), $name::called_for(scene, &self.$name.settings, &decided));
+                $(let reason = self.$name.decide(stringify!($name), $name::called_for(scene, self, &decided));
                 decided.0.push((stringify!($name), reason));)*
                 decided
             }
@@ -122,9 +144,9 @@ macro_rules! effects {
         }
 
         /// Every effect that runs, in order.
-        pub fn apply(g: &mut Graph, view: &View, effects: &Effects, decided: &Decided, mut layers: Layers) -> Layers {
+        pub fn apply(g: &mut Graph, scene: &Scene, effects: &Effects, decided: &Decided, mut layers: Layers) -> Layers {
             $(if decided.runs(stringify!($name)) {
-                layers = $name::record(g, view, &effects.$name.settings, layers);
+                layers = $name::record(g, scene, &effects.$name.settings, layers);
             })*
             layers
         }
@@ -134,8 +156,11 @@ macro_rules! effects {
 effects! {
     visibility, // depth, index, color -> the same without what is hidden; holes
     fill,       // depth, color, holes -> depth, color
+    smooth,     // depth, color -> depth, color
     shape,      // depth -> lit
+    phong,      // depth, color -> color
     edl,        // depth, color -> color
+    antialias,  // depth, color, lit -> color, lit
 }
 
 /// A setting of an effect as the command line knows it: name, unit and meaning, and its value.

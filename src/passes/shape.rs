@@ -3,10 +3,10 @@
 //! Every level compares a pixel's depth with mean and deviation of its 3 x 3, and hands a smoother depth to the next: fine levels draw lines, coarse ones light whole surfaces.
 //! Levels after the first run where the surface is no plane: on a plane every level gives the same shade (to 1/256).
 
-use super::{Decided, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
+use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
-use crate::view::{Projection, View};
+use crate::view::Projection;
 
 pub const SUMMARY: &str = "shades by shape: lines at creases, light on what faces the viewer, without normals";
 
@@ -53,7 +53,7 @@ impl super::Settings for Settings {
     }
 }
 
-pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
         _ => Reason { runs: true, why: "points have no normals to be lit by; depth alone shows their shape".to_string() },
@@ -77,7 +77,8 @@ fn rings(levels: u32) -> [i32; 2] {
     [shaded, shaded + levels.saturating_sub(2).div_ceil(TILE_PX)].map(|rings| rings as i32)
 }
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
     let (size, across) = (view.size, tiles(view.size));
     let count = across[0] * across[1];
     let perspective = view.camera.projection == Projection::Perspective;

@@ -11,7 +11,7 @@
 //! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2; leaning lowers one sector's solid angle and raises the opposite one's by at least as much, but
 //! for the spread of directions within a sector, less than 0.71 lean. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
-use super::{Decided, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
+use super::{Decided, Effects, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, Tile, assign, classify, hide, pack_depth, visibility};
 use crate::view::{Projection, View};
@@ -73,14 +73,16 @@ const FINE: u32 = 6;
 /// As in glsl/lib/tile.glsl.
 const MARGIN_PX: u32 = 16;
 
-pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to hide".to_string() },
+        _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Dobrev => Reason { runs: false, why: "filling by masks hides what is occluded".to_string() },
         _ => Reason { runs: true, why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string() },
     }
 }
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
     let Layers { mut depth, raw, mut index, mut color, spacings, spacing_px, lit, .. } = layers;
     let across = tiles(view.size);
     let count = across[0] * across[1];

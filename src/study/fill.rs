@@ -50,7 +50,7 @@ impl Question for Fill {
     const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
     const HOW: &'static str = "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. <em>Splats</em> are discs of so many pixels' radius around \
-        points as they are; <em>pullpush</em> fills what visibility asks for, and without visibility every empty pixel, the background too; <em>points</em> are all that methods are given. \
+        points as they are; <em>dobrev</em> fills them by masks; <em>pullpush</em> fills what visibility asks for, and without visibility every empty pixel, the background too; <em>points</em> are all that methods are given. \
         Milliseconds are those of visibility and filling together, since splats need none. Tolerance is in widths of a pixel at the scene's depth.";
     type Known = ();
 
@@ -60,7 +60,8 @@ impl Question for Fill {
         let hits: Vec<f64> = case.truth.depth.iter().copied().filter(|depth| depth.is_finite()).collect();
         let pixel_m = case.truth.pixel_m(metrics::quartiles(&hits)[1]);
         let tolerance = |px: f64| own("tolerance", &format!("{px} px"), &format!("fill=on,tolerance={}", px * pixel_m));
-        [own(AUTO, AUTO, "fill=on"), bare("points", "fill=off")]
+        let masks = ["visibility=off", "fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
+        [own(AUTO, AUTO, "fill=on"), bare("points", "fill=off"), Configuration::new("method", "dobrev", &masks)]
             .into_iter()
             .chain(
                 ["1", "2", "3", "4", "6", "9"]

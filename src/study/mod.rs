@@ -83,6 +83,7 @@ studies! {
     surface,   // depth, layers, holes, contours
     visibility, // what is hidden, and what is a hole
     fill,      // depths of holes
+    smooth,    // filters
     shape,     // light without normals
 }
 

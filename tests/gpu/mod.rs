@@ -9,10 +9,11 @@ use pointillist::config::NO_POINT;
 use pointillist::frame;
 use pointillist::gpu::Wish;
 use pointillist::graph::{Buffer, Frame, Gpu, Graph};
+use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Statistics};
-use pointillist::passes::{Effects, Scene, Switch, composite, fill, resolve, shape, visibility};
+use pointillist::passes::{Effects, Scene, Switch, antialias, composite, fill, phong, resolve, shape, smooth, visibility};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::{Camera, Projection, View};
@@ -82,7 +83,7 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> Layers {
     with(way, |gpu| {
         let (shown, _) = Shown::automatic(cloud);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).expect("resident");
-        let look = look::decide(wishes, &Scene { view, points: resident.points });
+        let look = look::decide(wishes, view, &resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &look).expect("recorded");
         let images = [&outcome.layers.depth, &outcome.layers.index, &outcome.layers.color, &outcome.picture];
@@ -139,7 +140,13 @@ pub struct Surface {
     pub raw: Stage,
     pub seen: Stage,
     pub filled: Stage,
+    pub smoothed: Stage,
+    /// By Phong lighting.
+    pub shaded: Stage,
+    pub blended: Stage,
     pub lit: Vec<f32>,
+    /// Light after blending.
+    pub left: Vec<f32>,
     pub picture: Vec<[f32; 4]>,
 }
 
@@ -151,6 +158,11 @@ impl Canvas<'_> {
     }
 
     pub fn draw(&mut self, view: &View, keys: &[[u32; 2]], effects: &Effects) -> Surface {
+        self.draw_in(Light::default(), view, keys, effects)
+    }
+
+    pub fn draw_in(&mut self, light: Light, view: &View, keys: &[[u32; 2]], effects: &Effects) -> Surface {
+        let scene = Scene::of(view, &self.resident, light);
         let mut g = Graph::new(self.gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &self.resident).unwrap();
@@ -160,19 +172,32 @@ impl Canvas<'_> {
         // Depths come from keys here, and lie anywhere.
         layers.spacing_px = [0.0, f64::INFINITY];
         let raw = keep(&mut g, &layers);
-        let (mut seen, mut filled) = (None, None);
+        let (mut seen, mut filled, mut smoothed, mut shaded, mut blended) = (None, None, None, None, None);
         if effects.visibility.switch != Switch::Off {
-            layers = visibility::record(&mut g, view, &effects.visibility.settings, layers);
+            layers = visibility::record(&mut g, &scene, &effects.visibility.settings, layers);
             seen = Some(keep(&mut g, &layers));
         }
         if effects.fill.switch != Switch::Off {
-            layers = fill::record(&mut g, view, &effects.fill.settings, layers);
+            layers = fill::record(&mut g, &scene, &effects.fill.settings, layers);
             filled = Some(keep(&mut g, &layers));
         }
+        if effects.smooth.switch != Switch::Off {
+            layers = smooth::record(&mut g, &scene, &effects.smooth.settings, layers);
+            smoothed = Some(keep(&mut g, &layers));
+        }
         if effects.shape.switch != Switch::Off {
-            layers = shape::record(&mut g, view, &effects.shape.settings, layers);
+            layers = shape::record(&mut g, &scene, &effects.shape.settings, layers);
+        }
+        if effects.phong.switch != Switch::Off {
+            layers = phong::record(&mut g, &scene, &effects.phong.settings, layers);
+            shaded = Some(keep(&mut g, &layers));
         }
         let lit = layers.lit.as_ref().map(|lit| g.download(lit));
+        if effects.antialias.switch != Switch::Off {
+            layers = antialias::record(&mut g, &scene, &effects.antialias.settings, layers);
+            blended = Some(keep(&mut g, &layers));
+        }
+        let left = layers.lit.as_ref().map(|left| g.download(left));
         let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &layers);
         let picture = g.download(&picture);
         let frame = g.submit(&[]).expect("drawn, and no validation message");
@@ -181,7 +206,11 @@ impl Canvas<'_> {
             raw: stage(Some(raw)),
             seen: stage(seen),
             filled: stage(filled),
+            smoothed: stage(smoothed),
+            shaded: stage(shaded),
+            blended: stage(blended),
             lit: lit.map_or(Vec::new(), |lit| frame.read(&lit).to_vec()),
+            left: left.map_or(Vec::new(), |left| frame.read(&left).to_vec()),
             picture: frame.read(&picture).to_vec(),
         };
         frame.shelve(self.gpu);

@@ -10,16 +10,16 @@ use pointillist::study::oracle::visibility::{Depths, Verdict};
 use pointillist::view::View;
 use rayon::prelude::*;
 
-const SIZES: [[u32; 2]; 5] = [[1, 1], [7, 3], [8, 8], [65, 33], [127, 61]];
+pub const SIZES: [[u32; 2]; 5] = [[1, 1], [7, 3], [8, 8], [65, 33], [127, 61]];
 
 /// A wide angle, so that rays lean, and ten pixels a metre.
-fn views(size: [u32; 2]) -> [View; 2] {
+pub fn views(size: [u32; 2]) -> [View; 2] {
     let height = size[1] as f64 / 10.0;
     [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)].map(|camera| View::new(camera, size).unwrap())
 }
 
 /// A bumpy surface, another behind it, and gaps.
-fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
+pub fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
     let key = |i: u32| {
         let (x, y) = ((i % size[0]) as f64, (i / size[0]) as f64);
         let front = 5.0 + 0.3 * (x / 9.0).sin() * (y / 7.0).cos() + random.within(-0.01, 0.01);
@@ -34,7 +34,7 @@ fn layered_keys(size: [u32; 2], random: &mut Random) -> Vec<[u32; 2]> {
 }
 
 /// Every effect switched off.
-fn nothing() -> Effects {
+pub fn nothing() -> Effects {
     let mut effects = Effects::default();
     for effect in pointillist::passes::EFFECTS {
         effects.set(&format!("{effect}=off")).unwrap();

@@ -4,11 +4,15 @@
 //! are running error bounds (Higham 2002, sec. 3.3; HARD_CASES 0.3) over the kernel's own operations, from what Vulkan promises of each (HARD_CASES 0.1).
 //! Nothing here is fast or clever on purpose, and nothing is shared with the kernels.
 
+pub mod antialias;
+pub mod dobrev;
 pub mod edl;
 pub mod fill;
+pub mod phong;
 pub mod points;
 pub mod project;
 pub mod shape;
+pub mod smooth;
 pub mod visibility;
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -49,6 +53,13 @@ impl Bounded {
 
     pub fn max(self, other: f64) -> Bounded {
         self.through(|x| x.max(other))
+    }
+
+    /// Of what is not negative. A root is within 5 ulps: 1 by an inverse root of 2 ulps.
+    pub fn sqrt(self) -> Bounded {
+        let value = self.value.sqrt();
+        let least = (self.value - self.error).max(0.0).sqrt();
+        Bounded::rounded(value, (value - least).max((self.value + self.error).sqrt() - value), 5.0)
     }
 
     /// A function that never falls, and that is exact.
@@ -114,6 +125,7 @@ mod tests {
             let [x, y, z] = [a, b, c].map(Bounded::exact);
             prop_assert!((x * y + x - y * z).holds(a * b + a - b * c));
             prop_assert!(((x - y) / z * x).holds((a - b) / c * a));
+            prop_assert!((x * x + z).sqrt().holds((a * a + c).sqrt()));
             prop_assert!(Bounded::constant(0.1).holds(0.1));
         }
     }

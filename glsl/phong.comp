@@ -1,0 +1,85 @@
+// Phong lighting (Phong 1975; Dobrev et al. 2010, sec. 3.1): depth and colour -> colour in the light.
+//
+//   color' = color (ambient + diffuse max(0, n.l)) + specular max(0, r.v)^shininess      r = 2 (n.l) n - l
+// Normals are fitted to the depths on the screen (lib/normal.glsl) and face the camera. A pixel that has none keeps its colour times ambient + diffuse, as if it faced the light.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "pixel.glsl"
+#include "unit.glsl"
+#include "normal.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(r32f) readonly uniform image2D depth;
+layout(rgba32f) readonly uniform image2D color;
+layout(rgba32f) writeonly uniform image2D lit;
+
+layout(constant_id = 0) const bool PERSPECTIVE = true;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size;        // pixels
+    float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
+    float reach;       // difference in depth from which pixels are of other surfaces: metres, or with perspective parts of the depth
+    int radius_px;     // of the neighbourhood
+    // Seen from the camera, right, down and away: a place and 1, or the way towards something infinitely far and 0.
+    vec4 light;
+    vec4 eye;
+    float ambient;
+    float diffuse;
+    float specular;
+    uint shininess;    // 1 to 255
+} push;
+
+// From a place, which is `ray` times its depth; of unit length, or 0 where the two are one. All is divided by the depth: products with it may be too large.
+vec3 towards(vec4 what, vec3 ray, float z) {
+    return unit(mix(what.xyz, what.xyz / vec3(z) - ray, bvec3(what.w > 0.5)));
+}
+
+// 0 <= x <= 1 to a whole power, by squaring: the same bits everywhere, which `pow` does not promise.
+float power(float x, uint exponent) {
+    float result = 1.0;
+    [[unroll]] for (int bit = 0; bit < 8; ++bit) {
+        result *= mix(1.0, x, (exponent >> bit & 1u) == 1u);
+        x *= x;
+    }
+    return result;
+}
+
+bool known(float z) {
+    return has_depth(floatBitsToUint(z)) && z > 0.0;
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
+    float z0 = imageLoad(depth, pixel).r;
+    vec4 c = imageLoad(color, pixel);
+    bool has = known(z0);
+    float z = mix(1.0, z0, has);
+    float reach = PERSPECTIVE ? push.reach * z : push.reach;
+    Fit fit = NO_FIT;
+    // A loop for a condition: lavapipe leaves a loop that no lane runs, and walks through a branch that none takes.
+    for (int dy = has ? -push.radius_px : push.radius_px + 1; dy <= push.radius_px; ++dy) {
+        for (int dx = -push.radius_px; dx <= push.radius_px; ++dx) {
+            float other = imageLoad(depth, pixel + ivec2(dx, dy)).r;
+            add_to_fit(fit, known(other), ivec2(dx, dy), other, z, reach, PERSPECTIVE);
+        }
+    }
+    vec2 from_centre = vec2(pixel) + 0.5 - 0.5 * vec2(push.size);
+    vec3 n = normal_of(fit, from_centre, push.px_per_unit, PERSPECTIVE);
+    vec2 aside = from_centre / push.px_per_unit;
+    vec3 ray = vec3(PERSPECTIVE ? aside : aside / vec2(z), 1.0);
+    vec3 l = towards(push.light, ray, z);
+    vec3 v = towards(push.eye, ray, z);
+    float facing = n.x * l.x + n.y * l.y + n.z * l.z;
+    vec3 r = vec3(2.0 * facing) * n - l;
+    float mirrored = r.x * v.x + r.y * v.y + r.z * v.z;
+    bool shaded = has && n != vec3(0.0) && l != vec3(0.0);
+    float diffuse = push.diffuse * mix(1.0, max(facing, 0.0), shaded);
+    // What faces away from the light mirrors nothing of it.
+    float specular = push.specular * mix(0.0, power(clamp(mirrored, 0.0, 1.0), push.shininess), shaded && facing > 0.0);
+    imageStore(lit, pixel, vec4(c.rgb * vec3(push.ambient + diffuse) + vec3(specular * c.a), c.a));
+}

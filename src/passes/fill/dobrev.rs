@@ -1,0 +1,94 @@
+//! Filling by masks: depth, index and colour of points in, of a surface out, each pixel's its own or its nearest neighbour's (Dobrev, Rosenthal and Linsen 2010, sec. 3.2 and 3.3).
+//!
+//! ```text
+//!     fill_dobrev_open     depth -> depth, and that every pixel has its own values
+//!     fill_dobrev          a step: pixels without a depth that no mask takes for background; until nothing changes
+//!     fill_dobrev          a step: pixels that no mask takes for seen; until nothing changes
+//!     fill_dobrev_close    index and colour, from where the depths were taken
+//! ```
+//! A hole n pixels wide closes in n steps at most. But steps close notches of silhouettes, too, up to the diagonal, for as long as there are steps: so a point's values go no farther than
+//! one and a half of its spacings on the screen, unless a number of steps is asked for.
+
+use super::Settings;
+use crate::graph::{Graph, Image, Kind, Tiles};
+use crate::passes::{Layers, Scene, TILE_PX, tiles};
+use crate::shader::{self, fill_dobrev, fill_dobrev_close, fill_dobrev_open};
+use crate::view::Projection;
+
+/// Spacings that a point's values go: with one, gaps stay open in random clouds, and with two, notches between things that stand one behind the other close.
+const REACH: f64 = 1.5;
+
+/// Of either kind: as many as the sparsest points need, but as with visibility no hole is wider than its widest kernel; and as many as asked for, if a pixel can count them.
+fn most_steps(settings: &Settings, spacing_px: f64) -> u32 {
+    match settings.iterations {
+        0.0 => (REACH * spacing_px).ceil().clamp(1.0, super::WIDEST) as u32,
+        asked => asked.min(127.0) as u32,
+    }
+}
+
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let (size, across) = (scene.view.size, tiles(scene.view.size));
+    let texels = [TILE_PX * across[0], TILE_PX * across[1] / 4];
+    let image = |g: &mut Graph, name: &str| g.image(name, texels, Kind::Rgba32f);
+    let mut from = ["even depth", "even source"].map(|name| image(g, name));
+    let mut to = ["odd depth", "odd source"].map(|name| image(g, name));
+    let [opened, source] = &mut from;
+    let most = most_steps(settings, layers.spacing_px[1]);
+    let push = fill_dobrev_open::Push {
+        texels,
+        px_per_unit: scene.view.focal_px() as f32,
+        reach: REACH as f32,
+        most: most as f32,
+        asked: (settings.iterations > 0.0) as u32,
+    };
+    let spec = fill_dobrev_open::Spec { perspective: scene.view.camera.projection == Projection::Perspective };
+    let Layers { depth, index, spacings, .. } = &layers;
+    g.run(shader::FillDobrevOpen { depth, index, spacings, opened, source, push, spec }, Tiles::All);
+
+    let layer = scene.layer_m(settings.layer) as f32;
+    for occluded in [false, true] {
+        [from, to] = steps(g, size, most, layer, occluded, [from, to]);
+    }
+
+    let mut depth = g.image("filled depth", size, Kind::R32f);
+    let mut index = g.image("filled index", size, Kind::R32ui);
+    let mut color = g.image("filled color", size, Kind::Rgba32f);
+    let [filled, source] = &from;
+    g.run(
+        shader::FillDobrevClose {
+            filled,
+            source,
+            index: &layers.index,
+            color: &layers.color,
+            filled_depth: &mut depth,
+            filled_index: &mut index,
+            filled_color: &mut color,
+            push: fill_dobrev_close::Push { size },
+        },
+        Tiles::Groups([size[0].div_ceil(64), size[1].div_ceil(4), 1]),
+    );
+    Layers { depth, index, color, holes: None, ..layers }
+}
+
+/// Depth, and where it is from.
+type Pair = [Image; 2];
+
+/// Steps of one kind; what they leave comes first.
+fn steps(g: &mut Graph, size: [u32; 2], most: u32, layer: f32, occluded: bool, [mut from, mut to]: [Pair; 2]) -> [Pair; 2] {
+    let tiles = tiles(size);
+    let count = tiles[0] * tiles[1];
+    let groups = count.div_ceil(8).min(g.gpu.device.most_groups);
+    let woken_at = 4 * (most + 2);
+    let mut steps = g.buffer(if occluded { "occluded steps" } else { "background steps" }, 4 * (woken_at + count) as u64);
+    g.fill(&mut steps, 0);
+    for step in 1..=most {
+        let push = fill_dobrev::Push { size, tiles, step, woken_at, layer, most_groups: groups };
+        let counted = steps.racing();
+        let run = if step == 1 { Tiles::Groups([groups, 1, 1]) } else { Tiles::From(&counted, 4 * step) };
+        let ([from_depth, from_source], [to_depth, to_source]) = (&from, &mut to);
+        let spec = fill_dobrev::Spec { texels: g.gpu.device.texels, occluded };
+        g.run(shader::FillDobrev { steps: &mut steps, step_words: &counted, from_depth, from_source, to_depth, to_source, push, spec }, run);
+        std::mem::swap(&mut from, &mut to);
+    }
+    [from, to]
+}

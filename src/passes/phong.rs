@@ -1,0 +1,102 @@
+//! Phong lighting: depth and colour in, colour in the light of `--light` out (Phong 1975; Dobrev, Rosenthal and Linsen 2010, sec. 3.1).
+//!
+//! Normals are those of the surface on the screen, fitted to its depths (glsl/lib/normal.glsl): they always face the camera, so that there are no back faces to drop. Normals that a file has do not reach
+//! the device yet. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
+
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use crate::graph::{Graph, Kind, Tiles};
+use crate::light::Light;
+use crate::shader::{self, phong::Push, phong::Spec};
+use crate::view::{Projection, View};
+use glam::DVec3;
+
+pub const SUMMARY: &str = "Phong lighting of the surface on the screen by --light: ambient, diffuse, specular";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    /// Part of the colour that shows without light; with `diffuse` it should be 1.
+    pub ambient: f64,
+    /// Part of the colour that shows where a surface faces the light.
+    pub diffuse: f64,
+    /// White that a mirror would add.
+    pub specular: f64,
+    /// How narrow highlights are: the exponent, whole.
+    pub shininess: f64,
+    /// Of the neighbourhood that a normal is fitted to, pixels.
+    pub radius: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { ambient: 0.2, diffuse: 0.8, specular: 0.08, shininess: 24.0, radius: 3.0 }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
+        vec![
+            Setting { name: "ambient", about: "part of the colour that shows without light", value: number(&mut self.ambient, 0.0..=100.0) },
+            Setting { name: "diffuse", about: "part of the colour that shows where the surface faces the light", value: number(&mut self.diffuse, 0.0..=100.0) },
+            Setting { name: "specular", about: "white of highlights", value: number(&mut self.specular, 0.0..=100.0) },
+            Setting { name: "shininess", about: "how narrow highlights are, the exponent", value: number(&mut self.shininess, 1.0..=255.0) },
+            Setting { name: "radius", about: "of the neighbourhood that a normal is fitted to, pixels", value: number(&mut self.radius, 1.0..=15.0) },
+        ]
+    }
+}
+
+pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
+    let (runs, why) = match scene.light {
+        _ if scene.points == 0 => (false, "there is nothing to shade"),
+        Light::Direction(_) | Light::Position(_) => (true, "a light was asked for with --light"),
+        Light::Headlight if before.runs("shape") => (false, "shape depiction shades already, and no light was asked for with --light"),
+        Light::Headlight => (false, "no light was asked for with --light"),
+    };
+    Reason { runs, why: why.to_string() }
+}
+
+/// Depths that differ by so many pixels' widths or more are of different surfaces, as for filling.
+const REACH_PX: f64 = 31.0;
+
+/// What differs by more parts of its depth is another surface, whatever the camera.
+const MOST_REACH: f64 = 0.5;
+
+/// As seen by the camera, right, down and away: a place and 1, or the way towards something infinitely far and 0.
+pub fn seen(view: &View, light: Light) -> [f32; 4] {
+    let axes = |world: DVec3| [view.basis.right, -view.basis.up, view.basis.forward].map(|axis| axis.dot(world) as f32);
+    let (place, w) = match light {
+        Light::Direction(travels) => (axes(-travels.normalize()), 0.0),
+        Light::Position(world) => (axes(world - view.camera.eye), 1.0),
+        Light::Headlight => match view.camera.projection {
+            Projection::Perspective => ([0.0; 3], 1.0),
+            Projection::Orthographic => ([0.0, 0.0, -1.0], 0.0),
+        },
+    };
+    [place[0], place[1], place[2], w]
+}
+
+/// Difference in depth from which pixels are of other surfaces: metres, or with perspective parts of the depth.
+pub fn reach(view: &View) -> f64 {
+    let reach = REACH_PX / view.focal_px();
+    if view.camera.projection == Projection::Perspective { reach.min(MOST_REACH) } else { reach }
+}
+
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
+    let mut lit = g.image("lit", view.size, Kind::Rgba32f);
+    let push = Push {
+        size: view.size,
+        px_per_unit: view.focal_px() as f32,
+        reach: reach(view) as f32,
+        radius_px: settings.radius as i32,
+        light: seen(view, scene.light),
+        eye: seen(view, Light::Headlight),
+        ambient: settings.ambient as f32,
+        diffuse: settings.diffuse as f32,
+        specular: settings.specular as f32,
+        shininess: settings.shininess as u32,
+    };
+    let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
+    g.run(shader::Phong { depth: &layers.depth, color: &layers.color, lit: &mut lit, push, spec }, Tiles::All);
+    Layers { color: lit, ..layers }
+}

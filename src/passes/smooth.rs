@@ -1,0 +1,79 @@
+//! Smoothing: depth and colour in, the weighted means of their 3 x 3 out (Dobrev, Rosenthal and Linsen 2010, sec. 3.4).
+//!
+//! Filling by the nearest neighbour leaves patches of one depth and colour; this takes the steps between them away. Background neither gives nor takes, so that silhouettes stay.
+
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill};
+use crate::graph::{Graph, Kind, Tiles};
+use crate::shader::{self, smooth::Push};
+
+pub const SUMMARY: &str = "takes away steps between pixels of one surface: means of depth and colour over 3 x 3";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    pub filter: Filter,
+    /// How often.
+    pub iterations: f64,
+}
+
+/// Weights of the pixel itself, of its four sides and of its corners.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Filter {
+    /// 16, 2, 1: the paper's own, which hardly blurs.
+    #[default]
+    Alleviated,
+    /// 4, 2, 1.
+    Gaussian,
+    /// 1, 1, 1.
+    Box,
+}
+
+impl Filter {
+    pub fn weights(self) -> [f32; 3] {
+        match self {
+            Filter::Alleviated => [16.0, 2.0, 1.0],
+            Filter::Gaussian => [4.0, 2.0, 1.0],
+            Filter::Box => [1.0; 3],
+        }
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { filter: Filter::Alleviated, iterations: 1.0 }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        vec![
+            Setting { name: "filter", about: "weights: 16 2 1, 4 2 1 or 1 1 1 of the pixel, sides and corners", value: Value::Choice(&mut self.filter) },
+            Setting { name: "iterations", about: "how often", value: Value::Number(&mut self.iterations, 1.0..=64.0) },
+        ]
+    }
+}
+
+pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+    let (runs, why) = match (before.runs("fill"), asked.fill.settings.method) {
+        (false, _) => (false, "points are not smoothed, and no surface was filled"),
+        (true, fill::Method::Dobrev) => (true, "filling from the nearest neighbour leaves patches of one depth and colour"),
+        (true, _) => (false, "filling leaves no patches of one depth and colour, and details stay as they are"),
+    };
+    Reason { runs, why: why.to_string() }
+}
+
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let size = scene.view.size;
+    let push = Push { size, weights: settings.filter.weights() };
+    let Layers { mut depth, mut color, .. } = layers;
+    for _ in 0..settings.iterations as u32 {
+        let mut smooth_depth = g.image("smooth depth", size, Kind::R32f);
+        let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
+        g.run(
+            shader::Smooth { depth: &depth, color: &color, smooth_depth: &mut smooth_depth, smooth_color: &mut smooth_color, push },
+            Tiles::All,
+        );
+        (depth, color) = (smooth_depth, smooth_color);
+    }
+    Layers { depth, color, ..layers }
+}

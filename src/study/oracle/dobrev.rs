@@ -1,0 +1,48 @@
+//! The twin of filling by masks: depths in; depths out, and from which pixel each was taken (papers/README.md, Dobrev). Nothing is computed but one difference, so that all of it is exact.
+
+/// Right and down, clockwise from the upper left.
+const RING: [(i64, i64); 8] = [(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0)];
+
+/// A pixel's depth, the pixel that it was taken from, and how many steps it may still go.
+type Taken = (f32, usize, u32);
+
+/// Steps at most of either kind; `layer` in metres; `reach`: how many steps the values of a pixel of this depth may go. None where nothing is.
+pub fn fill(size: [u32; 2], depth: &[f32], layer: f32, most: u32, reach: impl Fn(f32) -> u32) -> Vec<Option<Taken>> {
+    let known = |(i, &z): (usize, &f32)| (z.is_finite() && z > 0.0).then(|| (z, i, reach(z)));
+    let mut pixels: Vec<_> = depth.iter().enumerate().map(known).collect();
+    for occluded in [false, true] {
+        for _ in 0..most {
+            let next = (0..pixels.len()).map(|i| step(size, &pixels, layer, occluded, i)).collect();
+            if next == pixels {
+                break;
+            }
+            pixels = next;
+        }
+    }
+    pixels
+}
+
+fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, i: usize) -> Option<Taken> {
+    let [columns, rows] = size.map(|side| side as i64);
+    let (x, y) = (i as i64 % columns, i as i64 / columns);
+    let at = |(u, v): (i64, i64)| {
+        let (x, y) = (x + u, y + v);
+        let inside = (0..columns).contains(&x) && (0..rows).contains(&y);
+        inside.then(|| pixels[(y * columns + x) as usize]).flatten()
+    };
+    let own = pixels[i];
+    let behind = |neighbour: Option<Taken>| match (own, neighbour) {
+        (_, None) => true,
+        (None, Some(_)) => false,
+        (Some((own, ..)), Some((z, ..))) => z as f64 > own as f64 - layer as f64 || z >= own,
+    };
+    let mask = |first: usize| (first..first + 5).all(|k| behind(at(RING[k % 8])));
+    if own.is_some() != occluded || (0..8).any(mask) {
+        return own;
+    }
+    // Row by row; of equals the first.
+    let around = (-1..=1).flat_map(|v| (-1..=1).map(move |u| (u, v))).filter(|aside| *aside != (0, 0));
+    let taken =
+        around.filter(|&aside| !behind(at(aside))).filter_map(at).filter(|(_, _, left)| *left > 0).min_by(|a, b| a.0.total_cmp(&b.0));
+    taken.map(|(z, from, left)| (z, from, left - 1)).or(own)
+}

@@ -1,0 +1,33 @@
+//! The f64 twin of `smooth.comp`: depths and colours in, in the kernel's own f32 bits; their weighted means out, with bounds (papers/README.md, Dobrev, smoothing).
+
+use super::Bounded;
+use crate::passes::smooth::Filter;
+
+/// Depth and colour of every pixel, once smoothed; none where it has no depth, and stays as it is.
+pub fn means(size: [u32; 2], filter: Filter, depth: &[f32], color: &[[f32; 4]]) -> Vec<Option<(Bounded, [Bounded; 3])>> {
+    let [columns, rows] = size.map(|side| side as i64);
+    let known = |i: usize| depth[i].is_finite() && depth[i] > 0.0;
+    let pixel = |i: usize| {
+        let (x, y) = (i as i64 % columns, i as i64 / columns);
+        let zero = Bounded::exact(0.0);
+        let (mut weights, mut rise, mut change) = (0.0, zero, [zero; 3]);
+        for (u, v) in (y - 1..=y + 1).flat_map(|v| (x - 1..=x + 1).map(move |u| (u, v))) {
+            let k = (v * columns + u) as usize;
+            if !(0..columns).contains(&u) || !(0..rows).contains(&v) || !known(k) {
+                continue;
+            }
+            let weight = match (filter, (u - x).abs() + (v - y).abs()) {
+                (Filter::Box, _) | (_, 2) => 1.0,
+                (_, 1) => 2.0,
+                (Filter::Gaussian, _) => 4.0,
+                (Filter::Alleviated, _) => 16.0,
+            };
+            weights += weight;
+            rise = rise + Bounded::exact(weight) * (Bounded::exact(depth[k]) - Bounded::exact(depth[i]));
+            change = [0, 1, 2].map(|c| change[c] + Bounded::exact(weight) * (Bounded::exact(color[k][c]) - Bounded::exact(color[i][c])));
+        }
+        let share = Bounded::exact(1.0) / Bounded::exact(weights);
+        (Bounded::exact(depth[i]) + rise * share, [0, 1, 2].map(|c| Bounded::exact(color[i][c]) + change[c] * share))
+    };
+    (0..depth.len()).map(|i| known(i).then(|| pixel(i))).collect()
+}

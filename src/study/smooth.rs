@@ -1,0 +1,82 @@
+//! Study `smooth`: what smoothing filters do to the depths of a filled surface, against what they cost.
+//!
+//! Filling by masks leaves patches of one depth, and it is there that smoothing is called for; filling by medians and means is smoothed, too, to see what that would buy. The rougher a surface is, the
+//! worse is what is shaded from its slopes; but what blurs details, or mixes surfaces where one ends, is farther from the truth than what was filled.
+
+use super::Plan;
+use super::cases::Case;
+use super::configurations::{self, AUTO, Configuration, Drawing, Metric, Part, Question};
+use super::report::Section;
+use crate::error::Result;
+use crate::graph::Gpu;
+use crate::progress::Progress;
+
+pub const SUMMARY: &str = "filters: depths and roughness of smoothed surfaces, against the surface itself";
+
+pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+    configurations::run::<Smooth>(gpu, plan, progress)
+}
+
+struct Smooth;
+
+/// Parts of the depth. What is farther off lies on another surface, and counts as this: a few such pixels would hide all others.
+const MOST: f64 = 0.005;
+
+const METRICS: &[Metric] = &[
+    Metric { name: "depth_rms", axis: "RMS error, parts of the depth", about: "Depth of interior pixels against that of the surface in their middle, errors of 0.5 % at most", root: true },
+    Metric {
+        name: "roughness_rms",
+        axis: "RMS, parts of the depth",
+        about: "Roughness: how far a pixel's error is from the mean error of the four beside it, 0.5 % at most",
+        root: true,
+    },
+];
+
+impl Question for Smooth {
+    const NAME: &'static str = "smooth";
+    const TITLE: &'static str = "Smoothing: filters";
+    const METRICS: &'static [Metric] = METRICS;
+    const COUNTERS: &'static [&'static str] = &["pixels with a depth"];
+    const REFERENCE: &'static [&'static str] = &["fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
+    const AFTER: &'static [&'static str] = &["resolve", "hide", "fill"];
+    const HOW: &'static str = "Surfaces are filled by masks, or where <em>pintus</em> is said by medians and means. <em>auto</em> is what is done after filling by masks when nothing is asked for: the \
+        alleviated Gaussian, once. Filling runs before, and is not timed here.";
+    type Known = ();
+
+    fn configurations(_case: &Case) -> Vec<Configuration> {
+        let after = |fill: &'static str| {
+            move |knob, value: String, smooth: &str| Configuration::new(knob, value, &[fill, smooth, "antialias=off", "shape=off", "edl=off"])
+        };
+        let (masks, pintus) = (after("fill=on,method=dobrev"), after("fill=on"));
+        let filters = ["none", "alleviated", "gaussian", "box"].map(|filter| match filter {
+            "none" => (filter, "smooth=off".to_string()),
+            _ => (filter, format!("smooth=on,filter={filter}")),
+        });
+        let filter = filters.iter().filter(|(filter, _)| *filter != "alleviated").map(|(filter, smooth)| masks("filter", filter.to_string(), smooth));
+        let iterations = ["2", "4", "8"].map(|often| masks("iterations", often.to_string(), &format!("smooth=on,iterations={often}")));
+        let others = filters.iter().map(|(filter, smooth)| pintus("pintus", format!("pintus, {filter}"), smooth));
+        [masks(AUTO, AUTO.to_string(), "smooth=auto")].into_iter().chain(filter).chain(iterations).chain(others).collect()
+    }
+
+    fn know(_case: &Case, _reference: Drawing) {}
+
+    fn measure(case: &Case, _known: &(), drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
+        let width = case.view.size[0] as usize;
+        let error = |i: usize| {
+            let counts = case.truth.interior.get(i).is_some_and(|interior| *interior) && drawing.depth[i].is_finite();
+            counts.then(|| drawing.depth[i] as f64 / case.truth.depth[i] - 1.0)
+        };
+        let square = |error: f64| error.clamp(-MOST, MOST).powi(2);
+        let roughness = |i: usize| {
+            let beside: Vec<f64> = [i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width].into_iter().filter_map(error).collect();
+            let mean = beside.iter().sum::<f64>() / 4.0;
+            error(i).filter(|_| beside.len() == 4).map(|own| own - mean)
+        };
+        let mean = |errors: &dyn Fn(usize) -> Option<f64>| {
+            let squares = (0..drawing.depth.len()).filter_map(errors).map(square);
+            squares.fold([0.0; 2], |[sum, count], square| [sum + square, count + 1.0])
+        };
+        let parts = vec![mean(&error), mean(&roughness)];
+        (parts, vec![drawing.depth.iter().filter(|z| z.is_finite()).count() as f64])
+    }
+}
