@@ -67,14 +67,15 @@ void main() {
     vec4 c0 = imageLoad(color, pixel);
     float lit0 = LIT_BY ? imageLoad(lit, pixel).r : 1.0;
     vec4 sum = vec4(0.0);
-    // A loop for a condition, as in phong.comp.
-    for (int k = silhouette ? 0 : 9; k < 9; ++k) {
+    // A loop, and tested at its end (lib/tile.glsl says why).
+    if (silhouette) for (int k = 0;; ++k) {
         ivec2 aside = ivec2(k % 3 - 1, k / 3 - 1);
         ivec2 at = clamp(pixel + aside, ivec2(0), last);
         float weight = float((2 - abs(aside.x)) * (2 - abs(aside.y)));
         vec4 c = imageLoad(color, at);
         float light = LIT_BY ? imageLoad(lit, at).r : 1.0;
         sum += vec4(weight) * vec4(c.rgb * vec3(light), c.a);
+        if (k == 8) break;
     }
     imageStore(blended, pixel, mix(c0, sum * vec4(0.0625), bvec4(silhouette)));
     imageStore(left, pixel, vec4(mix(lit0, 1.0, silhouette)));

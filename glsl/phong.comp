@@ -61,17 +61,19 @@ void main() {
     float z = mix(1.0, z0, has);
     float reach = PERSPECTIVE ? push.reach * z : push.reach;
     Fit fit = NO_FIT;
-    // A loop for a condition: lavapipe leaves a loop that no lane runs, and walks through a branch that none takes.
-    for (int dy = has ? -push.radius_px : push.radius_px + 1; dy <= push.radius_px; ++dy) {
-        for (int dx = -push.radius_px; dx <= push.radius_px; ++dx) {
-            float other = imageLoad(depth, pixel + ivec2(dx, dy)).r;
-            add_to_fit(fit, known(other), ivec2(dx, dy), other, z, reach, PERSPECTIVE);
-        }
+    // One loop, row by row, tested at its end (lib/tile.glsl says why).
+    ivec2 aside_px = ivec2(-push.radius_px);
+    if (has) for (;;) {
+        float other = imageLoad(depth, pixel + aside_px).r;
+        add_to_fit(fit, known(other), aside_px, other, z, reach, PERSPECTIVE);
+        bool row_ends = aside_px.x == push.radius_px;
+        aside_px = mix(aside_px + ivec2(1, 0), ivec2(-push.radius_px, aside_px.y + 1), bvec2(row_ends));
+        if (aside_px.y > push.radius_px) break;
     }
     vec2 from_centre = vec2(pixel) + 0.5 - 0.5 * vec2(push.size);
     vec3 n = normal_of(fit, from_centre, push.px_per_unit, PERSPECTIVE);
-    vec2 aside = from_centre / push.px_per_unit;
-    vec3 ray = vec3(PERSPECTIVE ? aside : aside / vec2(z), 1.0);
+    vec2 across = from_centre / push.px_per_unit;
+    vec3 ray = vec3(PERSPECTIVE ? across : across / vec2(z), 1.0);
     vec3 l = towards(push.light, ray, z);
     vec3 v = towards(push.eye, ray, z);
     float facing = n.x * l.x + n.y * l.y + n.z * l.z;

@@ -37,17 +37,17 @@ impl Question for Smooth {
     const TITLE: &'static str = "Smoothing: filters";
     const METRICS: &'static [Metric] = METRICS;
     const COUNTERS: &'static [&'static str] = &["pixels with a depth"];
-    const REFERENCE: &'static [&'static str] = &["fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
+    const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve", "hide", "fill"];
     const HOW: &'static str = "Surfaces are filled by masks, or where <em>pintus</em> is said by medians and means. <em>auto</em> is what is done after filling by masks when nothing is asked for: the \
         alleviated Gaussian, once. Filling runs before, and is not timed here.";
     type Known = ();
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
-        let after = |fill: &'static str| {
-            move |knob, value: String, smooth: &str| Configuration::new(knob, value, &[fill, smooth, "antialias=off", "shape=off", "edl=off"])
+        let after = |visibility: &'static str, fill: &'static str| {
+            move |knob, value: String, smooth: &str| Configuration::new(knob, value, &[visibility, fill, smooth, "antialias=off", "shape=off", "edl=off"])
         };
-        let (masks, pintus) = (after("fill=on,method=dobrev"), after("fill=on"));
+        let (masks, pintus) = (after("visibility=off", "fill=on,method=dobrev"), after("visibility=on", "fill=on"));
         let filters = ["none", "alleviated", "gaussian", "box"].map(|filter| match filter {
             "none" => (filter, "smooth=off".to_string()),
             _ => (filter, format!("smooth=on,filter={filter}")),

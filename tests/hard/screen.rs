@@ -36,7 +36,7 @@ fn hard_12_silhouettes() {
             let keys: Vec<_> = (0..size[0] * size[1]).map(key).collect();
             let mut draw = |laplacian: &str| {
                 let surface = canvas.draw(&view, &keys, &effects(&[&format!("antialias=on,laplacian={laplacian},jump={jump}")]));
-                let inner = |i: &usize| i % 127 > 0 && i % 127 < 126 && i / 127 > 0 && i / 127 < 60;
+                let inner = |i: &usize| (1..126).contains(&(i % 127)) && (1..60).contains(&(i / 127));
                 (0..keys.len()).filter(inner).filter(|&i| surface.blended.color[i] != surface.raw.color[i]).count()
             };
             assert_eq!(draw("inverse"), 0, "{tilt_x} {tilt_y}");
