@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::graph::{Graph, Image};
 use crate::look::Look;
-use crate::passes::{self, Layers, composite, normal, project, resolve};
+use crate::passes::{self, Layers, Scene, composite, normal, project, resolve};
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -25,7 +25,8 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
         resolved = resolve::record(g, &keys, &paint, band, resolved);
     }
     let layers = resolved.layers(g, view, resident)?;
-    let layers = passes::apply(g, view, &look.effects, &look.decided, layers);
+    let scene = Scene::of(view, resident, look.light);
+    let layers = passes::apply(g, &scene, &look.effects, &look.decided, layers);
     let normal = normal::record(g, view, &layers);
     let picture = composite::record(g, view, look.background, &layers);
     Ok(Outcome { picture, normal, layers, statistics: drawn.statistics })

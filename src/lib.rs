@@ -9,7 +9,7 @@
 //!
 //! - [`cloud`]: files to columns of points, on the files' own integer lattices. [`synth`]: files with known truth, from analytic scenes.
 //! - [`index`]: points to nodes of at most 65,536 points in Morton order, their positions in planes of bits.
-//! - [`view`]: the camera, f64. [`cut`]: the nodes of an index that a view is drawn from.
+//! - [`view`]: the camera, f64. [`light`]: where light comes from. [`cut`]: the nodes of an index that a view is drawn from.
 //! - [`gpu`]: Vulkan, and nothing about points. [`graph`]: passes in order, with the barriers that they need. [`shader`]: the shaders as
 //!   Rust structs, generated from their SPIR-V.
 //! - [`loader`]: a thread that reads nodes of an index. [`resident`]: the nodes on the device, in pages of one size.
@@ -20,7 +20,7 @@
 //! A picture, from a file, without the program:
 //!
 //! ```no_run
-//! use pointillist::{cloud, frame, gpu, graph, look, passes, picture, progress::Silent, resident::Resident, view};
+//! use pointillist::{cloud, frame, gpu, graph, look, picture, progress::Silent, resident::Resident, view};
 //!
 //! # fn main() -> pointillist::error::Result<()> {
 //! let options = cloud::ReadOptions { wanted: cloud::Wanted { rgb: true, ..Default::default() }, strict: false };
@@ -31,7 +31,7 @@
 //!
 //! let mut gpu = graph::Gpu::open(&gpu::Wish::default())?;
 //! let resident = Resident::fill(&mut gpu, cloud, shown, &Silent)?;
-//! let look = look::decide(&look::Wishes::default(), &passes::Scene { view: &view, points: resident.points });
+//! let look = look::decide(&look::Wishes::default(), &view, &resident);
 //!
 //! let mut g = graph::Graph::new(&mut gpu);
 //! let outcome = frame::record(&mut g, &view, &resident, &look)?;
@@ -54,6 +54,7 @@ pub mod frame;
 pub mod gpu;
 pub mod graph;
 pub mod index;
+pub mod light;
 pub mod loader;
 pub mod look;
 pub mod passes;

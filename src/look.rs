@@ -1,7 +1,10 @@
 //! What the user asked for + what the scene calls for -> the look of this frame, with reasons.
 
+use crate::light::Light;
 use crate::passes::project::Precision;
 use crate::passes::{Decided, Effects, Scene, Switch, resolve};
+use crate::resident::Resident;
+use crate::view::View;
 
 /// How points become a picture: which effects may run when nothing is said of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -29,6 +32,7 @@ impl Effects {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wishes {
     pub effects: Effects,
+    pub light: Light,
     /// sRGB.
     pub background: [u8; 3],
     pub precision: Precision,
@@ -43,7 +47,7 @@ impl Wishes {
 
 impl Default for Wishes {
     fn default() -> Self {
-        Wishes { effects: Effects::default(), background: crate::config::BACKGROUND, precision: Precision::Auto }
+        Wishes { effects: Effects::default(), light: Light::default(), background: crate::config::BACKGROUND, precision: Precision::Auto }
     }
 }
 
@@ -52,15 +56,17 @@ impl Default for Wishes {
 pub struct Look {
     pub effects: Effects,
     pub decided: Decided,
+    pub light: Light,
     /// Linear.
     pub background: [f32; 3],
     pub precision: Precision,
 }
 
-pub fn decide(wishes: &Wishes, scene: &Scene) -> Look {
+pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
     Look {
         effects: wishes.effects.clone(),
-        decided: wishes.effects.decide(scene),
+        decided: wishes.effects.decide(&Scene::of(view, resident, wishes.light)),
+        light: wishes.light,
         background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
         precision: wishes.precision,
     }

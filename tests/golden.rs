@@ -7,7 +7,7 @@ use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::gpu::Wish;
 use pointillist::graph::{Gpu, Graph};
 use pointillist::look::{self, Style, Wishes};
-use pointillist::passes::{Effects, Scene};
+use pointillist::passes::Effects;
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
 use pointillist::view::{Camera, Preset, View};
@@ -33,7 +33,7 @@ fn check_style(style: Style, name: &str, attribute: Attribute, effects: &str, pr
     let mut wishes = Wishes { effects: Effects::of(style), ..Wishes::default() };
     effects.split_whitespace().for_each(|effect| wishes.effects.set(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
-    let look = look::decide(&wishes, &Scene { view: &view, points: resident.points });
+    let look = look::decide(&wishes, &view, &resident);
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
     let download = g.download(&outcome.picture);

@@ -15,6 +15,7 @@ use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
 use pointillist::error::Error;
 use pointillist::graph::Graph;
 use pointillist::index::{self, pack};
+use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes::project::{Band, Precision};
 use pointillist::passes::{Scene, Switch, composite, edl, resolve};
@@ -86,7 +87,7 @@ fn resolved(cloud: &Cloud, attribute: Attribute, view: &View, settings: &edl::Se
         let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
         let layers = resolved.layers(&mut g, view, &resident).unwrap();
         let [depth, index, color] = [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image));
-        let layers = edl::record(&mut g, view, settings, layers);
+        let layers = edl::record(&mut g, &Scene::of(view, &resident, Light::default()), settings, layers);
         let lit = g.download(&layers.color);
         let picture = composite::record(&mut g, view, BACKGROUND, &layers);
         let picture = g.download(&picture);
@@ -230,7 +231,7 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
             let resident = Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
             let mut wishes = bare();
             wishes.effects.edl.switch = Switch::On;
-            let look = look::decide(&wishes, &Scene { view: &view, points: 1000 });
+            let look = look::decide(&wishes, &view, &resident);
             let mut g = Graph::new(gpu);
             g.without_barriers = true;
             let outcome = pointillist::frame::record(&mut g, &view, &resident, &look).unwrap();

@@ -5,7 +5,7 @@
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::graph::{Gpu, Graph, Handle};
 use pointillist::look::{self, Wishes};
-use pointillist::passes::{EFFECTS, Scene};
+use pointillist::passes::EFFECTS;
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
 use pointillist::view::{Camera, Preset, View};
@@ -22,7 +22,7 @@ fn plan_with(effects: &[&str]) -> String {
     let mut wishes = Wishes::default();
     effects.iter().for_each(|effect| wishes.effects.set(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
-    let look = look::decide(&wishes, &Scene { view: &view, points: resident.points });
+    let look = look::decide(&wishes, &view, &resident);
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
     let text = g.plan(&[outcome.picture.resource()]).to_string();

@@ -13,7 +13,7 @@ use pointillist::graph::{Gpu, Graph};
 use pointillist::index::file::{Index, Plane};
 use pointillist::loader::{Answer, Destination, Loader, Outcome, Wish};
 use pointillist::look::{self, Wishes};
-use pointillist::passes::{Scene, Switch};
+use pointillist::passes::Switch;
 use pointillist::progress::Silent;
 use pointillist::resident::residency::{Residency, Update};
 use pointillist::resident::{Resident, pool::PAGE_BYTES};
@@ -89,7 +89,7 @@ type Picture = (Vec<u32>, Vec<u32>, Vec<[u32; 4]>);
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Picture {
     let mut wishes = Wishes::points();
     wishes.effects.edl.switch = Switch::Off;
-    let look = look::decide(&wishes, &Scene { view, points: resident.points });
+    let look = look::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
     let [depth, index, picture] = [&outcome.layers.depth, &outcome.layers.index, &outcome.picture].map(|image| g.download(image));

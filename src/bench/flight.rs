@@ -12,7 +12,6 @@ use crate::gpu::Wish;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::index::file::{Index, Plane};
 use crate::look::{self, Wishes};
-use crate::passes::Scene;
 use crate::progress::Progress;
 use crate::resident::pool::PAGE_BYTES;
 use crate::resident::{Residency, residency::Update};
@@ -107,7 +106,7 @@ fn fly(gpu: &mut Gpu, index: &Arc<Index>, plan: &Plan, size: [u32; 2], progress:
         let update = residency.update(gpu, &view, &detail)?;
         updates.push(milliseconds(began));
         let resident = residency.resident();
-        let look = look::decide(&Wishes::default(), &Scene { view: &view, points: resident.points });
+        let look = look::decide(&Wishes::default(), &view, resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, &view, resident, &look)?;
         let statistics = outcome.statistics;

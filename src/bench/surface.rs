@@ -11,7 +11,6 @@ use crate::frame;
 use crate::gpu::Wish;
 use crate::graph::{Gpu, Graph, Handle, Kind, Tiles};
 use crate::look::{self, Wishes};
-use crate::passes::Scene;
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::shader;
@@ -120,7 +119,7 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, effects: &[&str], passes: &[&str]) -> Result<BTreeMap<String, f64>> {
     let mut wishes = Wishes::default();
     effects.iter().for_each(|effect| wishes.effects.set(effect).expect("a constant above"));
-    let look = look::decide(&wishes, &Scene { view, points: resident.points });
+    let look = look::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let mut wanted = vec![outcome.layers.depth.resource(), outcome.picture.resource()];

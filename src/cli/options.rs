@@ -9,6 +9,7 @@ use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::gpu::Wish;
 use crate::index::cache;
+use crate::light::Light;
 use crate::look::{Style, Wishes};
 use crate::passes::Effects;
 use crate::passes::project::Precision;
@@ -36,6 +37,9 @@ pub struct PictureOptions {
     /// How points become a picture
     #[arg(long, value_enum, default_value_t)]
     pub style: Style,
+    /// Where light comes from: headlight; direction:X,Y,Z, the way in which it travels; position:X,Y,Z, metres; both in the world
+    #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
+    pub light: Light,
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
@@ -158,7 +162,7 @@ impl PictureOptions {
         for text in &self.effect {
             effects.set(text).map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
         }
-        Ok(Wishes { effects, background: self.background.0, precision: Precision::Auto })
+        Ok(Wishes { effects, light: self.light, background: self.background.0, precision: Precision::Auto })
     }
 
     /// The columns to read for what the points are to show.

@@ -7,7 +7,7 @@ use crate::frame::{self, Outcome};
 use crate::graph::{Buffer, Frame, Gpu, Graph};
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
-use crate::passes::{Effects, Scene, project::Statistics};
+use crate::passes::{Effects, project::Statistics};
 use crate::picture::{self, Samples};
 use crate::progress::Progress;
 use crate::resident::Resident;
@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     stages.done("load");
     let resident = brought.resident();
-    let look = look::decide(&wishes, &Scene { view: &view, points: resident.points });
+    let look = look::decide(&wishes, &view, resident);
 
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, resident, &look)?;
@@ -228,6 +228,7 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
         drawn.position_bytes as f64 / drawn.points_drawn.max(1) as f64,
         drawn.quantisation_px,
     );
+    text += &format!("light: {}\n", look.light);
     for (name, reason) in &look.decided.0 {
         text += &format!("{name}: {}, because {}\n", if reason.runs { "on" } else { "off" }, reason.why);
     }
@@ -254,6 +255,7 @@ fn explain_json(
         "size": facts.view.size,
         "drawn": drawn,
         "index": facts.taken,
+        "light": look.light,
         "effects": effects,
         "tiles": counts,
         "settings": look.effects,

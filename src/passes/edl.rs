@@ -3,7 +3,7 @@
 use super::{Decided, Layers, Reason, Scene, Setting, Value};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, edl::Push, edl::Spec};
-use crate::view::{Projection, View};
+use crate::view::Projection;
 
 pub const SUMMARY: &str = "eye-dome lighting: darkens what stands behind its neighbours, so that shape shows without normals";
 
@@ -42,7 +42,8 @@ pub fn called_for(scene: &Scene, _settings: &Settings, before: &Decided) -> Reas
     }
 }
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
     let mut lit = g.image("lit", view.size, Kind::Rgba32f);
     let push = Push {
         size: view.size,

@@ -80,7 +80,8 @@ pub fn called_for(scene: &Scene, settings: &Settings, before: &Decided) -> Reaso
 /// Largest kernel of visibility.
 const WIDEST: f64 = 31.0;
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
     match settings.method {
         Method::Pintus => {}
         Method::Splat => return splat::record(g, view, settings, layers),

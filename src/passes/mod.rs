@@ -7,6 +7,8 @@ pub mod project;
 pub mod resolve;
 
 use crate::graph::{Buffer, Graph, Image};
+use crate::light::Light;
+use crate::resident::Resident;
 use crate::view::View;
 
 /// What the screen-space passes hand on.
@@ -57,10 +59,19 @@ pub enum Switch {
     Auto,
 }
 
-/// What effects decide by.
+/// What effects decide by, and work on.
 pub struct Scene<'s> {
     pub view: &'s View,
+    pub light: Light,
     pub points: u64,
+    /// How far apart points are, metres; 0 where nobody knows.
+    pub spacing_m: f64,
+}
+
+impl<'s> Scene<'s> {
+    pub fn of(view: &'s View, resident: &Resident, light: Light) -> Scene<'s> {
+        Scene { view, light, points: resident.points, spacing_m: resident.spacing_m() }
+    }
 }
 
 /// Why an effect runs, or does not.
@@ -120,9 +131,9 @@ macro_rules! effects {
         }
 
         /// Every effect that runs, in order.
-        pub fn apply(g: &mut Graph, view: &View, effects: &Effects, decided: &Decided, mut layers: Layers) -> Layers {
+        pub fn apply(g: &mut Graph, scene: &Scene, effects: &Effects, decided: &Decided, mut layers: Layers) -> Layers {
             $(if decided.runs(stringify!($name)) {
-                layers = $name::record(g, view, &effects.$name.settings, layers);
+                layers = $name::record(g, scene, &effects.$name.settings, layers);
             })*
             layers
         }

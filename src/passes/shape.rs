@@ -6,7 +6,7 @@
 use super::{Decided, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
-use crate::view::{Projection, View};
+use crate::view::Projection;
 
 pub const SUMMARY: &str = "shades by shape: lines at creases, light on what faces the viewer, without normals";
 
@@ -77,7 +77,8 @@ fn rings(levels: u32) -> [i32; 2] {
     [shaded, shaded + levels.saturating_sub(2).div_ceil(TILE_PX)].map(|rings| rings as i32)
 }
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
     let (size, across) = (view.size, tiles(view.size));
     let count = across[0] * across[1];
     let perspective = view.camera.projection == Projection::Perspective;

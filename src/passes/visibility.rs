@@ -80,7 +80,8 @@ pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Rea
     }
 }
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
     let Layers { mut depth, raw, mut index, mut color, spacings, spacing_px, lit, .. } = layers;
     let across = tiles(view.size);
     let count = across[0] * across[1];

@@ -166,6 +166,19 @@ impl Resident {
         addresses.chain(self.nodes.is_empty().then_some([0; 2])).collect()
     }
 
+    /// How far apart points are, metres: in the node that the middle one is in, from dense nodes to sparse ones; 0 where there are none.
+    pub fn spacing_m(&self) -> f64 {
+        let mut nodes: Vec<(f64, u64)> = self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect();
+        nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let points: u64 = nodes.iter().map(|(_, count)| count).sum();
+        let mut before = 0;
+        let middle = nodes.iter().find(|(_, count)| {
+            before += count;
+            2 * before >= points
+        });
+        middle.map_or(0.0, |(spacing, _)| *spacing)
+    }
+
     /// Bytes of the pages in use.
     pub fn bytes(&self) -> u64 {
         PAGE_BYTES * self.pool.pages.used as u64

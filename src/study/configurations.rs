@@ -15,7 +15,6 @@ use crate::error::Result;
 use crate::frame;
 use crate::graph::{Frame, Gpu, Graph, Handle};
 use crate::look::{self, Wishes};
-use crate::passes::Scene as Seen;
 use crate::passes::counts::{self, Counts};
 use crate::progress::Progress;
 use crate::resident::Resident;
@@ -182,7 +181,7 @@ fn measured<Q: Question>(gpu: &mut Gpu, case: &Case, rounds: usize, progress: &d
 }
 
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
-    let look = look::decide(wishes, &Seen { view, points: resident.points });
+    let look = look::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
@@ -204,7 +203,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
 
 /// Milliseconds of the passes after the last that is called like one of `after`.
 fn time(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes, after: &[&str]) -> Result<f64> {
-    let look = look::decide(wishes, &Seen { view, points: resident.points });
+    let look = look::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let layers = frame::record(&mut g, view, resident, &look)?.layers;
     let wanted = [&layers.depth, &layers.index, &layers.color].into_iter().chain(&layers.lit).map(Handle::resource).collect::<Vec<_>>();

@@ -17,7 +17,7 @@ use crate::graph::{Gpu, Graph, Handle};
 use crate::look::{self, Wishes};
 use crate::passes::project;
 use crate::passes::resolve::linear_to_srgb;
-use crate::passes::{Scene as Shot, Switch};
+use crate::passes::Switch;
 use crate::progress::Progress;
 use crate::resident::{Residency, Resident};
 use crate::synth::{Scene, World};
@@ -197,7 +197,7 @@ pub struct Drawing {
 pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> {
     let mut wishes = Wishes::points();
     wishes.effects.edl.switch = Switch::Off;
-    let look = look::decide(&wishes, &Shot { view, points: resident.points });
+    let look = look::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let picture = g.download(&outcome.picture);

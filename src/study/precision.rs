@@ -16,7 +16,7 @@ use crate::frame;
 use crate::graph::{Gpu, Graph};
 use crate::look::{self, Wishes};
 use crate::passes::project::{Precision, Statistics};
-use crate::passes::{Scene as Seen, Switch};
+use crate::passes::Switch;
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::synth::{self, Scene, World};
@@ -153,7 +153,7 @@ struct Drawing {
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, precision: Precision) -> Result<Drawing> {
     let mut wishes = Wishes { precision, ..Wishes::points() };
     wishes.effects.edl.switch = Switch::Off;
-    let look = look::decide(&wishes, &Seen { view, points: resident.points });
+    let look = look::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));

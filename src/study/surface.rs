@@ -14,7 +14,6 @@ use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph};
 use crate::look::{self, Wishes};
-use crate::passes::Scene as Seen;
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::view::View;
@@ -139,7 +138,7 @@ impl Drawing {
 }
 
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
-    let look = look::decide(wishes, &Seen { view, points: resident.points });
+    let look = look::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));

@@ -9,6 +9,7 @@ use pointillist::config::NO_POINT;
 use pointillist::frame;
 use pointillist::gpu::Wish;
 use pointillist::graph::{Buffer, Frame, Gpu, Graph};
+use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Statistics};
@@ -82,7 +83,7 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> Layers {
     with(way, |gpu| {
         let (shown, _) = Shown::automatic(cloud);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).expect("resident");
-        let look = look::decide(wishes, &Scene { view, points: resident.points });
+        let look = look::decide(wishes, view, &resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &look).expect("recorded");
         let images = [&outcome.layers.depth, &outcome.layers.index, &outcome.layers.color, &outcome.picture];
@@ -151,6 +152,7 @@ impl Canvas<'_> {
     }
 
     pub fn draw(&mut self, view: &View, keys: &[[u32; 2]], effects: &Effects) -> Surface {
+        let scene = Scene::of(view, &self.resident, Light::default());
         let mut g = Graph::new(self.gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &self.resident).unwrap();
@@ -162,15 +164,15 @@ impl Canvas<'_> {
         let raw = keep(&mut g, &layers);
         let (mut seen, mut filled) = (None, None);
         if effects.visibility.switch != Switch::Off {
-            layers = visibility::record(&mut g, view, &effects.visibility.settings, layers);
+            layers = visibility::record(&mut g, &scene, &effects.visibility.settings, layers);
             seen = Some(keep(&mut g, &layers));
         }
         if effects.fill.switch != Switch::Off {
-            layers = fill::record(&mut g, view, &effects.fill.settings, layers);
+            layers = fill::record(&mut g, &scene, &effects.fill.settings, layers);
             filled = Some(keep(&mut g, &layers));
         }
         if effects.shape.switch != Switch::Off {
-            layers = shape::record(&mut g, view, &effects.shape.settings, layers);
+            layers = shape::record(&mut g, &scene, &effects.shape.settings, layers);
         }
         let lit = layers.lit.as_ref().map(|lit| g.download(lit));
         let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &layers);

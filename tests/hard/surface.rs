@@ -3,6 +3,7 @@
 use crate::gpu::{CANVAS_POINTS, Canvas, Layers, Random, Stage, Way, canvas, draw, orthographic, perspective, random_keys};
 use glam::DVec3;
 use pointillist::config::NO_POINT;
+use pointillist::light::Light;
 use pointillist::look::Wishes;
 use pointillist::passes::{EFFECTS, Effects, Scene, fill, shape, visibility};
 use pointillist::progress::Silent;
@@ -287,7 +288,7 @@ fn hard_00_nothing_that_is_no_number() {
 #[test]
 fn hard_00_surfaces_are_part_of_every_picture() {
     let view = views([16, 16])[0];
-    let decided = Wishes::default().effects.decide(&Scene { view: &view, points: 1000 });
+    let decided = Wishes::default().effects.decide(&Scene { view: &view, light: Light::default(), points: 1000, spacing_m: 0.01 });
     assert!(["visibility", "fill", "shape"].iter().all(|effect| decided.runs(effect)), "{decided:?}");
 }
 

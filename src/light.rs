@@ -1,0 +1,92 @@
+//! Where light comes from: with the camera, from far away, or from a place; world, f64.
+
+use glam::DVec3;
+use serde::Serialize;
+
+/// One light, white. Shading and shadows ask it where it stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Light {
+    /// At the camera's eye; with a camera without perspective, along its view.
+    #[default]
+    Headlight,
+    /// From infinitely far: the way in which it travels, world, any length but 0.
+    Direction(DVec3),
+    /// At a place: world, metres.
+    Position(DVec3),
+}
+
+impl std::str::FromStr for Light {
+    type Err = String;
+
+    /// `headlight`, `direction:X,Y,Z` or `position:X,Y,Z`.
+    fn from_str(text: &str) -> Result<Light, String> {
+        let wrong = || format!("{text:?} is not headlight, direction:X,Y,Z or position:X,Y,Z");
+        if text == "headlight" {
+            return Ok(Light::Headlight);
+        }
+        let (kind, numbers) = text.split_once(':').ok_or_else(wrong)?;
+        let numbers: Vec<f64> = numbers.split(',').map(|number| number.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
+        let &[x, y, z] = &numbers[..] else { return Err(wrong()) };
+        let place = DVec3::new(x, y, z);
+        match kind {
+            _ if !place.is_finite() => Err(format!("{text:?} has a number that is not finite")),
+            // Its square must be a number that a division survives.
+            "direction" => place
+                .try_normalize()
+                .map(|_| Light::Direction(place))
+                .ok_or(format!("{text:?} is no direction: its length is 0 or beyond all measure")),
+            "position" => Ok(Light::Position(place)),
+            _ => Err(wrong()),
+        }
+    }
+}
+
+impl std::fmt::Display for Light {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (kind, place) = match self {
+            Light::Headlight => return write!(f, "headlight"),
+            Light::Direction(direction) => ("direction", direction),
+            Light::Position(position) => ("position", position),
+        };
+        write!(f, "{kind}:{},{},{}", place.x, place.y, place.z)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_light_is_what_it_is_written_as() {
+        let direction = Light::Direction(DVec3::new(1.0, -2.5, -1e-3));
+        let position = Light::Position(DVec3::new(500_000.125, 5_000_000.0625, 100.0));
+        for light in [Light::Headlight, direction, position] {
+            assert_eq!(light.to_string().parse(), Ok(light));
+        }
+        assert_eq!("direction: 0, 0, -1".parse(), Ok(Light::Direction(DVec3::NEG_Z)));
+    }
+
+    #[test]
+    fn what_is_no_light_is_refused_with_its_words() {
+        let bad = [
+            "",
+            "sun",
+            "direction",
+            "direction:",
+            "direction:1,2",
+            "direction:1,2,3,4",
+            "direction:1,2,x",
+            "direction:0,0,0",
+            "direction:1e-200,0,0",
+            "direction:1e200,0,0",
+            "position:1,2,inf",
+            "position:nan,0,0",
+            "torch:1,2,3",
+        ];
+        for text in bad {
+            let said = text.parse::<Light>().expect_err(text);
+            assert!(said.contains(&format!("{text:?}")), "{said}");
+        }
+    }
+}
