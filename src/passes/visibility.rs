@@ -82,7 +82,7 @@ pub fn called_for(scene: &Scene, _settings: &Settings, _before: &Decided) -> Rea
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let view = scene.view;
-    let Layers { mut depth, raw, mut index, mut color, spacings, spacing_px, lit, .. } = layers;
+    let Layers { mut depth, raw, mut index, mut color, spacings, spacing_px, marks, lit, .. } = layers;
     let across = tiles(view.size);
     let count = across[0] * across[1];
     let stride = LIST_HEADER + count;
@@ -155,7 +155,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
         Tiles::From(&lists, holes_at),
     );
-    Layers { depth, raw, index, color, spacings, spacing_px, holes: Some(Holes { lists, at: holes_at, kernel: Kernel::of(most_list, settings).width() }), lit }
+    Layers { depth, raw, index, color, spacings, spacing_px, holes: Some(Holes { lists, at: holes_at, kernel: Kernel::of(most_list, settings).width() }), marks, lit }
 }
 
 /// The list of the least kernel that is at least so wide, or of the widest; as in glsl/assign.comp.
