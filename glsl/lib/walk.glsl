@@ -5,9 +5,14 @@ uvec4 four_words(uint i) {
     return TEXELS ? imageLoad(pages, int(i)) : page_words.four[i];
 }
 
+// Of those that are listed.
+#ifndef CHUNKS_TO_WALK
+#define CHUNKS_TO_WALK push.chunk_count
+#endif
+
 void main() {
     uint index = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
-    if (index >= push.chunk_count) return;
+    if (index >= CHUNKS_TO_WALK) return;
     uint chunk = chunks.chunk[push.first_chunk + index];
     uint n = chunk / CHUNKS_PER_PAGE;
     uint first = chunk % CHUNKS_PER_PAGE * POINTS_PER_CHUNK;

@@ -6,13 +6,14 @@
 //!         light_depth   keys -> depth
 //!         light_fill    closes gaps that light would fall through
 //!         light_limit   depth -> how deep light reaches: depth + layer / <v, n>
-//!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper
+//!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
 //!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour
 //! ```
 //! A mark is a byte, by point id, and does not depend on the camera. Points have no normals: the slope of the surface comes from the light's own depths.
 
 mod cameras;
 pub mod disc;
+mod peel;
 
 use super::project::{self, Band, Drawn, Precision};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
@@ -22,12 +23,14 @@ use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::resident::Resident;
 use crate::shader::{self, light_depth, light_fill, light_limit, shadow_depth};
 use crate::view::{Projection, View};
+use glam::DVec3;
 use std::f64::consts::SQRT_2;
 
 pub const SUMMARY: &str = "shadows of a light: of --light, or of a sun where that is a headlight";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
+    pub method: Method,
     /// Places on the light; 1: its middle, a hard shadow.
     pub samples: f64,
     pub pattern: disc::Pattern,
@@ -41,13 +44,26 @@ pub struct Settings {
     pub layer: f64,
     /// Gaps in the light's picture that are closed, texels.
     pub fill: f64,
+    /// Passes of index peeling at most.
+    pub peels: f64,
     /// The least <v, n>: beyond this cosine of the angle to the light surfaces count as no steeper.
     pub limit: f64,
 }
 
+/// How points that light reaches are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Every point is compared with the light's depth.
+    #[default]
+    Depth,
+    /// Points are peeled off the light's picture, one a texel at a time.
+    Index,
+}
+
 impl Default for Settings {
     fn default() -> Self {
-        Settings { samples: 1.0, pattern: disc::Pattern::Stratified, radius: 0.5, size: 0.0, ambient: 0.35, layer: 0.0, fill: 2.0, limit: 0.2 }
+        Settings { method: Method::Depth, samples: 1.0, pattern: disc::Pattern::Stratified, radius: 0.5, size: 0.0, ambient: 0.35, layer: 0.0, fill: 2.0, peels: 64.0, limit: 0.2 }
     }
 }
 
@@ -55,6 +71,7 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
+            Setting { name: "method", about: "how points that light reaches are found", value: Value::Choice(&mut self.method) },
             Setting { name: "samples", about: "places on the light; 1: hard shadows", value: number(&mut self.samples, 1.0..=255.0) },
             Setting { name: "pattern", about: "how they are spread", value: Value::Choice(&mut self.pattern) },
             Setting { name: "radius", about: "of the light: degrees of one far away, metres of one at a place", value: number(&mut self.radius, 0.0..=1e6) },
@@ -62,6 +79,7 @@ impl super::Settings for Settings {
             Setting { name: "ambient", about: "what is left of a colour in full shadow", value: number(&mut self.ambient, 0.0..=1.0) },
             Setting { name: "layer", about: "depth of a surface, metres; 0: as little as keeps surfaces from shading themselves", value: number(&mut self.layer, 0.0..=1e9) },
             Setting { name: "fill", about: "width of gaps that light does not fall through, texels", value: number(&mut self.fill, 0.0..=16.0) },
+            Setting { name: "peels", about: "passes of method=index at most: points of a texel that can be lit", value: number(&mut self.peels, 1.0..=4096.0) },
             Setting { name: "limit", about: "least cosine of the angle between light and surface", value: number(&mut self.limit, 0.01..=1.0) },
         ]
     }
@@ -111,8 +129,7 @@ impl std::fmt::Display for Facts {
 /// Marks of all points of the frame; none where shadows do not run.
 pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effects, decided: &Decided) -> Result<Option<Marks>> {
     let settings = &effects.shadows.settings;
-    let bounds = resident.nodes.iter().map(|node| node.bounds()).reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
-    let Some(bounds) = bounds.filter(|_| decided.runs("shadows")) else { return Ok(None) };
+    let Some(bounds) = bounds(resident).filter(|_| decided.runs("shadows")) else { return Ok(None) };
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
     if bytes > g.binding_limit() {
         return Err(Error::Request(format!(
@@ -135,30 +152,47 @@ pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effect
             facts = Facts { pictures: cameras.len() as u32, size: first.size, texel_m, layer_m: layer.metres + layer.texels * texel_m, ..facts };
         }
         for camera in &cameras {
-            let drawn = project::draw(g, camera, resident, Precision::Auto)?;
-            let limit = limits(g, camera, &drawn, &Layer::new(camera, bounds, settings));
-            by_depth(g, camera, &drawn, &limit, &mut counts);
+            cast(g, camera, resident, settings, &mut counts)?;
         }
     }
     Ok(Some(Marks { counts, facts }))
 }
 
+/// World corners of all points.
+fn bounds(resident: &Resident) -> Option<(DVec3, DVec3)> {
+    resident.nodes.iter().map(|node| node.bounds()).reduce(|(a, b), (c, d)| (a.min(c), b.max(d)))
+}
+
+/// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches.
+pub fn cast(g: &mut Graph, camera: &View, resident: &Resident, settings: &Settings, marks: &mut Buffer) -> Result<Reached> {
+    let drawn = project::draw(g, camera, resident, Precision::Auto)?;
+    let keys = project::record(g, camera, &drawn, Band { top: 0, size: camera.size });
+    let layer = Layer::new(camera, bounds(resident).unwrap_or_default(), settings);
+    let reached = reach(g, camera, &keys, &layer);
+    match settings.method {
+        Method::Depth => by_depth(g, camera, &drawn, &reached.limit, marks),
+        Method::Index => peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, marks),
+    }
+    Ok(reached)
+}
+
 /// How far behind what the light sees a point still belongs to it.
-struct Layer {
-    perspective: bool,
+#[derive(Clone, Copy, Debug)]
+pub struct Layer {
+    pub perspective: bool,
     /// Side of a texel: metres, or with perspective parts of the depth.
-    texel: f64,
+    pub texel: f64,
     /// Across the surface: metres, and sides of a texel.
-    metres: f64,
-    texels: f64,
+    pub metres: f64,
+    pub texels: f64,
     /// Tangent of the steepest angle to the light.
-    steepest: f64,
-    fill: u32,
+    pub steepest: f64,
+    pub fill: u32,
 }
 
 impl Layer {
     /// HARD_CASES 13: sqrt(2) sides of a texel and a quantum, twice the sides where masks fill from neighbours.
-    fn new(camera: &View, bounds: (glam::DVec3, glam::DVec3), settings: &Settings) -> Layer {
+    pub fn new(camera: &View, bounds: (DVec3, DVec3), settings: &Settings) -> Layer {
         let fill = settings.fill as u32;
         let farthest = camera.depths(bounds).map_or(0.0, |(_, farthest)| farthest);
         // A depth is eight roundings off at most, and two depths are compared; positions are quantised far below.
@@ -173,12 +207,19 @@ impl Layer {
     }
 }
 
-/// How deep light reaches, in every texel.
-fn limits(g: &mut Graph, camera: &View, drawn: &Drawn, layer: &Layer) -> Image {
+/// Of every texel of a light's picture.
+pub struct Reached {
+    /// What the light sees, gaps closed; infinite where nothing is.
+    pub depth: Image,
+    /// How deep it reaches.
+    pub limit: Image,
+}
+
+/// Keys of the light's picture -> how deep it reaches.
+pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reached {
     let size = camera.size;
-    let keys = project::record(g, camera, drawn, Band { top: 0, size });
     let [mut depth, mut filled, mut limit] = ["light depth", "light filled", "light limit"].map(|name| g.image(name, size, Kind::R32f));
-    g.run(shader::LightDepth { keys: &keys, depth: &mut depth, push: light_depth::Push { size } }, Tiles::All);
+    g.run(shader::LightDepth { keys, depth: &mut depth, push: light_depth::Push { size } }, Tiles::All);
     let (texel, metres, texels, steepest) = (layer.texel as f32, layer.metres as f32, layer.texels as f32, layer.steepest as f32);
     for _ in 0..layer.fill {
         let push = light_fill::Push { size, texel, layer: metres, layer_px: texels, steepest };
@@ -189,7 +230,7 @@ fn limits(g: &mut Graph, camera: &View, drawn: &Drawn, layer: &Layer) -> Image {
     let push = light_limit::Push { size, texel, layer: metres, layer_px: texels, steepest };
     let spec = light_limit::Spec { perspective: layer.perspective };
     g.run(shader::LightLimit { depth: &depth, limit: &mut limit, push, spec }, Tiles::All);
-    limit
+    Reached { depth, limit }
 }
 
 /// A sample more for every point that lies no deeper than its texel's limit.

@@ -8,6 +8,7 @@ pub mod edl;
 pub mod fill;
 pub mod points;
 pub mod project;
+pub mod shadows;
 pub mod shape;
 pub mod visibility;
 
