@@ -7,8 +7,10 @@ use gpu::{Random, Way, bumpy, cloud, orthographic, part, perspective, random_key
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::POINTS_PER_PAGE;
-use pointillist::graph::Graph;
+use pointillist::frame;
+use pointillist::graph::{Gpu, Graph};
 use pointillist::light::Light;
+use pointillist::look::{self, Wishes};
 use pointillist::passes::project::Precision;
 use pointillist::passes::shadows::{self, Facts, Layer, Method, Settings, disc};
 use pointillist::passes::{Effects, Scene, Switch};
@@ -323,10 +325,10 @@ fn marks_agree_with_f64() {
             let view = View::new(camera, [331, 257]).unwrap();
             let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), &Silent).unwrap();
             let mut g = Graph::new(gpu);
-            let mut counts = g.buffer("marks", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
-            g.fill(&mut counts, 0);
-            let reached = shadows::cast(&mut g, &view, &resident, &Settings::default(), &mut counts).unwrap();
-            let (counts, limit) = (g.download_buffer(&counts), g.download(&reached.limit));
+            let counts = g.buffer("marks", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
+            let mut tally = shadows::Tally::new(&mut g, counts);
+            let reached = shadows::cast(&mut g, &view, &resident, &Settings::default(), &mut tally).unwrap();
+            let (counts, limit) = (g.download_buffer(&tally.marks), g.download(&reached.limit));
             let frame = g.submit(&[]).unwrap();
             let (counts, limit): (&[u8], &[f32]) = (frame.read(&counts), frame.read(&limit));
             let source = project::Source::new(&cloud.parts[0], &view, Precision::Auto, DVec3::ZERO);
@@ -357,4 +359,45 @@ fn marks_agree_with_f64() {
             resident.free(gpu);
         });
     }
+}
+
+/// Light passes run when the light, the nodes or a setting has changed, and not otherwise; and what is kept is what was computed.
+#[test]
+fn marks_are_kept_while_light_and_nodes_stay() {
+    let cloud = Ring::new().cloud(20_000);
+    let sun = Light::Direction(DVec3::new(0.5, 0.3, -0.8));
+    gpu::with(Way::Compute64, |gpu| {
+        let shown = Shown::new(Attribute::White, &cloud);
+        let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
+        let view = |preset| View::new(Camera::framing(preset, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
+        let mut wishes = Wishes { light: sun, ..Wishes::points() };
+        wishes.effects.set("shadows=on").unwrap();
+        let mut draw = |gpu: &mut Gpu, resident: &Resident, preset: Preset, wishes: &Wishes| {
+            let view = view(preset);
+            let look = look::decide(wishes, &view, resident);
+            let mut g = Graph::new(gpu);
+            let outcome = frame::record(&mut g, &view, resident, &look).unwrap();
+            let picture = g.download(&outcome.picture);
+            let frame = g.submit(&[]).unwrap();
+            let cast = frame.passes.iter().any(|(name, _)| name == "shadow_depth");
+            let picture: Vec<[u32; 4]> = frame.read(&picture).to_vec();
+            frame.shelve(gpu);
+            (cast, picture)
+        };
+        let (cast, first) = draw(gpu, &resident, Preset::Fit, &wishes);
+        assert!(cast, "the first frame casts");
+        assert_eq!(draw(gpu, &resident, Preset::Fit, &wishes), (false, first.clone()), "nothing has changed");
+        assert!(!draw(gpu, &resident, Preset::Iso, &wishes).0, "the camera is not the light");
+        let mut darker = wishes.clone();
+        darker.effects.set("shadows=on,ambient=0.1").unwrap();
+        assert!(!draw(gpu, &resident, Preset::Fit, &darker).0, "how dark shadows are is not what is in them");
+        assert!(draw(gpu, &resident, Preset::Fit, &Wishes { light: Light::Direction(DVec3::NEG_Z), ..wishes.clone() }).0, "another light");
+        assert_eq!(draw(gpu, &resident, Preset::Fit, &wishes), (true, first.clone()), "and back");
+        resident.nodes[0].count -= 1;
+        assert!(draw(gpu, &resident, Preset::Fit, &wishes).0, "another node");
+        resident.free(gpu);
+        let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
+        assert_eq!(draw(gpu, &resident, Preset::Fit, &wishes), (true, first), "another cloud, if with the same points");
+        resident.free(gpu);
+    });
 }

@@ -9,7 +9,7 @@
 //!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
 //!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour
 //! ```
-//! A mark is a byte, by point id, and does not depend on the camera. Points have no normals: the slope of the surface comes from the light's own depths.
+//! A mark is a byte, by point id, and does not depend on the camera: marks are kept while the light and the nodes stay, and then of all this only the last line runs. Points have no normals: the slope of the surface comes from the light's own depths.
 
 mod cameras;
 pub mod disc;
@@ -17,9 +17,10 @@ mod peel;
 
 use super::project::{self, Band, Drawn, Precision};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
-use crate::config::POINTS_PER_PAGE;
+use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::light::Light;
 use crate::resident::Resident;
 use crate::shader::{self, light_depth, light_fill, light_limit, shadow_depth};
 use crate::view::{Projection, View};
@@ -67,12 +68,15 @@ impl Default for Settings {
     }
 }
 
+/// A byte counts them, also where a point is on the corner of three of a cube's pictures.
+const MOST_SAMPLES: f64 = 64.0;
+
 impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
             Setting { name: "method", about: "how points that light reaches are found", value: Value::Choice(&mut self.method) },
-            Setting { name: "samples", about: "places on the light; 1: hard shadows", value: number(&mut self.samples, 1.0..=255.0) },
+            Setting { name: "samples", about: "places on the light; 1: hard shadows", value: number(&mut self.samples, 1.0..=MOST_SAMPLES) },
             Setting { name: "pattern", about: "how they are spread", value: Value::Choice(&mut self.pattern) },
             Setting { name: "radius", about: "of the light: degrees of one far away, metres of one at a place", value: number(&mut self.radius, 0.0..=1e6) },
             Setting { name: "size", about: "of the light's picture, texels; 0: from the spacing of the points", value: number(&mut self.size, 0.0..=4096.0) },
@@ -115,6 +119,18 @@ pub struct Facts {
     pub layer_m: f64,
 }
 
+impl Facts {
+    fn new(cameras: &[View], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
+        let samples = settings.samples as u32;
+        let Some(first) = cameras.first() else { return Facts { samples, ..Facts::default() } };
+        let layer = Layer::new(first, bounds, settings);
+        let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
+        let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
+        let layer_m = layer.metres + layer.texels * texel_m;
+        Facts { samples, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
+    }
+}
+
 impl std::fmt::Display for Facts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [width, height] = self.size;
@@ -131,31 +147,58 @@ pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effect
     let settings = &effects.shadows.settings;
     let Some(bounds) = bounds(resident).filter(|_| decided.runs("shadows")) else { return Ok(None) };
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
-    if bytes > g.binding_limit() {
+    if bytes.next_power_of_two() > g.binding_limit() {
         return Err(Error::Request(format!(
             "shadows mark {} nodes at once, and this device binds the marks of {} at most; draw fewer with --budget, or --effect shadows=off",
             resident.nodes.len(),
             g.binding_limit() / POINTS_PER_PAGE as u64
         )));
     }
-    let mut counts = g.buffer("marks", bytes);
-    g.fill(&mut counts, 0);
+    let (mut counts, kept) = g.kept("marks", bytes, made_of(scene, resident, settings))?;
     let wanted = cameras::Wanted { bounds, spacing_m: scene.spacing_m, radius: settings.radius, size: settings.size as u32 };
-    let samples = settings.samples as u32;
-    let mut facts = Facts { samples, ..Facts::default() };
-    for place in disc::places(samples, settings.pattern, 0) {
-        let cameras = cameras::cameras(scene.light, &wanted, place)?;
-        if let (0, Some(first)) = (facts.pictures, cameras.first()) {
-            let layer = Layer::new(first, bounds, settings);
-            let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
-            let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
-            facts = Facts { pictures: cameras.len() as u32, size: first.size, texel_m, layer_m: layer.metres + layer.texels * texel_m, ..facts };
+    let places = disc::places(settings.samples as u32, settings.pattern, 0);
+    let facts = Facts::new(&cameras::cameras(scene.light, &wanted, places[0])?, bounds, settings);
+    if !kept {
+        let mut tally = Tally::new(g, counts);
+        for place in places {
+            for camera in cameras::cameras(scene.light, &wanted, place)? {
+                cast(g, &camera, resident, settings, &mut tally)?;
+            }
         }
-        for camera in &cameras {
-            cast(g, camera, resident, settings, &mut counts)?;
-        }
+        counts = tally.marks;
     }
     Ok(Some(Marks { counts, facts }))
+}
+
+/// All that marks depend on.
+fn made_of(scene: &Scene, resident: &Resident, settings: &Settings) -> Vec<u64> {
+    let (kind, place) = match scene.light {
+        Light::Headlight => (0, SUN),
+        Light::Direction(direction) => (1, direction),
+        Light::Position(position) => (2, position),
+    };
+    // Of settings, all but how dark shadows are.
+    let Settings { method, samples, pattern, radius, size, ambient: _, layer, fill, peels, limit } = *settings;
+    let numbers = [place.x, place.y, place.z, samples, radius, size, layer, fill, peels, limit].map(f64::to_bits);
+    [kind, method as u64, pattern as u64].into_iter().chain(numbers).chain(resident.identity()).collect()
+}
+
+/// What is counted while shadows are cast.
+pub struct Tally {
+    /// A byte a point, by its id: how many samples of the light reach it.
+    pub marks: Buffer,
+    /// Texels that index peeling was cut off in.
+    pub unpeeled: Buffer,
+}
+
+impl Tally {
+    /// From nothing.
+    pub fn new(g: &mut Graph, marks: Buffer) -> Tally {
+        let mut tally = Tally { marks, unpeeled: g.buffer("unpeeled", 4) };
+        g.fill(&mut tally.marks, 0);
+        g.fill(&mut tally.unpeeled, 0);
+        tally
+    }
 }
 
 /// World corners of all points.
@@ -164,14 +207,14 @@ fn bounds(resident: &Resident) -> Option<(DVec3, DVec3)> {
 }
 
 /// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches.
-pub fn cast(g: &mut Graph, camera: &View, resident: &Resident, settings: &Settings, marks: &mut Buffer) -> Result<Reached> {
+pub fn cast(g: &mut Graph, camera: &View, resident: &Resident, settings: &Settings, tally: &mut Tally) -> Result<Reached> {
     let drawn = project::draw(g, camera, resident, Precision::Auto)?;
     let keys = project::record(g, camera, &drawn, Band { top: 0, size: camera.size });
     let layer = Layer::new(camera, bounds(resident).unwrap_or_default(), settings);
     let reached = reach(g, camera, &keys, &layer);
     match settings.method {
-        Method::Depth => by_depth(g, camera, &drawn, &reached.limit, marks),
-        Method::Index => peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, marks),
+        Method::Depth => by_depth(g, camera, &drawn, &reached.limit, &mut tally.marks),
+        Method::Index => peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, tally),
     }
     Ok(reached)
 }

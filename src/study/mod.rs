@@ -84,6 +84,7 @@ studies! {
     visibility, // what is hidden, and what is a hole
     fill,      // depths of holes
     shape,     // light without normals
+    shadows,   // which points the light reaches
 }
 
 /// Runs the named studies, or all.

@@ -21,7 +21,7 @@ pub struct Wanted {
     pub spacing_m: f64,
     /// Of the light's disc: half its angle in degrees where it is far away, metres where it is at a place.
     pub radius: f64,
-    /// Texels of the longer side of a picture; 0: as many as make a texel two spacings wide, in the middle of the cloud.
+    /// Texels of the longer side of a picture; 0: as many as make a texel two spacings wide; of a light at a place, where the cloud is nearest to it, or half as near as its middle.
     pub size: u32,
 }
 
@@ -42,7 +42,9 @@ pub fn cameras(light: Light, wanted: &Wanted, place: [f64; 2]) -> Result<Vec<Vie
 
 fn texels(asked: u32, extent: f64, texel: f64) -> f64 {
     match asked {
-        0 => (extent / texel).ceil().clamp(LEAST, MOST),
+        // Points that are all in one place have no spacing.
+        0 if texel > 0.0 => (extent / texel).ceil().clamp(LEAST, MOST),
+        0 => LEAST,
         size => size as f64,
     }
 }
@@ -83,7 +85,9 @@ fn near(position: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half:
         (0..8).map(|k| corner(k) - eye).fold(0.0f64, |most, p| most.max(p.dot(axis).abs() / p.dot(middle.forward).max(1e-9 * half.length())))
     };
     let across = [middle.right, middle.up].map(|axis| tangents(axis).max(1e-6));
-    let distance = (centre - eye).length().max(half.length());
+    // What is near is sparse in the light's picture.
+    let nearest = (eye.clamp(centre - half, centre + half) - eye).length();
+    let distance = nearest.max((centre - eye).length().max(half.length()) / 2.0);
     let texel = SPACINGS_PER_TEXEL * wanted.spacing_m / distance;
     if across[0].max(across[1]) <= 1.0 {
         let longer = across[0].max(across[1]);
