@@ -36,4 +36,5 @@ void meet(uint pixel, float depth, uint point) {
     }
 }
 
+#include "nearest.glsl"
 #include "walk.glsl"

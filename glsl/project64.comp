@@ -31,4 +31,5 @@ void meet(uint pixel, float depth, uint point) {
     atomicMin(keys.key[pixel], (uint64_t(floatBitsToUint(depth)) << 32) | uint64_t(point));
 }
 
+#include "nearest.glsl"
 #include "walk.glsl"

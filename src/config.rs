@@ -49,3 +49,6 @@ pub const SIZE: [u32; 2] = [1920, 1080];
 
 /// sRGB colour behind the points when nothing is asked for: dark enough for bright scans, light enough for dark ones.
 pub const BACKGROUND: [u8; 3] = [0x18, 0x1B, 0x20];
+
+/// The way in which the light of a sun travels that nobody has placed: from behind the left shoulder of who looks at a cloud as `--view fit` does, about 45 degrees high, so that shadows fall into the picture.
+pub const SUN: glam::DVec3 = glam::DVec3::new(0.3, 0.8, -0.8);

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::graph::{Graph, Image};
 use crate::look::Look;
-use crate::passes::{self, Layers, Scene, composite, normal, project, resolve};
+use crate::passes::{self, Layers, Scene, composite, normal, project, resolve, shadows};
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -24,8 +24,9 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
         let keys = project::record(g, view, &drawn, band);
         resolved = resolve::record(g, &keys, &paint, band, resolved);
     }
-    let layers = resolved.layers(g, view, resident)?;
     let scene = Scene::of(view, resident, look.light);
+    let marks = shadows::marks(g, &scene, resident, &look.effects, &look.decided)?;
+    let layers = Layers { marks, ..resolved.layers(g, view, resident)? };
     let layers = passes::apply(g, &scene, &look.effects, &look.decided, layers);
     let normal = normal::record(g, view, &layers);
     let picture = composite::record(g, view, look.background, &layers);

@@ -144,3 +144,8 @@ fn phong_by_a_light() {
 fn shape_on_white() {
     check_style(Style::Surface, "shape", Attribute::Rgb, "shape=on,base=white,first=1", Preset::Top);
 }
+
+#[test]
+fn shadows() {
+    check("shadows", Attribute::White, "shadows=on,samples=16,radius=6 edl=off visibility=on fill=on", Preset::Fit);
+}

@@ -47,6 +47,13 @@ fn the_default_frame() {
 }
 
 #[test]
+fn shadows_alone() {
+    let off = EFFECTS.iter().filter(|effect| **effect != "shadows").map(|effect| format!("{effect}=off"));
+    let effects: Vec<String> = off.chain(["shadows=on,samples=2,size=64".to_string()]).collect();
+    compare("shadows", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
+}
+
+#[test]
 fn nothing_that_is_off_leaves_a_trace() {
     let off: Vec<String> = EFFECTS.iter().map(|effect| format!("{effect}=off")).collect();
     compare("points", &plan_with(&off.iter().map(String::as_str).collect::<Vec<_>>()));

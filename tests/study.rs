@@ -418,3 +418,18 @@ fn the_shape_study_keeps_its_promises() {
         assert!(own.is_sorted_by(|a, b| a > b) && own[3] == 0.0, "{scene}: {own:?}");
     }
 }
+
+/// More samples are nearer to the truth in half shadow, and both methods mark the same points.
+#[test]
+fn the_shadows_study_keeps_its_promises() {
+    let (rows, text, figures) = made("shadows", &Plan { points: 60_000, repeat: 1, ..PLAN });
+    // Eleven configurations, two metrics.
+    assert_eq!((rows.len(), text.lines().count(), figures), (22, 23, 2));
+    fronts_are_fronts(&rows);
+    for ((.., metric), rows) in groups(&rows) {
+        let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
+        let falling = ["1", "4", "auto"].map(error);
+        assert!(metric != "rms" || falling.is_sorted_by(|a, b| a > b), "{falling:?}");
+        assert_eq!(error("4"), error("index 4"), "{metric}");
+    }
+}

@@ -1,21 +1,18 @@
-// The walk over points that every way of projecting shares: one workgroup takes one chunk of one node.
-// The includer has `nodes`, `chunks`, `pages`, project.glsl, `front_depth` and `meet`, which brings one point to its pixel.
-//
-//   for every four neighbours (a lane reads four words of a plane at once, which is one gathered load)
-//     place each in its pixel
-//     of neighbours in the same pixel keep the nearest           points are in Morton order, so many are
-//     bring it to the pixel unless something nearer is known to be there: a stale answer only costs an atomic, since keys only fall
-//
-// Each step was kept because it was faster on lavapipe when it was added, alone, to the ones before: words in fours, the early read, the merging, nodes
-// drawn from front to back; together they doubled the rate. What is left is mostly atomics. `bench project` measures the whole.
+// The walk over points: one workgroup takes one chunk of one node.
+// The includer has `nodes`, `chunks`, `pages`, project.glsl, and `four`, which takes four neighbours: their pixels (NO_PIXEL where one is not in the picture), their depths, and the id of the first.
 
 uvec4 four_words(uint i) {
     return TEXELS ? imageLoad(pages, int(i)) : page_words.four[i];
 }
 
+// Of those that are listed.
+#ifndef CHUNKS_TO_WALK
+#define CHUNKS_TO_WALK push.chunk_count
+#endif
+
 void main() {
     uint index = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
-    if (index >= push.chunk_count) return;
+    if (index >= CHUNKS_TO_WALK) return;
     uint chunk = chunks.chunk[push.first_chunk + index];
     uint n = chunk / CHUNKS_PER_PAGE;
     uint first = chunk % CHUNKS_PER_PAGE * POINTS_PER_CHUNK;
@@ -28,6 +25,7 @@ void main() {
     // Planes of a node follow each other, a page each.
     uint plane = nodes.node[n].first_word / 4u;
 
+    // A lane reads four words of a plane at once, which is one gathered load.
     for (uint i = first + 4u * gl_LocalInvocationID.x; i < end; i += 4u * LANES) {
         uvec4 coarse = four_words(plane + i / 4u);
         uvec4 fine = PLANES > 1u ? four_words(plane + (POINTS_PER_PAGE + i) / 4u) : uvec4(0u);
@@ -35,29 +33,13 @@ void main() {
         // Every load stands outside of conditions: in a divergent branch lavapipe loads lane by lane.
         uint pixel[4];
         float depth[4];
-        uint point[4];
         for (uint k = 0u; k < 4u; ++k) {
             ivec3 cells = unpack_cells(coarse[k]);
             if (PLANES > 1u) cells = (cells << 10) | unpack_cells(fine[k]);
             if (PLANES > 2u) cells = (cells << 10) | unpack_cells(finest[k]);
             pixel[k] = place(row_x, row_y, row_z, cells - nearest, depth[k]);
             pixel[k] = i + k < end ? pixel[k] : NO_PIXEL;
-            point[k] = first_point + i + k;
         }
-        for (uint k = 1u; k < 4u; ++k) {
-            bool together = pixel[k] == pixel[k - 1u];
-            bool nearer = together && depth[k - 1u] <= depth[k];
-            depth[k] = nearer ? depth[k - 1u] : depth[k];
-            point[k] = nearer ? point[k - 1u] : point[k];
-            pixel[k - 1u] = together ? NO_PIXEL : pixel[k - 1u];
-        }
-        uint seen[4];
-        for (uint k = 0u; k < 4u; ++k) {
-            // Pixel 0 is as good as any to look at for a point that has none.
-            seen[k] = front_depth(pixel[k] == NO_PIXEL ? 0u : pixel[k]);
-        }
-        for (uint k = 0u; k < 4u; ++k) {
-            if (pixel[k] != NO_PIXEL && floatBitsToUint(depth[k]) <= seen[k]) meet(pixel[k], depth[k], point[k]);
-        }
+        four(pixel, depth, first_point + i);
     }
 }

@@ -7,7 +7,7 @@ use crate::frame::{self, Outcome};
 use crate::graph::{Buffer, Frame, Gpu, Graph};
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
-use crate::passes::{Effects, Scene, project::Statistics, significant};
+use crate::passes::{Effects, Scene, project::Statistics, shadows, significant};
 use crate::picture::{self, Samples};
 use crate::progress::Progress;
 use crate::resident::Resident;
@@ -83,6 +83,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         why_shown,
         view,
         taken: None,
+        shadows: None,
     };
     stages.done("look");
     let mut gpu = Gpu::open(&arguments.device.wish())?;
@@ -102,6 +103,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, resident, &look)?;
+    facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
     let downloads = Downloads::ask(&mut g, &outcome, arguments.exr.is_some());
     let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g));
     let frame = g.submit(&[])?;
@@ -206,6 +208,8 @@ struct Facts {
     why_shown: String,
     view: View,
     taken: Option<Taken>,
+    /// Where shadows are cast.
+    shadows: Option<shadows::Facts>,
 }
 
 fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, counts: &Counts, frame: &Frame) -> String {
@@ -238,6 +242,7 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
     for (name, reason) in &look.decided.0 {
         text += &format!("{name}: {}, because {}\n", if reason.runs { "on" } else { "off" }, reason.why);
     }
+    text += &facts.shadows.map_or(String::new(), |shadows| format!("shadows: {shadows}\n"));
     text += &format!("tiles: {counts}\n");
     text + &format!("plan:\n{}", frame.plan)
 }
@@ -263,6 +268,7 @@ fn explain_json(
         "index": facts.taken,
         "spacing_m": resident.spacing_m(),
         "light": look.light,
+        "shadows": facts.shadows,
         "effects": effects,
         "tiles": counts,
         "settings": look.effects,

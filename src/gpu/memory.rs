@@ -124,11 +124,18 @@ pub struct RawImage {
     allocation: Allocation,
 }
 
+/// A buffer that outlives the frame, and what its contents were made of; nothing until a frame has made them.
+struct Kept {
+    buffer: RawBuffer,
+    made_of: Option<Vec<u64>>,
+}
+
 /// Makes, shelves and destroys buffers and images. Dropped before the device.
 pub struct Memory {
     allocator: ManuallyDrop<Allocator>,
     buffers: HashMap<BufferDesc, Vec<RawBuffer>>,
     images: HashMap<ImageDesc, Vec<RawImage>>,
+    kept: HashMap<String, Kept>,
     device: ash::Device,
     /// Bytes in buffers and images, on the shelf or in use.
     pub allocated: u64,
@@ -150,6 +157,7 @@ impl Memory {
             allocator: ManuallyDrop::new(allocator),
             buffers: HashMap::new(),
             images: HashMap::new(),
+            kept: HashMap::new(),
             device: device.raw.clone(),
             allocated: 0,
             alive: Alive(Arc::new(RwLock::new(true))),
@@ -267,6 +275,31 @@ impl Memory {
     }
 
     /// Gives a buffer back; the GPU must be done with it.
+    /// The buffer of this name, at least so large, and whether it holds what was made of `made_of`; if not, whatever it holds is void.
+    pub fn keep(&mut self, device: &Device, name: &str, bytes: u64, made_of: &[u64]) -> Result<(&RawBuffer, bool)> {
+        if self.kept.get(name).is_some_and(|kept| kept.buffer.desc.bytes < bytes) {
+            let old = self.kept.remove(name).expect("found");
+            self.shelve_buffer(old.buffer);
+        }
+        if !self.kept.contains_key(name) {
+            // Rounded up, so that what grows frame by frame does not leave a shelf full of sizes.
+            let desc = BufferDesc { bytes: bytes.next_power_of_two(), place: Place::Device };
+            let buffer = self.buffer(device, desc, name)?;
+            self.kept.insert(name.to_string(), Kept { buffer, made_of: None });
+        }
+        let kept = self.kept.get_mut(name).expect("put there");
+        let holds = kept.made_of.as_deref() == Some(made_of);
+        if !holds {
+            kept.made_of = None;
+        }
+        Ok((&kept.buffer, holds))
+    }
+
+    /// A frame has filled the buffer of this name.
+    pub fn kept(&mut self, name: &str, made_of: Vec<u64>) {
+        self.kept.get_mut(name).expect("a name that keep was asked for").made_of = Some(made_of);
+    }
+
     pub fn shelve_buffer(&mut self, buffer: RawBuffer) {
         self.buffers.entry(buffer.desc).or_default().push(buffer);
     }
@@ -308,7 +341,8 @@ impl Drop for Memory {
     fn drop(&mut self) {
         // Waits for whoever is writing.
         *self.alive.0.write().unwrap_or_else(PoisonError::into_inner) = false;
-        for buffer in std::mem::take(&mut self.buffers).into_values().flatten() {
+        let kept: Vec<_> = std::mem::take(&mut self.kept).into_values().map(|kept| kept.buffer).collect();
+        for buffer in std::mem::take(&mut self.buffers).into_values().flatten().chain(kept) {
             self.destroy_buffer(buffer);
         }
         for image in std::mem::take(&mut self.images).into_values().flatten() {

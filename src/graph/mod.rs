@@ -110,6 +110,8 @@ pub struct Gpu {
     /// Raised by every submission when the device is done with it, to the number of submissions so far.
     pub passed: Timeline,
     pub submitted: u64,
+    /// Clouds that have been made resident so far.
+    pub residents: u64,
     pub memory: Memory,
     pub device: Device,
 }
@@ -120,7 +122,7 @@ impl Gpu {
         let memory = Memory::new(&device)?;
         let passed = Timeline::new(&device, &memory.alive, "passed")?;
         let (kernels, raster) = (Kernels::new(&device), crate::gpu::raster::Rasters::new(&device));
-        Ok(Gpu { kernels, raster, passed, submitted: 0, memory, device })
+        Ok(Gpu { kernels, raster, passed, submitted: 0, residents: 0, memory, device })
     }
 }
 
@@ -133,6 +135,8 @@ pub struct Graph<'g> {
     /// Contents of upload buffers, by resource; made when they are asked for.
     uploads: Vec<(ResourceId, RawBuffer)>,
     imports: Vec<(ResourceId, Import)>,
+    /// Buffers that outlive the frame and are to be filled by it: name, and what of.
+    keeps: Vec<(ResourceId, String, Vec<u64>)>,
     /// For tests of the tests: record no barriers at all.
     pub without_barriers: bool,
 }
@@ -146,6 +150,7 @@ impl<'g> Graph<'g> {
             resources: Vec::new(),
             uploads: Vec::new(),
             imports: Vec::new(),
+            keeps: Vec::new(),
             without_barriers: false,
         }
     }
@@ -183,6 +188,19 @@ impl<'g> Graph<'g> {
         let id = self.add(name, Shape::Buffer(desc));
         self.imports.push((id, Import { raw: buffer.raw, texels: buffer.texels }));
         Buffer { id, desc }
+    }
+
+    /// A buffer that outlives the frame, by its name, and whether it still holds what was made of `made_of`. If it does not, passes of this frame fill it.
+    pub fn kept(&mut self, name: &str, bytes: u64, made_of: Vec<u64>) -> Result<(Buffer, bool)> {
+        let (raw, holds) = self.gpu.memory.keep(&self.gpu.device, name, bytes, &made_of)?;
+        let import = Import { raw: raw.raw, texels: raw.texels };
+        let desc = BufferDesc { place: Place::Imported, ..raw.desc };
+        let id = self.add(name, Shape::Buffer(desc));
+        self.imports.push((id, import));
+        if !holds {
+            self.keeps.push((id, name.to_string(), made_of));
+        }
+        Ok((Buffer { id, desc }, holds))
     }
 
     /// A second handle of a transient buffer, for who counts what passes did.

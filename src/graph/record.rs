@@ -37,12 +37,17 @@ impl Physical {
 }
 
 pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
-    let Graph { gpu, passes, work, resources, uploads, imports, without_barriers } = graph;
+    let Graph { gpu, passes, work, resources, uploads, imports, keeps, without_barriers } = graph;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
     let mut physical = HashMap::new();
     let done = realise(gpu, &plan, &resources, uploads, &imports, &mut physical)
         .and_then(|()| execute(gpu, &plan, &names, &work, &physical, !without_barriers))
         .and_then(|milliseconds| gpu.device.objections().map(|()| milliseconds));
+    if done.is_ok() {
+        // Those that no pass of the plan touches have not been filled.
+        let filled = keeps.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
+        filled.for_each(|(_, name, made_of)| gpu.memory.kept(&name, made_of));
+    }
     // Whatever happened, memory goes back to the shelf, but for what a good frame brings home.
     let mut downloads = Vec::new();
     for (memory, item) in physical {

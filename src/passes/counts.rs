@@ -9,6 +9,7 @@ pub struct Asked {
     lists: Option<Buffer>,
     steps: Option<Buffer>,
     rough: Option<Buffer>,
+    unpeeled: Option<Buffer>,
 }
 
 /// Tiles of 8 x 8 pixels.
@@ -26,12 +27,15 @@ pub struct Counts {
     pub filling_steps: u32,
     /// That are no planes: deeper levels of shape depiction shade them and those around them.
     pub rough: u64,
+    /// Texels of the light's pictures where shadows by index peeling were cut off.
+    pub unpeeled: u64,
 }
 
 impl Asked {
     pub fn of(g: &mut Graph) -> Asked {
-        let [lists, steps, rough] = ["lists", "steps", "rough tiles"].map(|name| g.named(name).map(|list| g.download_buffer(&list)));
-        Asked { lists, steps, rough }
+        let [lists, steps, rough, unpeeled] =
+            ["lists", "steps", "rough tiles", "unpeeled"].map(|name| g.named(name).map(|list| g.download_buffer(&list)));
+        Asked { lists, steps, rough, unpeeled }
     }
 
     pub fn counts(&self, frame: &Frame, size: [u32; 2], effects: &Effects) -> Counts {
@@ -46,6 +50,7 @@ impl Asked {
             looked_at: by_kernel.iter().filter(|(_, tiles)| *tiles > 0).map(|(kernel, tiles)| (kernel.width(), *tiles)).collect(),
             holes,
             filling_steps: if holes > 0 { fill::steps_taken(words(&self.steps), recorded) } else { 0 },
+            unpeeled: words(&self.unpeeled).first().copied().unwrap_or_default() as u64,
             rough: words(&self.rough).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64,
         }
     }
@@ -70,6 +75,10 @@ impl std::fmt::Display for Counts {
             self.holes,
             self.filling_steps,
             self.rough
-        )
+        )?;
+        match self.unpeeled {
+            0 => Ok(()),
+            texels => write!(f, "; shadows by index peeling were cut off in {texels} texels: more peels, or method=depth"),
+        }
     }
 }

@@ -21,6 +21,8 @@ pub struct Layers {
     pub index: Image,
     /// Linear colour; alpha 1 where a surface is.
     pub color: Image,
+    /// How much of a light reaches each point, where shadows are cast.
+    pub marks: Option<shadows::Marks>,
     /// What is left of the light, which multiplies the colour; all of it where no effect takes any.
     pub lit: Option<Image>,
     /// Of every node of the frame, how far apart its points are, metres; f32.
@@ -154,6 +156,7 @@ macro_rules! effects {
 }
 
 effects! {
+    shadows,    // marks, index, color -> color
     visibility, // depth, index, color -> the same without what is hidden; holes
     fill,       // depth, color, holes -> depth, color
     smooth,     // depth, color -> depth, color

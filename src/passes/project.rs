@@ -16,19 +16,53 @@ use std::collections::BTreeMap;
 
 /// The nodes that a view draws, on the GPU, grouped by the number of planes that they are drawn from.
 pub struct Drawn {
-    nodes: Buffer,
-    chunks: Buffer,
-    pages: Vec<Buffer>,
-    groups: Vec<Group>,
+    pub(super) nodes: Buffer,
+    pub(super) chunks: Buffer,
+    pub(super) pages: Vec<Buffer>,
+    pub(super) groups: Vec<Group>,
     pub statistics: Statistics,
 }
 
 /// Chunks that one dispatch walks: of nodes in the same block, drawn from the same number of planes.
-struct Group {
-    block: usize,
-    planes: u32,
-    first_chunk: u32,
-    chunk_count: u32,
+pub(super) struct Group {
+    pub block: usize,
+    pub planes: u32,
+    pub first_chunk: u32,
+    pub chunk_count: u32,
+}
+
+impl Group {
+    /// Exact up to 65,535 workgroups, and beyond that with less than one row too many.
+    pub fn tiles(&self) -> Tiles<'static> {
+        let rows = self.chunk_count.div_ceil(65_535);
+        Tiles::Groups([self.chunk_count.div_ceil(rows), rows, 1])
+    }
+}
+
+/// What all walks over points are told (glsl/lib/points.glsl, project.glsl).
+#[derive(Clone, Copy)]
+pub(super) struct Walk {
+    pub centre: [f32; 2],
+    pub size: [f32; 2],
+    pub near: f32,
+    pub lanes: u32,
+    pub perspective: bool,
+    pub texels: bool,
+    pub points_per_chunk: u32,
+}
+
+impl Walk {
+    pub fn new(g: &Graph, view: &View, band: Band) -> Walk {
+        Walk {
+            centre: [view.size[0] as f32 / 2.0, view.size[1] as f32 / 2.0 - band.top as f32],
+            size: band.size.map(|side| side as f32),
+            near: NEAR_M,
+            lanes: if g.gpu.device.is_cpu { 8 } else { 128 },
+            perspective: view.camera.projection == Projection::Perspective,
+            texels: g.gpu.device.texels,
+            points_per_chunk: POINTS_PER_CHUNK,
+        }
+    }
 }
 
 /// For `--explain`.
@@ -92,27 +126,22 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
 pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, band: Band) -> Buffer {
     let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
     g.fill(&mut keys, u32::MAX);
-    let centre = [view.size[0] as f32 / 2.0, view.size[1] as f32 / 2.0 - band.top as f32];
-    let size = band.size.map(|side| side as f32);
-    let perspective = view.camera.projection == Projection::Perspective;
-    let lanes = if g.gpu.device.is_cpu { 8 } else { 128 };
+    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, view, band);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
     let front = &keys.racing();
-    let (int64, texels) = (g.gpu.device.int64_atomics, g.gpu.device.texels);
+    let int64 = g.gpu.device.int64_atomics;
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
     for &step in steps {
-        for &Group { block, planes, first_chunk, chunk_count } in &drawn.groups {
-            // Exact up to 65,535 workgroups, and beyond that with less than one row too many.
-            let rows = chunk_count.div_ceil(65_535);
-            let tiles = Tiles::Groups([chunk_count.div_ceil(rows), rows, 1]);
+        for group in &drawn.groups {
+            let (tiles, &Group { block, planes, first_chunk, chunk_count }) = (group.tiles(), group);
             let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
             if int64 {
-                let push = project64::Push { centre, size, near: NEAR_M, first_chunk, chunk_count };
-                let spec = project64::Spec { lanes, planes, perspective, texels, points_per_chunk: POINTS_PER_CHUNK };
+                let push = project64::Push { centre, size, near, first_chunk, chunk_count };
+                let spec = project64::Spec { lanes, planes, perspective, texels, points_per_chunk };
                 g.run(shader::Project64 { nodes, chunks, pages, page_words: pages, front, keys: &mut keys, push, spec }, tiles);
             } else {
-                let push = project32::Push { centre, size, near: NEAR_M, first_chunk, chunk_count };
-                let spec = project32::Spec { lanes, planes, perspective, texels, points_per_chunk: POINTS_PER_CHUNK, step };
+                let push = project32::Push { centre, size, near, first_chunk, chunk_count };
+                let spec = project32::Spec { lanes, planes, perspective, texels, points_per_chunk, step };
                 g.run(shader::Project32 { nodes, chunks, pages, page_words: pages, front, keys: &mut keys, push, spec }, tiles);
             }
         }

@@ -75,7 +75,7 @@ impl Resolved {
         let raw = g.copy("raw", &depth);
         let spacings: Vec<f32> = resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;
-        Ok(Layers { depth, raw, index, color, lit: None, spacings, spacing_px: spacing_px(view, resident), holes: None })
+        Ok(Layers { depth, raw, index, color, marks: None, lit: None, spacings, spacing_px: spacing_px(view, resident), holes: None })
     }
 }
 

@@ -83,7 +83,7 @@ pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let view = scene.view;
-    let Layers { mut depth, raw, mut index, mut color, spacings, spacing_px, lit, .. } = layers;
+    let Layers { mut depth, mut index, mut color, .. } = layers;
     let across = tiles(view.size);
     let count = across[0] * across[1];
     let stride = LIST_HEADER + count;
@@ -93,7 +93,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut facts = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count as u64);
     let push = classify::Push { size: view.size, tiles: across, px_per_unit, slope: slope(view, settings.threshold) as f32 };
     g.run(
-        shader::Classify { depth: &depth, index: &index, spacings: &spacings, tiles: &mut facts, push, spec: classify::Spec { perspective } },
+        shader::Classify { depth: &depth, index: &index, spacings: &layers.spacings, tiles: &mut facts, push, spec: classify::Spec { perspective } },
         Tiles::Groups([count.div_ceil(64), 1, 1]),
     );
 
@@ -102,7 +102,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     g.fill(&mut lists, 0);
     // A kernel that no tile can ask for is not even made.
     let [least_list, most_list] = match settings.kernel {
-        0.0 => spacing_px.map(|px| list_of(px * settings.reach)),
+        0.0 => layers.spacing_px.map(|px| list_of(px * settings.reach)),
         width => [list_of(width); 2],
     };
     let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
@@ -156,7 +156,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
         Tiles::From(&lists, holes_at),
     );
-    Layers { depth, raw, index, color, spacings, spacing_px, holes: Some(Holes { lists, at: holes_at, kernels, widest: Kernel::of(most_list, settings).width() }), lit }
+    Layers { depth, index, color, holes: Some(Holes { lists, at: holes_at, kernels, widest: Kernel::of(most_list, settings).width() }), ..layers }
 }
 
 /// The list of the least kernel that is at least so wide, or of the widest; as in glsl/assign.comp.

@@ -56,6 +56,8 @@ impl ResidentNode {
 
 /// The pool, and of what is in it, what the frame draws from.
 pub struct Resident {
+    /// Which of the device's clouds this is, counted.
+    serial: u64,
     pool: Pool,
     /// In node order; of these a frame leaves out what its view cannot see.
     pub nodes: Vec<ResidentNode>,
@@ -87,7 +89,8 @@ impl Resident {
         organise: impl Fn(&Columns) -> Organised,
         progress: &dyn Progress,
     ) -> Result<Resident> {
-        let mut resident = Resident { pool: Pool::new(u32::MAX), nodes: Vec::new(), shown, points: 0 };
+        gpu.residents += 1;
+        let mut resident = Resident { serial: gpu.residents, pool: Pool::new(u32::MAX), nodes: Vec::new(), shown, points: 0 };
         let total = cloud.len();
         let mut parts = cloud.parts;
         parts.iter_mut().for_each(|part| part.columns.keep(shown.attribute.wanted()));
@@ -177,6 +180,17 @@ impl Resident {
             2 * before >= points
         });
         middle.map_or(0.0, |(spacing, _)| *spacing)
+    }
+
+    /// What is drawn, in numbers: the same ones only where a frame draws the same points under the same ids.
+    pub fn identity(&self) -> Vec<u64> {
+        let node = |node: &ResidentNode| {
+            let Frame { origin, extent, .. } = node.frame;
+            let lattice = [node.lattice.step, node.lattice.offset].map(|place| place.to_array().map(f64::to_bits)).concat();
+            let counts = [node.count as u64, node.planes as u64, node.spacing.to_bits()];
+            [origin.map(|steps| steps as u64), extent.map(|steps| steps as u64), counts].concat().into_iter().chain(lattice)
+        };
+        [self.serial].into_iter().chain(self.nodes.iter().flat_map(node)).collect()
     }
 
     /// Bytes of the pages in use.

@@ -136,7 +136,9 @@ impl Residency {
         let loader = Loader::start(index.clone(), shown, publish)?;
         // Point ids number at most so many nodes, and each has two pages or more.
         let budget = (pool_bytes / PAGE_BYTES).min(2 * super::MOST_NODES) as u32;
-        let resident = Resident { pool: Pool::new(budget), nodes: Vec::new(), shown, points: index.directory.contents.points };
+        gpu.residents += 1;
+        let resident =
+            Resident { serial: gpu.residents, pool: Pool::new(budget), nodes: Vec::new(), shown, points: index.directory.contents.points };
         Ok(Residency {
             resident,
             index,

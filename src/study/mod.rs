@@ -85,6 +85,7 @@ studies! {
     fill,      // depths of holes
     smooth,    // filters
     shape,     // light without normals
+    shadows,   // which points the light reaches
 }
 
 /// Runs the named studies, or all.

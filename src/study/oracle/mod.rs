@@ -11,6 +11,7 @@ pub mod fill;
 pub mod phong;
 pub mod points;
 pub mod project;
+pub mod shadows;
 pub mod shape;
 pub mod smooth;
 pub mod visibility;

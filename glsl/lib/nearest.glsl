@@ -1,0 +1,27 @@
+// Four neighbours -> the keys of their pixels. The includer has `front_depth`, and `meet`, which brings one point to its pixel; walk.glsl comes after.
+//
+//   of neighbours in the same pixel keep the nearest           points are in Morton order, so many are
+//   bring it to the pixel unless something nearer is known to be there: a stale answer only costs an atomic, since keys only fall
+//
+// Each step was kept because it was faster on lavapipe when it was added, alone, to the ones before: words in fours, the early read, the merging, nodes
+// drawn from front to back; together they doubled the rate. What is left is mostly atomics. `bench project` measures the whole.
+
+void four(uint pixel[4], float depth[4], uint first) {
+    uint point[4];
+    for (uint k = 0u; k < 4u; ++k) point[k] = first + k;
+    for (uint k = 1u; k < 4u; ++k) {
+        bool together = pixel[k] == pixel[k - 1u];
+        bool nearer = together && depth[k - 1u] <= depth[k];
+        depth[k] = nearer ? depth[k - 1u] : depth[k];
+        point[k] = nearer ? point[k - 1u] : point[k];
+        pixel[k - 1u] = together ? NO_PIXEL : pixel[k - 1u];
+    }
+    uint seen[4];
+    for (uint k = 0u; k < 4u; ++k) {
+        // Pixel 0 is as good as any to look at for a point that has none.
+        seen[k] = front_depth(pixel[k] == NO_PIXEL ? 0u : pixel[k]);
+    }
+    for (uint k = 0u; k < 4u; ++k) {
+        if (pixel[k] != NO_PIXEL && floatBitsToUint(depth[k]) <= seen[k]) meet(pixel[k], depth[k], point[k]);
+    }
+}

@@ -1,0 +1,33 @@
+// Points and the light's limits -> marks: every point that lies no deeper than its texel's limit is lit by this sample of the light (Dobrev et al. 2010, sec. 6, depth test).
+//
+// A mark is a byte, the number of samples that light a point. A word has the marks of four neighbours, and one lane writes it.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "points.glsl"
+#include "node.glsl"
+
+layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
+layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
+// The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
+layout(rgba32ui) readonly uniform uimageBuffer pages;
+layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
+layout(r32f) readonly uniform image2D limit;
+layout(scalar) buffer Marks { uint word[]; } marks;
+
+#include "project.glsl"
+
+void four(uint pixel[4], float depth[4], uint first) {
+    uint width = uint(push.size.x);
+    uint lit = 0u;
+    for (uint k = 0u; k < 4u; ++k) {
+        bool inside = pixel[k] != NO_PIXEL;
+        uint at = inside ? pixel[k] : 0u;
+        float reach = imageLoad(limit, ivec2(at % width, at / width)).r;
+        lit |= uint(inside && depth[k] <= reach) << (8u * k);
+    }
+    marks.word[first / 4u] += lit;
+}
+
+#include "walk.glsl"

@@ -1,0 +1,302 @@
+//! Shadows: a light and the resident points in, a mark for every point out that says how much of the light reaches it, and with it shaded colour (Dobrev et al. 2010, sec. 6).
+//!
+//! ```text
+//!     of every place on the light, of every picture that it sees the cloud in:
+//!         project       points -> keys                the trunk's own pass, through the light's camera, of all resident nodes
+//!         light_depth   keys -> depth
+//!         light_fill    closes gaps that light would fall through
+//!         light_limit   depth -> how deep light reaches: depth + layer / <v, n>
+//!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
+//!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour
+//! ```
+//! A mark is a byte, by point id, and does not depend on the camera: marks are kept while the light and the nodes stay, and then of all this only the last line runs. Points have no normals: the slope of the surface comes from the light's own depths.
+
+mod cameras;
+pub mod disc;
+mod peel;
+
+use super::project::{self, Band, Drawn, Precision};
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use crate::config::{POINTS_PER_PAGE, SUN};
+use crate::error::{Error, Result};
+use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::light::Light;
+use crate::resident::Resident;
+use crate::shader::{self, light_depth, light_fill, light_limit, shadow_depth};
+use crate::view::{Projection, View};
+use glam::DVec3;
+use std::f64::consts::SQRT_2;
+
+pub const SUMMARY: &str = "shadows of a light: of --light, or of a sun where that is a headlight";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    pub method: Method,
+    /// Places on the light; 1: its middle, a hard shadow.
+    pub samples: f64,
+    pub pattern: disc::Pattern,
+    /// Of the light: of one far away half its angle, degrees; of one at a place, metres.
+    pub radius: f64,
+    /// Texels of the longer side of the light's picture; 0: from the spacing of the points.
+    pub size: f64,
+    /// What is left of a colour that no light reaches.
+    pub ambient: f64,
+    /// How far behind the surface that the light sees a point is still of it, metres across the surface; 0: by the theorem of HARD_CASES 13.
+    pub layer: f64,
+    /// Gaps in the light's picture that are closed, texels.
+    pub fill: f64,
+    /// Passes of index peeling at most.
+    pub peels: f64,
+    /// The least <v, n>: beyond this cosine of the angle to the light surfaces count as no steeper.
+    pub limit: f64,
+}
+
+/// How points that light reaches are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Every point is compared with the light's depth.
+    #[default]
+    Depth,
+    /// Points are peeled off the light's picture, one a texel at a time.
+    Index,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { method: Method::Depth, samples: 1.0, pattern: disc::Pattern::Stratified, radius: 0.5, size: 0.0, ambient: 0.35, layer: 0.0, fill: 2.0, peels: 64.0, limit: 0.2 }
+    }
+}
+
+/// A byte counts them, also where a point is on the corner of three of a cube's pictures.
+const MOST_SAMPLES: f64 = 64.0;
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
+        vec![
+            Setting { name: "method", about: "how points that light reaches are found", value: Value::Choice(&mut self.method) },
+            Setting { name: "samples", about: "places on the light; 1: hard shadows", value: number(&mut self.samples, 1.0..=MOST_SAMPLES) },
+            Setting { name: "pattern", about: "how they are spread", value: Value::Choice(&mut self.pattern) },
+            Setting { name: "radius", about: "of the light: degrees of one far away, metres of one at a place", value: number(&mut self.radius, 0.0..=1e6) },
+            Setting { name: "size", about: "of the light's picture, texels; 0: from the spacing of the points", value: number(&mut self.size, 0.0..=4096.0) },
+            Setting { name: "ambient", about: "what is left of a colour in full shadow", value: number(&mut self.ambient, 0.0..=1.0) },
+            Setting { name: "layer", about: "depth of a surface, metres; 0: as little as keeps surfaces from shading themselves", value: number(&mut self.layer, 0.0..=1e9) },
+            Setting { name: "fill", about: "width of gaps that light does not fall through, texels", value: number(&mut self.fill, 0.0..=16.0) },
+            Setting { name: "peels", about: "passes of method=index at most: points of a texel that can be lit", value: number(&mut self.peels, 1.0..=4096.0) },
+            Setting { name: "limit", about: "least cosine of the angle between light and surface", value: number(&mut self.limit, 0.01..=1.0) },
+        ]
+    }
+}
+
+pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
+    let why = match scene.points {
+        0 => "there is nothing to cast any",
+        _ => "nobody asked: they cost a walk over all points, twice, for every sample of the light; --effect shadows=on",
+    };
+    Reason { runs: false, why: why.to_string() }
+}
+
+/// How much light reaches each point.
+pub struct Marks {
+    /// A byte a point, by its id: how many samples of the light reach it.
+    pub counts: Buffer,
+    /// For `--explain`.
+    pub facts: Facts,
+}
+
+/// How shadows were cast.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Facts {
+    pub samples: u32,
+    /// Of the light, of each sample.
+    pub pictures: u32,
+    /// Texels of the first picture.
+    pub size: [u32; 2],
+    /// Side of a texel, metres; in the middle of the cloud, where the light is at a place.
+    pub texel_m: f64,
+    /// How far behind a surface that faces the light shadow begins, metres: the contact gap. On one at an angle it is as much across the surface.
+    pub layer_m: f64,
+}
+
+impl Facts {
+    fn new(cameras: &[View], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
+        let samples = settings.samples as u32;
+        let Some(first) = cameras.first() else { return Facts { samples, ..Facts::default() } };
+        let layer = Layer::new(first, bounds, settings);
+        let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
+        let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
+        let layer_m = layer.metres + layer.texels * texel_m;
+        Facts { samples, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
+    }
+}
+
+impl std::fmt::Display for Facts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [width, height] = self.size;
+        write!(
+            f,
+            "{} samples of the light, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
+            self.samples, self.pictures, self.texel_m, self.layer_m
+        )
+    }
+}
+
+/// Marks of all points of the frame; none where shadows do not run.
+pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effects, decided: &Decided) -> Result<Option<Marks>> {
+    let settings = &effects.shadows.settings;
+    let Some(bounds) = bounds(resident).filter(|_| decided.runs("shadows")) else { return Ok(None) };
+    let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
+    if bytes.next_power_of_two() > g.binding_limit() {
+        return Err(Error::Request(format!(
+            "shadows mark {} nodes at once, and this device binds the marks of {} at most; draw fewer with --budget, or --effect shadows=off",
+            resident.nodes.len(),
+            g.binding_limit() / POINTS_PER_PAGE as u64
+        )));
+    }
+    let (mut counts, kept) = g.kept("marks", bytes, made_of(scene, resident, settings))?;
+    let wanted = cameras::Wanted { bounds, spacing_m: scene.spacing_m, radius: settings.radius, size: settings.size as u32 };
+    let places = disc::places(settings.samples as u32, settings.pattern, 0);
+    let facts = Facts::new(&cameras::cameras(scene.light, &wanted, places[0])?, bounds, settings);
+    if !kept {
+        let mut tally = Tally::new(g, counts);
+        for place in places {
+            for camera in cameras::cameras(scene.light, &wanted, place)? {
+                cast(g, &camera, resident, settings, &mut tally)?;
+            }
+        }
+        counts = tally.marks;
+    }
+    Ok(Some(Marks { counts, facts }))
+}
+
+/// All that marks depend on.
+fn made_of(scene: &Scene, resident: &Resident, settings: &Settings) -> Vec<u64> {
+    let (kind, place) = match scene.light {
+        Light::Headlight => (0, SUN),
+        Light::Direction(direction) => (1, direction),
+        Light::Position(position) => (2, position),
+    };
+    // Of settings, all but how dark shadows are.
+    let Settings { method, samples, pattern, radius, size, ambient: _, layer, fill, peels, limit } = *settings;
+    let numbers = [place.x, place.y, place.z, samples, radius, size, layer, fill, peels, limit].map(f64::to_bits);
+    [kind, method as u64, pattern as u64].into_iter().chain(numbers).chain(resident.identity()).collect()
+}
+
+/// What is counted while shadows are cast.
+pub struct Tally {
+    /// A byte a point, by its id: how many samples of the light reach it.
+    pub marks: Buffer,
+    /// Texels that index peeling was cut off in.
+    pub unpeeled: Buffer,
+}
+
+impl Tally {
+    /// From nothing.
+    pub fn new(g: &mut Graph, marks: Buffer) -> Tally {
+        let mut tally = Tally { marks, unpeeled: g.buffer("unpeeled", 4) };
+        g.fill(&mut tally.marks, 0);
+        g.fill(&mut tally.unpeeled, 0);
+        tally
+    }
+}
+
+/// World corners of all points.
+fn bounds(resident: &Resident) -> Option<(DVec3, DVec3)> {
+    resident.nodes.iter().map(|node| node.bounds()).reduce(|(a, b), (c, d)| (a.min(c), b.max(d)))
+}
+
+/// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches.
+pub fn cast(g: &mut Graph, camera: &View, resident: &Resident, settings: &Settings, tally: &mut Tally) -> Result<Reached> {
+    let drawn = project::draw(g, camera, resident, Precision::Auto)?;
+    let keys = project::record(g, camera, &drawn, Band { top: 0, size: camera.size });
+    let layer = Layer::new(camera, bounds(resident).unwrap_or_default(), settings);
+    let reached = reach(g, camera, &keys, &layer);
+    match settings.method {
+        Method::Depth => by_depth(g, camera, &drawn, &reached.limit, &mut tally.marks),
+        Method::Index => peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, tally),
+    }
+    Ok(reached)
+}
+
+/// How far behind what the light sees a point still belongs to it.
+#[derive(Clone, Copy, Debug)]
+pub struct Layer {
+    pub perspective: bool,
+    /// Side of a texel: metres, or with perspective parts of the depth.
+    pub texel: f64,
+    /// Across the surface: metres, and sides of a texel.
+    pub metres: f64,
+    pub texels: f64,
+    /// Tangent of the steepest angle to the light.
+    pub steepest: f64,
+    pub fill: u32,
+}
+
+impl Layer {
+    /// HARD_CASES 13: sqrt(2) sides of a texel and a quantum, twice the sides where masks fill from neighbours.
+    pub fn new(camera: &View, bounds: (DVec3, DVec3), settings: &Settings) -> Layer {
+        let fill = settings.fill as u32;
+        let farthest = camera.depths(bounds).map_or(0.0, |(_, farthest)| farthest);
+        // A depth is eight roundings off at most, and two depths are compared; positions are quantised far below.
+        let quantum = 16.0 * f32::EPSILON as f64 * farthest;
+        let (metres, texels) = match settings.layer {
+            0.0 => (quantum, if fill > 0 { 2.0 * SQRT_2 } else { SQRT_2 }),
+            metres => (metres, 0.0),
+        };
+        let steepest = (1.0 / (settings.limit * settings.limit) - 1.0).max(0.0).sqrt();
+        let perspective = camera.camera.projection == Projection::Perspective;
+        Layer { perspective, texel: 1.0 / camera.focal_px(), metres, texels, steepest, fill }
+    }
+}
+
+/// Of every texel of a light's picture.
+pub struct Reached {
+    /// What the light sees, gaps closed; infinite where nothing is.
+    pub depth: Image,
+    /// How deep it reaches.
+    pub limit: Image,
+}
+
+/// Keys of the light's picture -> how deep it reaches.
+pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reached {
+    let size = camera.size;
+    let [mut depth, mut filled, mut limit] = ["light depth", "light filled", "light limit"].map(|name| g.image(name, size, Kind::R32f));
+    g.run(shader::LightDepth { keys, depth: &mut depth, push: light_depth::Push { size } }, Tiles::All);
+    let (texel, metres, texels, steepest) = (layer.texel as f32, layer.metres as f32, layer.texels as f32, layer.steepest as f32);
+    for _ in 0..layer.fill {
+        let push = light_fill::Push { size, texel, layer: metres, layer_px: texels, steepest };
+        let spec = light_fill::Spec { perspective: layer.perspective };
+        g.run(shader::LightFill { depth: &depth, filled: &mut filled, push, spec }, Tiles::All);
+        std::mem::swap(&mut depth, &mut filled);
+    }
+    let push = light_limit::Push { size, texel, layer: metres, layer_px: texels, steepest };
+    let spec = light_limit::Spec { perspective: layer.perspective };
+    g.run(shader::LightLimit { depth: &depth, limit: &mut limit, push, spec }, Tiles::All);
+    Reached { depth, limit }
+}
+
+/// A sample more for every point that lies no deeper than its texel's limit.
+fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, marks: &mut Buffer) {
+    let walk = project::Walk::new(g, camera, Band { top: 0, size: camera.size });
+    for group in &drawn.groups {
+        let project::Walk { centre, size, near, lanes, perspective, texels, points_per_chunk } = walk;
+        let project::Group { first_chunk, chunk_count, planes, .. } = *group;
+        let push = shadow_depth::Push { centre, size, near, first_chunk, chunk_count };
+        let spec = shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk };
+        let pages = &drawn.pages[group.block];
+        g.run(
+            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, pages, page_words: pages, limit, marks, push, spec },
+            group.tiles(),
+        );
+    }
+}
+
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let Layers { mut color, marks, .. } = layers;
+    if let Some(marks) = &marks {
+        let push = shader::shadows::Push { size: scene.view.size, samples: settings.samples as u32 as f32, ambient: settings.ambient as f32 };
+        g.run(shader::Shadows { index: &layers.index, marks: &marks.counts, color: &mut color, push }, Tiles::All);
+    }
+    Layers { color, marks, ..layers }
+}

@@ -1,0 +1,160 @@
+//! A light, and a place on it, in; the cameras through which it sees the whole cloud out.
+//!
+//! A light far away has one camera without perspective. A light at a place has one with, where the cloud lies within a right angle of it; else six, the sides of a cube, of which those count that see
+//! something. Texels are square, and the longer side of a picture has as many as asked for.
+
+use crate::config::SUN;
+use crate::error::Result;
+use crate::light::Light;
+use crate::view::{Camera, Projection, View};
+use glam::DVec3;
+
+/// A cube's sides overlap by this part: a point on the border of two belongs to one at least.
+const OVERLAP: f64 = 1.0 + 1.0 / (1 << 20) as f64;
+
+/// Of what the light sees.
+#[derive(Clone, Copy, Debug)]
+pub struct Wanted {
+    /// World corners of the cloud.
+    pub bounds: (DVec3, DVec3),
+    /// How far apart points are, metres.
+    pub spacing_m: f64,
+    /// Of the light's disc: half its angle in degrees where it is far away, metres where it is at a place.
+    pub radius: f64,
+    /// Texels of the longer side of a picture; 0: as many as make a texel two spacings wide; of a light at a place, where the cloud is nearest to it, or half as near as its middle.
+    pub size: u32,
+}
+
+const LEAST: f64 = 256.0;
+const MOST: f64 = 4096.0;
+const SPACINGS_PER_TEXEL: f64 = 2.0;
+
+/// `place` is on the unit disc.
+pub fn cameras(light: Light, wanted: &Wanted, place: [f64; 2]) -> Result<Vec<View>> {
+    let (min, max) = wanted.bounds;
+    let (centre, half) = ((min + max) / 2.0, (max - min) / 2.0);
+    match light {
+        Light::Headlight => far(SUN, wanted, place, centre, half),
+        Light::Direction(direction) => far(direction, wanted, place, centre, half),
+        Light::Position(position) => near(position, wanted, place, centre, half),
+    }
+}
+
+fn texels(asked: u32, extent: f64, texel: f64) -> f64 {
+    match asked {
+        // Points that are all in one place have no spacing.
+        0 if texel > 0.0 => (extent / texel).ceil().clamp(LEAST, MOST),
+        0 => LEAST,
+        size => size as f64,
+    }
+}
+
+/// A camera that looks this way. Its axes are the same for all places on a light, but for what they differ in direction.
+fn looking(eye: DVec3, forward: DVec3) -> Camera {
+    Camera { eye, target: eye + forward, up: DVec3::Z, fov_y: 90.0, projection: Projection::Perspective, ortho_height: None }
+}
+
+fn far(direction: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<View>> {
+    let middle = looking(centre, direction.normalize()).basis()?;
+    let tangent = wanted.radius.to_radians().tan();
+    let forward = (middle.forward + (middle.right * u + middle.up * v) * tangent).normalize();
+    let basis = looking(centre, forward).basis()?;
+    let reach = |axis: DVec3| half.dot(axis.abs());
+    // Of one point there is a picture, too; and beside numbers as large as the cloud's place a light needs room.
+    let least = 1e-6 * half.length() + 1e-9 * centre.length() + f64::MIN_POSITIVE;
+    let extent = [basis.right, basis.up].map(|axis| 2.0 * reach(axis).max(least));
+    let longer = extent[0].max(extent[1]);
+    let size = texels(wanted.size, longer, SPACINGS_PER_TEXEL * wanted.spacing_m);
+    // A texel to spare on either side.
+    let texel = longer / (size - 2.0).max(1.0);
+    let size = extent.map(|side| (side / texel - 1e-6).ceil().max(1.0) as u32 + 2);
+    let camera = Camera {
+        projection: Projection::Orthographic,
+        ortho_height: Some(size[1] as f64 * texel),
+        ..looking(centre - forward * (1.01 * reach(forward) + 2.0 * least), forward)
+    };
+    Ok(vec![View::new(camera, size)?])
+}
+
+fn near(position: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<View>> {
+    let middle = looking(position, if centre == position { DVec3::NEG_Z } else { centre - position }).basis()?;
+    let eye = position + (middle.right * u + middle.up * v) * wanted.radius;
+    // From the middle of the light, so that all places on it have pictures of one size.
+    let corner = |k: u32| centre + half * DVec3::from_array([0, 1, 2].map(|axis| if k >> axis & 1 == 1 { 1.0 } else { -1.0 }));
+    let tangents = |axis: DVec3| {
+        (0..8).map(|k| corner(k) - eye).fold(0.0f64, |most, p| most.max(p.dot(axis).abs() / p.dot(middle.forward).max(1e-9 * half.length())))
+    };
+    let across = [middle.right, middle.up].map(|axis| tangents(axis).max(1e-6));
+    // What is near is sparse in the light's picture.
+    let nearest = (eye.clamp(centre - half, centre + half) - eye).length();
+    let distance = nearest.max((centre - eye).length().max(half.length()) / 2.0);
+    let texel = SPACINGS_PER_TEXEL * wanted.spacing_m / distance;
+    if across[0].max(across[1]) <= 1.0 {
+        let longer = across[0].max(across[1]);
+        let focal = (texels(wanted.size, 2.0 * longer, texel) - 2.0).max(1.0) / (2.0 * longer);
+        let size = across.map(|tangent| (2.0 * tangent * focal - 1e-6).ceil().max(1.0) as u32 + 2);
+        let fov_y = 2.0 * (size[1] as f64 / 2.0 / focal).atan().to_degrees();
+        return Ok(vec![View::new(Camera { fov_y, ..looking(eye, middle.forward) }, size)?]);
+    }
+    let side = texels(wanted.size, 2.0, texel) as u32;
+    let fov_y = 2.0 * OVERLAP.atan().to_degrees();
+    let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
+    let sides = axes.map(|axis| View::new(Camera { fov_y, ..looking(eye, axis) }, [side; 2]));
+    let sides = sides.into_iter().collect::<Result<Vec<_>>>()?;
+    Ok(sides.into_iter().filter(|view| view.least_depth((centre - half, centre + half)).is_some()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether a point is in the picture.
+    fn sees(view: &View, p: DVec3) -> bool {
+        let (d, f) = (p - view.camera.eye, view.focal_px());
+        let z = d.dot(view.basis.forward);
+        let scale = if view.camera.projection == Projection::Perspective { f / z } else { f };
+        let at = [d.dot(view.basis.right) * scale / view.size[0] as f64, d.dot(view.basis.up) * scale / view.size[1] as f64];
+        z > 0.0 && at[0].abs() < 0.5 && at[1].abs() < 0.5
+    }
+
+    #[test]
+    fn lights_see_the_whole_cloud_from_every_place_on_them() {
+        let min = DVec3::new(500_000.0, 5_000_000.0, 90.0);
+        let bounds = (min, min + DVec3::new(40.0, 7.0, 11.0));
+        let lights = [
+            Light::Headlight,
+            Light::Direction(DVec3::NEG_Z),
+            Light::Direction(DVec3::new(3.0, -1.0, 0.2)),
+            Light::Position(min + DVec3::new(20.0, 3.0, 70.0)),
+            Light::Position(min + DVec3::new(-200.0, 3.0, 5.0)),
+            Light::Position(min + DVec3::new(20.0, 3.0, 5.0)),
+            Light::Position(min + DVec3::new(20.0, -0.1, 5.0)),
+            Light::Position((bounds.0 + bounds.1) / 2.0),
+        ];
+        for light in lights {
+            for place in [[0.0, 0.0], [1.0, 0.0], [-0.6, 0.8], [0.0, -1.0]] {
+                for size in [0, 100, 1000] {
+                    let wanted = Wanted { bounds, spacing_m: 0.02, radius: 0.7, size };
+                    let views = cameras(light, &wanted, place).unwrap();
+                    for k in 0..1331 {
+                        let at = DVec3::new((k % 11) as f64, (k / 11 % 11) as f64, (k / 121) as f64) / 10.0;
+                        let p = bounds.0 + (bounds.1 - bounds.0) * at;
+                        let apart = views.iter().map(|view| view.camera.eye.distance(p)).fold(f64::INFINITY, f64::min);
+                        assert!(apart < 1e-9 || views.iter().any(|view| sees(view, p)), "{light} {place:?} {size}: {p}");
+                    }
+                    let most = if size == 0 { MOST as u32 } else { size };
+                    assert!(views.iter().all(|view| view.size.iter().all(|side| *side <= most)), "{:?}", views[0].size);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_single_point_is_seen() {
+        let wanted = Wanted { bounds: (DVec3::splat(5e6), DVec3::splat(5e6)), spacing_m: 0.0, radius: 1.0, size: 0 };
+        for light in [Light::Headlight, Light::Position(DVec3::ZERO)] {
+            let views = cameras(light, &wanted, [0.3, 0.4]).unwrap();
+            assert!(views.iter().any(|view| sees(view, DVec3::splat(5e6))), "{light}");
+        }
+    }
+}

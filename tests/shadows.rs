@@ -1,0 +1,403 @@
+//! Shadows: kernels against their twins, and marks of points against rays through the surfaces that the points were taken from.
+
+mod gpu;
+
+use glam::DVec3;
+use gpu::{Random, Way, bumpy, cloud, orthographic, part, perspective, random_keys};
+use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::{Cloud, Lattice};
+use pointillist::config::POINTS_PER_PAGE;
+use pointillist::frame;
+use pointillist::graph::{Gpu, Graph};
+use pointillist::light::Light;
+use pointillist::look::{self, Wishes};
+use pointillist::passes::project::Precision;
+use pointillist::passes::shadows::{self, Facts, Layer, Method, Settings, disc};
+use pointillist::passes::{Effects, Scene, Switch};
+use pointillist::progress::Silent;
+use pointillist::resident::Resident;
+use pointillist::study::mesh::Mesh;
+use pointillist::study::oracle::{project, shadows as oracle};
+use pointillist::synth::{self, World};
+use pointillist::view::{Camera, Preset, View};
+use rayon::prelude::*;
+
+/// Where points are, and how many samples of the light reach them.
+fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>, Facts) {
+    gpu::with(Way::Compute64, |gpu| {
+        let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, cloud), &Silent).unwrap();
+        let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
+        let scene = Scene::of(&view, &resident, light);
+        let mut effects = Effects::default();
+        effects.shadows.switch = Switch::On;
+        effects.shadows.settings = settings;
+        let mut g = Graph::new(gpu);
+        let marks = shadows::marks(&mut g, &scene, &resident, &effects, &effects.decide(&scene)).unwrap().expect("switched on");
+        let counts = g.download_buffer(&marks.counts);
+        let frame = g.submit(&[]).unwrap();
+        let counts: &[u8] = frame.read(&counts);
+        let ids = resident.nodes.iter().flat_map(|node| (0..node.count).map(|i| (node.number * POINTS_PER_PAGE + i) as usize));
+        let points = resident.positions().zip(ids).map(|(p, id)| (p, counts[id])).collect();
+        frame.shelve(gpu);
+        resident.free(gpu);
+        (points, marks.facts)
+    })
+}
+
+const STEP: f64 = 1e-5;
+
+/// Points on a lattice of hundredths of millimetres.
+fn points(at: impl Iterator<Item = DVec3>) -> Cloud {
+    let points: Vec<[i32; 3]> = at.map(|p| (p / STEP).round().as_ivec3().to_array()).collect();
+    cloud(vec![part(Lattice { step: DVec3::splat(STEP), offset: DVec3::ZERO }, &points, None)])
+}
+
+/// Uniform on a square of this half width, by two axes.
+fn square(count: usize, half: f64, u: DVec3, v: DVec3, seed: u64) -> impl Iterator<Item = DVec3> {
+    let mut random = Random(seed);
+    (0..count).map(move |_| u * random.within(-half, half) + v * random.within(-half, half))
+}
+
+/// HARD_CASES 13: with a layer of sqrt(2) texels' sides and a quantum no plane shades itself, at any angle up to the limit; where masks fill from neighbours, with twice as much.
+///
+/// The slope is taken from neighbours, and the theorem needs the one across the lower corner of a texel: without filling, the plane's rim, which has none there, is left out.
+#[test]
+fn hard_13_planes_do_not_shade_themselves() {
+    let mut failures = Vec::new();
+    for (fill, per_texel) in [(0.0, 40.0), (0.0, 16.0), (2.0, 4.0), (2.0, 2.0)] {
+        for degrees in [0.0, 10.0, 30.0, 45.0, 60.0, 70.0, 78.0f64] {
+            for around in [0.0, 20.0, 45.0f64] {
+                let (angle, around) = (degrees.to_radians(), around.to_radians());
+                let direction = DVec3::new(angle.sin() * around.cos(), angle.sin() * around.sin(), -angle.cos());
+                let count = 120_000;
+                let cloud = points(square(count, 1.0, DVec3::X, DVec3::Y, 7));
+                // The picture is as wide as the plane's diagonal at most, and foreshortened across it.
+                let texel = (4.0 * angle.cos() * per_texel / count as f64).sqrt();
+                let wide = 2.0 * (around.cos() + around.sin());
+                let settings = Settings { fill, size: (wide / texel).ceil().max(8.0), ..Settings::default() };
+                let lights = [Light::Direction(direction), Light::Position(direction * -3.0)];
+                for light in lights {
+                    let (marked, facts) = marked(&cloud, light, settings);
+                    let rim = if fill > 0.0 { 0.0 } else { 2.0 * facts.texel_m / angle.cos() };
+                    let dark = marked.iter().filter(|(p, count)| *count == 0 && p.abs().max_element() < 1.0 - rim).count();
+                    if dark > 0 {
+                        failures.push(format!(
+                            "fill {fill}, {per_texel} points a texel, {degrees} degrees, {light}: {dark} of {count} dark ({facts})"
+                        ));
+                    }
+                }
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{} cases:\n{}", failures.len(), failures.join("\n"));
+}
+
+/// Of points more than a texel from every edge of shadow.
+#[derive(Debug, Default)]
+struct Verdict {
+    clear: usize,
+    falsely_dark: usize,
+    falsely_lit: usize,
+    /// Nearer behind what shades them than the layer allows at the steepest angle.
+    in_gap: usize,
+    in_band: usize,
+    /// What shades them, or might, was not scanned.
+    unknown: usize,
+}
+
+impl Verdict {
+    fn share(&self, count: usize) -> f64 {
+        count as f64 / self.clear.max(1) as f64
+    }
+}
+
+/// `first` is how far along a ray the first surface is, `scanned` whether points were taken from there.
+fn judge(
+    marked: &[(DVec3, u8)],
+    facts: &Facts,
+    direction: DVec3,
+    first: impl Fn(DVec3, DVec3) -> Option<f64> + Sync,
+    scanned: impl Fn(DVec3) -> bool + Sync,
+) -> Verdict {
+    const FAR: f64 = 300.0;
+    let travel = direction.normalize();
+    let u = travel.cross(if travel.x.abs() < 0.5 { DVec3::X } else { DVec3::Y }).normalize();
+    let v = travel.cross(u);
+    let (texel, gap) = (facts.texel_m, facts.layer_m / Settings::default().limit);
+    let one = |&(p, count): &(DVec3, u8)| {
+        // How far in front of the point the first surface is, beside it; negative behind it.
+        let front = |x: f64, y: f64| {
+            let from = p + u * x + v * y - travel * FAR;
+            first(from, travel).map_or(f64::NEG_INFINITY, |t| FAR - t)
+        };
+        let own = front(0.0, 0.0);
+        let near = 1e-3 * texel;
+        let slope = [front(near, 0.0) - front(-near, 0.0), front(0.0, near) - front(0.0, -near)].map(|rise| rise / (2.0 * near));
+        let slope = if slope.iter().all(|s| s.is_finite()) { slope[0].hypot(slope[1]) } else { 1e3 };
+        let ring = (0..9).map(|k| [k % 3 - 1, k / 3 - 1]).map(|[x, y]| front(x as f64 * texel, y as f64 * texel));
+        let ring: Vec<f64> = ring.collect();
+        let mut verdict = Verdict::default();
+        let most = ring.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let least = ring.iter().copied().fold(f64::INFINITY, f64::min);
+        // A point is on its surface but for the lattice, which a slope makes larger.
+        let lit = own <= 5e-4 * (1.0 + slope);
+        if most > 0.0 && !scanned(p - travel * own.max(0.0)) {
+            verdict.unknown = 1;
+        } else if lit && most <= texel + 1.5 * 1.4143 * texel * slope {
+            (verdict.clear, verdict.falsely_dark) = (1, (count == 0) as usize);
+        } else if !lit && least > gap {
+            (verdict.clear, verdict.falsely_lit) = (1, (count > 0) as usize);
+        } else if !lit && least > 0.0 {
+            verdict.in_gap = 1;
+        } else {
+            verdict.in_band = 1;
+        }
+        verdict
+    };
+    marked.par_iter().map(one).reduce(Verdict::default, |a, b| Verdict {
+        clear: a.clear + b.clear,
+        falsely_dark: a.falsely_dark + b.falsely_dark,
+        falsely_lit: a.falsely_lit + b.falsely_lit,
+        in_gap: a.in_gap + b.in_gap,
+        in_band: a.in_band + b.in_band,
+        unknown: a.unknown + b.unknown,
+    })
+}
+
+/// A ring that lies on a plane.
+struct Ring(World);
+
+const LIFT: DVec3 = DVec3::new(0.0, 0.0, 0.4);
+
+impl Ring {
+    fn new() -> Ring {
+        Ring(synth::build(synth::Scene::Torus, 1, 0.0))
+    }
+
+    fn cloud(&self, count: usize) -> Cloud {
+        let ring = synth::collect("torus", &self.0, count as u64, 1, 0.0, &Silent).unwrap();
+        let Lattice { step, offset } = ring.parts[0].lattice;
+        let columns = &ring.parts[0].columns;
+        let at =
+            |i: usize| offset + step * DVec3::new(columns.x[i] as f64, columns.y[i] as f64, columns.z[i] as f64) + LIFT - self.0.offset;
+        points((0..count).map(at).chain(square(count, 2.5, DVec3::X, DVec3::Y, 11)))
+    }
+
+    fn first(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
+        let ground = -origin.z / direction.z;
+        let at = origin + direction * ground;
+        let ground = (ground > 0.0 && at.x.abs() <= 2.5 && at.y.abs() <= 2.5).then_some(ground);
+        let ring = self.0.first(origin - LIFT, direction);
+        [ground, ring].into_iter().flatten().reduce(f64::min)
+    }
+}
+
+#[test]
+fn a_ring_on_a_plane_is_shaded_as_rays_say() {
+    let ring = Ring::new();
+    let cloud = ring.cloud(400_000);
+    for direction in [DVec3::new(0.5, 0.3, -0.8), DVec3::new(1.0, 0.2, -0.5), DVec3::NEG_Z] {
+        let (marked, facts) = marked(&cloud, Light::Direction(direction), Settings::default());
+        let verdict = judge(&marked, &facts, direction, |o, d| ring.first(o, d), |_| true);
+        println!("{direction}: {verdict:?} ({facts})");
+        assert!(verdict.clear > 600_000, "{verdict:?}");
+        assert!(verdict.share(verdict.falsely_dark) < 0.005 && verdict.share(verdict.falsely_lit) < 0.005, "{direction}: {verdict:?}");
+    }
+}
+
+#[test]
+fn the_street_is_shaded_as_rays_say() {
+    let world = synth::build(synth::Scene::Street, 1, 0.0);
+    let cloud = synth::collect("street", &world, 1_500_000, 1, 0.0, &Silent).unwrap();
+    let direction = DVec3::new(0.3, 0.8, -0.8);
+    let (mut marked, facts) = marked(&cloud, Light::Direction(direction), Settings::default());
+    marked.iter_mut().for_each(|(p, _)| *p -= world.offset);
+    let sees = |station: &synth::Station, p: DVec3| world.first(station.position, p - station.position).is_some_and(|t| t > 1.0 - 1e-4);
+    let scanned = |p: DVec3| world.stations().iter().any(|station| sees(station, p));
+    let some: Vec<_> = marked.into_iter().step_by(5).collect();
+    let verdict = judge(&some, &facts, direction, |o, d| world.first(o, d), scanned);
+    println!("{verdict:?} ({facts})");
+    assert!(verdict.share(verdict.falsely_dark) < 0.005 && verdict.share(verdict.falsely_lit) < 0.005, "{verdict:?}");
+}
+
+#[test]
+fn a_mesh_is_shaded_as_rays_say() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/objects/bun_zipper.ply");
+    if !path.exists() {
+        println!("skipped: {} is not there", path.display());
+        return;
+    }
+    // Upright, and twenty times as large.
+    let mesh = Mesh::read(&path, |p| DVec3::new(p.x, -p.z, p.y) * 20.0).unwrap();
+    let cloud = points((0..600_000).map(|i| mesh.sample(&mut synth::noise::Random::new(1, 0, i))));
+    let direction = DVec3::new(0.5, 0.3, -0.8);
+    let (marked, facts) = marked(&cloud, Light::Direction(direction), Settings::default());
+    let verdict = judge(&marked, &facts, direction, |o, d| mesh.first(o, d), |_| true);
+    println!("{verdict:?} ({facts})");
+    assert!(verdict.share(verdict.falsely_dark) < 0.005 && verdict.share(verdict.falsely_lit) < 0.005, "{verdict:?}");
+}
+
+#[test]
+fn peeling_marks_the_same_points_as_comparing_depths() {
+    let cloud = Ring::new().cloud(15_000);
+    for light in [Light::Direction(DVec3::new(0.5, 0.3, -0.8)), Light::Position(DVec3::new(0.3, 0.2, 0.9))] {
+        let settings = Settings { samples: 2.0, peels: 160.0, ..Settings::default() };
+        let [depth, index] = [Method::Depth, Method::Index].map(|method| marked(&cloud, light, Settings { method, ..settings }));
+        let lit = depth.0.iter().filter(|(_, count)| *count > 0).count();
+        let differing = depth.0.iter().zip(&index.0).filter(|(a, b)| a != b).count();
+        println!("{light}: {lit} lit, {differing} differ ({})", depth.1);
+        assert!(lit > 7_500 && lit < 29_000, "{light}: {lit} lit");
+        assert_eq!(differing, 0, "{light}");
+    }
+}
+
+/// HARD_CASES 14: behind a half plane a point sees of the light what each of its samples says, but for those whose ray passes the edge within texels.
+#[test]
+fn hard_14_behind_an_edge_every_sample_is_the_ray_to_its_place() {
+    let floor = square(300_000, 1.5, DVec3::X, DVec3::Y, 3);
+    let plate = square(300_000, 1.5, DVec3::X, DVec3::Y, 5).map(|p| DVec3::new(p.x / 2.0 - 0.75, p.y, 1.0));
+    let cloud = points(floor.chain(plate));
+    let settings = Settings { samples: 16.0, radius: 12.0, ..Settings::default() };
+    let (marked, facts) = marked(&cloud, Light::Direction(DVec3::NEG_Z), settings);
+    let basis = Camera { target: DVec3::NEG_Z, ..orthographic(DVec3::ZERO, DVec3::NEG_Z, 1.0) }.basis().unwrap();
+    let tangent = 12f64.to_radians().tan();
+    // How far a ray to the floor has passed the edge's side where it crosses the plate's height.
+    let aside: Vec<f64> = disc::places(16, disc::Pattern::Stratified, 0)
+        .iter()
+        .map(|[u, v]| {
+            let forward = basis.forward + (basis.right * u + basis.up * v) * tangent;
+            forward.x / forward.z
+        })
+        .collect();
+    let (mut between, mut wrong) = (0, 0);
+    for (p, count) in marked.iter().filter(|(p, _)| p.z < 0.5 && p.x.abs() < 0.5 && p.y.abs() < 0.8) {
+        let lit = |slack: f64| aside.iter().filter(|aside| p.x + *aside > slack).count();
+        let band = 2.0 * facts.texel_m;
+        between += (1..16).contains(count) as usize;
+        wrong += !(lit(band)..=lit(-band)).contains(&(*count as usize)) as usize;
+    }
+    println!("{between} points half in shadow, {wrong} wrong ({facts})");
+    assert!(between > 10_000 && wrong == 0, "{between} points half in shadow, {wrong} wrong ({facts})");
+}
+
+#[test]
+fn light_passes_agree_with_f64() {
+    gpu::with(Way::Compute64, |gpu| {
+        let mut random = Random(0x11647);
+        for size in [[1, 1], [1, 67], [67, 1], [131, 77]] {
+            for camera in [perspective(DVec3::ZERO, DVec3::X, 70.0), orthographic(DVec3::ZERO, DVec3::X, 3.0)] {
+                for fill in [0, 1] {
+                    let view = View::new(camera, size).unwrap();
+                    let settings = Settings { fill: fill as f64, ..Settings::default() };
+                    let layer = Layer { metres: 0.001, ..Layer::new(&view, (DVec3::ZERO, DVec3::ONE), &settings) };
+                    let keys = random_keys(size, 1000, &mut random);
+                    let mut g = Graph::new(gpu);
+                    let uploaded = g.upload("keys", &keys).unwrap();
+                    let reached = shadows::reach(&mut g, &view, &uploaded, &layer);
+                    let [depth, limit] = [&reached.depth, &reached.limit].map(|image| g.download(image));
+                    let frame = g.submit(&[]).unwrap();
+                    let (depth, limit): (&[f32], &[f32]) = (frame.read(&depth), frame.read(&limit));
+                    let raw: Vec<f32> =
+                        keys.iter().map(|[id, z]| if *id == u32::MAX { f32::INFINITY } else { f32::from_bits(*z) }).collect();
+                    for i in 0..raw.len() {
+                        let possible = if fill == 0 { vec![raw[i]] } else { oracle::fill(size, &layer, &raw, i) };
+                        assert!(possible.contains(&depth[i]), "{size:?} {i}: filled {} of {possible:?}", depth[i]);
+                        let bounds = oracle::limit(size, &layer, depth, i);
+                        let holds = bounds.is_empty() && limit[i] == f32::INFINITY || bounds.iter().any(|bound| bound.holds(limit[i]));
+                        assert!(holds, "{size:?} {i}: limit {} of {bounds:?}", limit[i]);
+                    }
+                    frame.shelve(gpu);
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn marks_agree_with_f64() {
+    let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
+    let (steps, _) = bumpy(100_000, 20_000, &mut Random(0x5EED));
+    let cloud = cloud(vec![part(lattice, &steps, None)]);
+    let around = |x, y, z| lattice.offset + DVec3::new(x, y, z);
+    for camera in [perspective(around(17.0, -23.0, 21.0), lattice.offset, 50.0), orthographic(around(5.0, 6.0, 30.0), lattice.offset, 19.0)]
+    {
+        gpu::with(Way::Compute64, |gpu| {
+            let view = View::new(camera, [331, 257]).unwrap();
+            let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), &Silent).unwrap();
+            let mut g = Graph::new(gpu);
+            let counts = g.buffer("marks", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
+            let mut tally = shadows::Tally::new(&mut g, counts);
+            let reached = shadows::cast(&mut g, &view, &resident, &Settings::default(), &mut tally).unwrap();
+            let (counts, limit) = (g.download_buffer(&tally.marks), g.download(&reached.limit));
+            let frame = g.submit(&[]).unwrap();
+            let (counts, limit): (&[u8], &[f32]) = (frame.read(&counts), frame.read(&limit));
+            let source = project::Source::new(&cloud.parts[0], &view, Precision::Auto, DVec3::ZERO);
+            let ids = resident.nodes.iter().flat_map(|node| (0..node.count).map(|i| (node.number * POINTS_PER_PAGE + i) as usize));
+            let (mut agreeing, mut in_band, mut lit) = (0, 0, 0);
+            for (p, id) in resident.positions().zip(ids) {
+                let footprint = project::footprint(&view, &source, p - camera.eye);
+                let columns = footprint.map(|f| f.x.map(|x| x.floor() as i64));
+                let rows = footprint.map(|f| f.y.map(|y| y.floor() as i64));
+                let mut possible = [false; 2];
+                if let (Some(f), Some([left, right]), Some([top, bottom])) = (footprint, columns, rows) {
+                    for (x, y) in (top..=bottom).flat_map(|y| (left..=right).map(move |x| (x, y))) {
+                        let inside = (0..331).contains(&x) && (0..257).contains(&y);
+                        let limit = if inside { limit[(y * 331 + x) as usize] as f64 } else { f64::NEG_INFINITY };
+                        possible[1] |= f.z[0] <= limit;
+                        possible[0] |= f.z[1] > limit;
+                    }
+                } else {
+                    possible[0] = true;
+                }
+                lit += counts[id] as usize;
+                assert!(counts[id] < 2 && possible[counts[id] as usize], "{p}: {} of {possible:?}", counts[id]);
+                if possible == [true; 2] { in_band += 1 } else { agreeing += 1 }
+            }
+            println!("{:?}: {agreeing} agree, {in_band} in the band, {lit} lit", camera.projection);
+            assert!(in_band < 200 && lit > 10_000, "{in_band} in the band, {lit} lit");
+            frame.shelve(gpu);
+            resident.free(gpu);
+        });
+    }
+}
+
+/// Light passes run when the light, the nodes or a setting has changed, and not otherwise; and what is kept is what was computed.
+#[test]
+fn marks_are_kept_while_light_and_nodes_stay() {
+    let cloud = Ring::new().cloud(20_000);
+    let sun = Light::Direction(DVec3::new(0.5, 0.3, -0.8));
+    gpu::with(Way::Compute64, |gpu| {
+        let shown = Shown::new(Attribute::White, &cloud);
+        let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
+        let view = |preset| View::new(Camera::framing(preset, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
+        let mut wishes = Wishes { light: sun, ..Wishes::points() };
+        wishes.effects.set("shadows=on").unwrap();
+        let draw = |gpu: &mut Gpu, resident: &Resident, preset: Preset, wishes: &Wishes| {
+            let view = view(preset);
+            let look = look::decide(wishes, &view, resident);
+            let mut g = Graph::new(gpu);
+            let outcome = frame::record(&mut g, &view, resident, &look).unwrap();
+            let picture = g.download(&outcome.picture);
+            let frame = g.submit(&[]).unwrap();
+            let cast = frame.passes.iter().any(|(name, _)| name == "shadow_depth");
+            let picture: Vec<[u32; 4]> = frame.read(&picture).to_vec();
+            frame.shelve(gpu);
+            (cast, picture)
+        };
+        let (cast, first) = draw(gpu, &resident, Preset::Fit, &wishes);
+        assert!(cast, "the first frame casts");
+        assert_eq!(draw(gpu, &resident, Preset::Fit, &wishes), (false, first.clone()), "nothing has changed");
+        assert!(!draw(gpu, &resident, Preset::Iso, &wishes).0, "the camera is not the light");
+        let mut darker = wishes.clone();
+        darker.effects.set("shadows=on,ambient=0.1").unwrap();
+        assert!(!draw(gpu, &resident, Preset::Fit, &darker).0, "how dark shadows are is not what is in them");
+        assert!(draw(gpu, &resident, Preset::Fit, &Wishes { light: Light::Direction(DVec3::NEG_Z), ..wishes.clone() }).0, "another light");
+        assert_eq!(draw(gpu, &resident, Preset::Fit, &wishes), (true, first.clone()), "and back");
+        resident.nodes[0].count -= 1;
+        assert!(draw(gpu, &resident, Preset::Fit, &wishes).0, "another node");
+        resident.free(gpu);
+        let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
+        assert_eq!(draw(gpu, &resident, Preset::Fit, &wishes), (true, first), "another cloud, if with the same points");
+        resident.free(gpu);
+    });
+}
