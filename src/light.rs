@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn a_light_is_what_it_is_written_as() {
         let direction = Light::Direction(DVec3::new(1.0, -2.5, -1e-3));
-        let position = Light::Position(DVec3::new(500_000.125, 5_000_000.0625, 100.0));
+        let position = Light::Position(DVec3::new(500_000.125, 5_000_000.5, 100.0));
         for light in [Light::Headlight, direction, position] {
             assert_eq!(light.to_string().parse(), Ok(light));
         }

@@ -372,7 +372,7 @@ fn marks_are_kept_while_light_and_nodes_stay() {
         let view = |preset| View::new(Camera::framing(preset, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
         let mut wishes = Wishes { light: sun, ..Wishes::points() };
         wishes.effects.set("shadows=on").unwrap();
-        let mut draw = |gpu: &mut Gpu, resident: &Resident, preset: Preset, wishes: &Wishes| {
+        let draw = |gpu: &mut Gpu, resident: &Resident, preset: Preset, wishes: &Wishes| {
             let view = view(preset);
             let look = look::decide(wishes, &view, resident);
             let mut g = Graph::new(gpu);
