@@ -78,7 +78,7 @@ impl super::Settings for Settings {
             Setting { name: "method", about: "how points that light reaches are found", value: Value::Choice(&mut self.method) },
             Setting { name: "samples", about: "places on the light; 1: hard shadows", value: number(&mut self.samples, 1.0..=MOST_SAMPLES) },
             Setting { name: "pattern", about: "how they are spread", value: Value::Choice(&mut self.pattern) },
-            Setting { name: "radius", about: "of the light: degrees of one far away, metres of one at a place", value: number(&mut self.radius, 0.0..=1e6) },
+            Setting { name: "radius", about: "of the light: degrees of one far away (45 at most), metres of one at a place", value: number(&mut self.radius, 0.0..=1e6) },
             Setting { name: "size", about: "of the light's picture, texels; 0: from the spacing of the points", value: number(&mut self.size, 0.0..=4096.0) },
             Setting { name: "ambient", about: "what is left of a colour in full shadow", value: number(&mut self.ambient, 0.0..=1.0) },
             Setting { name: "layer", about: "depth of a surface, metres; 0: as little as keeps surfaces from shading themselves", value: number(&mut self.layer, 0.0..=1e9) },

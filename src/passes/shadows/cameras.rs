@@ -25,6 +25,8 @@ pub struct Wanted {
     pub size: u32,
 }
 
+/// Half the angle of the largest light far away, degrees.
+const WIDEST: f64 = 45.0;
 const LEAST: f64 = 256.0;
 const MOST: f64 = 4096.0;
 const SPACINGS_PER_TEXEL: f64 = 2.0;
@@ -49,20 +51,21 @@ fn texels(asked: u32, extent: f64, texel: f64) -> f64 {
     }
 }
 
-/// A camera that looks this way. Its axes are the same for all places on a light, but for what they differ in direction.
+/// A camera that looks this way.
 fn looking(eye: DVec3, forward: DVec3) -> Camera {
     Camera { eye, target: eye + forward, up: DVec3::Z, fov_y: 90.0, projection: Projection::Perspective, ortho_height: None }
 }
 
 fn far(direction: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<View>> {
     let middle = looking(centre, direction.normalize()).basis()?;
-    let tangent = wanted.radius.to_radians().tan();
+    let tangent = wanted.radius.min(WIDEST).to_radians().tan();
     let forward = (middle.forward + (middle.right * u + middle.up * v) * tangent).normalize();
-    let basis = looking(centre, forward).basis()?;
     let reach = |axis: DVec3| half.dot(axis.abs());
     // Of one point there is a picture, too; and beside numbers as large as the cloud's place a light needs room.
     let least = 1e-6 * half.length() + 1e-9 * centre.length() + f64::MIN_POSITIVE;
-    let extent = [basis.right, basis.up].map(|axis| 2.0 * reach(axis).max(least));
+    // All places on a light have pictures of one size: an axis turns by the light's half angle, twice, and its end moves by as much.
+    let turned = 1.5 * tangent * half.length();
+    let extent = [middle.right, middle.up].map(|axis| 2.0 * (reach(axis) + turned).max(least));
     let longer = extent[0].max(extent[1]);
     let size = texels(wanted.size, longer, SPACINGS_PER_TEXEL * wanted.spacing_m);
     // A texel to spare on either side.
@@ -71,6 +74,8 @@ fn far(direction: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half:
     let camera = Camera {
         projection: Projection::Orthographic,
         ortho_height: Some(size[1] as f64 * texel),
+        // No roll from place to place.
+        up: middle.up,
         ..looking(centre - forward * (1.01 * reach(forward) + 2.0 * least), forward)
     };
     Ok(vec![View::new(camera, size)?])
@@ -82,12 +87,13 @@ fn near(position: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half:
     // From the middle of the light, so that all places on it have pictures of one size.
     let corner = |k: u32| centre + half * DVec3::from_array([0, 1, 2].map(|axis| if k >> axis & 1 == 1 { 1.0 } else { -1.0 }));
     let tangents = |axis: DVec3| {
-        (0..8).map(|k| corner(k) - eye).fold(0.0f64, |most, p| most.max(p.dot(axis).abs() / p.dot(middle.forward).max(1e-9 * half.length())))
+        let tangent = |p: DVec3| (p.dot(axis).abs() + wanted.radius) / p.dot(middle.forward).max(1e-9 * half.length());
+        (0..8).map(|k| tangent(corner(k) - position)).fold(0.0, f64::max)
     };
     let across = [middle.right, middle.up].map(|axis| tangents(axis).max(1e-6));
     // What is near is sparse in the light's picture.
-    let nearest = (eye.clamp(centre - half, centre + half) - eye).length();
-    let distance = nearest.max((centre - eye).length().max(half.length()) / 2.0);
+    let nearest = (position.clamp(centre - half, centre + half) - position).length();
+    let distance = nearest.max((centre - position).length().max(half.length()) / 2.0);
     let texel = SPACINGS_PER_TEXEL * wanted.spacing_m / distance;
     if across[0].max(across[1]) <= 1.0 {
         let longer = across[0].max(across[1]);

@@ -82,7 +82,7 @@ mod tests {
                 count += 1.0;
             }
         }
-        (sum / count as f64).sqrt()
+        (sum / count).sqrt()
     }
 
     /// Of a line through log error over log samples, by least squares.
