@@ -22,7 +22,7 @@ pub struct Settings {
     pub method: Method,
     /// Steps at most; 0: the width of the widest kernel that looked for holes, and with dobrev, of either kind, one and a half of a point's spacings on the screen. Dobrev counts to 127.
     pub iterations: f64,
-    /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as the largest kernel's pixels at that depth.
+    /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as 31 pixels, those of the widest kernel, at that depth.
     pub tolerance: f64,
     /// Background is a hole, too, where so many of its eight neighbours have a value; 9: never.
     pub surrounded: f64,
@@ -60,7 +60,7 @@ impl super::Settings for Settings {
             Setting { name: "iterations", about: "steps at most; 0: the width of the widest kernel; with dobrev one and a half spacings of the points, 127 at most", value: number(&mut self.iterations, 0.0..=1000.0) },
             Setting {
                 name: "tolerance",
-                about: "difference in depth from which two surfaces are not mixed, metres; 0: from the spacing of the points",
+                about: "difference in depth from which two surfaces are not mixed, metres; 0: 31 pixels' width, wherever a pixel is",
                 value: number(&mut self.tolerance, 0.0..=1e9),
             },
             Setting { name: "surrounded", about: "background is filled, too, where so many of its 8 neighbours are; 9: never", value: number(&mut self.surrounded, 1.0..=9.0) },
