@@ -3,16 +3,19 @@
 //! A plan that changed on purpose: `POINTILLIST_UPDATE=1 cargo test --release --test plan`, and read the difference before committing it.
 
 use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::error::{Error, Result};
 use pointillist::graph::{Gpu, Graph, Handle};
-use pointillist::look::{self, Wishes};
+use pointillist::look::{self, Look, Wishes};
 use pointillist::passes::EFFECTS;
-use pointillist::progress::Silent;
+use pointillist::progress::{Progress, Silent};
 use pointillist::resident::Resident;
 use pointillist::view::{Camera, Preset, View};
 use pointillist::{frame, gpu::Wish, synth};
 use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-fn plan_with(effects: &[&str]) -> String {
+/// A thousand points on 64 x 64 pixels.
+fn on_a_plane<T>(effects: &[&str], draw: impl FnOnce(&mut Gpu, &View, &Resident, &Look) -> T) -> T {
     let mut gpu =
         Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(synth::Scene::Plane, 1, 0.0);
@@ -22,13 +25,17 @@ fn plan_with(effects: &[&str]) -> String {
     let mut wishes = Wishes::default();
     effects.iter().for_each(|effect| wishes.effects.set(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
-    let look = look::decide(&wishes, &view, &resident);
-    let mut g = Graph::new(&mut gpu);
-    let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
-    let text = g.plan(&[outcome.picture.resource()]).to_string();
-    drop(g);
+    let drawn = draw(&mut gpu, &view, &resident, &look::decide(&wishes, &view, &resident));
     resident.free(&mut gpu);
-    text
+    drawn
+}
+
+fn plan_with(effects: &[&str]) -> String {
+    on_a_plane(effects, |gpu, view, resident, look| {
+        let mut g = Graph::new(gpu);
+        let outcome = frame::record(&mut g, view, resident, look).unwrap();
+        g.plan(&[outcome.picture.resource()]).to_string()
+    })
 }
 
 fn compare(name: &str, found: &str) {
@@ -57,4 +64,40 @@ fn shadows_alone() {
 fn nothing_that_is_off_leaves_a_trace() {
     let off: Vec<String> = EFFECTS.iter().map(|effect| format!("{effect}=off")).collect();
     compare("points", &plan_with(&off.iter().map(String::as_str).collect::<Vec<_>>()));
+}
+
+/// Stops what asks it more often than this.
+struct Patience(AtomicU32);
+
+impl Progress for Patience {
+    fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
+        self.0.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1)).map(drop).map_err(|_| Error::Interrupted)
+    }
+}
+
+#[test]
+fn a_frame_that_was_stopped_is_drawn_whole_the_next_time() {
+    on_a_plane(&[], |gpu, view, resident, look| {
+        if !gpu.device.is_cpu {
+            return println!("skipped: only software devices look between passes whether they are to stop");
+        }
+        let picture = |gpu: &mut Gpu, progress: Option<&dyn Progress>| {
+            let mut g = Graph::new(gpu);
+            if let Some(progress) = progress {
+                g = g.watched(progress);
+            }
+            let outcome = frame::record(&mut g, view, resident, look)?;
+            let picture = g.download(&outcome.picture);
+            let frame = g.submit(&[])?;
+            let pixels = frame.read::<u8>(&picture).to_vec();
+            frame.shelve(gpu);
+            Ok::<_, Error>(pixels)
+        };
+        let whole = picture(gpu, None).unwrap();
+        for times in 0..5 {
+            let stopped = picture(gpu, Some(&Patience(AtomicU32::new(times))));
+            assert!(matches!(stopped, Err(Error::Interrupted)), "after {times}");
+        }
+        assert!(picture(gpu, Some(&Silent)).unwrap() == whole);
+    });
 }

@@ -101,7 +101,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let resident = brought.resident();
     let look = look::decide(&wishes, &view, resident);
 
-    let mut g = Graph::new(&mut gpu);
+    let mut g = Graph::new(&mut gpu).watched(progress);
     let outcome = frame::record(&mut g, &view, resident, &look)?;
     facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
     let downloads = Downloads::ask(&mut g, &outcome, arguments.exr.is_some());

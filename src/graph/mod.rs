@@ -13,6 +13,7 @@ use crate::gpu::Device;
 use crate::gpu::kernel::Kernels;
 use crate::gpu::memory::{Memory, RawBuffer, Texels};
 use crate::gpu::timeline::Timeline;
+use crate::progress::Progress;
 use ash::vk;
 use plan::{Pass, Plan, Resource, Shape};
 
@@ -137,6 +138,7 @@ pub struct Graph<'g> {
     imports: Vec<(ResourceId, Import)>,
     /// Buffers that outlive the frame and are to be filled by it: name, and what of.
     keeps: Vec<(ResourceId, String, Vec<u64>)>,
+    progress: Option<&'g dyn Progress>,
     /// For tests of the tests: record no barriers at all.
     pub without_barriers: bool,
 }
@@ -151,8 +153,14 @@ impl<'g> Graph<'g> {
             uploads: Vec::new(),
             imports: Vec::new(),
             keeps: Vec::new(),
+            progress: None,
             without_barriers: false,
         }
+    }
+
+    /// With someone who listens, and may stop the frame, where it takes long: on software devices, between its passes.
+    pub fn watched(self, progress: &'g dyn Progress) -> Graph<'g> {
+        Graph { progress: Some(progress), ..self }
     }
 
     /// A transient image; its contents are undefined until a pass writes them.

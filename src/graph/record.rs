@@ -10,6 +10,7 @@ use crate::gpu::kernel::descriptor_type;
 use crate::gpu::memory::{RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
 use crate::gpu::trail::Trail;
+use crate::progress::Progress;
 use ash::vk;
 use std::collections::HashMap;
 
@@ -37,11 +38,11 @@ impl Physical {
 }
 
 pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
-    let Graph { gpu, passes, work, resources, uploads, imports, keeps, without_barriers } = graph;
+    let Graph { gpu, passes, work, resources, uploads, imports, keeps, progress, without_barriers } = graph;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
     let mut physical = HashMap::new();
     let done = realise(gpu, &plan, &resources, uploads, &imports, &mut physical)
-        .and_then(|()| execute(gpu, &plan, &names, &work, &physical, !without_barriers))
+        .and_then(|()| execute(gpu, &plan, &names, &work, &physical, progress, !without_barriers))
         .and_then(|milliseconds| gpu.device.objections().map(|()| milliseconds));
     if done.is_ok() {
         // Those that no pass of the plan touches have not been filled.
@@ -62,6 +63,9 @@ pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
     Ok(Frame { passes: names.into_iter().zip(done?).collect(), plan, downloads })
 }
 
+/// Steps of a software device between two looks at whether it is to stop: it may compile for a second on each, and a submission of its own costs a tenth of a millisecond.
+const STEPS_AT_ONCE: usize = 4;
+
 /// Records, submits, waits; milliseconds of every step.
 fn execute(
     gpu: &mut Gpu,
@@ -69,6 +73,7 @@ fn execute(
     names: &[String],
     work: &[Work],
     physical: &HashMap<usize, Physical>,
+    progress: Option<&dyn Progress>,
     barriers: bool,
 ) -> Result<Vec<f64>> {
     let timing = Timing::new(&gpu.device, names.len() as u32)?;
@@ -80,6 +85,11 @@ fn execute(
         timing.reset(commands);
         leave_undefined(gpu, commands, physical.values());
         for (order, step) in plan.steps.iter().enumerate() {
+            let pause = gpu.device.is_cpu && order > 0 && order % STEPS_AT_ONCE == 0;
+            if let Some(progress) = progress.filter(|_| pause) {
+                scratch.run_so_far(gpu, &trail)?;
+                progress.tick("drawing", order as u64, plan.steps.len() as u64)?;
+            }
             let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
             if let Some(labels) = &gpu.device.labels {
                 // SAFETY: the command buffer is being recorded; the label outlives the call.
@@ -322,23 +332,40 @@ impl Scratch {
         Ok(())
     }
 
-    /// Submits and waits; a lost device is blamed on the pass that was running.
+    /// Submits what has been recorded, waits, and goes on recording. Pages are not the loader's again before the last of it.
+    fn run_so_far(&self, gpu: &Gpu, trail: &Trail) -> Result<()> {
+        self.run(gpu, trail, &[])?;
+        // SAFETY: the submission has been waited for.
+        unsafe {
+            self.device.reset_fences(&[self.fence]).map_err(failed("vkResetFences"))?;
+            self.device.reset_command_pool(self.command_pool, vk::CommandPoolResetFlags::empty()).map_err(failed("vkResetCommandPool"))?;
+        }
+        self.begin()
+    }
+
+    /// Submits the rest and waits.
     fn finish(&self, gpu: &mut Gpu, trail: &Trail) -> Result<()> {
         let to_host = [vk::MemoryBarrier2::default()
             .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
             .dst_stage_mask(vk::PipelineStageFlags2::HOST)
             .dst_access_mask(vk::AccessFlags2::HOST_READ)];
-        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
+        // SAFETY: recorded outside of rendering.
+        unsafe { self.device.cmd_pipeline_barrier2(self.commands, &vk::DependencyInfo::default().memory_barriers(&to_host)) };
         gpu.submitted += 1;
         let passed = [vk::SemaphoreSubmitInfo::default()
             .semaphore(gpu.passed.raw)
             .value(gpu.submitted)
             .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
-        let submission = vk::SubmitInfo2::default().command_buffer_infos(&commands).signal_semaphore_infos(&passed);
+        self.run(gpu, trail, &passed)
+    }
+
+    /// A lost device is blamed on the pass that was running.
+    fn run(&self, gpu: &Gpu, trail: &Trail, signals: &[vk::SemaphoreSubmitInfo]) -> Result<()> {
+        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
+        let submission = vk::SubmitInfo2::default().command_buffer_infos(&commands).signal_semaphore_infos(signals);
         // SAFETY: the command buffer is complete, and all it uses lives until the fence has been waited for.
         unsafe {
-            self.device.cmd_pipeline_barrier2(self.commands, &vk::DependencyInfo::default().memory_barriers(&to_host));
             self.device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
             self.device.queue_submit2(gpu.device.queue, &[submission], self.fence).map_err(|code| trail.blame(code))?;
             self.device.wait_for_fences(&[self.fence], true, u64::MAX).map_err(|code| trail.blame(code))

@@ -7,6 +7,7 @@ use crate::index::build::{self, Options};
 use crate::index::file::Index;
 use crate::progress::Progress;
 use crate::synth::{self, LasFile, Scene, World};
+use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -25,9 +26,15 @@ struct Folder(PathBuf);
 impl Folder {
     fn new() -> Result<Folder> {
         static NUMBER: AtomicUsize = AtomicUsize::new(0);
-        let path = std::env::temp_dir().join(format!("pointillist-study-{}-{}", std::process::id(), NUMBER.fetch_add(1, Relaxed)));
-        std::fs::create_dir(&path).map_err(|error| Error::io("create", &path, error))?;
-        Ok(Folder(path))
+        loop {
+            let path = std::env::temp_dir().join(format!("pointillist-study-{}-{}", std::process::id(), NUMBER.fetch_add(1, Relaxed)));
+            match std::fs::create_dir(&path) {
+                Ok(()) => return Ok(Folder(path)),
+                // Of a process that was killed, and had the number that this one has.
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(Error::io("create", &path, error)),
+            }
+        }
     }
 }
 
