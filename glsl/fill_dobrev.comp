@@ -16,6 +16,7 @@
 #include "pixel.glsl"
 #include "around.glsl"
 #include "source.glsl"
+#include "masks.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -48,14 +49,6 @@ layout(push_constant, scalar) uniform Push {
 #define ASIDE(k) ivec2(((k) + (k) / 4) % 3 - 1, ((k) + (k) / 4) / 3 - 1)
 
 const float FARTHEST = 3.402823466e38;
-
-// Whether five bits side by side, of a ring of eight, are set.
-bool any_mask(uint ring) {
-    uint twice = ring | ring << 8;
-    uint two = twice & twice >> 1;
-    uint four = two & two >> 2;
-    return (four & twice >> 4 & 255u) != 0u;
-}
 
 void work(uint tile) {
     ivec2 top = column_of(tile, push.tiles.x);

@@ -9,6 +9,7 @@
 
 #include "pixel.glsl"
 #include "light.glsl"
+#include "masks.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -30,7 +31,6 @@ void main() {
         nearest = before ? min(nearest, other) : nearest;
         open |= uint(!before) << k;
     }
-    uint ring = open | open << 8;
-    bool stays = (ring & ring >> 1 & ring >> 2 & ring >> 3 & ring >> 4 & 255u) != 0u;
+    bool stays = any_mask(open);
     imageStore(filled, texel, vec4(stays ? z : nearest));
 }

@@ -90,7 +90,7 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
 }
 
 /// Largest kernel of visibility.
-const WIDEST: f64 = 31.0;
+pub(super) const WIDEST: f64 = 31.0;
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let view = scene.view;

@@ -3,7 +3,7 @@
 //! Normals are those of the surface on the screen, fitted to its depths (glsl/lib/normal.glsl): they always face the camera, so that there are no back faces to drop. Normals that a file has do not reach
 //! the device yet. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
 
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::light::Light;
 use crate::shader::{self, phong::Push, phong::Spec};
@@ -55,9 +55,6 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     Reason { runs, why: why.to_string() }
 }
 
-/// Depths that differ by so many pixels' widths or more are of different surfaces, as for filling.
-const REACH_PX: f64 = 31.0;
-
 /// What differs by more parts of its depth is another surface, whatever the camera.
 const MOST_REACH: f64 = 0.5;
 
@@ -75,9 +72,9 @@ pub fn seen(view: &View, light: Light) -> [f32; 4] {
     [place[0], place[1], place[2], w]
 }
 
-/// Difference in depth from which pixels are of other surfaces: metres, or with perspective parts of the depth.
+/// Difference in depth from which pixels are of other surfaces, as for filling: metres, or with perspective parts of the depth.
 pub fn reach(view: &View) -> f64 {
-    let reach = REACH_PX / view.focal_px();
+    let reach = fill::WIDEST / view.focal_px();
     if view.camera.projection == Projection::Perspective { reach.min(MOST_REACH) } else { reach }
 }
 

@@ -13,7 +13,7 @@ use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Statistics};
-use pointillist::passes::{Effects, Scene, Switch, antialias, composite, fill, phong, resolve, shape, smooth, visibility};
+use pointillist::passes::{EFFECTS, Effects, Scene, Switch, antialias, composite, fill, phong, resolve, shape, smooth, visibility};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::{Camera, Projection, View};
@@ -286,4 +286,18 @@ pub fn perspective(eye: DVec3, target: DVec3, fov_y: f64) -> Camera {
 
 pub fn orthographic(eye: DVec3, target: DVec3, height: f64) -> Camera {
     Camera { projection: Projection::Orthographic, ortho_height: Some(height), ..perspective(eye, target, 60.0) }
+}
+
+/// A wide angle, so that rays lean, and ten pixels a metre.
+pub fn views(size: [u32; 2]) -> [View; 2] {
+    let height = size[1] as f64 / 10.0;
+    [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)].map(|camera| View::new(camera, size).unwrap())
+}
+
+/// These effects only, in the words of the command line.
+pub fn effects(asked: &[&str]) -> Effects {
+    let mut effects = Effects::default();
+    EFFECTS.iter().for_each(|effect| effects.set(&format!("{effect}=off")).unwrap());
+    asked.iter().for_each(|asked| effects.set(asked).unwrap());
+    effects
 }

@@ -1,23 +1,10 @@
 //! Silhouettes, small filters, and light on the screen (HARD_CASES 0, 12, 17, 26).
 
-use crate::gpu::{CANVAS_POINTS, Random, canvas, orthographic, perspective, random_keys};
+use crate::gpu::{CANVAS_POINTS, Random, canvas, effects, random_keys, views};
 use glam::DVec3;
 use pointillist::config::NO_POINT;
 use pointillist::light::Light;
-use pointillist::passes::{EFFECTS, Effects};
-use pointillist::view::{Projection, View};
-
-fn views(size: [u32; 2]) -> [View; 2] {
-    let height = size[1] as f64 / 10.0;
-    [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)].map(|camera| View::new(camera, size).unwrap())
-}
-
-fn effects(asked: &[&str]) -> Effects {
-    let mut effects = Effects::default();
-    EFFECTS.iter().for_each(|effect| effects.set(&format!("{effect}=off")).unwrap());
-    asked.iter().for_each(|asked| effects.set(asked).unwrap());
-    effects
-}
+use pointillist::view::Projection;
 
 /// Tilted planes, grazing ones too: their 1/z is affine, and gives no edge above 16 ulps; the Laplacian of z itself does.
 #[test]

@@ -1,11 +1,10 @@
 //! Hidden layers, holes, and shade (HARD_CASES 7 to 11), and what of them must not change a single bit: where tiles begin, and which of them are looked at.
 
-use crate::gpu::{CANVAS_POINTS, Canvas, Layers, Random, Stage, Way, canvas, draw, orthographic, perspective, random_keys};
-use glam::DVec3;
+use crate::gpu::{CANVAS_POINTS, Canvas, Layers, Random, Stage, Way, canvas, draw, effects, perspective, random_keys, views};
 use pointillist::config::NO_POINT;
 use pointillist::light::Light;
 use pointillist::look::Wishes;
-use pointillist::passes::{EFFECTS, Effects, Scene, fill, shape, visibility};
+use pointillist::passes::{Scene, fill, shape, visibility};
 use pointillist::progress::Silent;
 use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
 use pointillist::study::oracle::visibility::{Depths, sector};
@@ -13,20 +12,6 @@ use pointillist::study::oracle::{Bounded, shape as shape_oracle};
 use pointillist::synth;
 use pointillist::view::{Camera, Preset, Projection, View};
 use std::f64::consts::{FRAC_PI_2, TAU};
-
-/// A wide angle, so that rays lean, and ten pixels a metre.
-fn views(size: [u32; 2]) -> [View; 2] {
-    let height = size[1] as f64 / 10.0;
-    [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)].map(|camera| View::new(camera, size).unwrap())
-}
-
-/// These effects only, in the words of the command line.
-fn effects(asked: &[&str]) -> Effects {
-    let mut effects = Effects::default();
-    EFFECTS.iter().for_each(|effect| effects.set(&format!("{effect}=off")).unwrap());
-    asked.iter().for_each(|asked| effects.set(asked).unwrap());
-    effects
-}
 
 /// Keys of given depths; the point follows from the place.
 fn keys(depths: &[Option<f32>]) -> Vec<[u32; 2]> {
