@@ -1,0 +1,142 @@
+//! A point's neighbours in, the plane through them out: its normal, and the way in which they spread most (dos Anjos et al. 2018, sec. 3.2.2: least squares within 3 r).
+//!
+//! ```text
+//! differences to the point itself, exact integers times the step; divided by the largest, so that no square is too large or too small
+//! mean, then covariance about it (two passes, f64); its eigenvectors by Jacobi's rotations: the least is the normal, the largest lies along
+//! ```
+//! A plane that the points do not determine is none, never a guess (HARD_CASES 18): fewer than three points, all on a line, or thinner than the lattice can say.
+
+use glam::DVec3;
+
+/// Eigenvalues nearer to each other than this part of the largest are the same: the direction between them is anyone's.
+const SAME: f64 = 1e-6;
+/// Jacobi's rotations converge quadratically: three sweeps leave 1e-10, five nothing.
+const SWEEPS: usize = 6;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// Unit; either of the two.
+    pub normal: DVec3,
+    /// Unit, in the plane: where the points spread most.
+    pub along: DVec3,
+}
+
+/// The plane through a point and its neighbours, given as differences to it, metres, on a lattice of this step.
+pub fn plane(differences: &[DVec3], step: f64) -> Option<Plane> {
+    let largest = differences.iter().fold(0.0f64, |largest, d| largest.max(d.abs().max_element()));
+    if differences.len() < 2 || largest <= 0.0 {
+        return None;
+    }
+    // The point itself is one of them, at 0.
+    let count = differences.len() as f64 + 1.0;
+    let mean = differences.iter().map(|d| *d / largest).sum::<DVec3>() / count;
+    let mut covariance = outer(mean, mean);
+    for difference in differences {
+        let off = *difference / largest - mean;
+        let product = outer(off, off);
+        (0..6).for_each(|k| covariance[k] += product[k]);
+    }
+    let [(least, normal), (middle, _), (most, along)] = eigen(covariance.map(|sum| sum / count));
+    let flat = middle * largest * largest <= step * step || middle - least < SAME * most;
+    (!flat).then_some(Plane { normal, along })
+}
+
+/// Upper triangle: xx, xy, xz, yy, yz, zz.
+fn outer(a: DVec3, b: DVec3) -> [f64; 6] {
+    [a.x * b.x, a.x * b.y, a.x * b.z, a.y * b.y, a.y * b.z, a.z * b.z]
+}
+
+/// Eigenvalues, smallest first, and unit eigenvectors of a symmetric matrix (Jacobi 1846; Golub and Van Loan 2013, sec. 8.5).
+pub fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [(f64, DVec3); 3] {
+    let mut a = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+    let mut vectors = [DVec3::X, DVec3::Y, DVec3::Z];
+    for _ in 0..SWEEPS {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            if a[p][q] == 0.0 {
+                continue;
+            }
+            let tau = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
+            let t = tau.signum() / (tau.abs() + (1.0 + tau * tau).sqrt());
+            let c = 1.0 / (1.0 + t * t).sqrt();
+            let s = t * c;
+            a[p][p] -= t * a[p][q];
+            a[q][q] += t * a[p][q];
+            (a[p][q], a[q][p]) = (0.0, 0.0);
+            let r = 3 - p - q;
+            let (rp, rq) = (a[r][p], a[r][q]);
+            (a[r][p], a[r][q]) = (c * rp - s * rq, s * rp + c * rq);
+            (a[p][r], a[q][r]) = (a[r][p], a[r][q]);
+            (vectors[p], vectors[q]) = (c * vectors[p] - s * vectors[q], s * vectors[p] + c * vectors[q]);
+        }
+    }
+    let mut pairs = [0, 1, 2].map(|k| (a[k][k], vectors[k]));
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    pairs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A square patch of points around the origin, in the plane of two vectors.
+    fn patch(u: DVec3, v: DVec3) -> Vec<DVec3> {
+        (0..25).filter(|k| *k != 12).map(|k| u * (k % 5 - 2) as f64 + v * 1.5 * (k / 5 - 2) as f64).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn a_plane_is_found_at_any_angle_and_any_scale(x in -1.0f64..1.0, y in -1.0f64..1.0, z in -1.0f64..1.0, power in -30i32..30) {
+            let normal = DVec3::new(x, y, z).normalize_or(DVec3::Z);
+            let (u, v) = normal.any_orthonormal_pair();
+            let scale = 2f64.powi(power);
+            let found = plane(&patch(u * scale, v * scale), scale * 1e-3).expect("a plane");
+            prop_assert!(found.normal.cross(normal).length() < 1e-12);
+            prop_assert!(found.along.cross(v).length() < 1e-7, "{} {}", found.along, v);
+        }
+
+        #[test]
+        fn eigenvectors_solve_their_equation(m in prop::array::uniform6(-1.0f64..1.0)) {
+            let [xx, xy, xz, yy, yz, zz] = m;
+            let pairs = eigen(m);
+            prop_assert!(pairs[0].0 <= pairs[1].0 && pairs[1].0 <= pairs[2].0);
+            for (value, v) in pairs {
+                let product = DVec3::new(DVec3::new(xx, xy, xz).dot(v), DVec3::new(xy, yy, yz).dot(v), DVec3::new(xz, yz, zz).dot(v));
+                prop_assert!((product - value * v).length() < 1e-13 && (v.length() - 1.0).abs() < 1e-14);
+            }
+        }
+    }
+
+    #[test]
+    fn hard_18_what_determines_no_plane_gives_none() {
+        assert_eq!(plane(&[], 1.0), None);
+        assert_eq!(plane(&[DVec3::X], 1e-3), None);
+        assert_eq!(plane(&[DVec3::ZERO; 9], 1e-3), None);
+        let line: Vec<DVec3> = (1..9).map(|k| DVec3::new(1.0, 2.0, 3.0) * k as f64).collect();
+        assert_eq!(plane(&line, 1e-3), None);
+        let ball: Vec<DVec3> = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]).collect();
+        assert_eq!(plane(&ball, 1e-3), None, "every direction is as good");
+        assert_eq!(plane(&patch(DVec3::X, DVec3::Y), 10.0), None, "smaller than the lattice can say");
+        assert!(plane(&patch(DVec3::X, DVec3::Y), 1e-3).is_some());
+    }
+
+    /// By the theorem of Davis and Kahan, as HARD_CASES 18 has it: the sine of the angle is at most |E| / (l2 - l1).
+    #[test]
+    fn hard_18_noise_turns_the_normal_no_further_than_it_may() {
+        let mut state = 0x5EEDu64;
+        let mut noise = || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        };
+        for size in [1e-3, 1e-2, 1e-1] {
+            let flat = patch(DVec3::X, DVec3::Y);
+            let bumpy: Vec<DVec3> = flat.iter().map(|d| *d + DVec3::Z * size * noise()).collect();
+            let found = plane(&bumpy, 1e-6).expect("a plane");
+            // |E| of covariances: twice the largest deviation times the largest distance, and its square.
+            let error = 2.0 * size * 0.5 * 4.0 + size * size;
+            assert!(found.normal.cross(DVec3::Z).length() <= error / 2.0, "{size}: {}", found.normal);
+        }
+    }
+}
