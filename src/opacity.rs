@@ -1,0 +1,160 @@
+//! How opaque points are: rules of the user, and what they come to for every class, return and station.
+
+use crate::cloud::Station;
+use serde::Serialize;
+
+/// What a rule is about.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum What {
+    All,
+    Class(u8),
+    Return(u8),
+    /// Its name, or its number in the list that `info` gives, from 1 on.
+    Station(String),
+    /// A file's name: all stations in it.
+    File(String),
+}
+
+/// `[WHAT=]OPACITY`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Rule {
+    pub what: What,
+    /// 0: is not drawn at all; 1: hides what is behind.
+    pub opacity: f64,
+}
+
+/// All rules; the opacities of those that are about a point are multiplied.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Opacities(pub Vec<Rule>);
+
+/// Return numbers have four bits.
+const RETURNS: usize = 16;
+const CLASSES: usize = 256;
+
+impl std::str::FromStr for Rule {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Rule, String> {
+        let (what, number) = text.rsplit_once('=').unwrap_or(("all", text));
+        let opacity = number.parse().ok().filter(|opacity| (0.0..=1.0).contains(opacity));
+        let opacity = opacity.ok_or(format!("{number:?} is not an opacity from 0 to 1"))?;
+        let what = match what.split_once(':') {
+            None if what == "all" => What::All,
+            Some(("class", class)) => What::Class(class.parse().map_err(|_| format!("{class:?} is not a class from 0 to 255"))?),
+            Some(("return", number)) => {
+                let valid = number.parse().ok().filter(|number| (*number as usize) < RETURNS);
+                What::Return(valid.ok_or(format!("{number:?} is not a return number from 0 to {}", RETURNS - 1))?)
+            }
+            Some(("station", name)) => What::Station(name.into()),
+            Some(("file", name)) => What::File(name.into()),
+            _ => return Err(format!("{what:?} is neither class:N, return:N, station:NAME nor file:NAME")),
+        };
+        Ok(Rule { what, opacity })
+    }
+}
+
+impl std::fmt::Display for Rule {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match &self.what {
+            What::All => write!(f, "{}", self.opacity),
+            What::Class(class) => write!(f, "class:{class}={}", self.opacity),
+            What::Return(number) => write!(f, "return:{number}={}", self.opacity),
+            What::Station(name) => write!(f, "station:{name}={}", self.opacity),
+            What::File(name) => write!(f, "file:{name}={}", self.opacity),
+        }
+    }
+}
+
+impl What {
+    fn is_of(&self, number: usize, station: &Station) -> bool {
+        match self {
+            What::Station(name) => station.name == *name || name.parse() == Ok(number + 1),
+            // A station is named after its file, or after its scan in it.
+            What::File(name) => station.name == *name || station.name.starts_with(&format!("{name} ")),
+            _ => false,
+        }
+    }
+
+    fn names_stations(&self) -> bool {
+        matches!(self, What::Station(_) | What::File(_))
+    }
+}
+
+impl Opacities {
+    /// Whether some points let through what is behind them.
+    pub fn is_transparent(&self) -> bool {
+        self.0.iter().any(|rule| rule.opacity > 0.0 && rule.opacity < 1.0)
+    }
+
+    /// Whether some points are not drawn at all.
+    pub fn hides(&self) -> bool {
+        self.0.iter().any(|rule| rule.opacity == 0.0)
+    }
+
+    /// Whether it takes a point's kind to tell its opacity.
+    pub fn needs_kinds(&self) -> bool {
+        self.0.iter().any(|rule| rule.what != What::All)
+    }
+
+    /// The rule that is about no station there is, in words.
+    pub fn lost(&self, stations: &[Station]) -> Option<String> {
+        let is_lost = |rule: &&Rule| {
+            rule.what.names_stations() && !stations.iter().enumerate().any(|(number, station)| rule.what.is_of(number, station))
+        };
+        let (What::Station(name) | What::File(name)) = &self.0.iter().find(is_lost)?.what else { return None };
+        let names: Vec<&str> = stations.iter().take(8).map(|station| station.name.as_str()).collect();
+        let more = if stations.len() > names.len() { ", ..." } else { "" };
+        Some(format!("no station or file {name:?}; there are: {}{more}", names.join(", ")))
+    }
+
+    /// Factors: 256 of classes, 16 of return numbers, one of every station; a point's opacity is the product of its three (glsl/lib/kind.glsl).
+    pub fn table(&self, stations: &[Station]) -> Vec<f32> {
+        let mut table = vec![1.0; CLASSES + RETURNS + stations.len().max(1)];
+        let (classes, others) = table.split_at_mut(CLASSES);
+        let (returns, places) = others.split_at_mut(RETURNS);
+        for Rule { what, opacity } in &self.0 {
+            let opacity = *opacity as f32;
+            match what {
+                What::All => classes.iter_mut().for_each(|factor| *factor *= opacity),
+                What::Class(class) => classes[*class as usize] *= opacity,
+                What::Return(number) => returns[*number as usize] *= opacity,
+                What::Station(_) | What::File(_) => {
+                    let about = stations.iter().enumerate().map(|(number, station)| what.is_of(number, station));
+                    places.iter_mut().zip(about).filter(|(_, about)| *about).for_each(|(factor, _)| *factor *= opacity);
+                }
+            }
+        }
+        table
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stations() -> Vec<Station> {
+        let station = |part, source, name: &str| Station { part, source, name: name.into(), points: 1 };
+        vec![station(0, Some(3), "a.las source 3"), station(0, Some(7), "a.las source 7"), station(1, None, "b.ply")]
+    }
+
+    #[test]
+    fn opacities_of_a_point_multiply() {
+        let rules = ["0.5", "class:6=0.5", "return:2=0", "station:2=0.25", "file:a.las=0.5", "station:b.ply=0.75"];
+        let opacities = Opacities(rules.iter().map(|rule| rule.parse().unwrap()).collect());
+        let table = opacities.table(&stations());
+        assert_eq!([table[5], table[6], table[256 + 1], table[256 + 2]], [0.5, 0.25, 1.0, 0.0]);
+        assert_eq!(table[272..], [0.5, 0.125, 0.75]);
+        assert!(opacities.is_transparent() && opacities.hides() && opacities.needs_kinds());
+        assert_eq!(opacities.lost(&stations()), None);
+    }
+
+    #[test]
+    fn what_is_no_rule_is_refused_with_its_words() {
+        for text in ["", "2", "-0.1", "nan", "class:256=1", "class:x=0.5", "return:16=1", "wall=0.5", "class:6", "=1"] {
+            assert!(text.parse::<Rule>().is_err(), "{text}");
+        }
+        let lost = Opacities(vec!["file:c.las=0.5".parse().unwrap()]).lost(&stations()).unwrap();
+        assert!(lost.contains("\"c.las\"") && lost.contains("b.ply"), "{lost}");
+    }
+}

@@ -1,0 +1,92 @@
+//! Ambient occlusion: depth in, what is left of light that comes from everywhere out (Bavoil, Sainz and Dimitrov 2008; Kanzok, Linsen and Rosenthal 2012, Fig. 8).
+//!
+//! By the horizons around a pixel above its own tangent plane: normals, fitted to the depths as for `phong`, keep steep planes from darkening, which depths alone would not. Runs on what filling and
+//! smoothing leave, and multiplies the light that shape depiction leaves.
+
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, phong};
+use crate::graph::{Graph, Kind, Tiles};
+use crate::shader::{self, ao::Push, ao::Spec};
+use crate::view::{Projection, View};
+
+pub const SUMMARY: &str = "ambient occlusion: darkens corners and what stands close to other things";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    /// Beyond it nothing hides light, metres; 0: a twelfth of the picture's height, at every depth.
+    pub radius: f64,
+    /// Parts of the light that a full horizon takes; 1 is true of light from everywhere, and hardly seen on surfaces that have colours.
+    pub strength: f64,
+    /// Around a pixel, evenly.
+    pub directions: f64,
+    /// Samples of each.
+    pub steps: f64,
+    /// Sine of the horizon up to which a surface is only rough.
+    pub bias: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { radius: 0.0, strength: 2.0, directions: 8.0, steps: 4.0, bias: 0.2 }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
+        vec![
+            Setting { name: "radius", about: "beyond which nothing hides light, metres; 0: a twelfth of the picture's height", value: number(&mut self.radius, 0.0..=1e6) },
+            Setting { name: "strength", about: "parts of the light that a full horizon takes", value: number(&mut self.strength, 0.0..=16.0) },
+            Setting { name: "directions", about: "around a pixel", value: number(&mut self.directions, 2.0..=64.0) },
+            Setting { name: "steps", about: "samples of each direction", value: number(&mut self.steps, 1.0..=64.0) },
+            Setting { name: "bias", about: "sine of the horizon up to which a surface is only rough", value: number(&mut self.bias, 0.0..=1.0) },
+        ]
+    }
+}
+
+/// Of the window that a normal is fitted to, pixels; `phong` has the same.
+pub const WINDOW_PX: i32 = 3;
+
+/// Of the picture's height.
+const SHARE: f64 = 1.0 / 12.0;
+
+pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
+    let why = match scene.points {
+        0 => "there is nothing to shade",
+        _ => "nobody asked: it shades beside what shades already; --effect ao=on",
+    };
+    Reason { runs: false, why: why.to_string() }
+}
+
+/// Metres, or where `settings` leave it to the picture and there is perspective, parts of the depth.
+pub fn radius(view: &View, settings: &Settings) -> f64 {
+    if settings.radius > 0.0 { settings.radius } else { SHARE * view.size[1] as f64 / view.focal_px() }
+}
+
+/// Cosine and sine of the angle between directions.
+pub fn turn(settings: &Settings) -> [f32; 2] {
+    let angle = std::f64::consts::TAU / settings.directions.floor();
+    [angle.cos() as f32, angle.sin() as f32]
+}
+
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let view = scene.view;
+    let mut left = g.image("left", view.size, Kind::R32f);
+    let push = Push {
+        size: view.size,
+        px_per_unit: view.focal_px() as f32,
+        reach: phong::reach(view) as f32,
+        radius_px: WINDOW_PX,
+        radius: radius(view, settings) as f32,
+        strength: settings.strength as f32,
+        least: (settings.bias * settings.bias) as f32,
+        directions: settings.directions as i32,
+        steps: settings.steps as i32,
+        turn: turn(settings),
+    };
+    let perspective = view.camera.projection == Projection::Perspective;
+    let spec = Spec { perspective, lit_by: layers.lit.is_some(), metres: perspective && settings.radius > 0.0 };
+    // Without light there is nothing to read; a binding wants an image all the same.
+    let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
+    g.run(shader::Ao { depth: &layers.depth, lit, left: &mut left, push, spec }, Tiles::All);
+    Layers { lit: Some(left), ..layers }
+}

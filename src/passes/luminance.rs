@@ -1,0 +1,168 @@
+//! Luminance correction: what a pixel's points have in common in, colours of one luminance out, whichever station each point is from (Kanzok, Linsen and Rosenthal 2012).
+//!
+//! ```text
+//!     luminance_sum   points, front depth -> sums     a second walk over all points: those at most epsilon behind the front count, value and number
+//!     luminance       sums, index -> color            hue and saturation of the front point, the mean of all values
+//! ```
+//! Sums are whole numbers, so that neither the order of points nor that of threads shows. The walk finds depths by the very function that the first one found them by, so that the front point is always
+//! in its own sum (HARD_CASES 25). It runs before hidden points are taken out and holes are filled, so that filling fills with corrected colours.
+
+use super::project::{self, Band, Drawn, Group, Walk};
+use super::resolve::Paint;
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use crate::cloud::attribute::Attribute;
+use crate::error::{Error, Result};
+use crate::graph::{Buffer, Graph, Image, Tiles};
+use crate::shader::{self, luminance as kernel, luminance_sum32, luminance_sum64};
+
+pub const SUMMARY: &str = "one luminance for all stations: the mean of all points of the front surface in a pixel";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    pub space: Space,
+    /// Side of the square of pixels whose points are averaged, with the weights of a Gaussian: 1 or 3.
+    pub neighbourhood: f64,
+    /// How far behind the front a point is still of its surface, metres; 0: three spacings of the points.
+    pub epsilon: f64,
+}
+
+/// What is averaged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Space {
+    /// The largest channel; hue and saturation stay those of the front point.
+    #[default]
+    Hsv,
+    /// Red, green and blue.
+    Rgb,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { space: Space::Hsv, neighbourhood: 3.0, epsilon: 0.0 }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        vec![
+            Setting { name: "space", about: "what is averaged: V, with hue and saturation of the front point, or all of the colour", value: Value::Choice(&mut self.space) },
+            Setting { name: "neighbourhood", about: "pixels across whose points are averaged, 1 or 3", value: Value::Number(&mut self.neighbourhood, 1.0..=3.0) },
+            Setting { name: "epsilon", about: "depth of a surface, metres; 0: three spacings of the points", value: Value::Number(&mut self.epsilon, 0.0..=1e9) },
+        ]
+    }
+}
+
+/// Points a pixel from which a mean is worth its walk (Kanzok et al. 2012, sec. 5: seven to ten).
+const ENOUGH: f64 = 7.0;
+
+pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
+    let (stations, density) = (scene.stations, super::significant(scene.density));
+    let (runs, why) = match () {
+        _ if scene.points == 0 => (false, "there is nothing to correct".to_string()),
+        _ if !scene.shown.has_luminance() => (false, "what points show has no luminance: neither their colours nor an intensity".to_string()),
+        _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
+        _ if scene.density < ENOUGH => {
+            (false, format!("{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"))
+        }
+        _ => (true, format!("{stations} stations, and half of the points in view lie at {density} a pixel or more, where {ENOUGH} tell what they have in common")),
+    };
+    Reason { runs, why }
+}
+
+/// What every pixel's points add up to.
+pub struct Sums {
+    bands: Vec<Summed>,
+    /// Of the trunk's paint.
+    shown: Buffer,
+    table: Buffer,
+    stretch: [f32; 2],
+    channels: u32,
+    ramp: bool,
+    /// Metres.
+    pub epsilon: f32,
+}
+
+/// Of the rows of one band.
+struct Summed {
+    /// The first, and the one after the last.
+    rows: [u32; 2],
+    /// With the rows beside it that neighbours are in.
+    band: Band,
+    sums: Buffer,
+}
+
+/// Both words of a sum hold so many points (glsl/lib/luminance.glsl).
+pub const MOST_POINTS: u64 = (1 << 28) - 1;
+
+/// In spacings of the points: of one to eight, as many as leave no greater steps than the offline reference and a tenth, and lose no more details (`study luminance`).
+const SPACINGS: f64 = 3.0;
+
+fn epsilon(scene: &Scene, settings: &Settings) -> f64 {
+    if settings.epsilon == 0.0 { SPACINGS * scene.spacing_m } else { settings.epsilon }
+}
+
+/// Sums of all pixels, of the points at most epsilon behind the front; none where what points show has no luminance.
+pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, paint: &Paint, front: &Image) -> Result<Option<Sums>> {
+    if !scene.shown.has_luminance() {
+        return Ok(None);
+    }
+    if drawn.statistics.points_drawn > MOST_POINTS {
+        return Err(Error::Request(format!(
+            "luminance correction adds up to {MOST_POINTS} points, and {} are drawn; draw fewer with --budget, or --effect luminance=off",
+            drawn.statistics.points_drawn
+        )));
+    }
+    let ramp = scene.shown == Attribute::Intensity;
+    let channels = if settings.space == Space::Rgb && !ramp { 3 } else { 1 };
+    let (shown, table) = (paint.shown.again(), paint.table.again());
+    let mut sums = Sums { bands: Vec::new(), shown, table, stretch: paint.ramp, channels, ramp, epsilon: epsilon(scene, settings) as f32 };
+    let [width, height] = scene.view.size;
+    // Two rows are left for the neighbours of a band.
+    let limit = g.binding_limit().saturating_sub(16 * channels as u64 * width as u64);
+    for Band { top, size } in project::bands([channels * width, height], limit) {
+        let rows = [top, top + size[1]];
+        let band = Band { top: top.saturating_sub(1), size: [width, (rows[1] + 1).min(height) - top.saturating_sub(1)] };
+        let mut words = g.buffer("sums", 8 * channels as u64 * width as u64 * band.size[1] as u64);
+        g.fill(&mut words, 0);
+        walk(g, scene, drawn, &sums, band, front, &mut words);
+        sums.bands.push(Summed { rows, band, sums: words });
+    }
+    Ok(Some(sums))
+}
+
+fn walk(g: &mut Graph, scene: &Scene, drawn: &Drawn, to: &Sums, band: Band, front: &Image, sums: &mut Buffer) {
+    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = Walk::new(g, scene.view, drawn, band);
+    let &Sums { stretch: [lo, scale], channels, ramp, epsilon, .. } = to;
+    let top = band.top;
+    for group in &drawn.groups {
+        let &Group { block, planes, first_chunk, chunk_count } = group;
+        let (nodes, chunks, opacities, pages, tiles) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), &drawn.pages[block], group.tiles());
+        if g.gpu.device.int64_atomics {
+            let push = luminance_sum64::Push { centre, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
+            let spec = luminance_sum64::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
+            g.run(shader::LuminanceSum64 { nodes, chunks, opacities, pages, page_words: pages, front, sums, push, spec }, tiles);
+        } else {
+            let push = luminance_sum32::Push { centre, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
+            let spec = luminance_sum32::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
+            g.run(shader::LuminanceSum32 { nodes, chunks, opacities, pages, page_words: pages, front, sums, push, spec }, tiles);
+        }
+    }
+}
+
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    let Layers { mut color, sums, .. } = layers;
+    if let Some(Sums { bands, shown, table, stretch: [lo, scale], channels, ramp, epsilon }) = &sums {
+        let width = scene.view.size[0];
+        let around = (settings.neighbourhood >= 2.0) as u32;
+        for Summed { rows, band, sums } in bands {
+            let push = kernel::Push { width, rows: *rows, summed: [band.top, band.top + band.size[1]], epsilon: *epsilon, lo: *lo, scale: *scale };
+            let spec = kernel::Spec { channels: *channels, ramp: *ramp, around, texels: g.gpu.device.texels };
+            g.run(
+                shader::Luminance { sums, sum_words: sums, shown, table, front: &layers.raw, index: &layers.index, color: &mut color, push, spec },
+                Tiles::Groups([width.div_ceil(64), rows[1] - rows[0], 1]),
+            );
+        }
+    }
+    Layers { color, sums, ..layers }
+}

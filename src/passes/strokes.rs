@@ -1,0 +1,559 @@
+//! Strokes: points with normals, sizes and clusters in; a painting of them out (dos Anjos et al. 2018).
+//!
+//! ```text
+//!     stroke_brush   settings -> 256 brushes, kept
+//!     stroke_bins    points -> how many strokes may touch each tile; read back, since only then is it known how much room they need
+//!     stroke_bins    points -> which
+//!     strokes        strokes of a tile -> keys, in place of those that project makes: z-buffered strokes
+//!   blend=blur:
+//!     stroke_blur    color -> color, across and down
+//!   blend=abuffer:
+//!     strokes        how many fragments each pixel has; read back
+//!     strokes        the fragments
+//!     stroke_sort    brings one more of them into order, a pass; or
+//!     stroke_blend   fragments -> color, sorted there and then
+//! ```
+//! No list has a fixed size: each is as long as was counted, and where that is more than the memory allowed the picture is painted in parts, which changes no pixel. Points are looked for around the picture,
+//! too, as far as strokes reach: a wider view of the same camera is walked over, and the picture is its middle.
+
+pub mod brush;
+
+use super::project::{self, Band, Drawn, Precision};
+use super::resolve::{self, Paint, Resolved};
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
+use crate::error::{Error, Result};
+use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::resident::Resident;
+use crate::shader::{self, Canvas, Home, stroke_bins, stroke_blend, stroke_blur, stroke_brush, stroke_sort};
+use crate::view::{Camera, Projection, View};
+use brush::{Bristles, Brush};
+use std::ops::Range;
+
+pub const SUMMARY: &str = "every point a brush stroke along its surface, as large as points are apart there (--style strokes)";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    pub brush: Brush,
+    pub blend: Blend,
+    pub sort: Sort,
+    pub tangents: Tangents,
+    /// Of the brush where 0: see [`Bristles`].
+    pub size: f64,
+    pub amplitude: f64,
+    pub gamma: f64,
+    pub sigma_x: f64,
+    pub sigma_y: f64,
+    pub dev: f64,
+    pub gaussians: f64,
+    /// Strokes are turned from their tangents by so much at most, degrees.
+    pub noise: f64,
+    /// How much longer strokes are on clusters that are twice as long as wide.
+    pub long: f64,
+    /// Half a stroke's side on the screen, at most, pixels.
+    pub largest: f64,
+    /// Passes of sort=bubble; 0: until everything is in order.
+    pub passes: f64,
+    /// Of lists and fragments, MiB.
+    pub memory: f64,
+    /// Radius of blend=blur, pixels.
+    pub radius: f64,
+}
+
+/// What strokes that lie over each other look like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Blend {
+    /// Each shows through those before it as far as they leave it uncovered.
+    #[default]
+    Abuffer,
+    /// The nearest is all there is; softened.
+    Blur,
+    /// The nearest is all there is.
+    Opaque,
+}
+
+/// How the fragments of a pixel are brought into order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sort {
+    #[default]
+    Exact,
+    /// A fragment a pass, as a picture that stands still is refined.
+    Bubble,
+}
+
+/// What strokes are painted along.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Tangents {
+    #[default]
+    Householder,
+    Eberly,
+    Squareplate,
+    /// Where a point's neighbours spread most.
+    Covariance,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            brush: Brush::default(),
+            blend: Blend::default(),
+            sort: Sort::default(),
+            tangents: Tangents::default(),
+            size: 0.0,
+            amplitude: 0.0,
+            gamma: 0.0,
+            sigma_x: 0.0,
+            sigma_y: 0.0,
+            dev: 0.0,
+            gaussians: 0.0,
+            noise: 20.0,
+            long: 0.5,
+            largest: 96.0,
+            passes: 0.0,
+            memory: 512.0,
+            radius: 2.0,
+        }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
+        vec![
+            Setting { name: "brush", about: "which brush", value: Value::Choice(&mut self.brush) },
+            Setting { name: "blend", about: "what strokes over each other look like", value: Value::Choice(&mut self.blend) },
+            Setting { name: "sort", about: "how the strokes of a pixel are ordered", value: Value::Choice(&mut self.sort) },
+            Setting { name: "tangents", about: "what strokes are painted along", value: Value::Choice(&mut self.tangents) },
+            Setting { name: "size", about: "half a stroke's side, radii of its point; 0: the brush's own, here and below", value: number(&mut self.size, 0.0..=64.0) },
+            Setting { name: "amplitude", about: "of a Gaussian: how opaque", value: number(&mut self.amplitude, 0.0..=64.0) },
+            Setting { name: "gamma", about: "its exponent: how square", value: number(&mut self.gamma, 0.0..=16.0) },
+            Setting { name: "sigma_x", about: "its width along the tangent, parts of a side", value: number(&mut self.sigma_x, 0.0..=4.0) },
+            Setting { name: "sigma_y", about: "and across it", value: number(&mut self.sigma_y, 0.0..=4.0) },
+            Setting { name: "dev", about: "from one to the next on the 3 x 3 grid, parts of a side", value: number(&mut self.dev, 0.0..=1.0) },
+            Setting { name: "gaussians", about: "of the grid, 6 to 9", value: number(&mut self.gaussians, 0.0..=9.0) },
+            Setting { name: "noise", about: "how far strokes are turned at most, degrees", value: number(&mut self.noise, 0.0..=180.0) },
+            Setting { name: "long", about: "how much longer strokes are on long clusters", value: number(&mut self.long, 0.0..=1.0) },
+            Setting { name: "largest", about: "half a side on the screen at most, pixels", value: number(&mut self.largest, 1.0..=512.0) },
+            Setting { name: "passes", about: "of sort=bubble; 0: until all are in order", value: number(&mut self.passes, 0.0..=1e6) },
+            Setting { name: "memory", about: "of lists and fragments, MiB; what needs more is painted in parts", value: number(&mut self.memory, 1.0..=65536.0) },
+            Setting { name: "radius", about: "of blend=blur, pixels", value: number(&mut self.radius, 1.0..=8.0) },
+        ]
+    }
+}
+
+pub fn called_for(_scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
+    Reason { runs: false, why: "nobody asked for a painting; --style strokes".to_string() }
+}
+
+/// Half a side on the screen at least, pixels: a smaller stroke would fall between the pixels' middles.
+pub const LEAST_PX: f32 = 1.5;
+/// Coverage that hides what is behind from the depth layer, and in z-buffered strokes.
+const HIDES: f32 = 0.5;
+/// Around the picture, largest half sides: a corner of the longest stroke, seen at an angle.
+const MARGIN: f64 = 4.0;
+/// As glsl/stroke_brush.comp: 256 brushes of 32 x 32 words.
+const BRUSH_WORDS: u32 = 256 * 32 * 32;
+const GROUPS_A_ROW: u32 = 65_535;
+/// Bytes of a stroke in a list, and of a fragment.
+const PLACE_BYTES: u64 = 48;
+const FRAGMENT_BYTES: u64 = 8;
+
+/// What painting took, for `--explain`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Facts {
+    /// Strokes in the lists of tiles; one that touches two tiles counts twice.
+    pub listed: u64,
+    /// Of the A-buffer; none is left out.
+    pub fragments: u64,
+    /// In one pixel, at most.
+    pub deepest: u32,
+    /// In which the picture was painted, because all lists together would have been larger than the memory allowed.
+    pub parts: u32,
+    /// Of the largest part.
+    pub bytes: u64,
+    /// On the device, of what was counted beforehand, milliseconds.
+    pub counting_ms: f64,
+}
+
+impl std::fmt::Display for Facts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{} in the lists of tiles; {} fragments, {} in a pixel at most, none left out; {} MiB, {}",
+            self.listed,
+            self.fragments,
+            self.deepest,
+            self.bytes.div_ceil(1 << 20),
+            match self.parts {
+                0 | 1 => "all at once".to_string(),
+                parts => format!("in {parts} parts, because the memory allowed was reached; more, and fewer parts, with strokes=memory="),
+            }
+        )
+    }
+}
+
+/// A frame whose points are painted.
+pub struct Painting<'f> {
+    /// Wider than the picture by the margin, on all sides.
+    wide: View,
+    view: &'f View,
+    resident: &'f Resident,
+    settings: Settings,
+    /// Blended colours of the whole picture.
+    blended: Option<Image>,
+    facts: Facts,
+}
+
+/// None where points are not painted.
+pub fn begin<'f>(g: &mut Graph, view: &'f View, resident: &'f Resident, effects: &Effects, decided: &Decided) -> Result<Option<Painting<'f>>> {
+    if !decided.runs("strokes") {
+        return Ok(None);
+    }
+    if resident.shown.strokes().is_none() {
+        return Err(Error::Request("strokes need to know how points lie, which nobody has found out for these: --style strokes".into()));
+    }
+    let settings = effects.strokes.settings;
+    let blended = (settings.blend == Blend::Abuffer).then(|| g.image("blended", view.size, Kind::Rgba32f));
+    let wide = widened(view, margin(&settings));
+    Ok(Some(Painting { wide, view, resident, settings, blended, facts: Facts::default() }))
+}
+
+fn margin(settings: &Settings) -> u32 {
+    (MARGIN * settings.largest).ceil() as u32
+}
+
+/// The same camera with so many pixels more on every side.
+fn widened(view: &View, margin: u32) -> View {
+    let size = view.size.map(|side| side + 2 * margin);
+    let half = view.size[1] as f64 / 2.0;
+    let wider = (half + margin as f64) / half;
+    let fov_y = 2.0 * ((view.camera.fov_y.to_radians() / 2.0).tan() * wider).atan().to_degrees();
+    let camera = Camera { fov_y, ortho_height: view.camera.ortho_height.map(|height| height * wider), ..view.camera };
+    View { camera, size, ..*view }
+}
+
+/// What the passes of one submission share.
+struct Desk {
+    drawn: Drawn,
+    homes: Buffer,
+    canvas: Buffer,
+    paint: Paint,
+    turns: Buffer,
+    brushes: Buffer,
+    band: Band,
+    tiles: [u32; 2],
+}
+
+/// Tiles in a row, the list of their strokes, and how long it is.
+struct Bins {
+    part: Buffer,
+    strokes: Buffer,
+    tiles: Range<u32>,
+}
+
+impl Bins {
+    fn groups(&self) -> Tiles<'static> {
+        groups(self.tiles.len() as u32)
+    }
+}
+
+fn groups(tiles: u32) -> Tiles<'static> {
+    Tiles::Groups([tiles.min(GROUPS_A_ROW), tiles.div_ceil(GROUPS_A_ROW), 1])
+}
+
+impl Painting<'_> {
+    /// Keys of a band, as those of [`project::record`]; and its part of the blended colours.
+    pub fn record(&mut self, g: &mut Graph, band: Band) -> Result<Buffer> {
+        let listed = self.tally(g, band)?;
+        self.facts.listed += listed.iter().map(|&count| count as u64).sum::<u64>();
+        let room = ((self.settings.memory * 1048576.0) as u64 / 2).min(g.binding_limit());
+        let desk = self.lay(g, band)?;
+        let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
+        for tiles in parts(&listed, room / PLACE_BYTES, 0) {
+            if self.settings.blend == Blend::Abuffer {
+                let fragments = self.count(g, band, &listed, tiles.clone())?;
+                let per_tile: Vec<u32> = fragments.chunks(TILE_PIXELS).map(|tile| tile.iter().sum()).collect();
+                for part in parts(&per_tile, room / FRAGMENT_BYTES, tiles.start) {
+                    let first = (part.start - tiles.start) as usize * TILE_PIXELS;
+                    let fragments = &fragments[first..first + part.len() * TILE_PIXELS];
+                    let bins = self.bins(g, &desk, &listed, part)?;
+                    self.blend(g, &desk, &bins, fragments, &mut keys)?;
+                }
+            } else {
+                let bins = self.bins(g, &desk, &listed, tiles)?;
+                let (starts, mut counts, mut fragments) = (g.upload("starts", &[0u32])?, g.buffer("counts", 4), g.buffer("fragments", 8));
+                self.strokes(g, &desk, &bins, &starts, Kept::Nothing, [&mut keys, &mut counts, &mut fragments]);
+                self.note(bins.strokes.desc.bytes);
+            }
+        }
+        Ok(keys)
+    }
+
+    /// Blended colours in place of those of the nearest points; what painting took.
+    pub fn cover(self, resolved: &mut Resolved) -> Facts {
+        if let Some(blended) = self.blended {
+            resolved.color = blended;
+        }
+        self.facts
+    }
+
+    fn note(&mut self, bytes: u64) {
+        self.facts.parts += 1;
+        self.facts.bytes = self.facts.bytes.max(bytes);
+    }
+
+    fn lay(&self, g: &mut Graph, band: Band) -> Result<Desk> {
+        // All planes: positions are read by two passes, which have to agree.
+        let drawn = project::draw(g, &self.wide, self.resident, Precision::Planes(crate::config::POSITION_PLANES))?;
+        let homes: Vec<Home> = self.resident.homes().into_iter().map(|(page, planes)| Home { page, planes }).collect();
+        let homes = g.upload("homes", &homes)?;
+        let paint = resolve::paint(g, self.resident)?;
+        let canvas = g.upload("canvas", &[self.canvas(band, &paint)])?;
+        let turns = g.upload("turns", &brush::turns(self.settings.noise))?;
+        let brushes = self.brushes(g, &turns)?;
+        Ok(Desk { drawn, homes, canvas, paint, turns, brushes, band, tiles: tiles(band.size) })
+    }
+
+    fn canvas(&self, band: Band, paint: &Paint) -> Canvas {
+        let Settings { largest, long, tangents, blend, noise, .. } = self.settings;
+        let bristles = Bristles::of(&self.settings);
+        let basis = &self.view.basis;
+        // What covers less leaves no trace.
+        let least = if blend == Blend::Abuffer { 0.4 / 255.0 } else { HIDES as f64 };
+        Canvas {
+            size: band.size,
+            tiles: tiles(band.size),
+            middle: [self.view.size[0] as f32 / 2.0, self.view.size[1] as f32 / 2.0 - band.top as f32],
+            margin: margin(&self.settings) as f32,
+            focal: self.wide.focal_px() as f32,
+            right: basis.right.as_vec3().to_array(),
+            down: (-basis.up).as_vec3().to_array(),
+            forward: basis.forward.as_vec3().to_array(),
+            scale: bristles.size as f32,
+            least_px: LEAST_PX,
+            largest_px: largest as f32,
+            lengthen: long as f32,
+            reach: bristles.reach(least, noise).map(|reach| reach as f32),
+            word: self.resident.shown.strokes().expect("begin has looked"),
+            tangents: tangents as u32,
+            hides: HIDES,
+            lo: paint.ramp[0],
+            ramp: paint.ramp[1],
+        }
+    }
+
+    /// The words of all brushes, made where the kept ones are others.
+    fn brushes(&self, g: &mut Graph, turns: &Buffer) -> Result<Buffer> {
+        let bristles = Bristles::of(&self.settings);
+        let made_of = [bristles.amplitude, bristles.gamma, bristles.sigma_x, bristles.sigma_y, bristles.dev, self.settings.noise];
+        let made_of = made_of.map(f64::to_bits).into_iter().chain([bristles.places() as u64]).collect();
+        let (mut brushes, kept) = g.kept("brushes", 4 * BRUSH_WORDS as u64, made_of)?;
+        if !kept {
+            let inverse = |sigma: f64| (1.0 / (sigma * sigma)) as f32;
+            let push = stroke_brush::Push {
+                amplitude: bristles.amplitude as f32,
+                exponent: (bristles.gamma / 2.0) as f32,
+                across: inverse(bristles.sigma_x),
+                along: inverse(bristles.sigma_y),
+                apart: bristles.dev as f32,
+                gaussians: bristles.places(),
+            };
+            g.run(shader::StrokeBrush { turns, brushes: &mut brushes, push }, Tiles::Groups([BRUSH_WORDS / 64, 1, 1]));
+        }
+        Ok(brushes)
+    }
+
+    /// Of every tile of a band, how many strokes may touch it.
+    fn tally(&mut self, g: &mut Graph, band: Band) -> Result<Vec<u32>> {
+        let mut g = Graph::new(g.gpu);
+        let desk = self.lay(&mut g, band)?;
+        let count = desk.tiles[0] * desk.tiles[1];
+        let part = g.upload("part", &[0, count])?;
+        let (mut tallies, mut strokes) = (g.buffer("tallies", 4 * count as u64), g.buffer("stroke list", PLACE_BYTES));
+        g.fill(&mut tallies, 0);
+        self.walk(&mut g, &desk, &part, &mut tallies, &mut strokes, 0);
+        let tallies = g.download_buffer(&tallies);
+        let frame = g.submit(&[])?;
+        self.facts.counting_ms += frame.ms("");
+        let counts = frame.read::<u32>(&tallies).to_vec();
+        Ok(counts)
+    }
+
+    /// Of every pixel of some tiles, tile by tile, how many fragments it has.
+    fn count(&mut self, g: &mut Graph, band: Band, listed: &[u32], tiles: Range<u32>) -> Result<Vec<u32>> {
+        let mut g = Graph::new(g.gpu);
+        let desk = self.lay(&mut g, band)?;
+        let bins = self.bins(&mut g, &desk, listed, tiles.clone())?;
+        let starts = g.upload("starts", &[0u32])?;
+        let mut counts = g.buffer("counts", 4 * tiles.len() as u64 * TILE_PIXELS as u64);
+        let (mut keys, mut fragments) = (g.buffer("keys", 8), g.buffer("fragments", 8));
+        self.strokes(&mut g, &desk, &bins, &starts, Kept::Counts, [&mut keys, &mut counts, &mut fragments]);
+        let counts = g.download_buffer(&counts);
+        let frame = g.submit(&[])?;
+        self.facts.counting_ms += frame.ms("");
+        let counts = frame.read::<u32>(&counts).to_vec();
+        self.facts.fragments += counts.iter().map(|&count| count as u64).sum::<u64>();
+        self.facts.deepest = self.facts.deepest.max(counts.iter().copied().max().unwrap_or(0));
+        Ok(counts)
+    }
+
+    /// Which strokes may touch each of some tiles.
+    fn bins(&self, g: &mut Graph, desk: &Desk, listed: &[u32], tiles: Range<u32>) -> Result<Bins> {
+        let starts = sums(&listed[tiles.start as usize..tiles.end as usize]);
+        let part = g.upload("part", &[&[tiles.start, tiles.end], &starts[..]].concat())?;
+        let mut cursors = g.upload("cursors", &starts)?;
+        let mut strokes = g.buffer("stroke list", PLACE_BYTES * starts[tiles.len()].max(1) as u64);
+        self.walk(g, desk, &part, &mut cursors, &mut strokes, 1);
+        Ok(Bins { part, strokes, tiles })
+    }
+
+    fn walk(&self, g: &mut Graph, desk: &Desk, part: &Buffer, tallies: &mut Buffer, strokes: &mut Buffer, step: u32) {
+        let wide = Band { top: desk.band.top, size: desk.band.size.map(|side| side + 2 * margin(&self.settings)) };
+        let project::Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = project::Walk::new(g, &self.wide, &desk.drawn, wide);
+        for group in &desk.drawn.groups {
+            let project::Group { block, planes, first_chunk, chunk_count } = *group;
+            let push = stroke_bins::Push { centre, size, near, first_chunk, chunk_count };
+            let spec = stroke_bins::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, step, mode: desk.paint.mode };
+            let Desk { drawn, homes, canvas, turns, .. } = desk;
+            let pages = &drawn.pages[block];
+            g.run(
+                shader::StrokeBins {
+                    nodes: &drawn.nodes,
+                    chunks: &drawn.chunks,
+                    opacities: drawn.opacities(),
+                    pages,
+                    page_words: pages,
+                    homes,
+                    turns,
+                    canvases: canvas,
+                    part,
+                    tallies,
+                    strokes,
+                    table: &desk.paint.table,
+                    push,
+                    spec,
+                },
+                group.tiles(),
+            );
+        }
+    }
+
+    fn strokes(&self, g: &mut Graph, desk: &Desk, bins: &Bins, starts: &Buffer, kept: Kept, to: [&mut Buffer; 3]) {
+        let [keys, counts, fragments] = to;
+        let spec = shader::strokes::Spec { perspective: self.is_perspective(), fragments: kept as u32, texels: g.gpu.device.texels };
+        let (part, strokes, brushes) = (&bins.part, &bins.strokes, &desk.brushes);
+        g.run(
+            shader::Strokes {
+                canvases: &desk.canvas,
+                part,
+                strokes,
+                stroke_words: strokes,
+                brushes,
+                brush_words: brushes,
+                starts,
+                keys,
+                counts,
+                fragments,
+                spec,
+            },
+            bins.groups(),
+        );
+    }
+
+    /// Fragments of some tiles, and the colours that they blend to.
+    fn blend(&mut self, g: &mut Graph, desk: &Desk, bins: &Bins, per_pixel: &[u32], keys: &mut Buffer) -> Result<()> {
+        let starts = sums(per_pixel);
+        let count = starts[per_pixel.len()];
+        let starts = g.upload("starts", &starts)?;
+        let (mut counts, mut fragments) = (g.buffer("counts", 4), g.buffer("fragments", FRAGMENT_BYTES * count.max(1) as u64));
+        self.strokes(g, desk, bins, &starts, Kept::Fragments, [keys, &mut counts, &mut fragments]);
+        self.note(bins.strokes.desc.bytes + fragments.desc.bytes);
+        let deepest = per_pixel.iter().copied().max().unwrap_or(0);
+        let (exact, most) = match (self.settings.sort, self.settings.passes as u32) {
+            (Sort::Exact, _) => (true, deepest),
+            (Sort::Bubble, 0) => (false, deepest),
+            (Sort::Bubble, passes) => (false, passes.min(deepest)),
+        };
+        for pass_ in 0..if exact { 0 } else { most } {
+            let push = stroke_sort::Push { pass_ };
+            g.run(shader::StrokeSort { part: &bins.part, starts: &starts, fragments: &mut fragments, push }, bins.groups());
+        }
+        let color = self.blended.as_mut().expect("made at the beginning, to be blended into");
+        let (push, spec) = (stroke_blend::Push { top: desk.band.top, most }, stroke_blend::Spec { exact });
+        let (canvases, part) = (&desk.canvas, &bins.part);
+        g.run(shader::StrokeBlend { canvases, part, starts: &starts, fragments: &fragments, color, push, spec }, bins.groups());
+        Ok(())
+    }
+
+    fn is_perspective(&self) -> bool {
+        self.view.camera.projection == Projection::Perspective
+    }
+}
+
+const TILE_PIXELS: usize = (TILE_PX * TILE_PX) as usize;
+
+/// What of the fragments is kept.
+#[derive(Clone, Copy)]
+enum Kept {
+    Nothing,
+    Counts,
+    Fragments,
+}
+
+/// Of every one the sum of those before it; then that of all.
+fn sums(counts: &[u32]) -> Vec<u32> {
+    let before = counts.iter().scan(0, |sum, count| {
+        *sum += count;
+        Some(*sum)
+    });
+    [0].into_iter().chain(before).collect()
+}
+
+/// Tiles in rows whose counts stay within the most; one tile at least. They are numbered from `first`.
+fn parts(counts: &[u32], most: u64, first: u32) -> Vec<Range<u32>> {
+    let (mut parts, mut sum, mut start) = (Vec::new(), 0, 0);
+    for (k, &count) in counts.iter().enumerate() {
+        if k > start && sum + count as u64 > most {
+            parts.push(first + start as u32..first + k as u32);
+            (sum, start) = (0, k);
+        }
+        sum += count as u64;
+    }
+    parts.push(first + start as u32..first + counts.len() as u32);
+    parts
+}
+
+/// Softens z-buffered strokes, where that is asked for.
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    if settings.blend != Blend::Blur {
+        return layers;
+    }
+    let radius = settings.radius.round().min(8.0);
+    // Falls to e^-2 at the radius.
+    let weights = std::array::from_fn(|k| (-2.0 * (k as f64 / radius).powi(2)).exp() as f32);
+    let mut color = layers.color;
+    for along in [[1, 0], [0, 1]] {
+        let mut blurred = g.image("blurred", scene.view.size, Kind::Rgba32f);
+        let push = stroke_blur::Push { size: scene.view.size, along, weights, radius_px: radius as i32 };
+        g.run(shader::StrokeBlur { color: &color, blurred: &mut blurred, push }, Tiles::All);
+        color = blurred;
+    }
+    Layers { color, ..layers }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_hold_all_tiles_once_and_no_more_than_they_may() {
+        let counts = [3, 0, 5, 9, 1, 1, 1, 0, 20, 2];
+        let parts = parts(&counts, 9, 100);
+        assert_eq!(parts.iter().flat_map(Clone::clone).collect::<Vec<_>>(), (100..110).collect::<Vec<_>>());
+        for part in parts.iter().filter(|part| part.len() > 1) {
+            assert!(counts[part.start as usize - 100..part.end as usize - 100].iter().sum::<u32>() <= 9, "{part:?}");
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Brushes: the numbers of the paper's equation 1, and the three of its figure 4 by name.
+
+use super::Settings;
+
+/// A named brush; its numbers may be set one by one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Brush {
+    /// Round and thick: one dab of paint (figure 4 b).
+    #[default]
+    Dabs,
+    /// Three thin lines of hair, far apart (figure 4 c).
+    Bristles,
+    /// Wide and flat, frayed at one side (figure 4 d).
+    Ribbons,
+}
+
+/// What a stroke is like, all numbers known. Lengths are parts of a stroke's side.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Bristles {
+    /// Half a side, radii of the point.
+    pub size: f64,
+    pub amplitude: f64,
+    pub gamma: f64,
+    pub sigma_x: f64,
+    pub sigma_y: f64,
+    /// Between the grid's columns, and between its rows.
+    pub dev: f64,
+    /// 6 to 9, of 3 x 3.
+    pub gaussians: u32,
+}
+
+impl Brush {
+    fn bristles(self) -> Bristles {
+        match self {
+            Brush::Dabs => Bristles { size: 2.4, amplitude: 8.0, gamma: 3.0, sigma_x: 0.114, sigma_y: 0.0989, dev: 0.03, gaussians: 9 },
+            Brush::Bristles => Bristles { size: 1.6, amplitude: 1.0, gamma: 2.7, sigma_x: 0.142, sigma_y: 0.071, dev: 0.38, gaussians: 9 },
+            Brush::Ribbons => Bristles { size: 1.6, amplitude: 2.27, gamma: 2.4, sigma_x: 0.099, sigma_y: 0.1259, dev: 0.3, gaussians: 6 },
+        }
+    }
+}
+
+impl Bristles {
+    /// Of what is not 0 the number asked for, else the brush's own.
+    pub fn of(settings: &Settings) -> Bristles {
+        let own = settings.brush.bristles();
+        let or = |asked: f64, own: f64| if asked == 0.0 { own } else { asked };
+        Bristles {
+            size: or(settings.size, own.size),
+            amplitude: or(settings.amplitude, own.amplitude),
+            gamma: or(settings.gamma, own.gamma),
+            sigma_x: or(settings.sigma_x, own.sigma_x),
+            sigma_y: or(settings.sigma_y, own.sigma_y),
+            dev: or(settings.dev, own.dev),
+            gaussians: or(settings.gaussians, own.gaussians as f64) as u32,
+        }
+    }
+
+    /// How far from its middle a brush, turned by so much noise, covers this much or more: parts of a side, half of one at most.
+    pub fn reach(&self, least: f64, noise_degrees: f64) -> [f64; 2] {
+        // No more than all Gaussians at their middles would together.
+        let sigmas = (2.0 * (self.gaussians as f64 * self.amplitude / least).max(1.0).ln()).powf(1.0 / self.gamma);
+        // The third column is turned twice more.
+        let turn = (noise_degrees * 5.0 / 3.0).to_radians().min(std::f64::consts::FRAC_PI_2).sin();
+        let [x, y] = [self.sigma_x, self.sigma_y].map(|sigma| sigma * sigmas);
+        let [across, along] = [self.dev + x + turn * y, self.dev + y + turn * x];
+        // A second layer lies across the first, two thirds as large.
+        [across.max(along / 1.5).min(0.5), along.max(across / 1.5).min(0.5)]
+    }
+
+    /// A bit for each place of the grid, row by row: the middle row, the one above, the one below.
+    pub fn places(&self) -> u32 {
+        [3, 4, 5, 0, 1, 2, 7, 6, 8].into_iter().take(self.gaussians as usize).map(|place| 1 << place).sum()
+    }
+}
+
+/// Cosines and sines that the device turns strokes by: 16 of whole strokes, 4 from column to column, both between bounds; 256 of half a circle.
+pub fn turns(noise_degrees: f64) -> Vec<[f32; 2]> {
+    let turn = |radians: f64| [radians.cos() as f32, radians.sin() as f32];
+    let spread = |count: u32, bound: f64| (0..count).map(move |k| turn(bound * ((2 * k + 1) as f64 / count as f64 - 1.0)));
+    let bound = noise_degrees.to_radians();
+    let half = (0..256).map(|k| turn(k as f64 * std::f64::consts::PI / 256.0));
+    spread(16, bound).chain(spread(4, bound / 3.0)).chain(half).collect()
+}

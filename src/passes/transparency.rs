@@ -1,0 +1,98 @@
+//! LAYERS -> what they show together: surfaces behind each other, peeled off from front to back (Dobrev et al. 2010, sec. 4 and 5).
+//!
+//! ```text
+//!     each layer
+//!         project, resolve   of the points that lie behind the last layer, the nearest    only where a pixel is left
+//!         all effects        as of a picture of its own                                   only where that found points
+//!         transparency       color, lit -> front, in linear light; depth -> how deep the next layer begins, and whether a pixel is left
+//! ```
+//! A layer is everything within the layer distance of its surface. The next one begins behind that; the distance is what noise and filling may have moved a surface by, and how deep a slanted one is
+//! within a pixel. Layers are recorded as often as is
+//! allowed, and the device skips those that are empty ([`super::gate`]).
+
+use super::project::{self, Band};
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, significant};
+use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::shader::{self, transparency::Push, transparency::Spec};
+
+pub const SUMMARY: &str = "surfaces that let through what is behind them: layers, from front to back (--opacity)";
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    /// Layers at most.
+    pub layers: f64,
+    /// Points this near behind a surface are of it, metres; 0: the layer distance of the scene, and at least as deep as the surface is within a pixel.
+    pub layer: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings { layers: 16.0, layer: 0.0 }
+    }
+}
+
+impl super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        vec![
+            Setting { name: "layers", about: "surfaces behind each other at most", value: Value::Number(&mut self.layers, 1.0..=64.0) },
+            Setting {
+                name: "layer",
+                about: "layer distance: nearer surfaces are one, metres; 0: from the spacing of the points, and more where a surface is steep",
+                value: Value::Number(&mut self.layer, 0.0..=1e9),
+            },
+        ]
+    }
+}
+
+pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
+    if !scene.transparent {
+        return Reason { runs: false, why: "all points are opaque; --opacity says otherwise".into() };
+    }
+    let Settings { layers, layer } = asked.transparency.settings;
+    let layer = significant(scene.layer_m(layer));
+    Reason { runs: true, why: format!("some points are not opaque: up to {layers} layers, {layer} m apart at least") }
+}
+
+/// A surface is this much deeper within a pixel than its slope says, which curves, and has noise.
+const SLANT: f32 = 2.0;
+
+/// All layers so far.
+pub struct Front {
+    /// What they show: linear, multiplied by its opacity; alpha is what they hide of what is behind them.
+    pub color: Image,
+    /// How many surfaces that is; a number that f32 holds exactly, since software devices load images of integers slowly.
+    pub peeled: Image,
+    /// Of every band, f32 bits a pixel: the next layer is looked for behind that depth.
+    pub behind: Vec<Buffer>,
+    /// Not 0 where a pixel is not finished.
+    pub left: Buffer,
+}
+
+/// The layer under those in front of it, and where the next one begins.
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Layers) -> Layers {
+    let size = scene.view.size;
+    let before = layers.front.take().map(|front| (front.color, front.peeled));
+    let (mut front, mut peeled) = before.unwrap_or_else(|| {
+        let (mut color, mut peeled) = (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f));
+        g.clear(&mut color);
+        g.clear(&mut peeled);
+        (color, peeled)
+    });
+    let mut left = g.buffer("left", 4);
+    g.fill(&mut left, 0);
+    // Without light there is nothing to read; a binding wants an image all the same.
+    let (lit, spec) = (layers.lit.as_ref().unwrap_or(&layers.depth), Spec { lit_by: layers.lit.is_some() });
+    let (layer, slant) = (scene.layer_m(settings.layer) as f32, if settings.layer == 0.0 { SLANT } else { 0.0 });
+    let mut behind = Vec::new();
+    for Band { top, size } in project::bands(size, g.binding_limit()) {
+        let mut words = g.buffer("behind", 4 * size[0] as u64 * size[1] as u64);
+        let push = Push { size, top, layer, slant };
+        let Layers { color, depth, raw, .. } = &layers;
+        g.run(
+            shader::Transparency { color, lit, depth, raw, front: &mut front, peeled: &mut peeled, behind: &mut words, left: &mut left, push, spec },
+            Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
+        );
+        behind.push(words);
+    }
+    Layers { front: Some(Front { color: front, peeled, behind, left }), ..layers }
+}
