@@ -1,0 +1,134 @@
+//! `bench luminance`: what correcting luminance costs a whole frame, as in Table 1 of Kanzok, Linsen and Rosenthal 2012, whose frames took 1.75 to 2 times as long with it.
+//!
+//! A street scanned from five stations, seen along it, drawn as a surface as by default. With and without are interleaved round by round; times are those of all passes of a frame.
+
+use super::quartiles;
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::error::Result;
+use crate::frame;
+use crate::gpu::Wish;
+use crate::graph::{Gpu, Graph, Handle};
+use crate::look::{self, Wishes};
+use crate::passes::Switch;
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::synth;
+use crate::view::{Camera, Projection, View};
+use glam::DVec3;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// What to measure.
+pub struct Plan {
+    pub points: Vec<u64>,
+    pub size: [u32; 2],
+    pub repeat: usize,
+    pub seed: u64,
+}
+
+/// One number of points.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    pub bench: &'static str,
+    pub points: u64,
+    pub size: String,
+    /// Median of a frame, milliseconds.
+    pub without_ms: f64,
+    pub with_ms: f64,
+    /// Of these, the passes of luminance, and the walk that finds the front.
+    pub luminance_ms: f64,
+    pub project_ms: f64,
+    /// Frames a second that are lost, parts of those without.
+    pub lost: f64,
+    /// That it is to stay below; and what the paper's loses.
+    pub target: f64,
+    pub paper: f64,
+    pub device: String,
+    pub driver: String,
+}
+
+/// Of the paper, for 1, 4, 16 and 64 million points.
+const PAPER: [(u64, f64); 4] =
+    [(1_000_000, 1.0 - 80.0 / 140.0), (4_000_000, 1.0 - 40.0 / 75.0), (16_000_000, 1.0 - 10.0 / 19.0), (64_000_000, 1.0 - 2.5 / 5.0)];
+
+pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut gpu = Gpu::open(wish)?;
+    let world = synth::build(synth::Scene::Street, plan.seed, 0.0);
+    let look = world.camera();
+    let camera = Camera {
+        eye: look.eye,
+        target: look.target,
+        up: DVec3::Z,
+        fov_y: look.fov_y,
+        projection: Projection::Perspective,
+        ortho_height: None,
+    };
+    let view = View::new(camera, plan.size)?;
+    let ways = [Switch::Off, Switch::On].map(|switch| {
+        let mut wishes = Wishes::default();
+        wishes.effects.luminance.switch = switch;
+        wishes
+    });
+    let mut rows = Vec::new();
+    for &points in &plan.points {
+        let cloud = synth::collect("street", &world, points, plan.seed, synth::Scene::Street.default_noise(), progress)?;
+        let shown = Shown::new(Attribute::Rgb, &cloud);
+        let resident = Resident::fill(&mut gpu, cloud, shown, progress)?;
+        let mut times: [Vec<f64>; 4] = Default::default();
+        // One round more, which warms up.
+        for round in 0..=plan.repeat {
+            progress.tick("bench luminance", round as u64, plan.repeat as u64)?;
+            let [without, with] = [draw(&mut gpu, &view, &resident, &ways[0])?, draw(&mut gpu, &view, &resident, &ways[1])?];
+            if round > 0 {
+                times.iter_mut().zip([without[0], with[0], with[1], with[2]]).for_each(|(times, ms)| times.push(ms));
+            }
+        }
+        resident.free(&mut gpu);
+        let [without_ms, with_ms, luminance_ms, project_ms] = times.map(|mut times| quartiles(&mut times)[1]);
+        let paper = PAPER.iter().find(|(known, _)| *known == points).map_or(f64::NAN, |(_, lost)| *lost);
+        let (device, driver) = (gpu.device.name.clone(), gpu.device.driver.clone());
+        let size = format!("{}x{}", plan.size[0], plan.size[1]);
+        let lost = 1.0 - without_ms / with_ms;
+        rows.push(Row {
+            bench: "luminance",
+            points,
+            size,
+            without_ms,
+            with_ms,
+            luminance_ms,
+            project_ms,
+            lost,
+            target: 0.25,
+            paper,
+            device,
+            driver,
+        });
+    }
+    Ok(rows)
+}
+
+/// Milliseconds of all passes, of those of luminance, and of projecting.
+fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<[f64; 3]> {
+    let look = look::decide(wishes, view, resident);
+    let mut g = Graph::new(gpu);
+    let picture = frame::record(&mut g, view, resident, &look)?.picture;
+    let frame = g.submit(&[picture.resource()])?;
+    let ms = [frame.ms(""), frame.ms("luminance") + frame.ms("clear sums"), frame.ms("project")];
+    frame.shelve(gpu);
+    Ok(ms)
+}
+
+pub fn table(rows: &[Row]) -> String {
+    let mut table = format!(
+        "{:>10}  {:>9}  {:>10}  {:>9}  {:>12}  {:>10}  {:>6}  {:>6}  {:>5}\n",
+        "points", "size", "without ms", "with ms", "luminance ms", "project ms", "lost", "target", "paper"
+    );
+    for row in rows {
+        let Row { points, size, without_ms, with_ms, luminance_ms, project_ms, lost, target, paper, .. } = row;
+        writeln!(table, "{points:>10}  {size:>9}  {without_ms:>10.2}  {with_ms:>9.2}  {luminance_ms:>12.2}  {project_ms:>10.2}  {:>5.1}%  {:>5.0}%  {:>4.0}%", 100.0 * lost, 100.0 * target, 100.0 * paper).expect("into a string");
+    }
+    if let Some(row) = rows.first() {
+        writeln!(table, "{} ({})", row.device, row.driver).expect("into a string");
+    }
+    table
+}

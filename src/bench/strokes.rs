@@ -1,0 +1,168 @@
+//! `bench strokes`: what a painting costs, beside plain points of the same cloud (dos Anjos et al. 2018, table 2).
+//!
+//! A torus without colour and a street with it. First what is found out once: neighbours, radii, normals, clusters; wall-clock time. Then pictures, all ways interleaved round by round on the same device:
+//! `points`, each a pixel; `opaque`, z-buffered strokes; `blur`, the same softened; `abuffer`, all strokes blended. Times are of all passes of the device, those that only count included.
+
+use super::quartiles;
+use crate::cloud::Cloud;
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::error::Result;
+use crate::frame;
+use crate::gpu::Wish;
+use crate::graph::{Gpu, Graph};
+use crate::index::strokes;
+use crate::look::{self, Style, Wishes};
+use crate::passes::Effects;
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::synth::{self, Scene};
+use crate::view::{Camera, Preset, View};
+use serde::Serialize;
+use std::fmt::Write;
+use std::time::Instant;
+
+/// What to measure.
+pub struct Plan {
+    /// Of the street; the torus has as many points as the dragon of the paper.
+    pub points: Vec<u64>,
+    pub sizes: Vec<[u32; 2]>,
+    pub repeat: usize,
+    pub seed: u64,
+}
+
+const TORUS_POINTS: u64 = 437_645;
+
+/// One way's time.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    pub bench: &'static str,
+    pub scene: &'static str,
+    pub points: u64,
+    pub way: &'static str,
+    pub size: String,
+    pub ms_median: f64,
+    pub ms_q1: f64,
+    pub ms_q3: f64,
+    /// Multiples of plain points, between medians; 0 of what is no picture.
+    pub of_points: f64,
+    /// Of the A-buffer.
+    pub fragments: u64,
+    pub device: String,
+    pub driver: String,
+}
+
+const WAYS: [(&str, Style, &str); 4] = [
+    ("points", Style::Points, "strokes=off"),
+    ("opaque", Style::Strokes, "strokes=on,blend=opaque"),
+    ("blur", Style::Strokes, "strokes=on,blend=blur"),
+    ("abuffer", Style::Strokes, "strokes=on,blend=abuffer"),
+];
+
+pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut gpu = Gpu::open(wish)?;
+    let mut rows = Vec::new();
+    let streets = plan.points.iter().map(|&points| ("street", Scene::Street, points, Attribute::Rgb));
+    for (name, scene, points, attribute) in [("torus", Scene::Torus, TORUS_POINTS, Attribute::White)].into_iter().chain(streets) {
+        let world = synth::build(scene, plan.seed, 0.0);
+        let mut cloud = synth::collect(name, &world, points, plan.seed, scene.default_noise(), progress)?;
+        if attribute == Attribute::White {
+            cloud.parts.iter_mut().for_each(|part| part.columns.rgb = None);
+        }
+        let device = [gpu.device.name.clone(), gpu.device.driver.clone()];
+        let row = |way, size: &str, mut times: Vec<f64>, plain: Option<f64>, fragments| {
+            let [ms_q1, ms_median, ms_q3] = quartiles(&mut times);
+            let [device, driver] = device.clone();
+            let of_points = plain.map_or(0.0, |plain| ms_median / plain);
+            Row {
+                bench: "strokes",
+                scene: name,
+                points,
+                way,
+                size: size.to_string(),
+                ms_median,
+                ms_q1,
+                ms_q3,
+                of_points,
+                fragments,
+                device,
+                driver,
+            }
+        };
+        rows.push(row("prepare", "-", vec![prepare(&cloud, progress)?], None, 0));
+        let sample = cloud.core_points();
+        let mut shown = Shown::new(attribute, &cloud);
+        shown.further.strokes = true;
+        let resident = Resident::fill(&mut gpu, cloud, shown, progress)?;
+        for &size in &plan.sizes {
+            let view = View::new(Camera::framing(Preset::Fit, &sample, size), size)?;
+            let mut times = vec![Vec::new(); WAYS.len()];
+            let mut fragments = vec![0; WAYS.len()];
+            // One round more, which warms up.
+            for round in 0..=plan.repeat {
+                progress.tick(&format!("bench strokes {name}"), round as u64, plan.repeat as u64)?;
+                for (k, (_, style, effect)) in WAYS.iter().enumerate() {
+                    let (ms, count) = draw(&mut gpu, &view, &resident, *style, effect)?;
+                    fragments[k] = count;
+                    if round > 0 {
+                        times[k].push(ms);
+                    }
+                }
+            }
+            let plain = quartiles(&mut times[0].clone())[1];
+            let size = format!("{}x{}", size[0], size[1]);
+            for ((way, times), fragments) in WAYS.iter().zip(times).zip(fragments) {
+                rows.push(row(way.0, &size, times, Some(plain), fragments));
+            }
+        }
+        resident.free(&mut gpu);
+    }
+    Ok(rows)
+}
+
+/// Milliseconds until all strokes of a cloud are known.
+fn prepare(cloud: &Cloud, progress: &dyn Progress) -> Result<f64> {
+    let start = Instant::now();
+    for part in &cloud.parts {
+        std::hint::black_box(strokes::strokes(&part.columns, &part.lattice, progress)?);
+    }
+    Ok(start.elapsed().as_secs_f64() * 1e3)
+}
+
+/// Milliseconds of all passes, and fragments of the A-buffer.
+fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, style: Style, effect: &str) -> Result<(f64, u64)> {
+    let mut wishes = Wishes { effects: Effects::of(style), ..Wishes::default() };
+    for effect in [effect, "edl=off"] {
+        wishes.effects.set(effect).expect("an effect's own words");
+    }
+    let look = look::decide(&wishes, view, resident);
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let picture = g.download(&outcome.picture);
+    let frame = g.submit(&[])?;
+    assert!(!frame.read::<f32>(&picture).is_empty());
+    let facts = outcome.strokes.unwrap_or_default();
+    let ms = frame.ms("") + facts.counting_ms;
+    frame.shelve(gpu);
+    Ok((ms, facts.fragments))
+}
+
+pub fn table(rows: &[Row]) -> String {
+    let mut text = format!(
+        "{:<8} {:>10}  {:<8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>12}\n",
+        "scene", "points", "way", "size", "ms", "q1", "q3", "x points", "fragments"
+    );
+    for row in rows {
+        let times = if row.of_points > 0.0 { format!("{:.2}", row.of_points) } else { "-".to_string() };
+        writeln!(
+            text,
+            "{:<8} {:>10}  {:<8} {:>10} {:>10.1} {:>10.1} {:>10.1} {:>10} {:>12}",
+            row.scene, row.points, row.way, row.size, row.ms_median, row.ms_q1, row.ms_q3, times, row.fragments
+        )
+        .expect("writing to a string");
+    }
+    if let Some(row) = rows.first() {
+        writeln!(text, "device: {} ({}); prepare: {} threads", row.device, row.driver, rayon::current_num_threads())
+            .expect("writing to a string");
+    }
+    text
+}

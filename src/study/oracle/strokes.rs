@@ -1,0 +1,223 @@
+//! The f64 twin of the strokes: every stroke against every pixel, in world coordinates, by the formulas of the paper as they stand.
+//!
+//! In: points, what was found out about them, a view, settings. Out: of every pixel the colour that all strokes over each other give, and the depths that may hide what is behind.
+//! The kernel rounds colours and coverages to 8 bits and its depths to f32: colours may be off by a few hundredths where many strokes lie over each other. Where two strokes are so near that
+//! roundings may swap them, or a stroke's edge runs through the pixel, the pixel is not sure, and is not compared.
+
+use crate::cloud::Part;
+use crate::index::strokes::{Stroke, householder, unpacked};
+use crate::passes::resolve::srgb_to_linear;
+use crate::passes::strokes::brush::{Bristles, turns};
+use crate::passes::strokes::{LEAST_PX, Settings, Tangents};
+use crate::view::{Projection, View};
+use glam::{DVec2, DVec3};
+
+/// Of depths, relatively: nearer to each other than this, strokes may be in either order.
+const APART: f64 = 1e-5;
+/// Of parts of a stroke's side: edges, and coverages that decide.
+const EDGE: f64 = 1e-4;
+/// Cosine of the angle to a stroke's normal.
+const GRAZING: f64 = 0.02;
+/// Of 1: what colours may be off by.
+const COLOR: f64 = 0.02;
+
+#[derive(Clone, Debug, Default)]
+pub struct Pixel {
+    pub color: [f64; 4],
+    pub depth: f64,
+    pub sure: bool,
+}
+
+/// How many pixels were compared, how many were off.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Agreement {
+    pub pixels: usize,
+    pub unsure: usize,
+    pub color_off: usize,
+    pub depth_off: usize,
+    pub worst: f64,
+}
+
+pub fn compare(truth: &[Pixel], picture: &[[f32; 4]], depth: &[f32]) -> Agreement {
+    let mut agreement = Agreement::default();
+    for ((pixel, drawn), z) in truth.iter().zip(picture).zip(depth) {
+        if !pixel.sure {
+            agreement.unsure += 1;
+            continue;
+        }
+        agreement.pixels += 1;
+        let off = (0..4).map(|c| (pixel.color[c] - drawn[c] as f64).abs()).fold(0.0, f64::max);
+        agreement.worst = agreement.worst.max(off);
+        agreement.color_off += (off > COLOR) as usize;
+        let same = pixel.depth == *z as f64 || (*z as f64 / pixel.depth - 1.0).abs() < APART;
+        agreement.depth_off += !same as usize;
+    }
+    agreement
+}
+
+/// Tangent of a unit normal that faces the viewer; `along` is where the points spread most.
+pub fn tangent(tangents: Tangents, n: DVec3, along: DVec3) -> DVec3 {
+    match tangents {
+        Tangents::Householder => householder(n).0,
+        Tangents::Eberly if n.x.abs() > n.y.abs() => DVec3::new(-n.z, 0.0, n.x).normalize(),
+        Tangents::Eberly => DVec3::new(0.0, n.z, -n.y).normalize(),
+        Tangents::Squareplate => {
+            let aside = n.cross(DVec3::new(n.y, n.z, n.x));
+            if aside.length_squared() > 1e-6 { aside.normalize() } else { DVec3::new(n.y, -n.x, 0.0).normalize() }
+        }
+        Tangents::Covariance => along,
+    }
+}
+
+/// Where a ray meets a stroke.
+struct Fragment {
+    depth: f64,
+    alpha: f64,
+    color: DVec3,
+}
+
+/// A stroke in the world, as a view sees it.
+struct Painted {
+    at: DVec3,
+    normal: DVec3,
+    tangent: DVec3,
+    bitangent: DVec3,
+    /// Of a side, metres: along the tangent, and across it.
+    sides: DVec2,
+    words: [u32; 2],
+    color: DVec3,
+}
+
+/// All strokes of a part with colours, blended.
+pub fn paint(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke]) -> Vec<Pixel> {
+    let columns = &part.columns;
+    let turns: Vec<DVec2> = turns(settings.noise).into_iter().map(|[c, s]| DVec2::new(c as f64, s as f64)).collect();
+    let bristles = Bristles::of(settings);
+    let seen = |(i, stroke): (usize, &Stroke)| {
+        let steps = [columns.x[i], columns.y[i], columns.z[i]];
+        let color = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]).map(|c| srgb_to_linear(c as f64 / 255.0));
+        seen(view, settings, &bristles, &turns, part.lattice.world(steps.map(i64::from)), stroke.words(steps), DVec3::from_array(color))
+    };
+    let painted: Vec<Painted> = strokes.iter().enumerate().filter_map(seen).collect();
+    let [width, height] = view.size;
+    (0..width * height).map(|k| pixel(view, &bristles, &turns, &painted, (k % width) as f64 + 0.5, (k / width) as f64 + 0.5)).collect()
+}
+
+fn seen(
+    view: &View,
+    settings: &Settings,
+    bristles: &Bristles,
+    turns: &[DVec2],
+    at: DVec3,
+    words: [u32; 2],
+    color: DVec3,
+) -> Option<Painted> {
+    let depth = (at - view.camera.eye).dot(view.basis.forward);
+    if depth <= 0.0 {
+        return None;
+    }
+    let (sight, px_per_m) = match view.camera.projection {
+        Projection::Perspective => (at - view.camera.eye, view.focal_px() / depth),
+        Projection::Orthographic => (view.basis.forward, view.focal_px()),
+    };
+    let [facing, brush] = words;
+    let known = facing & 0xFF_FFFF != 0xFF_FFFF;
+    let stored = if known { unpacked([facing & 0xFFF, facing >> 12 & 0xFFF]) } else { -sight.normalize() };
+    let normal = if stored.dot(sight) > 0.0 { -stored } else { stored };
+    let (t, b) = householder(stored);
+    let turn = turns[20 + (brush >> 8 & 255) as usize];
+    let along = if known { t * turn.x + b * turn.y } else { householder(normal).0 };
+    let tangent = tangent(settings.tangents, normal, along);
+    let radius = f32::from_bits(brush & 0xFFFF_0000) as f64;
+    let side = 2.0 * (bristles.size * radius * px_per_m).clamp(LEAST_PX as f64, settings.largest) / px_per_m;
+    let length = 1.0 + settings.long * ((brush & 31) as f64 / 8.0).min(1.0);
+    Some(Painted { at, normal, tangent, bitangent: normal.cross(tangent), sides: DVec2::new(side * length, side), words, color })
+}
+
+fn pixel(view: &View, bristles: &Bristles, turns: &[DVec2], painted: &[Painted], x: f64, y: f64) -> Pixel {
+    let (origin, direction) = view.ray(x, y);
+    let mut sure = true;
+    let mut fragments: Vec<Fragment> = Vec::new();
+    for stroke in painted {
+        let steep = direction.dot(stroke.normal);
+        if steep >= 0.0 {
+            continue;
+        }
+        let depth = (stroke.at - origin).dot(stroke.normal) / steep;
+        let off = origin + direction * depth - stroke.at;
+        let uv = DVec2::new(off.dot(stroke.tangent), off.dot(stroke.bitangent)) / stroke.sides;
+        let edge = uv.abs().max_element();
+        if depth <= 0.0 || edge > 0.5 + EDGE {
+            continue;
+        }
+        let seed = stroke.words[0] >> 24;
+        let (mut alpha, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
+        if stroke.words[1] & 1 << 7 != 0 {
+            let upper = coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5);
+            // Mixed as the kernel keeps colours: by their square roots.
+            let shade = if seed & 1 == 0 { 1.08 } else { 0.92 };
+            let root = DVec3::from_array(color.to_array().map(f64::sqrt));
+            let mixed = root * (1.0 - upper) + (root * shade).min(DVec3::ONE) * upper;
+            color = mixed * mixed;
+            alpha = alpha.max(upper);
+        }
+        // A corner may be rounded the other way.
+        // Along a stroke a small error of the angle is a large one of the depth.
+        sure &= -steep > GRAZING * direction.length()
+            && (alpha - 0.5).abs() > 0.01
+            && (alpha * 255.0 - 0.5).abs() > 0.05
+            && (edge - 0.5).abs() > EDGE;
+        if edge <= 0.5 && alpha * 255.0 >= 0.5 {
+            fragments.push(Fragment { depth, alpha, color });
+        }
+    }
+    fragments.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+    // Strokes that are hardly there, or hidden, may come in either order.
+    let visible = fragments.iter().scan(1.0, |light, fragment| {
+        let seen = *light > 1e-3;
+        *light *= 1.0 - fragment.alpha;
+        seen.then_some(fragment.depth)
+    });
+    let depths: Vec<f64> = visible.collect();
+    sure &= depths.windows(2).all(|pair| pair[1] / pair[0] - 1.0 > APART);
+    let (mut color, mut light) = (DVec3::ZERO, 1.0);
+    for fragment in &fragments {
+        color += fragment.color * fragment.alpha * light;
+        light *= 1.0 - fragment.alpha;
+    }
+    let hides = fragments.iter().find(|fragment| fragment.alpha >= 0.5).or(fragments.first());
+    let [r, g, b] = color.to_array();
+    Pixel { color: [r, g, b, 1.0 - light], depth: hides.map_or(f64::INFINITY, |fragment| fragment.depth), sure }
+}
+
+/// Squares of a brush, along a side.
+const SQUARES: f64 = 32.0;
+
+/// Between the corners of one of the squares that a brush is kept in, 8 bits each.
+fn coverage(bristles: &Bristles, turns: &[DVec2], at: DVec2, seed: u32) -> f64 {
+    let place = ((at + 0.5) * SQUARES).clamp(DVec2::ZERO, DVec2::splat(SQUARES));
+    let square = place.floor().min(DVec2::splat(SQUARES - 1.0));
+    let f = place - square;
+    let corner = |x: f64, y: f64| (equation(bristles, turns, (square + DVec2::new(x, y)) / SQUARES - 0.5, seed) * 255.0).round() / 255.0;
+    let [upper, lower] = [0.0, 1.0].map(|y| corner(0.0, y) * (1.0 - f.x) + corner(1.0, y) * f.x);
+    upper * (1.0 - f.y) + lower * f.y
+}
+
+/// Equation 1: the sum of Gaussians, each turned about its own middle.
+fn equation(bristles: &Bristles, turns: &[DVec2], at: DVec2, seed: u32) -> f64 {
+    let mut turn = turns[(seed & 15) as usize];
+    let mut sum = 0.0;
+    for column in 0..3u32 {
+        for row in 0..3u32 {
+            if bristles.places() >> (3 * row + column) & 1 == 0 {
+                continue;
+            }
+            let p = at - (DVec2::new(column as f64, row as f64) - 1.0) * bristles.dev;
+            let turned = turn.rotate(p);
+            let power = (turned.x / bristles.sigma_x).abs().powf(bristles.gamma) + (turned.y / bristles.sigma_y).abs().powf(bristles.gamma);
+            sum += bristles.amplitude * (-0.5 * power).exp();
+        }
+        turn = turns[16 + (seed >> (4 + 2 * column) & 3) as usize].rotate(turn);
+    }
+    sum.min(1.0)
+}
