@@ -1,0 +1,74 @@
+//! What a key does: one table, from which the window acts and the help is written.
+
+use super::navigation::{Input, Way};
+use crate::view::{Preset, Projection};
+use winit::keyboard::KeyCode;
+
+/// What the window does at a key.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Act {
+    Fly(Way),
+    Navigate(Input),
+    Save,
+    FullScreen,
+    Help,
+    Panel,
+    Close,
+}
+
+pub struct Key {
+    pub codes: &'static [KeyCode],
+    pub act: Act,
+    pub name: &'static str,
+    pub about: &'static str,
+}
+
+const fn key(codes: &'static [KeyCode], name: &'static str, act: Act, about: &'static str) -> Key {
+    Key { codes, act, name, about }
+}
+
+const fn look(from: Preset) -> Act {
+    Act::Navigate(Input::Look { from })
+}
+
+const fn project(onto: Projection) -> Act {
+    Act::Navigate(Input::Project { onto })
+}
+
+pub const KEYS: &[Key] = &[
+    key(&[KeyCode::Digit0, KeyCode::Numpad0, KeyCode::Home], "0", look(Preset::Fit), "the whole cloud"),
+    key(&[KeyCode::Digit1, KeyCode::Numpad1], "1", look(Preset::Front), "from the south"),
+    key(&[KeyCode::Digit3, KeyCode::Numpad3], "3", look(Preset::Side), "from the east"),
+    key(&[KeyCode::Digit7, KeyCode::Numpad7], "7", look(Preset::Top), "from above"),
+    key(&[KeyCode::Digit5, KeyCode::Numpad5], "5", Act::Navigate(Input::OtherProjection), "with perspective, or without"),
+    key(&[KeyCode::KeyP], "P", project(Projection::Perspective), "with perspective"),
+    key(&[KeyCode::KeyO], "O", project(Projection::Orthographic), "without"),
+    key(&[KeyCode::KeyW, KeyCode::ArrowUp], "W", Act::Fly(Way::Forward), "fly ahead"),
+    key(&[KeyCode::KeyS, KeyCode::ArrowDown], "S", Act::Fly(Way::Back), "back"),
+    key(&[KeyCode::KeyA, KeyCode::ArrowLeft], "A", Act::Fly(Way::Left), "left"),
+    key(&[KeyCode::KeyD, KeyCode::ArrowRight], "D", Act::Fly(Way::Right), "right"),
+    key(&[KeyCode::KeyE, KeyCode::KeyR, KeyCode::PageUp], "E", Act::Fly(Way::Up), "up"),
+    key(&[KeyCode::KeyQ, KeyCode::KeyF, KeyCode::PageDown], "Q", Act::Fly(Way::Down), "down"),
+    key(&[KeyCode::KeyM], "M", Act::Navigate(Input::NextMode), "the mouse orbits, looks around in flight, or grabs the ground"),
+    key(&[KeyCode::F9], "F9", Act::Save, "save the picture"),
+    key(&[KeyCode::F11], "F11", Act::FullScreen, "full screen"),
+    key(&[KeyCode::KeyH, KeyCode::F1], "H", Act::Help, "these keys"),
+    key(&[KeyCode::KeyN], "N", Act::Panel, "without the panel, or with it"),
+    key(&[KeyCode::Escape], "Esc", Act::Close, "close"),
+];
+
+pub fn find(code: KeyCode) -> Option<Act> {
+    KEYS.iter().find(|key| key.codes.contains(&code)).map(|key| key.act)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_key_does_two_things() {
+        let codes: Vec<_> = KEYS.iter().flat_map(|key| key.codes).collect();
+        let distinct: std::collections::HashSet<_> = codes.iter().collect();
+        assert_eq!(codes.len(), distinct.len());
+    }
+}

@@ -1,0 +1,428 @@
+//! What hands do + the camera -> the camera. Pure: no window, no device, f64 throughout.
+//!
+//! Whatever is done, is done to the point under the cursor. A drag turns the cloud about it, or moves it along with the cursor; the wheel takes away a share of
+//! the distance to it, so that the camera comes as near as anybody likes and never through. There is no near and no far to set.
+//!
+//! - orbit: a drag turns about the point, as on a turntable; the picture never rolls.
+//! - fly: a drag looks around, the wheel changes the speed.
+//! - earth: a drag grabs the ground, which stays at its height.
+//!
+//! The keys W A S D, Q and E fly in all of them.
+
+use crate::view::{Basis, Camera, Preset, Projection, View};
+use glam::{DQuat, DVec2, DVec3};
+use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
+
+/// What a drag with the first button does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    #[default]
+    Orbit,
+    Fly,
+    Earth,
+}
+
+impl Mode {
+    pub const ALL: [Mode; 3] = [Mode::Orbit, Mode::Fly, Mode::Earth];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Mode::Orbit => "orbit",
+            Mode::Fly => "fly",
+            Mode::Earth => "earth",
+        }
+    }
+}
+
+/// The hands of other programs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Habit {
+    /// Left turns, right and middle move
+    #[default]
+    Potree,
+    /// Left turns, right moves, middle too
+    Cloudcompare,
+    /// Middle turns, with shift it moves, with control it zooms; left picks
+    Blender,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Button {
+    Left,
+    Middle,
+    Right,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Modifiers {
+    pub shift: bool,
+    pub control: bool,
+}
+
+/// Ways to fly.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Way {
+    Forward,
+    Back,
+    Left,
+    Right,
+    Up,
+    Down,
+}
+
+/// Places are pixels from the window's top left. `under` is the point of the cloud that is seen there, where one is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Input {
+    Press {
+        button: Button,
+        modifiers: Modifiers,
+        at: DVec2,
+        under: Option<DVec3>,
+    },
+    Release {
+        button: Button,
+    },
+    Move {
+        to: DVec2,
+    },
+    /// Positive: nearer.
+    Wheel {
+        notches: f64,
+        at: DVec2,
+        under: Option<DVec3>,
+    },
+    /// The point becomes the middle of the picture.
+    Centre {
+        on: DVec3,
+    },
+    Fly {
+        way: Way,
+        pressed: bool,
+    },
+    Look {
+        from: Preset,
+    },
+    Project {
+        onto: Projection,
+    },
+    OtherProjection,
+    NextMode,
+    /// What a drag does from now on.
+    Drag {
+        mode: Mode,
+    },
+}
+
+/// What there is to look at.
+#[derive(Clone, Debug, Default)]
+pub struct Subject {
+    /// Points that a camera should frame.
+    pub core: Arc<Vec<DVec3>>,
+    pub centre: DVec3,
+    /// Half of the diagonal, metres.
+    pub radius: f64,
+}
+
+impl Subject {
+    pub fn of(core: Vec<DVec3>) -> Subject {
+        let (min, max) = core.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| (min.min(p), max.max(p)));
+        let (centre, radius) = if core.is_empty() { (DVec3::ZERO, 1.0) } else { ((min + max) / 2.0, ((max - min) / 2.0).length()) };
+        Subject { core: Arc::new(core), centre, radius: if radius > 0.0 { radius } else { 1.0 } }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Deed {
+    /// About a point.
+    Turn(DVec3),
+    /// The point stays under the cursor, in a plane that faces the camera.
+    Move(DVec3),
+    /// The point stays under the cursor, at its height.
+    Grab(DVec3),
+    Look,
+    Zoom(DVec3),
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Drag {
+    button: Button,
+    deed: Deed,
+    last: DVec2,
+}
+
+/// A share of the distance that a notch of the wheel leaves.
+const NOTCH: f64 = 0.8;
+
+/// As near as the wheel goes, and as far, in radii of the subject.
+const NEAREST: f64 = 1e-6;
+const FARTHEST: f64 = 1e6;
+
+/// The slowest and the fastest flight, radii of the subject a second.
+const SPEEDS: [f64; 2] = [1e-5, 1e2];
+
+/// The ground is not grabbed where it is seen at less than this slope: it would run away.
+const GRAZING: f64 = 0.05;
+
+pub struct Navigation {
+    pub camera: Camera,
+    pub mode: Mode,
+    pub habit: Habit,
+    /// Metres a second.
+    pub speed: f64,
+    subject: Subject,
+    /// Pixels.
+    size: [u32; 2],
+    drag: Option<Drag>,
+    held: Vec<Way>,
+}
+
+impl Navigation {
+    pub fn new(habit: Habit, size: [u32; 2]) -> Navigation {
+        let subject = Subject::of(Vec::new());
+        let camera = Camera::framing(Preset::Fit, &[], size);
+        Navigation { camera, mode: Mode::default(), habit, speed: 1.0, subject, size, drag: None, held: Vec::new() }
+    }
+
+    /// Something else is there to look at. The camera stays.
+    pub fn set_subject(&mut self, subject: Subject) {
+        self.speed = 2.0 * subject.radius / 5.0;
+        self.subject = subject;
+    }
+
+    pub fn set_size(&mut self, size: [u32; 2]) {
+        self.size = size.map(|side| side.max(1));
+    }
+
+    pub fn is_flying(&self) -> bool {
+        !self.held.is_empty()
+    }
+
+    pub fn is_dragging(&self) -> bool {
+        self.drag.is_some()
+    }
+
+    /// Keys and buttons that nobody will hear being released, as when a window is left.
+    pub fn let_go(&mut self) {
+        self.drag = None;
+        self.held.clear();
+    }
+
+    pub fn handle(&mut self, input: Input) {
+        match input {
+            Input::Press { button, modifiers, at, under } => {
+                let point = self.point(at, under);
+                self.focus(point);
+                let deed = self.deed(button, modifiers, point);
+                self.drag = deed.map(|deed| Drag { button, deed, last: at });
+            }
+            Input::Release { button } => self.drag = self.drag.filter(|drag| drag.button != button),
+            Input::Move { to } => self.dragged(to),
+            Input::Wheel { notches, .. } if self.mode == Mode::Fly => {
+                let [slowest, fastest] = SPEEDS.map(|speed| speed * self.subject.radius);
+                self.speed = (self.speed * NOTCH.powf(-notches)).clamp(slowest, fastest);
+            }
+            Input::Wheel { notches, at, under } => self.nearer(self.point(at, under), NOTCH.powf(notches)),
+            Input::Centre { on } => self.shift(on - self.camera.eye - self.basis().forward * self.depth(on)),
+            Input::Fly { way, pressed } => {
+                self.held.retain(|&held| held != way);
+                if pressed {
+                    self.held.push(way);
+                }
+            }
+            Input::Look { from } => self.camera = Camera::framing(from, &self.subject.core, self.size),
+            Input::Project { onto } => self.project(onto),
+            Input::OtherProjection => self.project(match self.camera.projection {
+                Projection::Perspective => Projection::Orthographic,
+                Projection::Orthographic => Projection::Perspective,
+            }),
+            Input::Drag { mode } => self.mode = mode,
+            Input::NextMode => {
+                let at = Mode::ALL.iter().position(|&mode| mode == self.mode).expect("all are there");
+                self.mode = Mode::ALL[(at + 1) % Mode::ALL.len()];
+            }
+        }
+        self.keep_in_front();
+    }
+
+    /// Flies on.
+    pub fn advance(&mut self, seconds: f64) {
+        let Basis { right, forward, .. } = self.basis();
+        let along = |way: &Way| match way {
+            Way::Forward => forward,
+            Way::Back => -forward,
+            Way::Right => right,
+            Way::Left => -right,
+            Way::Up => DVec3::Z,
+            Way::Down => -DVec3::Z,
+        };
+        let way: DVec3 = self.held.iter().map(along).sum();
+        let step = way.normalize_or_zero() * self.speed * seconds;
+        if self.camera.projection == Projection::Orthographic {
+            // Nothing comes nearer without perspective: the picture shows less.
+            let height = self.camera.ortho_height.unwrap_or(1.0);
+            let height = height * (-step.dot(forward) / self.subject.radius).exp();
+            self.camera.ortho_height = Some(height.clamp(self.nearest(), FARTHEST * self.subject.radius));
+        }
+        self.shift(step);
+        self.keep_in_front();
+    }
+
+    fn deed(&self, button: Button, modifiers: Modifiers, point: DVec3) -> Option<Deed> {
+        if self.habit == Habit::Blender {
+            return match (button, modifiers) {
+                (Button::Middle, Modifiers { shift: true, .. }) => Some(Deed::Move(point)),
+                (Button::Middle, Modifiers { control: true, .. }) => Some(Deed::Zoom(point)),
+                (Button::Middle, _) => Some(self.turning(point)),
+                _ => None,
+            };
+        }
+        match (button, modifiers.shift) {
+            (Button::Left, false) => Some(self.turning(point)),
+            (Button::Right, false) if self.mode == Mode::Earth => Some(Deed::Turn(point)),
+            _ => Some(Deed::Move(point)),
+        }
+    }
+
+    fn turning(&self, point: DVec3) -> Deed {
+        match self.mode {
+            Mode::Orbit => Deed::Turn(point),
+            Mode::Fly => Deed::Look,
+            Mode::Earth => Deed::Grab(point),
+        }
+    }
+
+    fn dragged(&mut self, to: DVec2) {
+        let Some(drag) = self.drag else { return };
+        let by = to - drag.last;
+        self.drag = Some(Drag { last: to, ..drag });
+        let across = by / self.size[1] as f64;
+        match drag.deed {
+            Deed::Turn(about) => self.turn(about, -across.x * PI, -across.y * PI),
+            Deed::Look => {
+                let angle = self.camera.fov_y.to_radians();
+                self.turn(self.camera.eye, across.x * angle, across.y * angle);
+            }
+            Deed::Move(point) => self.bring(point, to),
+            Deed::Grab(point) => self.grab(point, to),
+            Deed::Zoom(point) => self.nearer(point, (4.0 * across.y).exp()),
+        }
+    }
+
+    /// The point that is meant: the one that is seen, or where nothing is, one as deep as what the camera looks at.
+    fn point(&self, at: DVec2, under: Option<DVec3>) -> DVec3 {
+        under.filter(|&point| self.depth(point) > 0.0).unwrap_or_else(|| {
+            let (origin, direction) = self.view().ray(at.x, at.y);
+            origin + direction * self.depth(self.camera.target)
+        })
+    }
+
+    fn view(&self) -> View {
+        View::new(self.camera, self.size).expect("navigation keeps the camera valid")
+    }
+
+    fn basis(&self) -> Basis {
+        self.camera.basis().expect("navigation keeps the camera valid")
+    }
+
+    fn depth(&self, point: DVec3) -> f64 {
+        (point - self.camera.eye).dot(self.basis().forward)
+    }
+
+    /// Metres; no less than coordinates tell apart.
+    fn nearest(&self) -> f64 {
+        (NEAREST * self.subject.radius).max(1e-12 * self.subject.centre.length())
+    }
+
+    /// The camera looks as far as a point is.
+    fn focus(&mut self, point: DVec3) {
+        let depth = self.depth(point).max(self.nearest());
+        self.camera.target = self.camera.eye + self.basis().forward * depth;
+    }
+
+    fn shift(&mut self, by: DVec3) {
+        self.camera.eye += by;
+        self.camera.target += by;
+    }
+
+    /// About the world's vertical and the picture's horizontal, which stays horizontal; not over the top.
+    fn turn(&mut self, about: DVec3, around: f64, over: f64) {
+        let Basis { right, up, forward } = self.basis();
+        // By both, since near the top the sine alone does not tell.
+        let elevation = forward.z.atan2(up.z);
+        let over = (elevation + over).clamp(-FRAC_PI_2, FRAC_PI_2) - elevation;
+        let turn = DQuat::from_axis_angle(DVec3::Z, around) * DQuat::from_axis_angle(right, over);
+        self.camera.eye = about + turn * (self.camera.eye - about);
+        self.camera.target = about + turn * (self.camera.target - about);
+        self.camera.up = (turn * up).normalize();
+    }
+
+    /// So that a point lies under the cursor.
+    fn bring(&mut self, point: DVec3, to: DVec2) {
+        let (origin, direction) = self.view().ray(to.x, to.y);
+        self.shift(point - (origin + direction * self.depth(point)));
+    }
+
+    fn grab(&mut self, point: DVec3, to: DVec2) {
+        let (origin, direction) = self.view().ray(to.x, to.y);
+        let along = (point.z - origin.z) / direction.z;
+        let grazing = direction.z.abs() < GRAZING * direction.length();
+        if grazing || along <= 0.0 || !along.is_finite() {
+            return self.bring(point, to);
+        }
+        self.shift(point - (origin + direction * along));
+    }
+
+    /// A share of the distance to a point is left, which stays where it is in the picture.
+    fn nearer(&mut self, point: DVec3, share: f64) {
+        let away = match self.camera.projection {
+            Projection::Perspective => self.depth(point),
+            Projection::Orthographic => self.camera.ortho_height.unwrap_or(1.0),
+        };
+        if !(self.nearest()..FARTHEST * self.subject.radius).contains(&(away * share)) {
+            return;
+        }
+        match self.camera.projection {
+            Projection::Perspective => {
+                self.camera.eye = point + (self.camera.eye - point) * share;
+                self.camera.target = point + (self.camera.target - point) * share;
+                self.focus(point);
+            }
+            Projection::Orthographic => {
+                let aside = point - self.camera.eye - self.basis().forward * self.depth(point);
+                self.shift(aside * (1.0 - share));
+                self.camera.ortho_height = self.camera.ortho_height.map(|height| height * share);
+            }
+        }
+    }
+
+    /// What the camera looks at keeps its size.
+    fn project(&mut self, onto: Projection) {
+        if onto == self.camera.projection {
+            return;
+        }
+        let slope = (self.camera.fov_y.to_radians() / 2.0).tan();
+        let Camera { eye, target, .. } = self.camera;
+        match onto {
+            Projection::Orthographic => self.camera.ortho_height = Some(2.0 * slope * (target - eye).length()),
+            Projection::Perspective => {
+                let distance = self.camera.ortho_height.unwrap_or(1.0) / (2.0 * slope);
+                self.camera.eye = target - self.basis().forward * distance;
+                self.camera.ortho_height = None;
+            }
+        }
+        self.camera.projection = onto;
+    }
+
+    /// Without perspective it does not matter how far away the camera is, but what is behind it would not be seen.
+    fn keep_in_front(&mut self) {
+        if self.camera.projection == Projection::Orthographic {
+            let forward = self.basis().forward;
+            let depth = self.depth(self.subject.centre);
+            self.camera.eye += forward * (depth - 2.0 * self.subject.radius);
+            // The target keeps its place in the picture, and its depth is the subject's.
+            self.camera.target = self.camera.eye + forward * 2.0 * self.subject.radius;
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! OPENING THREAD: files in, a cloud for the drawing thread out, and on the way how far it is.
+
+use super::navigation::Subject;
+use crate::cloud::attribute::{Attribute, Further, Shown};
+use crate::cloud::{Columns, ReadOptions, Wanted};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::source::{Opening, Source};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// A cloud that is read, or found in an index.
+pub struct Opened {
+    pub source: Source,
+    pub shown: Shown,
+    pub subject: Subject,
+    pub kinds: Kinds,
+    /// Not a sample, before the whole.
+    pub is_whole: bool,
+}
+
+/// What points can be told apart by, each with how many points are of it, where that is known.
+#[derive(Clone, Debug, Default)]
+pub struct Kinds {
+    pub classes: Vec<(u8, u64)>,
+    pub returns: Vec<(u8, u64)>,
+    /// Names.
+    pub stations: Vec<String>,
+}
+
+impl Kinds {
+    fn of(source: &Source) -> Kinds {
+        let stations = source.stations().iter().map(|station| station.name.clone()).collect();
+        let Source::Files(cloud) = source else { return Kinds { stations, ..Kinds::default() } };
+        let count = |column: fn(&Columns) -> Option<&Vec<u8>>| {
+            let mut counts = [0u64; 256];
+            cloud.parts.iter().filter_map(|part| column(&part.columns)).flatten().for_each(|&kind| counts[kind as usize] += 1);
+            (0..=255).zip(counts).filter(|&(_, count)| count > 0).collect()
+        };
+        Kinds { classes: count(|columns| columns.class.as_ref()), returns: count(|columns| columns.returns.as_ref()), stations }
+    }
+}
+
+/// Says a few times a second how far something is; stops where nobody waits for it any more.
+pub struct Watch {
+    pub abandoned: Arc<AtomicBool>,
+    say: Box<dyn Fn(String) + Send + Sync>,
+    said: Mutex<Option<Instant>>,
+}
+
+const BETWEEN: Duration = Duration::from_millis(100);
+
+impl Watch {
+    pub fn new(abandoned: Arc<AtomicBool>, say: impl Fn(String) + Send + Sync + 'static) -> Watch {
+        Watch { abandoned, say: Box::new(say), said: Mutex::new(None) }
+    }
+}
+
+impl Progress for Watch {
+    fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()> {
+        if self.abandoned.load(Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        let mut said = self.said.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if said.is_none_or(|last| last.elapsed() >= BETWEEN) {
+            *said = Some(Instant::now());
+            let percent = (100 * done.min(total)).checked_div(total);
+            (self.say)(percent.map_or(doing.to_string(), |percent| format!("{doing}: {percent} %")));
+        }
+        Ok(())
+    }
+}
+
+/// Opens files on a thread of their own. Of files that have to be indexed first a sample comes before.
+pub fn start(
+    files: Vec<PathBuf>,
+    opening: Opening,
+    asked: Option<Attribute>,
+    further: Further,
+    watch: Watch,
+    opened: impl Fn(Result<Opened>) + Send + 'static,
+) -> Result<JoinHandle<()>> {
+    // People choose while they look.
+    let further = Further { kind: true, ..further };
+    let shown = asked.map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
+    let opening = Opening { read: ReadOptions { wanted: shown.and(further.wanted()), ..opening.read }, ..opening };
+    let ready = move |source: Source, is_whole: bool| -> Result<Opened> {
+        let (mut shown, _) = source.shown(asked)?;
+        let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
+        shown.further = further;
+        Ok(Opened { source, shown, subject, kinds, is_whole })
+    };
+    let work = move || {
+        // What is wrong with the files is said once, of the whole.
+        if let Ok(Some(preview)) = Source::preview(&files, &opening, &watch) {
+            opened(ready(preview, false));
+        }
+        opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, true)));
+    };
+    let thread = std::thread::Builder::new().name("opening".into()).spawn(work);
+    thread.map_err(|error| Error::Request(format!("cannot start a thread to read files: {error}")))
+}

@@ -1,0 +1,60 @@
+//! How fine a picture may be while the camera moves: measured frames in, the share of pixels to draw out. Pure.
+//!
+//! What a frame costs grows with its pixels: passes over the screen by themselves, and the points of an index by their budget (cut.rs). So a moving picture is a smaller one,
+//! by a whole number, and nothing else about it is different.
+
+/// A frame that takes longer is drawn smaller, milliseconds: thirty of them a second look like motion.
+pub const TARGET_MS: f64 = 33.0;
+
+/// Smaller ones show nothing that one could steer by.
+pub const COARSEST: u32 = 4;
+
+/// Finer only with so much to spare, so that it does not go to and fro.
+const SPARE: f64 = 0.7;
+
+/// What the sides of a moving picture are divided by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pace {
+    pub divisor: u32,
+}
+
+impl Default for Pace {
+    /// The first picture is there soonest.
+    fn default() -> Pace {
+        Pace { divisor: COARSEST }
+    }
+}
+
+impl Pace {
+    /// After a frame of this divisor has taken so long.
+    pub fn after(self, divisor: u32, milliseconds: f64) -> Pace {
+        let would = |other: u32| milliseconds * (divisor * divisor) as f64 / (other * other) as f64;
+        // Part of a frame is the same at any size, so what would be slower is known better than what would be faster.
+        let fits = |other: &u32| would(*other) <= if *other < divisor { SPARE * TARGET_MS } else { TARGET_MS };
+        Pace { divisor: (1..=COARSEST).find(fits).unwrap_or(COARSEST) }
+    }
+}
+
+/// The size of a picture in a window.
+pub fn divided(size: [u32; 2], divisor: u32) -> [u32; 2] {
+    size.map(|side| side.div_ceil(divisor))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_as_fine_as_the_target_allows_and_settle() {
+        for whole_ms in [5.0, 33.0, 40.0, 100.0, 400.0, 3000.0] {
+            let mut pace = Pace::default();
+            let cost = |pace: Pace| whole_ms / (pace.divisor * pace.divisor) as f64;
+            for _ in 0..4 {
+                pace = pace.after(pace.divisor, cost(pace));
+            }
+            assert!(cost(pace) <= TARGET_MS || pace.divisor == COARSEST, "{whole_ms}");
+            assert_eq!(pace, pace.after(pace.divisor, cost(pace)), "{whole_ms}");
+            assert!(whole_ms > SPARE * TARGET_MS || pace.divisor == 1, "{whole_ms}");
+        }
+    }
+}

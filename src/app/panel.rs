@@ -1,0 +1,362 @@
+//! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. Facts and a scene in, triangles and deeds out.
+
+use super::keys::KEYS;
+use super::measure::Measure;
+use super::navigation::{Input, Mode};
+use super::opening::Kinds;
+use crate::cloud::attribute::Attribute;
+use crate::light::Light;
+use crate::opacity::{Opacities, Rule, What};
+use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value};
+use crate::present::overlay::Overlay;
+use crate::resident::Point;
+use crate::scene::Scene;
+use crate::view::View;
+use clap::ValueEnum;
+use egui::{CollapsingHeader, Color32, ComboBox, ProgressBar, RichText, ScrollArea, Slider, Ui};
+use glam::DVec3;
+use std::time::Duration;
+use winit::event::WindowEvent;
+use winit::window::Window;
+
+/// What the panel says.
+#[derive(Default)]
+pub struct Facts {
+    /// What is open.
+    pub title: String,
+    /// What is going on besides.
+    pub doing: Option<String>,
+    /// The last thing that went wrong.
+    pub trouble: Option<String>,
+    /// Of the whole cloud.
+    pub points: u64,
+    /// Of the last picture.
+    pub drawn: u64,
+    pub latency: Duration,
+    /// Milliseconds on the device of every pass.
+    pub passes: Vec<(String, f64)>,
+    pub decided: Decided,
+    pub shows: Option<Attribute>,
+    pub kinds: Kinds,
+    pub mode: Mode,
+    pub picked: Option<Point>,
+    /// All that was picked.
+    pub measure: Measure,
+    /// The keys are shown.
+    pub help: bool,
+    /// Nothing but the picture is shown.
+    pub hidden: bool,
+}
+
+/// What was chosen, besides the scene.
+pub enum Deed {
+    Navigate(Input),
+    SaveScene,
+    SavePicture,
+    Help,
+    /// What was picked.
+    Forget,
+    /// With this extension: csv or geojson.
+    Export(&'static str),
+}
+
+pub struct LaidOut {
+    pub overlay: Overlay,
+    pub deeds: Vec<Deed>,
+    /// Something in it moves by itself.
+    pub again_in: Option<Duration>,
+}
+
+/// What became of an event.
+pub struct Heard {
+    /// It was the panel's.
+    pub taken: bool,
+    /// The panel may look different now.
+    pub repaint: bool,
+}
+
+pub struct Panel {
+    input: egui_winit::State,
+}
+
+/// Points; passes that took less are too many to show.
+const WIDTH: f32 = 250.0;
+const LEAST_SHARE: f64 = 0.01;
+
+impl Panel {
+    pub fn new(window: &Window) -> Panel {
+        let context = egui::Context::default();
+        let input = egui_winit::State::new(context, egui::ViewportId::ROOT, window, None, window.theme(), None);
+        Panel { input }
+    }
+
+    pub fn hear(&mut self, window: &Window, event: &WindowEvent) -> Heard {
+        let response = self.input.on_window_event(window, event);
+        // Drags that began on the picture end there.
+        let released = matches!(event, WindowEvent::MouseInput { state: winit::event::ElementState::Released, .. });
+        Heard { taken: response.consumed && !released, repaint: response.repaint }
+    }
+
+    pub fn lay_out(&mut self, window: &Window, facts: &Facts, view: Option<&View>, scene: &mut Scene) -> LaidOut {
+        let input = self.input.take_egui_input(window);
+        let context = self.input.egui_ctx().clone();
+        let mut deeds = Vec::new();
+        let output = context.run_ui(input, |ui| {
+            if let Some(view) = view {
+                marks(ui, &facts.measure, view);
+            }
+            let tall = ui.ctx().content_rect().height() - 60.0;
+            if !facts.hidden {
+                egui::Window::new("pointillist").default_pos([8.0, 8.0]).default_size([WIDTH, tall]).show(ui.ctx(), |ui| {
+                    ScrollArea::vertical().show(ui, |ui| everything(ui, facts, scene, &mut deeds));
+                });
+            }
+            if facts.help {
+                egui::Window::new("keys").default_pos([WIDTH + 60.0, 8.0]).show(ui.ctx(), keys);
+            }
+        });
+        self.input.handle_platform_output(window, output.platform_output);
+        let again_in = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
+        let overlay = Overlay {
+            triangles: context.tessellate(output.shapes, output.pixels_per_point),
+            pixels_per_point: output.pixels_per_point,
+            textures: output.textures_delta,
+        };
+        LaidOut { overlay, deeds, again_in }
+    }
+}
+
+fn everything(ui: &mut Ui, facts: &Facts, scene: &mut Scene, deeds: &mut Vec<Deed>) {
+    if let Some(trouble) = &facts.trouble {
+        ui.label(RichText::new(trouble).color(Color32::LIGHT_RED));
+    }
+    if let Some(doing) = &facts.doing {
+        ui.label(RichText::new(doing).color(Color32::LIGHT_BLUE));
+    }
+    ui.label(format!("{}\n{} of {} points", facts.title, grouped(facts.drawn), grouped(facts.points)));
+    ui.horizontal(|ui| {
+        for mode in Mode::ALL {
+            if ui.selectable_label(facts.mode == mode, mode.name()).clicked() && facts.mode != mode {
+                deeds.push(Deed::Navigate(Input::Drag { mode }));
+            }
+        }
+        if ui.button("keys").clicked() {
+            deeds.push(Deed::Help);
+        }
+    });
+    picked(ui, facts, deeds);
+    color(ui, facts, scene);
+    light(ui, scene);
+    CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
+        for listed in scene.wishes.effects.list() {
+            effect(ui, listed, &facts.decided);
+        }
+    });
+    filters(ui, &facts.kinds, &mut scene.opacities);
+    CollapsingHeader::new(format!("passes, {:.1} ms", facts.passes.iter().map(|(_, ms)| ms).sum::<f64>()))
+        .id_salt("passes")
+        .show(ui, |ui| passes(ui, facts));
+    ui.horizontal(|ui| {
+        if ui.button("save picture").on_hover_text("F9").clicked() {
+            deeds.push(Deed::SavePicture);
+        }
+        if ui.button("save scene").on_hover_text("for render --scene").clicked() {
+            deeds.push(Deed::SaveScene);
+        }
+    });
+}
+
+fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
+    let now = scene.color.or(facts.shows).map_or(String::new(), Attribute::name);
+    ComboBox::from_label("color").selected_text(now).show_ui(ui, |ui| {
+        for &attribute in Attribute::value_variants() {
+            ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.color_edit_button_srgb(&mut scene.wishes.background);
+        ui.label("background");
+    });
+}
+
+/// Far away lights are turned by two angles, degrees.
+fn light(ui: &mut Ui, scene: &mut Scene) {
+    let light = &mut scene.wishes.light;
+    ui.horizontal(|ui| {
+        if ui.selectable_label(*light == Light::Headlight, "headlight").clicked() {
+            *light = Light::Headlight;
+        }
+        if ui.selectable_label(matches!(light, Light::Direction(_)), "sun").clicked() {
+            *light = Light::Direction(crate::config::SUN);
+        }
+    });
+    if let Light::Direction(way) = light {
+        let from = -way.normalize();
+        let (mut azimuth, mut height) = (from.x.atan2(from.y).to_degrees(), from.z.clamp(-1.0, 1.0).asin().to_degrees());
+        let turned = ui.add(Slider::new(&mut azimuth, -180.0..=180.0).suffix("°").text("from")).changed()
+            | ui.add(Slider::new(&mut height, -89.0..=89.0).suffix("°").text("high")).changed();
+        if turned {
+            let (around, up) = (azimuth.to_radians(), height.to_radians());
+            *way = -DVec3::new(around.sin() * up.cos(), around.cos() * up.cos(), up.sin());
+        }
+    }
+}
+
+fn effect(ui: &mut Ui, listed: Listed, decided: &Decided) {
+    let Listed { name, about, switch, settings } = listed;
+    let reason = decided.0.iter().find(|(effect, _)| *effect == name).map(|(_, reason)| reason);
+    ui.horizontal(|ui| {
+        for choice in [Switch::Off, Switch::Auto, Switch::On] {
+            ui.selectable_value(switch, choice, Choice::name(&choice));
+        }
+        let runs = reason.is_some_and(|reason| reason.runs);
+        let title = RichText::new(name).color(if runs { Color32::LIGHT_GREEN } else { Color32::GRAY });
+        let why = reason.map_or(String::new(), |reason| format!("\n\n{}, because {}", if runs { "on" } else { "off" }, reason.why));
+        ui.label(title).on_hover_text(format!("{about}{why}"));
+    });
+    if !settings.is_empty() && *switch != Switch::Off {
+        ui.indent(name, |ui| {
+            CollapsingHeader::new("settings")
+                .id_salt((name, "settings"))
+                .show(ui, |ui| settings.into_iter().for_each(|one| setting(ui, one)));
+        });
+    }
+}
+
+fn setting(ui: &mut Ui, setting: Setting) {
+    let Setting { name, about, value } = setting;
+    let response = match value {
+        Value::Number(number, range) => {
+            // Whole decades apart, small values would all be at one end.
+            let wide = range.end() - range.start() > 1000.0;
+            ui.add(Slider::new(number, range).logarithmic(wide).text(name))
+        }
+        Value::Choice(choice) => {
+            let shown = ComboBox::from_label(name).selected_text(choice.name()).show_ui(ui, |ui| {
+                for other in choice.names() {
+                    if ui.selectable_label(other == choice.name(), &other).clicked() {
+                        choice.choose(&other);
+                    }
+                }
+            });
+            shown.response
+        }
+    };
+    response.on_hover_text(about);
+}
+
+/// What is not ticked is not drawn: a rule of opacity 0.
+fn filters(ui: &mut Ui, kinds: &Kinds, opacities: &mut Opacities) {
+    let lists: [(&str, Vec<(What, String)>); 3] = [
+        ("classes", kinds.classes.iter().map(|&(class, count)| (What::Class(class), format!("{class}: {}", grouped(count)))).collect()),
+        ("returns", kinds.returns.iter().map(|&(number, count)| (What::Return(number), format!("{number}: {}", grouped(count)))).collect()),
+        ("stations", kinds.stations.iter().map(|name| (What::Station(name.clone()), name.clone())).collect()),
+    ];
+    for (title, list) in lists.into_iter().filter(|(_, list)| list.len() > 1) {
+        CollapsingHeader::new(title).show(ui, |ui| {
+            for (what, text) in list {
+                let hides = |rule: &Rule| rule.what == what && rule.opacity == 0.0;
+                let mut drawn = !opacities.0.iter().any(hides);
+                if ui.checkbox(&mut drawn, text).changed() {
+                    opacities.0.retain(|rule| !hides(rule));
+                    if !drawn {
+                        opacities.0.push(Rule { what, opacity: 0.0 });
+                    }
+                }
+            }
+        });
+    }
+}
+
+/// Coordinates in full: f64 tells a micrometre at ten million metres.
+fn picked(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
+    let Some(point) = &facts.picked else { return };
+    let Facts { measure, .. } = facts;
+    CollapsingHeader::new("picked").default_open(true).show(ui, |ui| {
+        let DVec3 { x, y, z } = point.position;
+        ui.label(format!("x {x:.4}\ny {y:.4}\nz {z:.4}{}", if point.exact { "" } else { "\nabout: the rest of its digits is not loaded" }));
+        if let Some(kind) = point.kind {
+            ui.label(format!("class {}, return {}, station {}", kind & 255, kind >> 8 & 15, (kind >> 16) + 1));
+        }
+        if measure.points.len() > 1 {
+            let mut text = format!(
+                "{} points\ndistance {:.4} m\nheight {:.4} m\nhorizontal {:.4} m",
+                measure.points.len(),
+                measure.distance(),
+                measure.height(),
+                measure.horizontal()
+            );
+            text += &measure.angle().map_or(String::new(), |angle| format!("\nlength {:.4} m\nangle {angle:.3}°", measure.length()));
+            text += &measure.area().map_or(String::new(), |area| format!("\narea {area:.4} m²"));
+            ui.label(text);
+        }
+        ui.label(RichText::new("shift and click for one more").weak());
+        ui.horizontal(|ui| {
+            for extension in ["csv", "geojson"] {
+                if ui.button(extension).clicked() {
+                    deeds.push(Deed::Export(extension));
+                }
+            }
+            if ui.button("forget").clicked() {
+                deeds.push(Deed::Forget);
+            }
+        });
+    });
+}
+
+/// Picked points and the line through them, over the picture.
+fn marks(ui: &Ui, measure: &Measure, view: &View) {
+    let painter = ui.ctx().layer_painter(egui::LayerId::background());
+    let per_point = ui.ctx().pixels_per_point();
+    let places: Vec<Option<egui::Pos2>> =
+        measure.points.iter().map(|&point| view.pixel(point).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point)).collect();
+    let stroke = egui::Stroke::new(2.0, Color32::YELLOW);
+    for pair in places.windows(2) {
+        if let [Some(a), Some(b)] = pair {
+            painter.line_segment([*a, *b], stroke);
+        }
+    }
+    for place in places.into_iter().flatten() {
+        painter.circle_stroke(place, 5.0, stroke);
+    }
+}
+
+fn passes(ui: &mut Ui, facts: &Facts) {
+    let total: f64 = facts.passes.iter().map(|(_, ms)| ms).sum();
+    let mut by_name: Vec<(&str, f64)> = Vec::new();
+    for (name, ms) in &facts.passes {
+        match by_name.iter_mut().find(|(known, _)| known == name) {
+            Some((_, sum)) => *sum += ms,
+            None => by_name.push((name, *ms)),
+        }
+    }
+    for (name, ms) in by_name.into_iter().filter(|(_, ms)| *ms >= LEAST_SHARE * total) {
+        ui.add(ProgressBar::new((ms / total) as f32).text(format!("{name} {ms:.2} ms")));
+    }
+    ui.label(format!("from change to picture: {:.1} ms", facts.latency.as_secs_f64() * 1e3));
+}
+
+fn keys(ui: &mut Ui) {
+    egui::Grid::new("keys").show(ui, |ui| {
+        for key in KEYS {
+            ui.label(RichText::new(key.name).strong());
+            ui.label(key.about);
+            ui.end_row();
+        }
+    });
+}
+
+/// Digits in threes.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let threes: Vec<&str> = digits.as_bytes().rchunks(3).rev().map(|three| std::str::from_utf8(three).expect("digits")).collect();
+    threes.join(",")
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn digits_come_in_threes() {
+        assert_eq!([0, 12, 999, 1000, 1_234_567].map(super::grouped), ["0", "12", "999", "1,000", "1,234,567"]);
+    }
+}

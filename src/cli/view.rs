@@ -1,0 +1,73 @@
+//! `pointillist view`: files in a window.
+
+use super::options::{DeviceOptions, PictureOptions};
+use crate::app::{self, Options, keys, navigation::Habit};
+use crate::error::Result;
+use crate::progress::Progress;
+use crate::scene::Scene;
+use crate::view::Camera;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist view scan.laz
+  pointillist view north.laz south.laz --color source --navigation blender
+  pointillist view site.pnti --effect edl=on                an index: there at once";
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = help())]
+pub struct Arguments {
+    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT; or one index, PNTI
+    #[arg(value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    #[command(flatten)]
+    pub picture: PictureOptions,
+    #[command(flatten)]
+    pub device: DeviceOptions,
+    /// Whose mouse buttons
+    #[arg(long, value_enum, default_value_t)]
+    pub navigation: Habit,
+    /// Fly ahead for so many seconds without hands, rest, and close; for --timings
+    #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u16).range(1..=3600))]
+    pub flight: Option<u16>,
+    /// Say at the end how long pictures took, milliseconds
+    #[arg(long)]
+    pub timings: bool,
+    /// Refuse a truncated, lying or damaged file instead of keeping what is readable
+    #[arg(long)]
+    pub strict: bool,
+}
+
+fn help() -> String {
+    let keys: Vec<_> = keys::KEYS.iter().map(|key| format!("  {:<4} {}", key.name, key.about)).collect();
+    format!("Keys:\n{}\n\n{EXAMPLES}", keys.join("\n"))
+}
+
+pub fn run(arguments: &Arguments, _progress: &dyn Progress) -> Result<()> {
+    let began = Instant::now();
+    let picture = arguments.picture.with_scene()?;
+    let camera = picture.camera()?;
+    let here = camera.unwrap_or(Camera::framing(picture.view, &[], picture.size.0));
+    let scene = Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities() };
+    let statistics = app::run(Options {
+        files: arguments.files.clone(),
+        opening: picture.detail.opening(picture.read_options(arguments.strict)),
+        further: picture.further(),
+        scene,
+        preset: picture.view,
+        camera,
+        size: picture.size.0,
+        habit: arguments.navigation,
+        wish: arguments.device.wish(),
+        pool_bytes: picture.detail.pool_bytes(),
+        budget: picture.detail.budget,
+        lod_px: picture.detail.lod,
+        flight: arguments.flight.map(|seconds| Duration::from_secs(seconds as u64)),
+        began,
+    })?;
+    if arguments.timings {
+        eprint!("{statistics}");
+    }
+    Ok(())
+}

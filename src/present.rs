@@ -1,0 +1,419 @@
+//! SCREEN -> WINDOW: a buffer of 8-bit words, which frames write (passes/encode.rs), to the images of a swapchain.
+//!
+//! The words are copied, so that a swapchain needs to be good for nothing but copies and a rasteriser's target, which all are, and holds the bytes of a PNG file. They stay
+//! until the next frame: what lies over the picture can change, and a window be uncovered, without anything being drawn again.
+//!
+//! A swapchain that no longer fits its window is replaced before the next picture; so is a surface that was lost. [`Present::show`] says whether it came to
+//! showing anything, and never waits for a window that nobody sees longer than a tenth of a second.
+
+pub mod overlay;
+
+use crate::error::{Error, Result};
+use crate::gpu::memory::RawBuffer;
+use crate::gpu::{BufferDesc, Device, Place, failed};
+use crate::graph::Gpu;
+use ash::{khr, vk};
+use overlay::{Overlay, Painter};
+use std::sync::Arc;
+use winit::raw_window_handle::{HasDisplayHandle, HasWindowHandle};
+use winit::window::Window;
+
+/// Presentations that may be under way: one is shown while the next is drawn. More would only be further behind the hand that moves the camera.
+pub const UNDER_WAY: usize = 2;
+
+/// Of a compositor that hands out no image, because the window cannot be seen.
+const PATIENCE_NS: u64 = 100_000_000;
+
+/// A presentation's own commands.
+struct Slot {
+    pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+    /// Raised when the device is done with the commands.
+    done: vk::Fence,
+    /// Raised when the image may be written.
+    acquired: vk::Semaphore,
+}
+
+struct Target {
+    image: vk::Image,
+    view: vk::ImageView,
+    /// Raised when the image may be shown.
+    written: vk::Semaphore,
+}
+
+struct Swapchain {
+    raw: vk::SwapchainKHR,
+    targets: Vec<Target>,
+    size: [u32; 2],
+    /// Frames write it.
+    screen: RawBuffer,
+    /// The window has changed since.
+    stale: bool,
+}
+
+/// A window's surface and swapchain.
+pub struct Present {
+    device: ash::Device,
+    surfaces: khr::surface::Instance,
+    swapchains: khr::swapchain::Device,
+    surface: vk::SurfaceKHR,
+    format: vk::SurfaceFormatKHR,
+    swapchain: Option<Swapchain>,
+    slots: Vec<Slot>,
+    next: usize,
+    painter: Option<Painter>,
+    // After the surface.
+    window: Arc<Window>,
+}
+
+impl Present {
+    /// On the thread that runs the window's events, as some systems want it.
+    pub fn open(gpu: &Gpu, window: Arc<Window>) -> Result<Present> {
+        let device = &gpu.device;
+        let surfaces = khr::surface::Instance::new(&device.entry, &device.instance);
+        let surface = surface(device, &window)?;
+        let mut present = Present {
+            device: device.raw.clone(),
+            swapchains: khr::swapchain::Device::new(&device.instance, &device.raw),
+            format: vk::SurfaceFormatKHR::default(),
+            surfaces,
+            surface,
+            swapchain: None,
+            slots: Vec::new(),
+            next: 0,
+            painter: None,
+            window,
+        };
+        // SAFETY: a live surface and a queue family of the device.
+        let shows = unsafe { present.surfaces.get_physical_device_surface_support(device.physical, device.family, surface) };
+        if !shows.map_err(failed("vkGetPhysicalDeviceSurfaceSupportKHR"))? {
+            return Err(Error::Device(format!("{} cannot show pictures in this window; --device names another", device.name)));
+        }
+        present.format = present.format(device)?;
+        for _ in 0..UNDER_WAY {
+            present.slots.push(slot(device)?);
+        }
+        Ok(present)
+    }
+
+    /// Makes the swapchain fit the window, where it does not. False where there is nothing to see, as of a minimised window.
+    pub fn fit(&mut self, gpu: &mut Gpu) -> Result<bool> {
+        // SAFETY: a live surface.
+        let asked = unsafe { self.surfaces.get_physical_device_surface_capabilities(gpu.device.physical, self.surface) };
+        let can = match asked {
+            Err(vk::Result::ERROR_SURFACE_LOST_KHR) => {
+                self.renew(gpu)?;
+                return Ok(false);
+            }
+            asked => asked.map_err(failed("vkGetPhysicalDeviceSurfaceCapabilitiesKHR"))?,
+        };
+        let inner = self.window.inner_size();
+        let size = match can.current_extent {
+            // The swapchain decides.
+            vk::Extent2D { width: u32::MAX, .. } => {
+                let (least, most) = (can.min_image_extent, can.max_image_extent);
+                [inner.width.clamp(least.width, most.width), inner.height.clamp(least.height, most.height)]
+            }
+            extent => [extent.width, extent.height],
+        };
+        if size.contains(&0) || inner.width == 0 || inner.height == 0 {
+            return Ok(false);
+        }
+        if self.swapchain.as_ref().is_none_or(|swapchain| swapchain.stale || swapchain.size != size) {
+            self.replace(gpu, &can, size)?;
+        }
+        Ok(true)
+    }
+
+    /// Pixels; none before it fits.
+    pub fn size(&self) -> [u32; 2] {
+        self.swapchain.as_ref().map_or([0, 0], |swapchain| swapchain.size)
+    }
+
+    /// A word a pixel, to be written by frames.
+    pub fn screen(&self) -> &RawBuffer {
+        &self.swapchain.as_ref().expect("fit says that it is there").screen
+    }
+
+    /// Whether a word's lowest byte is blue.
+    pub fn blue_first(&self) -> bool {
+        self.format.format == vk::Format::B8G8R8A8_UNORM
+    }
+
+    /// What is to lie over the picture from now on.
+    pub fn lay_over(&mut self, gpu: &Gpu, overlay: Overlay) -> Result<()> {
+        if !overlay.textures.is_empty() {
+            let done: Vec<_> = self.slots.iter().map(|slot| slot.done).collect();
+            // SAFETY: the fences are alive, and raised or will be.
+            unsafe { self.device.wait_for_fences(&done, true, u64::MAX) }.map_err(failed("vkWaitForFences"))?;
+        }
+        if self.painter.is_none() {
+            self.painter = Some(Painter::new(&gpu.device, self.format.format)?);
+        }
+        let pool = self.slots[self.next].pool;
+        self.painter.as_mut().expect("made above").take(&gpu.device, pool, overlay)
+    }
+
+    /// Shows what the frames that were submitted before leave on the screen. False if the window had no room for it; then [`Present::fit`] and try again.
+    pub fn show(&mut self, gpu: &Gpu) -> Result<bool> {
+        let Some(swapchain) = &mut self.swapchain else { return Ok(false) };
+        let slot = &self.slots[self.next];
+        // SAFETY: the fence is alive and raised, or will be. The semaphore is waited for by nobody, as the slot's last submission is done.
+        let acquired = unsafe {
+            self.device.wait_for_fences(&[slot.done], true, u64::MAX).map_err(failed("vkWaitForFences"))?;
+            self.swapchains.acquire_next_image(swapchain.raw, PATIENCE_NS, slot.acquired, vk::Fence::null())
+        };
+        let at = match acquired {
+            Ok((at, suboptimal)) => {
+                swapchain.stale |= suboptimal;
+                at
+            }
+            Err(vk::Result::TIMEOUT | vk::Result::NOT_READY) => return Ok(false),
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR) => {
+                swapchain.stale = true;
+                return Ok(false);
+            }
+            Err(code) => return Err(failed("vkAcquireNextImageKHR")(code)),
+        };
+        let target = &swapchain.targets[at as usize];
+        let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
+        let waits = [vk::SemaphoreSubmitInfo::default().semaphore(slot.acquired).stage_mask(stage)];
+        let signals = [vk::SemaphoreSubmitInfo::default().semaphore(target.written).stage_mask(stage)];
+        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(slot.commands)];
+        let submission =
+            vk::SubmitInfo2::default().wait_semaphore_infos(&waits).command_buffer_infos(&commands).signal_semaphore_infos(&signals);
+        let (written, shown, places) = ([target.written], [swapchain.raw], [at]);
+        let info = vk::PresentInfoKHR::default().wait_semaphores(&written).swapchains(&shown).image_indices(&places);
+        // SAFETY: the slot's last commands are done; everything that these use lives until `idle`.
+        let presented = unsafe {
+            self.device.reset_command_pool(slot.pool, vk::CommandPoolResetFlags::empty()).map_err(failed("vkResetCommandPool"))?;
+            let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+            self.device.begin_command_buffer(slot.commands, &begin).map_err(failed("vkBeginCommandBuffer"))?;
+            copy(&self.device, slot.commands, swapchain, target.image);
+            if let Some(painter) = &mut self.painter {
+                paint(&self.device, slot.commands, swapchain.size, target, painter)?;
+            }
+            turn(&self.device, slot.commands, target.image, vk::ImageLayout::GENERAL, vk::ImageLayout::PRESENT_SRC_KHR);
+            self.device.end_command_buffer(slot.commands).map_err(failed("vkEndCommandBuffer"))?;
+            self.device.reset_fences(&[slot.done]).map_err(failed("vkResetFences"))?;
+            self.device.queue_submit2(gpu.device.queue, &[submission], slot.done).map_err(failed("vkQueueSubmit2"))?;
+            self.swapchains.queue_present(gpu.device.queue, &info)
+        };
+        self.next = (self.next + 1) % self.slots.len();
+        match presented {
+            Ok(suboptimal) => swapchain.stale |= suboptimal,
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR) => swapchain.stale = true,
+            Err(code) => return Err(failed("vkQueuePresentKHR")(code)),
+        }
+        gpu.device.objections()?;
+        Ok(true)
+    }
+
+    /// Waits for all that is under way and gives everything back.
+    pub fn free(mut self, gpu: &mut Gpu) {
+        self.idle();
+        self.painter = None;
+        self.drop_swapchain(gpu);
+        // SAFETY: nothing is under way, and this is called once.
+        unsafe {
+            for slot in &self.slots {
+                self.device.destroy_fence(slot.done, None);
+                self.device.destroy_semaphore(slot.acquired, None);
+                self.device.destroy_command_pool(slot.pool, None);
+            }
+            self.surfaces.destroy_surface(self.surface, None);
+        }
+    }
+
+    fn idle(&self) {
+        // SAFETY: no other thread uses the device's queue. A lost device is idle.
+        let _ = unsafe { self.device.device_wait_idle() };
+    }
+
+    /// Eight bits a channel that a monitor takes for sRGB.
+    fn format(&self, device: &Device) -> Result<vk::SurfaceFormatKHR> {
+        // SAFETY: a live surface.
+        let offered = unsafe { self.surfaces.get_physical_device_surface_formats(device.physical, self.surface) };
+        let offered = offered.map_err(failed("vkGetPhysicalDeviceSurfaceFormatsKHR"))?;
+        let fits = |format: &&vk::SurfaceFormatKHR| {
+            matches!(format.format, vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM)
+                && format.color_space == vk::ColorSpaceKHR::SRGB_NONLINEAR
+        };
+        let found = offered.iter().find(fits).copied();
+        found.ok_or_else(|| Error::Device(format!("the window takes none of the formats B8G8R8A8 and R8G8B8A8; it takes {offered:?}")))
+    }
+
+    /// The system has taken the window's surface away.
+    fn renew(&mut self, gpu: &mut Gpu) -> Result<()> {
+        self.idle();
+        self.drop_swapchain(gpu);
+        // SAFETY: its swapchain is gone.
+        unsafe { self.surfaces.destroy_surface(self.surface, None) };
+        self.surface = vk::SurfaceKHR::null();
+        self.surface = surface(&gpu.device, &self.window)?;
+        self.format = self.format(&gpu.device)?;
+        Ok(())
+    }
+
+    fn replace(&mut self, gpu: &mut Gpu, can: &vk::SurfaceCapabilitiesKHR, size: [u32; 2]) -> Result<()> {
+        self.idle();
+        self.drop_swapchain(gpu);
+        let most = if can.max_image_count == 0 { u32::MAX } else { can.max_image_count };
+        let alpha = match can.supported_composite_alpha.contains(vk::CompositeAlphaFlagsKHR::OPAQUE) {
+            true => vk::CompositeAlphaFlagsKHR::OPAQUE,
+            false => vk::CompositeAlphaFlagsKHR::INHERIT,
+        };
+        let info = vk::SwapchainCreateInfoKHR::default()
+            .surface(self.surface)
+            .min_image_count((can.min_image_count + 1).min(most))
+            .image_format(self.format.format)
+            .image_color_space(self.format.color_space)
+            .image_extent(vk::Extent2D { width: size[0], height: size[1] })
+            .image_array_layers(1)
+            .image_usage(vk::ImageUsageFlags::TRANSFER_DST | vk::ImageUsageFlags::COLOR_ATTACHMENT)
+            .image_sharing_mode(vk::SharingMode::EXCLUSIVE)
+            .pre_transform(can.current_transform)
+            .composite_alpha(alpha)
+            // The one that there always is, and shows no half pictures.
+            .present_mode(vk::PresentModeKHR::FIFO)
+            .clipped(true);
+        let desc = BufferDesc { bytes: 4 * size[0] as u64 * size[1] as u64, place: Place::Device };
+        let screen = gpu.memory.buffer(&gpu.device, desc, "screen")?;
+        // SAFETY: the surface is alive and has no other swapchain.
+        let raw = match unsafe { self.swapchains.create_swapchain(&info, None) } {
+            Ok(raw) => raw,
+            Err(code) => {
+                gpu.memory.destroy_buffer(screen);
+                return Err(failed("vkCreateSwapchainKHR")(code));
+            }
+        };
+        let swapchain = self.swapchain.insert(Swapchain { raw, targets: Vec::new(), size, screen, stale: false });
+        // SAFETY: a live swapchain.
+        let images = unsafe { self.swapchains.get_swapchain_images(raw) }.map_err(failed("vkGetSwapchainImagesKHR"))?;
+        for image in images {
+            let view = vk::ImageViewCreateInfo::default()
+                .image(image)
+                .view_type(vk::ImageViewType::TYPE_2D)
+                .format(self.format.format)
+                .subresource_range(WHOLE);
+            // SAFETY: an image of the swapchain, which outlives the view.
+            let view = unsafe { self.device.create_image_view(&view, None) }.map_err(failed("vkCreateImageView"))?;
+            swapchain.targets.push(Target { image, view, written: semaphore(&gpu.device, "written")? });
+        }
+        Ok(())
+    }
+
+    /// Nothing may be under way.
+    fn drop_swapchain(&mut self, gpu: &mut Gpu) {
+        let Some(swapchain) = self.swapchain.take() else { return };
+        gpu.memory.destroy_buffer(swapchain.screen);
+        // SAFETY: see above.
+        unsafe {
+            for target in &swapchain.targets {
+                self.device.destroy_image_view(target.view, None);
+                self.device.destroy_semaphore(target.written, None);
+            }
+            self.swapchains.destroy_swapchain(swapchain.raw, None);
+        }
+    }
+}
+
+fn surface(device: &Device, window: &Window) -> Result<vk::SurfaceKHR> {
+    let gone = |error| Error::Device(format!("the window has no handle ({error})"));
+    let (display, handle) = (window.display_handle().map_err(gone)?, window.window_handle().map_err(gone)?);
+    // SAFETY: `Present` keeps the window longer than the surface, and the device keeps the instance.
+    unsafe { ash_window::create_surface(&device.entry, &device.instance, display.as_raw(), handle.as_raw(), None) }
+        .map_err(failed("vkCreateSurfaceKHR"))
+}
+
+fn semaphore(device: &Device, name: &str) -> Result<vk::Semaphore> {
+    // SAFETY: a plain creation on a live device.
+    let semaphore = unsafe { device.raw.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) };
+    let semaphore = semaphore.map_err(failed("vkCreateSemaphore"))?;
+    device.name(semaphore, name);
+    Ok(semaphore)
+}
+
+fn slot(device: &Device) -> Result<Slot> {
+    let pool_info = vk::CommandPoolCreateInfo::default().queue_family_index(device.family).flags(vk::CommandPoolCreateFlags::TRANSIENT);
+    let raised = vk::FenceCreateInfo::default().flags(vk::FenceCreateFlags::SIGNALED);
+    // SAFETY: plain creations on a live device.
+    unsafe {
+        let pool = device.raw.create_command_pool(&pool_info, None).map_err(failed("vkCreateCommandPool"))?;
+        let commands = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+        let commands = device.raw.allocate_command_buffers(&commands).map_err(failed("vkAllocateCommandBuffers"))?[0];
+        let done = device.raw.create_fence(&raised, None).map_err(failed("vkCreateFence"))?;
+        Ok(Slot { pool, commands, done, acquired: semaphore(device, "acquired")? })
+    }
+}
+
+const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    base_mip_level: 0,
+    level_count: 1,
+    base_array_layer: 0,
+    layer_count: 1,
+};
+
+/// The screen's words to an image, which is in GENERAL then.
+///
+/// # Safety
+/// The command buffer is being recorded, and all of these live until it is done.
+unsafe fn copy(device: &ash::Device, commands: vk::CommandBuffer, swapchain: &Swapchain, image: vk::Image) {
+    let [width, height] = swapchain.size;
+    let region = vk::BufferImageCopy::default()
+        .image_extent(vk::Extent3D { width, height, depth: 1 })
+        .image_subresource(vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, layer_count: 1, ..Default::default() });
+    let written = vk::ImageLayout::GENERAL;
+    // SAFETY: the caller's; the buffer has a word for every pixel.
+    unsafe {
+        turn(device, commands, image, vk::ImageLayout::UNDEFINED, written);
+        device.cmd_copy_buffer_to_image(commands, swapchain.screen.raw, image, written, &[region]);
+        turn(device, commands, image, written, written);
+    }
+}
+
+/// What lies over the picture.
+///
+/// # Safety
+/// As of [`copy`].
+unsafe fn paint(device: &ash::Device, commands: vk::CommandBuffer, size: [u32; 2], target: &Target, painter: &mut Painter) -> Result<()> {
+    let extent = vk::Extent2D { width: size[0], height: size[1] };
+    let color = [vk::RenderingAttachmentInfo::default()
+        .image_view(target.view)
+        .image_layout(vk::ImageLayout::GENERAL)
+        .load_op(vk::AttachmentLoadOp::LOAD)
+        .store_op(vk::AttachmentStoreOp::STORE)];
+    let area = vk::Rect2D { extent, ..Default::default() };
+    let rendering = vk::RenderingInfo::default().render_area(area).layer_count(1).color_attachments(&color);
+    // SAFETY: the caller's; the painter's resources live until nothing is under way.
+    unsafe {
+        device.cmd_begin_rendering(commands, &rendering);
+        let drawn = painter.draw(commands, extent);
+        device.cmd_end_rendering(commands);
+        drawn
+    }
+}
+
+/// After everything before, an image from one layout to another.
+///
+/// # Safety
+/// As of [`copy`].
+unsafe fn turn(device: &ash::Device, commands: vk::CommandBuffer, image: vk::Image, from: vk::ImageLayout, to: vk::ImageLayout) {
+    let (stage, write) = (vk::PipelineStageFlags2::ALL_COMMANDS, vk::AccessFlags2::MEMORY_WRITE);
+    let both = write | vk::AccessFlags2::MEMORY_READ;
+    let memory = [vk::MemoryBarrier2::default().src_stage_mask(stage).src_access_mask(write).dst_stage_mask(stage).dst_access_mask(both)];
+    let images = [vk::ImageMemoryBarrier2::default()
+        .src_stage_mask(stage)
+        .src_access_mask(write)
+        .dst_stage_mask(stage)
+        .dst_access_mask(both)
+        .old_layout(from)
+        .new_layout(to)
+        .image(image)
+        .subresource_range(WHOLE)];
+    // SAFETY: the caller's.
+    unsafe {
+        device.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&images))
+    };
+}

@@ -1,0 +1,57 @@
+//! What lies over the picture: triangles of a panel, drawn into a swapchain's image after the picture has been copied there.
+
+use super::UNDER_WAY;
+use crate::error::{Error, Result};
+use crate::gpu::Device;
+use ash::vk;
+use egui::epaint::textures::TexturesDelta;
+use egui_ash_renderer::allocator::DefaultAllocator;
+use egui_ash_renderer::{DynamicRendering, Options, RenderMode, Renderer};
+
+/// A panel as it is to be drawn, until the next one.
+pub struct Overlay {
+    pub triangles: Vec<egui::ClippedPrimitive>,
+    pub pixels_per_point: f32,
+    /// Since the last one.
+    pub textures: TexturesDelta,
+}
+
+/// Draws the newest overlay.
+pub struct Painter {
+    renderer: Renderer<DefaultAllocator>,
+    triangles: Vec<egui::ClippedPrimitive>,
+    pixels_per_point: f32,
+}
+
+fn failed(error: egui_ash_renderer::RendererError) -> Error {
+    Error::Device(format!("cannot draw the panel: {error}"))
+}
+
+impl Painter {
+    pub fn new(device: &Device, format: vk::Format) -> Result<Painter> {
+        let target = DynamicRendering { color_attachment_format: format, depth_attachment_format: None, stencil_attachment_format: None };
+        let options = Options { in_flight_frames: UNDER_WAY, ..Options::default() };
+        let mode = RenderMode::DynamicRendering(target);
+        let renderer =
+            Renderer::with_default_allocator(&device.instance, device.physical, device.raw.clone(), mode, options).map_err(failed)?;
+        Ok(Painter { renderer, triangles: Vec::new(), pixels_per_point: 1.0 })
+    }
+
+    /// Nothing that was drawn before may be under way.
+    pub fn take(&mut self, device: &Device, pool: vk::CommandPool, overlay: Overlay) -> Result<()> {
+        let Overlay { triangles, pixels_per_point, mut textures } = overlay;
+        for (id, deltas) in std::mem::take(&mut textures.set) {
+            deltas.iter().try_for_each(|delta| self.renderer.set_texture(device.queue, pool, id, delta)).map_err(failed)?;
+        }
+        for id in std::mem::take(&mut textures.free) {
+            self.renderer.free_texture(id).map_err(failed)?;
+        }
+        (self.triangles, self.pixels_per_point) = (triangles, pixels_per_point);
+        Ok(())
+    }
+
+    /// Within a rendering into an image of this size.
+    pub fn draw(&mut self, commands: vk::CommandBuffer, extent: vk::Extent2D) -> Result<()> {
+        self.renderer.cmd_draw(commands, extent, self.pixels_per_point, &self.triangles).map_err(failed)
+    }
+}

@@ -1,0 +1,103 @@
+//! What a picture is of and how it is drawn, as a file: what a window saves is what `render --scene` draws.
+//!
+//! The file says everything in the words of the command line, so that what one takes the other does too.
+
+use crate::cloud::attribute::Attribute;
+use crate::error::{Error, Result};
+use crate::light::Light;
+use crate::look::{Background, Wishes};
+use crate::opacity::{Opacities, Rule};
+use crate::passes::Effects;
+use crate::view::Camera;
+use crate::whole_file::whole_file;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    pub camera: Camera,
+    /// What points show; chosen by what they have where nothing is said.
+    pub color: Option<Attribute>,
+    pub wishes: Wishes,
+    pub opacities: Opacities,
+}
+
+/// `scene.json`.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Words {
+    camera: Camera,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    color: Option<String>,
+    /// As after `--effect`; those that are not named are as they are when nothing is asked for.
+    #[serde(default)]
+    effects: Vec<String>,
+    #[serde(default)]
+    opacity: Vec<String>,
+    #[serde(default)]
+    light: Option<String>,
+    #[serde(default)]
+    background: Option<String>,
+}
+
+impl Scene {
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let words = Words {
+            camera: self.camera,
+            color: self.color.map(Attribute::name),
+            effects: self.wishes.effects.clone().list().iter().map(ToString::to_string).collect(),
+            opacity: self.opacities.0.iter().map(ToString::to_string).collect(),
+            light: Some(self.wishes.light.to_string()),
+            background: Some(Background(self.wishes.background).to_string()),
+        };
+        let text = serde_json::to_string_pretty(&words).expect("words are JSON");
+        whole_file(path, |partial| std::fs::write(partial, text).map_err(|error| Error::io("write", path, error)))
+    }
+
+    pub fn read(path: &Path) -> Result<Scene> {
+        let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
+        let words: Words = serde_json::from_str(&text).map_err(|error| Error::format(path, format!("no scene ({error})")))?;
+        Scene::of(words).map_err(|why| Error::format(path, why))
+    }
+
+    fn of(words: Words) -> std::result::Result<Scene, String> {
+        let mut wishes = Wishes::default();
+        for effect in &words.effects {
+            Effects::set(&mut wishes.effects, effect).map_err(|why| format!("effect {effect}: {why}"))?;
+        }
+        if let Some(light) = &words.light {
+            wishes.light = light.parse::<Light>()?;
+        }
+        if let Some(background) = &words.background {
+            wishes.background = background.parse::<Background>()?.0;
+        }
+        let color = words
+            .color
+            .map(|name| <Attribute as clap::ValueEnum>::from_str(&name, false).map_err(|_| format!("there is no color {name:?}")));
+        let rules = words.opacity.iter().map(|rule| rule.parse::<Rule>()).collect::<std::result::Result<_, _>>()?;
+        Ok(Scene { camera: words.camera, color: color.transpose()?, wishes, opacities: Opacities(rules) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::Preset;
+
+    #[test]
+    fn a_scene_is_what_was_written() {
+        let mut wishes = Wishes { light: "direction:1,-2.5,-0.125".parse().unwrap(), background: [1, 200, 30], ..Wishes::default() };
+        for effect in ["edl=on,strength=0.30000000000000004", "fill=off,method=dobrev", "shadows=auto,samples=7"] {
+            wishes.effects.set(effect).unwrap();
+        }
+        let opacities = Opacities(["class:6=0.5", "0.25", "station:north=0"].map(|rule| rule.parse().unwrap()).into());
+        let corners = [glam::DVec3::splat(5e6), glam::DVec3::new(5e6 + 0.1, 5e6 + 1.0 / 3.0, 5e6 + 7.0)];
+        let scene = Scene { camera: Camera::framing(Preset::Fit, &corners, [640, 480]), color: Some(Attribute::Class), wishes, opacities };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.json");
+        scene.write(&path).unwrap();
+        assert_eq!(Scene::read(&path).unwrap(), scene);
+        std::fs::write(&path, "{\"camera\": {\"eye\": [0,0,1], \"target\": [0,0,0]}, \"effects\": [\"edl=perhaps\"]}").unwrap();
+        assert!(Scene::read(&path).unwrap_err().to_string().contains("edl=perhaps"));
+    }
+}

@@ -1,0 +1,305 @@
+//! What a picture is made of: files that are read whole, or an index, of which only what the picture shows is read. One flow for both.
+
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::{self, Cloud, ReadOptions, Station};
+use crate::config;
+use crate::cut::Detail;
+use crate::error::{Error, Result};
+use crate::graph::Gpu;
+use crate::index::build;
+use crate::index::cache::{self, Cached};
+use crate::index::file::{Index, Plane};
+use crate::progress::Progress;
+use crate::resident::{Residency, Resident, residency::Update};
+use crate::view::View;
+use glam::DVec3;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// How files are opened.
+#[derive(Clone, Debug)]
+pub struct Opening {
+    pub read: ReadOptions,
+    /// Why files are indexed before they are drawn, however few points they hold.
+    pub index: Option<&'static str>,
+    /// Where their indexes are kept; the usual place where nothing is said.
+    pub place: Option<cache::Place>,
+}
+
+impl Opening {
+    /// Whether files have to be indexed before they are drawn, and why.
+    pub fn needs_index(&self, files: &[PathBuf]) -> Result<Option<String>> {
+        if let Some(why) = self.index {
+            return Ok(Some(why.into()));
+        }
+        let points = cloud::stream::about(files)?;
+        let many = points > config::WHOLE_POINTS;
+        Ok(many.then(|| format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)))
+    }
+
+    fn place(&self) -> Result<cache::Place> {
+        self.place.clone().map_or_else(cache::Place::usual, Ok)
+    }
+}
+
+pub enum Source {
+    Files(Cloud),
+    Index(Arc<Index>),
+}
+
+impl Source {
+    /// An index is opened alone: what belongs together is indexed together. Files too large to be drawn whole are indexed first, or their index is found.
+    pub fn open(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Source> {
+        match paths.iter().find(|path| Index::is_one(path)) {
+            Some(path) if paths.len() == 1 => return Ok(Source::Index(Arc::new(Index::open(path)?))),
+            Some(path) => {
+                return Err(Error::Request(format!(
+                    "{} is an index, and is drawn alone; `pointillist index` makes one of several files",
+                    path.display()
+                )));
+            }
+            None => {}
+        }
+        let Some(why) = opening.needs_index(paths)? else {
+            return Ok(Source::Files(cloud::read(paths, &opening.read, progress)?));
+        };
+        let (place, build) = (opening.place()?, build::Options::usual(opening.read.strict));
+        let Cached { index, made } = cache::find_or_build(paths, &place, &build, progress)?;
+        match made {
+            Some(made) => eprintln!("pointillist: indexed in {:.1} s, because {why}; kept: {}", made.seconds, kept(&place)),
+            None => eprintln!("pointillist: drawn from {}, because {why}", index.path().display()),
+        }
+        Ok(Source::Index(Arc::new(index)))
+    }
+
+    /// Some of the points, for as long as files are being indexed; none where they are drawn whole, or their index is found.
+    pub fn preview(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Option<Source>> {
+        if paths.iter().any(|path| Index::is_one(path)) || opening.needs_index(paths)?.is_none() {
+            return Ok(None);
+        }
+        let build = build::Options::usual(opening.read.strict);
+        if cache::is_there(paths, &opening.place()?, &build)? {
+            return Ok(None);
+        }
+        Ok(cloud::sample(paths, opening.read.wanted, config::PREVIEW_POINTS, progress)?.map(Source::Files))
+    }
+
+    pub fn notes(&self) -> &[String] {
+        match self {
+            Source::Files(cloud) => &cloud.notes,
+            Source::Index(index) => &index.directory.contents.notes,
+        }
+    }
+
+    pub fn points(&self) -> u64 {
+        match self {
+            Source::Files(cloud) => cloud.len(),
+            Source::Index(index) => index.directory.contents.points,
+        }
+    }
+
+    pub fn stations(&self) -> &[Station] {
+        match self {
+            Source::Files(cloud) => &cloud.stations,
+            Source::Index(index) => &index.directory.contents.stations,
+        }
+    }
+
+    /// Nodes of an index.
+    pub fn nodes(&self) -> Option<usize> {
+        match self {
+            Source::Files(_) => None,
+            Source::Index(index) => Some(index.nodes().len()),
+        }
+    }
+
+    /// The points that a camera should frame.
+    pub fn core_points(&self) -> Vec<DVec3> {
+        match self {
+            Source::Files(cloud) => cloud.core_points(),
+            Source::Index(index) => core_samples(index),
+        }
+    }
+
+    /// What the points show, and why.
+    pub fn shown(&self, asked: Option<Attribute>) -> Result<(Shown, String)> {
+        let Some(attribute) = asked else {
+            let (shown, why) = self.automatic();
+            return Ok((shown, why.to_string()));
+        };
+        if self.points() > 0 && !self.has(attribute) {
+            return Err(Error::Request(format!("--color {}: these points have none; `info` lists what they have", attribute.name())));
+        }
+        let shown = match self {
+            Source::Files(cloud) => Shown::new(attribute, cloud),
+            Source::Index(index) => indexed(index, attribute),
+        };
+        Ok((shown, format!("asked for with --color {}", attribute.name())))
+    }
+
+    fn has(&self, attribute: Attribute) -> bool {
+        match self {
+            Source::Files(cloud) => attribute.is_in(cloud),
+            Source::Index(index) => Plane::of(attribute).is_none_or(|plane| index.nodes().iter().any(|node| node.has(plane))),
+        }
+    }
+
+    /// As [`Shown::automatic`].
+    fn automatic(&self) -> (Shown, &'static str) {
+        let index = match self {
+            Source::Files(cloud) => return Shown::automatic(cloud),
+            Source::Index(index) => index,
+        };
+        if self.has(Attribute::Rgb) {
+            return (indexed(index, Attribute::Rgb), "the points have colours");
+        }
+        let intensity = indexed(index, Attribute::Intensity);
+        if index.nodes().iter().all(|node| node.has(Plane::Intensity)) && intensity.stretch[1] > intensity.stretch[0] {
+            return (intensity, "no colours, but an intensity that varies");
+        }
+        (indexed(index, Attribute::Elevation), "no colours, and no intensity that varies")
+    }
+
+    /// Files go there whole; of an index nothing yet.
+    pub fn bring(self, gpu: &mut Gpu, shown: Shown, pool_bytes: u64, progress: &dyn Progress) -> Result<Brought> {
+        Ok(match self {
+            Source::Files(cloud) => Brought::Whole(Resident::fill(gpu, cloud, shown, progress)?),
+            Source::Index(index) => Brought::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?)),
+        })
+    }
+}
+
+fn kept(place: &cache::Place) -> String {
+    match place {
+        cache::Place::Folder(folder) => format!("in {}", folder.display()),
+        cache::Place::Nowhere => "not at all".into(),
+    }
+}
+
+fn indexed(index: &Index, attribute: Attribute) -> Shown {
+    let contents = &index.directory.contents;
+    let stretch = match attribute {
+        Attribute::Intensity => contents.intensity_stretch,
+        Attribute::Elevation => contents.elevation_stretch,
+        _ => [0, 255],
+    };
+    Shown::indexed(attribute, contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]), stretch)
+}
+
+/// As [`Cloud::core_points`], of the roots' samples, each as often as the points that it stands for.
+fn core_samples(index: &Index) -> Vec<DVec3> {
+    /// Share of the points that may lie beyond each side.
+    const BEYOND: f64 = 0.002;
+    let mut samples = Vec::new();
+    for root in 0..index.directory.roots as usize {
+        // A root that cannot be read is said when it is drawn; until then its box will do.
+        samples.extend(index.samples(root).unwrap_or_else(|_| {
+            let (lo, hi) = index.bounds(&index.nodes()[root]);
+            vec![(lo, 1), (hi, 1)]
+        }));
+    }
+    let beyond = BEYOND * samples.iter().map(|&(_, weight)| weight as f64).sum::<f64>();
+    let [mut low, mut high] = [DVec3::NEG_INFINITY, DVec3::INFINITY];
+    for axis in 0..3 {
+        samples.sort_unstable_by(|(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
+        low[axis] = within(samples.iter(), axis, beyond).unwrap_or(low[axis]);
+        high[axis] = within(samples.iter().rev(), axis, beyond).unwrap_or(high[axis]);
+    }
+    samples.into_iter().map(|(p, _)| p).filter(|p| p.cmpge(low).all() && p.cmple(high).all()).collect()
+}
+
+/// The first coordinate that has more than `beyond` points up to it.
+fn within<'s>(samples: impl Iterator<Item = &'s (DVec3, u32)>, axis: usize, beyond: f64) -> Option<f64> {
+    let mut sums = samples.scan(0.0, |sum, (p, weight)| {
+        *sum += *weight as f64;
+        Some((*sum, p[axis]))
+    });
+    sums.find(|(sum, _)| *sum > beyond).map(|(_, at)| at)
+}
+
+/// A source on the device.
+pub enum Brought {
+    Whole(Resident),
+    Parts(Box<Residency>),
+}
+
+/// What a picture took of an index, for `--explain`.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Taken {
+    pub nodes: usize,
+    pub points: u64,
+    pub nodes_outside: usize,
+    /// Infinite, and in JSON null, where the camera is within a node that is not refined.
+    pub largest_error_px: f64,
+    pub budget: u64,
+    pub lod_px: f64,
+    pub bytes_read: u64,
+    pub index_bytes: u64,
+    pub pool_bytes: u64,
+    pub pool_used_bytes: u64,
+    /// What could not be read, and what the pool was too small for.
+    pub notes: Vec<String>,
+}
+
+impl Brought {
+    /// Waits for all that the view shows; nothing to wait for where the whole cloud is there.
+    pub fn settle(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail, progress: &dyn Progress) -> Result<Option<Taken>> {
+        let Brought::Parts(residency) = self else { return Ok(None) };
+        let Update { cut, budget, bytes_read, errors: mut notes, .. } = residency.settle(gpu, view, detail, progress)?;
+        let [pool_bytes, pool_used_bytes] = residency.pool_bytes();
+        if budget < detail.budget {
+            let pool = pool_bytes >> 20;
+            notes.push(format!(
+                "the pool of {pool} MiB holds {} points of this view, fewer than were to be drawn; --pool makes it larger",
+                cut.points
+            ));
+        }
+        Ok(Some(Taken {
+            nodes: cut.nodes.len(),
+            points: cut.points,
+            nodes_outside: cut.nodes_outside,
+            largest_error_px: cut.largest_error_px,
+            budget,
+            lod_px: detail.lod_px,
+            bytes_read,
+            index_bytes: residency.index().bytes(),
+            pool_bytes,
+            pool_used_bytes,
+            notes,
+        }))
+    }
+
+    pub fn resident(&self) -> &Resident {
+        match self {
+            Brought::Whole(resident) => resident,
+            Brought::Parts(residency) => residency.resident(),
+        }
+    }
+
+    pub fn resident_mut(&mut self) -> &mut Resident {
+        match self {
+            Brought::Whole(resident) => resident,
+            Brought::Parts(residency) => residency.resident_mut(),
+        }
+    }
+
+    pub fn free(self, gpu: &mut Gpu) {
+        match self {
+            Brought::Whole(resident) => resident.free(gpu),
+            Brought::Parts(residency) => residency.free(gpu),
+        }
+    }
+}
+
+impl std::fmt::Display for Taken {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let share = 100.0 * self.bytes_read as f64 / self.index_bytes.max(1) as f64;
+        writeln!(
+            f,
+            "cut: {} points of {} nodes, {} nodes left out (outside of the view); largest projected error {:.3} px (--lod {}, --budget {})",
+            self.points, self.nodes, self.nodes_outside, self.largest_error_px, self.lod_px, self.budget
+        )?;
+        writeln!(f, "read: {} bytes, {share:.2} % of the index", self.bytes_read)?;
+        writeln!(f, "pool: {} MiB in use of {} MiB at most", self.pool_used_bytes >> 20, self.pool_bytes >> 20)
+    }
+}
