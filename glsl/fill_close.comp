@@ -34,7 +34,7 @@ void work(uint n) {
             if ((depths[row] & FILLING) != 0u && all(lessThan(pixel, ivec2(push.size)))) {
                 bool has = has_depth(depths[row]);
                 imageStore(depth, pixel, vec4(uintBitsToFloat(has ? depths[row] & ~FILLING : BACKGROUND_BITS)));
-                imageStore(color, pixel, has ? vec4(unpack_color(colors[row]), 1.0) : vec4(0.0));
+                imageStore(color, pixel, has ? unpack_color(colors[row]) : vec4(0.0));
             }
         }
         if (half_tile == 1) break;

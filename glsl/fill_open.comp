@@ -30,7 +30,7 @@ void open(ivec2 texel) {
     [[unroll]] for (int row = 0; row < 4; ++row) {
         ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
         depths[row] = imageLoad(depth, pixel).r;
-        colors[row] = pack_color(imageLoad(color, pixel).rgb);
+        colors[row] = pack_color(imageLoad(color, pixel));
     }
     imageStore(even_depth, texel, depths);
     imageStore(odd_depth, texel, depths);

@@ -133,7 +133,7 @@ void work(uint tile) {
                 float z = mix(z0 + step, z0, abs(step) * at_rest < tolerance);
                 bool mean = filling[p] != none[p];
                 next[p] = mix(next[p], floatBitsToUint(z) | FILLING, mean);
-                next_colors[p] = mix(next_colors[p], pack_light(light * share), mean);
+                next_colors[p] = mix(next_colors[p], pack_light(light * share, opacity_bits(colors[c])), mean);
             }
             if (any(none)) {
                 [[unroll]] for (int p = 0; p < 4; ++p) {

@@ -40,18 +40,18 @@ void main() {
     float tolerance = push.relative == 1u ? push.tolerance * nearest : push.tolerance;
     float count = 0.0;
     float rise = 0.0;
-    vec3 sum = vec3(0.0);
+    vec4 sum = vec4(0.0);
     [[unroll]] for (int k = 0; k < 4; ++k) {
         bool has = has_depth(floatBitsToUint(z[k])) && z[k] >= 0.0;
         float difference = has ? z[k] - nearest : 0.0;
         has = has && difference <= tolerance;
-        vec3 c = imageLoad(fine_color, min(2 * pixel + ivec2(k % 2, k / 2), last)).rgb;
+        vec4 c = imageLoad(fine_color, min(2 * pixel + ivec2(k % 2, k / 2), last));
         count += has ? 1.0 : 0.0;
         rise += has ? difference : 0.0;
-        sum += has ? c : vec3(0.0);
+        sum += has ? c : vec4(0.0);
     }
     float mean = nearest + rise / max(count, 1.0);
     bool valued = count > 0.0;
     imageStore(depth, pixel, vec4(valued ? mean : uintBitsToFloat(unknown ? UNKNOWN_BITS : BACKGROUND_BITS)));
-    imageStore(color, pixel, valued ? vec4(sum / count, 1.0) : vec4(0.0));
+    imageStore(color, pixel, valued ? sum / count : vec4(0.0));
 }

@@ -33,7 +33,7 @@ void main() {
         ivec2 parent = pixel / 2;
         ivec2 toward = 2 * (pixel % 2) - 1;
         float z[4];
-        vec3 c[4];
+        vec4 c[4];
         float nearest = uintBitsToFloat(BACKGROUND_BITS);
         [[unroll]] for (int k = 0; k < 4; ++k) {
             ivec2 at = parent + toward * ivec2(k % 2, k / 2);
@@ -41,7 +41,7 @@ void main() {
             at = clamp(at, ivec2(0), ivec2(push.coarse_size) - 1);
             float found = imageLoad(coarse_depth, at).r;
             z[k] = inside && found >= 0.0 ? found : uintBitsToFloat(BACKGROUND_BITS);
-            c[k] = imageLoad(coarse_color, at).rgb;
+            c[k] = imageLoad(coarse_color, at);
             nearest = min(nearest, z[k]);
         }
         bool reached = has_depth(floatBitsToUint(nearest));
@@ -49,7 +49,7 @@ void main() {
         float tolerance = push.relative == 1u ? push.tolerance * like : push.tolerance;
         float weights = 0.0;
         float rise = 0.0;
-        vec3 sum = vec3(0.0);
+        vec4 sum = vec4(0.0);
         [[unroll]] for (int k = 0; k < 4; ++k) {
             bool has = has_depth(floatBitsToUint(z[k]));
             float difference = has ? z[k] - like : 0.0;
@@ -60,6 +60,6 @@ void main() {
         }
         float mean = like + rise / max(weights, 1.0);
         imageStore(depth, pixel, vec4(reached ? mean : uintBitsToFloat(BACKGROUND_BITS)));
-        imageStore(color, pixel, reached ? vec4(sum / max(weights, 1.0), 1.0) : vec4(0.0));
+        imageStore(color, pixel, reached ? sum / max(weights, 1.0) : vec4(0.0));
     }
 }

@@ -33,6 +33,8 @@ layout(push_constant, scalar) uniform Push {
     uint shininess;    // 1 to 255
 } push;
 
+#include "surface.glsl"
+
 // From a place, which is `ray` times its depth; of unit length, or 0 where the two are one. All is divided by the depth: products with it may be too large.
 vec3 towards(vec4 what, vec3 ray, float z) {
     return unit(mix(what.xyz, what.xyz / vec3(z) - ray, bvec3(what.w > 0.5)));
@@ -48,10 +50,6 @@ float power(float x, uint exponent) {
     return result;
 }
 
-bool known(float z) {
-    return has_depth(floatBitsToUint(z)) && z > 0.0;
-}
-
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
@@ -60,18 +58,9 @@ void main() {
     bool has = known(z0);
     float z = mix(1.0, z0, has);
     float reach = PERSPECTIVE ? push.reach * z : push.reach;
-    Fit fit = NO_FIT;
-    // One loop, row by row, tested at its end (lib/tile.glsl says why).
-    ivec2 aside_px = ivec2(-push.radius_px);
-    if (has) for (;;) {
-        float other = imageLoad(depth, pixel + aside_px).r;
-        add_to_fit(fit, known(other), aside_px, other, z, reach, PERSPECTIVE);
-        bool row_ends = aside_px.x == push.radius_px;
-        aside_px = mix(aside_px + ivec2(1, 0), ivec2(-push.radius_px, aside_px.y + 1), bvec2(row_ends));
-        if (aside_px.y > push.radius_px) break;
-    }
     vec2 from_centre = vec2(pixel) + 0.5 - 0.5 * vec2(push.size);
-    vec3 n = normal_of(fit, from_centre, push.px_per_unit, PERSPECTIVE);
+    vec3 n = vec3(0.0);
+    if (has) n = normal_at(pixel, z, push.radius_px, reach, from_centre, push.px_per_unit, PERSPECTIVE);
     vec2 across = from_centre / push.px_per_unit;
     vec3 ray = vec3(PERSPECTIVE ? across : across / vec2(z), 1.0);
     vec3 l = towards(push.light, ray, z);

@@ -13,12 +13,17 @@
 layout(constant_id = 5) const uint STEP = 0u;
 
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
+// Factors that make up a point's opacity.
+layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
 // The words of `keys` as texels.
 layout(r32ui) readonly uniform uimageBuffer front;
+// Of every pixel, the bits of the depth behind which points are looked for; as texels, and as words.
+layout(r32ui) readonly uniform uimageBuffer behind;
+layout(scalar) readonly buffer BehindWords { uint word[]; } behind_words;
 layout(scalar) buffer Keys { uint word[]; } keys;
 
 #include "project.glsl"
@@ -26,6 +31,10 @@ layout(scalar) buffer Keys { uint word[]; } keys;
 // Of the nearest point so far; may be stale.
 uint front_depth(uint pixel) {
     return TEXELS ? imageLoad(front, int(2u * pixel + 1u)).r : keys.word[2u * pixel + 1u];
+}
+
+uint depth_behind(uint pixel) {
+    return TEXELS ? imageLoad(behind, int(pixel)).r : behind_words.word[pixel];
 }
 
 void meet(uint pixel, float depth, uint point) {

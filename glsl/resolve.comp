@@ -1,4 +1,4 @@
-// Keys -> depth, index and colour images.
+// Keys -> depth, index and colour images. Colours are multiplied by the point's opacity, which is their alpha.
 //
 // A key's high word is the depth's bits, its low word the point. The point's attribute word is read here, once a pixel, and not once a point while
 // projecting. Colours come from one table of 256 linear colours, made on the CPU so that every driver gives the same bits: for `rgb` it decodes sRGB,
@@ -21,6 +21,10 @@ layout(r32ui) readonly uniform uimageBuffer keys;
 layout(scalar) readonly buffer KeyWords { uvec2 key[]; } key_words;
 // Of every node of the frame, the two words of the address of the page that says what its points show.
 layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
+// The same of the pages that say of what kind its points are.
+layout(scalar) readonly buffer Kinds { uvec2 page[]; } kinds;
+// Factors that make up a point's opacity.
+layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 // 256 colours, four words of f32 bits each.
 layout(rgba32ui) readonly uniform uimageBuffer table;
 layout(r32f) writeonly uniform image2D depth;
@@ -29,11 +33,9 @@ layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const uint MODE = 0u;
 layout(constant_id = 1) const bool TEXELS = true;
-const uint RGB = 0u;
-const uint RAMP = 1u;
-const uint PALETTE = 2u;
-const uint NORMAL = 3u;
-const uint CONSTANT = 4u;
+// Not all points are opaque; and whether it takes their kinds to tell.
+layout(constant_id = 2) const bool TRANSPARENT = false;
+layout(constant_id = 3) const bool BY_KIND = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;  // pixels of this band
@@ -45,9 +47,8 @@ layout(push_constant, scalar) uniform Push {
 const uint NO_POINT = 0xFFFFFFFFu;
 const uint INFINITY_BITS = 0x7F800000u;
 
-vec4 color_of(uint entry) {
-    return uintBitsToFloat(imageLoad(table, int(entry)));
-}
+#include "kind.glsl"
+#include "paint.glsl"
 
 void main() {
     uvec2 at = gl_GlobalInvocationID.xy;
@@ -62,11 +63,11 @@ void main() {
         if (MODE != CONSTANT) {
             word = Plane(shown.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & (POINTS_PER_PAGE - 1u)];
         }
-        if (MODE == RGB) c = vec4(color_of(word & 255u).r, color_of((word >> 8) & 255u).g, color_of((word >> 16) & 255u).b, 1.0);
-        if (MODE == RAMP) c = color_of(uint(clamp((float(word) - push.lo) * push.scale, 0.0, 255.0)));
-        if (MODE == PALETTE) c = color_of(word & 255u);
-        if (MODE == NORMAL) c = vec4(vec3(word & 255u, (word >> 8) & 255u, (word >> 16) & 255u) / 254.0, 1.0);
-        if (MODE == CONSTANT) c = color_of(0u);
+        c = painted(word, push.lo, push.scale);
+        if (TRANSPARENT) {
+            uint kind = BY_KIND ? Plane(kinds.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & (POINTS_PER_PAGE - 1u)] : 0u;
+            c *= opacity_of(kind);
+        }
     }
     imageStore(depth, pixel, vec4(uintBitsToFloat(empty ? INFINITY_BITS : key.y)));
     imageStore(index, pixel, uvec4(key.x));

@@ -15,5 +15,5 @@ void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     float alpha = imageLoad(color, pixel).a;
-    imageStore(white, pixel, vec4(vec3(alpha > 0.0 ? 1.0 : 0.0), alpha));
+    imageStore(white, pixel, vec4(alpha));
 }

@@ -41,6 +41,9 @@ pub const POOL_BYTES: u64 = 1 << 30;
 /// Files with more points than this are indexed before they are drawn: whole clouds take 60 bytes a point.
 pub const WHOLE_POINTS: u64 = 20_000_000;
 
+/// Points of a file that are shown while it is being indexed: read within a second, and enough to see what it is.
+pub const PREVIEW_POINTS: u64 = 1_000_000;
+
 /// Memory for points on their way into an index: a tenth of a billion points then take one pass through a temporary file.
 pub const INDEX_MEMORY: u64 = 2 << 30;
 

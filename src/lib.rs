@@ -9,12 +9,14 @@
 //!
 //! - [`cloud`]: files to columns of points, on the files' own integer lattices. [`synth`]: files with known truth, from analytic scenes.
 //! - [`index`]: points to nodes of at most 65,536 points in Morton order, their positions in planes of bits.
-//! - [`view`]: the camera, f64. [`light`]: where light comes from. [`cut`]: the nodes of an index that a view is drawn from.
+//! - [`view`]: the camera, f64. [`light`]: where light comes from. [`opacity`]: how much of it points let through. [`cut`]: the nodes of an index that a view is drawn from.
 //! - [`gpu`]: Vulkan, and nothing about points. [`graph`]: passes in order, with the barriers that they need. [`shader`]: the shaders as
 //!   Rust structs, generated from their SPIR-V.
 //! - [`loader`]: a thread that reads nodes of an index. [`resident`]: the nodes on the device, in pages of one size.
 //! - [`passes`]: one file a pass, and the registry of effects. [`look`]: which effects run, and why. [`frame`]: the whole frame, top to bottom.
-//! - [`picture`]: PNG and EXR. [`cli`]: the program, one file a subcommand.
+//! - [`source`]: files or an index, brought to the device. [`scene`]: what a picture is of, as a file.
+//! - [`picture`]: PNG and EXR. [`present`]: a window's swapchain. [`app`]: the window: navigation, panel, picking. [`bench`](mod@bench): what passes take. [`study`]: what accuracy costs in time. [`cli`]: the
+//!   program, one file a subcommand.
 //! - For all: [`config`] (every limit and default), [`error`], [`progress`], [`whole_file`].
 //!
 //! A picture, from a file, without the program:
@@ -44,6 +46,7 @@
 //! # }
 //! ```
 
+pub mod app;
 pub mod bench;
 pub mod cli;
 pub mod cloud;
@@ -57,11 +60,15 @@ pub mod index;
 pub mod light;
 pub mod loader;
 pub mod look;
+pub mod opacity;
 pub mod passes;
 pub mod picture;
+pub mod present;
 pub mod progress;
 pub mod resident;
+pub mod scene;
 pub mod shader;
+pub mod source;
 pub mod study;
 pub mod synth;
 pub mod view;

@@ -8,11 +8,12 @@
 //!
 //! A panic while reading is one node's error; the thread goes on. Dropping the [`Loader`] lets the thread finish its node, and joins it.
 
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, STATION_SHIFT, Shown};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::index::file::{Index, NodeRecord, PLANES, Plane};
 use crate::index::spacing::spacing;
+use crate::index::strokes;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -22,7 +23,7 @@ use std::time::Duration;
 
 /// Where a node's pages are to be written. It is dropped before the wish is answered: from then on the pages are the frame's again.
 pub trait Destination: Send {
-    /// Writes the first words of a page: position planes from 0 on, then what the points show.
+    /// Writes the first words of a page: position planes from 0 on, then the points' other words.
     fn put(&mut self, page: u32, words: &[u32]);
 }
 
@@ -225,8 +226,41 @@ impl<P: FnMut()> Thread<P> {
             None => words.fill(lacking(self.shown.attribute)),
         }
         destination.put(planes, words);
+        if let Some(word) = self.shown.kind() {
+            let parts = [(Plane::Class, 0), (Plane::Returns, 8), (Plane::Source, STATION_SHIFT)];
+            words.fill(0);
+            read.bytes += gather(&index, node, &parts, &mut self.bytes, words)?;
+            destination.put(planes + word, words);
+        }
+        if let Some(word) = self.shown.normal() {
+            words.fill(if record.has(Plane::Normal) { 0 } else { lacking(Attribute::Normal) });
+            read.bytes += gather(&index, node, &[(Plane::Normal, 0)], &mut self.bytes, words)?;
+            destination.put(planes + word, words);
+        }
+        if let Some(word) = self.shown.strokes() {
+            let (strokes, bytes) = strokes::of_node(&index, node)?;
+            read.bytes += bytes;
+            for k in 0..2 {
+                words.iter_mut().zip(&strokes).for_each(|(word, stroke)| *word = stroke[k]);
+                destination.put(planes + word + k as u32, words);
+            }
+        }
         Ok(read)
     }
+}
+
+/// Adds some planes to words, each shifted by so many bits; of those that a node lacks, nothing. The bytes read.
+fn gather(index: &Index, node: usize, parts: &[(Plane, u32)], bytes: &mut Vec<u8>, words: &mut [u32]) -> Result<u64> {
+    let record = &index.nodes()[node];
+    let (mut read, mut own) = (0, vec![0; words.len()]);
+    for &(plane, shift) in parts.iter().filter(|(plane, _)| record.has(*plane)) {
+        bytes.resize(record.range(plane).1 as usize, 0);
+        index.read(node, plane, bytes)?;
+        read += bytes.len() as u64;
+        widen(plane, bytes, &mut own);
+        words.iter_mut().zip(&own).for_each(|(word, own)| *word |= own << shift);
+    }
+    Ok(read)
 }
 
 /// World heights of a node's cells along z, as all its planes give them.

@@ -14,17 +14,46 @@ pub enum Style {
     Surface,
     /// Every point one pixel
     Points,
+    /// Every point a brush stroke along its surface
+    Strokes,
 }
 
 impl Effects {
     pub fn of(style: Style) -> Effects {
         let mut effects = Effects::default();
-        if style == Style::Points {
+        if style != Style::Surface {
             effects.visibility.switch = Switch::Off;
             effects.fill.switch = Switch::Off;
             effects.shape.switch = Switch::Off;
         }
+        if style == Style::Strokes {
+            effects.strokes.switch = Switch::On;
+            // What is seen through strokes are strokes.
+            effects.transparency.switch = Switch::Off;
+        }
         effects
+    }
+}
+
+/// sRGB.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Background(pub [u8; 3]);
+
+impl std::str::FromStr for Background {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Background, String> {
+        let digits = text.strip_prefix('#').unwrap_or(text);
+        let number = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
+        let number = number.ok_or(format!("{text:?} is not RRGGBB in hexadecimal digits"))?;
+        Ok(Background([(number >> 16) as u8, (number >> 8) as u8, number as u8]))
+    }
+}
+
+impl std::fmt::Display for Background {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [r, g, b] = self.0;
+        write!(f, "{r:02x}{g:02x}{b:02x}")
     }
 }
 
@@ -60,6 +89,13 @@ pub struct Look {
     /// Linear.
     pub background: [f32; 3],
     pub precision: Precision,
+}
+
+impl Look {
+    /// Surfaces behind each other that are drawn at most.
+    pub fn layers(&self) -> u32 {
+        if self.decided.runs("transparency") { self.effects.transparency.settings.layers as u32 } else { 1 }
+    }
 }
 
 pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {

@@ -1,12 +1,13 @@
 //! Parse, dispatch, exit code: 0 done, 1 could not do it, 2 asked wrongly.
 
 use clap::Parser;
-use pointillist::cli::{bench, index, info, render, study, synth, terminal::Terminal};
+use pointillist::cli::{bench, index, info, render, study, synth, terminal::Terminal, view};
 use pointillist::error::Error;
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
 Examples:
+  pointillist view scan.laz
   pointillist render scan.laz -o out.png
   pointillist info scan.laz
   pointillist index huge.laz -o huge.pnti
@@ -23,6 +24,8 @@ struct Program {
 
 #[derive(clap::Subcommand)]
 enum Command {
+    /// A window to fly through point clouds
+    View(Box<view::Arguments>),
     /// One picture of one or several point clouds
     Render(Box<render::Arguments>),
     /// An index of clouds larger than memory, which render, info and bench take in a file's place
@@ -41,6 +44,7 @@ fn main() -> ExitCode {
     let program = Program::parse();
     let progress = Terminal::new();
     let done = match &program.command {
+        Command::View(arguments) => view::run(arguments, &progress),
         Command::Render(arguments) => render::run(arguments, &progress),
         Command::Index(arguments) => index::run(arguments, &progress),
         Command::Info(arguments) => info::run(arguments, &progress),

@@ -1,6 +1,7 @@
 //! Finished images in, PNG and EXR files out, whole or not at all.
 
 use crate::error::{Error, Result};
+use crate::passes::encode::Thresholds;
 use crate::whole_file::whole_file;
 use exr::prelude::{AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder};
 use exr::prelude::{SmallVec, WritableImage};
@@ -27,19 +28,6 @@ pub fn write_png(path: &Path, size: [u32; 2], linear: &[[f32; 4]]) -> Result<()>
     })
 }
 
-/// Linear values above which a channel rounds to the next 8-bit code: exact, and the same on every machine.
-struct Thresholds([f32; 255]);
-
-impl Thresholds {
-    fn new() -> Thresholds {
-        Thresholds(std::array::from_fn(|code| crate::passes::resolve::srgb_to_linear((code as f64 + 0.5) / 255.0) as f32))
-    }
-
-    fn encode(&self, linear: f32) -> u8 {
-        self.0.partition_point(|&threshold| linear >= threshold) as u8
-    }
-}
-
 /// The values of one channel, row by row from the top left.
 pub enum Samples {
     Float(Vec<f32>),
@@ -64,18 +52,4 @@ pub fn write_exr(path: &Path, size: [u32; 2], channels: Vec<(&str, Samples)>) ->
             other => Error::format(path, other.to_string()),
         })
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_8_bit_code_survives_decoding_and_encoding() {
-        let thresholds = Thresholds::new();
-        for code in 0..=255u8 {
-            assert_eq!(thresholds.encode(crate::passes::resolve::srgb_to_linear(code as f64 / 255.0) as f32), code);
-        }
-        assert_eq!([-1.0, f32::NAN, 2.0, f32::INFINITY].map(|value| thresholds.encode(value)), [0, 0, 255, 255]);
-    }
 }

@@ -113,6 +113,18 @@ impl View {
         }
     }
 
+    /// Where a point is seen, pixels; nowhere if it is behind the camera.
+    pub fn pixel(&self, point: DVec3) -> Option<[f64; 2]> {
+        let from_eye = point - self.camera.eye;
+        let depth = from_eye.dot(self.basis.forward);
+        let scale = match self.camera.projection {
+            Projection::Perspective => self.focal_px() / depth,
+            Projection::Orthographic => self.focal_px(),
+        };
+        let middle = self.size.map(|side| side as f64 / 2.0);
+        (depth > 0.0).then(|| [middle[0] + from_eye.dot(self.basis.right) * scale, middle[1] - from_eye.dot(self.basis.up) * scale])
+    }
+
     /// The least planar depth of a box, given by its world corners, in front of the camera, or none if no point of the box can be seen.
     pub fn least_depth(&self, bounds: (DVec3, DVec3)) -> Option<f64> {
         self.depths(bounds).map(|(least, _)| least)
@@ -154,6 +166,8 @@ pub enum Preset {
     Top,
     /// From the south, without perspective
     Front,
+    /// From the east, without perspective
+    Side,
     /// From a corner, without perspective
     Iso,
     /// Oblique, with perspective, near enough to fill the picture
@@ -173,6 +187,7 @@ impl Camera {
         let (forward, up) = match preset {
             Preset::Top => (-DVec3::Z, DVec3::Y),
             Preset::Front => (DVec3::Y, DVec3::Z),
+            Preset::Side => (-DVec3::X, DVec3::Z),
             Preset::Iso => (DVec3::new(-1.0, 1.0, -0.816_496_580_927_726).normalize(), DVec3::Z),
             // The longer side lies across the picture; land is seen from higher up than things.
             Preset::Fit => {
@@ -222,7 +237,7 @@ mod tests {
     fn every_preset_frames_every_point_and_leaves_little_margin() {
         let points: Vec<_> =
             (0..500).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64 * 2.0, (i % 7) as f64) + 5e6).collect();
-        for preset in [Preset::Top, Preset::Front, Preset::Iso, Preset::Fit] {
+        for preset in [Preset::Top, Preset::Front, Preset::Side, Preset::Iso, Preset::Fit] {
             for size in [[1920, 1080], [300, 900]] {
                 let view = View::new(Camera::framing(preset, &points, size), size).unwrap();
                 let (mut fill, f) = ([0.0f64; 2], view.focal_px());

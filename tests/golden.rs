@@ -8,6 +8,7 @@ use pointillist::gpu::Wish;
 use pointillist::graph::{Gpu, Graph};
 use pointillist::light::Light;
 use pointillist::look::{self, Style, Wishes};
+use pointillist::opacity::Opacities;
 use pointillist::passes::Effects;
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
@@ -29,15 +30,22 @@ fn check_style(style: Style, name: &str, attribute: Attribute, effects: &str, pr
 }
 
 fn check_lit(light: Light, style: Style, name: &str, attribute: Attribute, effects: &str, preset: Preset) {
+    check_layers(&[], light, style, name, attribute, effects, preset);
+}
+
+fn check_layers(opacities: &[&str], light: Light, style: Style, name: &str, attribute: Attribute, effects: &str, preset: Preset) {
     let mut gpu =
         Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(synth::Scene::NestedTori, 1, 0.0);
     let cloud = synth::collect("nested-tori", &world, 60_000, 7, 0.0, &Silent).unwrap();
     let view = View::new(Camera::framing(preset, &cloud.core_points(), SIZE), SIZE).unwrap();
-    let shown = Shown::new(attribute, &cloud);
+    let mut shown = Shown::new(attribute, &cloud);
+    shown.further.strokes = style == Style::Strokes;
+    shown.further.kind = !opacities.is_empty();
     let mut wishes = Wishes { effects: Effects::of(style), light, ..Wishes::default() };
     effects.split_whitespace().for_each(|effect| wishes.effects.set(effect).unwrap());
-    let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
+    let mut resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
+    resident.opacities = Opacities(opacities.iter().map(|rule| rule.parse().unwrap()).collect());
     let look = look::decide(&wishes, &view, &resident);
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
@@ -141,6 +149,16 @@ fn phong_by_a_light() {
 }
 
 #[test]
+fn ao_on_white() {
+    check_style(Style::Surface, "ao", Attribute::White, "ao=on,radius=1,strength=16 shape=off edl=off", Preset::Iso);
+}
+
+#[test]
+fn luminance_of_dense_points() {
+    check("luminance", Attribute::Rgb, "luminance=on edl=off", Preset::Fit);
+}
+
+#[test]
 fn shape_on_white() {
     check_style(Style::Surface, "shape", Attribute::Rgb, "shape=on,base=white,first=1", Preset::Top);
 }
@@ -148,4 +166,24 @@ fn shape_on_white() {
 #[test]
 fn shadows() {
     check("shadows", Attribute::White, "shadows=on,samples=16,radius=6 edl=off visibility=on fill=on", Preset::Fit);
+}
+
+#[test]
+fn strokes_of_every_brush() {
+    for brush in ["dabs", "bristles", "ribbons"] {
+        check_style(Style::Strokes, &format!("strokes-{brush}"), Attribute::Rgb, &format!("strokes=brush={brush},size=5"), Preset::Fit);
+    }
+}
+
+#[test]
+fn strokes_in_front_are_all_there_is() {
+    check_style(Style::Strokes, "strokes-opaque", Attribute::Rgb, "strokes=blend=opaque,size=5", Preset::Fit);
+    check_style(Style::Strokes, "strokes-blur", Attribute::White, "strokes=blend=blur", Preset::Top);
+}
+
+/// As figure 17 of the paper: the innermost torus opaque, the others less so.
+#[test]
+fn transparency() {
+    let opacities = ["class:3=0.3", "class:2=0.5"];
+    check_layers(&opacities, Light::Headlight, Style::Surface, "transparency", Attribute::Class, "", Preset::Fit);
 }

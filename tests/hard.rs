@@ -10,6 +10,8 @@ mod decisions;
 mod formats;
 #[path = "hard/levels.rs"]
 mod levels;
+#[path = "hard/luminance.rs"]
+mod luminance;
 #[path = "hard/same_bits.rs"]
 mod same_bits;
 #[path = "hard/screen.rs"]

@@ -6,8 +6,14 @@ mod gpu;
 
 #[path = "kernels/antialias.rs"]
 mod antialias;
+#[path = "kernels/ao.rs"]
+mod ao;
 #[path = "kernels/dobrev.rs"]
 mod dobrev;
+#[path = "kernels/encode.rs"]
+mod encode;
+#[path = "kernels/luminance.rs"]
+mod luminance;
 #[path = "kernels/phong.rs"]
 mod phong;
 #[path = "kernels/smooth.rs"]
@@ -119,11 +125,10 @@ fn words(cloud: &Cloud, shown: &Shown) -> Vec<u32> {
     let organised = index::organise(&part.columns);
     assert_eq!(organised.nodes.len(), 1);
     let frame = pack::frame(&part.columns, &organised.order);
-    let mut pages = vec![vec![0; part.columns.len()]; frame.planes as usize];
-    let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-    let mut words = vec![0; part.columns.len()];
-    pack::pack(&part.columns, &frame, &organised.order, organised.arrangement, |i| shown.word(part, i), &mut planes, &mut words);
-    words
+    let mut pages = vec![vec![0; part.columns.len()]; frame.planes as usize + 1];
+    let mut to: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
+    pack::pack(&part.columns, &frame, &organised.order, organised.arrangement, |i| shown.words_of(part, &[], 0, i), &mut to);
+    pages.pop().unwrap()
 }
 
 #[test]

@@ -21,7 +21,8 @@ fn on_a_plane<T>(effects: &[&str], draw: impl FnOnce(&mut Gpu, &View, &Resident,
     let world = synth::build(synth::Scene::Plane, 1, 0.0);
     let cloud = synth::collect("plane", &world, 1000, 1, 0.0, &Silent).unwrap();
     let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
-    let shown = Shown::new(Attribute::White, &cloud);
+    let mut shown = Shown::new(Attribute::Rgb, &cloud);
+    shown.further.strokes = effects.iter().any(|effect| effect.starts_with("strokes=on"));
     let mut wishes = Wishes::default();
     effects.iter().for_each(|effect| wishes.effects.set(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
@@ -58,6 +59,20 @@ fn shadows_alone() {
     let off = EFFECTS.iter().filter(|effect| **effect != "shadows").map(|effect| format!("{effect}=off"));
     let effects: Vec<String> = off.chain(["shadows=on,samples=2,size=64".to_string()]).collect();
     compare("shadows", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
+}
+
+#[test]
+fn luminance_alone() {
+    let off = EFFECTS.iter().filter(|effect| **effect != "luminance").map(|effect| format!("{effect}=off"));
+    let effects: Vec<String> = off.chain(["luminance=on".to_string()]).collect();
+    compare("luminance", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
+}
+
+#[test]
+fn strokes_alone() {
+    let off = EFFECTS.iter().filter(|effect| **effect != "strokes").map(|effect| format!("{effect}=off"));
+    let effects: Vec<String> = off.chain(["strokes=on".to_string()]).collect();
+    compare("strokes", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
 }
 
 #[test]

@@ -388,3 +388,25 @@ fn other_formats_stream_in_batches_too() {
     assert_eq!(agree_bytes("a.xyz", text.as_bytes(), &ALL), Ok(COUNT));
     assert!(agree_bytes("none.xyz", b"nothing here\n", &ALL).is_err());
 }
+
+#[test]
+fn a_sample_is_points_of_the_file_from_all_over_it() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, asked, expected) in [("scan.las", 20_000, 20_000..=20_100), ("scan.laz", 110_000, 100_000..=150_000)] {
+        let path = folder.path().join(name);
+        support::scan(&path, pointillist::synth::Scene::Street, 300_000);
+        let wanted = Wanted { rgb: true, ..Wanted::default() };
+        let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions { wanted, strict: true }, &Silent).unwrap();
+        let sample = cloud::sample(std::slice::from_ref(&path), wanted, asked, &Silent).unwrap().expect("a sample");
+        assert!(expected.contains(&sample.len()), "{name}: {} points", sample.len());
+        let points = |cloud: &pointillist::cloud::Cloud| -> Vec<([i32; 3], [u8; 3])> {
+            let columns = &cloud.parts[0].columns;
+            let rgb = columns.rgb.as_ref().unwrap();
+            (0..columns.len()).map(|i| ([columns.x[i], columns.y[i], columns.z[i]], rgb[i])).collect()
+        };
+        let all: std::collections::HashSet<_> = points(&whole).into_iter().collect();
+        assert!(points(&sample).iter().all(|point| all.contains(point)), "{name}: a point that the file does not have");
+        let size = |cloud: &pointillist::cloud::Cloud| cloud.bounds().map(|(lo, hi)| (hi - lo).length()).unwrap();
+        assert!(size(&sample) > 0.5 * size(&whole), "{name}: {} of {} metres", size(&sample), size(&whole));
+    }
+}

@@ -419,6 +419,65 @@ fn the_shape_study_keeps_its_promises() {
     }
 }
 
+#[test]
+fn the_ao_study_keeps_its_promises() {
+    let rows = configured("ao", 14, 2, 3 * 2);
+    for scene in ["all scenes", "sphere", "torus"] {
+        let own = ["2", "auto", "64"].map(|directions| of(&rows, scene, "self_rms", directions));
+        assert!(own.is_sorted_by(|a, b| a > b), "{scene}: {own:?}");
+    }
+}
+
+/// What the correction on the screen leaves of steps and takes of details, beside the offline reference; a tenth more than by that is allowed.
+#[test]
+fn the_luminance_study_keeps_its_promises() {
+    let (rows, text, figures) = made("luminance", &Plan { points: 150_000, repeat: 1, size: [160, 96], ..PLAN });
+    // Three sizes, thirteen configurations, three metrics.
+    assert_eq!((rows.len(), text.lines().count(), figures), (117, 118, 3));
+    for ((_, view, metric), rows) in groups(&rows) {
+        let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
+        let [before, after, reference] = ["uncorrected", "auto", "reference"].map(error);
+        println!("{view} {metric}: {before} before, {after} after, {reference} offline");
+        // A pixel of 40 x 24 is wider than what there is to see.
+        if view == "quarter" {
+            continue;
+        }
+        match metric {
+            "step" => assert!(after < 0.9 * before && after <= 1.1 * reference, "{view}"),
+            "detail_lost" => assert!(after <= reference + 0.1 && before < 0.05, "{view}"),
+            // Exposures that have become one are not the truth's.
+            _ => assert!(after <= reference, "{view}"),
+        }
+    }
+}
+
+/// By looking at all points.
+#[test]
+fn the_offline_reference_averages_the_nearest() {
+    let world = synth::build(Scene::Sphere, 1, 0.0);
+    let mut cloud = synth::collect("sphere", &world, 3_000, 5, 0.0, &Silent).unwrap();
+    let columns = cloud.parts[0].columns.clone();
+    let (positions, colors) = (&columns, columns.rgb.as_ref().unwrap());
+    let squared = |i: usize, k: usize| {
+        let apart = |column: &[i32]| (column[i] as f64 - column[k] as f64).powi(2);
+        apart(&positions.x) + apart(&positions.y) + apart(&positions.z)
+    };
+    let value = |i: usize| *colors[i].iter().max().unwrap() as f64;
+    pointillist::index::luminance::correct(&mut cloud, 12, &Silent).unwrap();
+    let corrected = cloud.parts[0].columns.rgb.as_ref().unwrap();
+    for i in (0..3_000).step_by(7) {
+        let mut others: Vec<usize> = (0..3_000).filter(|&k| squared(i, k) > 0.0).collect();
+        others.sort_by(|&a, &b| squared(i, a).total_cmp(&squared(i, b)));
+        // Of equally far ones either may count.
+        if squared(i, others[10]) == squared(i, others[11]) {
+            continue;
+        }
+        let mean = (value(i) + others[..11].iter().map(|&k| value(k)).sum::<f64>()) / 12.0;
+        let expected = colors[i].map(|channel| (channel as f64 * mean / value(i)).round() as u8);
+        assert_eq!(corrected[i], expected);
+    }
+}
+
 /// More samples are nearer to the truth in half shadow, and both methods mark the same points.
 #[test]
 fn the_shadows_study_keeps_its_promises() {

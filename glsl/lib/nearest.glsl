@@ -1,12 +1,22 @@
-// Four neighbours -> the keys of their pixels. The includer has `front_depth`, and `meet`, which brings one point to its pixel; walk.glsl comes after.
+// Four neighbours -> the keys of their pixels. The includer has `front_depth`, `depth_behind`, and `meet`, which brings one point to its pixel; walk.glsl comes after.
 //
+//   where a layer behind others is drawn, leave out what is not behind them
 //   of neighbours in the same pixel keep the nearest           points are in Morton order, so many are
 //   bring it to the pixel unless something nearer is known to be there: a stale answer only costs an atomic, since keys only fall
 //
 // Each step was kept because it was faster on lavapipe when it was added, alone, to the ones before: words in fours, the early read, the merging, nodes
 // drawn from front to back; together they doubled the rate. What is left is mostly atomics. `bench project` measures the whole.
 
+// A layer behind others: only what lies deeper than they do (Dobrev et al. 2010, sec. 4).
+layout(constant_id = 7) const bool BEHIND = false;
+
 void four(uint pixel[4], float depth[4], uint first) {
+    if (BEHIND) {
+        for (uint k = 0u; k < 4u; ++k) {
+            uint least = depth_behind(pixel[k] == NO_PIXEL ? 0u : pixel[k]);
+            pixel[k] = floatBitsToUint(depth[k]) > least ? pixel[k] : NO_PIXEL;
+        }
+    }
     uint point[4];
     for (uint k = 0u; k < 4u; ++k) point[k] = first + k;
     for (uint k = 1u; k < 4u; ++k) {

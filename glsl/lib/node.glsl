@@ -13,6 +13,8 @@ struct Node {
     uint count;
     uint first_point;  // number of the node in the frame * POINTS_PER_PAGE
     uint first_word;   // of the coarsest position plane in its block; the finer planes follow, a page each
+    uint shown_word;   // of what its points show, in the same block
+    uint first_kind;   // the word of its first point's kind in its block, where points have brought theirs
 };
 
 const uint POINTS_PER_PAGE_LOG2 = 16u;

@@ -13,27 +13,34 @@ bool has_depth(uint bits) {
     return (bits & 0x7FFFFFFFu) - 1u < BACKGROUND_BITS - 1u;
 }
 
-// Linear colour as square roots of 8 bits each, which is near sRGB and decoded by a multiplication; together a whole number that a float holds exactly. `light_of` is linear, in units of its own that
-// save divisions.
+// Linear colour as square roots of 8 bits each, which is near sRGB and decoded by a multiplication: the 23 bits behind a float's point and its sign. The float's exponent, from 1 to 254, is how opaque
+// it is, so that it is an ordinary number, whatever it holds. `light_of` is linear, in units of its own that save divisions.
 const float ROOTS = 255.0;
+const uint OPACITY_BITS = 0x7F800000u;
+const float OPACITIES = 253.0;
 
-float pack_light(vec3 light) {
+float pack_light(vec3 light, uint opacity_bits) {
     // By way of signed integers, which CPUs convert in one instruction.
     ivec3 q = ivec3(min(sqrt(light), ROOTS) + 0.5);
-    return float(q.r | (q.g << 8) | (q.b << 16));
+    return uintBitsToFloat(uint(q.r | (q.g << 8) | ((q.b & 127) << 16) | ((q.b & 128) << 24)) | opacity_bits);
 }
 
 vec3 light_of(float packed_light) {
-    int word = int(packed_light);
-    vec3 root = vec3(ivec3(word & 255, (word >> 8) & 255, word >> 16));
+    int word = floatBitsToInt(packed_light);
+    vec3 root = vec3(ivec3(word & 255, (word >> 8) & 255, ((word >> 16) & 127) | ((word >> 24) & 128)));
     return root * root;
 }
 
-float pack_color(vec3 linear) {
-    return pack_light(max(linear, 0.0) * (ROOTS * ROOTS));
+uint opacity_bits(float packed_light) {
+    return floatBitsToUint(packed_light) & OPACITY_BITS;
 }
 
-vec3 unpack_color(float packed_light) {
+float pack_color(vec4 linear) {
+    return pack_light(max(linear.rgb, 0.0) * (ROOTS * ROOTS), uint(clamp(linear.a, 0.0, 1.0) * OPACITIES + 1.5) << 23);
+}
+
+vec4 unpack_color(float packed_light) {
     // Mesa rearranges a vector times a scalar in spite of NoContraction, but not a vector times a vector.
-    return light_of(packed_light) * vec3(1.0 / (ROOTS * ROOTS));
+    vec3 linear = light_of(packed_light) * vec3(1.0 / (ROOTS * ROOTS));
+    return vec4(linear, (float(opacity_bits(packed_light) >> 23) - 1.0) / OPACITIES);
 }

@@ -8,8 +8,10 @@ layout(push_constant, scalar) uniform Push {
     float near;
     uint first_chunk;
     uint chunk_count;
+#ifdef MORE_TO_PUSH
+    MORE_TO_PUSH
+#endif
 } push;
-
 
 const uint CHUNKS_PER_PAGE = POINTS_PER_PAGE / POINTS_PER_CHUNK;
 const uint NO_POINT = 0xFFFFFFFFu;

@@ -1,5 +1,8 @@
 // The walk over points: one workgroup takes one chunk of one node.
-// The includer has `nodes`, `chunks`, `pages`, project.glsl, and `four`, which takes four neighbours: their pixels (NO_PIXEL where one is not in the picture), their depths, and the id of the first.
+// The includer has `nodes`, `chunks`, `pages`, `opacities`, project.glsl, and `four`, which takes four neighbours: their pixels (NO_PIXEL where one is not in the picture), their depths, and the id of the
+// first; or with WITH_WORDS instead of the id what the points show.
+
+#include "kind.glsl"
 
 uvec4 four_words(uint i) {
     return TEXELS ? imageLoad(pages, int(i)) : page_words.four[i];
@@ -24,12 +27,15 @@ void main() {
     uint first_point = nodes.node[n].first_point;
     // Planes of a node follow each other, a page each.
     uint plane = nodes.node[n].first_word / 4u;
+    uint shown = nodes.node[n].shown_word / 4u;
+    uint kind = nodes.node[n].first_kind / 4u;
 
     // A lane reads four words of a plane at once, which is one gathered load.
     for (uint i = first + 4u * gl_LocalInvocationID.x; i < end; i += 4u * LANES) {
         uvec4 coarse = four_words(plane + i / 4u);
         uvec4 fine = PLANES > 1u ? four_words(plane + (POINTS_PER_PAGE + i) / 4u) : uvec4(0u);
         uvec4 finest = PLANES > 2u ? four_words(plane + (2u * POINTS_PER_PAGE + i) / 4u) : uvec4(0u);
+        uvec4 kinds = FILTERED ? four_words(kind + i / 4u) : uvec4(0u);
         // Every load stands outside of conditions: in a divergent branch lavapipe loads lane by lane.
         uint pixel[4];
         float depth[4];
@@ -39,7 +45,12 @@ void main() {
             if (PLANES > 2u) cells = (cells << 10) | unpack_cells(finest[k]);
             pixel[k] = place(row_x, row_y, row_z, cells - nearest, depth[k]);
             pixel[k] = i + k < end ? pixel[k] : NO_PIXEL;
+            if (FILTERED) pixel[k] = opacity_of(kinds[k]) > 0.0 ? pixel[k] : NO_PIXEL;
         }
+#ifdef WITH_WORDS
+        four(pixel, depth, four_words(shown + i / 4u));
+#else
         four(pixel, depth, first_point + i);
+#endif
     }
 }

@@ -1,8 +1,11 @@
 //! Times of passes at fixed views and sizes, as rows that a table, JSON and a saved baseline share.
 
+pub mod dobrev;
 pub mod flight;
 pub mod index;
+pub mod luminance;
 pub mod project;
+pub mod strokes;
 pub mod surface;
 
 use crate::error::{Error, Result};

@@ -2,7 +2,7 @@
 
 use super::index::Bytes;
 use super::options::{DetailOptions, DeviceOptions, Size};
-use crate::bench::{self, flight, index, project, surface};
+use crate::bench::{self, dobrev, flight, index, luminance, project, strokes, surface};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use std::path::PathBuf;
@@ -12,6 +12,10 @@ Examples:
   pointillist bench                                        all that need no file
   pointillist bench project --points 1000000 --size 1024x1024
   pointillist bench surface --size 1024x768                visibility, filling and shape, in plain 3 x 3 passes
+  pointillist bench luminance --points 1000000,4000000,16000000,64000000 --size 1920x1080
+                                                           frames with and without luminance correction
+  pointillist bench strokes --points 500000                a painting, against plain points of the same cloud
+  pointillist bench dobrev --points 6000000 --size 512x512,1024x1024 --model dragon.ply    layers and shadows, as in the paper's table 3
   pointillist bench --json > before.json                   keep the rows ...
   pointillist bench --baseline before.json                 ... and compare with them later
   pointillist bench index --points 20000000 --laz          how fast an index is made, and how near that is to the floor
@@ -20,8 +24,8 @@ Examples:
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Which benchmarks to run [default: project, and with --index also flight]: project, surface, index, flight
-    #[arg(value_name = "NAME", value_parser = ["project", "surface", "index", "flight"])]
+    /// Which benchmarks to run [default: project, and with --index also flight]: project, surface, dobrev, luminance, strokes, index, flight
+    #[arg(value_name = "NAME", value_parser = ["project", "surface", "dobrev", "luminance", "strokes", "index", "flight"])]
     pub names: Vec<String>,
     /// Numbers of points
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = [1_000_000, 10_000_000], value_parser = clap::value_parser!(u64).range(1..=2_000_000_000))]
@@ -32,6 +36,9 @@ pub struct Arguments {
     /// Rounds [default: project 25, since shuffled order depends on how full a shared cache is and few rounds scatter; index 3]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub repeat: Option<u64>,
+    /// Also on this cloud; repeatable
+    #[arg(long, value_name = "FILE", help_heading = "Dobrev")]
+    pub model: Vec<PathBuf>,
     /// Index LAZ instead of LAS
     #[arg(long, help_heading = "Index")]
     pub laz: bool,
@@ -69,10 +76,16 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let rows = if asked("project", true) { projections(arguments, progress)? } else { Vec::new() };
     let indexes = if asked("index", false) { index::run(&index_plan(arguments), progress)? } else { Vec::new() };
     let surfaces = if asked("surface", false) { surfaces(arguments, progress)? } else { Vec::new() };
+    let luminances = if asked("luminance", false) { luminances(arguments, progress)? } else { Vec::new() };
+    let paintings = if asked("strokes", false) { paintings(arguments, progress)? } else { Vec::new() };
+    let dobrevs = if asked("dobrev", false) { dobrevs(arguments, progress)? } else { Vec::new() };
     let flights = if asked("flight", arguments.index.is_some()) { flights(arguments, progress)? } else { Vec::new() };
     if arguments.json {
         let values = rows.iter().map(serde_json::to_value).chain(indexes.iter().map(serde_json::to_value));
         let values = values.chain(surfaces.iter().map(serde_json::to_value));
+        let values = values.chain(luminances.iter().map(serde_json::to_value));
+        let values = values.chain(paintings.iter().map(serde_json::to_value));
+        let values = values.chain(dobrevs.iter().map(serde_json::to_value));
         let values = values.chain(flights.iter().map(serde_json::to_value)).collect::<std::result::Result<Vec<_>, _>>();
         println!("{:#}", serde_json::Value::from(values.map_err(|error| Error::Request(error.to_string()))?));
         return Ok(());
@@ -85,6 +98,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     if !surfaces.is_empty() {
         print!("{}", surface::table(&surfaces));
+    }
+    if !luminances.is_empty() {
+        print!("{}", luminance::table(&luminances));
+    }
+    if !paintings.is_empty() {
+        print!("{}", strokes::table(&paintings));
+    }
+    if !dobrevs.is_empty() {
+        print!("{}", dobrev::table(&dobrevs));
     }
     if !flights.is_empty() {
         print!("{}", flight::table(&flights));
@@ -122,6 +144,42 @@ fn surfaces(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<surfac
     for size in sizes(arguments) {
         let plan = surface::Plan { size, repeat: arguments.repeat.unwrap_or(9) as usize, seed: arguments.seed };
         rows.extend(surface::run(&arguments.device.wish(), &plan, progress)?);
+    }
+    Ok(rows)
+}
+
+fn luminances(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<luminance::Row>> {
+    let mut rows = Vec::new();
+    for size in sizes(arguments) {
+        let plan = luminance::Plan {
+            points: arguments.points.clone(),
+            size,
+            repeat: arguments.repeat.unwrap_or(5) as usize,
+            seed: arguments.seed,
+        };
+        rows.extend(luminance::run(&arguments.device.wish(), &plan, progress)?);
+    }
+    Ok(rows)
+}
+
+fn paintings(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<strokes::Row>> {
+    let plan = strokes::Plan {
+        points: arguments.points.clone(),
+        sizes: sizes(arguments),
+        repeat: arguments.repeat.unwrap_or(5) as usize,
+        seed: arguments.seed,
+    };
+    strokes::run(&arguments.device.wish(), &plan, progress)
+}
+
+fn dobrevs(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<dobrev::Row>> {
+    let mut rows = Vec::new();
+    for (number, &points) in arguments.points.iter().enumerate() {
+        // Models have the points that they have.
+        let models = if number == 0 { arguments.model.clone() } else { Vec::new() };
+        let plan =
+            dobrev::Plan { points, models, sizes: sizes(arguments), repeat: arguments.repeat.unwrap_or(5) as usize, seed: arguments.seed };
+        rows.extend(dobrev::run(&arguments.device.wish(), &plan, progress)?);
     }
     Ok(rows)
 }

@@ -8,9 +8,10 @@
 //! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]]}, `bounds`, `step`, `offset`,
 //! `attributes` {`rgb` {`bits`, `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
 //! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
-//! `stations` [{`part`, `source`, `name`, `points`}] · `notes` [`line`]. An attribute that a part lacks is absent.
+//! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}]} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use super::indexed_info;
+use crate::cloud::exposure::{Exposures, exposures};
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
 use crate::index::file::Index;
@@ -75,6 +76,8 @@ struct Report<'a> {
     spacing: Spacing,
     parts: Vec<PartReport<'a>>,
     stations: &'a [Station],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    exposures: Option<Exposures>,
     notes: &'a [String],
 }
 
@@ -177,6 +180,7 @@ impl<'a> Report<'a> {
             spacing: Spacing { value: spacing::spacing(cloud), how: HOW_SPACING },
             parts: cloud.parts.iter().enumerate().map(|(index, part)| PartReport::new(part, index, cloud)).collect(),
             stations: &cloud.stations,
+            exposures: exposures(cloud),
             notes: &cloud.notes,
         }
     }
@@ -194,11 +198,23 @@ impl<'a> Report<'a> {
         let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| format!("{value:.6}"));
         line("spacing", format!("{value} ({})", self.spacing.how));
         line("stations", self.stations.len().to_string());
-        for station in self.stations.iter().take(LISTED) {
-            line("", format!("{}: {} points", station.name, station.points));
+        let values = self.exposures.iter().flat_map(|exposures| &exposures.values).map(Some).chain(std::iter::repeat(None));
+        for (station, value) in self.stations.iter().zip(values).take(LISTED) {
+            let value = value.copied().flatten().map_or(String::new(), |value| format!(", luminance {value:.1} of 255"));
+            line("", format!("{}: {} points{value}", station.name, station.points));
         }
         if self.stations.len() > LISTED {
             line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));
+        }
+        for overlap in self.exposures.iter().flat_map(|exposures| &exposures.overlaps).take(LISTED) {
+            let [one, two] = overlap.stations.map(|number| &self.stations[number].name);
+            line(
+                "overlap",
+                format!(
+                    "{two} is {:+.1} of 255 above {one} in {} cells; a gain of {:.3} removes that",
+                    overlap.step, overlap.cells, overlap.gain
+                ),
+            );
         }
         for note in self.notes {
             line("note", note.clone());

@@ -1,8 +1,7 @@
 //! The options that `view`, `render`, `bench` and `study` share: one definition.
 
 use super::index::Bytes;
-use super::source::Source;
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config;
 use crate::cut::Detail;
@@ -10,9 +9,12 @@ use crate::error::{Error, Result};
 use crate::gpu::Wish;
 use crate::index::cache;
 use crate::light::Light;
-use crate::look::{Style, Wishes};
-use crate::passes::Effects;
+use crate::look::{Background, Style, Wishes};
+use crate::opacity::{Opacities, Rule};
 use crate::passes::project::Precision;
+use crate::passes::{Effects, Switch};
+use crate::scene::Scene;
+use crate::source::{Opening, Source};
 use crate::view::{Camera, Preset, View};
 use std::path::{Path, PathBuf};
 
@@ -25,6 +27,9 @@ pub struct PictureOptions {
     /// Camera file: eye, target, up (world), fov_y, projection (perspective|orthographic), ortho_height
     #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
     pub camera: Option<PathBuf>,
+    /// What a window has saved: camera, color, effects, opacity, light and background
+    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "opacity", "background"])]
+    pub scene: Option<PathBuf>,
     /// Where to look from, when there is no --camera
     #[arg(long, value_enum, default_value_t = Preset::Fit)]
     pub view: Preset,
@@ -40,11 +45,17 @@ pub struct PictureOptions {
     /// Where light comes from: headlight; direction:X,Y,Z, the way in which it travels; position:X,Y,Z, metres; both in the world
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
+    /// How opaque points are, 0 to 1: all, or those of a class, return number, station (its name or its number in `info`) or file; what applies to a point is multiplied; 0 leaves it out. Repeatable
+    #[arg(long, value_name = "[class:N|return:N|station:S|file:F=]OPACITY")]
+    pub opacity: Vec<Rule>,
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
     #[command(flatten)]
     pub detail: DetailOptions,
+    /// That of --scene.
+    #[arg(skip)]
+    pub saved_camera: Option<Camera>,
 }
 
 /// How much of a cloud a picture shows.
@@ -78,22 +89,14 @@ impl DetailOptions {
         self.pool.map_or(config::POOL_BYTES, |bytes| bytes.0)
     }
 
-    /// Whether files have to be indexed before they are drawn, and why.
-    pub fn needs_index(&self, files: &[PathBuf]) -> Result<Option<String>> {
-        if self.budget.is_some() || self.lod.is_some() {
-            return Ok(Some("--budget and --lod choose among the nodes of an index".into()));
-        }
-        let points = crate::cloud::stream::about(files)?;
-        let many = points > config::WHOLE_POINTS;
-        Ok(many.then(|| format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)))
-    }
-
-    pub fn place(&self) -> Result<cache::Place> {
-        match &self.cache_dir {
-            _ if self.no_cache => Ok(cache::Place::Nowhere),
-            Some(folder) => Ok(cache::Place::Folder(folder.clone())),
-            None => cache::Place::usual(),
-        }
+    pub fn opening(&self, read: ReadOptions) -> Opening {
+        let chosen = self.budget.is_some() || self.lod.is_some();
+        let index = chosen.then_some("--budget and --lod choose among the nodes of an index");
+        let place = match &self.cache_dir {
+            _ if self.no_cache => Some(cache::Place::Nowhere),
+            folder => folder.clone().map(cache::Place::Folder),
+        };
+        Opening { read, index, place }
     }
 }
 
@@ -135,28 +138,16 @@ impl std::fmt::Display for Size {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Background(pub [u8; 3]);
-
-impl std::str::FromStr for Background {
-    type Err = String;
-
-    fn from_str(text: &str) -> std::result::Result<Background, String> {
-        let digits = text.strip_prefix('#').unwrap_or(text);
-        let number = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
-        let number = number.ok_or(format!("{text:?} is not RRGGBB in hexadecimal digits"))?;
-        Ok(Background([(number >> 16) as u8, (number >> 8) as u8, number as u8]))
-    }
-}
-
-impl std::fmt::Display for Background {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [r, g, b] = self.0;
-        write!(f, "{r:02x}{g:02x}{b:02x}")
-    }
-}
-
 impl PictureOptions {
+    /// The same with what a scene's file says in its place.
+    pub fn with_scene(&self) -> Result<PictureOptions> {
+        let Some(path) = &self.scene else { return Ok(self.clone()) };
+        let Scene { camera, color, wishes, opacities } = Scene::read(path)?;
+        let effect = wishes.effects.clone().list().iter().map(ToString::to_string).collect();
+        let (light, background) = (wishes.light, Background(wishes.background));
+        Ok(PictureOptions { saved_camera: Some(camera), color, effect, light, background, opacity: opacities.0, ..self.clone() })
+    }
+
     pub fn wishes(&self) -> Result<Wishes> {
         let mut effects = Effects::of(self.style);
         for text in &self.effect {
@@ -165,12 +156,23 @@ impl PictureOptions {
         Ok(Wishes { effects, light: self.light, background: self.background.0, precision: Precision::Auto })
     }
 
-    /// The columns to read for what the points are to show.
+    /// The columns to read for what the points are to show, and to tell stations apart where colours of several are shown together.
     pub fn wanted(&self) -> Wanted {
-        match self.color {
-            Some(attribute) => attribute.wanted(),
-            None => Wanted { rgb: true, intensity: true, ..Wanted::default() },
-        }
+        let shown = match self.color {
+            Some(attribute) => Wanted { source: attribute.has_luminance(), ..Wanted::default() }.and(attribute.wanted()),
+            None => Wanted { rgb: true, intensity: true, source: true, ..Wanted::default() },
+        };
+        shown.and(self.further().wanted())
+    }
+
+    /// What points bring to the device beside what they show.
+    pub fn further(&self) -> Further {
+        let painted = self.wishes().is_ok_and(|wishes| wishes.effects.strokes.switch == Switch::On);
+        Further { kind: self.opacities().needs_kinds(), normal: false, strokes: painted }
+    }
+
+    pub fn opacities(&self) -> Opacities {
+        Opacities(self.opacity.clone())
     }
 
     pub fn read_options(&self, strict: bool) -> ReadOptions {
@@ -179,12 +181,22 @@ impl PictureOptions {
 
     /// What the points show, and why.
     pub fn shown(&self, source: &Source) -> Result<(Shown, String)> {
-        source.shown(self.color)
+        if let Some(lost) = self.opacities().lost(source.stations()) {
+            return Err(Error::Request(format!("--opacity: {lost}")));
+        }
+        let (mut shown, why) = source.shown(self.color)?;
+        shown.further = self.further();
+        Ok((shown, why))
+    }
+
+    /// The one that is asked for.
+    pub fn camera(&self) -> Result<Option<Camera>> {
+        self.camera.as_deref().map(read_camera).transpose().map(|read| read.or(self.saved_camera))
     }
 
     pub fn view(&self, source: &Source) -> Result<View> {
-        let camera = match &self.camera {
-            Some(path) => read_camera(path)?,
+        let camera = match self.camera()? {
+            Some(camera) => camera,
             None => Camera::framing(self.view, &source.core_points(), self.size.0),
         };
         View::new(camera, self.size.0)
@@ -193,7 +205,7 @@ impl PictureOptions {
 
 impl DeviceOptions {
     pub fn wish(&self) -> Wish {
-        Wish { device: self.device.clone(), validate: self.validate, no_int64_atomics: false }
+        Wish { device: self.device.clone(), validate: self.validate, ..Wish::default() }
     }
 }
 
@@ -201,8 +213,4 @@ pub fn read_camera(path: &Path) -> Result<Camera> {
     let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
     serde_json::from_str(&text)
         .map_err(|error| Error::format(path, format!("no camera ({error}); it needs at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}")))
-}
-
-pub fn name(attribute: Attribute) -> String {
-    format!("{attribute:?}").to_lowercase()
 }

@@ -1,16 +1,16 @@
 //! `pointillist render`: files in, one picture out; no window system is touched.
 
-use super::options::{DeviceOptions, PictureOptions, name};
-use super::source::{Source, Taken};
+use super::options::{DeviceOptions, PictureOptions};
 use crate::error::{Error, Result};
 use crate::frame::{self, Outcome};
 use crate::graph::{Buffer, Frame, Gpu, Graph};
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
-use crate::passes::{Effects, Scene, project::Statistics, shadows, significant};
+use crate::passes::{Effects, Scene, project::Statistics, shadows, significant, strokes};
 use crate::picture::{self, Samples};
 use crate::progress::Progress;
 use crate::resident::Resident;
+use crate::source::{Source, Taken};
 use crate::view::View;
 use crate::whole_file::WholeFile;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,9 @@ Examples:
   pointillist render north.laz south.laz -o both.png --color source --view top
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
+  pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    roofs like glass, no trees
   pointillist render scan.laz -o out.png --explain --timings
+  pointillist render scan.laz -o out.png --scene scene.json  what a window has saved
   pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
   pointillist render huge.las -o out.png                   indexed first, and found again the next time";
 
@@ -58,6 +60,7 @@ fn help() -> String {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    let picture = arguments.picture.with_scene()?;
     for output in arguments.output.iter().chain(&arguments.exr) {
         refuse_to_overwrite(output, &arguments.files)?;
         // A folder that cannot be written to is said before the work is done.
@@ -68,29 +71,32 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     {
         return Err(Error::Request(format!("-o and --exr both name {}; they are two files", png.display())));
     }
-    let wishes = arguments.picture.wishes()?;
+    let wishes = picture.wishes()?;
     let mut stages = Stages::new();
-    let source = Source::open(&arguments.files, &arguments.picture.read_options(arguments.strict), &arguments.picture.detail, progress)?;
+    let opening = picture.detail.opening(picture.read_options(arguments.strict));
+    let source = Source::open(&arguments.files, &opening, progress)?;
     source.notes().iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
-    let view = arguments.picture.view(&source)?;
-    let (shown, why_shown) = arguments.picture.shown(&source)?;
+    let view = picture.view(&source)?;
+    let (shown, why_shown) = picture.shown(&source)?;
     let mut facts = Facts {
         points: source.points(),
         files: arguments.files.len(),
         nodes: source.nodes(),
-        shows: name(shown.attribute),
+        shows: shown.attribute.name(),
         why_shown,
         view,
         taken: None,
         shadows: None,
+        strokes: None,
     };
     stages.done("look");
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     stages.done("open device");
-    let mut brought = source.bring(&mut gpu, shown, arguments.picture.detail.pool_bytes(), progress)?;
+    let mut brought = source.bring(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
+    brought.resident_mut().opacities = picture.opacities();
     stages.done("organise");
-    facts.taken = brought.settle(&mut gpu, &view, &arguments.picture.detail.of(view.size), progress)?;
+    facts.taken = brought.settle(&mut gpu, &view, &picture.detail.of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
             return Err(Error::Request(note.clone()));
@@ -103,9 +109,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 
     let mut g = Graph::new(&mut gpu).watched(progress);
     let outcome = frame::record(&mut g, &view, resident, &look)?;
+    facts.strokes = outcome.strokes;
     facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
     let downloads = Downloads::ask(&mut g, &outcome, arguments.exr.is_some());
-    let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g));
+    let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g, &outcome.layers));
     let frame = g.submit(&[])?;
     stages.done("draw");
     if let Some(path) = &arguments.output {
@@ -210,6 +217,8 @@ struct Facts {
     taken: Option<Taken>,
     /// Where shadows are cast.
     shadows: Option<shadows::Facts>,
+    /// Where points are painted.
+    strokes: Option<strokes::Facts>,
 }
 
 fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, counts: &Counts, frame: &Frame) -> String {
@@ -243,6 +252,7 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
         text += &format!("{name}: {}, because {}\n", if reason.runs { "on" } else { "off" }, reason.why);
     }
     text += &facts.shadows.map_or(String::new(), |shadows| format!("shadows: {shadows}\n"));
+    text += &facts.strokes.map_or(String::new(), |strokes| format!("strokes: {strokes}\n"));
     text += &format!("tiles: {counts}\n");
     text + &format!("plan:\n{}", frame.plan)
 }
@@ -269,6 +279,7 @@ fn explain_json(
         "spacing_m": resident.spacing_m(),
         "light": look.light,
         "shadows": facts.shadows,
+        "strokes": facts.strokes,
         "effects": effects,
         "tiles": counts,
         "settings": look.effects,

@@ -1,6 +1,6 @@
-//! What a point shows: one attribute as a 32-bit word a point, and the range that a ramp stretches over.
+//! What a point shows: one attribute as a 32-bit word a point, and the range that a ramp stretches over; and what else it brings to the device.
 
-use super::{Cloud, Part, Wanted};
+use super::{Cloud, Part, Station, Wanted};
 use std::str::FromStr;
 
 /// `--color`.
@@ -24,6 +24,11 @@ pub const STRETCH: [f64; 2] = [0.02, 0.98];
 const ELEVATION_LEVELS: f64 = 65_535.0;
 
 impl Attribute {
+    /// As `--color` says it.
+    pub fn name(self) -> String {
+        format!("{self:?}").to_lowercase()
+    }
+
     /// The columns that showing it needs.
     pub fn wanted(self) -> Wanted {
         let mut wanted = Wanted::default();
@@ -37,6 +42,11 @@ impl Attribute {
             Attribute::Elevation | Attribute::White => {}
         }
         wanted
+    }
+
+    /// Whether it depends on the light that a station was taken in: colours and intensities do.
+    pub fn has_luminance(self) -> bool {
+        matches!(self, Attribute::Rgb | Attribute::Intensity)
     }
 
     /// Whether some part of the cloud has it.
@@ -61,18 +71,49 @@ pub struct Shown {
     heights: [f64; 2],
     /// The words at the ends of a ramp.
     pub stretch: [u32; 2],
+    pub further: Further,
 }
+
+/// What points bring beside what they show, a word a point each, in this order; only where something asks for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Further {
+    /// Class (8 bits, lowest), return number (4 bits), from bit 16 on the number of the station.
+    pub kind: bool,
+    /// As [`Attribute::Normal`] is shown.
+    pub normal: bool,
+    /// What a brush needs to know, two words (`index::strokes`).
+    pub strokes: bool,
+}
+
+impl Further {
+    /// The columns that it is made of.
+    pub fn wanted(self) -> Wanted {
+        // Strokes are as large as what is of one colour.
+        Wanted { rgb: self.strokes, class: self.kind, returns: self.kind, source: self.kind, normal: self.normal, ..Wanted::default() }
+    }
+}
+
+/// A point's kind, in a word.
+pub fn kind(class: u8, returns: u8, station: u16) -> u32 {
+    class as u32 | (returns as u32 & 15) << 8 | (station as u32) << 16
+}
+
+/// Bits of a word that number the station.
+pub const STATION_SHIFT: u32 = 16;
+
+/// What a point brings at most: what it shows, and all that is further.
+pub type Words = [u32; 5];
 
 impl Shown {
     pub fn new(attribute: Attribute, cloud: &Cloud) -> Shown {
         let heights = cloud.bounds().map_or([0.0, 0.0], |(min, max)| [min.z, max.z]);
-        let shown = Shown { attribute, heights, stretch: [0, 255] };
+        let shown = Shown { attribute, heights, stretch: [0, 255], further: Further::default() };
         Shown { stretch: shown.stretched(cloud), ..shown }
     }
 
     /// Of an indexed cloud, whose heights and stretch are known.
     pub fn indexed(attribute: Attribute, heights: [f64; 2], stretch: [u32; 2]) -> Shown {
-        Shown { attribute, heights, stretch }
+        Shown { attribute, heights, stretch, further: Further::default() }
     }
 
     /// What to show where nothing is asked for: colours where there are any, else intensity that varies, else elevation.
@@ -86,6 +127,47 @@ impl Shown {
             return (intensity, "no colours, but an intensity that varies");
         }
         (Shown::new(Attribute::Elevation, cloud), "no colours, and no intensity that varies")
+    }
+
+    /// Words that a point brings: what it shows, then what is further.
+    pub fn words(&self) -> u32 {
+        1 + self.further.kind as u32 + self.further.normal as u32 + 2 * self.further.strokes as u32
+    }
+
+    /// Which of its words is a point's kind.
+    pub fn kind(&self) -> Option<u32> {
+        self.further.kind.then_some(1)
+    }
+
+    /// Which of its words is a point's normal.
+    pub fn normal(&self) -> Option<u32> {
+        self.further.normal.then_some(1 + self.further.kind as u32)
+    }
+
+    /// Which of its words is the first of the two that a brush needs.
+    pub fn strokes(&self) -> Option<u32> {
+        self.further.strokes.then_some(self.words() - 2)
+    }
+
+    /// The columns that its words are made of.
+    pub fn wanted(&self) -> Wanted {
+        self.attribute.wanted().and(self.further.wanted())
+    }
+
+    /// All words of a point, but for those that a brush needs, of a part whose stations are these, the first of them this number in the cloud.
+    pub fn words_of(&self, part: &Part, stations: &[Station], first: usize, i: usize) -> Words {
+        let mut words = [self.word(part, i), 0, 0, 0, 0];
+        if let Some(place) = self.kind() {
+            let columns = &part.columns;
+            let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
+            let source = columns.source.as_ref().map(|column| column[i]);
+            let station = first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0);
+            words[place as usize] = kind(byte(&columns.class), byte(&columns.returns), station.min(u16::MAX as usize) as u16);
+        }
+        if let Some(place) = self.normal() {
+            words[place as usize] = Shown { attribute: Attribute::Normal, ..*self }.word(part, i);
+        }
+        words
     }
 
     /// The word of a point: `rgb` 8 bits a channel, red lowest; `normal` 8 bits an axis, 127 = 0; scalars as they are. 0 where the part lacks it.

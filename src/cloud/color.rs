@@ -1,4 +1,4 @@
-//! 16-bit colour fields -> 8 bits a channel.
+//! 16-bit colour fields -> 8 bits a channel; and what these mean: the sRGB transfer function.
 //!
 //! In: 16-bit values, block by block, in any order. Out: 8-bit values, and whether the file held 8 or 16 bits.
 //! Many writers put 8-bit values into 16-bit fields, and no prefix of a file tells (RELIABILITY: PotreeConverter #214), so the decision is
@@ -59,3 +59,13 @@ pub fn narrow(stored: &mut [[u8; 3]]) {
 
 /// The note that [`Depth::bits`] = 8 deserves where the fields have 16 bits.
 pub const NOTE_8_IN_16: &str = "colours are 8-bit values in 16-bit fields, and taken as such";
+
+/// The sRGB transfer function (IEC 61966-2-1), encoded to linear, both in 0..=1.
+pub fn srgb_to_linear(encoded: f64) -> f64 {
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Its inverse.
+pub fn linear_to_srgb(linear: f64) -> f64 {
+    if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}

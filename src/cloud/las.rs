@@ -64,41 +64,67 @@ pub struct Sequence {
 
 pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
     let las = Las::open(input, options.wanted, notes)?;
-    let (mut columns, lanes, why) = match &las.places {
-        Places::Known(stretches) => {
-            let no_room = || {
-                let what = format!("has {} points, more than fit the memory; index it instead, or ask for fewer attributes", las.points());
-                input.wrong(what)
-            };
-            let mut columns = records::columns(las.points() as usize, las.available).ok_or_else(no_room)?;
-            let mut windows = Window::over(&mut columns).split_into(stretches.iter().map(|stretch| stretch.points as usize));
-            let why = las.read_stretches(input, windows.par_iter_mut(), progress)?;
-            let lanes = windows.iter().map(Window::filled).collect();
-            (columns, lanes, why)
+    let (part, depth, why) = las.read(input, progress)?;
+    notes.extend(las.verdict(input, part.columns.len() as u64, depth, why, options.strict)?);
+    Ok(vec![part])
+}
+
+/// About so many points from all over the file, for a first look; none where what stands in the middle is not found without reading what is before.
+pub fn sample(input: &Input, wanted: Wanted, points: u64, progress: &dyn Progress) -> Result<Option<Part>> {
+    let mut las = Las::open(input, wanted, &mut Vec::new())?;
+    let (all, record) = (las.points().max(1), las.layout.record_bytes as u64);
+    let Places::Known(stretches) = &mut las.places else { return Ok(None) };
+    if las.coding.is_some() {
+        // A chunk is decoded whole, or from its beginning.
+        let every = all.div_ceil(points.max(1)).max(1) as usize;
+        *stretches = stretches.iter().copied().step_by(every).collect();
+    } else {
+        for stretch in stretches {
+            stretch.points = ((stretch.points as u128 * points as u128).div_ceil(all as u128) as u64).min(stretch.points);
+            stretch.bytes = stretch.points * record;
         }
-        Places::Sequence(_) => {
-            let mut pile = Pile::new(records::zeros(0, las.available));
-            let why = las.read_sequence(input, &mut pile, progress)?;
-            let lane = pile.cut();
-            (pile.columns, vec![lane], why)
-        }
-    };
-    let depth = records::finish(&mut columns, &lanes);
-    notes.extend(las.verdict(input, columns.len() as u64, depth, why, options.strict)?);
-    Ok(vec![Part {
-        path: input.path.clone(),
-        name: None,
-        header: las.layout.header,
-        lattice: las.layout.lattice,
-        columns,
-        intensity_range: INTENSITY_RANGE,
-        rgb_bits: depth.bits(),
-    }])
+    }
+    Ok(Some(las.read(input, progress)?.0))
 }
 
 pub const INTENSITY_RANGE: [f64; 2] = [0.0, 65535.0];
 
 impl Las {
+    /// All points, how deep their colours are, and what is odd.
+    fn read(&self, input: &Input, progress: &dyn Progress) -> Result<(Part, Depth, String)> {
+        let (mut columns, lanes, why) = match &self.places {
+            Places::Known(stretches) => {
+                let no_room = || {
+                    let what =
+                        format!("has {} points, more than fit the memory; index it instead, or ask for fewer attributes", self.points());
+                    input.wrong(what)
+                };
+                let mut columns = records::columns(self.points() as usize, self.available).ok_or_else(no_room)?;
+                let mut windows = Window::over(&mut columns).split_into(stretches.iter().map(|stretch| stretch.points as usize));
+                let why = self.read_stretches(input, windows.par_iter_mut(), progress)?;
+                let lanes = windows.iter().map(Window::filled).collect();
+                (columns, lanes, why)
+            }
+            Places::Sequence(_) => {
+                let mut pile = Pile::new(records::zeros(0, self.available));
+                let why = self.read_sequence(input, &mut pile, progress)?;
+                let lane = pile.cut();
+                (pile.columns, vec![lane], why)
+            }
+        };
+        let depth = records::finish(&mut columns, &lanes);
+        let part = Part {
+            path: input.path.clone(),
+            name: None,
+            header: self.layout.header.clone(),
+            lattice: self.layout.lattice,
+            columns,
+            intensity_range: INTENSITY_RANGE,
+            rgb_bits: depth.bits(),
+        };
+        Ok((part, depth, why))
+    }
+
     pub fn open(input: &Input, wanted: Wanted, notes: &mut Vec<String>) -> Result<Self> {
         let layout = header::read(input, notes)?;
         let fields = Fields::new(&layout);

@@ -11,6 +11,7 @@ mod axis;
 pub mod color;
 mod core;
 pub mod e57;
+pub mod exposure;
 mod floats;
 mod guard;
 mod input;
@@ -145,6 +146,19 @@ pub struct Wanted {
 
 impl Wanted {
     pub const ALL: Wanted = Wanted { rgb: true, intensity: true, class: true, returns: true, source: true, normal: true, gps_time: true };
+
+    /// What either wants.
+    pub fn and(self, other: Wanted) -> Wanted {
+        Wanted {
+            rgb: self.rgb || other.rgb,
+            intensity: self.intensity || other.intensity,
+            class: self.class || other.class,
+            returns: self.returns || other.returns,
+            source: self.source || other.source,
+            normal: self.normal || other.normal,
+            gps_time: self.gps_time || other.gps_time,
+        }
+    }
 }
 
 /// How to read.
@@ -253,6 +267,22 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
         }
     }
     Ok(cloud)
+}
+
+/// About so many points from all over the files, for a first look at large ones; none where some file is of a format that has to be read to know where its points are.
+pub fn sample(paths: &[PathBuf], wanted: Wanted, points: u64, progress: &dyn Progress) -> Result<Option<Cloud>> {
+    let mut cloud = Cloud::default();
+    let share = points / paths.len().max(1) as u64;
+    for path in paths {
+        let input = Input::open(path)?;
+        if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
+            return Ok(None);
+        }
+        let Some(part) = las::sample(&input, wanted, share, progress)? else { return Ok(None) };
+        cloud.stations.extend(stations(&part, cloud.parts.len()));
+        cloud.parts.push(part);
+    }
+    Ok(Some(cloud))
 }
 
 /// By what the file begins with, since names lie; by its name where text formats begin with anything.

@@ -5,7 +5,7 @@
 
 use super::failed;
 use crate::error::{Error, Result};
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_char, c_void};
 use std::sync::Mutex;
 
@@ -15,14 +15,16 @@ pub struct Wish {
     /// Part of the device's name (case does not matter) or its index in the order of the loader.
     pub device: Option<String>,
     pub validate: bool,
+    /// Able to show pictures in windows.
+    pub window: bool,
     /// Treat the device as one without 64-bit atomics, so that tests can force the two-pass way.
     pub no_int64_atomics: bool,
 }
 
 /// An open device with one queue that computes and draws.
 pub struct Device {
-    // The entry keeps the Vulkan library loaded.
-    _entry: ash::Entry,
+    /// Keeps the Vulkan library loaded.
+    pub entry: ash::Entry,
     pub instance: ash::Instance,
     pub physical: vk::PhysicalDevice,
     pub raw: ash::Device,
@@ -48,6 +50,15 @@ pub struct Device {
 /// As many 32-bit words as the largest storage buffer that Vulkan devices commonly bind (128 MiB).
 const TEXELS_NEEDED: u32 = 1 << 25;
 
+const WINDOW_SYSTEMS: [&CStr; 6] = [
+    khr::surface::NAME,
+    khr::wayland_surface::NAME,
+    khr::xcb_surface::NAME,
+    khr::xlib_surface::NAME,
+    khr::win32_surface::NAME,
+    ext::metal_surface::NAME,
+];
+
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 impl Device {
@@ -59,12 +70,12 @@ impl Device {
             ))
         })?;
         let messages = Box::new(Mutex::new(Vec::new()));
-        let (instance, debug) = open_instance(&entry, wish.validate)?;
+        let (instance, debug) = open_instance(&entry, wish)?;
         let messenger = match &debug {
             Some(debug) if wish.validate => Some(listen(debug, &messages)?),
             _ => None,
         };
-        let (physical, properties, missing_int64) = match choose(&instance, wish.device.as_deref()) {
+        let (physical, properties, missing_int64) = match choose(&instance, wish) {
             Ok(choice) => choice,
             Err(error) => {
                 if let (Some(debug), Some(messenger)) = (&debug, messenger) {
@@ -79,7 +90,7 @@ impl Device {
         let int64_atomics = !missing_int64 && !wish.no_int64_atomics;
         let family = queue_family(&instance, physical)
             .ok_or_else(|| Error::Device("the device has no queue that computes and draws".to_string()))?;
-        let raw = open_device(&instance, physical, family, int64_atomics)?;
+        let raw = open_device(&instance, physical, family, int64_atomics, wish.window)?;
         // SAFETY: the family and its queue 0 were asked for in open_device.
         let queue = unsafe { raw.get_device_queue(family, 0) };
         let labels = debug.as_ref().map(|_| ext::debug_utils::Device::new(&instance, &raw));
@@ -103,7 +114,7 @@ impl Device {
             messenger: debug.zip(messenger),
             messages,
             instance,
-            _entry: entry,
+            entry,
         })
     }
 
@@ -129,6 +140,10 @@ impl Drop for Device {
         // SAFETY: whoever made objects from the device borrows or owns it and is gone by now; the device is idle because every submission is waited for.
         unsafe {
             self.raw.destroy_device(None);
+            // What outlived its device is said here, where nobody can fail any more.
+            if let Err(error) = self.objections() {
+                eprintln!("pointillist: {error}");
+            }
             if let Some((debug, messenger)) = self.messenger.take() {
                 debug.destroy_debug_utils_messenger(messenger, None);
             }
@@ -147,8 +162,9 @@ fn list(instance: &ash::Instance, devices: &[vk::PhysicalDevice]) -> String {
     devices.iter().enumerate().map(line).collect::<Vec<_>>().join("; ")
 }
 
-fn open_instance(entry: &ash::Entry, validate: bool) -> Result<(ash::Instance, Option<ext::debug_utils::Instance>)> {
+fn open_instance(entry: &ash::Entry, wish: &Wish) -> Result<(ash::Instance, Option<ext::debug_utils::Instance>)> {
     let app = vk::ApplicationInfo::default().application_name(c"pointillist").api_version(vk::API_VERSION_1_3);
+    let validate = wish.validate;
     // SAFETY: plain queries of the loader.
     let (layers, extensions) = unsafe {
         (
@@ -160,9 +176,17 @@ fn open_instance(entry: &ash::Entry, validate: bool) -> Result<(ash::Instance, O
         return Err(Error::Device("--validate needs the Vulkan validation layers; install vulkan-validationlayers".to_string()));
     }
     // The layer itself brings debug_utils where the loader does not list it.
-    let has_debug = validate || extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
+    let offers = |name: &CStr| extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name));
+    let has_debug = validate || offers(ext::debug_utils::NAME);
     let layer_names: Vec<*const c_char> = if validate { vec![VALIDATION_LAYER.as_ptr()] } else { vec![] };
-    let extension_names: Vec<*const c_char> = if has_debug { vec![ext::debug_utils::NAME.as_ptr()] } else { vec![] };
+    let mut extension_names: Vec<*const c_char> = if has_debug { vec![ext::debug_utils::NAME.as_ptr()] } else { vec![] };
+    if wish.window {
+        if !offers(khr::surface::NAME) {
+            return Err(Error::Device("the Vulkan loader knows no window system".to_string()));
+        }
+        // Which of them the window is of turns out when it is there.
+        extension_names.extend(WINDOW_SYSTEMS.iter().filter(|name| offers(name)).map(|name| name.as_ptr()));
+    }
     let checks = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
     let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
     let mut info = vk::InstanceCreateInfo::default()
@@ -205,7 +229,8 @@ unsafe extern "system" fn hear(
 
 type Choice = (vk::PhysicalDevice, vk::PhysicalDeviceProperties, bool);
 
-fn choose(instance: &ash::Instance, wished: Option<&str>) -> Result<Choice> {
+fn choose(instance: &ash::Instance, wish: &Wish) -> Result<Choice> {
+    let wished = wish.device.as_deref();
     // SAFETY: plain query of a live instance.
     let devices = unsafe { instance.enumerate_physical_devices() }.map_err(failed("vkEnumeratePhysicalDevices"))?;
     let rank = |kind| match kind {
@@ -227,7 +252,10 @@ fn choose(instance: &ash::Instance, wished: Option<&str>) -> Result<Choice> {
         if !matches {
             continue;
         }
-        let (missing, no_int64) = missing(instance, device, &properties);
+        let (mut missing, no_int64) = missing(instance, device, &properties);
+        if wish.window && !has_swapchains(instance, device) {
+            missing.push("swapchains");
+        }
         if missing.is_empty() {
             fit.push((rank(properties.device_type), index, (device, properties, no_int64)));
         } else {
@@ -268,7 +296,20 @@ fn missing(instance: &ash::Instance, device: vk::PhysicalDevice, properties: &vk
     (missing, int64 == vk::FALSE || v12.shader_buffer_int64_atomics == vk::FALSE)
 }
 
-fn open_device(instance: &ash::Instance, physical: vk::PhysicalDevice, family: u32, int64_atomics: bool) -> Result<ash::Device> {
+fn has_swapchains(instance: &ash::Instance, device: vk::PhysicalDevice) -> bool {
+    // SAFETY: plain query.
+    let extensions = unsafe { instance.enumerate_device_extension_properties(device) }.unwrap_or_default();
+    extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(khr::swapchain::NAME))
+}
+
+fn open_device(
+    instance: &ash::Instance,
+    physical: vk::PhysicalDevice,
+    family: u32,
+    int64_atomics: bool,
+    window: bool,
+) -> Result<ash::Device> {
+    let extensions: &[*const c_char] = if window { &[khr::swapchain::NAME.as_ptr()] } else { &[] };
     let priorities = [1.0];
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&priorities)];
     let mut v12 = vk::PhysicalDeviceVulkan12Features::default()
@@ -282,8 +323,12 @@ fn open_device(instance: &ash::Instance, physical: vk::PhysicalDevice, family: u
         .maintenance4(true)
         .robust_image_access(true);
     let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics);
-    let info =
-        vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features).push_next(&mut v12).push_next(&mut v13);
+    let info = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_extension_names(extensions)
+        .enabled_features(&features)
+        .push_next(&mut v12)
+        .push_next(&mut v13);
     // SAFETY: every pointer in `info` outlives the call, and `missing` has checked the features.
     unsafe { instance.create_device(physical, &info, None) }.map_err(failed("vkCreateDevice"))
 }

@@ -7,6 +7,7 @@ pub mod plan;
 mod record;
 
 pub use crate::gpu::{Access, BufferDesc, Code, ImageDesc, Kind, Place};
+pub use record::Running;
 
 use crate::error::{Error, Result};
 use crate::gpu::Device;
@@ -37,6 +38,11 @@ pub struct Buffer {
 impl Buffer {
     /// A second handle, for a shader that reads a buffer while it writes it atomically, and takes a stale value as well as a fresh one.
     pub fn racing(&self) -> Buffer {
+        self.again()
+    }
+
+    /// A second handle, for a later pass that reads what this one names.
+    pub fn again(&self) -> Buffer {
         Buffer { id: self.id, desc: self.desc }
     }
 }
@@ -91,6 +97,7 @@ pub(crate) enum Work {
     Run { code: Code, constants: Vec<(u32, u32)>, push: Vec<u8>, resources: Vec<ResourceId>, groups: Groups },
     CopyImage { from: ResourceId, to: ResourceId },
     Fill { buffer: ResourceId, word: u32 },
+    Clear { image: ResourceId },
     CopyBuffer { from: ResourceId, to: ResourceId, bytes: u64 },
     CopyOut { image: ResourceId, buffer: ResourceId },
     Draw(crate::gpu::raster::Draw, [ResourceId; 3]),
@@ -127,6 +134,16 @@ impl Gpu {
     }
 }
 
+/// Workgroups of passes that the device decides on as one.
+struct Gate {
+    wanted: ResourceId,
+    groups: ResourceId,
+    passes: usize,
+}
+
+/// Passes of one gate at most.
+const GATED_PASSES: usize = 1024;
+
 /// One frame being recorded.
 pub struct Graph<'g> {
     pub gpu: &'g mut Gpu,
@@ -139,6 +156,8 @@ pub struct Graph<'g> {
     /// Buffers that outlive the frame and are to be filled by it: name, and what of.
     keeps: Vec<(ResourceId, String, Vec<u64>)>,
     progress: Option<&'g dyn Progress>,
+    /// Where passes are recorded that the device may skip.
+    gate: Option<Gate>,
     /// For tests of the tests: record no barriers at all.
     pub without_barriers: bool,
 }
@@ -154,6 +173,7 @@ impl<'g> Graph<'g> {
             imports: Vec::new(),
             keeps: Vec::new(),
             progress: None,
+            gate: None,
             without_barriers: false,
         }
     }
@@ -241,7 +261,7 @@ impl<'g> Graph<'g> {
             assert_eq!(binding.kind.format(), found, "{}: {} got {} of another kind", code.name, binding.name, self.resources[id.0].name);
         }
         let groups = match tiles {
-            Tiles::Groups(groups) => Groups::Fixed(groups),
+            Tiles::Groups(groups) => self.gate(groups),
             Tiles::From(list, word) => Groups::Listed(list.id, 4 * word as u64),
             Tiles::All => {
                 let written = code.bindings.iter().zip(&resources).find_map(|(binding, id)| match self.resources[id.0].shape {
@@ -249,7 +269,7 @@ impl<'g> Graph<'g> {
                     _ => None,
                 });
                 let [width, height] = written.unwrap_or_else(|| panic!("{} writes no image, so it needs Tiles::Groups", code.name));
-                Groups::Fixed([width.div_ceil(code.workgroup[0]), height.div_ceil(code.workgroup[1]), 1])
+                self.gate([width.div_ceil(code.workgroup[0]), height.div_ceil(code.workgroup[1]), 1])
             }
         };
         let mut uses: Vec<_> = code.bindings.iter().zip(&resources).map(|(binding, &id)| (id, binding.access)).collect();
@@ -260,10 +280,44 @@ impl<'g> Graph<'g> {
         self.push(code.name, uses, Work::Run { code, constants, push: shader.push().to_vec(), resources, groups });
     }
 
+    /// Passes that run only where the device says so: `decide` records a pass from the workgroups that they want to those that they get, three words a pass.
+    /// What only they write is undefined where they do not run. Clears and copies run in any case.
+    pub fn gated<T>(
+        &mut self,
+        decide: impl FnOnce(&mut Self, &Buffer, &mut Buffer, u32),
+        record: impl FnOnce(&mut Self) -> Result<T>,
+    ) -> Result<T> {
+        assert!(self.gate.is_none(), "a gate within a gate");
+        let wanted = self.upload("wanted groups", &[[0u32; 3]; GATED_PASSES])?;
+        let mut groups = self.buffer("groups", wanted.desc.bytes);
+        decide(self, &wanted, &mut groups, 3 * GATED_PASSES as u32);
+        self.gate = Some(Gate { wanted: wanted.id, groups: groups.id, passes: 0 });
+        let recorded = record(self);
+        self.gate = None;
+        recorded
+    }
+
+    /// The workgroups of a pass, or where the device finds them.
+    fn gate(&mut self, groups: [u32; 3]) -> Groups {
+        let Some(gate) = &mut self.gate else { return Groups::Fixed(groups) };
+        assert!(gate.passes < GATED_PASSES, "more than {GATED_PASSES} passes behind one gate");
+        let byte = size_of_val(&groups) * gate.passes;
+        gate.passes += 1;
+        let (_, raw) = self.uploads.iter_mut().find(|(id, _)| *id == gate.wanted).expect("uploaded by gated");
+        raw.bytes_mut()[byte..][..size_of_val(&groups)].copy_from_slice(bytemuck::bytes_of(&groups));
+        Groups::Listed(gate.groups, byte as u64)
+    }
+
     /// A pass that sets every word of a buffer.
     pub fn fill(&mut self, buffer: &mut Buffer, word: u32) {
         let name = format!("clear {}", self.resources[buffer.id.0].name);
         self.push(&name, vec![(buffer.id, Access::Write)], Work::Fill { buffer: buffer.id, word });
+    }
+
+    /// A pass that sets every texel of an image to 0.
+    pub fn clear(&mut self, image: &mut Image) {
+        let name = format!("clear {}", self.resources[image.id.0].name);
+        self.push(&name, vec![(image.id, Access::Write)], Work::Clear { image: image.id });
     }
 
     /// A pass that copies an image, for a reader of what it held before later passes change it in place. Dropped like any other where nobody reads the copy.
@@ -315,15 +369,25 @@ impl<'g> Graph<'g> {
         plan::plan(&self.passes, &self.resources, wanted)
     }
 
-    /// Plans, records, submits and waits. What is in a download buffer, or `wanted`, is what the frame is for; passes that serve neither are dropped.
+    /// Plans, records and submits. What is in a download buffer, or `wanted`, is what the frame is for; passes that serve neither are dropped.
+    pub fn launch(self, wanted: &[ResourceId]) -> Result<Running> {
+        Ok(self.begin(wanted)?.0)
+    }
+
+    /// The same, and waits.
     pub fn submit(self, wanted: &[ResourceId]) -> Result<Frame> {
+        let (running, gpu) = self.begin(wanted)?;
+        running.finish(gpu)
+    }
+
+    fn begin(self, wanted: &[ResourceId]) -> Result<(Running, &'g mut Gpu)> {
         let mut wanted = wanted.to_vec();
         wanted.extend(self.resources.iter().enumerate().filter_map(|(i, resource)| match resource.shape {
             Shape::Buffer(BufferDesc { place: Place::Download, .. }) => Some(ResourceId(i)),
             _ => None,
         }));
         let plan = plan::plan(&self.passes, &self.resources, &wanted);
-        record::submit(self, plan)
+        record::launch(self, plan)
     }
 }
 

@@ -80,9 +80,11 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId]) -> P
             read[at(id)] |= access != Access::Write;
             written[at(id)] |= access != Access::Read;
         }
-        for &(id, _) in &pass.uses {
+        for (place, &(id, _)) in pass.uses.iter().enumerate() {
             let memory = at(id);
+            // A resource that is bound twice gives its memory back once.
             if last_use[id.0] == Some(index)
+                && pass.uses[..place].iter().all(|(before, _)| *before != id)
                 && matches!(resources[id.0].shape, Shape::Image(_) | Shape::Buffer(BufferDesc { place: Place::Device, .. }))
             {
                 free.entry(resources[id.0].shape).or_default().push(memory);
@@ -117,7 +119,10 @@ fn last_uses(passes: &[Pass], kept: &[bool], resources: usize, wanted: &[Resourc
     last
 }
 
-/// Blocks of up to four lines that follow each other three times and more are written once, with how often.
+/// Lines: more than any layer of a frame has.
+const LONGEST_BLOCK: usize = 160;
+
+/// Blocks of lines, up to a whole layer, that follow each other three times and more are written once, with how often.
 fn folded(lines: &[String]) -> String {
     let repeats = |at: usize, length: usize| {
         let block = &lines[at..at + length];
@@ -125,7 +130,7 @@ fn folded(lines: &[String]) -> String {
     };
     let (mut out, mut at) = (String::new(), 0);
     while at < lines.len() {
-        let longest = 4.min(lines.len() - at);
+        let longest = LONGEST_BLOCK.min(lines.len() - at);
         let (length, times) = (1..=longest).map(|length| (length, repeats(at, length))).find(|(_, times)| *times > 2).unwrap_or((1, 1));
         out.extend(lines[at..at + length].iter().map(String::as_str));
         if times > 1 {
@@ -245,6 +250,12 @@ mod tests {
         let plan = frame(4, &[("a", &[], &[0]), ("b", &[0], &[1]), ("c", &[1], &[2]), ("d", &[2], &[3])], &[3]);
         assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(1)]);
         assert_eq!(plan.barriers(), 3);
+    }
+
+    #[test]
+    fn what_a_pass_binds_twice_is_reused_once() {
+        let plan = frame(4, &[("a", &[], &[0]), ("b", &[0, 0], &[1]), ("c", &[1], &[2]), ("d", &[1, 2], &[3])], &[3]);
+        assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(2)]);
     }
 
     #[test]

@@ -37,36 +37,71 @@ impl Physical {
     }
 }
 
-pub(super) fn submit(graph: Graph<'_>, plan: Plan) -> Result<Frame> {
-    let Graph { gpu, passes, work, resources, uploads, imports, keeps, progress, without_barriers } = graph;
+/// A submission on its way through the device, with all that it uses.
+#[must_use = "what it uses is free again only when it is finished"]
+pub struct Running {
+    plan: Plan,
+    names: Vec<String>,
+    physical: HashMap<usize, Physical>,
+    timing: Timing,
+    scratch: Scratch,
+    trail: Trail,
+}
+
+pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g mut Gpu)> {
+    let Graph { gpu, passes, work, resources, uploads, imports, keeps, progress, gate: _, without_barriers } = graph;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
     let mut physical = HashMap::new();
-    let done = realise(gpu, &plan, &resources, uploads, &imports, &mut physical)
-        .and_then(|()| execute(gpu, &plan, &names, &work, &physical, progress, !without_barriers))
-        .and_then(|milliseconds| gpu.device.objections().map(|()| milliseconds));
-    if done.is_ok() {
-        // Those that no pass of the plan touches have not been filled.
-        let filled = keeps.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
-        filled.for_each(|(_, name, made_of)| gpu.memory.kept(&name, made_of));
+    let begun = realise(gpu, &plan, &resources, uploads, &imports, &mut physical)
+        .and_then(|()| execute(gpu, &plan, &names, &work, &physical, progress, !without_barriers));
+    let (timing, scratch, trail) = match begun {
+        Ok(begun) => begun,
+        Err(error) => {
+            drop(shelve(gpu, &plan, physical, false));
+            return Err(error);
+        }
+    };
+    // Those that no pass of the plan touches have not been filled. Later submissions begin when this one is done.
+    let filled = keeps.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
+    filled.for_each(|(_, name, made_of)| gpu.memory.kept(&name, made_of));
+    Ok((Running { plan, names, physical, timing, scratch, trail }, gpu))
+}
+
+impl Running {
+    /// Whether [`Running::finish`] would not wait.
+    pub fn is_done(&self) -> bool {
+        self.scratch.is_done()
     }
-    // Whatever happened, memory goes back to the shelf, but for what a good frame brings home.
+
+    /// Waits until the device is done.
+    pub fn finish(self, gpu: &mut Gpu) -> Result<Frame> {
+        let Running { plan, names, physical, timing, scratch, trail } = self;
+        let done = scratch.wait(&trail).and_then(|()| timing.read()).and_then(|times| gpu.device.objections().map(|()| times));
+        trail.shelve(&mut gpu.memory);
+        let downloads = shelve(gpu, &plan, physical, done.is_ok());
+        Ok(Frame { passes: names.into_iter().zip(done?).collect(), plan, downloads })
+    }
+}
+
+/// Memory goes back to the shelf whatever happened, but for what a good frame brings home.
+fn shelve(gpu: &mut Gpu, plan: &Plan, physical: HashMap<usize, Physical>, bring: bool) -> Vec<(ResourceId, RawBuffer)> {
     let mut downloads = Vec::new();
     for (memory, item) in physical {
         let owner = plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
         match item {
-            Physical::Buffer(buffer) if buffer.desc.place == Place::Download && done.is_ok() => downloads.push((ResourceId(owner), buffer)),
+            Physical::Buffer(buffer) if buffer.desc.place == Place::Download && bring => downloads.push((ResourceId(owner), buffer)),
             Physical::Buffer(buffer) => gpu.memory.shelve_buffer(buffer),
             Physical::Image(image) => gpu.memory.shelve_image(image),
             Physical::Imported(_) => {}
         }
     }
-    Ok(Frame { passes: names.into_iter().zip(done?).collect(), plan, downloads })
+    downloads
 }
 
 /// Steps of a software device between two looks at whether it is to stop: it may compile for a second on each, and a submission of its own costs a tenth of a millisecond.
 const STEPS_AT_ONCE: usize = 4;
 
-/// Records, submits, waits; milliseconds of every step.
+/// Records and submits.
 fn execute(
     gpu: &mut Gpu,
     plan: &Plan,
@@ -75,7 +110,7 @@ fn execute(
     physical: &HashMap<usize, Physical>,
     progress: Option<&dyn Progress>,
     barriers: bool,
-) -> Result<Vec<f64>> {
+) -> Result<(Timing, Scratch, Trail)> {
     let timing = Timing::new(&gpu.device, names.len() as u32)?;
     let scratch = Scratch::new(gpu, plan, work)?;
     let trail = Trail::new(&gpu.device, &mut gpu.memory, names.to_vec())?;
@@ -83,7 +118,7 @@ fn execute(
     let recorded = (|| {
         scratch.begin()?;
         timing.reset(commands);
-        leave_undefined(gpu, commands, physical.values());
+        begin_with(gpu, commands, physical.values());
         for (order, step) in plan.steps.iter().enumerate() {
             let pause = gpu.device.is_cpu && order > 0 && order % STEPS_AT_ONCE == 0;
             if let Some(progress) = progress.filter(|_| pause) {
@@ -108,11 +143,15 @@ fn execute(
                 unsafe { labels.cmd_end_debug_utils_label(commands) };
             }
         }
-        scratch.finish(gpu, &trail)
+        scratch.send(gpu, &trail)
     })();
-    trail.shelve(&mut gpu.memory);
-    recorded?;
-    timing.read()
+    match recorded {
+        Ok(()) => Ok((timing, scratch, trail)),
+        Err(error) => {
+            trail.shelve(&mut gpu.memory);
+            Err(error)
+        }
+    }
 }
 
 /// Memory of every shape that the plan asks for; uploads bring their own.
@@ -163,9 +202,9 @@ fn realise(
     Ok(())
 }
 
-/// Every image goes to GENERAL once, before the first pass, and stays there.
-fn leave_undefined<'a>(gpu: &Gpu, commands: vk::CommandBuffer, physical: impl Iterator<Item = &'a Physical>) {
-    let barriers: Vec<_> = physical
+/// Whatever was submitted before is done and seen, since submissions share kept buffers and shelved memory. Every image goes to GENERAL once, before the first pass, and stays there.
+fn begin_with<'a>(gpu: &Gpu, commands: vk::CommandBuffer, physical: impl Iterator<Item = &'a Physical>) {
+    let images: Vec<_> = physical
         .filter_map(|item| match item {
             Physical::Image(image) => Some(image),
             _ => None,
@@ -184,20 +223,24 @@ fn leave_undefined<'a>(gpu: &Gpu, commands: vk::CommandBuffer, physical: impl It
                 .subresource_range(vk::ImageSubresourceRange { aspect_mask: aspect, level_count: 1, layer_count: 1, ..Default::default() })
         })
         .collect();
-    if !barriers.is_empty() {
-        // SAFETY: the images live until the submission has been waited for.
-        unsafe { gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().image_memory_barriers(&barriers)) };
-    }
+    let all = [everything()];
+    // SAFETY: the images live until the submission has been waited for.
+    unsafe {
+        gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&all).image_memory_barriers(&images))
+    };
 }
 
-fn barrier(gpu: &Gpu, commands: vk::CommandBuffer) {
-    let all = [vk::MemoryBarrier2::default()
+fn everything() -> vk::MemoryBarrier2<'static> {
+    vk::MemoryBarrier2::default()
         .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
         .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
         .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
-        .dst_access_mask(vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE)];
+        .dst_access_mask(vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE)
+}
+
+fn barrier(gpu: &Gpu, commands: vk::CommandBuffer) {
     // SAFETY: recorded between passes, outside of rendering.
-    unsafe { gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&all)) };
+    unsafe { gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&[everything()])) };
 }
 
 /// What one submission needs and destroys again: command pool, descriptor pool, fence.
@@ -300,6 +343,24 @@ impl Scratch {
                 // SAFETY: the buffer was made with TRANSFER_DST.
                 unsafe { self.device.cmd_fill_buffer(self.commands, at(id).buffer().0, 0, vk::WHOLE_SIZE, *word) };
             }
+            Work::Clear { image } => {
+                let range = vk::ImageSubresourceRange {
+                    aspect_mask: vk::ImageAspectFlags::COLOR,
+                    level_count: 1,
+                    layer_count: 1,
+                    ..Default::default()
+                };
+                // SAFETY: the image was made with TRANSFER_DST, and is in the layout of all images of a frame.
+                unsafe {
+                    self.device.cmd_clear_color_image(
+                        self.commands,
+                        at(image).image().raw,
+                        LAYOUT,
+                        &vk::ClearColorValue { uint32: [0; 4] },
+                        &[range],
+                    )
+                };
+            }
             Work::CopyBuffer { from, to, bytes } => {
                 let region = vk::BufferCopy::default().size(*bytes);
                 // SAFETY: both buffers have at least so many bytes.
@@ -335,6 +396,7 @@ impl Scratch {
     /// Submits what has been recorded, waits, and goes on recording. Pages are not the loader's again before the last of it.
     fn run_so_far(&self, gpu: &Gpu, trail: &Trail) -> Result<()> {
         self.run(gpu, trail, &[])?;
+        self.wait(trail)?;
         // SAFETY: the submission has been waited for.
         unsafe {
             self.device.reset_fences(&[self.fence]).map_err(failed("vkResetFences"))?;
@@ -343,8 +405,8 @@ impl Scratch {
         self.begin()
     }
 
-    /// Submits the rest and waits.
-    fn finish(&self, gpu: &mut Gpu, trail: &Trail) -> Result<()> {
+    /// Submits the rest.
+    fn send(&self, gpu: &mut Gpu, trail: &Trail) -> Result<()> {
         let to_host = [vk::MemoryBarrier2::default()
             .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
@@ -360,15 +422,25 @@ impl Scratch {
         self.run(gpu, trail, &passed)
     }
 
+    fn is_done(&self) -> bool {
+        // SAFETY: the fence is alive, and was given to a submission. A lost device is said by who waits.
+        let status = unsafe { self.device.get_fence_status(self.fence) };
+        status != Ok(false)
+    }
+
     /// A lost device is blamed on the pass that was running.
+    fn wait(&self, trail: &Trail) -> Result<()> {
+        // SAFETY: the fence is alive, and was given to a submission.
+        unsafe { self.device.wait_for_fences(&[self.fence], true, u64::MAX) }.map_err(|code| trail.blame(code))
+    }
+
     fn run(&self, gpu: &Gpu, trail: &Trail, signals: &[vk::SemaphoreSubmitInfo]) -> Result<()> {
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
         let submission = vk::SubmitInfo2::default().command_buffer_infos(&commands).signal_semaphore_infos(signals);
         // SAFETY: the command buffer is complete, and all it uses lives until the fence has been waited for.
         unsafe {
             self.device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
-            self.device.queue_submit2(gpu.device.queue, &[submission], self.fence).map_err(|code| trail.blame(code))?;
-            self.device.wait_for_fences(&[self.fence], true, u64::MAX).map_err(|code| trail.blame(code))
+            self.device.queue_submit2(gpu.device.queue, &[submission], self.fence).map_err(|code| trail.blame(code))
         }
     }
 }

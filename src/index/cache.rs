@@ -44,8 +44,18 @@ pub struct Cached {
     pub made: Option<Summary>,
 }
 
+/// Whether there is an index of these files, as far as can be told without opening it.
+pub fn is_there(paths: &[PathBuf], place: &Place, options: &Options) -> Result<bool> {
+    let Place::Folder(folder) = place else { return Ok(false) };
+    Ok(folder.join(name(paths, options)?).exists())
+}
+
+fn name(paths: &[PathBuf], options: &Options) -> Result<String> {
+    Ok(format!("{}-{}.pnti", stem(&paths[0]), key(paths, options)?))
+}
+
 pub fn find_or_build(paths: &[PathBuf], place: &Place, options: &Options, progress: &dyn Progress) -> Result<Cached> {
-    let name = format!("{}-{}.pnti", stem(&paths[0]), key(paths, options)?);
+    let name = name(paths, options)?;
     match place {
         Place::Folder(folder) => {
             let path = folder.join(name);

@@ -3,20 +3,27 @@
 //! In memory: `organise` cuts a part's points into nodes along the Morton order; `pack` brings one node's points into the words that the GPU reads.
 //! Out of core: `build` makes a file (`file`) of leaves and inner nodes, from `bucket`s that are `sort`ed and `grow`n into nodes; `merge` makes a parent's samples of
 //! its children's. `spacing` says how far apart a node's points are.
+//! For painting: `neighbours` of a point, `normals` of the surface through them, `clusters` of like colour, and of these `strokes`.
+//! For comparison: `luminance`, averaged over neighbours offline.
 
 mod bucket;
 pub mod build;
 pub mod cache;
+pub mod clusters;
 pub mod file;
 mod grow;
+pub mod luminance;
 mod map;
 mod merge;
 pub mod morton;
+pub mod neighbours;
+pub mod normals;
 pub mod organise;
 pub mod pack;
 mod record;
 mod samples;
 mod sort;
 pub mod spacing;
+pub mod strokes;
 
 pub use organise::{Arrangement, Node, Organised, organise, shuffle};

@@ -7,6 +7,7 @@
 use super::spacing::spacing;
 use super::{Arrangement, morton};
 use crate::cloud::Columns;
+use crate::cloud::attribute::Words;
 use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
 
 const MASK: u32 = (1 << BITS_PER_PLANE) - 1;
@@ -39,16 +40,15 @@ pub fn frame(columns: &Columns, order: &[u32]) -> Frame {
     Frame { origin: sides.map(|(lo, _)| lo), bits, extent, planes: bits.div_ceil(BITS_PER_PLANE) }
 }
 
-/// Sorts the points (unless they are to stay shuffled) and writes their position planes and what they show. `planes` has `frame.planes` pages.
+/// Sorts the points (unless they are to stay shuffled) and writes `frame.planes` pages of positions, then as many pages of their other words as there are.
 /// How far apart the points are, in cells of the coarsest plane, is what it gives back ([`spacing`]).
 pub fn pack(
     columns: &Columns,
     frame: &Frame,
     order: &[u32],
     arrangement: Arrangement,
-    shown: impl Fn(usize) -> u32,
-    planes: &mut [&mut [u32]],
-    shown_page: &mut [u32],
+    words: impl Fn(usize) -> Words,
+    pages: &mut [&mut [u32]],
 ) -> f64 {
     let pad = BITS_PER_PLANE * frame.planes - frame.bits;
     let cells = |i: u32| {
@@ -61,18 +61,21 @@ pub fn pack(
     if arrangement == Arrangement::Morton {
         keys.sort_unstable();
         for run in keys.chunk_by_mut(|a, b| a >> 32 == b >> 32).filter(|run| run.len() > 1) {
-            run.sort_by_cached_key(|&key| (cells(key as u32), shown(key as u32 as usize)));
+            run.sort_by_cached_key(|&key| (cells(key as u32), words(key as u32 as usize)));
         }
     }
     let word = |key: u64, shift: u32| {
         let [x, y, z] = cells(key as u32).map(|c| c >> shift & MASK);
         x | y << BITS_PER_PLANE | z << (2 * BITS_PER_PLANE)
     };
+    let (planes, others) = pages.split_at_mut(frame.planes as usize);
     for (k, plane) in planes.iter_mut().enumerate() {
         let shift = coarse - BITS_PER_PLANE * k as u32;
         plane.iter_mut().zip(&keys).for_each(|(place, &key)| *place = word(key, shift));
     }
-    shown_page.iter_mut().zip(&keys).for_each(|(word, &key)| *word = shown(key as u32 as usize));
+    for (k, page) in others.iter_mut().enumerate() {
+        page.iter_mut().zip(&keys).for_each(|(place, &key)| *place = words(key as u32 as usize)[k]);
+    }
     // Not read back from the pages: mapped device memory may be slow to read.
     spacing(keys.len(), |i| word(keys[i], coarse))
 }
@@ -97,16 +100,16 @@ mod tests {
                 let columns = Columns { x: column(0), y: column(1), z: column(2), ..Columns::default() };
                 let order: Vec<u32> = (0..points.len() as u32).collect();
                 let frame = frame(&columns, &order);
-                let mut pages = vec![vec![0u32; points.len()]; frame.planes as usize];
-                let mut shown_page = vec![0; points.len()];
-                let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-                pack(&columns, &frame, &order, Arrangement::Morton, |i| points[i].1, &mut planes, &mut shown_page);
+                let mut pages = vec![vec![0u32; points.len()]; frame.planes as usize + 1];
+                let mut to: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
+                pack(&columns, &frame, &order, Arrangement::Morton, |i| [points[i].1, 0, 0, 0, 0], &mut to);
+                let shown = pages.pop().expect("the page of what points show");
                 (0..points.len()).map(|i| {
                     let cells = pages.iter().fold([0u64; 3], |cells, page| {
                         [0, 1, 2].map(|axis| cells[axis] << 10 | (page[i] >> (10 * axis) & 1023) as u64)
                     });
                     let pad = 10 * frame.planes - frame.bits;
-                    ([0, 1, 2].map(|axis| frame.origin[axis] + (cells[axis] >> pad) as i64), shown_page[i])
+                    ([0, 1, 2].map(|axis| frame.origin[axis] + (cells[axis] >> pad) as i64), shown[i])
                 }).collect::<Vec<_>>()
             }).collect();
             prop_assert_eq!(&unpacked[0], &unpacked[1]);

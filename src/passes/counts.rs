@@ -1,7 +1,7 @@
 //! What a frame looked at, tile by tile: the lists that passes made on the device, counted afterwards.
 
 use super::visibility::{self, Kernel};
-use super::{Effects, LIST_HEADER, TILE_PX, fill, tiles};
+use super::{Effects, LIST_HEADER, Layers, TILE_PX, fill, tiles};
 use crate::graph::{Buffer, Frame, Graph};
 
 /// Lists that come back with the frame; none of a pass that does not run.
@@ -10,6 +10,7 @@ pub struct Asked {
     steps: Option<Buffer>,
     rough: Option<Buffer>,
     unpeeled: Option<Buffer>,
+    left: Option<Buffer>,
 }
 
 /// Tiles of 8 x 8 pixels.
@@ -29,13 +30,16 @@ pub struct Counts {
     pub rough: u64,
     /// Texels of the light's pictures where shadows by index peeling were cut off.
     pub unpeeled: u64,
+    /// Some pixels have more transparent layers than were drawn.
+    pub left_over: bool,
 }
 
 impl Asked {
-    pub fn of(g: &mut Graph) -> Asked {
+    pub fn of(g: &mut Graph, layers: &Layers) -> Asked {
+        let left = layers.front.as_ref().map(|front| g.download_buffer(&front.left));
         let [lists, steps, rough, unpeeled] =
             ["lists", "steps", "rough tiles", "unpeeled"].map(|name| g.named(name).map(|list| g.download_buffer(&list)));
-        Asked { lists, steps, rough, unpeeled }
+        Asked { lists, steps, rough, unpeeled, left }
     }
 
     pub fn counts(&self, frame: &Frame, size: [u32; 2], effects: &Effects) -> Counts {
@@ -51,6 +55,7 @@ impl Asked {
             holes,
             filling_steps: if holes > 0 { fill::steps_taken(words(&self.steps), recorded) } else { 0 },
             unpeeled: words(&self.unpeeled).first().copied().unwrap_or_default() as u64,
+            left_over: words(&self.left).first().is_some_and(|left| *left > 0),
             rough: words(&self.rough).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64,
         }
     }
@@ -76,9 +81,12 @@ impl std::fmt::Display for Counts {
             self.filling_steps,
             self.rough
         )?;
-        match self.unpeeled {
-            0 => Ok(()),
-            texels => write!(f, "; shadows by index peeling were cut off in {texels} texels: more peels, or method=depth"),
+        if self.unpeeled > 0 {
+            write!(f, "; shadows by index peeling were cut off in {} texels: more peels, or method=depth", self.unpeeled)?;
         }
+        if self.left_over {
+            write!(f, "; some pixels have more layers than were drawn: --effect transparency=layers=N")?;
+        }
+        Ok(())
     }
 }

@@ -2,10 +2,13 @@
 
 pub mod composite;
 pub mod counts;
+pub mod encode;
+pub mod gate;
 pub mod normal;
 pub mod project;
 pub mod resolve;
 
+use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
 use crate::light::Light;
 use crate::resident::Resident;
@@ -19,10 +22,14 @@ pub struct Layers {
     pub raw: Image,
     /// Point ids.
     pub index: Image,
-    /// Linear colour; alpha 1 where a surface is.
+    /// Linear colour multiplied by its alpha, which is how opaque a surface is, and 0 where none is.
     pub color: Image,
+    /// Layers before this one and with it, where they let light through.
+    pub front: Option<transparency::Front>,
     /// How much of a light reaches each point, where shadows are cast.
     pub marks: Option<shadows::Marks>,
+    /// What each pixel's points add up to, where luminance is corrected.
+    pub sums: Option<luminance::Sums>,
     /// What is left of the light, which multiplies the colour; all of it where no effect takes any.
     pub lit: Option<Image>,
     /// Of every node of the frame, how far apart its points are, metres; f32.
@@ -54,7 +61,7 @@ pub const TILE_PX: u32 = 8;
 pub const LIST_HEADER: u32 = 4;
 
 /// Off, on, or where the scene calls for it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Switch {
     Off,
@@ -70,17 +77,36 @@ pub struct Scene<'s> {
     pub points: u64,
     /// How far apart points are, metres; 0 where nobody knows.
     pub spacing_m: f64,
+    pub stations: usize,
+    /// What points show.
+    pub shown: Attribute,
+    /// Points a pixel: half of the points in view lie so densely.
+    pub density: f64,
+    /// How wide a pixel is at the points in the middle, from near ones to far ones, metres; 0 where there are none.
+    pub pixel_m: f64,
+    /// Some points let through what is behind them.
+    pub transparent: bool,
 }
 
 impl<'s> Scene<'s> {
     pub fn of(view: &'s View, resident: &Resident, light: Light) -> Scene<'s> {
-        Scene { view, light, points: resident.points, spacing_m: resident.spacing_m() }
+        Scene {
+            view,
+            light,
+            points: resident.points,
+            spacing_m: resident.spacing_m(),
+            stations: resident.stations.len(),
+            shown: resident.shown.attribute,
+            density: resident.density(view),
+            pixel_m: resident.pixel_m(view),
+            transparent: resident.opacities.is_transparent(),
+        }
     }
 
-    /// The layer distance: surfaces nearer to each other than this are taken for one, metres. Where none is asked for, four spacings of the points, which holds what
+    /// The layer distance: surfaces nearer to each other than this are taken for one, metres. Where none is asked for, four spacings of the points, or of the pixels where those are wider, which holds what
     /// neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
     pub fn layer_m(&self, asked: f64) -> f64 {
-        if asked == 0.0 { 4.0 * self.spacing_m } else { asked }
+        if asked == 0.0 { 4.0 * self.spacing_m.max(self.pixel_m) } else { asked }
     }
 }
 
@@ -139,6 +165,16 @@ macro_rules! effects {
                 decided
             }
 
+            /// Every effect in order, for who shows them and lets people choose.
+            pub fn list(&mut self) -> Vec<Listed<'_>> {
+                vec![$(Listed {
+                    name: stringify!($name),
+                    about: $name::SUMMARY,
+                    switch: &mut self.$name.switch,
+                    settings: self.$name.settings.list(),
+                }),*]
+            }
+
             /// A line of help for every effect and its settings.
             pub fn help() -> String {
                 [$(format!("{}: {}\n{}", stringify!($name), $name::SUMMARY, Asked::<$name::Settings>::help())),*].join("\n")
@@ -156,6 +192,8 @@ macro_rules! effects {
 }
 
 effects! {
+    luminance,  // sums, index -> color
+    strokes,    // keys and color in place of projected points; color -> color
     shadows,    // marks, index, color -> color
     visibility, // depth, index, color -> the same without what is hidden; holes
     fill,       // depth, color, holes -> depth, color
@@ -163,7 +201,9 @@ effects! {
     shape,      // depth -> lit
     phong,      // depth, color -> color
     edl,        // depth, color -> color
+    ao,         // depth, lit -> lit
     antialias,  // depth, color, lit -> color, lit
+    transparency, // color, lit -> front
 }
 
 /// A setting of an effect as the command line knows it: name, unit and meaning, and its value.
@@ -225,6 +265,25 @@ impl Setting<'_> {
             Value::Number(value, range) => format!("    {}={}  {} ({} to {})", self.name, value, self.about, range.start(), range.end()),
             Value::Choice(choice) => format!("    {}={}  {} ({})", self.name, choice.name(), self.about, choice.names().join(", ")),
         }
+    }
+}
+
+/// An effect: its name, what it does, and what people may choose of it.
+pub struct Listed<'s> {
+    pub name: &'static str,
+    pub about: &'static str,
+    pub switch: &'s mut Switch,
+    pub settings: Vec<Setting<'s>>,
+}
+
+impl std::fmt::Display for Listed<'_> {
+    /// As [`Effects::set`] takes it.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}={}", self.name, Choice::name(self.switch))?;
+        self.settings.iter().try_for_each(|setting| match &setting.value {
+            Value::Number(number, _) => write!(f, ",{}={number}", setting.name),
+            Value::Choice(choice) => write!(f, ",{}={}", setting.name, choice.name()),
+        })
     }
 }
 

@@ -20,6 +20,8 @@ pub struct Drawn {
     pub(super) chunks: Buffer,
     pub(super) pages: Vec<Buffer>,
     pub(super) groups: Vec<Group>,
+    /// Where points of opacity 0 are to be left out, what makes up opacities.
+    opacities: Option<Buffer>,
     pub statistics: Statistics,
 }
 
@@ -49,11 +51,13 @@ pub(super) struct Walk {
     pub perspective: bool,
     pub texels: bool,
     pub points_per_chunk: u32,
+    pub filtered: bool,
 }
 
 impl Walk {
-    pub fn new(g: &Graph, view: &View, band: Band) -> Walk {
+    pub fn new(g: &Graph, view: &View, drawn: &Drawn, band: Band) -> Walk {
         Walk {
+            filtered: drawn.opacities.is_some(),
             centre: [view.size[0] as f32 / 2.0, view.size[1] as f32 / 2.0 - band.top as f32],
             size: band.size.map(|side| side as f32),
             near: NEAR_M,
@@ -106,7 +110,7 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
         statistics.position_bytes += 4 * planes as u64 * node.count as u64;
         statistics.quantisation_px = statistics.quantisation_px.max(quantisation_px(view, &node.lattice, &node.frame, distance, planes));
         let number = records.len() as u32;
-        records.push(record_of(view, node, planes));
+        records.push(record_of(view, node, planes, resident.shown.kind()));
         let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes);
         chunks.entry(group).or_default().extend((0..node.count.div_ceil(POINTS_PER_CHUNK)).map(|chunk| number * CHUNKS_PER_PAGE + chunk));
     }
@@ -117,32 +121,74 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
         groups.push(Group { block, planes, first_chunk, chunk_count });
         first_chunk += chunk_count;
     }
+    let filtered = resident.opacities.hides() && resident.shown.kind().is_some();
+    let opacities = filtered.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
     let nodes = g.upload("nodes", &records)?;
     let chunks = g.upload("chunks", &chunks.into_values().flatten().collect::<Vec<u32>>())?;
-    Ok(Drawn { nodes, chunks, pages: resident.import(g), groups, statistics })
+    Ok(Drawn { nodes, chunks, pages: resident.import(g), groups, opacities, statistics })
 }
 
-/// Keys of one band.
-pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, band: Band) -> Buffer {
+impl Drawn {
+    /// What a walk over points binds as their opacities; anything, where it does not look at them.
+    pub(super) fn opacities(&self) -> &Buffer {
+        self.opacities.as_ref().unwrap_or(&self.nodes)
+    }
+}
+
+/// Keys of one band; of the points that lie deeper than `behind`, f32 bits a pixel, where that is given.
+pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<&Buffer>, band: Band) -> Buffer {
     let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
     g.fill(&mut keys, u32::MAX);
-    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, view, band);
+    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = Walk::new(g, view, drawn, band);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
     let front = &keys.racing();
+    let (is_behind, behind) = (behind.is_some(), behind.unwrap_or(front));
     let int64 = g.gpu.device.int64_atomics;
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
     for &step in steps {
         for group in &drawn.groups {
             let (tiles, &Group { block, planes, first_chunk, chunk_count }) = (group.tiles(), group);
-            let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
+            let (nodes, chunks, pages, opacities) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block], drawn.opacities());
             if int64 {
                 let push = project64::Push { centre, size, near, first_chunk, chunk_count };
-                let spec = project64::Spec { lanes, planes, perspective, texels, points_per_chunk };
-                g.run(shader::Project64 { nodes, chunks, pages, page_words: pages, front, keys: &mut keys, push, spec }, tiles);
+                let spec = project64::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind };
+                let keys = &mut keys;
+                g.run(
+                    shader::Project64 {
+                        nodes,
+                        chunks,
+                        opacities,
+                        pages,
+                        page_words: pages,
+                        front,
+                        behind,
+                        behind_words: behind,
+                        keys,
+                        push,
+                        spec,
+                    },
+                    tiles,
+                );
             } else {
                 let push = project32::Push { centre, size, near, first_chunk, chunk_count };
-                let spec = project32::Spec { lanes, planes, perspective, texels, points_per_chunk, step };
-                g.run(shader::Project32 { nodes, chunks, pages, page_words: pages, front, keys: &mut keys, push, spec }, tiles);
+                let spec = project32::Spec { lanes, planes, perspective, texels, points_per_chunk, step, filtered, behind: is_behind };
+                let keys = &mut keys;
+                g.run(
+                    shader::Project32 {
+                        nodes,
+                        chunks,
+                        opacities,
+                        pages,
+                        page_words: pages,
+                        front,
+                        behind,
+                        behind_words: behind,
+                        keys,
+                        push,
+                        spec,
+                    },
+                    tiles,
+                );
             }
         }
     }
@@ -150,7 +196,7 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, band: Band) -> Buffer {
 }
 
 /// The node's rows, in f64, rounded once (HARD_CASES 1.2).
-fn record_of(view: &View, node: &ResidentNode, planes: u32) -> Node {
+fn record_of(view: &View, node: &ResidentNode, planes: u32, kind: Option<u32>) -> Node {
     let steps = cell_steps(&node.frame, planes);
     let cell = node.lattice.step * steps;
     // Cells drop the finer bits: their points lie half a cell further on average, less half of the finest step.
@@ -176,5 +222,7 @@ fn record_of(view: &View, node: &ResidentNode, planes: u32) -> Node {
         count: node.count,
         first_point: node.first_point(),
         first_word: node.first_page % PAGES_PER_BLOCK * POINTS_PER_PAGE,
+        shown_word: (node.first_page + node.planes) % PAGES_PER_BLOCK * POINTS_PER_PAGE,
+        first_kind: kind.map_or(0, |word| (node.first_page + node.planes + word) % PAGES_PER_BLOCK * POINTS_PER_PAGE),
     }
 }

@@ -3,6 +3,7 @@
 use super::Layers;
 use super::project::Band;
 use crate::cloud::attribute::{Attribute, Shown};
+pub use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::resident::Resident;
@@ -26,10 +27,15 @@ pub fn layers(g: &mut Graph, view: &View) -> Resolved {
 
 /// What turns a point's word into a colour, on the GPU.
 pub struct Paint {
-    shown: Buffer,
-    table: Buffer,
-    mode: u32,
-    ramp: [f32; 2],
+    pub(super) shown: Buffer,
+    /// Where points say of what kind they are.
+    kinds: Option<Buffer>,
+    /// Where not all points are opaque.
+    opacities: Option<Buffer>,
+    pub(super) table: Buffer,
+    pub(super) mode: u32,
+    /// The word at the low end of the ramp, and how much of a table of 256 a word more is.
+    pub(super) ramp: [f32; 2],
 }
 
 pub fn paint(g: &mut Graph, resident: &Resident) -> Result<Paint> {
@@ -41,21 +47,28 @@ pub fn paint(g: &mut Graph, resident: &Resident) -> Result<Paint> {
         Attribute::Normal => 3,
         Attribute::White => 4,
     };
-    let shown = g.upload("shown", &resident.shown_pages())?;
+    let shown = g.upload("shown", &resident.addresses(0))?;
+    let transparent = resident.opacities.is_transparent();
+    let opacities = transparent.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
+    let kinds = resident.shown.kind().filter(|_| transparent).map(|word| g.upload("kinds", &resident.addresses(word))).transpose()?;
     let table = g.upload("table", &table(attribute))?;
-    Ok(Paint { shown, table, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
+    Ok(Paint { shown, kinds, opacities, table, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
 }
 
 pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {
     let Resolved { mut depth, mut index, mut color } = resolved;
     let push = Push { size: band.size, top: band.top, lo: paint.ramp[0], scale: paint.ramp[1] };
-    let spec = Spec { mode: paint.mode, texels: g.gpu.device.texels };
+    let spec =
+        Spec { mode: paint.mode, texels: g.gpu.device.texels, transparent: paint.opacities.is_some(), by_kind: paint.kinds.is_some() };
     let groups = [band.size[0].div_ceil(64), band.size[1], 1];
     g.run(
         shader::Resolve {
             keys,
             key_words: keys,
             shown: &paint.shown,
+            // What is not looked at wants a binding all the same.
+            kinds: paint.kinds.as_ref().unwrap_or(&paint.shown),
+            opacities: paint.opacities.as_ref().unwrap_or(&paint.shown),
             table: &paint.table,
             depth: &mut depth,
             index: &mut index,
@@ -75,7 +88,19 @@ impl Resolved {
         let raw = g.copy("raw", &depth);
         let spacings: Vec<f32> = resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;
-        Ok(Layers { depth, raw, index, color, marks: None, lit: None, spacings, spacing_px: spacing_px(view, resident), holes: None })
+        Ok(Layers {
+            depth,
+            raw,
+            index,
+            color,
+            front: None,
+            marks: None,
+            sums: None,
+            lit: None,
+            spacings,
+            spacing_px: spacing_px(view, resident),
+            holes: None,
+        })
     }
 }
 
@@ -109,16 +134,6 @@ fn table(attribute: Attribute) -> [[f32; 4]; 256] {
         let [r, g, b] = srgb.map(|channel| srgb_to_linear(channel) as f32);
         [r, g, b, 1.0]
     })
-}
-
-/// The sRGB transfer function (IEC 61966-2-1), encoded to linear, both in 0..=1.
-pub fn srgb_to_linear(encoded: f64) -> f64 {
-    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
-}
-
-/// Its inverse.
-pub fn linear_to_srgb(linear: f64) -> f64 {
-    if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// From deep blue over green and sand to white: lightness rises all the way, so that the ramp also reads in grey.

@@ -209,7 +209,7 @@ fn bounds(resident: &Resident) -> Option<(DVec3, DVec3)> {
 /// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches.
 pub fn cast(g: &mut Graph, camera: &View, resident: &Resident, settings: &Settings, tally: &mut Tally) -> Result<Reached> {
     let drawn = project::draw(g, camera, resident, Precision::Auto)?;
-    let keys = project::record(g, camera, &drawn, Band { top: 0, size: camera.size });
+    let keys = project::record(g, camera, &drawn, None, Band { top: 0, size: camera.size });
     let layer = Layer::new(camera, bounds(resident).unwrap_or_default(), settings);
     let reached = reach(g, camera, &keys, &layer);
     match settings.method {
@@ -278,15 +278,15 @@ pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reac
 
 /// A sample more for every point that lies no deeper than its texel's limit.
 fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, marks: &mut Buffer) {
-    let walk = project::Walk::new(g, camera, Band { top: 0, size: camera.size });
+    let walk = project::Walk::new(g, camera, drawn, Band { top: 0, size: camera.size });
     for group in &drawn.groups {
-        let project::Walk { centre, size, near, lanes, perspective, texels, points_per_chunk } = walk;
+        let project::Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = walk;
         let project::Group { first_chunk, chunk_count, planes, .. } = *group;
         let push = shadow_depth::Push { centre, size, near, first_chunk, chunk_count };
-        let spec = shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk };
-        let pages = &drawn.pages[group.block];
+        let spec = shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
+        let (pages, opacities) = (&drawn.pages[group.block], drawn.opacities());
         g.run(
-            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, pages, page_words: pages, limit, marks, push, spec },
+            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, opacities, pages, page_words: pages, limit, marks, push, spec },
             group.tiles(),
         );
     }

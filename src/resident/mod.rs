@@ -13,13 +13,15 @@ pub mod residency;
 pub use residency::Residency;
 
 use crate::cloud::attribute::Shown;
-use crate::cloud::{Cloud, Columns, Lattice};
+use crate::cloud::{Cloud, Columns, Lattice, Part, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Gpu, Graph};
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
+use crate::opacity::Opacities;
 use crate::progress::Progress;
+use crate::view::{Projection, View};
 use glam::DVec3;
 use pool::{PAGE_BYTES, Pool};
 use rayon::prelude::*;
@@ -32,7 +34,7 @@ pub struct ResidentNode {
     pub count: u32,
     /// Its place among the nodes of the frame.
     pub number: u32,
-    /// Its pages lie side by side in one block: position planes from here, coarsest first, then what its points show.
+    /// Its pages lie side by side in one block: position planes from here, coarsest first, then the other words of its points ([`Shown::words`]).
     pub first_page: u32,
     /// Position planes that are resident; at least one, and fewer than `frame.planes` where no more are needed, or not yet there.
     pub planes: u32,
@@ -54,6 +56,17 @@ impl ResidentNode {
     }
 }
 
+/// A point that somebody asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// World.
+    pub position: DVec3,
+    /// The position is the file's own, not that of a cell around it.
+    pub exact: bool,
+    /// As [`crate::cloud::attribute::kind`] packs it, where points bring it.
+    pub kind: Option<u32>,
+}
+
 /// The pool, and of what is in it, what the frame draws from.
 pub struct Resident {
     /// Which of the device's clouds this is, counted.
@@ -65,6 +78,21 @@ pub struct Resident {
     pub shown: Shown,
     /// Of the whole cloud.
     pub points: u64,
+    pub stations: Vec<Station>,
+    /// How opaque its points are; what hides some by their kind needs them to bring it.
+    pub opacities: Opacities,
+}
+
+/// Of numbers that so many points have each, the middle one; 0 of none.
+fn middle(mut numbers: Vec<(f64, u64)>) -> f64 {
+    numbers.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let points: u64 = numbers.iter().map(|(_, count)| count).sum();
+    let mut before = 0;
+    let middle = numbers.iter().find(|(_, count)| {
+        before += count;
+        2 * before >= points
+    });
+    middle.map_or(0.0, |(number, _)| *number)
 }
 
 /// A length in cells of the coarsest plane, in metres; where a lattice has other steps along other axes, along the widest.
@@ -90,20 +118,33 @@ impl Resident {
         progress: &dyn Progress,
     ) -> Result<Resident> {
         gpu.residents += 1;
-        let mut resident = Resident { serial: gpu.residents, pool: Pool::new(u32::MAX), nodes: Vec::new(), shown, points: 0 };
+        let stations = cloud.stations.clone();
+        let mut resident = Resident {
+            serial: gpu.residents,
+            pool: Pool::new(u32::MAX),
+            nodes: Vec::new(),
+            shown,
+            points: 0,
+            stations,
+            opacities: Opacities::default(),
+        };
         let total = cloud.len();
         let mut parts = cloud.parts;
-        parts.iter_mut().for_each(|part| part.columns.keep(shown.attribute.wanted()));
-        for part in parts {
+        parts.iter_mut().for_each(|part| part.columns.keep(shown.wanted()));
+        for (number, part) in parts.into_iter().enumerate() {
             progress.tick("organising", resident.points, total)?;
             let organised = organise(&part.columns);
-            resident.add(gpu, &part, &organised, total, progress)?;
+            resident.add(gpu, &part, number, &organised, total, progress)?;
         }
         Ok(resident)
     }
 
-    fn add(&mut self, gpu: &mut Gpu, part: &crate::cloud::Part, organised: &Organised, total: u64, progress: &dyn Progress) -> Result<()> {
+    fn add(&mut self, gpu: &mut Gpu, part: &Part, number: usize, organised: &Organised, total: u64, progress: &dyn Progress) -> Result<()> {
         let shown = self.shown;
+        // Stations are listed part by part.
+        let first_station = self.stations.partition_point(|station| station.part < number);
+        let stations = &self.stations[first_station..self.stations.partition_point(|station| station.part <= number)];
+        let strokes = if shown.further.strokes { index::strokes::strokes(&part.columns, &part.lattice, progress)? } else { Vec::new() };
         let frames: Vec<Frame> =
             organised.nodes.par_iter().map(|node| pack::frame(&part.columns, &organised.order[node.points.clone()])).collect();
         let first = self.nodes.len();
@@ -111,7 +152,7 @@ impl Resident {
             return Err(Error::Request(format!("{total} points are more than the 4,294,901,760 that can be resident at once")));
         }
         for (node, &frame) in organised.nodes.iter().zip(&frames) {
-            let first_page = self.pool.take(gpu, frame.planes + 1)?.expect("a pool without a budget is never full");
+            let first_page = self.pool.take(gpu, frame.planes + shown.words())?.expect("a pool without a budget is never full");
             let (count, number) = (node.points.len() as u32, self.nodes.len() as u32);
             self.nodes.push(ResidentNode { lattice: part.lattice, frame, count, number, first_page, planes: frame.planes, spacing: 0.0 });
         }
@@ -123,16 +164,22 @@ impl Resident {
             .iter_mut()
             .zip(&organised.nodes)
             .map(|(node, range)| {
-                let planes: Vec<&mut [u32]> = (0..node.frame.planes).map(|plane| take(node.first_page + plane)).collect();
-                let shown_page = take(node.first_page + node.frame.planes);
-                (node, range, planes, shown_page)
+                let pages: Vec<&mut [u32]> = (0..node.frame.planes + shown.words()).map(|page| take(node.first_page + page)).collect();
+                (node, range, pages)
             })
             .collect();
         let done = std::sync::atomic::AtomicU64::new(self.points);
-        jobs.into_par_iter().try_for_each(|(node, range, mut planes, shown_page)| {
+        jobs.into_par_iter().try_for_each(|(node, range, mut pages)| {
             let order = &organised.order[range.points.clone()];
-            let spacing =
-                pack::pack(&part.columns, &node.frame, order, organised.arrangement, |i| shown.word(part, i), &mut planes, shown_page);
+            let words = |i| {
+                let mut words = shown.words_of(part, stations, first_station, i);
+                if let Some(place) = shown.strokes() {
+                    let columns = &part.columns;
+                    words[place as usize..][..2].copy_from_slice(&strokes[i].words([columns.x[i], columns.y[i], columns.z[i]]));
+                }
+                words
+            };
+            let spacing = pack::pack(&part.columns, &node.frame, order, organised.arrangement, words, &mut pages);
             node.spacing = in_metres(spacing, &node.lattice, &node.frame);
             let done = done.fetch_add(order.len() as u64, std::sync::atomic::Ordering::Relaxed);
             progress.tick("organising", done, total)
@@ -143,19 +190,30 @@ impl Resident {
 
     /// World positions of all points of a small cloud, decoded from the pages, in the order of their ids.
     pub fn positions(&self) -> impl Iterator<Item = DVec3> + '_ {
-        self.nodes.iter().flat_map(move |node| {
-            let Frame { origin, bits, planes, .. } = node.frame;
-            let pad = BITS_PER_PLANE * planes - bits;
-            let words = self.pool.words(node.first_page);
-            (0..node.count as usize).map(move |i| {
-                let cells = (0..planes as usize).fold([0u32; 3], |cells, plane| {
-                    let word = words[plane * POINTS_PER_PAGE as usize + i];
-                    [0, 1, 2]
-                        .map(|axis| cells[axis] << BITS_PER_PLANE | word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1))
-                });
-                node.lattice.world([0, 1, 2].map(|axis| origin[axis] + (cells[axis] >> pad) as i64))
-            })
-        })
+        self.nodes.iter().flat_map(move |node| (0..node.count).map(move |i| self.position(node, i)))
+    }
+
+    /// In the middle of the cell that the resident planes tell; the position itself where all of them are resident.
+    fn position(&self, node: &ResidentNode, i: u32) -> DVec3 {
+        let Frame { origin, bits, planes, .. } = node.frame;
+        let words = self.pool.words(node.first_page);
+        let cells = (0..node.planes).fold([0u64; 3], |cells, plane| {
+            let word = words[(plane * POINTS_PER_PAGE + i) as usize];
+            [0, 1, 2]
+                .map(|axis| cells[axis] << BITS_PER_PLANE | (word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1)) as u64)
+        });
+        let (missing, pad) = (BITS_PER_PLANE * (planes - node.planes), BITS_PER_PLANE * planes - bits);
+        let middle = (1u64 << missing) >> 1;
+        node.lattice.world([0, 1, 2].map(|axis| origin[axis] + (((cells[axis] << missing) + middle) >> pad) as i64))
+    }
+
+    /// The point of an id, as far as what is resident tells.
+    pub fn point(&self, id: u32) -> Option<Point> {
+        let (number, i) = (id / POINTS_PER_PAGE, id % POINTS_PER_PAGE);
+        let node = self.nodes.get(number as usize).filter(|node| i < node.count)?;
+        let words = self.pool.words(node.first_page);
+        let word = |further: u32| words[((node.planes + further) * POINTS_PER_PAGE + i) as usize];
+        Some(Point { position: self.position(node, i), exact: node.planes == node.frame.planes, kind: self.shown.kind().map(word) })
     }
 
     /// Handles of the pool's blocks for one frame.
@@ -163,23 +221,53 @@ impl Resident {
         self.pool.import(g)
     }
 
-    /// For every node by its number, the address of the page that says what its points show.
-    pub fn shown_pages(&self) -> Vec<[u32; 2]> {
-        let addresses = self.nodes.iter().map(|node| self.pool.address(node.first_page + node.planes));
+    /// For every node by its number, the address of the page with this word of its points ([`Shown::words`]).
+    pub fn addresses(&self, word: u32) -> Vec<[u32; 2]> {
+        let addresses = self.nodes.iter().map(|node| self.pool.address(node.first_page + node.planes + word));
         addresses.chain(self.nodes.is_empty().then_some([0; 2])).collect()
+    }
+
+    /// For every node by its number, the address of its first page, and how many of its pages are position planes.
+    pub fn homes(&self) -> Vec<([u32; 2], u32)> {
+        self.nodes
+            .iter()
+            .map(|node| (self.pool.address(node.first_page), node.planes))
+            .chain(self.nodes.is_empty().then_some(([0; 2], 0)))
+            .collect()
     }
 
     /// How far apart points are, metres: in the node that the middle one is in, from dense nodes to sparse ones; 0 where there are none.
     pub fn spacing_m(&self) -> f64 {
-        let mut nodes: Vec<(f64, u64)> = self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect();
-        nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let points: u64 = nodes.iter().map(|(_, count)| count).sum();
-        let mut before = 0;
-        let middle = nodes.iter().find(|(_, count)| {
-            before += count;
-            2 * before >= points
+        middle(self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect())
+    }
+
+    /// How wide a pixel is, metres: in the middle of the node that the middle point is in, from near nodes to far ones, of those that the view sees; 0 where there are none.
+    pub fn pixel_m(&self, view: &View) -> f64 {
+        let seen = self.nodes.iter().filter_map(|node| Some((view.depths(node.bounds())?, node.count as u64)));
+        let wide = |depth: f64| match view.camera.projection {
+            Projection::Perspective => depth / view.focal_px(),
+            Projection::Orthographic => 1.0 / view.focal_px(),
+        };
+        middle(seen.map(|((near, far), count)| (wide((near + far) / 2.0), count)).collect())
+    }
+
+    /// Points a pixel where the middle one of those in view is, from sparse nodes to dense ones; 0 where there are none. A node's points cover as much as their spacing says, and no more than its box
+    /// does: of a tree, many points lie behind each other.
+    pub fn density(&self, view: &View) -> f64 {
+        let way = view.basis.forward.abs();
+        let seen = self.nodes.iter().filter_map(|node| {
+            let (near, far) = view.depths(node.bounds())?;
+            let px_per_m = match view.camera.projection {
+                Projection::Perspective => view.focal_px() / ((near + far) / 2.0),
+                Projection::Orthographic => view.focal_px(),
+            };
+            let extent = node.bounds().1 - node.bounds().0;
+            let faces = extent.x * extent.y * way.z + extent.y * extent.z * way.x + extent.z * extent.x * way.y;
+            let pixels = (node.count as f64 * node.spacing * node.spacing).min(faces) * px_per_m * px_per_m;
+            // Of points that are all in one place nobody knows.
+            (pixels > 0.0).then(|| (node.count as f64 / pixels, node.count as u64))
         });
-        middle.map_or(0.0, |(spacing, _)| *spacing)
+        middle(seen.collect())
     }
 
     /// What is drawn, in numbers: the same ones only where a frame draws the same points under the same ids.

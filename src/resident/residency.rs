@@ -25,6 +25,7 @@ use crate::graph::Gpu;
 use crate::index::file::Index;
 use crate::index::pack::Frame;
 use crate::loader::{Answer, Destination, Loader, Outcome, Wish};
+use crate::opacity::Opacities;
 use crate::progress::Progress;
 use crate::view::View;
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -32,17 +33,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-/// Pages of a node: so many position planes, then what its points show.
+/// Pages of a node: so many position planes, then the other words of its points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Run {
     first_page: u32,
     planes: u32,
-}
-
-impl Run {
-    fn pages(&self) -> u32 {
-        self.planes + 1
-    }
+    pages: u32,
 }
 
 /// A node that has pages.
@@ -137,8 +133,15 @@ impl Residency {
         // Point ids number at most so many nodes, and each has two pages or more.
         let budget = (pool_bytes / PAGE_BYTES).min(2 * super::MOST_NODES) as u32;
         gpu.residents += 1;
-        let resident =
-            Resident { serial: gpu.residents, pool: Pool::new(budget), nodes: Vec::new(), shown, points: index.directory.contents.points };
+        let resident = Resident {
+            serial: gpu.residents,
+            pool: Pool::new(budget),
+            nodes: Vec::new(),
+            shown,
+            points: index.directory.contents.points,
+            stations: index.directory.contents.stations.clone(),
+            opacities: Opacities::default(),
+        };
         Ok(Residency {
             resident,
             index,
@@ -160,6 +163,10 @@ impl Residency {
     /// What the last update draws, for [`crate::resident::Resident`]'s users.
     pub fn resident(&self) -> &Resident {
         &self.resident
+    }
+
+    pub fn resident_mut(&mut self) -> &mut Resident {
+        &mut self.resident
     }
 
     pub fn index(&self) -> &Index {
@@ -272,7 +279,7 @@ impl Residency {
         self.heard += 1;
         let entry = self.entries.get_mut(&node).expect("what is with the loader has an entry");
         let run = entry.coming.take().expect("an answer for every destination");
-        self.pages_coming -= run.pages();
+        self.pages_coming -= run.pages;
         match outcome {
             Outcome::Done(read) => {
                 let before = entry.here.replace(run);
@@ -300,7 +307,7 @@ impl Residency {
             self.retired.retain(|(run, read_by)| {
                 let free = *read_by <= passed;
                 if free {
-                    pages.give(run.first_page, run.pages());
+                    pages.give(run.first_page, run.pages);
                 }
                 !free
             });
@@ -318,7 +325,7 @@ impl Residency {
             // Whatever is there to fall back to gives way, but for the roots.
             let wants = self.wants(view, &detail, &cut, fall_back);
             let stay = wants.iter().filter(|want| want.needed || self.is_root(want.node));
-            if detail.budget == 0 || stay.into_iter().all(|want| pages.take(want.planes + 1).is_some()) {
+            if detail.budget == 0 || stay.into_iter().all(|want| pages.take(want.planes + self.resident.shown.words()).is_some()) {
                 return (cut, detail.budget);
             }
             detail.budget = detail.budget.min(cut.points) / 2;
@@ -367,7 +374,7 @@ impl Residency {
             if here.is_some_and(|run| run.planes >= want.planes) {
                 continue;
             }
-            let pages = want.planes + 1;
+            let pages = want.planes + self.resident.shown.words();
             // In order, as `fitting` has tried it: nothing smaller slips in before.
             enough |= self.pages_coming > 0 && (self.pages_coming + pages) as u64 * PAGE_BYTES > UPLOAD_BYTES;
             if enough {
@@ -375,7 +382,7 @@ impl Residency {
             }
             let Some(first_page) = self.take(gpu, pages, want.needed, &protected, &mut victims, update)? else { continue };
             let window = self.resident.pool.window(gpu, first_page, pages);
-            let run = Run { first_page, planes: want.planes };
+            let run = Run { first_page, planes: want.planes, pages };
             self.entries.entry(want.node).or_default().coming = Some(run);
             self.pages_coming += pages;
             list.push(Wish { node: want.node, planes: want.planes, destination: Some(Box::new(Mapped(window))) });
@@ -422,7 +429,7 @@ impl Residency {
             });
             let Some((_, _, node)) = victims.pop_if(|(kept, _, _)| needed || !*kept) else { return Ok(None) };
             let run = self.entries.get_mut(&node).and_then(|entry| entry.here.take()).expect("a victim is resident");
-            self.resident.pool.pages.give(run.first_page, run.pages());
+            self.resident.pool.pages.give(run.first_page, run.pages);
             self.evictions += 1;
             update.evicted += 1;
         }
@@ -463,7 +470,7 @@ impl Residency {
             self.entries.get_mut(node).expect("resident").drawn = self.updates;
         }
         let nodes = self.drawn.iter().enumerate().map(|(number, &node)| {
-            let Run { first_page, planes } = self.here(node).expect("resident");
+            let Run { first_page, planes, .. } = self.here(node).expect("resident");
             let record = &self.index.nodes()[node];
             let (lattice, frame) = (self.index.lattice(record), self.frame(node));
             let spacing = in_metres(self.entries[&node].spacing, &lattice, &frame);

@@ -186,7 +186,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
     let lit = outcome.layers.lit.as_ref().map(|lit| g.download(lit));
-    let asked = counts::Asked::of(&mut g);
+    let asked = counts::Asked::of(&mut g, &outcome.layers);
     let frame = g.submit(&[])?;
     fn words<T: bytemuck::Pod>(frame: &Frame, buffer: Option<crate::graph::Buffer>) -> Vec<T> {
         buffer.map(|buffer| frame.read(&buffer).to_vec()).unwrap_or_default()

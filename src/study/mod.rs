@@ -85,7 +85,11 @@ studies! {
     fill,      // depths of holes
     smooth,    // filters
     shape,     // light without normals
+    ao,        // light in corners
+    luminance, // steps between stations, details
     shadows,   // which points the light reaches
+    tangents,  // how evenly strokes flow
+    layers,    // surfaces behind each other
 }
 
 /// Runs the named studies, or all.
@@ -93,6 +97,19 @@ pub fn run(names: &[String], gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress
     let all: Vec<String> = STUDIES.iter().map(|(name, _)| name.to_string()).collect();
     let names = if names.is_empty() { &all } else { names };
     names.iter().map(|name| section(name, gpu, plan, progress)).collect()
+}
+
+/// Of one configuration a row a metric.
+fn rows(
+    [scene, view]: [&'static str; 2],
+    [knob, value]: [&'static str; 2],
+    metrics: impl IntoIterator<Item = &'static str>,
+    errors: &[f64],
+    times: &[f64],
+) -> Vec<Row> {
+    let (ms, n, auto) = (metrics::quartiles(times), times.len(), knob == configurations::AUTO);
+    let row = |(metric, &error)| Row { scene, view, knob, value: value.to_string(), metric, error, ms, n, auto, front: false };
+    metrics.into_iter().zip(errors).map(row).collect()
 }
 
 /// Marks, in every scene, view and metric, the rows that no other beats.

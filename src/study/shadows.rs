@@ -81,18 +81,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     for ((configuration, (errors, facts)), times) in configurations.iter().zip(&found).zip(&times) {
         let Configuration { knob, value, .. } = configuration;
         let ms = metrics::quartiles(times);
-        rows.extend(METRICS.iter().zip(errors).map(|(&(metric, _), &error)| Row {
-            scene: "step",
-            view: "plate over floor",
-            knob,
-            value: value.to_string(),
-            metric,
-            error,
-            ms,
-            n: times.len(),
-            auto: *knob == AUTO,
-            front: false,
-        }));
+        rows.extend(super::rows(["step", "plate over floor"], [knob, value], METRICS.map(|metric| metric.0), errors, times));
         let numbers = [100.0 * errors[0], 100.0 * errors[1], 1e3 * facts.texel_m, 1e3 * facts.layer_m, ms[1]].map(|number| format!("{number:.3}"));
         table.rows.push([knob.to_string(), value.to_string()].into_iter().chain(numbers).collect());
     }

@@ -13,7 +13,7 @@ use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Statistics};
-use pointillist::passes::{EFFECTS, Effects, Scene, Switch, antialias, composite, fill, phong, resolve, shape, smooth, visibility};
+use pointillist::passes::{EFFECTS, Effects, Scene, Switch, antialias, ao, composite, fill, phong, resolve, shape, smooth, visibility};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::{Camera, Projection, View};
@@ -145,7 +145,7 @@ pub struct Surface {
     pub shaded: Stage,
     pub blended: Stage,
     pub lit: Vec<f32>,
-    /// Light after blending.
+    /// Light after ambient occlusion and blending.
     pub left: Vec<f32>,
     pub picture: Vec<[f32; 4]>,
 }
@@ -193,6 +193,9 @@ impl Canvas<'_> {
             shaded = Some(keep(&mut g, &layers));
         }
         let lit = layers.lit.as_ref().map(|lit| g.download(lit));
+        if effects.ao.switch != Switch::Off {
+            layers = ao::record(&mut g, &scene, &effects.ao.settings, layers);
+        }
         if effects.antialias.switch != Switch::Off {
             layers = antialias::record(&mut g, &scene, &effects.antialias.settings, layers);
             blended = Some(keep(&mut g, &layers));

@@ -1,6 +1,7 @@
 //! Hidden layers, holes, and shade (HARD_CASES 7 to 11), and what of them must not change a single bit: where tiles begin, and which of them are looked at.
 
 use crate::gpu::{CANVAS_POINTS, Canvas, Layers, Random, Stage, Way, canvas, draw, effects, perspective, random_keys, views};
+use pointillist::cloud::attribute::Attribute;
 use pointillist::config::NO_POINT;
 use pointillist::light::Light;
 use pointillist::look::Wishes;
@@ -273,7 +274,17 @@ fn hard_00_nothing_that_is_no_number() {
 #[test]
 fn hard_00_surfaces_are_part_of_every_picture() {
     let view = views([16, 16])[0];
-    let decided = Wishes::default().effects.decide(&Scene { view: &view, light: Light::default(), points: 1000, spacing_m: 0.01 });
+    let decided = Wishes::default().effects.decide(&Scene {
+        view: &view,
+        light: Light::default(),
+        points: 1000,
+        spacing_m: 0.01,
+        stations: 1,
+        shown: Attribute::White,
+        density: 1.0,
+        pixel_m: 0.0,
+        transparent: false,
+    });
     assert!(["visibility", "fill", "shape"].iter().all(|effect| decided.runs(effect)), "{decided:?}");
 }
 

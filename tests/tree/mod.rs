@@ -90,10 +90,10 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
             let number = nodes.len() as u32;
             let order: Vec<u32> = grown.points.iter().map(|&i| i as u32).collect();
             let frame = pack::frame(&columns, &order);
-            let mut pages = vec![vec![0u32; order.len()]; frame.planes as usize];
-            let mut sorted = vec![0u32; order.len()];
+            let mut pages = vec![vec![0u32; order.len()]; frame.planes as usize + 1];
             let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-            pack::pack(&columns, &frame, &order, Arrangement::Morton, |i| i as u32, &mut planes, &mut sorted);
+            pack::pack(&columns, &frame, &order, Arrangement::Morton, |i| [i as u32, 0, 0, 0, 0], &mut planes);
+            let sorted = pages.pop().unwrap();
             let spacing = frame.extent.iter().max().map_or(0.0, |&side| side.max(1) as f64 * STEP / (order.len() as f64).sqrt().max(1.0));
             // Points lie no further outside of the samples' box than that.
             let [low, high] = grown.bounds;

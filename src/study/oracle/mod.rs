@@ -5,15 +5,20 @@
 //! Nothing here is fast or clever on purpose, and nothing is shared with the kernels.
 
 pub mod antialias;
+pub mod ao;
 pub mod dobrev;
 pub mod edl;
 pub mod fill;
+pub mod luminance;
 pub mod phong;
 pub mod points;
 pub mod project;
 pub mod shadows;
 pub mod shape;
 pub mod smooth;
+pub mod strokes;
+pub mod surface;
+pub mod transparency;
 pub mod visibility;
 
 use std::ops::{Add, Div, Mul, Neg, Sub};

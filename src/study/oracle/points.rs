@@ -48,7 +48,7 @@ fn unpacked(part: &Part, order: &[u32]) -> Vec<[i64; 3]> {
     let mut pages = vec![vec![0u32; order.len()]; frame.planes as usize];
     let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
     // What points show breaks ties between coincident points only, and those are all in the same place.
-    pack::pack(&part.columns, &frame, order, index::Arrangement::Morton, |_| 0, &mut planes, &mut vec![0; order.len()]);
+    pack::pack(&part.columns, &frame, order, index::Arrangement::Morton, |_| [0; 5], &mut planes);
     let pad = 10 * frame.planes - frame.bits;
     let axis = |word: u32, axis: usize| (word >> (10 * axis) & 1023) as u64;
     let cells = |i: usize| [0, 1, 2].map(|k| pages.iter().fold(0u64, |cells, page| cells << 10 | axis(page[i], k)) >> pad);

@@ -1,0 +1,22 @@
+// What all strokes of a frame share. Declares no bindings.
+
+struct Canvas {
+    uvec2 size;       // pixels, of the band
+    uvec2 tiles;      // across and down
+    vec2 middle;      // of the whole picture, from the band's corner, pixels
+    float margin;     // around the picture, where points are looked for, too; pixels
+    float focal;      // pixels; orthographic: pixels per metre
+    vec3 right;       // world to view, down as rows go
+    vec3 down;
+    vec3 forward;
+    float scale;      // half a stroke's side, radii
+    float least_px;   // of that, on the screen
+    float largest_px;
+    float lengthen;   // how much of a cluster's length its strokes take on
+    vec2 reach;       // where a brush ends, from its middle, parts of a side
+    uint word;        // the first of the point's two, counted after the position planes
+    uint tangents;
+    float hides;      // coverage that hides what is behind
+    float lo;         // attribute words at the ends of the ramp
+    float ramp;       // 255 / (hi - lo)
+};

@@ -1,0 +1,14 @@
+// What a pixel's points add up to: of every channel two words, which together are one number of 64 bits. Declares no bindings.
+//
+//   count * 2^36 + sum      of values 0 to 255, so that both hold 268,435,455 points (HARD_CASES 23)
+// Whole numbers, so that no order of adding shows. The channel is the largest of red, green and blue, V of HSV, as the points have it; or there are three, red, green and blue.
+
+// As in resolve.comp: the points' words are bytes of colour, or lie on a ramp of 256 grey ones.
+uvec3 shown_bytes(uint word, bool ramp, float lo, float scale) {
+    uint grey = uint(clamp((float(word) - lo) * scale, 0.0, 255.0));
+    return ramp ? uvec3(grey) : uvec3(word & 255u, (word >> 8) & 255u, (word >> 16) & 255u);
+}
+
+uint value_of(uvec3 bytes) {
+    return max(max(bytes.r, bytes.g), bytes.b);
+}

@@ -1,0 +1,33 @@
+// Four neighbours -> sums of their pixels. The includer has `front`, a buffer `sums` and `add_to`, which adds a channel's value and count to a pixel's; walk.glsl comes after.
+
+#include "luminance.glsl"
+
+void four(uint pixel[4], float depth[4], uvec4 words) {
+    uint width = uint(push.size.x);
+    uint count[4];
+    uvec3 value[4];
+    for (uint k = 0u; k < 4u; ++k) {
+        uint at = pixel[k] == NO_PIXEL ? 0u : pixel[k];
+        float nearest = imageLoad(front, ivec2(at % width, at / width + push.top)).r;
+        // What is in front of the nearest point is of a layer that has been peeled off.
+        pixel[k] = depth[k] >= nearest && depth[k] <= nearest + push.epsilon ? pixel[k] : NO_PIXEL;
+        uvec3 bytes = shown_bytes(words[k], RAMP, push.lo, push.scale);
+        count[k] = 1u;
+        value[k] = CHANNELS == 1u ? uvec3(value_of(bytes)) : bytes;
+    }
+    // Points are in Morton order, so that many a neighbour is in the same pixel: one atomic is enough for them.
+    for (uint k = 1u; k < 4u; ++k) {
+        bool together = pixel[k] == pixel[k - 1u];
+        count[k] += together ? count[k - 1u] : 0u;
+        value[k] += together ? value[k - 1u] : uvec3(0u);
+        pixel[k - 1u] = together ? NO_PIXEL : pixel[k - 1u];
+    }
+    for (uint k = 0u; k < 4u; ++k) {
+        if (pixel[k] == NO_PIXEL) continue;
+        add_to(CHANNELS * pixel[k], value[k].r, count[k]);
+        if (CHANNELS == 3u) {
+            add_to(3u * pixel[k] + 1u, value[k].g, count[k]);
+            add_to(3u * pixel[k] + 2u, value[k].b, count[k]);
+        }
+    }
+}

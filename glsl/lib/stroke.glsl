@@ -1,0 +1,65 @@
+// What a point's two words (src/index/strokes.rs) make of it. Declares no bindings.
+
+#include "canvas.glsl"
+#include "tangent.glsl"
+
+// A drawn node by its number: the two words of the address of its first page, the number of position planes.
+struct Home {
+    uvec2 page;
+    uint planes;
+};
+
+// A square in the world around its point: unit vectors, and half of its side, metres, along each.
+struct Square {
+    vec3 normal;
+    vec3 tangent;
+    vec3 bitangent;
+    vec2 half_side;
+};
+
+const uint UNKNOWN_NORMAL = 0xFFFFFFu;
+const uint SMALL_CLUSTER = 1u << 7;
+// Turns of half a circle come after those of brushes.
+const uint HALF_CIRCLE = 20u;
+
+vec3 normal_of(uint facing) {
+    vec2 e = vec2(facing & 0xFFFu, (facing >> 12) & 0xFFFu) / vec2(2047.0) - vec2(1.0);
+    float z = 1.0 - abs(e.x) - abs(e.y);
+    vec2 folded = vec2((1.0 - abs(e.y)) * (e.x >= 0.0 ? 1.0 : -1.0), (1.0 - abs(e.x)) * (e.y >= 0.0 ? 1.0 : -1.0));
+    vec3 n = z >= 0.0 ? vec3(e, z) : vec3(folded, z);
+    return n / vec3(sqrt(dot_of(n, n)));
+}
+
+uint turn_of(uint brush) {
+    return HALF_CIRCLE + ((brush >> 8) & 255u);
+}
+
+// Seen along `sight`; the normal is turned towards the viewer, so that a closed surface has its outward ones: where they turn over nothing is seen. A point without one faces the viewer. `turn` is from the
+// tangent to where the neighbours spread most.
+Square square_of(Canvas canvas, uint facing, uint brush, vec3 sight, float px_per_m, vec2 turn) {
+    bool known = (facing & UNKNOWN_NORMAL) != UNKNOWN_NORMAL;
+    vec3 stored = normal_of(known ? facing : 0u);
+    vec3 normal = known ? stored : -sight / vec3(sqrt(dot_of(sight, sight)));
+    normal = dot_of(normal, sight) > 0.0 ? -normal : normal;
+    vec3 tangent = householder(normal);
+    if (canvas.tangents == EBERLY) tangent = eberly(normal);
+    if (canvas.tangents == SQUAREPLATE) tangent = squareplate(normal);
+    if (canvas.tangents == COVARIANCE && known) {
+        vec3 own = householder(stored);
+        tangent = own * vec3(turn.x) + cross_of(stored, own) * vec3(turn.y);
+    }
+    float radius_m = uintBitsToFloat(brush & 0xFFFF0000u);
+    float half_side = clamp(canvas.scale * radius_m * px_per_m, canvas.least_px, canvas.largest_px) / px_per_m;
+    float longer = 1.0 + canvas.lengthen * min(float(brush & 31u) / 8.0, 1.0);
+    return Square(normal, tangent, cross_of(normal, tangent), vec2(half_side * longer, half_side));
+}
+
+// World to view, x and y as seen at a depth of one: pixels.
+vec3 to_view(Canvas canvas, vec3 v) {
+    return vec3(dot_of(canvas.right, v) * canvas.focal, dot_of(canvas.down, v) * canvas.focal, dot_of(canvas.forward, v));
+}
+
+// The way in which a pixel looks that is so far off the middle.
+vec3 sight_of(Canvas canvas, vec2 off) {
+    return canvas.right * vec3(off.x / canvas.focal) + canvas.down * vec3(off.y / canvas.focal) + canvas.forward;
+}

@@ -1,0 +1,121 @@
+// Strokes of a tile -> its pixels (dos Anjos et al. 2018, sec. 3.3.2).
+//
+//   a workgroup takes a tile of 8 x 8 pixels, a lane a pixel, which looks at all strokes of the tile
+//     a stroke is a square in the plane of its point's normal; a pixel's ray meets it at (u, v) of it, at a depth
+//     how much it covers there, its brush says (stroke_brush)
+//
+//   keys       of what covers enough, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
+//   fragments  colour and coverage, depth, of everything that covers a pixel at all; or, while COUNTED, how many
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "fragment.glsl"
+#include "tile.glsl"
+#include "canvas.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(constant_id = 0) const bool PERSPECTIVE = true;
+// Of fragments nothing; their number; they themselves.
+layout(constant_id = 1) const uint FRAGMENTS = 0u;
+const uint COUNTED = 1u;
+const uint KEPT = 2u;
+layout(constant_id = 2) const bool TEXELS = true;
+
+layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
+// The first tile, and the one after the last; then of every tile the first stroke, and the one after the last of all.
+layout(scalar) readonly buffer Part { uint tile[]; } part;
+// Strokes as stroke_bins leaves them. As texels, and for devices whose texel buffers are too small; brushes, too.
+layout(rgba32ui) readonly uniform uimageBuffer strokes;
+layout(scalar) readonly buffer StrokeWords { uvec4 texel[]; } stroke_words;
+layout(r32ui) readonly uniform uimageBuffer brushes;
+layout(scalar) readonly buffer BrushWords { uint word[]; } brush_words;
+// Of every pixel, tile by tile, the first fragment.
+layout(scalar) readonly buffer Starts { uint word[]; } starts;
+layout(scalar) writeonly buffer Keys { uvec2 key[]; } keys;
+layout(scalar) writeonly buffer Counts { uint word[]; } counts;
+layout(scalar) writeonly buffer Fragments { uvec2 fragment[]; } fragments;
+
+const uint PARTS = 2u;
+const uint NO_POINT = 0xFFFFFFFFu;
+
+uvec4 texel(uint i) {
+    return TEXELS ? imageLoad(strokes, int(i)) : stroke_words.texel[i];
+}
+
+// Of a brush at (u, v), -1/2 to 1/2: between the corners of one of its 32 x 32 squares.
+float coverage(vec2 at, uint brush) {
+    vec2 place = clamp((at + vec2(0.5)) * vec2(32.0), vec2(0.0), vec2(32.0));
+    uvec2 square = min(uvec2(place), uvec2(31u));
+    vec2 f = place - vec2(square);
+    uint word = WORD(brushes, brush_words, brush << 10 | square.y << 5 | square.x);
+    float upper = float(word & 255u) * (1.0 - f.x) + float(word >> 8 & 255u) * f.x;
+    float lower = float(word >> 16 & 255u) * (1.0 - f.x) + float(word >> 24) * f.x;
+    return (upper * (1.0 - f.y) + lower * f.y) / 255.0;
+}
+
+bool nearer(uvec2 key, uvec2 than) {
+    return key.y < than.y || key.y == than.y && key.x < than.x;
+}
+
+void main() {
+    Canvas canvas = canvases.canvas[0];
+    uint place = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+    uint tile = part.tile[0] + place;
+    if (tile >= part.tile[1]) return;
+    uint lane = gl_LocalInvocationID.x;
+    uvec2 pixel = uvec2(tile % canvas.tiles.x, tile / canvas.tiles.x) * 8u + uvec2(lane % 8u, lane / 8u);
+    bool inside = pixel.x < canvas.size.x && pixel.y < canvas.size.y;
+    vec2 at = vec2(pixel) + vec2(0.5);
+    vec2 reach = canvas.reach;
+    float hides = canvas.hides;
+    uint stroke = part.tile[PARTS + place];
+    uint end = part.tile[PARTS + place + 1u];
+    uint start = FRAGMENTS == KEPT ? starts.word[place * 64u + lane] : 0u;
+    uvec2 front = uvec2(NO_POINT);
+    uvec2 veil = uvec2(NO_POINT);
+    uint count = 0u;
+
+    if (stroke < end) for (;;) {
+        vec4 centre_turning = uintBitsToFloat(texel(3u * stroke));
+        vec4 axes = uintBitsToFloat(texel(3u * stroke + 1u));
+        vec2 off = at - centre_turning.xy;
+        float turned = centre_turning.z * off.x + centre_turning.w * off.y;
+        // Not behind the plane's horizon.
+        bool met = !PERSPECTIVE || turned > -1.0;
+        float over = PERSPECTIVE ? 1.0 / (met ? 1.0 + turned : 1.0) : 1.0;
+        vec2 uv = vec2(axes.x * off.x + axes.y * off.y, axes.z * off.x + axes.w * off.y) * vec2(over);
+        met = met && inside && abs(uv.x) <= reach.x && abs(uv.y) <= reach.y;
+        // A loop, because software devices walk through branches that no lane takes.
+        for (bool todo = met; todo; todo = false) {
+            uvec4 rest = texel(3u * stroke + 2u);
+            float depth = uintBitsToFloat(rest.x);
+            float z = PERSPECTIVE ? depth * over : depth - turned;
+            uint brush = rest.z >> 24;
+            float alpha = coverage(uv, brush);
+            vec3 roots = roots_of(rest.z);
+            // Detail in two layers: a smaller stroke across the first, a little lighter or darker.
+            for (bool second = rest.w != 0u; second; second = false) {
+                float upper = coverage(vec2(-uv.y, uv.x) * vec2(1.5), brush ^ 0xA5u);
+                float shade = (brush & 1u) == 0u ? 1.08 : 0.92;
+                roots = roots * vec3(1.0 - upper) + min(roots * vec3(shade), vec3(1.0)) * vec3(upper);
+                alpha = max(alpha, upper);
+            }
+            uvec2 key = uvec2(rest.y, floatBitsToUint(z));
+            bool seen = z > 0.0;
+            front = seen && alpha >= hides && nearer(key, front) ? key : front;
+            if (FRAGMENTS != 0u) {
+                uint opacity = uint(alpha * 255.0 + 0.5);
+                seen = seen && opacity > 0u;
+                veil = seen && nearer(key, veil) ? key : veil;
+                if (FRAGMENTS == KEPT && seen) fragments.fragment[start + count] = uvec2(pack_roots(roots, opacity), key.y);
+                count += seen ? 1u : 0u;
+            }
+        }
+        if (++stroke == end) break;
+    }
+    if (FRAGMENTS == COUNTED) counts.word[place * 64u + lane] = count;
+    // What nothing hides behind shows the nearest of what there is.
+    if (FRAGMENTS != COUNTED && inside) keys.key[pixel.y * canvas.size.x + pixel.x] = front.x == NO_POINT ? veil : front;
+}

@@ -1,0 +1,70 @@
+// A layer, and those in front of it -> all of them, front to back in linear light; and the depth behind which the next one is looked for (Dobrev et al. 2010, sec. 4 and 5).
+//
+//     front <- front + (1 - front.a) layer          colours are multiplied by their opacity
+//
+//     nothing was there, or all layers let less than 2^-9 through    nothing is looked for: an infinite depth
+//     else                                                           depth of the layer + layer distance, or as deep as its slope makes it within a pixel
+// A point must lie deeper than that, so every layer is deeper than the one before it, also where the distance is less than a quantum of the depth (HARD_CASES 15).
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+
+layout(local_size_x = 64) in;
+
+layout(rgba32f) readonly uniform image2D color;
+layout(r32f) readonly uniform image2D lit;
+// Of the layer: as shown, and as projected.
+layout(r32f) readonly uniform image2D depth;
+layout(r32f) readonly uniform image2D raw;
+layout(rgba32f) uniform image2D front;
+// Layers so far.
+layout(r32f) uniform image2D peeled;
+// f32 bits.
+layout(scalar) writeonly buffer Behind { uint word[]; } behind;
+// 0 only if no pixel is left.
+layout(scalar) buffer Left { uint any[]; } left;
+
+layout(constant_id = 0) const bool LIT_BY = false;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size;  // pixels of this band
+    uint top;    // first row of this band in the picture
+    float layer; // metres
+    float slant; // how much deeper than its slope makes it a surface may be within a pixel
+} push;
+
+const uint INFINITY_BITS = 0x7F800000u;
+const float FARTHEST = 3.402823466e38;
+const float LEAST_LIGHT = 1.0 / 512.0;
+
+// How far a surface falls from a pixel to the next along an axis: as on the flatter side, since on the other one it may end.
+float fall(float z, ivec2 pixel, ivec2 aside) {
+    float before = imageLoad(depth, pixel - aside).r;
+    float after = imageLoad(depth, pixel + aside).r;
+    // Outside of the image 0 is read, and what is not known is negative: no depths.
+    float back = before > 0.0 ? abs(before - z) : FARTHEST;
+    float ahead = after > 0.0 ? abs(after - z) : FARTHEST;
+    float least = min(back, ahead);
+    return least < FARTHEST ? least : 0.0;
+}
+
+void main() {
+    uvec2 at = gl_GlobalInvocationID.xy;
+    if (at.x >= push.size.x || at.y >= push.size.y) return;
+    ivec2 pixel = ivec2(at.x, at.y + push.top);
+    vec4 c = imageLoad(color, pixel);
+    if (LIT_BY) c.rgb *= imageLoad(lit, pixel).r;
+    vec4 sum = imageLoad(front, pixel);
+    sum += c * (1.0 - sum.a);
+    imageStore(front, pixel, sum);
+    imageStore(peeled, pixel, vec4(imageLoad(peeled, pixel).r + (c.a > 0.0 ? 1.0 : 0.0)));
+
+    float shown = imageLoad(depth, pixel).r;
+    // Where something is that nobody knows, behind the point that was there.
+    uint bits = floatBitsToUint(shown > 0.0 ? shown : imageLoad(raw, pixel).r);
+    bool goes_on = bits < INFINITY_BITS && 1.0 - sum.a >= LEAST_LIGHT;
+    float z = uintBitsToFloat(goes_on ? bits : 0u);
+    float layer = max(push.layer, push.slant * (fall(z, pixel, ivec2(1, 0)) + fall(z, pixel, ivec2(0, 1))));
+    behind.word[at.y * push.size.x + at.x] = goes_on ? floatBitsToUint(z + layer) : INFINITY_BITS;
+    // One is enough: an atomic for every pixel would be most of this pass.
+    if (goes_on && left.any[0] == 0u) atomicOr(left.any[0], 1u);
+}

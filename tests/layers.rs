@@ -1,0 +1,179 @@
+//! Transparency: layers and what they show together, against all surfaces on a ray, sorted and laid over each other in f64.
+
+mod gpu;
+
+use gpu::Way;
+use pointillist::cloud::Cloud;
+use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::frame;
+use pointillist::graph::Graph;
+use pointillist::look::{self, Wishes};
+use pointillist::opacity::Opacities;
+use pointillist::passes::Scene;
+use pointillist::passes::resolve::srgb_to_linear;
+use pointillist::progress::Silent;
+use pointillist::resident::Resident;
+use pointillist::study::oracle::transparency::{self as oracle, Over};
+use pointillist::synth::{self, World};
+use pointillist::view::{Camera, Preset, View};
+
+const SIDE: usize = 192;
+
+/// Of classes 1, 2 and 3: the tori from the inside out.
+const COLORS: [[u8; 3]; 3] = [[250, 40, 30], [40, 220, 60], [30, 60, 240]];
+
+struct Drawn {
+    /// Linear, over black; alpha is what is hidden of the background.
+    front: Vec<[f32; 4]>,
+    peeled: Vec<f32>,
+    left_over: bool,
+    layer_m: f64,
+}
+
+fn tori(points: u64) -> (World, Cloud) {
+    let world = synth::build(synth::Scene::NestedTori, 1, 0.0);
+    let mut cloud = synth::collect("nested tori", &world, points, 1, 0.0, &Silent).unwrap();
+    let columns = &mut cloud.parts[0].columns;
+    columns.rgb = columns.class.as_ref().map(|classes| classes.iter().map(|&class| COLORS[class as usize - 1]).collect());
+    (world, cloud)
+}
+
+fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&str]) -> Drawn {
+    gpu::with(way, |gpu| {
+        let opacities = Opacities(opacities.iter().map(|rule| rule.parse().unwrap()).collect());
+        let mut shown = Shown::new(Attribute::Rgb, cloud);
+        shown.further.kind = opacities.needs_kinds();
+        let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
+        resident.opacities = opacities;
+        let mut wishes = Wishes::default();
+        ["shape=off", "edl=off"].iter().chain(effects).for_each(|effect| wishes.effects.set(effect).unwrap());
+        let layer_m = Scene::of(view, &resident, wishes.light).layer_m(0.0);
+        let look = look::decide(&wishes, view, &resident);
+        let mut g = Graph::new(gpu);
+        let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
+        let layers = outcome.layers.front.expect("transparency runs");
+        let (front, peeled) = (g.download(&layers.color), g.download(&layers.peeled));
+        let left_over = g.download_buffer(&layers.left);
+        let frame = g.submit(&[]).unwrap();
+        let drawn = Drawn {
+            front: frame.read(&front).to_vec(),
+            peeled: frame.read(&peeled).to_vec(),
+            left_over: frame.read::<u32>(&left_over)[0] > 0,
+            layer_m,
+        };
+        frame.shelve(gpu);
+        resident.free(gpu);
+        drawn
+    })
+}
+
+fn view(cloud: &Cloud) -> View {
+    let size = [SIDE as u32; 2];
+    View::new(Camera::framing(Preset::Fit, &cloud.core_points(), size), size).unwrap()
+}
+
+/// HARD_CASES 15: the exact "over" of all surfaces on the ray, within 3 L 2^-23 + 2^-9.
+#[test]
+fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
+    let (world, cloud) = tori(3_000_000);
+    let view = view(&cloud);
+    let opacities = [0.3, 0.5, 1.0];
+    for (way, fill) in
+        [(Way::Compute64, "fill=method=dobrev"), (Way::Compute32, "fill=method=dobrev"), (Way::Compute64, "fill=method=pintus")]
+    {
+        for opaque in [true, false] {
+            let of = |class: u8| if opaque { opacities[3 - class as usize] } else { 0.5 };
+            let rules = ["class:3=0.3", "class:2=0.5"];
+            let rules = if opaque { &rules[..] } else { &["0.5"] };
+            let drawn = draw(&cloud, &view, way, rules, &[fill, "smooth=off"]);
+            let (mut inner, mut miscounted, mut wrong) = (0, 0, 0);
+            for i in 0..SIDE * SIDE {
+                let Some(surfaces) = oracle::layers(&world, &view, drawn.layer_m, [(i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5])
+                else {
+                    continue;
+                };
+                inner += 1;
+                let color = |class: u8| COLORS[class as usize - 1].map(|channel| srgb_to_linear(channel as f64 / 255.0));
+                let Over { color: expected, through, layers: count } =
+                    oracle::over(surfaces.iter().map(|surface| (color(surface.class), of(surface.class))));
+                if drawn.peeled[i] != count as f32 {
+                    miscounted += 1;
+                    continue;
+                }
+                // What medians and means bring is packed into 8 bits of the square root.
+                let packed = if fill.ends_with("pintus") { count as f64 * 0.5 / 255.0 } else { 0.0 };
+                let bound = 3.0 * count as f64 * 2f64.powi(-23) + 2f64.powi(-9) + packed;
+                let off = (0..3)
+                    .map(|c| (drawn.front[i][c] as f64 - expected[c]).abs())
+                    .fold((drawn.front[i][3] as f64 - 1.0 + through).abs(), f64::max);
+                wrong += (off > bound) as usize;
+            }
+            let all = SIDE * SIDE;
+            println!(
+                "{way:?}, {fill}, opaque {opaque}: {inner} of {all} pixels away from contours; {miscounted} counted wrong, {wrong} more than the bound off"
+            );
+            assert!(inner > all / 2);
+            assert!(miscounted as f64 <= 0.005 * inner as f64, "{miscounted} of {inner} pixels have another number of layers");
+            assert_eq!(wrong, 0, "of {inner} pixels");
+        }
+    }
+}
+
+/// Opacity 0 leaves points out; opacity 1 stops at once; what is allowed is drawn, and what is left over is said.
+#[test]
+fn points_of_no_opacity_are_not_there_and_layers_end_where_they_are_told_to() {
+    let (_, cloud) = tori(400_000);
+    let view = view(&cloud);
+    let without = |class: u8| {
+        let mut cloud = cloud.clone();
+        let columns = &mut cloud.parts[0].columns;
+        let kept: Vec<usize> = (0..columns.len()).filter(|&i| columns.class.as_ref().unwrap()[i] != class).collect();
+        let parts: Vec<_> = kept.iter().map(|&i| columns.slice(i..i + 1)).collect();
+        let mut slim = pointillist::cloud::Columns { rgb: Some(vec![]), class: Some(vec![]), ..Default::default() };
+        for part in parts {
+            slim.x.extend(part.x);
+            slim.y.extend(part.y);
+            slim.z.extend(part.z);
+            slim.rgb.as_mut().unwrap().extend(part.rgb.unwrap());
+            slim.class.as_mut().unwrap().extend(part.class.unwrap());
+        }
+        *columns = slim;
+        cloud
+    };
+    for way in [Way::Compute64, Way::Compute32] {
+        let plain = ["visibility=off", "fill=off", "smooth=off"];
+        // The points left out have a part in the spacing that a layer distance would come from.
+        let known = [&plain[..], &["transparency=layer=0.05"]].concat();
+        let left_out = draw(&cloud, &view, way, &["class:3=0", "class:2=0.5"], &known);
+        let gone = draw(&without(3), &view, way, &["class:3=0", "class:2=0.5"], &known);
+        assert!(left_out.front == gone.front && left_out.peeled == gone.peeled);
+
+        let two = draw(&cloud, &view, way, &["0.5"], &[&plain[..], &["transparency=layers=2"]].concat());
+        assert_eq!(two.peeled.iter().copied().fold(0.0, f32::max), 2.0);
+        assert!(two.left_over);
+        let all = draw(&cloud, &view, way, &["0.5"], &[&plain[..], &["transparency=layers=64"]].concat());
+        assert!(!all.left_over);
+    }
+}
+
+/// HARD_CASES 15: where the layer distance is less than a quantum of the depth every layer is still deeper than the one before, and peeling ends.
+#[test]
+fn hard_15_peeling_ends_where_a_layer_is_less_than_a_quantum() {
+    let (_, mut cloud) = tori(20_000);
+    // As seen from 100 km away, where depths are 8 mm apart.
+    let mut camera = Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]);
+    camera.eye = camera.target + (camera.eye - camera.target).normalize() * 1e5;
+    camera.fov_y = 2e-3;
+    let view = View::new(camera, [64, 64]).unwrap();
+    cloud.parts.truncate(1);
+    let drawn = draw(
+        &cloud,
+        &view,
+        Way::Compute64,
+        &["0.02"],
+        &["visibility=off", "fill=off", "smooth=off", "transparency=on,layer=0.001,layers=64"],
+    );
+    assert!(drawn.peeled.iter().all(|&layers| layers <= 64.0));
+    assert!(drawn.front.iter().flatten().all(|value| value.is_finite()));
+    assert!(drawn.peeled.iter().any(|&layers| layers > 16.0));
+}

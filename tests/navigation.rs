@@ -1,0 +1,191 @@
+//! Hands move the camera as people know it: what is under the cursor is what things are done to, and stays there.
+
+use glam::{DVec2, DVec3};
+use pointillist::app::navigation::{Button, Habit, Input, Mode, Modifiers, Navigation, Subject, Way};
+use pointillist::view::{Camera, Preset, Projection, View};
+use proptest::prelude::*;
+
+const SIZE: [u32; 2] = [800, 600];
+/// A projected coordinate system's: far from the origin.
+const ORIGIN: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
+
+fn navigation(habit: Habit, from: Preset) -> Navigation {
+    let corners = (0..8).map(|i| ORIGIN + DVec3::new((i & 1) as f64 * 40.0, (i >> 1 & 1) as f64 * 30.0, (i >> 2) as f64 * 10.0)).collect();
+    let mut navigation = Navigation::new(habit, SIZE);
+    navigation.set_subject(Subject::of(corners));
+    navigation.handle(Input::Look { from });
+    navigation
+}
+
+/// Where a point is seen, pixels, and how deep.
+fn seen(camera: &Camera, point: DVec3) -> (DVec2, f64) {
+    let view = View::new(*camera, SIZE).unwrap();
+    let d = point - camera.eye;
+    let depth = d.dot(view.basis.forward);
+    let scale = match camera.projection {
+        Projection::Perspective => view.focal_px() / depth,
+        Projection::Orthographic => view.focal_px(),
+    };
+    let middle = DVec2::new(SIZE[0] as f64, SIZE[1] as f64) / 2.0;
+    (middle + DVec2::new(d.dot(view.basis.right), -d.dot(view.basis.up)) * scale, depth)
+}
+
+fn press(button: Button, at: DVec2, under: Option<DVec3>) -> Input {
+    Input::Press { button, modifiers: Modifiers::default(), at, under }
+}
+
+fn drag(navigation: &mut Navigation, button: Button, point: DVec3, to: DVec2) {
+    let (at, _) = seen(&navigation.camera, point);
+    navigation.handle(press(button, at, Some(point)));
+    for step in 1..=10 {
+        navigation.handle(Input::Move { to: at.lerp(to, step as f64 / 10.0) });
+    }
+    navigation.handle(Input::Release { button });
+}
+
+#[test]
+fn the_wheel_brings_the_point_nearer_where_it_is_and_never_through() {
+    for from in [Preset::Fit, Preset::Top] {
+        let mut navigation = navigation(Habit::default(), from);
+        let point = ORIGIN + DVec3::new(11.0, 7.0, 4.0);
+        let (at, _) = seen(&navigation.camera, point);
+        for notch in 0..300 {
+            let before = seen(&navigation.camera, point).1;
+            navigation.handle(Input::Wheel { notches: 1.0, at, under: Some(point) });
+            let (now, depth) = seen(&navigation.camera, point);
+            assert!(depth > 0.0 && depth <= before * (1.0 + 1e-9), "{from:?} notch {notch}: {before} to {depth}");
+            // A metre at the origin's distance is known to a nanometre.
+            let slack = 1e-8 * View::new(navigation.camera, SIZE).unwrap().focal_px() / depth.min(1.0) + 1e-6;
+            assert!(now.distance(at) < slack.max(1e-3), "{from:?} notch {notch}: {now} is not {at}");
+        }
+        for _ in 0..600 {
+            navigation.handle(Input::Wheel { notches: -1.0, at, under: None });
+        }
+        View::new(navigation.camera, SIZE).expect("as far as it goes there is a view");
+    }
+}
+
+#[test]
+fn a_drag_moves_the_point_along_with_the_cursor() {
+    for (habit, button) in [(Habit::Potree, Button::Right), (Habit::Cloudcompare, Button::Middle)] {
+        for from in [Preset::Fit, Preset::Front] {
+            let mut navigation = navigation(habit, from);
+            let (point, to) = (ORIGIN + DVec3::new(30.0, 5.0, 2.0), DVec2::new(123.0, 456.0));
+            let before = seen(&navigation.camera, point).1;
+            drag(&mut navigation, button, point, to);
+            let (now, depth) = seen(&navigation.camera, point);
+            assert!(now.distance(to) < 1e-6, "{from:?}: {now}");
+            assert!(from == Preset::Front || (depth - before).abs() < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn orbiting_turns_about_the_point_without_rolling_and_not_over_the_top() {
+    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    let point = ORIGIN + DVec3::new(20.0, 15.0, 5.0);
+    let before = seen(&navigation.camera, point);
+    for to in [[700.0, 300.0], [100.0, 5000.0], [400.0, -9000.0], [-3000.0, 10.0]] {
+        drag(&mut navigation, Button::Left, point, DVec2::from(to));
+        let after = seen(&navigation.camera, point);
+        assert!(after.0.distance(before.0) < 1e-5 && (after.1 - before.1).abs() < 1e-6, "{after:?}, not {before:?}");
+        let basis = navigation.camera.basis().unwrap();
+        assert!(basis.right.z.abs() < 1e-9, "rolled: {basis:?}");
+        assert!(basis.up.z > -1e-9, "upside down: {basis:?}");
+    }
+}
+
+#[test]
+fn the_ground_is_grabbed_at_its_height_and_where_it_is_grazed_the_picture_moves() {
+    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    navigation.mode = Mode::Earth;
+    let (point, height) = (ORIGIN + DVec3::new(12.0, 9.0, 0.0), navigation.camera.eye.z);
+    drag(&mut navigation, Button::Left, point, DVec2::new(420.0, 380.0));
+    assert!(seen(&navigation.camera, point).0.distance(DVec2::new(420.0, 380.0)) < 1e-5);
+    assert!((navigation.camera.eye.z - height).abs() < 1e-6);
+    // Towards the horizon nothing runs away.
+    drag(&mut navigation, Button::Left, point, DVec2::new(420.0, -2000.0));
+    assert!((navigation.camera.eye - ORIGIN).length() < 1e4, "{}", navigation.camera.eye);
+}
+
+#[test]
+fn flying_takes_the_diagonal_in_five_seconds_and_the_wheel_changes_the_speed() {
+    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    navigation.mode = Mode::Fly;
+    let (start, ahead) = (navigation.camera.eye, navigation.camera.basis().unwrap().forward);
+    navigation.handle(Input::Fly { way: Way::Forward, pressed: true });
+    assert!(navigation.is_flying());
+    (0..500).for_each(|_| navigation.advance(0.01));
+    let diagonal = DVec3::new(40.0, 30.0, 10.0).length();
+    assert!((navigation.camera.eye - start - ahead * diagonal).length() < 1e-6);
+    let speed = navigation.speed;
+    navigation.handle(Input::Wheel { notches: 1.0, at: DVec2::ZERO, under: None });
+    assert!(navigation.speed > speed);
+    navigation.handle(Input::Fly { way: Way::Forward, pressed: false });
+    assert!(!navigation.is_flying());
+}
+
+#[test]
+fn the_middle_of_the_picture_is_where_two_clicks_were_and_projections_keep_sizes() {
+    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    let point = ORIGIN + DVec3::new(3.0, 28.0, 9.0);
+    navigation.handle(Input::Centre { on: point });
+    let (at, depth) = seen(&navigation.camera, point);
+    assert!(at.distance(DVec2::new(400.0, 300.0)) < 1e-6 && depth > 0.0);
+    let target = navigation.camera.target;
+    let aside = |navigation: &Navigation| {
+        let up = navigation.camera.basis().unwrap().up;
+        seen(&navigation.camera, target + up).0.distance(seen(&navigation.camera, target).0)
+    };
+    let before = aside(&navigation);
+    navigation.handle(Input::OtherProjection);
+    assert_eq!(navigation.camera.projection, Projection::Orthographic);
+    assert!((aside(&navigation) / before - 1.0).abs() < 1e-9);
+    navigation.handle(Input::OtherProjection);
+    assert!((aside(&navigation) / before - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn blenders_hands_turn_with_the_middle_button_move_with_shift_and_leave_the_left_one_alone() {
+    let mut navigation = navigation(Habit::Blender, Preset::Fit);
+    let (point, before) = (ORIGIN + DVec3::splat(5.0), navigation.camera.eye);
+    drag(&mut navigation, Button::Left, point, DVec2::new(10.0, 10.0));
+    assert_eq!(navigation.camera.eye, before);
+    let (at, _) = seen(&navigation.camera, point);
+    let modifiers = Modifiers { shift: true, control: false };
+    navigation.handle(Input::Press { button: Button::Middle, modifiers, at, under: Some(point) });
+    navigation.handle(Input::Move { to: at + 50.0 });
+    assert!(seen(&navigation.camera, point).0.distance(at + 50.0) < 1e-6);
+}
+
+proptest! {
+    /// Whatever hands do, there is a view, and without perspective nothing of the subject is behind the camera.
+    #[test]
+    fn no_hands_break_the_camera(deeds in prop::collection::vec((0u8..12, -900.0..900.0f64, -900.0..900.0f64, 0.0..40.0f64), 1..200)) {
+        let mut navigation = navigation(Habit::default(), Preset::Fit);
+        for (deed, x, y, z) in deeds {
+            let (at, under) = (DVec2::new(x, y), (deed % 2 == 0).then(|| ORIGIN + DVec3::new(z, x.abs() / 30.0, y.abs() / 90.0)));
+            match deed {
+                0 | 1 => navigation.handle(press(Button::Left, at, under)),
+                2 | 3 => navigation.handle(press(Button::Right, at, under)),
+                4 | 5 => navigation.handle(Input::Move { to: at }),
+                6 | 7 => navigation.handle(Input::Wheel { notches: x / 50.0, at, under }),
+                8 => navigation.handle(Input::OtherProjection),
+                9 => navigation.handle(Input::NextMode),
+                10 => navigation.handle(Input::Look { from: Preset::Top }),
+                _ => {
+                    navigation.handle(Input::Fly { way: Way::Forward, pressed: true });
+                    navigation.advance(0.1);
+                    navigation.let_go();
+                }
+            }
+            prop_assert!(View::new(navigation.camera, SIZE).is_ok(), "{:?}", navigation.camera);
+            if navigation.camera.projection == Projection::Orthographic {
+                for i in 0..8 {
+                    let corner = ORIGIN + DVec3::new((i & 1) as f64 * 40.0, (i >> 1 & 1) as f64 * 30.0, (i >> 2) as f64 * 10.0);
+                    prop_assert!(seen(&navigation.camera, corner).1 > 0.0);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! Nothing is there twice, and nothing is there for nobody: shaders and who runs them, effects and what belongs to each.
+
+use pointillist::passes::EFFECTS;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
+}
+
+/// All text of a folder's files.
+fn text(folder: &str) -> String {
+    files(&root().join(folder)).iter().map(|path| fs::read_to_string(path).unwrap()).collect()
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().unwrap().to_str().unwrap().into()
+}
+
+#[test]
+fn every_shader_is_run_and_every_included_file_included() {
+    let (sources, shaders) = (text("src"), text("glsl"));
+    for path in files(&root().join("glsl")) {
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let camel: String = stem(&path).split('_').map(|word| word[..1].to_uppercase() + &word[1..]).collect();
+        let used = match path.extension().unwrap().to_str().unwrap() {
+            "glsl" => shaders.contains(&format!("#include \"{name}\"")),
+            "comp" => sources.contains(&format!("shader::{camel} {{")) || sources.contains(&format!("{camel} {{")),
+            _ => sources.contains(&stem(&path)),
+        };
+        assert!(used, "nobody uses {name}");
+    }
+}
+
+#[test]
+fn every_effect_has_a_file_a_twin_a_picture_and_a_line_for_its_user() {
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    let goldens: Vec<String> = files(&root().join("tests/golden")).iter().map(|path| stem(path)).collect();
+    for effect in EFFECTS {
+        assert!(root().join(format!("src/passes/{effect}.rs")).is_file(), "{effect} has no file in src/passes");
+        assert!(root().join(format!("src/study/oracle/{effect}.rs")).is_file(), "{effect} has no twin in src/study/oracle");
+        assert!(goldens.iter().any(|golden| golden.contains(effect)), "{effect} has no picture in tests/golden");
+        assert!(readme.contains(&format!("\n| `{effect}` |")), "{effect} is not in README's table of effects");
+    }
+}
+
+/// The table, the list in `lib.rs` and the folders say the same.
+#[test]
+fn every_module_is_in_the_crates_documentation() {
+    let library = fs::read_to_string(root().join("src/lib.rs")).unwrap();
+    let modules = library.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
+    for module in modules {
+        assert!(library.contains(&format!("[`{module}`]")), "lib.rs does not say what {module} is for");
+    }
+}
