@@ -89,6 +89,7 @@ studies! {
     luminance, // steps between stations, details
     shadows,   // which points the light reaches
     tangents,  // how evenly strokes flow
+    strokes,   // strokes over each other
     layers,    // surfaces behind each other
 }
 
