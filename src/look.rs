@@ -2,7 +2,7 @@
 
 use crate::light::Light;
 use crate::passes::project::Precision;
-use crate::passes::{Decided, Effects, Scene, Switch, resolve};
+use crate::passes::{Decided, Effects, Scene, Switch, resolve, strokes};
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -72,7 +72,25 @@ impl Wishes {
     pub fn points() -> Wishes {
         Wishes { effects: Effects::of(Style::Points), ..Wishes::default() }
     }
+
+    /// What is drawn while the camera moves; the picture that follows at rest has everything. Of strokes over each other only the nearest, softened (dos Anjos et al. 2018, sec. 3.3.2); less
+    /// occlusion; and shadows from the middle of the light (Dobrev et al. 2010, sec. 6), where they are not there already.
+    pub fn hurried(&self, shadows_are_there: bool) -> Wishes {
+        let mut hurried = self.clone();
+        let Effects { strokes, ao, shadows, .. } = &mut hurried.effects;
+        if strokes.settings.blend == strokes::Blend::Abuffer {
+            strokes.settings.blend = strokes::Blend::Blur;
+        }
+        ao.settings.directions = ao.settings.directions.min(HURRIED_DIRECTIONS);
+        if !shadows_are_there {
+            shadows.settings.samples = 1.0;
+        }
+        hurried
+    }
 }
+
+/// Of occlusion: enough for corners to stay dark.
+const HURRIED_DIRECTIONS: f64 = 2.0;
 
 impl Default for Wishes {
     fn default() -> Self {
@@ -105,5 +123,25 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
         light: wishes.light,
         background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
         precision: wishes.precision,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_hurried_is_cheaper_and_nothing_else() {
+        let mut wishes = Wishes { effects: Effects::of(Style::Strokes), ..Wishes::default() };
+        wishes.effects.set("shadows=on,samples=16,radius=2").unwrap();
+        let hurried = wishes.hurried(false);
+        let [asked, given] = [&wishes, &hurried].map(|wishes| (wishes.effects.shadows.settings, wishes.effects.strokes.settings.blend));
+        assert_eq!((asked.0.samples, asked.1), (16.0, strokes::Blend::Abuffer));
+        assert_eq!((given.0.samples, given.1), (1.0, strokes::Blend::Blur));
+        assert_eq!(given.0.radius, 2.0);
+        assert_eq!(wishes.hurried(true).effects.shadows, wishes.effects.shadows);
+        assert_eq!(hurried.hurried(false), hurried);
+        wishes.effects.set("strokes=blend=opaque").unwrap();
+        assert_eq!(wishes.hurried(false).effects.strokes.settings.blend, strokes::Blend::Opaque);
     }
 }
