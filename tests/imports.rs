@@ -10,6 +10,7 @@ const BEFORE: &[(&str, &[&str])] = &[
     ("synth", &["cloud"]),
     ("index", &["synth"]),
     ("view", &["index"]),
+    ("camera_path", &["view"]),
     ("light", &["view"]),
     ("opacity", &["light"]),
     ("cut", &["opacity"]),
