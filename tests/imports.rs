@@ -26,7 +26,7 @@ const BEFORE: &[(&str, &[&str])] = &[
     ("picture", &["frame"]),
     ("source", &["resident"]),
     ("scene", &["look"]),
-    ("app", &["present", "picture", "scene", "source"]),
+    ("app", &["camera_path", "present", "picture", "scene", "source"]),
     ("bench", &["picture"]),
     ("study", &["app", "bench"]),
     ("cli", &["study"]),

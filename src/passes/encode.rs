@@ -1,7 +1,6 @@
 //! PICTURE -> SCREEN: linear colours to 8-bit sRGB, for files on the CPU and for windows on the device, to the same bytes.
 //!
-//! Codes are found by comparing with thresholds, since a power function rounds differently everywhere. A screen larger than its picture, as while the camera
-//! moves, shows it interpolated.
+//! Codes are found by comparing with thresholds, since a power function rounds differently everywhere.
 
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Image, Tiles};
@@ -28,17 +27,16 @@ impl Default for Thresholds {
 
 /// Where a picture is shown.
 pub struct Screen {
-    /// A word a pixel, row by row from the top left.
+    /// A word a pixel, row by row from the top left; there may be more.
     pub words: Buffer,
-    pub size: [u32; 2],
     /// The lowest byte of a word is blue, not red.
     pub blue_first: bool,
 }
 
 pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()> {
     let thresholds = g.upload("thresholds", &Thresholds::new().0)?;
-    let push = Push { picture_size: picture.desc.size, screen_size: screen.size };
-    let [width, height] = screen.size;
+    let push = Push { size: picture.desc.size };
+    let [width, height] = picture.desc.size;
     let groups = Tiles::Groups([width.div_ceil(64), height, 1]);
     let spec = Spec { blue_first: screen.blue_first };
     g.run(shader::Encode { picture, thresholds: &thresholds, screen: &mut screen.words, push, spec }, groups);
