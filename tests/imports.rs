@@ -27,8 +27,8 @@ const BEFORE: &[(&str, &[&str])] = &[
     ("source", &["resident"]),
     ("scene", &["look"]),
     ("app", &["camera_path", "present", "picture", "scene", "source"]),
-    ("bench", &["picture"]),
-    ("study", &["app", "bench"]),
+    ("bench", &["app"]),
+    ("study", &["bench"]),
     ("cli", &["study"]),
 ];
 
