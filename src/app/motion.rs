@@ -2,6 +2,7 @@
 
 use super::App;
 use super::navigation::{Input, Way};
+use crate::view::View;
 use std::time::{Duration, Instant};
 
 /// What a flight's first step takes, before a picture has said how long pictures take.
@@ -47,7 +48,11 @@ impl App {
         let before = self.navigation.camera;
         if self.facts.plays {
             self.played += by;
-            self.navigation.camera = self.facts.path.camera(self.played.as_secs_f64());
+            let camera = self.facts.path.camera(self.played.as_secs_f64());
+            // Between two keys the eye may meet what it looks at.
+            if View::new(camera, self.size()).is_ok() {
+                self.navigation.camera = camera;
+            }
             if self.played.as_secs_f64() >= self.facts.path.duration() {
                 // A flight without hands ends by its own time, and begins the path again until then.
                 (self.facts.plays, self.played) = (self.flight.is_some(), Duration::ZERO);
