@@ -93,6 +93,8 @@ pub struct Drawn {
     pub whole: bool,
     /// Nodes are still on their way.
     pub loading: bool,
+    /// Before drawing it, taking in those that had come.
+    pub took_in: Duration,
     /// From when it was wanted to when it was there.
     pub latency: Duration,
     /// Of that, drawing it.
@@ -352,12 +354,13 @@ impl Thread {
         let divisor = if self.wanted == Wanted::Now { self.pace.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
-        let mut complete = true;
+        let (mut complete, taking_in) = (true, Instant::now());
         if let Brought::Parts(residency) = cloud {
             let update = residency.update(&mut self.gpu, &view, &(self.detail)(size))?;
             complete = update.is_complete();
             update.errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
+        let took_in = taking_in.elapsed();
         let resident = cloud.resident();
         let identity = resident.identity();
         if self.wanted == Wanted::More && identity == self.last_drawn && !complete {
@@ -403,7 +406,7 @@ impl Thread {
         }
         let (decided, statistics, latency) = (look.decided, outcome.statistics, self.asked.elapsed());
         let (whole, loading) = (divisor == 1 && complete, !complete);
-        (self.report)(Report::Drawn(Box::new(Drawn { seen, decided, statistics, passes, whole, loading, latency, took, heard })));
+        (self.report)(Report::Drawn(Box::new(Drawn { seen, decided, statistics, passes, whole, loading, took_in, latency, took, heard })));
         Ok(true)
     }
 

@@ -31,11 +31,13 @@ pub struct Picture {
     took: Duration,
     /// Nodes were on their way.
     loading: bool,
+    /// Taking in those that had come.
+    took_in: Duration,
 }
 
 impl Picture {
     pub fn of(drawn: &Drawn, at: Instant) -> Picture {
-        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.loading }
+        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.loading, took_in: drawn.took_in }
     }
 }
 
@@ -87,6 +89,11 @@ pub struct FlightSummary {
     /// Pictures that were drawn while nodes were on their way, and the time since the one before them.
     pub loading: usize,
     pub loading_ms: Spread,
+    /// Of every picture's time, what went into taking in nodes that had come: all that the loader costs whoever draws.
+    pub took_in_ms: Spread,
+    /// Times from one picture to the next that are over twice the median, and those of them during which nodes were on their way.
+    pub slow: usize,
+    pub slow_loading: usize,
     /// From standing still to the whole picture.
     pub to_whole_ms: Option<f64>,
     /// Of nothing to do, then the pictures drawn and the processor time taken in it.
@@ -102,9 +109,14 @@ fn ms(time: Duration) -> f64 {
 impl FlightSummary {
     pub fn of(flight: &Flight) -> FlightSummary {
         let frames = || flight.pictures.windows(2).map(|pair| (ms(pair[1].at - pair[0].at), pair[1].loading));
+        let frame_ms = Spread::of(frames().map(|(time, _)| time).collect());
+        let slow = || frames().filter(|(time, _)| *time > 2.0 * frame_ms.median);
         FlightSummary {
+            frame_ms,
+            took_in_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.took_in)).collect()),
+            slow: slow().count(),
+            slow_loading: slow().filter(|(_, loading)| *loading).count(),
             pictures: flight.pictures.len(),
-            frame_ms: Spread::of(frames().map(|(time, _)| time).collect()),
             latency_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.latency)).collect()),
             drawing_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.took)).collect()),
             loading: flight.pictures.iter().filter(|picture| picture.loading).count(),
@@ -159,6 +171,7 @@ impl std::fmt::Display for Summary {
         writeln!(f, "  of that, drawing: {}", flight.drawing_ms)?;
         if flight.loading > 0 {
             writeln!(f, "  {} pictures while nodes were on their way: {}", flight.loading, flight.loading_ms)?;
+            writeln!(f, "  taking in what had come: {}", flight.took_in_ms)?;
         }
         writeln!(f, "from standing still to the whole picture: {}", or_never(flight.to_whole_ms))?;
         let cpu = flight.rest_cpu_ms.map_or(String::new(), |ms| format!(", {ms:.0} ms of processor time"));

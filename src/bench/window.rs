@@ -110,10 +110,15 @@ pub fn table(rows: &[Row]) -> String {
     let ms = |time: Option<f64>| time.map_or("never".to_string(), |ms| format!("{ms:.0} ms"));
     for Row { cloud, points, size, summary, .. } in rows {
         let Some(flight) = &summary.flight else { continue };
-        let FlightSummary { pictures, frame_ms, latency_ms, drawing_ms, loading, loading_ms, .. } = flight;
+        let FlightSummary { pictures, frame_ms, latency_ms, drawing_ms, loading, loading_ms, took_in_ms, slow, slow_loading, .. } = flight;
         writeln!(text, "{cloud}, {points} points, {size}: {pictures} pictures").expect("writing to a string");
-        let times =
-            [("frame", frame_ms), ("of which loading", loading_ms), ("camera to picture", latency_ms), ("of that, drawing", drawing_ms)];
+        let times = [
+            ("frame", frame_ms),
+            ("of which loading", loading_ms),
+            ("camera to picture", latency_ms),
+            ("of that, drawing", drawing_ms),
+            ("taking nodes in", took_in_ms),
+        ];
         for (name, Spread { median, p99, worst }) in times {
             writeln!(text, "  {name:<18} median {median:>8.1} ms   99 % {p99:>8.1} ms   worst {worst:>8.1} ms")
                 .expect("writing to a string");
@@ -128,7 +133,7 @@ pub fn table(rows: &[Row]) -> String {
         .expect("writing to a string");
         writeln!(
             text,
-            "  {loading} pictures while nodes were on their way; at rest, {:.0} ms: {} pictures, {} of processor time",
+            "  {loading} pictures while nodes were on their way; {slow} frames over twice the median, {slow_loading} of them then; at rest, {:.0} ms: {} pictures, {} of processor time",
             flight.rest_ms,
             flight.rest_pictures,
             ms(flight.rest_cpu_ms)
