@@ -72,21 +72,6 @@ impl Wishes {
     pub fn points() -> Wishes {
         Wishes { effects: Effects::of(Style::Points), ..Wishes::default() }
     }
-
-    /// What is drawn while the camera moves; the picture that follows at rest has everything. Of strokes over each other only the nearest, softened (dos Anjos et al. 2018, sec. 3.3.2); less
-    /// occlusion; and shadows from the middle of the light (Dobrev et al. 2010, sec. 6), where they are not there already.
-    pub fn hurried(&self, shadows_are_there: bool) -> Wishes {
-        let mut hurried = self.clone();
-        let Effects { strokes, ao, shadows, .. } = &mut hurried.effects;
-        if strokes.settings.blend == strokes::Blend::Abuffer {
-            strokes.settings.blend = strokes::Blend::Blur;
-        }
-        ao.settings.directions = ao.settings.directions.min(HURRIED_DIRECTIONS);
-        if !shadows_are_there {
-            shadows.settings.samples = 1.0;
-        }
-        hurried
-    }
 }
 
 /// Of occlusion: enough for corners to stay dark.
@@ -114,6 +99,23 @@ impl Look {
     pub fn layers(&self) -> u32 {
         if self.decided.runs("transparency") { self.effects.transparency.settings.layers as u32 } else { 1 }
     }
+
+    /// What is drawn while the camera moves; the picture that follows at rest has everything. Of strokes over each other only the nearest, softened (dos Anjos et al. 2018, sec. 3.3.2); less
+    /// occlusion; and shadows from the middle of the light (Dobrev et al. 2010, sec. 6), where they are not there already.
+    pub fn hurried(&self, shadows_are_there: bool) -> Look {
+        let mut hurried = self.clone();
+        let Effects { strokes, ao, shadows, .. } = &mut hurried.effects;
+        if self.decided.runs("strokes") && strokes.settings.blend == strokes::Blend::Abuffer {
+            strokes.settings.blend = strokes::Blend::Blur;
+        }
+        if self.decided.runs("ao") {
+            ao.settings.directions = ao.settings.directions.min(HURRIED_DIRECTIONS);
+        }
+        if self.decided.runs("shadows") && !shadows_are_there {
+            shadows.settings.samples = 1.0;
+        }
+        hurried
+    }
 }
 
 pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
@@ -129,19 +131,25 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::passes::Reason;
 
     #[test]
-    fn what_is_hurried_is_cheaper_and_nothing_else() {
-        let mut wishes = Wishes { effects: Effects::of(Style::Strokes), ..Wishes::default() };
-        wishes.effects.set("shadows=on,samples=16,radius=2").unwrap();
-        let hurried = wishes.hurried(false);
-        let [asked, given] = [&wishes, &hurried].map(|wishes| (wishes.effects.shadows.settings, wishes.effects.strokes.settings.blend));
-        assert_eq!((asked.0.samples, asked.1), (16.0, strokes::Blend::Abuffer));
-        assert_eq!((given.0.samples, given.1), (1.0, strokes::Blend::Blur));
-        assert_eq!(given.0.radius, 2.0);
-        assert_eq!(wishes.hurried(true).effects.shadows, wishes.effects.shadows);
+    fn what_is_hurried_is_cheaper_where_it_runs_and_nothing_else() {
+        let mut effects = Effects::of(Style::Strokes);
+        effects.set("shadows=on,samples=16,radius=2").unwrap();
+        let look = |running: &[&'static str]| Look {
+            effects: effects.clone(),
+            decided: Decided(running.iter().map(|name| (*name, Reason { runs: true, why: String::new() })).collect()),
+            light: Light::default(),
+            background: [0.0; 3],
+            precision: Precision::Auto,
+        };
+        assert_eq!(look(&["phong"]).hurried(false), look(&["phong"]));
+        let all = look(&["strokes", "shadows"]);
+        let hurried = all.hurried(false);
+        assert_eq!((hurried.effects.shadows.settings.samples, hurried.effects.shadows.settings.radius), (1.0, 2.0));
+        assert_eq!(hurried.effects.strokes.settings.blend, strokes::Blend::Blur);
+        assert_eq!(all.hurried(true).effects.shadows, all.effects.shadows);
         assert_eq!(hurried.hurried(false), hurried);
-        wishes.effects.set("strokes=blend=opaque").unwrap();
-        assert_eq!(wishes.hurried(false).effects.strokes.settings.blend, strokes::Blend::Opaque);
     }
 }

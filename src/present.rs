@@ -1,5 +1,6 @@
 //! SCREEN -> WINDOW: a buffer of 8-bit words, which frames write (passes/encode.rs), to the images of a swapchain.
 //!
+//! A picture that is smaller than the window, as while the camera moves, is drawn larger by the way, interpolated.
 //! The words are copied, so that a swapchain needs to be good for nothing but copies and a rasteriser's target, which all are, and holds the bytes of a PNG file. They stay
 //! until the next frame: what lies over the picture can change, and a window be uncovered, without anything being drawn again.
 //!
@@ -9,7 +10,7 @@
 pub mod overlay;
 
 use crate::error::{Error, Result};
-use crate::gpu::memory::RawBuffer;
+use crate::gpu::memory::{ImageDesc, RawBuffer, RawImage};
 use crate::gpu::{BufferDesc, Device, Place, failed};
 use crate::graph::Gpu;
 use ash::{khr, vk};
@@ -45,8 +46,12 @@ struct Swapchain {
     raw: vk::SwapchainKHR,
     targets: Vec<Target>,
     size: [u32; 2],
-    /// Frames write it.
+    /// Frames write it: a word a pixel of the window, of which a smaller picture takes the first.
     screen: RawBuffer,
+    /// What is on the screen, pixels.
+    picture: [u32; 2],
+    /// Where a picture that is smaller than the window is scaled from.
+    small: Option<RawImage>,
     /// The window has changed since.
     stale: bool,
 }
@@ -130,9 +135,22 @@ impl Present {
         self.swapchain.as_ref().map_or([0, 0], |swapchain| swapchain.size)
     }
 
-    /// A word a pixel, to be written by frames.
+    /// To be written by frames, row by row from the top left: a word a pixel of a picture that is no larger than the window.
     pub fn screen(&self) -> &RawBuffer {
         &self.swapchain.as_ref().expect("fit says that it is there").screen
+    }
+
+    /// A picture of this size has been written there.
+    pub fn holds(&mut self, gpu: &mut Gpu, picture: [u32; 2]) -> Result<()> {
+        let swapchain = self.swapchain.as_mut().expect("fit says that it is there");
+        let desc = (picture != swapchain.size).then_some(ImageDesc { size: picture, format: self.format.format });
+        if swapchain.small.as_ref().map(|small| small.desc) != desc {
+            // Whoever gets it next begins after what is under way.
+            swapchain.small.take().into_iter().for_each(|small| gpu.memory.shelve_image(small));
+            swapchain.small = desc.map(|desc| gpu.memory.image(&gpu.device, desc, "small picture")).transpose()?;
+        }
+        swapchain.picture = picture;
+        Ok(())
     }
 
     /// Whether a word's lowest byte is blue.
@@ -287,7 +305,8 @@ impl Present {
                 return Err(failed("vkCreateSwapchainKHR")(code));
             }
         };
-        let swapchain = self.swapchain.insert(Swapchain { raw, targets: Vec::new(), size, screen, stale: false });
+        let swapchain =
+            self.swapchain.insert(Swapchain { raw, targets: Vec::new(), size, screen, picture: size, small: None, stale: false });
         // SAFETY: a live swapchain.
         let images = unsafe { self.swapchains.get_swapchain_images(raw) }.map_err(failed("vkGetSwapchainImagesKHR"))?;
         for image in images {
@@ -307,6 +326,7 @@ impl Present {
     fn drop_swapchain(&mut self, gpu: &mut Gpu) {
         let Some(swapchain) = self.swapchain.take() else { return };
         gpu.memory.destroy_buffer(swapchain.screen);
+        swapchain.small.into_iter().for_each(|small| gpu.memory.shelve_image(small));
         // SAFETY: see above.
         unsafe {
             for target in &swapchain.targets {
@@ -355,20 +375,35 @@ const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
     layer_count: 1,
 };
 
+const LAYER: vk::ImageSubresourceLayers =
+    vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, mip_level: 0, base_array_layer: 0, layer_count: 1 };
+
 /// The screen's words to an image, which is in GENERAL then.
 ///
 /// # Safety
 /// The command buffer is being recorded, and all of these live until it is done.
 unsafe fn copy(device: &ash::Device, commands: vk::CommandBuffer, swapchain: &Swapchain, image: vk::Image) {
-    let [width, height] = swapchain.size;
-    let region = vk::BufferImageCopy::default()
-        .image_extent(vk::Extent3D { width, height, depth: 1 })
-        .image_subresource(vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, layer_count: 1, ..Default::default() });
+    let [width, height] = swapchain.picture;
+    let region = vk::BufferImageCopy::default().image_extent(vk::Extent3D { width, height, depth: 1 }).image_subresource(LAYER);
     let written = vk::ImageLayout::GENERAL;
     // SAFETY: the caller's; the buffer has a word for every pixel.
     unsafe {
         turn(device, commands, image, vk::ImageLayout::UNDEFINED, written);
-        device.cmd_copy_buffer_to_image(commands, swapchain.screen.raw, image, written, &[region]);
+        match &swapchain.small {
+            None => device.cmd_copy_buffer_to_image(commands, swapchain.screen.raw, image, written, &[region]),
+            Some(small) => {
+                turn(device, commands, small.raw, vk::ImageLayout::UNDEFINED, written);
+                device.cmd_copy_buffer_to_image(commands, swapchain.screen.raw, small.raw, written, &[region]);
+                turn(device, commands, small.raw, written, written);
+                let corners = |[x, y]: [u32; 2]| [vk::Offset3D::default(), vk::Offset3D { x: x as i32, y: y as i32, z: 1 }];
+                let scaled = vk::ImageBlit::default()
+                    .src_subresource(LAYER)
+                    .src_offsets(corners(swapchain.picture))
+                    .dst_subresource(LAYER)
+                    .dst_offsets(corners(swapchain.size));
+                device.cmd_blit_image(commands, small.raw, written, image, written, &[scaled], vk::Filter::LINEAR);
+            }
+        }
         turn(device, commands, image, written, written);
     }
 }

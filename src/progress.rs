@@ -9,6 +9,9 @@ use crate::error::Result;
 pub trait Progress: Sync {
     /// `done` of `total` units of `doing` ("reading scan.laz") are finished; `total` 0 means it is not known.
     fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()>;
+
+    /// Calls `act`, on any thread, when it is to stop: for who waits, and so does not tick. A listener that never stops anything never calls it.
+    fn when_interrupted(&self, _act: Box<dyn Fn() + Send>) {}
 }
 
 /// Listens to nothing: for tests, and for embedding.

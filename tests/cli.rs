@@ -49,7 +49,7 @@ const CAMERA: &str = r#"{"eye": [3, -4, 3], "target": [0, 0, 0], "up": [0, 0, 1]
 
 #[test]
 fn every_command_explains_itself_with_examples() {
-    for command in ["render", "info", "synth", "study", "bench"] {
+    for command in ["view", "render", "info", "synth", "study", "bench"] {
         let output = run([command, "--help"]);
         succeeded(&output);
         let help = text(&output.stdout);
@@ -286,6 +286,21 @@ fn small_and_degenerate_clouds_are_drawn() {
 }
 
 #[cfg(unix)]
+/// Devices differ in how large their images may be; whatever that is, the picture is there or a line says what it is.
+#[test]
+fn a_picture_larger_than_an_image_of_the_device_is_refused_in_one_line() {
+    let place = Place::new();
+    let cloud = place.scan("scan.las", Scene::Torus, 1000);
+    let output = place.render(&cloud, "-o @wide.png --size 32768x16");
+    if output.status.success() {
+        assert_eq!(read_png(&place.at("wide.png")).size, [32_768, 16]);
+        return;
+    }
+    let said = failed(&output, 1);
+    assert!(said.contains("32768 x 16") && said.contains("a side") && said.contains("--size"), "{said}");
+    assert!(!place.at("wide.png").exists());
+}
+
 #[test]
 fn odd_paths_are_handled_or_refused_in_one_line() {
     use std::ffi::OsStr;

@@ -10,6 +10,7 @@ const BEFORE: &[(&str, &[&str])] = &[
     ("synth", &["cloud"]),
     ("index", &["synth"]),
     ("view", &["index"]),
+    ("camera_path", &["view"]),
     ("light", &["view"]),
     ("opacity", &["light"]),
     ("cut", &["opacity"]),
@@ -25,9 +26,9 @@ const BEFORE: &[(&str, &[&str])] = &[
     ("picture", &["frame"]),
     ("source", &["resident"]),
     ("scene", &["look"]),
-    ("app", &["present", "picture", "scene", "source"]),
-    ("bench", &["picture"]),
-    ("study", &["app", "bench"]),
+    ("app", &["camera_path", "present", "picture", "scene", "source"]),
+    ("bench", &["app"]),
+    ("study", &["bench"]),
     ("cli", &["study"]),
 ];
 

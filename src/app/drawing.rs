@@ -3,25 +3,28 @@
 //! The window's thread never waits for the device: it posts what it wants, and goes on. This one drains what was posted, keeps the newest, and
 //!   draws where that is another picture than the last: smaller while it keeps changing (pace.rs), and once as large as the window when it has stopped;
 //!   draws again while nodes of an index arrive; then sleeps until something is posted. A picture that nobody looks at any more is not drawn twice.
-//! While one picture is drawn the next is recorded ([`crate::graph::Running`]), and no more, so that what is seen is not far behind the hand.
+//! One picture at a time is on the device. As soon as it is there the window's thread is told, which moves the camera on: where that is by then is drawn next. So whatever hands do is on
+//! the screen after what is left of one picture and one more; a second one waiting on the device would show where the camera was before.
+//!
+//! How long a picture takes is what passes until it is there. Timestamps of passes do not tell: those of a software device are all taken at the end once anything has been rasterised, as panels are.
 
 use super::pace::{Pace, divided};
 use super::seen::Seen;
 use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::frame;
-use crate::graph::{Buffer, Gpu, Graph, Handle, Running};
+use crate::graph::{Gpu, Graph, Handle};
+use crate::light::Light;
 use crate::look;
 use crate::passes::encode::{self, Screen};
 use crate::passes::{Decided, project::Statistics};
+use crate::present::Present;
 use crate::present::overlay::Overlay;
-use crate::present::{Present, UNDER_WAY};
 use crate::progress::Progress;
 use crate::resident::Point;
 use crate::scene::Scene;
 use crate::source::Brought;
 use crate::view::View;
-use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -34,7 +37,11 @@ pub type Bring = Box<dyn FnOnce(&mut Gpu) -> Result<Brought> + Send>;
 
 /// From the window's thread.
 pub enum Message {
-    Scene(Box<Scene>),
+    Scene {
+        scene: Box<Scene>,
+        /// When hands wanted it.
+        asked: Instant,
+    },
     /// The window has another size, or was uncovered.
     Exposed,
     /// What lies over the picture.
@@ -51,8 +58,17 @@ pub enum Message {
     Close,
 }
 
+impl Message {
+    /// Whether it makes a picture that is being drawn an old one.
+    fn is_newer(&self) -> bool {
+        !matches!(self, Message::Panel(_))
+    }
+}
+
 /// To the window's thread.
 pub enum Report {
+    /// A picture is on its way: what moves by itself may move on.
+    Begun,
     Drawn(Box<Drawn>),
     /// A cloud is on the device.
     Brought,
@@ -76,8 +92,16 @@ pub struct Drawn {
     pub passes: Vec<(String, f64)>,
     /// As large as the window, and all that the view shows of the cloud.
     pub whole: bool,
-    /// From posting what it shows to the end of drawing it.
+    /// Nodes are still on their way.
+    pub loading: bool,
+    /// Before drawing it, taking in those that had come.
+    pub took_in: Duration,
+    /// From when it was wanted to when it was there.
     pub latency: Duration,
+    /// Of that, drawing it.
+    pub took: Duration,
+    /// Messages that were heard before it was begun ([`Drawing::is_newest`]).
+    pub heard: u64,
 }
 
 /// The thread, as the window's thread has it.
@@ -102,11 +126,12 @@ impl Drawing {
             cloud: None,
             scene: None,
             changed: Instant::now(),
+            asked: Instant::now(),
             wanted: Wanted::Nothing,
             again: false,
             pace: Pace::default(),
-            flights: VecDeque::new(),
             last_drawn: Vec::new(),
+            lit_by: None,
         };
         let thread = std::thread::Builder::new().name("drawing".into()).spawn(move || thread.run());
         let thread = thread.map_err(|error| Error::Device(format!("cannot start a thread to draw: {error}")))?;
@@ -114,9 +139,14 @@ impl Drawing {
     }
 
     pub fn post(&self, message: Message) {
-        self.posted.fetch_add(1, Relaxed);
+        self.posted.fetch_add(message.is_newer() as u64, Relaxed);
         // A thread that has ended has reported why.
         let _ = self.posts.send(message);
+    }
+
+    /// Whether all that was posted had been heard then.
+    pub fn is_newest(&self, heard: u64) -> bool {
+        self.posted.load(Relaxed) == heard
     }
 
     /// Waits until everything on the device is given back.
@@ -150,26 +180,13 @@ const STILL: Duration = Duration::from_millis(150);
 /// Between two looks at what the loader has brought.
 const LOADING: Duration = Duration::from_millis(10);
 
-/// A frame under way.
-struct Flight {
-    running: Running,
-    view: View,
-    decided: Decided,
-    statistics: Statistics,
-    depth: Buffer,
-    index: Buffer,
-    divisor: u32,
-    whole: bool,
-    asked: Instant,
-}
-
 struct Thread {
     gpu: Gpu,
     /// Taken at the end.
     present: Option<Present>,
     detail: DetailOf,
     posted: Receiver<Message>,
-    /// Messages posted, and those heard.
+    /// Messages posted that want another picture, and those heard.
     count: Arc<AtomicU64>,
     heard: u64,
     report: Box<dyn Fn(Report) + Send>,
@@ -177,13 +194,16 @@ struct Thread {
     scene: Option<Scene>,
     /// When what is to be seen last changed.
     changed: Instant,
+    /// When that was wanted.
+    asked: Instant,
     wanted: Wanted,
     /// The picture on the screen is to be shown again, under another panel.
     again: bool,
     pace: Pace,
-    flights: VecDeque<Flight>,
     /// What the last picture was drawn from ([`crate::resident::Resident::identity`]).
     last_drawn: Vec<u64>,
+    /// What the shadows that are kept were cast from: light and points.
+    lit_by: Option<(Light, Vec<u64>)>,
 }
 
 /// Stops a whole picture on a software device, where it takes long, when something newer is wanted.
@@ -201,13 +221,12 @@ impl Progress for Newer<'_> {
 impl Thread {
     fn run(mut self) {
         let ended = self.serve();
-        let landed = self.land(0);
         let present = self.present.take().expect("taken here only");
         present.free(&mut self.gpu);
         if let Some(cloud) = self.cloud.take() {
             cloud.free(&mut self.gpu);
         }
-        if let Err(error) = ended.and(landed).and_then(|()| self.gpu.device.objections()) {
+        if let Err(error) = ended.and_then(|()| self.gpu.device.objections()) {
             (self.report)(Report::Ended(error));
         }
     }
@@ -228,7 +247,7 @@ impl Thread {
             };
             let mut next = first;
             while let Some(message) = next {
-                self.heard += 1;
+                self.heard += message.is_newer() as u64;
                 if matches!(message, Message::Close) {
                     return Ok(());
                 }
@@ -247,31 +266,30 @@ impl Thread {
             Wanted::Whole => Some(STILL.saturating_sub(self.changed.elapsed())),
             Wanted::Nothing => None,
         };
-        if self.flights.is_empty() && !self.again { by_wanted } else { Some(Duration::ZERO) }
+        if self.again { Some(Duration::ZERO) } else { by_wanted }
     }
 
     fn hear(&mut self, message: Message) -> Result<()> {
         match message {
-            Message::Scene(scene) => {
+            Message::Scene { scene, asked } => {
                 if self.scene.as_ref() != Some(&*scene) {
                     self.scene = Some(*scene);
-                    self.change();
+                    self.change(asked);
                 }
             }
-            Message::Exposed => self.change(),
+            Message::Exposed => self.change(Instant::now()),
             Message::Panel(overlay) => {
                 self.present.as_mut().expect("taken at the end").lay_over(&self.gpu, *overlay)?;
                 self.again = true;
             }
             Message::Bring(bring) => {
-                self.land(0)?;
                 match bring(&mut self.gpu) {
                     Ok(cloud) => {
                         if let Some(old) = self.cloud.replace(cloud) {
                             old.free(&mut self.gpu);
                         }
                         (self.report)(Report::Brought);
-                        self.change();
+                        self.change(Instant::now());
                     }
                     // Nobody waits for it any more.
                     Err(Error::Interrupted) => {}
@@ -279,7 +297,6 @@ impl Thread {
                 }
             }
             Message::Pick { id, adds } => {
-                self.land(0)?;
                 // Ids are of the picture that was drawn last; where nodes have come since, they are others.
                 let resident = self.cloud.as_ref().map(Brought::resident).filter(|resident| resident.identity() == self.last_drawn);
                 if let Some(point) = resident.and_then(|resident| resident.point(id)) {
@@ -292,103 +309,115 @@ impl Thread {
         Ok(())
     }
 
-    fn change(&mut self) {
+    fn change(&mut self, asked: Instant) {
+        // What has not been drawn yet waits since it was first asked for.
+        if self.wanted != Wanted::Now {
+            self.asked = asked;
+        }
         self.changed = Instant::now();
         self.wanted = Wanted::Now;
     }
 
     /// One thing that is to be done.
     fn step(&mut self) -> Result<()> {
-        // What is only finer waits until the coarser picture is reported.
         let due = match self.wanted {
-            Wanted::Now => self.flights.len() < UNDER_WAY,
-            Wanted::More => self.flights.is_empty(),
-            Wanted::Whole => self.flights.is_empty() && self.changed.elapsed() >= STILL,
+            Wanted::Now | Wanted::More => true,
+            Wanted::Whole => self.changed.elapsed() >= STILL,
             Wanted::Nothing => false,
         };
-        if due {
-            return self.draw();
+        if due && self.draw()? {
+            return Ok(());
         }
-        if self.again {
-            let present = self.present.as_mut().expect("taken at the end");
-            let before = present.size();
-            if present.fit(&mut self.gpu)? && present.size() == before && present.show(&self.gpu)? {
-                self.again = false;
-                return Ok(());
-            }
-            self.again = false;
-            self.change();
-        }
-        self.land(self.flights.len().saturating_sub(1))
+        if self.again { self.show_again() } else { Ok(()) }
     }
 
-    fn draw(&mut self) -> Result<()> {
+    /// The same picture, under another panel.
+    fn show_again(&mut self) -> Result<()> {
+        self.again = false;
+        let present = self.present.as_mut().expect("taken at the end");
+        let before = present.size();
+        if !present.fit(&mut self.gpu)? || present.size() != before || !present.show(&self.gpu)? {
+            self.change(Instant::now());
+        }
+        Ok(())
+    }
+
+    /// One picture; false where there is nothing new to show.
+    fn draw(&mut self) -> Result<bool> {
         let present = self.present.as_mut().expect("taken at the end");
         if !present.fit(&mut self.gpu)? {
             // Whoever uncovers the window says so.
             (self.wanted, self.again) = (Wanted::Nothing, false);
-            return Ok(());
+            return Ok(false);
         }
         let (Some(scene), Some(cloud)) = (&self.scene, &mut self.cloud) else {
             self.wanted = Wanted::Nothing;
-            return self.blank();
+            return self.blank().map(|()| true);
         };
         cloud.resident_mut().opacities = scene.opacities.clone();
         let divisor = if self.wanted == Wanted::Now { self.pace.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
-        let mut complete = true;
+        let (mut complete, taking_in) = (true, Instant::now());
         if let Brought::Parts(residency) = cloud {
             let update = residency.update(&mut self.gpu, &view, &(self.detail)(size))?;
             complete = update.is_complete();
             update.errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
+        let took_in = taking_in.elapsed();
         let resident = cloud.resident();
         let identity = resident.identity();
         if self.wanted == Wanted::More && identity == self.last_drawn && !complete {
-            return Ok(());
+            return Ok(false);
         }
         let newer = Newer { count: &self.count, heard: self.heard };
         // What is only a finer picture of the same gives way.
         let gives_way = self.wanted != Wanted::Now;
-        let look = look::decide(&scene.wishes, &view, resident);
+        // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
+        let look = look::decide(&scene.wishes, &View::new(scene.camera, present.size())?, resident);
+        let lit_by = (scene.wishes.light, identity.clone());
+        let drawn = if gives_way { look.clone() } else { look.hurried(self.lit_by.as_ref() == Some(&lit_by)) };
+        let finest = divisor == 1 && drawn == look;
         let mut g = Graph::new(&mut self.gpu);
         if gives_way {
             g = g.watched(&newer);
         }
-        let outcome = frame::record(&mut g, &view, resident, &look)?;
-        let mut screen = Screen { words: g.import("screen", present.screen()), size: present.size(), blue_first: present.blue_first() };
+        let outcome = frame::record(&mut g, &view, resident, &drawn)?;
+        let mut screen = Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
         encode::record(&mut g, &outcome.picture, &mut screen)?;
         let [depth, index] = [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
+        let (began, heard) = (Instant::now(), self.heard);
         let running = match g.launch(&[screen.words.resource()]) {
             Ok(running) => running,
             // Something newer is wanted, which is heard next.
-            Err(Error::Interrupted) => return Ok(()),
+            Err(Error::Interrupted) => return Ok(true),
             Err(error) => return Err(error),
         };
-        let whole = divisor == 1 && complete;
+        (self.report)(Report::Begun);
+        let frame = running.finish(&mut self.gpu)?;
+        let took = began.elapsed();
+        present.holds(&mut self.gpu, size)?;
+        let seen = Arc::new(Seen { view, depth: frame.read(&depth).to_vec(), index: frame.read(&index).to_vec() });
+        let passes = frame.passes.clone();
+        frame.shelve(&mut self.gpu);
+        self.pace = self.pace.after(divisor, took);
         self.last_drawn = identity;
-        self.flights.push_back(Flight {
-            running,
-            view,
-            decided: look.decided,
-            statistics: outcome.statistics,
-            depth,
-            index,
-            divisor,
-            whole,
-            asked: self.changed,
-        });
-        self.wanted = match (divisor, complete) {
-            (1, true) => Wanted::Nothing,
-            (1, false) => Wanted::More,
+        self.wanted = match (finest, complete) {
+            (true, true) => Wanted::Nothing,
+            (true, false) => Wanted::More,
             _ => Wanted::Whole,
         };
+        if drawn == look {
+            self.lit_by = Some(lit_by);
+        }
         self.again = false;
         if !present.show(&self.gpu)? {
             self.wanted = Wanted::Now;
         }
-        Ok(())
+        let (decided, statistics, latency) = (look.decided, outcome.statistics, self.asked.elapsed());
+        let (whole, loading) = (finest && complete, !complete);
+        (self.report)(Report::Drawn(Box::new(Drawn { seen, decided, statistics, passes, whole, loading, took_in, latency, took, heard })));
+        Ok(true)
     }
 
     /// Shows the background alone.
@@ -400,29 +429,16 @@ impl Thread {
         let mut screen = g.import("screen", present.screen());
         g.fill(&mut screen, word | 255 << 24);
         g.submit(&[screen.resource()])?.shelve(&mut self.gpu);
-        present.show(&self.gpu)?;
-        Ok(())
-    }
-
-    /// Waits until no more than so many frames are under way.
-    fn land(&mut self, most: usize) -> Result<()> {
-        while self.flights.len() > most {
-            let Flight { running, view, decided, statistics, depth, index, divisor, whole, asked } =
-                self.flights.pop_front().expect("counted");
-            let frame = running.finish(&mut self.gpu)?;
-            let seen = Seen { view, depth: frame.read(&depth).to_vec(), index: frame.read(&index).to_vec() };
-            let passes = frame.passes.clone();
-            frame.shelve(&mut self.gpu);
-            self.pace = self.pace.after(divisor, passes.iter().map(|(_, ms)| ms).sum());
-            let latency = asked.elapsed();
-            (self.report)(Report::Drawn(Box::new(Drawn { seen: Arc::new(seen), decided, statistics, passes, whole, latency })));
+        present.holds(&mut self.gpu, present.size())?;
+        self.again = false;
+        if !present.show(&self.gpu)? {
+            self.wanted = Wanted::Now;
         }
         Ok(())
     }
 
     /// By the same steps as `render`, so to the same bytes.
     fn save(&mut self, path: PathBuf) -> Result<()> {
-        self.land(0)?;
         let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &mut self.cloud, &self.present) else { return Ok(()) };
         let view = View::new(scene.camera, present.size())?;
         cloud.resident_mut().opacities = scene.opacities.clone();

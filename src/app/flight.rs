@@ -1,14 +1,22 @@
-//! A flight without hands, to measure the window by: straight ahead for a while as soon as the cloud is there, then a rest, then the end.
+//! A flight without hands, to measure the window by: along a camera path, or straight ahead, as soon as the cloud is there; then a rest, then the end.
 
+use super::drawing::Drawn;
+use super::statistics::{self, Picture};
 use std::time::{Duration, Instant};
 
 pub struct Flight {
     length: Duration,
     stage: Stage,
+    /// All that were drawn on the way.
+    pub pictures: Vec<Picture>,
     /// From standing still to the whole picture.
     pub to_whole: Option<Duration>,
     /// Pictures that were drawn at rest.
     pub at_rest: u64,
+    /// Processor time that the rest took, where the system tells.
+    pub rest_cpu: Option<Duration>,
+    /// When the rest began, and what had been taken then.
+    cpu_before: Option<Duration>,
 }
 
 #[derive(Clone, Copy)]
@@ -16,7 +24,10 @@ enum Stage {
     Before,
     Under(Instant),
     Stopped(Instant),
+    /// The whole picture is there, and what it made the panel do is being done.
+    Settling(Instant),
     Rest(Instant),
+    Over,
 }
 
 /// What hands would do.
@@ -25,27 +36,31 @@ pub enum Hands {
     Stop,
 }
 
-const REST: Duration = Duration::from_secs(2);
+/// The panel shows the last picture's facts.
+const SETTLING: Duration = Duration::from_millis(500);
+
+/// How long nothing is done.
+pub const REST: Duration = Duration::from_secs(2);
 
 impl Flight {
     pub fn new(length: Duration) -> Flight {
-        Flight { length, stage: Stage::Before, to_whole: None, at_rest: 0 }
+        Flight { length, stage: Stage::Before, pictures: Vec::new(), to_whole: None, at_rest: 0, rest_cpu: None, cpu_before: None }
     }
 
-    /// A picture is on the screen.
-    pub fn drawn(&mut self, whole: bool, now: Instant) -> Option<Hands> {
+    /// A picture is on the screen, and is all that is wanted or not.
+    pub fn drawn(&mut self, drawn: &Drawn, rests: bool, now: Instant) -> Option<Hands> {
         let (stage, hands) = match self.stage {
-            Stage::Before if whole => (Stage::Under(now), Some(Hands::Start)),
-            Stage::Under(since) if now - since >= self.length && whole => {
-                // No picture follows, for none is finer.
-                self.to_whole = Some(Duration::ZERO);
-                (Stage::Rest(now), Some(Hands::Stop))
+            Stage::Before if drawn.whole => (Stage::Under(now), Some(Hands::Start)),
+            Stage::Under(since) => {
+                self.pictures.push(Picture::of(drawn, now));
+                match now - since >= self.length {
+                    // No picture follows where the path rests.
+                    true if rests => (self.is_whole(Duration::ZERO, now), Some(Hands::Stop)),
+                    true => (Stage::Stopped(now), Some(Hands::Stop)),
+                    false => (Stage::Under(since), None),
+                }
             }
-            Stage::Under(since) if now - since >= self.length => (Stage::Stopped(now), Some(Hands::Stop)),
-            Stage::Stopped(since) if whole => {
-                self.to_whole = Some(now - since);
-                (Stage::Rest(now), None)
-            }
+            Stage::Stopped(since) if rests => (self.is_whole(now - since, now), None),
             Stage::Rest(since) => {
                 self.at_rest += 1;
                 (Stage::Rest(since), None)
@@ -56,11 +71,37 @@ impl Flight {
         hands
     }
 
-    /// When it is over, as far as that is known.
-    pub fn over(&self) -> Option<Instant> {
+    fn is_whole(&mut self, after: Duration, now: Instant) -> Stage {
+        self.to_whole = Some(after);
+        Stage::Settling(now)
+    }
+
+    /// When something is to be done although nothing happens.
+    pub fn wakes(&self) -> Option<Instant> {
         match self.stage {
+            Stage::Settling(since) => Some(since + SETTLING),
             Stage::Rest(since) => Some(since + REST),
             _ => None,
+        }
+    }
+
+    /// Goes on by itself; true when it is over.
+    pub fn wake(&mut self, now: Instant) -> bool {
+        if self.wakes().is_none_or(|when| when > now) {
+            return false;
+        }
+        match self.stage {
+            Stage::Settling(_) => {
+                self.cpu_before = statistics::processor_time();
+                self.stage = Stage::Rest(now);
+                false
+            }
+            _ => {
+                let taken = statistics::processor_time().zip(self.cpu_before);
+                self.rest_cpu = taken.map(|(after, before)| after.saturating_sub(before));
+                self.stage = Stage::Over;
+                true
+            }
         }
     }
 }

@@ -1,5 +1,6 @@
 //! What a key does: one table, from which the window acts and the help is written.
 
+use super::deeds::Deed;
 use super::navigation::{Input, Way};
 use crate::view::{Preset, Projection};
 use winit::keyboard::KeyCode;
@@ -8,11 +9,7 @@ use winit::keyboard::KeyCode;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Act {
     Fly(Way),
-    Navigate(Input),
-    Save,
-    FullScreen,
-    Help,
-    Panel,
+    Do(Deed),
     Close,
 }
 
@@ -28,11 +25,11 @@ const fn key(codes: &'static [KeyCode], name: &'static str, act: Act, about: &'s
 }
 
 const fn look(from: Preset) -> Act {
-    Act::Navigate(Input::Look { from })
+    Act::Do(Deed::Navigate(Input::Look { from }))
 }
 
 const fn project(onto: Projection) -> Act {
-    Act::Navigate(Input::Project { onto })
+    Act::Do(Deed::Navigate(Input::Project { onto }))
 }
 
 pub const KEYS: &[Key] = &[
@@ -40,7 +37,7 @@ pub const KEYS: &[Key] = &[
     key(&[KeyCode::Digit1, KeyCode::Numpad1], "1", look(Preset::Front), "from the south"),
     key(&[KeyCode::Digit3, KeyCode::Numpad3], "3", look(Preset::Side), "from the east"),
     key(&[KeyCode::Digit7, KeyCode::Numpad7], "7", look(Preset::Top), "from above"),
-    key(&[KeyCode::Digit5, KeyCode::Numpad5], "5", Act::Navigate(Input::OtherProjection), "with perspective, or without"),
+    key(&[KeyCode::Digit5, KeyCode::Numpad5], "5", Act::Do(Deed::Navigate(Input::OtherProjection)), "with perspective, or without"),
     key(&[KeyCode::KeyP], "P", project(Projection::Perspective), "with perspective"),
     key(&[KeyCode::KeyO], "O", project(Projection::Orthographic), "without"),
     key(&[KeyCode::KeyW, KeyCode::ArrowUp], "W", Act::Fly(Way::Forward), "fly ahead"),
@@ -49,11 +46,18 @@ pub const KEYS: &[Key] = &[
     key(&[KeyCode::KeyD, KeyCode::ArrowRight], "D", Act::Fly(Way::Right), "right"),
     key(&[KeyCode::KeyE, KeyCode::KeyR, KeyCode::PageUp], "E", Act::Fly(Way::Up), "up"),
     key(&[KeyCode::KeyQ, KeyCode::KeyF, KeyCode::PageDown], "Q", Act::Fly(Way::Down), "down"),
-    key(&[KeyCode::KeyM], "M", Act::Navigate(Input::NextMode), "the mouse orbits, looks around in flight, or grabs the ground"),
-    key(&[KeyCode::F9], "F9", Act::Save, "save the picture"),
-    key(&[KeyCode::F11], "F11", Act::FullScreen, "full screen"),
-    key(&[KeyCode::KeyH, KeyCode::F1], "H", Act::Help, "these keys"),
-    key(&[KeyCode::KeyN], "N", Act::Panel, "without the panel, or with it"),
+    key(&[KeyCode::KeyM], "M", Act::Do(Deed::Navigate(Input::NextMode)), "the mouse orbits, looks around in flight, or grabs the ground"),
+    key(&[KeyCode::KeyC], "C", Act::Do(Deed::Export("csv")), "save what was picked, as a table"),
+    key(&[KeyCode::KeyG], "G", Act::Do(Deed::Export("geojson")), "save what was picked, as GeoJSON"),
+    key(&[KeyCode::Delete, KeyCode::Backspace], "Del", Act::Do(Deed::Forget), "forget what was picked"),
+    key(&[KeyCode::KeyK], "K", Act::Do(Deed::AddKey), "one more view of the camera path"),
+    key(&[KeyCode::Space], "Space", Act::Do(Deed::Play), "fly along the camera path, or stop"),
+    key(&[KeyCode::F7], "F7", Act::Do(Deed::SavePath), "save the camera path, for render --path"),
+    key(&[KeyCode::F8], "F8", Act::Do(Deed::SaveScene), "save the scene, for render --scene"),
+    key(&[KeyCode::F9], "F9", Act::Do(Deed::SavePicture), "save the picture"),
+    key(&[KeyCode::F11], "F11", Act::Do(Deed::FullScreen), "full screen"),
+    key(&[KeyCode::KeyH, KeyCode::F1], "H", Act::Do(Deed::Help), "these keys"),
+    key(&[KeyCode::KeyN], "N", Act::Do(Deed::Panel), "without the panel, or with it"),
     key(&[KeyCode::Escape], "Esc", Act::Close, "close"),
 ];
 

@@ -3,8 +3,10 @@
 //! What a frame costs grows with its pixels: passes over the screen by themselves, and the points of an index by their budget (cut.rs). So a moving picture is a smaller one,
 //! by a whole number, and nothing else about it is different.
 
-/// A frame that takes longer is drawn smaller, milliseconds: thirty of them a second look like motion.
-pub const TARGET_MS: f64 = 33.0;
+use std::time::Duration;
+
+/// A frame that takes longer is drawn smaller: thirty of them a second look like motion.
+pub const TARGET: Duration = Duration::from_millis(33);
 
 /// Smaller ones show nothing that one could steer by.
 pub const COARSEST: u32 = 4;
@@ -27,10 +29,10 @@ impl Default for Pace {
 
 impl Pace {
     /// After a frame of this divisor has taken so long.
-    pub fn after(self, divisor: u32, milliseconds: f64) -> Pace {
-        let would = |other: u32| milliseconds * (divisor * divisor) as f64 / (other * other) as f64;
+    pub fn after(self, divisor: u32, took: Duration) -> Pace {
+        let would = |other: u32| took.mul_f64((divisor * divisor) as f64 / (other * other) as f64);
         // Part of a frame is the same at any size, so what would be slower is known better than what would be faster.
-        let fits = |other: &u32| would(*other) <= if *other < divisor { SPARE * TARGET_MS } else { TARGET_MS };
+        let fits = |other: &u32| would(*other) <= if *other < divisor { TARGET.mul_f64(SPARE) } else { TARGET };
         Pace { divisor: (1..=COARSEST).find(fits).unwrap_or(COARSEST) }
     }
 }
@@ -48,13 +50,13 @@ mod tests {
     fn pictures_are_as_fine_as_the_target_allows_and_settle() {
         for whole_ms in [5.0, 33.0, 40.0, 100.0, 400.0, 3000.0] {
             let mut pace = Pace::default();
-            let cost = |pace: Pace| whole_ms / (pace.divisor * pace.divisor) as f64;
+            let cost = |pace: Pace| Duration::from_secs_f64(whole_ms / 1e3 / (pace.divisor * pace.divisor) as f64);
             for _ in 0..4 {
                 pace = pace.after(pace.divisor, cost(pace));
             }
-            assert!(cost(pace) <= TARGET_MS || pace.divisor == COARSEST, "{whole_ms}");
+            assert!(cost(pace) <= TARGET || pace.divisor == COARSEST, "{whole_ms}");
             assert_eq!(pace, pace.after(pace.divisor, cost(pace)), "{whole_ms}");
-            assert!(whole_ms > SPARE * TARGET_MS || pace.divisor == 1, "{whole_ms}");
+            assert!(whole_ms > SPARE * 33.0 || pace.divisor == 1, "{whole_ms}");
         }
     }
 }

@@ -1,22 +1,23 @@
 //! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. Facts and a scene in, triangles and deeds out.
 
+use super::deeds::Deed;
 use super::keys::KEYS;
-use super::measure::Measure;
+use super::measure::{self, Measure};
 use super::navigation::{Input, Mode};
 use super::opening::Kinds;
+use crate::camera_path::CameraPath;
 use crate::cloud::attribute::Attribute;
 use crate::light::Light;
 use crate::opacity::{Opacities, Rule, What};
-use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value};
+use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value, resolve};
 use crate::present::overlay::Overlay;
-use crate::resident::Point;
 use crate::scene::Scene;
 use crate::view::View;
 use clap::ValueEnum;
 use egui::{CollapsingHeader, Color32, ComboBox, ProgressBar, RichText, ScrollArea, Slider, Ui};
 use glam::DVec3;
 use std::time::Duration;
-use winit::event::WindowEvent;
+use winit::event::{ElementState, WindowEvent};
 use winit::window::Window;
 
 /// What the panel says.
@@ -33,31 +34,22 @@ pub struct Facts {
     /// Of the last picture.
     pub drawn: u64,
     pub latency: Duration,
+    pub took: Duration,
     /// Milliseconds on the device of every pass.
     pub passes: Vec<(String, f64)>,
     pub decided: Decided,
     pub shows: Option<Attribute>,
     pub kinds: Kinds,
     pub mode: Mode,
-    pub picked: Option<Point>,
     /// All that was picked.
     pub measure: Measure,
+    /// Key views, and whether the camera flies along them.
+    pub path: CameraPath,
+    pub plays: bool,
     /// The keys are shown.
     pub help: bool,
     /// Nothing but the picture is shown.
     pub hidden: bool,
-}
-
-/// What was chosen, besides the scene.
-pub enum Deed {
-    Navigate(Input),
-    SaveScene,
-    SavePicture,
-    Help,
-    /// What was picked.
-    Forget,
-    /// With this extension: csv or geojson.
-    Export(&'static str),
 }
 
 pub struct LaidOut {
@@ -77,24 +69,45 @@ pub struct Heard {
 
 pub struct Panel {
     input: egui_winit::State,
+    /// Where the cursor is, pixels.
+    cursor: egui::Pos2,
 }
 
 /// Points; passes that took less are too many to show.
 const WIDTH: f32 = 250.0;
 const LEAST_SHARE: f64 = 0.01;
 
+/// Of a colour in a legend, points.
+const SWATCH: f32 = 12.0;
+
 impl Panel {
     pub fn new(window: &Window) -> Panel {
         let context = egui::Context::default();
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, window, None, window.theme(), None);
-        Panel { input }
+        Panel { input, cursor: egui::Pos2::ZERO }
     }
 
     pub fn hear(&mut self, window: &Window, event: &WindowEvent) -> Heard {
         let response = self.input.on_window_event(window, event);
-        // Drags that began on the picture end there.
-        let released = matches!(event, WindowEvent::MouseInput { state: winit::event::ElementState::Released, .. });
-        Heard { taken: response.consumed && !released, repaint: response.repaint }
+        let taken = match event {
+            WindowEvent::CursorMoved { position, .. } => {
+                self.cursor = egui::pos2(position.x as f32, position.y as f32);
+                response.consumed
+            }
+            // Drags that began on the picture end there.
+            WindowEvent::MouseInput { state: ElementState::Released, .. } => false,
+            // Who clicks as soon as the cursor is there clicks before the panel has been laid out with the cursor over it.
+            WindowEvent::MouseInput { .. } | WindowEvent::MouseWheel { .. } => response.consumed || self.is_over(),
+            _ => response.consumed,
+        };
+        Heard { taken, repaint: response.repaint }
+    }
+
+    /// Whether the cursor is over something that was laid out last.
+    fn is_over(&self) -> bool {
+        let context = self.input.egui_ctx();
+        let layer = context.layer_id_at(self.cursor / context.pixels_per_point());
+        layer.is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
     pub fn lay_out(&mut self, window: &Window, facts: &Facts, view: Option<&View>, scene: &mut Scene) -> LaidOut {
@@ -146,16 +159,15 @@ fn everything(ui: &mut Ui, facts: &Facts, scene: &mut Scene, deeds: &mut Vec<Dee
     });
     picked(ui, facts, deeds);
     color(ui, facts, scene);
+    filters(ui, facts, &mut scene.opacities);
     light(ui, scene);
     CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
         for listed in scene.wishes.effects.list() {
             effect(ui, listed, &facts.decided);
         }
     });
-    filters(ui, &facts.kinds, &mut scene.opacities);
-    CollapsingHeader::new(format!("passes, {:.1} ms", facts.passes.iter().map(|(_, ms)| ms).sum::<f64>()))
-        .id_salt("passes")
-        .show(ui, |ui| passes(ui, facts));
+    camera_path(ui, facts, deeds);
+    CollapsingHeader::new(format!("picture, {:.1} ms", facts.took.as_secs_f64() * 1e3)).id_salt("passes").show(ui, |ui| passes(ui, facts));
     ui.horizontal(|ui| {
         if ui.button("save picture").on_hover_text("F9").clicked() {
             deeds.push(Deed::SavePicture);
@@ -245,19 +257,33 @@ fn setting(ui: &mut Ui, setting: Setting) {
     response.on_hover_text(about);
 }
 
-/// What is not ticked is not drawn: a rule of opacity 0.
-fn filters(ui: &mut Ui, kinds: &Kinds, opacities: &mut Opacities) {
-    let lists: [(&str, Vec<(What, String)>); 3] = [
-        ("classes", kinds.classes.iter().map(|&(class, count)| (What::Class(class), format!("{class}: {}", grouped(count)))).collect()),
-        ("returns", kinds.returns.iter().map(|&(number, count)| (What::Return(number), format!("{number}: {}", grouped(count)))).collect()),
-        ("stations", kinds.stations.iter().map(|name| (What::Station(name.clone()), name.clone())).collect()),
+/// What is not ticked is not drawn: a rule of opacity 0. Beside it the colour that it is drawn in.
+fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
+    let Kinds { classes, returns, stations } = &facts.kinds;
+    let counted = |what: fn(u8) -> What, kinds: &[(u8, u64)]| -> Vec<_> {
+        kinds.iter().map(|&(number, count)| (what(number), number, format!("{number}: {}", grouped(count)))).collect()
+    };
+    let stations = stations.iter().map(|name| (What::Station(name.clone()), 0, name.clone())).collect();
+    let lists = [
+        ("classes", Some(Attribute::Class), counted(What::Class, classes)),
+        ("returns", Some(Attribute::Return), counted(What::Return, returns)),
+        ("stations", None, stations),
     ];
-    for (title, list) in lists.into_iter().filter(|(_, list)| list.len() > 1) {
-        CollapsingHeader::new(title).show(ui, |ui| {
-            for (what, text) in list {
+    for (title, attribute, list) in lists.into_iter().filter(|(.., list)| list.len() > 1) {
+        let legend = attribute.filter(|_| facts.shows == attribute);
+        CollapsingHeader::new(title).default_open(legend.is_some()).show(ui, |ui| {
+            for (what, number, text) in list {
                 let hides = |rule: &Rule| rule.what == what && rule.opacity == 0.0;
                 let mut drawn = !opacities.0.iter().any(hides);
-                if ui.checkbox(&mut drawn, text).changed() {
+                let changed = ui.horizontal(|ui| {
+                    if let Some(attribute) = legend {
+                        let [r, g, b] = resolve::code_color(attribute, number);
+                        let (square, _) = ui.allocate_exact_size(egui::Vec2::splat(SWATCH), egui::Sense::hover());
+                        ui.painter().rect_filled(square, 0.0, Color32::from_rgb(r, g, b));
+                    }
+                    ui.checkbox(&mut drawn, text).changed()
+                });
+                if changed.inner {
                     opacities.0.retain(|rule| !hides(rule));
                     if !drawn {
                         opacities.0.push(Rule { what, opacity: 0.0 });
@@ -268,15 +294,34 @@ fn filters(ui: &mut Ui, kinds: &Kinds, opacities: &mut Opacities) {
     }
 }
 
+fn camera_path(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
+    let keys = facts.path.keys.len();
+    CollapsingHeader::new(format!("camera path, {keys} views, {:.1} s", facts.path.duration())).id_salt("camera path").show(ui, |ui| {
+        ui.horizontal(|ui| {
+            let play = if facts.plays { "stop" } else { "play" };
+            for (name, key, deed, useful) in [
+                ("add view", "K", Deed::AddKey, true),
+                (play, "Space", Deed::Play, keys > 0),
+                ("save", "F7, for render --path", Deed::SavePath, keys > 0),
+                ("forget", "", Deed::ForgetPath, keys > 0),
+            ] {
+                if ui.add_enabled(useful, egui::Button::new(name)).on_hover_text(key).clicked() {
+                    deeds.push(deed);
+                }
+            }
+        });
+    });
+}
+
 /// Coordinates in full: f64 tells a micrometre at ten million metres.
 fn picked(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
-    let Some(point) = &facts.picked else { return };
     let Facts { measure, .. } = facts;
+    let Some(point) = measure.points.last() else { return };
     CollapsingHeader::new("picked").default_open(true).show(ui, |ui| {
         let DVec3 { x, y, z } = point.position;
         ui.label(format!("x {x:.4}\ny {y:.4}\nz {z:.4}{}", if point.exact { "" } else { "\nabout: the rest of its digits is not loaded" }));
-        if let Some(kind) = point.kind {
-            ui.label(format!("class {}, return {}, station {}", kind & 255, kind >> 8 & 15, (kind >> 16) + 1));
+        if let Some([class, number, station]) = measure::kind(point) {
+            ui.label(format!("class {class}, return {number}, station {station}"));
         }
         if measure.points.len() > 1 {
             let mut text = format!(
@@ -309,7 +354,7 @@ fn marks(ui: &Ui, measure: &Measure, view: &View) {
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
     let per_point = ui.ctx().pixels_per_point();
     let places: Vec<Option<egui::Pos2>> =
-        measure.points.iter().map(|&point| view.pixel(point).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point)).collect();
+        measure.points.iter().map(|point| view.pixel(point.position).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point)).collect();
     let stroke = egui::Stroke::new(2.0, Color32::YELLOW);
     for pair in places.windows(2) {
         if let [Some(a), Some(b)] = pair {

@@ -1,27 +1,137 @@
 //! How long pictures took, for `--timings` and `bench window`.
 
 use super::drawing::Drawn;
+use super::flight::{Flight, REST};
+use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
 /// Of one run of the window.
 #[derive(Clone, Debug)]
 pub struct Statistics {
-    pub began: Instant,
+    began: Instant,
+    /// The device, and its driver.
+    pub device: String,
     /// From the start of the program to the first picture of a cloud.
-    pub first: Option<Duration>,
+    first: Option<Duration>,
     /// To the first that was whole.
-    pub first_whole: Option<Duration>,
-    /// From a change to the end of drawing it, of every picture that was drawn while changes came.
-    pub moving: Vec<Duration>,
-    /// Pictures at full quality.
+    first_whole: Option<Duration>,
+    /// Pictures at full quality, and those that were drawn while changes came.
+    whole: u64,
+    moving: Vec<Duration>,
+}
+
+/// One picture of a flight.
+#[derive(Clone, Copy, Debug)]
+pub struct Picture {
+    /// When it was drawn.
+    at: Instant,
+    /// Since its camera was wanted.
+    latency: Duration,
+    /// Drawing it.
+    took: Duration,
+    /// Nodes were on their way.
+    loading: bool,
+    /// Taking in those that had come.
+    took_in: Duration,
+}
+
+impl Picture {
+    pub fn of(drawn: &Drawn, at: Instant) -> Picture {
+        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.loading, took_in: drawn.took_in }
+    }
+}
+
+/// Half of them took no longer, 99 of a hundred took no longer, none took longer; milliseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    pub median: f64,
+    pub p99: f64,
+    pub worst: f64,
+}
+
+impl Spread {
+    pub fn of(mut times: Vec<f64>) -> Spread {
+        times.sort_by(f64::total_cmp);
+        let rank = |share: f64| times.get(((share * times.len() as f64).ceil() as usize).saturating_sub(1)).copied().unwrap_or_default();
+        Spread { median: rank(0.5), p99: rank(0.99), worst: rank(1.0) }
+    }
+}
+
+impl std::fmt::Display for Spread {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "median {:.1} ms, 99 % within {:.1} ms, worst {:.1} ms", self.median, self.p99, self.worst)
+    }
+}
+
+/// What `--timings` says. Milliseconds are wall-clock time.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Summary {
+    pub device: String,
+    pub first_ms: Option<f64>,
+    pub first_whole_ms: Option<f64>,
     pub whole: u64,
-    /// Of a flight without hands: from standing still to the whole picture, and pictures drawn at rest.
-    pub flight: Option<(Option<Duration>, u64)>,
+    pub moving: u64,
+    /// From change to picture, of the pictures that were drawn while changes came.
+    pub change_ms: Spread,
+    /// Without hands.
+    pub flight: Option<FlightSummary>,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct FlightSummary {
+    pub pictures: usize,
+    /// From one picture to the next.
+    pub frame_ms: Spread,
+    /// From when a camera was wanted to its picture.
+    pub latency_ms: Spread,
+    /// Of that, drawing it.
+    pub drawing_ms: Spread,
+    /// Pictures that were drawn while nodes were on their way, and the time since the one before them.
+    pub loading: usize,
+    pub loading_ms: Spread,
+    /// Of every picture's time, what went into taking in nodes that had come: all that the loader costs whoever draws.
+    pub took_in_ms: Spread,
+    /// Times from one picture to the next that are over twice the median, and those of them during which nodes were on their way.
+    pub slow: usize,
+    pub slow_loading: usize,
+    /// From standing still to the whole picture.
+    pub to_whole_ms: Option<f64>,
+    /// Of nothing to do, then the pictures drawn and the processor time taken in it.
+    pub rest_ms: f64,
+    pub rest_pictures: u64,
+    pub rest_cpu_ms: Option<f64>,
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
+impl FlightSummary {
+    pub fn of(flight: &Flight) -> FlightSummary {
+        let frames = || flight.pictures.windows(2).map(|pair| (ms(pair[1].at - pair[0].at), pair[1].loading));
+        let frame_ms = Spread::of(frames().map(|(time, _)| time).collect());
+        let slow = || frames().filter(|(time, _)| *time > 2.0 * frame_ms.median);
+        FlightSummary {
+            frame_ms,
+            took_in_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.took_in)).collect()),
+            slow: slow().count(),
+            slow_loading: slow().filter(|(_, loading)| *loading).count(),
+            pictures: flight.pictures.len(),
+            latency_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.latency)).collect()),
+            drawing_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.took)).collect()),
+            loading: flight.pictures.iter().filter(|picture| picture.loading).count(),
+            loading_ms: Spread::of(frames().filter(|(_, loading)| *loading).map(|(time, _)| time).collect()),
+            to_whole_ms: flight.to_whole.map(ms),
+            rest_ms: ms(REST),
+            rest_pictures: flight.at_rest,
+            rest_cpu_ms: flight.rest_cpu.map(ms),
+        }
+    }
 }
 
 impl Statistics {
     pub fn new(began: Instant) -> Statistics {
-        Statistics { began, first: None, first_whole: None, moving: Vec::new(), whole: 0, flight: None }
+        Statistics { began, device: String::new(), first: None, first_whole: None, moving: Vec::new(), whole: 0 }
     }
 
     pub fn drawn(&mut self, drawn: &Drawn) {
@@ -35,28 +145,58 @@ impl Statistics {
         }
     }
 
-    pub fn pictures(&self) -> u64 {
-        self.whole + self.moving.len() as u64
-    }
-
-    /// Of the moving pictures: so that this share of them took no longer.
-    pub fn quantile(&self, share: f64) -> Duration {
-        let mut sorted = self.moving.clone();
-        sorted.sort();
-        let at = (share * sorted.len() as f64).ceil() as usize;
-        sorted.get(at.saturating_sub(1)).copied().unwrap_or_default()
+    pub fn summary(&self, flight: Option<&Flight>) -> Summary {
+        Summary {
+            device: self.device.clone(),
+            first_ms: self.first.map(ms),
+            first_whole_ms: self.first_whole.map(ms),
+            whole: self.whole,
+            moving: self.moving.len() as u64,
+            change_ms: Spread::of(self.moving.iter().copied().map(ms).collect()),
+            flight: flight.map(FlightSummary::of),
+        }
     }
 }
 
-impl std::fmt::Display for Statistics {
+impl std::fmt::Display for Summary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let ms = |time: Duration| time.as_secs_f64() * 1e3;
-        let or_never = |time: Option<Duration>| time.map_or("never".to_string(), |time| format!("after {:.0} ms", ms(time)));
-        writeln!(f, "first picture {}, first whole one {}", or_never(self.first), or_never(self.first_whole))?;
-        writeln!(f, "{} pictures: {} whole, {} while moving", self.pictures(), self.whole, self.moving.len())?;
-        let [median, most, worst] = [0.5, 0.99, 1.0].map(|share| ms(self.quantile(share)));
-        writeln!(f, "from change to picture: median {median:.1} ms, 99 % within {most:.1} ms, worst {worst:.1} ms")?;
-        let Some((to_whole, at_rest)) = self.flight else { return Ok(()) };
-        writeln!(f, "from standing still to the whole picture: {}; pictures drawn at rest: {at_rest}", or_never(to_whole))
+        let or_never = |time: Option<f64>| time.map_or("never".to_string(), |ms| format!("after {ms:.0} ms"));
+        writeln!(f, "first picture {}, first whole one {}", or_never(self.first_ms), or_never(self.first_whole_ms))?;
+        writeln!(f, "{} pictures: {} whole, {} while moving", self.whole + self.moving, self.whole, self.moving)?;
+        writeln!(f, "from change to picture: {}", self.change_ms)?;
+        let Some(flight) = &self.flight else { return Ok(()) };
+        let rate = if flight.frame_ms.median > 0.0 { 1e3 / flight.frame_ms.median } else { 0.0 };
+        writeln!(f, "flight: {} pictures, {rate:.1} a second; from one to the next: {}", flight.pictures, flight.frame_ms)?;
+        writeln!(f, "  from camera to picture: {}", flight.latency_ms)?;
+        writeln!(f, "  of that, drawing: {}", flight.drawing_ms)?;
+        if flight.loading > 0 {
+            writeln!(f, "  {} pictures while nodes were on their way: {}", flight.loading, flight.loading_ms)?;
+            writeln!(f, "  taking in what had come: {}", flight.took_in_ms)?;
+        }
+        writeln!(f, "from standing still to the whole picture: {}", or_never(flight.to_whole_ms))?;
+        let cpu = flight.rest_cpu_ms.map_or(String::new(), |ms| format!(", {ms:.0} ms of processor time"));
+        writeln!(f, "at rest, {:.0} ms: {} pictures{cpu}", flight.rest_ms, flight.rest_pictures)
+    }
+}
+
+/// User's and system's, of all threads of this process, where the system tells in the way that Linux does.
+pub fn processor_time() -> Option<Duration> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The name in parentheses may hold anything; then come the state and ten numbers.
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11).map(|field| field.parse::<u64>().ok());
+    // Hundredths of a second, whatever the machine.
+    Some(Duration::from_millis(10 * (fields.next()?? + fields.next()??)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spread_names_times_that_were_taken() {
+        let spread = Spread::of((1..=200).map(f64::from).rev().collect());
+        assert_eq!(spread, Spread { median: 100.0, p99: 198.0, worst: 200.0 });
+        assert_eq!(Spread::of(vec![7.0]), Spread { median: 7.0, p99: 7.0, worst: 7.0 });
+        assert_eq!(Spread::of(Vec::new()), Spread::default());
     }
 }

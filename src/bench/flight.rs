@@ -194,6 +194,13 @@ struct Path {
     fov_y: f64,
 }
 
+/// Cameras at the stops of a flight over an index.
+pub fn stops(index: &Index, size: [u32; 2]) -> Result<Vec<Camera>> {
+    let path = Path::over(index, size)?;
+    let last = path.stops.len() - 1;
+    Ok((0..=last).map(|stop| path.camera(stop as f64 / last as f64)).collect())
+}
+
 impl Path {
     fn over(index: &Index, size: [u32; 2]) -> Result<Path> {
         let mut samples = Vec::new();

@@ -7,6 +7,7 @@ pub mod luminance;
 pub mod project;
 pub mod strokes;
 pub mod surface;
+pub mod window;
 
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};

@@ -2,9 +2,10 @@
 
 use super::index::Bytes;
 use super::options::{DetailOptions, DeviceOptions, Size};
-use crate::bench::{self, dobrev, flight, index, luminance, project, strokes, surface};
+use crate::bench::{self, dobrev, flight, index, luminance, project, strokes, surface, window};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -19,13 +20,15 @@ Examples:
   pointillist bench --json > before.json                   keep the rows ...
   pointillist bench --baseline before.json                 ... and compare with them later
   pointillist bench index --points 20000000 --laz          how fast an index is made, and how near that is to the floor
-  pointillist bench flight --index site.pnti --pool 128MiB a camera flight through more than the device may hold";
+  pointillist bench flight --index site.pnti --pool 128MiB a camera flight through more than the device may hold
+  pointillist bench window --index site.pnti --pool 64MiB --points 1000000 --size 1280x720
+                                                           flights in a window: how even its pictures come";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Which benchmarks to run [default: project, and with --index also flight]: project, surface, dobrev, luminance, strokes, index, flight
-    #[arg(value_name = "NAME", value_parser = ["project", "surface", "dobrev", "luminance", "strokes", "index", "flight"])]
+    /// Which benchmarks to run [default: project, and with --index also flight]: project, surface, dobrev, luminance, strokes, index, flight, window
+    #[arg(value_name = "NAME", value_parser = ["project", "surface", "dobrev", "luminance", "strokes", "index", "flight", "window"])]
     pub names: Vec<String>,
     /// Numbers of points
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = [1_000_000, 10_000_000], value_parser = clap::value_parser!(u64).range(1..=2_000_000_000))]
@@ -54,6 +57,9 @@ pub struct Arguments {
     /// Frames of the flight
     #[arg(long, default_value_t = 300, help_heading = "Flight", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub frames: u64,
+    /// Length of the flights
+    #[arg(long, default_value_t = 10, help_heading = "Window", value_parser = clap::value_parser!(u64).range(1..=3600))]
+    pub seconds: u64,
     #[command(flatten)]
     pub detail: DetailOptions,
     /// Seed of the points
@@ -80,12 +86,14 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let paintings = if asked("strokes", false) { paintings(arguments, progress)? } else { Vec::new() };
     let dobrevs = if asked("dobrev", false) { dobrevs(arguments, progress)? } else { Vec::new() };
     let flights = if asked("flight", arguments.index.is_some()) { flights(arguments, progress)? } else { Vec::new() };
+    let windows = if asked("window", false) { windows(arguments, progress)? } else { Vec::new() };
     if arguments.json {
         let values = rows.iter().map(serde_json::to_value).chain(indexes.iter().map(serde_json::to_value));
         let values = values.chain(surfaces.iter().map(serde_json::to_value));
         let values = values.chain(luminances.iter().map(serde_json::to_value));
         let values = values.chain(paintings.iter().map(serde_json::to_value));
         let values = values.chain(dobrevs.iter().map(serde_json::to_value));
+        let values = values.chain(windows.iter().map(serde_json::to_value));
         let values = values.chain(flights.iter().map(serde_json::to_value)).collect::<std::result::Result<Vec<_>, _>>();
         println!("{:#}", serde_json::Value::from(values.map_err(|error| Error::Request(error.to_string()))?));
         return Ok(());
@@ -110,6 +118,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     if !flights.is_empty() {
         print!("{}", flight::table(&flights));
+    }
+    if !windows.is_empty() {
+        print!("{}", window::table(&windows));
     }
     Ok(())
 }
@@ -196,4 +207,25 @@ fn flights(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<flight:
         pool_bytes: detail.pool.map(|bytes| bytes.0),
     };
     flight::run(&arguments.device.wish(), &plan, progress)
+}
+
+fn windows(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<window::Row>> {
+    let DetailOptions { budget, lod, pool, .. } = &arguments.detail;
+    let mut options: Vec<OsString> = Vec::new();
+    let mut word = |name: &str, value: Option<String>| options.extend(value.into_iter().flat_map(|value| [name.into(), value.into()]));
+    word("--budget", budget.map(|points| points.to_string()));
+    word("--lod", lod.map(|pixels| pixels.to_string()));
+    word("--pool", pool.map(|bytes| bytes.to_string()));
+    word("--device", arguments.device.device.clone());
+    options.extend(arguments.device.validate.then(|| "--validate".into()));
+    let plan = window::Plan {
+        points: arguments.points.clone(),
+        index: arguments.index.clone(),
+        sizes: sizes(arguments),
+        seconds: arguments.seconds,
+        options,
+        seed: arguments.seed,
+        folder: arguments.folder.clone().unwrap_or_else(std::env::temp_dir),
+    };
+    window::run(&plan, progress)
 }

@@ -1,6 +1,7 @@
 //! The program: one file a subcommand, and the options that they share.
 
 pub mod bench;
+mod frames;
 pub mod index;
 pub mod indexed_info;
 pub mod info;

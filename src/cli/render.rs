@@ -1,5 +1,6 @@
 //! `pointillist render`: files in, one picture out; no window system is touched.
 
+use super::frames;
 use super::options::{DeviceOptions, PictureOptions};
 use crate::error::{Error, Result};
 use crate::frame::{self, Outcome};
@@ -26,6 +27,7 @@ Examples:
   pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    roofs like glass, no trees
   pointillist render scan.laz -o out.png --explain --timings
   pointillist render scan.laz -o out.png --scene scene.json  what a window has saved
+  pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on: a flight along key views
   pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
   pointillist render huge.las -o out.png                   indexed first, and found again the next time";
 
@@ -41,6 +43,12 @@ pub struct Arguments {
     /// Also (or only) write the layers: R G B A linear, depth.Z, index.V, coverage.V, normal.X Y Z, lit.V, raw.Z
     #[arg(long, value_name = "OUT.exr")]
     pub exr: Option<PathBuf>,
+    /// Draw a frame for every moment of a camera path, as the window saves it: OUT-0001.png and so on
+    #[arg(long, value_name = "PATH.json", requires = "output", conflicts_with_all = ["exr", "camera", "view", "explain", "timings"])]
+    pub path: Option<PathBuf>,
+    /// Keep frames of --path that are there already, and say how many
+    #[arg(long, requires = "path")]
+    pub resume: bool,
     #[command(flatten)]
     pub picture: PictureOptions,
     #[command(flatten)]
@@ -61,6 +69,9 @@ fn help() -> String {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    if let Some(path) = &arguments.path {
+        return frames::run(arguments, path, progress);
+    }
     let picture = arguments.picture.with_scene()?;
     for output in arguments.output.iter().chain(&arguments.exr) {
         refuse_to_overwrite(output, &arguments.files)?;

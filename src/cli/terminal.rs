@@ -10,6 +10,9 @@ use std::time::{Duration, Instant};
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
+/// What is to be called then.
+static WAITING: Mutex<Vec<Box<dyn Fn() + Send>>> = Mutex::new(Vec::new());
+
 /// A bar for whatever takes over a second, on a terminal only; turns Ctrl-C into an error, so that what is half written gets removed.
 pub struct Terminal {
     shows: bool,
@@ -25,9 +28,14 @@ impl Terminal {
                 crate::whole_file::abandon_all();
                 std::process::exit(130);
             }
+            call_waiting();
         });
         Terminal { shows: std::io::stderr().is_terminal(), since: Instant::now(), bar: Mutex::new(None) }
     }
+}
+
+fn call_waiting() {
+    WAITING.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).iter().for_each(|act| act());
 }
 
 impl Default for Terminal {
@@ -63,5 +71,12 @@ impl Progress for Terminal {
             }
         }
         Ok(())
+    }
+    fn when_interrupted(&self, act: Box<dyn Fn() + Send>) {
+        WAITING.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(act);
+        // Nobody else has called it if that was before.
+        if INTERRUPTED.load(Relaxed) {
+            call_waiting();
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::options::{DeviceOptions, PictureOptions};
 use crate::app::{self, Options, keys, navigation::Habit};
+use crate::camera_path::CameraPath;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -13,7 +14,8 @@ const EXAMPLES: &str = "\
 Examples:
   pointillist view scan.laz
   pointillist view north.laz south.laz --color source --navigation blender
-  pointillist view site.pnti --effect edl=on                an index: there at once";
+  pointillist view site.pnti --effect edl=on                an index: there at once
+  pointillist view site.pnti --path tour.json --flight 20 --timings    how long pictures take, without hands";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = help())]
@@ -28,12 +30,15 @@ pub struct Arguments {
     /// Whose mouse buttons
     #[arg(long, value_enum, default_value_t)]
     pub navigation: Habit,
-    /// Fly ahead for so many seconds without hands, rest, and close; for --timings
+    /// Key views to fly along, as the window saves them; Space plays them
+    #[arg(long, value_name = "PATH.json")]
+    pub path: Option<PathBuf>,
+    /// Fly for so many seconds without hands, along --path or else ahead, rest, and close; for --timings
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u16).range(1..=3600))]
     pub flight: Option<u16>,
-    /// Say at the end how long pictures took, milliseconds
-    #[arg(long)]
-    pub timings: bool,
+    /// Say at the end how long pictures took, milliseconds: to standard error, or as JSON to standard output
+    #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
+    pub timings: Option<String>,
     /// Refuse a truncated, lying or damaged file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
@@ -44,13 +49,13 @@ fn help() -> String {
     format!("Keys:\n{}\n\n{EXAMPLES}", keys.join("\n"))
 }
 
-pub fn run(arguments: &Arguments, _progress: &dyn Progress) -> Result<()> {
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let began = Instant::now();
     let picture = arguments.picture.with_scene()?;
     let camera = picture.camera()?;
     let here = camera.unwrap_or(Camera::framing(picture.view, &[], picture.size.0));
     let scene = Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities() };
-    let statistics = app::run(Options {
+    let options = Options {
         files: arguments.files.clone(),
         opening: picture.detail.opening(picture.read_options(arguments.strict)),
         further: picture.further(),
@@ -63,11 +68,15 @@ pub fn run(arguments: &Arguments, _progress: &dyn Progress) -> Result<()> {
         pool_bytes: picture.detail.pool_bytes(),
         budget: picture.detail.budget,
         lod_px: picture.detail.lod,
+        path: arguments.path.as_deref().map(CameraPath::read).transpose()?.unwrap_or_default(),
         flight: arguments.flight.map(|seconds| Duration::from_secs(seconds as u64)),
         began,
-    })?;
-    if arguments.timings {
-        eprint!("{statistics}");
+    };
+    let summary = app::run(options, progress)?;
+    match arguments.timings.as_deref() {
+        Some("json") => println!("{}", serde_json::json!(summary)),
+        Some(_) => eprint!("{summary}"),
+        None => {}
     }
     Ok(())
 }

@@ -230,6 +230,8 @@ impl Memory {
         use vk::ImageUsageFlags as Usage;
         let attachment = match desc.format {
             vk::Format::D32_SFLOAT => Usage::DEPTH_STENCIL_ATTACHMENT,
+            // Not all devices write these as storage.
+            vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM => Usage::COLOR_ATTACHMENT,
             _ => Usage::STORAGE | Usage::COLOR_ATTACHMENT,
         };
         let info = vk::ImageCreateInfo::default()

@@ -1,7 +1,6 @@
 //! PICTURE -> SCREEN: linear colours to 8-bit sRGB, for files and for windows, to the same bytes.
 //!
-//! Codes are found by comparing with thresholds, since a power function rounds differently everywhere. A screen larger than its picture, as while the camera
-//! moves, shows it interpolated.
+//! Codes are found by comparing with thresholds, since a power function rounds differently everywhere.
 
 use super::project::{self, Band};
 use crate::error::Result;
@@ -45,25 +44,24 @@ impl Default for Thresholds {
 
 /// Where a picture is shown.
 pub struct Screen {
-    /// A word a pixel, row by row from the top left.
+    /// A word a pixel, row by row from the top left; there may be more.
     pub words: Buffer,
-    pub size: [u32; 2],
     /// The lowest byte of a word is blue, not red.
     pub blue_first: bool,
 }
 
 pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()> {
-    let whole = Band { top: 0, size: screen.size };
+    let whole = Band { top: 0, size: picture.desc.size };
     let buckets = g.upload("buckets", &Thresholds::new().buckets())?;
     rows(g, picture, &buckets, screen, whole);
     Ok(())
 }
 
 fn rows(g: &mut Graph, picture: &Image, buckets: &Buffer, screen: &mut Screen, band: Band) {
-    let Band { top, size: [width, rows] } = band;
-    let push = Push { picture_size: picture.desc.size, screen_size: screen.size, top, rows };
+    let Band { top, size } = band;
+    let push = Push { size, top };
     let spec = Spec { blue_first: screen.blue_first };
-    g.run(shader::Encode { picture, buckets, screen: &mut screen.words, push, spec }, Tiles::Groups([width.div_ceil(64), rows, 1]));
+    g.run(shader::Encode { picture, buckets, screen: &mut screen.words, push, spec }, Tiles::Groups([size[0].div_ceil(64), size[1], 1]));
 }
 
 /// A picture as it goes into a file: a word a pixel, red in its lowest byte; a buffer a band, from the top down.
@@ -76,7 +74,7 @@ pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
     // The bands of `keys`, whose memory these may take.
     let bands = project::bands(size, g.binding_limit()).into_iter().map(|band| {
         let words = g.buffer("words", 4 * band.size[0] as u64 * band.size[1] as u64);
-        let mut screen = Screen { words, size, blue_first: false };
+        let mut screen = Screen { words, blue_first: false };
         rows(g, picture, &buckets, &mut screen, band);
         g.download_buffer(&screen.words)
     });

@@ -122,18 +122,27 @@ fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
 /// The 256 linear colours that words are looked up in.
 fn table(attribute: Attribute) -> [[f32; 4]; 256] {
     std::array::from_fn(|i| {
-        let t = i as f64 / 255.0;
-        let srgb = match attribute {
-            Attribute::Rgb | Attribute::Intensity => [t; 3],
-            Attribute::Elevation => height_ramp(t),
-            Attribute::Class => class_color(i),
-            // The golden angle keeps neighbouring numbers far apart in hue.
-            Attribute::Source | Attribute::Return => hue(i as f64 * 0.381_966),
-            Attribute::Normal | Attribute::White => [0.9; 3],
-        };
-        let [r, g, b] = srgb.map(|channel| srgb_to_linear(channel) as f32);
+        let [r, g, b] = srgb(attribute, i).map(|channel| srgb_to_linear(channel) as f32);
         [r, g, b, 1.0]
     })
+}
+
+/// Of the 256, one.
+fn srgb(attribute: Attribute, i: usize) -> [f64; 3] {
+    let t = i as f64 / 255.0;
+    match attribute {
+        Attribute::Rgb | Attribute::Intensity => [t; 3],
+        Attribute::Elevation => height_ramp(t),
+        Attribute::Class => class_color(i),
+        // The golden angle keeps neighbouring numbers far apart in hue.
+        Attribute::Source | Attribute::Return => hue(i as f64 * 0.381_966),
+        Attribute::Normal | Attribute::White => [0.9; 3],
+    }
+}
+
+/// What a class or a return number is drawn in, 8-bit sRGB.
+pub fn code_color(attribute: Attribute, code: u8) -> [u8; 3] {
+    srgb(attribute, code as usize).map(|channel| (255.0 * channel).round() as u8)
 }
 
 /// From deep blue over green and sand to white: lightness rises all the way, so that the ramp also reads in grey.

@@ -1,0 +1,152 @@
+//! SYSTEM -> EVENTS: the window itself, and what the system and the other threads have to say.
+
+use super::drawing::{Drawing, Message};
+use super::flight::Flight;
+use super::navigation::{Input, Modifiers};
+use super::panel::Panel;
+use super::{App, Event};
+use crate::error::{Error, Result};
+use crate::gpu::Wish;
+use crate::graph::Gpu;
+use crate::present::Present;
+use glam::DVec2;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Instant;
+use winit::application::ApplicationHandler;
+use winit::dpi::{PhysicalPosition, PhysicalSize};
+use winit::event::{ElementState, MouseScrollDelta, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow};
+use winit::keyboard::PhysicalKey;
+use winit::window::{Window, WindowId};
+
+impl App {
+    fn start(&mut self, events: &ActiveEventLoop) -> Result<()> {
+        let [width, height] = self.options.size;
+        let attributes =
+            Window::default_attributes().with_title("pointillist").with_inner_size(PhysicalSize::new(width, height)).with_visible(true);
+        let window = events.create_window(attributes).map_err(|error| Error::Device(format!("cannot open a window: {error}")))?;
+        let window = Arc::new(window);
+        let gpu = Gpu::open(&Wish { window: true, ..self.options.wish.clone() })?;
+        self.statistics.device = format!("{} ({})", gpu.device.name, gpu.device.driver);
+        let present = Present::open(&gpu, window.clone())?;
+        let proxy = self.events.clone();
+        // A window that is gone needs no reports.
+        let report = move |report| drop(proxy.send_event(Event::Report(report)));
+        self.drawing = Some(Drawing::start(gpu, present, self.options.detail(), report)?);
+        self.panel = Some(Panel::new(&window));
+        self.window = Some(window);
+        self.resized();
+        self.open()
+    }
+}
+
+impl ApplicationHandler<Event> for App {
+    fn resumed(&mut self, events: &ActiveEventLoop) {
+        if self.window.is_none()
+            && let Err(error) = self.start(events)
+        {
+            self.ended = Some(error);
+            events.exit();
+        }
+    }
+
+    fn user_event(&mut self, events: &ActiveEventLoop, event: Event) {
+        match event {
+            Event::Progress(text) => self.facts.doing = Some(text),
+            Event::Opened(Ok(opened)) => self.opened(*opened),
+            // Another opening has taken its place.
+            Event::Opened(Err(Error::Interrupted)) => {}
+            Event::Opened(Err(error)) => {
+                self.facts.doing = None;
+                self.trouble(&error);
+            }
+            Event::Report(report) => return self.report(events, report),
+            Event::Interrupted => {
+                self.ended = Some(Error::Interrupted);
+                return events.exit();
+            }
+        }
+        self.title();
+    }
+
+    fn window_event(&mut self, events: &ActiveEventLoop, _window: WindowId, event: WindowEvent) {
+        if let (Some(window), Some(panel)) = (&self.window, &mut self.panel) {
+            let heard = panel.hear(window, &event);
+            if heard.repaint && !matches!(event, WindowEvent::RedrawRequested) {
+                window.request_redraw();
+            }
+            if heard.taken {
+                return;
+            }
+        }
+        match event {
+            WindowEvent::CloseRequested => events.exit(),
+            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => self.resized(),
+            WindowEvent::RedrawRequested => self.lay_out(),
+            WindowEvent::Occluded(false) => self.post(Message::Exposed),
+            WindowEvent::CursorMoved { position: PhysicalPosition { x, y }, .. } => {
+                self.cursor = DVec2::new(x, y);
+                if self.navigation.is_dragging() {
+                    self.navigate(Input::Move { to: self.cursor });
+                }
+            }
+            WindowEvent::MouseInput { state, button, .. } => self.button(button, state),
+            WindowEvent::MouseWheel { delta, .. } => {
+                /// Pixels of a touchpad that are worth a notch.
+                const PIXELS_PER_NOTCH: f64 = 40.0;
+                let notches = match delta {
+                    MouseScrollDelta::LineDelta(_, lines) => lines as f64,
+                    MouseScrollDelta::PixelDelta(pixels) => pixels.y / PIXELS_PER_NOTCH,
+                };
+                let under = self.under_cursor();
+                self.navigate(Input::Wheel { notches, at: self.cursor, under });
+            }
+            WindowEvent::ModifiersChanged(modifiers) => {
+                let state = modifiers.state();
+                self.modifiers = Modifiers { shift: state.shift_key(), control: state.control_key() };
+            }
+            WindowEvent::KeyboardInput { event, .. } => {
+                if let PhysicalKey::Code(code) = event.physical_key {
+                    self.key(events, code, event.state == ElementState::Pressed, event.repeat);
+                }
+            }
+            WindowEvent::Focused(false) => self.navigation.let_go(),
+            WindowEvent::DroppedFile(file) => {
+                self.files.push(file);
+                if let Err(error) = self.open() {
+                    self.trouble(&error);
+                }
+                self.title();
+            }
+            _ => {}
+        }
+    }
+
+    fn about_to_wait(&mut self, events: &ActiveEventLoop) {
+        let now = Instant::now();
+        if self.laid_out.is_some_and(|when| when <= now) {
+            self.laid_out = None;
+            self.ask_for_panel();
+        }
+        if self.moves.is_some_and(|when| when <= now) {
+            self.move_on();
+        }
+        if self.flight.as_mut().is_some_and(|flight| flight.wake(now)) {
+            return events.exit();
+        }
+        let wakes = self.flight.as_ref().and_then(Flight::wakes);
+        events.set_control_flow(
+            self.laid_out.into_iter().chain(self.moves).chain(wakes).min().map_or(ControlFlow::Wait, ControlFlow::WaitUntil),
+        );
+    }
+
+    fn exiting(&mut self, _events: &ActiveEventLoop) {
+        self.abandoned.store(true, Relaxed);
+        if let Some(mut drawing) = self.drawing.take() {
+            drawing.close();
+        }
+        // What they have half written they take away. A panic has been printed where it happened.
+        self.openings.drain(..).for_each(|opening| drop(opening.join()));
+    }
+}

@@ -1,0 +1,87 @@
+//! HANDS -> CAMERA: buttons and keys to what they do.
+
+use super::App;
+use super::drawing::Message;
+use super::keys::{self, Act};
+use super::navigation::{Button, Input};
+use crate::view::View;
+use std::time::{Duration, Instant};
+use winit::event::{ElementState, MouseButton};
+use winit::event_loop::ActiveEventLoop;
+use winit::keyboard::KeyCode;
+
+/// Two clicks within this time, on one place, are one.
+const DOUBLE: Duration = Duration::from_millis(400);
+
+/// A hand that clicks moves the mouse no farther, pixels.
+const CLICK_PX: f64 = 4.0;
+
+impl App {
+    pub(super) fn resized(&mut self) {
+        self.navigation.set_size(self.size());
+        self.post(Message::Exposed);
+    }
+
+    pub(super) fn under_cursor(&self) -> Option<glam::DVec3> {
+        self.seen.as_ref().and_then(|seen| seen.place(self.cursor, self.size()))
+    }
+
+    /// With shift one more point, without it another one.
+    pub(super) fn pick(&self) {
+        if let Some(id) = self.seen.as_ref().and_then(|seen| seen.point(self.cursor, self.size())) {
+            self.post(Message::Pick { id, adds: self.modifiers.shift });
+        }
+    }
+
+    pub(super) fn navigate(&mut self, input: Input) {
+        // Who takes hold of the camera has it.
+        self.facts.plays &= matches!(
+            input,
+            Input::Move { .. } | Input::Release { .. } | Input::Fly { pressed: false, .. } | Input::Drag { .. } | Input::NextMode
+        );
+        let before = self.navigation.camera;
+        self.navigation.handle(input);
+        if View::new(self.navigation.camera, self.size()).is_err() {
+            // Farther or nearer than numbers go.
+            self.navigation.camera = before;
+        }
+        if self.navigation.camera != before {
+            self.post_scene();
+        }
+    }
+
+    pub(super) fn button(&mut self, button: MouseButton, state: ElementState) {
+        let button = match button {
+            MouseButton::Left => Button::Left,
+            MouseButton::Middle => Button::Middle,
+            MouseButton::Right => Button::Right,
+            _ => return,
+        };
+        if state == ElementState::Released {
+            let still = self.pressed.take().is_some_and(|at| at.distance(self.cursor) < CLICK_PX);
+            if button == Button::Left && still {
+                self.pick();
+            }
+            return self.navigate(Input::Release { button });
+        }
+        let under = self.under_cursor();
+        if button == Button::Left {
+            self.pressed = Some(self.cursor);
+            let again = self.clicked.is_some_and(|(when, at)| when.elapsed() < DOUBLE && at.distance(self.cursor) < CLICK_PX);
+            self.clicked = (!again).then(|| (Instant::now(), self.cursor));
+            if let Some(on) = under.filter(|_| again) {
+                return self.navigate(Input::Centre { on });
+            }
+        }
+        self.navigate(Input::Press { button, modifiers: self.modifiers, at: self.cursor, under });
+    }
+
+    pub(super) fn key(&mut self, events: &ActiveEventLoop, code: KeyCode, pressed: bool, repeated: bool) {
+        match keys::find(code) {
+            Some(Act::Fly(way)) => self.fly(way, pressed),
+            Some(Act::Do(deed)) if pressed && !repeated => self.deed(deed),
+            Some(Act::Close) if pressed => events.exit(),
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! DRAWING THREAD -> WINDOW: what the picture shows, and how long it took.
+
+use super::App;
+use super::drawing::{Drawn, Report};
+use super::flight::Hands;
+use super::navigation::Way;
+use crate::resident::Point;
+use std::time::{Duration, Instant};
+use winit::event_loop::ActiveEventLoop;
+
+/// Pictures come faster than anybody reads.
+const BETWEEN: Duration = Duration::from_millis(100);
+
+impl App {
+    pub(super) fn report(&mut self, events: &ActiveEventLoop, report: Report) {
+        match report {
+            // The picture is not there yet, so there is nothing to say.
+            Report::Begun => return self.move_on(),
+            Report::Drawn(drawn) => return self.drawn(*drawn),
+            Report::Brought if self.waits => {}
+            Report::Brought => self.facts.doing = None,
+            Report::Picked { point, adds } => self.picked(point, adds),
+            Report::Saved(path) => self.facts.doing = Some(format!("saved {}", path.display())),
+            Report::Failed(error) => self.trouble(&error),
+            Report::Ended(error) => {
+                self.ended = Some(error);
+                events.exit();
+            }
+        }
+        self.title();
+    }
+
+    pub(super) fn drawn(&mut self, drawn: Drawn) {
+        self.statistics.drawn(&drawn);
+        let rests = drawn.whole && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
+        let hands = self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
+        self.seen = Some(drawn.seen);
+        self.facts.drawn = drawn.statistics.points_drawn;
+        (self.facts.latency, self.facts.took) = (drawn.latency, drawn.took);
+        self.facts.passes = drawn.passes;
+        self.facts.decided = drawn.decided;
+        match hands {
+            Some(Hands::Start) if !self.facts.path.keys.is_empty() => self.play(),
+            Some(Hands::Start) => self.fly(Way::Forward, true),
+            Some(Hands::Stop) => {
+                self.facts.plays = false;
+                self.fly(Way::Forward, false);
+            }
+            None => {}
+        }
+        self.says_later();
+    }
+
+    /// What the panel says of pictures need not change with every one of them; what lies over the picture moves with it.
+    fn says_later(&mut self) {
+        if !self.facts.measure.points.is_empty() {
+            return self.ask_for_panel();
+        }
+        let soon = Instant::now() + BETWEEN;
+        self.laid_out = Some(self.laid_out.map_or(soon, |when| when.min(soon)));
+    }
+
+    pub(super) fn picked(&mut self, point: Point, adds: bool) {
+        if !adds {
+            self.facts.measure.points.clear();
+        }
+        self.facts.measure.points.push(point);
+        // To be copied from the terminal.
+        println!("{}", self.facts.measure);
+    }
+
+    /// Says what is open and what is going on.
+    pub(super) fn title(&mut self) {
+        let Some(window) = &self.window else { return };
+        let file = self.files.first().and_then(|file| file.file_name()).map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let more = if self.files.len() > 1 { format!(" and {} more", self.files.len() - 1) } else { String::new() };
+        self.facts.title = format!("{file}{more}");
+        let parts = [Some(self.facts.title.clone()), self.facts.doing.clone(), Some("pointillist".into())];
+        let title = parts.into_iter().flatten().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" - ");
+        if title != self.titled {
+            window.set_title(&title);
+            self.titled = title;
+        }
+        self.ask_for_panel();
+    }
+}

@@ -1,0 +1,147 @@
+//! `bench window`: a scripted flight in a window, as `view --flight` makes it: how even its pictures come, how soon the first one is there, and that nothing is done at rest.
+//!
+//! In: the street from `synth`, a file to be read; and an index, of which the loader brings what the flight needs while it goes on. A process of its own each, so that the start is the
+//! start of the program, and processor time its own. It needs a display. Through the street it goes straight ahead; through an index along a camera path, down to places all over it and up again.
+
+use super::flight;
+use crate::app::statistics::{FlightSummary, Spread, Summary};
+use crate::camera_path::CameraPath;
+use crate::error::{Error, Result};
+use crate::index::file::Index;
+use crate::progress::Progress;
+use crate::synth::{self, LasFile, Scene};
+use serde::Serialize;
+use std::ffi::OsString;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// What to measure.
+pub struct Plan {
+    /// Of the street.
+    pub points: Vec<u64>,
+    /// Also through this index.
+    pub index: Option<PathBuf>,
+    pub sizes: Vec<[u32; 2]>,
+    /// Of each flight.
+    pub seconds: u64,
+    /// Further words for `view`: device, pool, budget.
+    pub options: Vec<OsString>,
+    pub seed: u64,
+    /// Where inputs lie meanwhile.
+    pub folder: PathBuf,
+}
+
+/// One flight.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    pub bench: &'static str,
+    /// `street`, or the index's file.
+    pub cloud: String,
+    pub points: u64,
+    pub size: String,
+    #[serde(flatten)]
+    pub summary: Summary,
+}
+
+pub fn run(plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    // Removed with all that is in it.
+    let folder = plan.folder.join(format!("pointillist-bench-{}-window", std::process::id()));
+    std::fs::create_dir(&folder).map_err(|error| Error::io("create", &folder, error))?;
+    let rows = measure(plan, &folder, progress);
+    std::fs::remove_dir_all(&folder).map_err(|error| Error::io("remove", &folder, error))?;
+    rows
+}
+
+fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut rows = Vec::new();
+    let mut flights = 0;
+    let total = (plan.points.len() + plan.index.iter().len()) * plan.sizes.len();
+    let mut fly = |cloud: &str, points: u64, file: &Path, path: Option<&Path>, size: [u32; 2]| {
+        progress.tick("bench window", flights, total as u64)?;
+        flights += 1;
+        let size = format!("{}x{}", size[0], size[1]);
+        let mut words: Vec<OsString> = ["view", "--timings=json", "--no-cache", "--size", &size].map(OsString::from).into();
+        words.extend(["--flight".into(), plan.seconds.to_string().into()]);
+        words.extend(path.into_iter().flat_map(|path| ["--path".into(), path.into()]));
+        words.extend(plan.options.clone());
+        words.push(file.into());
+        rows.push(Row { bench: "window", cloud: cloud.into(), points, size, summary: view(&words)? });
+        Ok(())
+    };
+    for &points in &plan.points {
+        let file = folder.join(format!("street-{points}.las"));
+        let world = synth::build(Scene::Street, plan.seed, 0.0);
+        let mut las = LasFile::create(&file, world.lattice(), points)?;
+        synth::scan(&world, points, plan.seed, Scene::Street.default_noise(), &mut |chunk| las.write(chunk), progress)?;
+        las.finish()?;
+        plan.sizes.iter().try_for_each(|&size| fly("street", points, &file, None, size))?;
+    }
+    if let Some(file) = &plan.index {
+        let index = Index::open(file)?;
+        if index.nodes().is_empty() {
+            return Err(Error::format(file, "has no points to fly through"));
+        }
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        for &size in &plan.sizes {
+            let mut path = CameraPath::default();
+            flight::stops(&index, size)?.into_iter().for_each(|camera| path.add(camera));
+            let written = folder.join("path.json");
+            path.write(&written)?;
+            fly(&name, index.directory.contents.points, file, Some(&written), size)?;
+        }
+    }
+    Ok(rows)
+}
+
+fn view(words: &[OsString]) -> Result<Summary> {
+    let failed = |what: String| Error::Request(format!("the window that was to be measured failed: {what}"));
+    let program = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
+    let done = Command::new(program).args(words).output().map_err(|error| failed(error.to_string()))?;
+    if !done.status.success() {
+        return Err(failed(String::from_utf8_lossy(&done.stderr).trim().to_string()));
+    }
+    serde_json::from_slice(&done.stdout).map_err(|error| failed(error.to_string()))
+}
+
+/// The flights for reading.
+pub fn table(rows: &[Row]) -> String {
+    let mut text = String::new();
+    let ms = |time: Option<f64>| time.map_or("never".to_string(), |ms| format!("{ms:.0} ms"));
+    for Row { cloud, points, size, summary, .. } in rows {
+        let Some(flight) = &summary.flight else { continue };
+        let FlightSummary { pictures, frame_ms, latency_ms, drawing_ms, loading, loading_ms, took_in_ms, slow, slow_loading, .. } = flight;
+        writeln!(text, "{cloud}, {points} points, {size}: {pictures} pictures").expect("writing to a string");
+        let times = [
+            ("frame", frame_ms),
+            ("of which loading", loading_ms),
+            ("camera to picture", latency_ms),
+            ("of that, drawing", drawing_ms),
+            ("taking nodes in", took_in_ms),
+        ];
+        for (name, Spread { median, p99, worst }) in times {
+            writeln!(text, "  {name:<18} median {median:>8.1} ms   99 % {p99:>8.1} ms   worst {worst:>8.1} ms")
+                .expect("writing to a string");
+        }
+        writeln!(
+            text,
+            "  start to first picture {}, to the whole one {}; standing still to the whole one {}",
+            ms(summary.first_ms),
+            ms(summary.first_whole_ms),
+            ms(flight.to_whole_ms)
+        )
+        .expect("writing to a string");
+        writeln!(
+            text,
+            "  {loading} pictures while nodes were on their way; {slow} frames over twice the median, {slow_loading} of them then; at rest, {:.0} ms: {} pictures, {} of processor time",
+            flight.rest_ms,
+            flight.rest_pictures,
+            ms(flight.rest_cpu_ms)
+        )
+        .expect("writing to a string");
+    }
+    if let Some(row) = rows.first() {
+        writeln!(text, "device: {}", row.summary.device).expect("writing to a string");
+    }
+    text
+}

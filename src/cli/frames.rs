@@ -1,0 +1,105 @@
+//! `pointillist render --path`: a camera path in, a numbered picture for every frame of it out.
+//!
+//! Frames are pictures as `render` draws them, each whole or not there. One that is there is drawn again, unless `--resume` keeps it, which is said.
+
+use super::render::{Arguments, refuse_to_overwrite};
+use crate::camera_path::CameraPath;
+use crate::error::{Error, Result};
+use crate::frame;
+use crate::graph::{Gpu, Graph};
+use crate::look;
+use crate::passes::encode;
+use crate::picture;
+use crate::progress::Progress;
+use crate::source::Source;
+use crate::view::View;
+use crate::whole_file::WholeFile;
+use std::path::{Path, PathBuf};
+
+/// Of a frame's number, so that names sort as numbers do.
+const DIGITS: usize = 4;
+
+/// How far all frames are, whatever is being done for one of them.
+struct Frames<'p> {
+    progress: &'p dyn Progress,
+    done: u64,
+    total: u64,
+}
+
+impl Progress for Frames<'_> {
+    fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
+        self.progress.tick("drawing frames", self.done, self.total)
+    }
+}
+
+/// The file of a frame, counted from 1 on.
+fn numbered(output: &Path, number: u64, total: u64) -> PathBuf {
+    let digits = total.to_string().len().max(DIGITS);
+    let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+    output.with_file_name(format!("{stem}-{number:0digits$}.png"))
+}
+
+pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Result<()> {
+    let output = arguments.output.as_deref().expect("--path requires it");
+    let path = CameraPath::read(path)?;
+    let total = path.frames();
+    let name = |number: u64| numbered(output, number + 1, total);
+    let mut missing = Vec::new();
+    for number in 0..total {
+        refuse_to_overwrite(&name(number), &arguments.files)?;
+        if !(arguments.resume && name(number).exists()) {
+            missing.push(number);
+        }
+    }
+    let kept = total - missing.len() as u64;
+    if kept > 0 {
+        eprintln!("pointillist: note: {kept} of {total} frames are there already, and kept");
+    }
+    let [first, ..] = missing[..] else { return Ok(()) };
+    // A folder that cannot be written to is said before the work is done.
+    drop(WholeFile::create(&name(first))?);
+    let options = arguments.picture.with_scene()?;
+    let (size, wishes) = (options.size.0, options.wishes()?);
+    let source = Source::open(&arguments.files, &options.detail.opening(options.read_options(arguments.strict)), progress)?;
+    source.notes().iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    let (shown, _) = options.shown(&source)?;
+    let mut gpu = Gpu::open(&arguments.device.wish())?;
+    let mut brought = source.bring(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
+    brought.resident_mut().opacities = options.opacities();
+    let mut said = Vec::new();
+    for number in missing {
+        let frames = Frames { progress, done: number, total };
+        let view = View::new(path.frame(number), size).map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
+        for note in brought.settle(&mut gpu, &view, &options.detail.of(size), &frames)?.into_iter().flat_map(|taken| taken.notes) {
+            if arguments.strict {
+                return Err(Error::Request(note));
+            }
+            // Once, of however many frames.
+            if !said.contains(&note) {
+                eprintln!("pointillist: note: frame {}: {note}", number + 1);
+                said.push(note);
+            }
+        }
+        let look = look::decide(&wishes, &view, brought.resident());
+        let mut g = Graph::new(&mut gpu).watched(&frames);
+        let outcome = frame::record(&mut g, &view, brought.resident(), &look)?;
+        let picture = encode::download(&mut g, &outcome.picture)?;
+        let frame = g.submit(&[])?;
+        picture::write_png(&name(number), size, &picture.read(&frame))?;
+        frame.shelve(&mut gpu);
+    }
+    progress.tick("drawing frames", total, total)?;
+    brought.free(&mut gpu);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_sort_by_their_numbers() {
+        assert_eq!(numbered("a/tour.png".as_ref(), 7, 250), PathBuf::from("a/tour-0007.png"));
+        assert_eq!(numbered("tour".as_ref(), 7, 12_345), PathBuf::from("tour-00007.png"));
+    }
+}

@@ -1,0 +1,233 @@
+//! A display of its own, and the program with its window on it: real keys and a real mouse, pictures taken of what is there. Validation is on; what it says ends the program with 1.
+//!
+//! Needs Xvfb, xdotool and ImageMagick's import, which tools/setup installs.
+
+#![allow(dead_code, reason = "every test file is a crate of its own and uses a part of this")]
+
+pub mod drop;
+
+use crate::support::{Png, pointillist, read_png, succeeded};
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+pub const SIZE: [u32; 2] = [400, 300];
+
+/// An X server without a screen.
+pub struct Display {
+    server: Child,
+    // It ends when nobody listens.
+    _says: BufReader<ChildStdout>,
+    pub name: String,
+}
+
+impl Display {
+    pub fn open() -> Display {
+        let mut server = Command::new("Xvfb")
+            .args(["-displayfd", "1", "-screen", "0", "1280x960x24", "-nolisten", "tcp", "-noreset"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("Xvfb; tools/setup installs it");
+        let mut number = String::new();
+        let mut says = BufReader::new(server.stdout.take().unwrap());
+        says.read_line(&mut number).expect("the display's number");
+        Display { server, _says: says, name: format!(":{}", number.trim()) }
+    }
+
+    pub fn command(&self, program: &str) -> Command {
+        let mut command = Command::new(program);
+        command.env("DISPLAY", &self.name);
+        command
+    }
+
+    pub fn xdotool(&self, line: &str) -> String {
+        let output = self.command("xdotool").args(line.split_whitespace()).output().expect("xdotool; tools/setup installs it");
+        assert!(output.status.success(), "xdotool {line}: {}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap().trim().to_string()
+    }
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        // Asked to end it takes its socket along.
+        let _ = Command::new("kill").arg(self.server.id().to_string()).status();
+        let _ = self.server.wait();
+    }
+}
+
+/// What a stream has said so far, read on a thread of its own.
+struct Heard {
+    lines: Arc<Mutex<Vec<String>>>,
+    reader: JoinHandle<()>,
+}
+
+impl Heard {
+    fn of(stream: impl Read + Send + 'static) -> Heard {
+        let lines = Arc::new(Mutex::new(Vec::new()));
+        let kept = lines.clone();
+        let reader = std::thread::spawn(move || {
+            BufReader::new(stream).lines().map_while(Result::ok).for_each(|line| kept.lock().unwrap().push(line));
+        });
+        Heard { lines, reader }
+    }
+
+    fn now(&self) -> Vec<String> {
+        self.lines.lock().unwrap().clone()
+    }
+
+    /// All of it.
+    fn end(self) -> Vec<u8> {
+        self.reader.join().unwrap();
+        self.lines.lock().unwrap().iter().flat_map(|line| [line, "\n"].concat().into_bytes()).collect()
+    }
+}
+
+/// The program with its window.
+pub struct Viewer<'d> {
+    display: &'d Display,
+    program: Option<Child>,
+    /// On standard output and on standard error.
+    heard: Option<[Heard; 2]>,
+    pub window: String,
+    folder: PathBuf,
+}
+
+impl<'d> Viewer<'d> {
+    /// In a small window without its panel, which would lie over the picture.
+    pub fn open(display: &'d Display, folder: &Path, files: &[&Path], line: &str) -> Viewer<'d> {
+        let mut viewer = Viewer::with_panel(display, folder, files, SIZE, line);
+        // Keys that come before there is anything to see may be nobody's.
+        viewer.until("panel", |viewer| {
+            let seen = viewer.photograph();
+            seen.pixels.iter().any(|pixel| *pixel != seen.pixels[0])
+        });
+        viewer.key("n");
+        viewer
+    }
+
+    pub fn with_panel(display: &'d Display, folder: &Path, files: &[&Path], size: [u32; 2], line: &str) -> Viewer<'d> {
+        let mut command = pointillist();
+        command.arg("view").args(files).args(["--size", &format!("{}x{}", size[0], size[1]), "--validate", "--timings"]);
+        if !line.contains("--cache-dir") {
+            command.arg("--no-cache");
+        }
+        command.args(line.split_whitespace()).env("DISPLAY", &display.name).env("XDG_RUNTIME_DIR", folder).env_remove("WAYLAND_DISPLAY");
+        let mut program = command.current_dir(folder).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("start the program");
+        let heard = [Heard::of(program.stdout.take().unwrap()), Heard::of(program.stderr.take().unwrap())];
+        let mut viewer =
+            Viewer { display, program: Some(program), heard: Some(heard), window: String::new(), folder: folder.to_path_buf() };
+        viewer.until("a window", |viewer| {
+            let found = display.command("xdotool").args(["search", "--name", "pointillist"]).output().unwrap();
+            viewer.window = String::from_utf8(found.stdout).unwrap().trim().to_string();
+            !viewer.window.is_empty()
+        });
+        display.xdotool(&format!("windowfocus --sync {}", viewer.window));
+        viewer
+    }
+
+    #[track_caller]
+    pub fn until(&mut self, what: &str, mut holds: impl FnMut(&mut Self) -> bool) {
+        let began = Instant::now();
+        while !holds(self) {
+            if let Some(status) = self.program.as_mut().unwrap().try_wait().unwrap() {
+                panic!("no {what}: the program has ended, {status}: {}", String::from_utf8_lossy(&self.end(status).stderr));
+            }
+            assert!(began.elapsed() < Duration::from_secs(60), "no {what} within a minute; it said {:?}", self.said());
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Lines on standard output until now.
+    pub fn printed(&self) -> Vec<String> {
+        self.heard.as_ref().unwrap()[0].now()
+    }
+
+    /// Lines on standard error until now.
+    fn said(&self) -> Vec<String> {
+        self.heard.as_ref().unwrap()[1].now()
+    }
+
+    fn end(&mut self, status: ExitStatus) -> Output {
+        self.program = None;
+        let [stdout, stderr] = self.heard.take().unwrap().map(Heard::end);
+        Output { status, stdout, stderr }
+    }
+
+    pub fn key(&self, key: &str) {
+        self.display.xdotool(&format!("key {key}"));
+    }
+
+    pub fn photograph(&self) -> Png {
+        let path = self.folder.join("photograph.png");
+        let taken =
+            self.display.command("import").args(["-window", &self.window, "-depth", "8"]).arg(format!("png24:{}", path.display())).status();
+        assert!(taken.expect("import; tools/setup installs it").success());
+        read_png(&path)
+    }
+
+    /// Waits until the window shows this.
+    #[track_caller]
+    pub fn shows(&mut self, picture: &Path) {
+        // What is seen instead outlives the test's own folder.
+        let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(picture.file_name().unwrap());
+        let wanted = read_png(picture);
+        self.until(&format!("{} (last seen: {})", picture.display(), kept.display()), |viewer| {
+            let seen = viewer.photograph();
+            let same = seen.size == wanted.size && seen.pixels == wanted.pixels;
+            if !same {
+                std::fs::copy(viewer.folder.join("photograph.png"), &kept).unwrap();
+            }
+            same
+        });
+    }
+
+    /// Processor time that it has taken so far, hundredths of a second.
+    pub fn ticks(&self) -> u64 {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.program.as_ref().unwrap().id())).unwrap();
+        // The name in parentheses may hold anything.
+        let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+        [11, 12].map(|at| fields[at].parse::<u64>().unwrap()).iter().sum()
+    }
+
+    /// As `kill -NAME` does.
+    pub fn signal(&self, name: &str) {
+        let sent = Command::new("kill").args(["-s", name, &self.program.as_ref().unwrap().id().to_string()]).status();
+        assert!(sent.expect("kill").success());
+    }
+
+    /// What became of it; within a minute.
+    #[track_caller]
+    pub fn ended(mut self) -> Output {
+        let began = Instant::now();
+        loop {
+            if let Some(status) = self.program.as_mut().unwrap().try_wait().unwrap() {
+                return self.end(status);
+            }
+            assert!(began.elapsed() < Duration::from_secs(60), "it has not ended within a minute");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// What it said: the statistics, and nothing of validation.
+    #[track_caller]
+    pub fn close(self) -> String {
+        self.key("Escape");
+        let said = succeeded(&self.ended());
+        // Objects that outlive the device are counted when it is destroyed.
+        assert!(!said.contains("Validation") && !said.contains("validation"), "{said}");
+        said
+    }
+}
+
+impl Drop for Viewer<'_> {
+    fn drop(&mut self) {
+        if let Some(mut program) = self.program.take() {
+            let _ = program.kill();
+            let _ = program.wait();
+        }
+    }
+}
