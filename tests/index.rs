@@ -10,7 +10,7 @@ use glam::DVec3;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions, Wanted};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
-use pointillist::index::build::{self, Options, Summary};
+use pointillist::index::build::{self, Derive, Options, Summary};
 use pointillist::index::file::{Contents, Index, NodeRecord, PLANES, Plane};
 use pointillist::progress::{Progress, Silent};
 use pointillist::synth::Scene;
@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use support::{names, scan, shared, shuffled};
 
-const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false };
+const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, derive: Derive::NONE };
 const READ: ReadOptions = ReadOptions { wanted: Wanted::ALL, strict: false };
 
 // ---- clouds made here
