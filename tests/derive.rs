@@ -1,18 +1,29 @@
 //! What an index finds out of the points around each: the same as of a cloud in memory, whatever the leaves, the threads and the memory; and what inner nodes make of it.
 
+mod gpu;
 mod support;
 
 use glam::DVec3;
+use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{self, Cloud, ReadOptions, Wanted, octahedral};
+use pointillist::cut::Detail;
+use pointillist::error::{Error, Result};
+use pointillist::frame;
+use pointillist::graph::Graph;
 use pointillist::index::build::{self, Derive, Options, Summary};
 use pointillist::index::file::{Index, Plane};
 use pointillist::index::luminance::{self, NEIGHBOURS};
 use pointillist::index::strokes::{self, strokes};
-use pointillist::progress::Silent;
-use pointillist::synth::Scene;
+use pointillist::look::{self, Style, Wishes};
+use pointillist::passes::Effects;
+use pointillist::progress::{Progress, Silent};
+use pointillist::resident::Residency;
+use pointillist::synth::{self, Scene};
+use pointillist::view::{Camera, Preset, View};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use support::scan;
+use std::sync::Arc;
+use support::{failed, names, render, scan, succeeded};
 
 const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, derive: Derive::ALL };
 
@@ -187,6 +198,95 @@ fn what_is_not_asked_for_is_not_there_and_takes_no_room() {
         let (there, size) = bytes(derive);
         assert_eq!((there, size), (planes, least + more), "{derive:?}");
     }
+}
+
+/// How much of each pixel strokes cover, of a cut with so many points at most; and how many it has.
+fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
+    gpu::with(gpu::Way::Compute64, |gpu| {
+        let mut shown = Shown::indexed(Attribute::White, [0.0, 1.0], [0, 255]);
+        shown.further.strokes = true;
+        let mut residency = Residency::open(gpu, Arc::new(index), shown, 1 << 28).unwrap();
+        let update = residency.settle(gpu, view, &Detail { budget, lod_px: 0.0, ..Detail::of(view.size) }, &Silent).unwrap();
+        let wishes = Wishes { effects: Effects::of(Style::Strokes), ..Wishes::default() };
+        let look = look::decide(&wishes, view, residency.resident());
+        let mut g = Graph::new(gpu);
+        let outcome = frame::record(&mut g, view, residency.resident(), &look).unwrap();
+        let picture = g.download(&outcome.picture);
+        let frame = g.submit(&[]).expect("drawn, and no validation message");
+        let covered = frame.read::<[f32; 4]>(&picture).iter().map(|pixel| pixel[3]).collect();
+        frame.shelve(gpu);
+        residency.free(gpu);
+        (covered, update.cut.points)
+    })
+}
+
+#[test]
+fn strokes_of_a_tenth_of_the_points_cover_what_all_of_them_do() {
+    // As many as the paper's dragon has.
+    let place = Place::new(Scene::Torus, 437_645);
+    let size = [400, 300];
+    let view = View::new(Camera::framing(Preset::Iso, &place.cloud().core_points(), size), size).unwrap();
+    let world = synth::build(Scene::Torus, 1, 0.1);
+    let hit = |k: usize| {
+        let (origin, direction) = view.ray((k % 400) as f64 + 0.5, (k / 400) as f64 + 0.5);
+        world.trace(origin, direction).is_some()
+    };
+    let inside: Vec<bool> = (0..400 * 300).map(hit).collect();
+    let surface = inside.iter().filter(|inside| **inside).count();
+    for budget in [1, u64::MAX] {
+        let (index, _) = place.build(&Options { derive: Derive { strokes: true, ..Derive::NONE }, ..OPTIONS });
+        let (covered, points) = painted(index, &view, budget);
+        let holes = inside.iter().zip(&covered).filter(|&(inside, covered)| *inside && *covered < 0.5).count();
+        let near = |k: usize| {
+            let (x, y) = (k as i64 % 400, k as i64 / 400);
+            let around = (-3..=3i64).flat_map(|dy| (-3..=3i64).map(move |dx| (dx, dy))).filter(|(dx, dy)| dx * dx + dy * dy <= 9);
+            let mut around = around.map(|(dx, dy)| (x + dx, y + dy)).filter(|(u, v)| (0..400).contains(u) && (0..300).contains(v));
+            around.any(|(u, v)| inside[(v * 400 + u) as usize])
+        };
+        let beyond = (0..covered.len()).filter(|&k| covered[k] >= 0.5 && !near(k)).count();
+        println!("{points} strokes: {holes} holes in {surface} pixels, {beyond} pixels beyond");
+        assert!(surface > 10_000 && 1000 * holes <= surface, "{points} strokes: {holes} holes in {surface} pixels");
+        assert_eq!(beyond, 0, "{points} strokes");
+        assert_eq!(points == 437_645, budget > 1);
+    }
+}
+
+/// Ends the work once it looks around points.
+struct Interrupting;
+
+impl Progress for Interrupting {
+    fn tick(&self, doing: &str, _done: u64, _total: u64) -> Result<()> {
+        if doing == "looking around points" { Err(Error::Interrupted) } else { Ok(()) }
+    }
+}
+
+#[test]
+fn interrupted_it_leaves_nothing() {
+    let place = Place::new(Scene::Torus, 100_000);
+    let built = build::build(&[place.at("scan.las")], &place.at("scan.pnti"), &OPTIONS, &Interrupting);
+    assert!(matches!(built, Err(Error::Interrupted)));
+    assert_eq!(names(place.folder.path()), ["scan.las"]);
+}
+
+#[test]
+fn a_picture_that_lacks_a_plane_says_in_one_line_how_to_make_it() {
+    let place = Place::new(Scene::Torus, 60_000);
+    let line = |words: &str| format!("-o {} --size 64x48 {words}", place.at("a.png").display());
+    place.build(&Options { derive: Derive::NONE, ..OPTIONS });
+    let lacking = [("--color normal", "--normals"), ("--effect phong=on,normals=file", "--normals"), ("--color corrected", "--luminance")];
+    for (words, option) in lacking {
+        let said = failed(&render(&place.at("scan.pnti"), &line(words)), 1);
+        assert!(said.contains(&format!("scan.pnti {option}`")) && said.contains("scan.las"), "{said}");
+    }
+    place.build(&OPTIONS);
+    for (words, _) in lacking {
+        succeeded(&render(&place.at("scan.pnti"), &line(words)));
+    }
+    let said = succeeded(&render(&place.at("scan.pnti"), &line("--light direction:1,1,-1 --explain")));
+    assert!(said.contains("normals: those of the points"), "{said}");
+    let said = succeeded(&render(&place.at("scan.las"), &line("--light direction:1,1,-1 --explain")));
+    assert!(said.contains("normals: fitted to the depths"), "{said}");
+    succeeded(&render(&place.at("scan.las"), &line("--color corrected")));
 }
 
 /// A PLY file of a bumpy sheet, with normals of its own: downward ones, so that none is mistaken for a fitted one.

@@ -1142,3 +1142,42 @@ fn odd_outputs_and_requests_are_refused_or_taken() {
     // No threads, no memory: as few as there must be.
     place.build(std::slice::from_ref(&file), "least.pnti", &Options { threads: 0, memory: 0, ..OPTIONS }).unwrap();
 }
+
+// ---- other versions
+
+/// The same index as the first version wrote it: shorter records, without room for planes that are derived.
+fn first_version(bytes: &[u8]) -> Vec<u8> {
+    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    let long = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+    let (nodes, directory_at, contents) = (word(12) as usize, long(24), long(32));
+    let record = size_of::<NodeRecord>();
+    let records =
+        bytes[directory_at..][..nodes * record].chunks(record).flat_map(|record| [&record[..108], &record[record.len() - 20..]].concat());
+    let records: Vec<u8> = records.collect();
+    let mut known: serde_json::Value = serde_json::from_slice(&bytes[directory_at + nodes * record..][..contents]).unwrap();
+    known.as_object_mut().unwrap().remove("oriented");
+    let directory = [records, serde_json::to_vec(&known).unwrap()].concat();
+    let mut first = [&bytes[..directory_at], &directory].concat();
+    let length = first.len() as u64;
+    first[8..12].copy_from_slice(&1u32.to_le_bytes());
+    first[16..24].copy_from_slice(&length.to_le_bytes());
+    first[32..40].copy_from_slice(&(directory.len() as u64 - 128 * nodes as u64).to_le_bytes());
+    first[44..48].copy_from_slice(&crc32c::crc32c(&directory).to_le_bytes());
+    first[48..52].fill(0);
+    let crc = crc32c::crc32c(&first[..56]);
+    first[48..52].copy_from_slice(&crc.to_le_bytes());
+    first
+}
+
+#[test]
+fn an_index_of_the_first_version_is_read_as_it_was() {
+    let place = Place::new();
+    let points = shape(Shape::Plane, 200_000, [0; 3], [100_000; 3], 3);
+    let now = place.faithful(&[place.las("a.las", &points, MILLIMETRES)], &OPTIONS);
+    place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
+    let first = Index::open(&place.at("first.pnti")).unwrap();
+    assert_eq!(first.bytes() + 16 * now.nodes().len() as u64 + ",\"oriented\":false".len() as u64, now.bytes());
+    assert_eq!(first.directory.contents, now.directory.contents);
+    assert!(first.nodes() == now.nodes());
+    assert!(contents_of_nodes(&first) == contents_of_nodes(&now));
+}

@@ -88,6 +88,7 @@ studies! {
     ao,        // light in corners
     luminance, // steps between stations, details
     shadows,   // which points the light reaches
+    normals,   // planes through neighbours
     tangents,  // how evenly strokes flow
     layers,    // surfaces behind each other
 }
