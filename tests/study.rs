@@ -492,3 +492,40 @@ fn the_shadows_study_keeps_its_promises() {
         assert_eq!(error("4"), error("index 4"), "{metric}");
     }
 }
+
+/// Without noise more points bend the plane, with noise they even it out; what the renderer does is within the bounds that it promises.
+#[test]
+fn the_normals_study_keeps_its_promises() {
+    let (rows, text, figures) = made("normals", &Plan { points: 20_000, repeat: 1, ..PLAN });
+    // Four scenes, nine settings, three metrics.
+    assert_eq!((rows.len(), text.lines().count(), figures), (108, 109, 3));
+    fronts_are_fronts(&rows);
+    for ((scene, view, metric), rows) in groups(&rows) {
+        let error = |knob: &str, value: &str| rows.iter().find(|row| row.knob == knob && row.value == value).unwrap().error;
+        let by_radius = ["2", "3", "6"].map(|value| error("radii", value));
+        println!("{scene} {view} {metric}: {by_radius:?}");
+        assert_eq!(error("radii", "3"), error("neighbours", "8"));
+        match (metric, scene.starts_with("noisy")) {
+            ("median_degrees", false) => assert!(by_radius[1] < by_radius[2] && by_radius[1] < 1.0, "{scene}: {by_radius:?}"),
+            ("median_degrees", true) => assert!(by_radius[0] > by_radius[1] && by_radius[1] < 5.0, "{scene}: {by_radius:?}"),
+            ("unknown", _) => assert_eq!(by_radius[1], 0.0, "{scene}"),
+            _ => {}
+        }
+    }
+}
+
+/// Every pass is nearer to the exact sort, the last is the same, and fewer Gaussians cover less.
+#[test]
+fn the_strokes_study_keeps_its_promises() {
+    let (rows, text, figures) = made("strokes", &Plan { points: 4_000, repeat: 1, ..PLAN });
+    // Two scenes, thirteen configurations, two metrics.
+    assert_eq!((rows.len(), text.lines().count(), figures), (52, 53, 2));
+    fronts_are_fronts(&rows);
+    for ((scene, _, metric), rows) in groups(&rows) {
+        let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
+        let falling = ["1", "4", "16", "all"].map(error);
+        println!("{scene} {metric}: {falling:?}, opaque {}", error("opaque"));
+        assert_eq!((error("auto"), falling[3]), (0.0, 0.0), "{scene} {metric}");
+        assert!(metric != "color_rms" || falling.is_sorted_by(|a, b| a >= b) && falling[0] > 0.0, "{scene}: {falling:?}");
+    }
+}

@@ -34,9 +34,9 @@ const TORUS: Truth = Truth {
 /// Scenes, and their noise in spacings of the points.
 const SCENES: [(&str, Scene, Truth, f64); 4] = [
     ("sphere", Scene::Sphere, SPHERE, 0.0),
-    ("sphere, noise", Scene::Sphere, SPHERE, 0.25),
+    ("noisy sphere", Scene::Sphere, SPHERE, 0.25),
     ("torus", Scene::Torus, TORUS, 0.0),
-    ("torus, noise", Scene::Torus, TORUS, 0.25),
+    ("noisy torus", Scene::Torus, TORUS, 0.25),
 ];
 
 const NEAR: [usize; 4] = [4, 8, 16, 32];
@@ -70,7 +70,7 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
             }
             let [median, p99] = [0.5, 0.99].map(|share| angles.get((share * angles.len() as f64) as usize).copied().unwrap_or(0.0));
             let ms = metrics::quartiles(&times);
-            let value = format!("{} neighbours, {} radii", fit.near, fit.reach);
+            let value = if knob == "radii" { fit.reach.to_string() } else { fit.near.to_string() };
             for (metric, error) in METRICS.iter().zip([median, p99, unknown]) {
                 let (value, auto) = (value.clone(), fit == FIT);
                 rows.push(Row { scene: name, view: "points", knob, value, metric: metric.0, error, ms, n: times.len(), auto, front: false });
@@ -80,7 +80,7 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
         }
     }
     mark_fronts(&mut rows);
-    let label = |row: &Row| row.value.clone();
+    let label = |row: &Row| format!("{} {}", row.value, row.knob);
     let figure = |&(metric, y_axis, caption): &_| {
         Figure::of("normals", metric, ["milliseconds a million (bars: quartiles)", y_axis], caption, &rows, &label)
     };
