@@ -1,4 +1,9 @@
-// A point's normal (src/cloud/octahedral.rs): 24 bits of a word. The includer has dot.glsl. Declares no bindings.
+// A point's normal (src/cloud/octahedral.rs): 24 bits of a word. Declares no bindings.
+
+#ifndef OCTAHEDRAL
+#define OCTAHEDRAL
+
+#include "dot.glsl"
 
 const uint UNKNOWN_NORMAL = 0xFFFFFFu;
 
@@ -10,3 +15,5 @@ vec3 normal_of(uint facing) {
     vec3 n = z >= 0.0 ? vec3(e, z) : vec3(folded, z);
     return n / vec3(sqrt(dot_of(n, n)));
 }
+
+#endif

@@ -6,7 +6,8 @@ use crate::frame::{self, Outcome};
 use crate::graph::{Buffer, Frame, Gpu, Graph};
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
-use crate::passes::{Effects, Scene, phong, project::Statistics, shadows, significant, strokes};
+use crate::passes::phong::{self, Backfaces};
+use crate::passes::{Effects, Scene, project::Statistics, shadows, significant, strokes};
 use crate::picture::{self, Samples};
 use crate::progress::Progress;
 use crate::resident::Resident;
@@ -254,6 +255,12 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
     }
     if look.decided.runs("phong") {
         text += &format!("normals: {}\n", phong::source(&scene, &look.effects.phong.settings));
+        let back = match (look.effects.phong.settings.backfaces, look.drops_back_faces(resident)) {
+            (Backfaces::Keep, _) => "drawn",
+            (_, true) => "left out",
+            (_, false) => "drawn, since no normals of the files say which side is outside",
+        };
+        text += &format!("back faces: {back}\n");
     }
     text += &facts.shadows.map_or(String::new(), |shadows| format!("shadows: {shadows}\n"));
     text += &facts.strokes.map_or(String::new(), |strokes| format!("strokes: {strokes}\n"));

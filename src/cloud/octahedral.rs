@@ -1,4 +1,4 @@
-//! Unit vectors as 24 bits: the octahedron |x| + |y| + |z| = 1 unfolded onto a square, 12 bits along each side (Cigolle et al. 2014). 0.03 degrees off at most.
+//! Unit vectors as 24 bits: the octahedron |x| + |y| + |z| = 1 unfolded onto a square, 12 bits along each side (Cigolle et al. 2014). 0.06 degrees off at most (half a step along both sides, in the middle of a face).
 
 use glam::DVec3;
 
@@ -48,7 +48,7 @@ mod tests {
         fn a_vector_comes_back_within_its_rounding(x in -1.0f64..1.0, y in -1.0f64..1.0, z in -1.0f64..1.0, scale in -20i32..20) {
             let v = DVec3::new(x, y, z).normalize_or(DVec3::X);
             let back = unpack(pack(v * 2f64.powi(scale))).expect("a vector");
-            prop_assert!(back.cross(v).length().atan2(back.dot(v)).to_degrees() < 0.035);
+            prop_assert!(back.cross(v).length().atan2(back.dot(v)).to_degrees() < 0.06);
         }
     }
 

@@ -31,10 +31,12 @@ impl Leaf {
         let colors = rgb.map_or(Vec::new(), |rgb| (0..tree.len()).map(|place| rgb[tree.number(place)]).collect());
         Leaf { tree, colors, origin }
     }
-}
 
-/// Bytes of a leaf that is full: points, colours, boxes of the tree.
-pub const LEAF_BYTES: u64 = 2 << 20;
+    /// In memory.
+    pub fn bytes(&self) -> u64 {
+        self.tree.bytes() + size_of_val(&*self.colors) as u64
+    }
+}
 
 /// A leaf beside another one.
 pub struct Near {
@@ -69,10 +71,10 @@ pub struct Forest<'f> {
     pub directory: &'f Directory,
     read: &'f Read<'f>,
     colored: bool,
-    /// Leaves that are kept.
-    most: usize,
-    /// Leaves that one who looks around in it should have at hand, about.
-    pub hold: usize,
+    /// Bytes of leaves that are kept.
+    most: u64,
+    /// And of those that each who looks around in it should have at hand, about.
+    pub hold: u64,
     kept: Mutex<Kept>,
     /// Of all points, metres.
     pub diagonal: f64,
@@ -82,14 +84,15 @@ pub struct Forest<'f> {
 #[derive(Default)]
 struct Kept {
     leaves: HashMap<usize, (Arc<Leaf>, u64)>,
+    bytes: u64,
     asked: u64,
 }
 
 impl<'f> Forest<'f> {
-    /// `memory` in bytes is what leaves may take that are kept; `hold` is how many leaves each who looks around may have at hand beside, about.
-    pub fn new(directory: &'f Directory, read: &'f Read<'f>, colored: bool, memory: u64, hold: usize) -> Forest<'f> {
+    /// `memory` is what leaves may take that are kept; `hold` what those may take that each who looks around has at hand beside, about; bytes.
+    pub fn new(directory: &'f Directory, read: &'f Read<'f>, colored: bool, memory: u64, hold: u64) -> Forest<'f> {
         let diagonal = directory.contents.bounds.map_or(0.0, |[lo, hi]| (hi - lo).length());
-        Forest { directory, read, colored, most: (memory / LEAF_BYTES).max(1) as usize, hold, kept: Mutex::default(), diagonal }
+        Forest { directory, read, colored, most: memory, hold, kept: Mutex::default(), diagonal }
     }
 
     fn record(&self, node: usize) -> &NodeRecord {
@@ -138,11 +141,13 @@ impl<'f> Forest<'f> {
         let leaf = Arc::new(Leaf::of(&columns, &self.lattice(node), origin, self.colored));
         let mut kept = kept();
         let now = kept.asked;
-        while kept.leaves.len() >= self.most {
+        while kept.bytes + leaf.bytes() > self.most {
             let oldest = kept.leaves.iter().min_by_key(|(_, (_, asked))| *asked).map(|(node, _)| *node);
-            kept.leaves.remove(&oldest.expect("as many as there may be"));
+            let Some((gone, _)) = oldest.and_then(|node| kept.leaves.remove(&node)) else { break };
+            kept.bytes -= gone.bytes();
         }
-        kept.leaves.insert(node, (leaf.clone(), now));
+        let before = kept.leaves.insert(node, (leaf.clone(), now));
+        kept.bytes += leaf.bytes() - before.map_or(0, |(before, _)| before.bytes());
         Ok(leaf)
     }
 

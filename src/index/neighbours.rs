@@ -88,6 +88,11 @@ impl Tree {
         self.points.is_empty()
     }
 
+    /// In memory.
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(&*self.points) + size_of_val(&*self.boxes)) as u64
+    }
+
     /// The number in the columns of the point at this place.
     pub fn number(&self, place: usize) -> usize {
         self.points[place].number as usize

@@ -132,7 +132,7 @@ const LONGEST: u32 = 31;
 
 impl Stroke {
     /// What a point at these lattice steps brings to the device:
-    ///   facing   the normal on an octahedron, 12 bits and 12 bits (Cigolle et al. 2014: 0.03 degrees off at most); eight bits that look random, for the brush
+    ///   facing   the normal on an octahedron, in 24 bits (`octahedral`); eight bits that look random, for the brush
     ///   brush    radius, the upper half of an f32; where the points spread most, 256ths of a half turn from the normal's own tangent; the cluster: small or not, and how long
     pub fn words(&self, at: [i32; 3]) -> [u32; 2] {
         let normal = self.plane.map_or(octahedral::UNKNOWN, |plane| octahedral::pack(plane.normal));

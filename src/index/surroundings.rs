@@ -15,8 +15,8 @@ use glam::DVec3;
 /// Points within a radius at most; where there are more the radius is halved until there are not: a million in one place tell no more of a surface than some.
 const MOST_WITHIN: usize = 4096;
 
-/// Leaves beside one that are held at hand, however little memory there is, and however much.
-const HELD: std::ops::RangeInclusive<usize> = 4..=32;
+/// Bytes of leaves beside one that are held at hand, however little memory there is, and however much.
+const HELD: std::ops::RangeInclusive<u64> = (12 << 20)..=(48 << 20);
 
 /// Widths of a leaf, parts of its own or of what was looked at before, in which leaves beside it are looked for.
 const FIRST_REACH: f64 = 1.0 / 16.0;
@@ -31,7 +31,8 @@ pub struct Surroundings<'s> {
     /// Leaves within so many metres of the own one's box.
     near: Vec<Near>,
     covered: f64,
-    held: usize,
+    /// Bytes of those at hand.
+    held: u64,
 }
 
 impl<'s> Surroundings<'s> {
@@ -141,8 +142,9 @@ impl<'s> Surroundings<'s> {
             while let Some(near) = self.near.get_mut(next).filter(|near| near.away <= reach(found)) {
                 if near.away_from(query.at, step) <= reach(found) {
                     if near.leaf.is_none() {
-                        near.leaf = Some(forest.leaf(near.node)?);
-                        self.held += 1;
+                        let leaf = forest.leaf(near.node)?;
+                        self.held += leaf.bytes();
+                        near.leaf = Some(leaf);
                     }
                     let query = Query { at: near.seen_from(query.at), tree: next as u32 + 1 };
                     search(self, query, found);

@@ -27,6 +27,7 @@ pub struct Settings {
     /// How narrow highlights are: the exponent, whole.
     pub shininess: f64,
     pub normals: Normals,
+    pub backfaces: Backfaces,
     /// Of the neighbourhood that a normal is fitted to, pixels.
     pub radius: f64,
 }
@@ -46,7 +47,7 @@ pub enum Normals {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { ambient: 0.2, diffuse: 0.8, specular: 0.08, shininess: 24.0, normals: Normals::Auto, radius: 3.0 }
+        Settings { ambient: 0.2, diffuse: 0.8, specular: 0.08, shininess: 24.0, normals: Normals::Auto, backfaces: Backfaces::Keep, radius: 3.0 }
     }
 }
 
@@ -59,6 +60,7 @@ impl super::Settings for Settings {
             Setting { name: "specular", about: "white of highlights", value: number(&mut self.specular, 0.0..=100.0) },
             Setting { name: "shininess", about: "how narrow highlights are, the exponent", value: number(&mut self.shininess, 1.0..=255.0) },
             Setting { name: "normals", about: "where they come from: file, those of the points; depth, the screen; auto, the points where they have any", value: Value::Choice(&mut self.normals) },
+            Setting { name: "backfaces", about: "points that face away from the camera; drop: where normals are those of files, which say which side is outside", value: Value::Choice(&mut self.backfaces) },
             Setting { name: "radius", about: "of the neighbourhood that a normal is fitted to, pixels", value: number(&mut self.radius, 1.0..=15.0) },
         ]
     }
@@ -89,6 +91,17 @@ pub fn source(scene: &Scene, settings: &Settings) -> &'static str {
         (_, true) => "those of the points; of pixels that filling has made, the mean of those around",
         (_, false) => "fitted to the depths on the screen, since points have brought none",
     }
+}
+
+/// What becomes of points that face away from the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Backfaces {
+    /// They are the surface's other side.
+    #[default]
+    Keep,
+    /// They are not drawn, where normals say which side is outside (Dobrev et al. 2010, sec. 3.1).
+    Drop,
 }
 
 /// What differs by more parts of its depth is another surface, whatever the camera.

@@ -4,15 +4,18 @@ use crate::gpu::{self, CANVAS_POINTS, Random, Way, bumpy, canvas, cloud, part, r
 use crate::surface::{SIZES, layered_keys, nothing, views};
 use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, Shown};
-use pointillist::cloud::{Lattice, octahedral};
+use pointillist::cloud::{Cloud, Lattice, octahedral};
 use pointillist::config::NO_POINT;
+use pointillist::frame;
 use pointillist::graph::Graph;
 use pointillist::light::Light;
+use pointillist::look;
 use pointillist::passes::project::Band;
 use pointillist::passes::{Scene, Switch, phong, resolve};
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
 use pointillist::study::oracle;
+use pointillist::view::{Projection, View};
 use std::collections::HashMap;
 
 #[test]
@@ -122,4 +125,56 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
     });
     println!("{own} pixels of points with normals, {around} of others, {doubtful} doubtful");
     assert!(own > 10_000 && around > 1000 && doubtful < own / 20);
+}
+
+/// Points with normals to all sides, drawn without those that face away: the picture of the others alone.
+#[test]
+fn back_faces_are_left_out_where_that_is_asked_for() {
+    let random = &mut Random(0xBACC);
+    let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
+    let (points, colors) = bumpy(20_000, 20_000, random);
+    let normals: Vec<[i8; 3]> = points.iter().map(|_| [(); 3].map(|()| (random.bits() % 255) as i8)).collect();
+    let of = |keep: &dyn Fn(usize) -> bool| {
+        let kept: Vec<usize> = (0..points.len()).filter(|&i| keep(i)).collect();
+        let mut part = part(lattice, &kept.iter().map(|&i| points[i]).collect::<Vec<_>>(), Some(kept.iter().map(|&i| colors[i]).collect()));
+        part.columns.normal = Some(kept.iter().map(|&i| normals[i]).collect());
+        cloud(vec![part])
+    };
+    let camera = gpu::perspective(DVec3::new(17.0, -23.0, 11.0), DVec3::ZERO, 50.0);
+    let flat = gpu::orthographic(DVec3::new(5.0, 6.0, 30.0), DVec3::new(0.1, 0.2, 0.3), 19.0);
+    for camera in [camera, flat] {
+        let view = View::new(camera, [331, 257]).unwrap();
+        let faces = |i: usize| {
+            let at = lattice.world(points[i].map(i64::from));
+            let sight = if camera.projection == Projection::Perspective { at - camera.eye } else { view.basis.forward };
+            octahedral::unpack(octahedral::of_bytes(normals[i])).is_none_or(|normal| normal.dot(sight) <= 0.0)
+        };
+        for way in gpu::WAYS {
+            let depth = |cloud: &Cloud, effect: &str| {
+                gpu::with(way, |gpu| {
+                    let mut shown = Shown::new(Attribute::Rgb, cloud);
+                    shown.further.normal = true;
+                    let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
+                    let mut wishes = gpu::bare();
+                    wishes.effects.set(effect).unwrap();
+                    let look = look::decide(&wishes, &view, &resident);
+                    let mut g = Graph::new(gpu);
+                    let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
+                    let depth = g.download(&outcome.layers.depth);
+                    let frame = g.submit(&[]).expect("drawn, and no validation message");
+                    let depth = frame.read::<f32>(&depth).to_vec();
+                    frame.shelve(gpu);
+                    resident.free(gpu);
+                    depth
+                })
+            };
+            let (all, fronts) = (depth(&of(&|_| true), "phong=on"), depth(&of(&faces), "phong=on"));
+            let dropped = depth(&of(&|_| true), "phong=on,backfaces=drop");
+            let differ = |a: &[f32], b: &[f32]| a.iter().zip(b).filter(|(a, b)| a != b && (**a - **b).abs() > 1e-5 * a.abs()).count();
+            // A node's box is another one without some points, and a point may fall into the pixel beside.
+            let (off, changed) = (differ(&dropped, &fronts), differ(&all, &fronts));
+            println!("{:?} {way:?}: {off} pixels off, of {changed}", camera.projection);
+            assert!(changed > 3000 && off < changed / 300, "{off} of {changed}");
+        }
+    }
 }

@@ -13,7 +13,7 @@ mod leaves;
 
 use super::build::Options;
 use super::file::{Directory, Plane, Writer};
-use super::forest::{Forest, LEAF_BYTES};
+use super::forest::Forest;
 use super::samples::Derived;
 use super::strokes;
 use crate::error::Result;
@@ -27,8 +27,8 @@ pub fn derive(directory: &mut Directory, writer: &Writer, corners: &[[i64; 3]], 
     let read = |at: u64, bytes: &mut [u8]| writer.get(at, bytes);
     // Half of the memory for leaves that are kept, a quarter for those that threads have at hand, the rest for what they find.
     let colored = options.derive.strokes || options.derive.luminance;
-    let hold = options.memory / 4 / options.threads as u64 / LEAF_BYTES;
-    let forest = Forest::new(directory, &read, colored, options.memory / 2, hold as usize);
+    let hold = options.memory / 4 / options.threads as u64;
+    let forest = Forest::new(directory, &read, colored, options.memory / 2, hold);
     let mut work = Work { forest: &forest, writer, corners, options, progress, crcs: Vec::new(), oriented: false };
     work.leaves()?;
     work.inner()?;
