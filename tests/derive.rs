@@ -317,3 +317,39 @@ fn normals_of_files_are_kept_and_say_which_side_is_outside() {
         }
     }
 }
+
+/// The same scan twice, a third of a step apart: two trees, whose points are each other's neighbours all the same.
+#[test]
+fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
+    let place = Place::new(Scene::Street, 100_000);
+    let mut bytes = std::fs::read(place.at("scan.las")).unwrap();
+    let offset = f64::from_le_bytes(bytes[155..163].try_into().unwrap()) + 0.00037;
+    bytes[155..163].copy_from_slice(&offset.to_le_bytes());
+    std::fs::write(place.at("other.las"), bytes).unwrap();
+    let files = [place.at("scan.las"), place.at("other.las")];
+    let options = Options { derive: Derive { luminance: true, ..Derive::NONE }, ..OPTIONS };
+    build::build(&files, &place.at("both.pnti"), &options, &Silent).unwrap();
+    let index = Index::open(&place.at("both.pnti")).unwrap();
+    assert_eq!(index.directory.roots, 2);
+    let mut cloud = cloud::read(&files, &ReadOptions { wanted: Wanted::ALL, strict: false }, &Silent).unwrap();
+    luminance::correct(&mut cloud, NEIGHBOURS, &Silent).unwrap();
+    let mut expected: [HashMap<[i32; 3], Vec<[u8; 3]>>; 2] = Default::default();
+    for (part, expected) in cloud.parts.iter().zip(&mut expected) {
+        let columns = &part.columns;
+        for (i, color) in columns.rgb.as_ref().unwrap().iter().enumerate() {
+            expected.entry([columns.x[i], columns.y[i], columns.z[i]]).or_default().push(*color);
+        }
+    }
+    let (mut same, mut all) = (0, 0);
+    for leaf in leaves(&index) {
+        // Each tree has two lattices, the file's own first.
+        let expected = &expected[index.nodes()[leaf].lattice as usize / 2];
+        for (at, color) in steps(&index, leaf).into_iter().zip(colors(&index, leaf, Plane::Corrected)) {
+            same += expected[&at].contains(&color) as usize;
+            all += 1;
+        }
+    }
+    // In memory all are brought to a lattice of their own, whose roundings order those that are equally far.
+    println!("{same} of {all} are the same");
+    assert!(same * 1000 > 995 * all, "{same} of {all}");
+}
