@@ -513,19 +513,3 @@ fn the_normals_study_keeps_its_promises() {
         }
     }
 }
-
-/// Every pass is nearer to the exact sort, the last is the same, and fewer Gaussians cover less.
-#[test]
-fn the_strokes_study_keeps_its_promises() {
-    let (rows, text, figures) = made("strokes", &Plan { points: 4_000, repeat: 1, ..PLAN });
-    // Two scenes, thirteen configurations, two metrics.
-    assert_eq!((rows.len(), text.lines().count(), figures), (52, 53, 2));
-    fronts_are_fronts(&rows);
-    for ((scene, _, metric), rows) in groups(&rows) {
-        let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
-        let falling = ["1", "4", "16", "all"].map(error);
-        println!("{scene} {metric}: {falling:?}, opaque {}", error("opaque"));
-        assert_eq!((error("auto"), falling[3]), (0.0, 0.0), "{scene} {metric}");
-        assert!(metric != "color_rms" || falling.is_sorted_by(|a, b| a >= b) && falling[0] > 0.0, "{scene}: {falling:?}");
-    }
-}

@@ -90,7 +90,6 @@ studies! {
     shadows,   // which points the light reaches
     normals,   // planes through neighbours
     tangents,  // how evenly strokes flow
-    strokes,   // order, blending, brush
     layers,    // surfaces behind each other
 }
 
