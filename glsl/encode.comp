@@ -1,14 +1,14 @@
 // A linear picture -> the 8-bit sRGB words of a screen, which may be larger than the picture.
 //
-// A code is the number of thresholds that a channel has reached, found by halving: exact, and what a PNG file holds (src/passes/encode.rs).
+// A code is the number of thresholds that a channel has reached (src/passes/encode.rs). Floats whose bits begin alike share a bucket, which holds one threshold at most: one look, one comparison, and exact.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_control_flow_attributes : require
 
 layout(local_size_x = 64) in;
 
 layout(rgba32f) readonly uniform image2D picture;
-layout(scalar) readonly buffer Thresholds { float least[]; } thresholds; // of every code but 0
+// Of every bucket, the bits of its threshold, and the code of what does not reach it.
+layout(rgba32ui) readonly uniform uimageBuffer buckets;
 layout(scalar) writeonly buffer Screen { uint word[]; } screen;
 
 layout(constant_id = 0) const bool BLUE_FIRST = false;
@@ -16,14 +16,20 @@ layout(constant_id = 0) const bool BLUE_FIRST = false;
 layout(push_constant, scalar) uniform Push {
     uvec2 picture_size; // pixels
     uvec2 screen_size;  // pixels
+    uint top;           // the first row of the screen that `screen` holds
+    uint rows;          // that it holds
 } push;
 
+// Of a sign, an exponent and 7 bits: from 2^-13, which is code 0, to 1.
+const int FIRST = 0x3900;
+const int LAST = 0x3F80;
+
 uint code(float linear) {
-    uint reached = 0;
-    [[unroll]] for (uint step = 128; step > 0; step /= 2) {
-        reached += linear >= thresholds.least[reached + step - 1] ? step : 0;
-    }
-    return reached;
+    int bucket = clamp(floatBitsToInt(linear) >> 16, FIRST, LAST) - FIRST;
+    uvec4 found = imageLoad(buckets, bucket);
+    uint reached = found.y + (min(linear, 1.0) >= uintBitsToFloat(found.x) ? 1u : 0u);
+    // NaN is nothing.
+    return linear > 0.0 ? reached : 0u;
 }
 
 vec3 at(ivec2 pixel) {
@@ -41,10 +47,11 @@ vec3 between(uvec2 pixel) {
 }
 
 void main() {
-    uvec2 pixel = gl_GlobalInvocationID.xy;
-    if (pixel.x >= push.screen_size.x || pixel.y >= push.screen_size.y) return;
+    uvec2 own = gl_GlobalInvocationID.xy;
+    if (own.x >= push.screen_size.x || own.y >= push.rows) return;
+    uvec2 pixel = uvec2(own.x, own.y + push.top);
     vec3 linear = push.picture_size == push.screen_size ? at(ivec2(pixel)) : between(pixel);
     uint red = code(linear.r), green = code(linear.g), blue = code(linear.b);
     uint low = BLUE_FIRST ? blue : red, high = BLUE_FIRST ? red : blue;
-    screen.word[pixel.y * push.screen_size.x + pixel.x] = low | green << 8 | high << 16 | 255u << 24;
+    screen.word[own.y * push.screen_size.x + own.x] = low | green << 8 | high << 16 | 255u << 24;
 }

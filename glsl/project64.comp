@@ -8,6 +8,7 @@
 #extension GL_EXT_shader_atomic_int64 : require
 #extension GL_GOOGLE_include_directive : require
 
+#define MORE_TO_PUSH uint layer;
 #include "points.glsl"
 #include "node.glsl"
 
@@ -23,6 +24,8 @@ layout(r32ui) readonly uniform uimageBuffer front;
 // Of every pixel, the bits of the depth behind which points are looked for; as texels, and as words.
 layout(r32ui) readonly uniform uimageBuffer behind;
 layout(scalar) readonly buffer BehindWords { uint word[]; } behind_words;
+// Of every listed chunk, the last layer that it had points behind the ones before of.
+layout(scalar) buffer Alive { uint layer[]; } alive;
 layout(scalar) buffer Keys { uint64_t key[]; } keys;
 
 #include "project.glsl"

@@ -22,6 +22,8 @@ layout(constant_id = 1) const uint FRAGMENTS = 0u;
 const uint COUNTED = 1u;
 const uint KEPT = 2u;
 layout(constant_id = 2) const bool TEXELS = true;
+// Fragments are ordered by the depths of their strokes' points, not by their own.
+layout(constant_id = 3) const bool BY_STROKE = false;
 
 layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
 // The first tile, and the one after the last; then of every tile the first stroke, and the one after the last of all.
@@ -109,7 +111,7 @@ void main() {
                 uint opacity = uint(alpha * 255.0 + 0.5);
                 seen = seen && opacity > 0u;
                 veil = seen && nearer(key, veil) ? key : veil;
-                if (FRAGMENTS == KEPT && seen) fragments.fragment[start + count] = uvec2(pack_roots(roots, opacity), key.y);
+                if (FRAGMENTS == KEPT && seen) fragments.fragment[start + count] = uvec2(pack_roots(roots, opacity), BY_STROKE ? rest.x : key.y);
                 count += seen ? 1u : 0u;
             }
         }

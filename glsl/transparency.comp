@@ -4,7 +4,8 @@
 //
 //     nothing was there, or all layers let less than 2^-9 through    nothing is looked for: an infinite depth
 //     else                                                           depth of the layer + layer distance, or as deep as its slope makes it within a pixel
-// A point must lie deeper than that, so every layer is deeper than the one before it, also where the distance is less than a quantum of the depth (HARD_CASES 15).
+// and never less than before, since what is shown may have been filled. A point must lie deeper than that, so every layer is deeper than the one before it, also where the distance is less than a
+// quantum of the depth (HARD_CASES 15).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 
@@ -18,8 +19,8 @@ layout(r32f) readonly uniform image2D raw;
 layout(rgba32f) uniform image2D front;
 // Layers so far.
 layout(r32f) uniform image2D peeled;
-// f32 bits.
-layout(scalar) writeonly buffer Behind { uint word[]; } behind;
+// f32 bits; 0 before the first layer.
+layout(scalar) buffer Behind { uint word[]; } behind;
 // 0 only if no pixel is left.
 layout(scalar) buffer Left { uint any[]; } left;
 
@@ -64,7 +65,9 @@ void main() {
     bool goes_on = bits < INFINITY_BITS && 1.0 - sum.a >= LEAST_LIGHT;
     float z = uintBitsToFloat(goes_on ? bits : 0u);
     float layer = max(push.layer, push.slant * (fall(z, pixel, ivec2(1, 0)) + fall(z, pixel, ivec2(0, 1))));
-    behind.word[at.y * push.size.x + at.x] = goes_on ? floatBitsToUint(z + layer) : INFINITY_BITS;
+    uint word = at.y * push.size.x + at.x;
+    // Positive floats order like their bits.
+    behind.word[word] = max(behind.word[word], goes_on ? floatBitsToUint(z + layer) : INFINITY_BITS);
     // One is enough: an atomic for every pixel would be most of this pass.
     if (goes_on && left.any[0] == 0u) atomicOr(left.any[0], 1u);
 }

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Image};
 use crate::look::Look;
-use crate::passes::project::{Band, Drawn};
+use crate::passes::project::{Band, Behind, Drawn};
 use crate::passes::resolve::Paint;
 use crate::passes::strokes::Painting;
 use crate::passes::{self, Layers, Scene, composite, gate, luminance, normal, project, resolve, shadows, strokes};
@@ -42,9 +42,10 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
 
 /// The layers behind the nearest one: the middle of the frame again for each, until the device finds nothing more to draw.
 fn behind(g: &mut Graph, points: &Points, scene: &Scene, look: &Look, mut nearest: Layers) -> Result<Layers> {
-    for _ in 1..look.layers() {
+    let mut alive = points.drawn.alive(g);
+    for layer in 1..look.layers() {
         let front = nearest.front.take().expect("transparency runs where there are several layers");
-        let next = gate::only_where(g, &front.left, |g| points.nearest(g, Some(&front.behind)))?;
+        let next = gate::only_where(g, &front.left, |g| points.nearest(g, Some((&front.behind, &mut alive, layer))))?;
         let covered = gate::covered(g, &next);
         let next = Layers { marks: nearest.marks.take(), front: Some(front), ..next };
         let next = gate::only_where(g, &covered, |g| Ok(passes::apply(g, scene, &look.effects, &look.decided, next)))?;
@@ -64,12 +65,12 @@ struct Points<'p> {
 }
 
 impl Points<'_> {
-    /// Of all points, or of those behind given depths, the nearest of each pixel.
-    fn nearest(&self, g: &mut Graph, behind: Option<&[Buffer]>) -> Result<Layers> {
+    /// Of all points, or of those behind the depths of each band, the nearest of each pixel; with what walks over them keep from layer to layer, and which layer it is.
+    fn nearest(&self, g: &mut Graph, mut behind: Option<(&[Buffer], &mut Buffer, u32)>) -> Result<Layers> {
         let view = self.scene.view;
         let mut resolved = resolve::layers(g, view);
         for (number, &band) in self.bands.iter().enumerate() {
-            let behind = behind.map(|bands| &bands[number]);
+            let behind = behind.as_mut().map(|(bands, alive, layer)| Behind { depths: &bands[number], alive, layer: *layer });
             let keys = project::record(g, view, self.drawn, behind, band);
             resolved = resolve::record(g, &keys, self.paint, band, resolved);
         }

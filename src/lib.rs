@@ -22,7 +22,7 @@
 //! A picture, from a file, without the program:
 //!
 //! ```no_run
-//! use pointillist::{cloud, frame, gpu, graph, look, picture, progress::Silent, resident::Resident, view};
+//! use pointillist::{cloud, frame, gpu, graph, look, passes::encode, picture, progress::Silent, resident::Resident, view};
 //!
 //! # fn main() -> pointillist::error::Result<()> {
 //! let options = cloud::ReadOptions { wanted: cloud::Wanted { rgb: true, ..Default::default() }, strict: false };
@@ -37,9 +37,9 @@
 //!
 //! let mut g = graph::Graph::new(&mut gpu);
 //! let outcome = frame::record(&mut g, &view, &resident, &look)?;
-//! let download = g.download(&outcome.picture);
+//! let encoded = encode::download(&mut g, &outcome.picture)?;
 //! let frame = g.submit(&[])?;
-//! picture::write_png("out.png".as_ref(), view.size, frame.read(&download))?;
+//! picture::write_png("out.png".as_ref(), view.size, &encoded.read(&frame))?;
 //! frame.shelve(&mut gpu);
 //! resident.free(&mut gpu);
 //! # Ok(())

@@ -1,29 +1,35 @@
 //! Finished images in, PNG and EXR files out, whole or not at all.
 
 use crate::error::{Error, Result};
-use crate::passes::encode::Thresholds;
 use crate::whole_file::whole_file;
 use exr::prelude::{AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder};
 use exr::prelude::{SmallVec, WritableImage};
-use rayon::prelude::*;
+use std::io::Write;
 use std::path::Path;
 
-/// An 8-bit sRGB picture of linear colours; `linear` holds R G B A, row by row from the top left, and alpha is not written.
-pub fn write_png(path: &Path, size: [u32; 2], linear: &[[f32; 4]]) -> Result<()> {
-    let thresholds = Thresholds::new();
-    let bytes: Vec<u8> = linear.par_iter().flat_map_iter(|[r, g, b, _]| [r, g, b].map(|channel| thresholds.encode(*channel))).collect();
+/// An 8-bit sRGB picture of words with red, green and blue from their lowest bytes up, rows of pixels from the top left, in as many pieces as there are ([`crate::passes::encode`]).
+pub fn write_png(path: &Path, [width, height]: [u32; 2], pieces: &[&[u32]]) -> Result<()> {
     whole_file(path, |partial| {
-        let file = std::fs::File::create(partial).map_err(|error| Error::io("write", path, error))?;
-        let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), size[0], size[1]);
+        let io = |error| Error::io("write", path, error);
+        let file = std::fs::File::create(partial).map_err(io)?;
+        let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), width, height);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
         encoder.set_compression(png::Compression::Fast);
         let failed = |error: png::EncodingError| match error {
-            png::EncodingError::IoError(source) => Error::io("write", path, source),
+            png::EncodingError::IoError(source) => io(source),
             other => Error::format(path, other.to_string()),
         };
         let mut writer = encoder.write_header().map_err(failed)?;
-        writer.write_image_data(&bytes).map_err(failed)?;
+        // Row by row, so that no second picture is in memory.
+        let mut rows = writer.stream_writer().map_err(failed)?;
+        let mut bytes = Vec::with_capacity(3 * width as usize);
+        for row in pieces.iter().flat_map(|piece| piece.chunks_exact(width as usize)) {
+            bytes.clear();
+            bytes.extend(row.iter().flat_map(|word| word.to_le_bytes().into_iter().take(3)));
+            rows.write_all(&bytes).map_err(io)?;
+        }
+        rows.finish().map_err(failed)?;
         writer.finish().map_err(failed)
     })
 }

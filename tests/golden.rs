@@ -9,7 +9,7 @@ use pointillist::graph::{Gpu, Graph};
 use pointillist::light::Light;
 use pointillist::look::{self, Style, Wishes};
 use pointillist::opacity::Opacities;
-use pointillist::passes::Effects;
+use pointillist::passes::{Effects, encode};
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
 use pointillist::view::{Camera, Preset, View};
@@ -49,12 +49,12 @@ fn check_layers(opacities: &[&str], light: Light, style: Style, name: &str, attr
     let look = look::decide(&wishes, &view, &resident);
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
-    let download = g.download(&outcome.picture);
+    let encoded = encode::download(&mut g, &outcome.picture).unwrap();
     let done = g.submit(&[]).unwrap();
 
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(format!("{name}.png"));
     let fresh = std::env::temp_dir().join(format!("pointillist-golden-{name}-{}.png", std::process::id()));
-    picture::write_png(&fresh, SIZE, done.read(&download)).unwrap();
+    picture::write_png(&fresh, SIZE, &encoded.read(&done)).unwrap();
     done.shelve(&mut gpu);
     resident.free(&mut gpu);
     if std::env::var_os("POINTILLIST_UPDATE").is_some() {

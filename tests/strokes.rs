@@ -244,6 +244,7 @@ mod painted {
                 "tangents=eberly,brush=ribbons",
                 "tangents=squareplate,brush=bristles",
                 "tangents=covariance,noise=60",
+                "tangents=householder,order=stroke",
             ] {
                 let effect = format!("strokes=on,blend=abuffer,size=1.5,{effect}");
                 let mut effects = Effects::default();

@@ -493,7 +493,7 @@ fn the_shadows_study_keeps_its_promises() {
     }
 }
 
-/// Without noise more points bend the plane, with noise they even it out; what the renderer does is within the bounds that it promises.
+/// Noise is evened out by more points; what the renderer does is within the bounds that it promises.
 #[test]
 fn the_normals_study_keeps_its_promises() {
     let (rows, text, figures) = made("normals", &Plan { points: 20_000, repeat: 1, ..PLAN });
@@ -506,8 +506,8 @@ fn the_normals_study_keeps_its_promises() {
         println!("{scene} {view} {metric}: {by_radius:?}");
         assert_eq!(error("radii", "3"), error("neighbours", "8"));
         match (metric, scene.starts_with("noisy")) {
-            ("median_degrees", false) => assert!(by_radius[1] < by_radius[2] && by_radius[1] < 1.0, "{scene}: {by_radius:?}"),
-            ("median_degrees", true) => assert!(by_radius[0] > by_radius[1] && by_radius[1] < 5.0, "{scene}: {by_radius:?}"),
+            ("median_degrees", false) => assert!(by_radius[1] < 1.0, "{scene}: {by_radius:?}"),
+            ("median_degrees", true) => assert!(by_radius.is_sorted_by(|a, b| a > b) && by_radius[1] < 5.0, "{scene}: {by_radius:?}"),
             ("unknown", _) => assert_eq!(by_radius[1], 0.0, "{scene}"),
             _ => {}
         }

@@ -1,6 +1,6 @@
 // Four neighbours -> the keys of their pixels. The includer has `front_depth`, `depth_behind`, and `meet`, which brings one point to its pixel; walk.glsl comes after.
 //
-//   where a layer behind others is drawn, leave out what is not behind them
+//   where a layer behind others is drawn, leave out what is not behind them, and chunks that had nothing left one layer before
 //   of neighbours in the same pixel keep the nearest           points are in Morton order, so many are
 //   bring it to the pixel unless something nearer is known to be there: a stale answer only costs an atomic, since keys only fall
 //
@@ -10,11 +10,22 @@
 // A layer behind others: only what lies deeper than they do (Dobrev et al. 2010, sec. 4).
 layout(constant_id = 7) const bool BEHIND = false;
 
+// The depths that points have to be behind only grow from layer to layer, so a chunk that has none behind them never has one again. Layers count from 1; every chunk is walked for the first.
+#define IS_TO_BE_WALKED(at) (!BEHIND || alive.layer[at] + 1u >= push.layer)
+
+bool any_behind = false;
+
+void walked(uint at) {
+    if (BEHIND && any_behind) alive.layer[at] = push.layer;
+}
+#define WALKED(at) walked(at)
+
 void four(uint pixel[4], float depth[4], uint first) {
     if (BEHIND) {
         for (uint k = 0u; k < 4u; ++k) {
             uint least = depth_behind(pixel[k] == NO_PIXEL ? 0u : pixel[k]);
             pixel[k] = floatBitsToUint(depth[k]) > least ? pixel[k] : NO_PIXEL;
+            any_behind = any_behind || pixel[k] != NO_PIXEL;
         }
     }
     uint point[4];

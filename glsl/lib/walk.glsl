@@ -14,10 +14,18 @@ uvec4 four_words(uint i) {
 #define CHUNKS_TO_WALK push.chunk_count
 #endif
 
+// By its place in the list.
+#ifndef IS_TO_BE_WALKED
+#define IS_TO_BE_WALKED(at) true
+#define WALKED(at)
+#endif
+
 void main() {
     uint index = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
     if (index >= CHUNKS_TO_WALK) return;
-    uint chunk = chunks.chunk[push.first_chunk + index];
+    uint at = push.first_chunk + index;
+    if (!IS_TO_BE_WALKED(at)) return;
+    uint chunk = chunks.chunk[at];
     uint n = chunk / CHUNKS_PER_PAGE;
     uint first = chunk % CHUNKS_PER_PAGE * POINTS_PER_CHUNK;
     uint end = min(nodes.node[n].count, first + POINTS_PER_CHUNK);
@@ -66,4 +74,5 @@ void main() {
         four(pixel, depth, first_point + i);
 #endif
     }
+    WALKED(at);
 }

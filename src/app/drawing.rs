@@ -430,9 +430,9 @@ impl Thread {
         let look = look::decide(&scene.wishes, &view, cloud.resident());
         let mut g = Graph::new(&mut self.gpu);
         let outcome = frame::record(&mut g, &view, cloud.resident(), &look)?;
-        let picture = g.download(&outcome.picture);
+        let picture = encode::download(&mut g, &outcome.picture)?;
         let frame = g.submit(&[])?;
-        let written = crate::picture::write_png(&path, view.size, frame.read(&picture));
+        let written = crate::picture::write_png(&path, view.size, &picture.read(&frame));
         frame.shelve(&mut self.gpu);
         (self.report)(match written {
             Ok(()) => Report::Saved(path),

@@ -6,6 +6,7 @@ use crate::frame::{self, Outcome};
 use crate::graph::{Buffer, Frame, Gpu, Graph};
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
+use crate::passes::encode::{self, Encoded};
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::{Effects, Scene, project::Statistics, shadows, significant, strokes};
 use crate::picture::{self, Samples};
@@ -113,12 +114,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let outcome = frame::record(&mut g, &view, resident, &look)?;
     facts.strokes = outcome.strokes;
     facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
-    let downloads = Downloads::ask(&mut g, &outcome, arguments.exr.is_some());
+    let downloads = Downloads::ask(&mut g, &outcome, arguments.output.is_some(), arguments.exr.is_some())?;
     let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g, &outcome.layers));
     let frame = g.submit(&[])?;
     stages.done("draw");
     if let Some(path) = &arguments.output {
-        picture::write_png(path, view.size, frame.read(&downloads.picture))?;
+        let picture = downloads.picture.as_ref().expect("asked for with -o");
+        picture::write_png(path, view.size, &picture.read(&frame))?;
     }
     if let Some(path) = &arguments.exr {
         write_layers(path, &view, &frame, &downloads)?;
@@ -151,7 +153,8 @@ pub fn refuse_to_overwrite(output: &Path, inputs: &[PathBuf]) -> Result<()> {
 
 /// The images that come back.
 struct Downloads {
-    picture: Buffer,
+    picture: Option<Encoded>,
+    linear: Option<Buffer>,
     depth: Option<Buffer>,
     index: Option<Buffer>,
     raw: Option<Buffer>,
@@ -161,20 +164,21 @@ struct Downloads {
 }
 
 impl Downloads {
-    fn ask(g: &mut Graph, outcome: &Outcome, layers: bool) -> Downloads {
-        let picture = g.download(&outcome.picture);
+    fn ask(g: &mut Graph, outcome: &Outcome, picture: bool, layers: bool) -> Result<Downloads> {
+        let picture = picture.then(|| encode::download(g, &outcome.picture)).transpose()?;
+        let linear = layers.then(|| g.download(&outcome.picture));
         let depth = layers.then(|| g.download(&outcome.layers.depth));
         let index = layers.then(|| g.download(&outcome.layers.index));
         let raw = layers.then(|| g.download(&outcome.layers.raw));
         let normal = layers.then(|| g.download(&outcome.normal));
         let lit = outcome.layers.lit.as_ref().filter(|_| layers).map(|lit| g.download(lit));
-        Downloads { picture, depth, index, raw, normal, lit }
+        Ok(Downloads { picture, linear, depth, index, raw, normal, lit })
     }
 }
 
 /// Linear picture (its alpha says where a surface is) and layers.
 fn write_layers(path: &Path, view: &View, frame: &Frame, downloads: &Downloads) -> Result<()> {
-    let picture: &[[f32; 4]] = frame.read(&downloads.picture);
+    let picture: &[[f32; 4]] = frame.read(downloads.linear.as_ref().expect("asked for with --exr"));
     let depth: &[f32] = frame.read(downloads.depth.as_ref().expect("asked for with --exr"));
     let index: &[u32] = frame.read(downloads.index.as_ref().expect("asked for with --exr"));
     let raw: &[f32] = frame.read(downloads.raw.as_ref().expect("asked for with --exr"));

@@ -78,6 +78,8 @@ pub trait Shader {
 pub enum Tiles<'l> {
     /// Every pixel of the first image that the pass writes.
     All,
+    /// The same, and of no image is another pixel read than the one that is written: it may be written over what is read there for the last time.
+    Own,
     /// So many workgroups.
     Groups([u32; 3]),
     /// As many workgroups as three words of a buffer say, from this word on: tiles that an earlier pass has listed.
@@ -263,7 +265,7 @@ impl<'g> Graph<'g> {
         let groups = match tiles {
             Tiles::Groups(groups) => self.gate(groups),
             Tiles::From(list, word) => Groups::Listed(list.id, 4 * word as u64),
-            Tiles::All => {
+            Tiles::All | Tiles::Own => {
                 let written = code.bindings.iter().zip(&resources).find_map(|(binding, id)| match self.resources[id.0].shape {
                     Shape::Image(desc) if binding.access != Access::Read => Some(desc.size),
                     _ => None,
@@ -278,6 +280,7 @@ impl<'g> Graph<'g> {
         }
         let constants = shader.constants();
         self.push(code.name, uses, Work::Run { code, constants, push: shader.push().to_vec(), resources, groups });
+        self.passes.last_mut().expect("pushed").own_pixels = matches!(tiles, Tiles::Own);
     }
 
     /// Passes that run only where the device says so: `decide` records a pass from the workgroups that they want to those that they get, three words a pass.
@@ -360,7 +363,7 @@ impl<'g> Graph<'g> {
     }
 
     fn push(&mut self, name: &str, uses: Vec<(ResourceId, Access)>, work: Work) {
-        self.passes.push(Pass { name: name.to_string(), uses });
+        self.passes.push(Pass { name: name.to_string(), uses, own_pixels: false });
         self.work.push(work);
     }
 

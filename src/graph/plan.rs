@@ -3,11 +3,10 @@
 //! 1. Backwards: a pass none of whose writes is wanted or read by a later kept pass is dropped.
 //! 2. Forwards: before a pass goes one barrier where it reads what an earlier pass wrote since the last barrier (read after write), overwrites what was
 //!    read (write after read) or written (write after write). One global memory barrier a pass at most: with every image in GENERAL nothing finer is needed.
-//! 3. A transient's memory is free after its last use, and the next transient of the same description takes it. Its new owner's first write then
-//!    follows the old owner's uses like any other hazard.
+//! 3. A transient's memory is free after its last use, and the next transient of the same description, or the next buffer that is not larger, takes it. Its new owner's first
+//!    write then follows the old owner's uses like any other hazard. What a pass that looks at nothing but its own pixels reads for the last time, it may write over.
 
 use super::{Access, BufferDesc, ImageDesc, Place, ResourceId};
-use std::collections::HashMap;
 use std::fmt;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -26,6 +25,8 @@ pub struct Resource {
 pub struct Pass {
     pub name: String,
     pub uses: Vec<(ResourceId, Access)>,
+    /// Nothing is read of an image but the pixel that is written.
+    pub own_pixels: bool,
 }
 
 /// A pass that will run.
@@ -50,17 +51,32 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId]) -> P
     let last_use = last_uses(passes, &kept, resources.len(), wanted);
 
     let mut plan = Plan { steps: Vec::new(), memory: vec![None; resources.len()], shapes: Vec::new(), text: String::new() };
-    let mut free: HashMap<Shape, Vec<usize>> = HashMap::new();
+    let mut free: Vec<usize> = Vec::new();
     // What has happened to each memory since the last barrier.
     let (mut read, mut written) = (Vec::<bool>::new(), Vec::<bool>::new());
     for (index, pass) in passes.iter().enumerate().filter(|&(index, _)| kept[index]) {
+        // A resource that is bound twice gives its memory back once.
+        let given_back: Vec<ResourceId> = (pass.uses.iter().enumerate())
+            .filter(|&(place, (id, _))| last_use[id.0] == Some(index) && pass.uses[..place].iter().all(|(before, _)| before != id))
+            .map(|(_, &(id, _))| id)
+            .filter(|id| matches!(resources[id.0].shape, Shape::Image(_) | Shape::Buffer(BufferDesc { place: Place::Device, .. })))
+            .collect();
+        let early = |id: &ResourceId| {
+            pass.own_pixels
+                && matches!(resources[id.0].shape, Shape::Image(_))
+                && pass.uses.iter().filter(|(other, _)| other == id).all(|(_, access)| *access == Access::Read)
+        };
+        let (before, after): (Vec<ResourceId>, Vec<ResourceId>) = given_back.into_iter().partition(early);
+        for id in before {
+            free.extend(plan.memory[id.0]);
+        }
         for &(id, access) in &pass.uses {
             let resource = &resources[id.0];
             if plan.memory[id.0].is_none() {
                 let transient =
                     !matches!(resource.shape, Shape::Buffer(BufferDesc { place: Place::Upload | Place::Download | Place::Imported, .. }));
                 assert!(!transient || access == Access::Write, "{} reads {}, which nothing has written", pass.name, resource.name);
-                let reused = free.get_mut(&resource.shape).and_then(Vec::pop).filter(|_| transient);
+                let reused = transient.then(|| take(&mut free, &plan.shapes, resource.shape)).flatten();
                 let memory = reused.unwrap_or_else(|| {
                     plan.shapes.push(resource.shape);
                     read.push(false);
@@ -80,20 +96,22 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId]) -> P
             read[at(id)] |= access != Access::Write;
             written[at(id)] |= access != Access::Read;
         }
-        for (place, &(id, _)) in pass.uses.iter().enumerate() {
-            let memory = at(id);
-            // A resource that is bound twice gives its memory back once.
-            if last_use[id.0] == Some(index)
-                && pass.uses[..place].iter().all(|(before, _)| *before != id)
-                && matches!(resources[id.0].shape, Shape::Image(_) | Shape::Buffer(BufferDesc { place: Place::Device, .. }))
-            {
-                free.entry(resources[id.0].shape).or_default().push(memory);
-            }
-        }
+        free.extend(after.into_iter().map(at));
         plan.steps.push(Step { pass: index, barrier: hazard });
     }
     plan.text = text(&plan, passes, resources, &kept);
     plan
+}
+
+/// Of the free memory, what was freed last of the same shape; of a buffer the least that it fits into, if that is not far too large.
+fn take(free: &mut Vec<usize>, shapes: &[Shape], wanted: Shape) -> Option<usize> {
+    let fits = |memory: usize| match (shapes[memory], wanted) {
+        (Shape::Buffer(has), Shape::Buffer(wants)) => has.place == wants.place && (wants.bytes..=4 * wants.bytes).contains(&has.bytes),
+        (has, wants) => has == wants,
+    };
+    let room = |memory: usize| bytes(&shapes[memory]);
+    let (place, _) = free.iter().enumerate().filter(|&(_, &memory)| fits(memory)).rev().min_by_key(|&(_, &memory)| room(memory))?;
+    Some(free.remove(place))
 }
 
 fn kept(passes: &[Pass], resources: usize, wanted: &[ResourceId]) -> Vec<bool> {
@@ -221,6 +239,7 @@ mod tests {
                     .map(|&i| (ResourceId(i), Access::Read))
                     .chain(writes.iter().map(|&i| (ResourceId(i), Access::Write)))
                     .collect(),
+                own_pixels: name.starts_with("own"),
             })
             .collect();
         plan(&passes, &resources, &wanted.iter().map(|&i| ResourceId(i)).collect::<Vec<_>>())
@@ -256,6 +275,23 @@ mod tests {
     fn what_a_pass_binds_twice_is_reused_once() {
         let plan = frame(4, &[("a", &[], &[0]), ("b", &[0, 0], &[1]), ("c", &[1], &[2]), ("d", &[1, 2], &[3])], &[3]);
         assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(2)]);
+    }
+
+    #[test]
+    fn a_pass_of_its_own_pixels_writes_over_what_it_reads_for_the_last_time() {
+        let plan = frame(4, &[("a", &[], &[0, 1]), ("own b", &[0, 1], &[2]), ("c", &[1, 2], &[3])], &[3]);
+        assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(2)]);
+        assert_eq!(plan.steps.iter().map(|step| step.barrier).collect::<Vec<_>>(), [false, true, true]);
+    }
+
+    #[test]
+    fn a_buffer_takes_the_least_free_one_that_it_fits_into_and_no_giant() {
+        let buffer = |bytes| Shape::Buffer(BufferDesc { bytes, place: Place::Device });
+        let shapes = [100, 40, 50, 1000].map(buffer);
+        let mut free = vec![0, 1, 2, 3];
+        assert_eq!(take(&mut free, &shapes, buffer(45)), Some(2));
+        assert_eq!(take(&mut free, &shapes, buffer(45)), Some(0));
+        assert_eq!(take(&mut free, &shapes, buffer(45)), None);
     }
 
     #[test]

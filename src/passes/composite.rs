@@ -12,6 +12,6 @@ pub fn record(g: &mut Graph, view: &View, background: [f32; 3], layers: &Layers)
     // Without light there is nothing to read; a binding wants an image all the same.
     let (lit, spec) = (lit.unwrap_or(&layers.depth), Spec { lit_by: lit.is_some() });
     let push = Push { size: view.size, background };
-    g.run(shader::Composite { color, lit, picture: &mut picture, push, spec }, Tiles::All);
+    g.run(shader::Composite { color, lit, picture: &mut picture, push, spec }, Tiles::Own);
     picture
 }

@@ -1,10 +1,11 @@
-//! PICTURE -> SCREEN: linear colours to 8-bit sRGB, for files on the CPU and for windows on the device, to the same bytes.
+//! PICTURE -> SCREEN: linear colours to 8-bit sRGB, for files and for windows, to the same bytes.
 //!
 //! Codes are found by comparing with thresholds, since a power function rounds differently everywhere. A screen larger than its picture, as while the camera
 //! moves, shows it interpolated.
 
+use super::project::{self, Band};
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Image, Tiles};
+use crate::graph::{Buffer, Frame, Graph, Image, Tiles};
 use crate::shader::{self, encode::Push, encode::Spec};
 
 /// Linear values above which a channel rounds to the next 8-bit code: exact, and the same on every machine.
@@ -18,7 +19,23 @@ impl Thresholds {
     pub fn encode(&self, linear: f32) -> u8 {
         self.0.partition_point(|&threshold| linear >= threshold) as u8
     }
+
+    /// For every start of a float's bits, as glsl/encode.comp takes them: the bits of the threshold that lies among them, if one does, and the code of what does not reach it.
+    fn buckets(&self) -> Vec<[u32; 4]> {
+        let float = |start: u32| f32::from_bits(start << 16);
+        let bucket = |start: u32| {
+            let [below, within] = [start, start + 1].map(|start| self.0.partition_point(|&threshold| threshold < float(start)));
+            assert!(within - below <= 1, "buckets are narrower than codes");
+            let threshold = if within > below { self.0[below] } else { f32::INFINITY };
+            [threshold.to_bits(), below as u32, 0, 0]
+        };
+        (FIRST..=LAST).map(bucket).collect()
+    }
 }
+
+/// As in glsl/encode.comp: 2^-13 and 1.
+const FIRST: u32 = 0x3900;
+const LAST: u32 = 0x3F80;
 
 impl Default for Thresholds {
     fn default() -> Self {
@@ -36,13 +53,41 @@ pub struct Screen {
 }
 
 pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()> {
-    let thresholds = g.upload("thresholds", &Thresholds::new().0)?;
-    let push = Push { picture_size: picture.desc.size, screen_size: screen.size };
-    let [width, height] = screen.size;
-    let groups = Tiles::Groups([width.div_ceil(64), height, 1]);
-    let spec = Spec { blue_first: screen.blue_first };
-    g.run(shader::Encode { picture, thresholds: &thresholds, screen: &mut screen.words, push, spec }, groups);
+    let whole = Band { top: 0, size: screen.size };
+    let buckets = g.upload("buckets", &Thresholds::new().buckets())?;
+    rows(g, picture, &buckets, screen, whole);
     Ok(())
+}
+
+fn rows(g: &mut Graph, picture: &Image, buckets: &Buffer, screen: &mut Screen, band: Band) {
+    let Band { top, size: [width, rows] } = band;
+    let push = Push { picture_size: picture.desc.size, screen_size: screen.size, top, rows };
+    let spec = Spec { blue_first: screen.blue_first };
+    g.run(shader::Encode { picture, buckets, screen: &mut screen.words, push, spec }, Tiles::Groups([width.div_ceil(64), rows, 1]));
+}
+
+/// A picture as it goes into a file: a word a pixel, red in its lowest byte; a buffer a band, from the top down.
+pub struct Encoded(Vec<Buffer>);
+
+/// Asks for it after the submission.
+pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
+    let size = picture.desc.size;
+    let buckets = g.upload("buckets", &Thresholds::new().buckets())?;
+    // The bands of `keys`, whose memory these may take.
+    let bands = project::bands(size, g.binding_limit()).into_iter().map(|band| {
+        let words = g.buffer("words", 4 * band.size[0] as u64 * band.size[1] as u64);
+        let mut screen = Screen { words, size, blue_first: false };
+        rows(g, picture, &buckets, &mut screen, band);
+        g.download_buffer(&screen.words)
+    });
+    Ok(Encoded(bands.collect()))
+}
+
+impl Encoded {
+    /// Rows of pixels, from the top left.
+    pub fn read<'f>(&self, frame: &'f Frame) -> Vec<&'f [u32]> {
+        self.0.iter().map(|band| frame.read(band)).collect()
+    }
 }
 
 #[cfg(test)]
@@ -56,5 +101,19 @@ mod tests {
             assert_eq!(thresholds.encode(crate::passes::resolve::srgb_to_linear(code as f64 / 255.0) as f32), code);
         }
         assert_eq!([-1.0, f32::NAN, 2.0, f32::INFINITY].map(|value| thresholds.encode(value)), [0, 0, 255, 255]);
+    }
+
+    #[test]
+    fn a_bucket_and_one_comparison_give_the_same_codes() {
+        let (thresholds, buckets) = (Thresholds::new(), Thresholds::new().buckets());
+        let code = |linear: f32| {
+            let [threshold, below, ..] = buckets[((linear.to_bits() >> 16).clamp(FIRST, LAST) - FIRST) as usize];
+            below + (linear.min(1.0) >= f32::from_bits(threshold)) as u32
+        };
+        let near = |value: f32| [value.next_down(), value, value.next_up()];
+        let starts = (FIRST..=LAST).map(|start| f32::from_bits(start << 16));
+        for linear in thresholds.0.into_iter().chain(starts).flat_map(near).chain([1e-30, 2.0, f32::INFINITY]) {
+            assert_eq!(code(linear), thresholds.encode(linear) as u32, "{linear}");
+        }
     }
 }

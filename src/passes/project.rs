@@ -136,67 +136,61 @@ impl Drawn {
         Drawn { one_sided: asked, ..self }
     }
 
+    /// What walks for layers behind others keep of every chunk ([`Behind::alive`]), before the first.
+    pub fn alive(&self, g: &mut Graph) -> Buffer {
+        let chunks: u32 = self.groups.iter().map(|group| group.chunk_count).sum();
+        let mut alive = g.buffer("alive", 4 * chunks.max(1) as u64);
+        g.fill(&mut alive, 0);
+        alive
+    }
+
     /// What a walk over points binds as their opacities; anything, where it does not look at them.
     pub(super) fn opacities(&self) -> &Buffer {
         self.opacities.as_ref().unwrap_or(&self.nodes)
     }
 }
 
-/// Keys of one band; of the points that lie deeper than `behind`, f32 bits a pixel, where that is given.
-pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<&Buffer>, band: Band) -> Buffer {
+/// What a layer lies behind.
+pub struct Behind<'b> {
+    /// Depths of the layers before, f32 bits a pixel of the band; from layer to layer they only grow.
+    pub depths: &'b Buffer,
+    /// Of every chunk, the last layer that it had points for; 0 before the first.
+    pub alive: &'b mut Buffer,
+    /// From 1.
+    pub layer: u32,
+}
+
+/// Keys of one band; of the points that lie behind others, where that is asked for.
+pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, band: Band) -> Buffer {
     let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
     g.fill(&mut keys, u32::MAX);
     let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = Walk::new(g, view, drawn, band);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
-    let front = &keys.racing();
-    let (is_behind, behind) = (behind.is_some(), behind.unwrap_or(front));
+    let (front, mut unused) = (&keys.racing(), keys.racing());
+    let is_behind = behind.is_some();
+    let Behind { depths, alive, layer } = behind.unwrap_or(Behind { depths: front, alive: &mut unused, layer: 0 });
+    let opacities = drawn.opacities();
     let int64 = g.gpu.device.int64_atomics;
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
-    for &step in steps {
-        for group in &drawn.groups {
-            let (tiles, &Group { block, planes, first_chunk, chunk_count }) = (group.tiles(), group);
-            let (nodes, chunks, pages, opacities) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block], drawn.opacities());
-            if int64 {
-                let push = project64::Push { centre, size, near, first_chunk, chunk_count };
-                let spec = project64::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind };
-                let keys = &mut keys;
+    for (&step, group) in steps.iter().flat_map(|step| drawn.groups.iter().map(move |group| (step, group))) {
+        let (tiles, &Group { block, planes, first_chunk, chunk_count }) = (group.tiles(), group);
+        let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
+        // Both kernels bind the same and are told the same.
+        macro_rules! run {
+            ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
+                let push = $module::Push { centre, size, near, first_chunk, chunk_count, layer };
+                let spec = $module::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind $(, $step)? };
+                let (page_words, behind, behind_words, keys, alive) = (pages, depths, depths, &mut keys, &mut *alive);
                 g.run(
-                    shader::Project64 {
-                        nodes,
-                        chunks,
-                        opacities,
-                        pages,
-                        page_words: pages,
-                        front,
-                        behind,
-                        behind_words: behind,
-                        keys,
-                        push,
-                        spec,
-                    },
+                    $($kernel)::+ { nodes, chunks, opacities, pages, page_words, front, behind, behind_words, alive, keys, push, spec },
                     tiles,
                 );
-            } else {
-                let push = project32::Push { centre, size, near, first_chunk, chunk_count };
-                let spec = project32::Spec { lanes, planes, perspective, texels, points_per_chunk, step, filtered, behind: is_behind };
-                let keys = &mut keys;
-                g.run(
-                    shader::Project32 {
-                        nodes,
-                        chunks,
-                        opacities,
-                        pages,
-                        page_words: pages,
-                        front,
-                        behind,
-                        behind_words: behind,
-                        keys,
-                        push,
-                        spec,
-                    },
-                    tiles,
-                );
-            }
+            }};
+        }
+        if int64 {
+            run!(shader::Project64, project64);
+        } else {
+            run!(shader::Project32, project32, step);
         }
     }
     keys

@@ -36,6 +36,7 @@ pub struct Settings {
     pub brush: Brush,
     pub blend: Blend,
     pub sort: Sort,
+    pub order: Order,
     pub tangents: Tangents,
     /// Of the brush where 0: see [`Bristles`].
     pub size: f64,
@@ -82,6 +83,17 @@ pub enum Sort {
     Bubble,
 }
 
+/// What the fragments of a pixel are ordered by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Order {
+    /// Their own depths: strokes that lie askew run through each other (the paper's second limitation).
+    #[default]
+    Pixel,
+    /// Those of their strokes' points: a stroke is over another one everywhere.
+    Stroke,
+}
+
 /// What strokes are painted along.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -100,6 +112,7 @@ impl Default for Settings {
             brush: Brush::default(),
             blend: Blend::default(),
             sort: Sort::default(),
+            order: Order::default(),
             tangents: Tangents::default(),
             size: 0.0,
             amplitude: 0.0,
@@ -125,6 +138,7 @@ impl super::Settings for Settings {
             Setting { name: "brush", about: "which brush", value: Value::Choice(&mut self.brush) },
             Setting { name: "blend", about: "what strokes over each other look like", value: Value::Choice(&mut self.blend) },
             Setting { name: "sort", about: "how the strokes of a pixel are ordered", value: Value::Choice(&mut self.sort) },
+            Setting { name: "order", about: "what it goes by: the depth in each pixel, or that of the whole stroke", value: Value::Choice(&mut self.order) },
             Setting { name: "tangents", about: "what strokes are painted along", value: Value::Choice(&mut self.tangents) },
             Setting { name: "size", about: "half a stroke's side, radii of its point; 0: the brush's own, here and below", value: number(&mut self.size, 0.0..=64.0) },
             Setting { name: "amplitude", about: "of a Gaussian: how opaque", value: number(&mut self.amplitude, 0.0..=64.0) },
@@ -442,7 +456,8 @@ impl Painting<'_> {
 
     fn strokes(&self, g: &mut Graph, desk: &Desk, bins: &Bins, starts: &Buffer, kept: Kept, to: [&mut Buffer; 3]) {
         let [keys, counts, fragments] = to;
-        let spec = shader::strokes::Spec { perspective: self.is_perspective(), fragments: kept as u32, texels: g.gpu.device.texels };
+        let by_stroke = self.settings.order == Order::Stroke;
+        let spec = shader::strokes::Spec { perspective: self.is_perspective(), fragments: kept as u32, texels: g.gpu.device.texels, by_stroke };
         let (part, strokes, brushes) = (&bins.part, &bins.strokes, &desk.brushes);
         g.run(
             shader::Strokes {

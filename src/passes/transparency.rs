@@ -62,7 +62,7 @@ pub struct Front {
     pub color: Image,
     /// How many surfaces that is; a number that f32 holds exactly, since software devices load images of integers slowly.
     pub peeled: Image,
-    /// Of every band, f32 bits a pixel: the next layer is looked for behind that depth.
+    /// Of every band, f32 bits a pixel: the next layer is looked for behind that depth, which only grows.
     pub behind: Vec<Buffer>,
     /// Not 0 where a pixel is not finished.
     pub left: Buffer,
@@ -71,28 +71,32 @@ pub struct Front {
 /// The layer under those in front of it, and where the next one begins.
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Layers) -> Layers {
     let size = scene.view.size;
-    let before = layers.front.take().map(|front| (front.color, front.peeled));
-    let (mut front, mut peeled) = before.unwrap_or_else(|| {
+    let bands = project::bands(size, g.binding_limit());
+    let before = layers.front.take().map(|front| (front.color, front.peeled, front.behind));
+    let (mut front, mut peeled, mut behind) = before.unwrap_or_else(|| {
         let (mut color, mut peeled) = (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f));
         g.clear(&mut color);
         g.clear(&mut peeled);
-        (color, peeled)
+        let behind = bands.iter().map(|band| {
+            let mut words = g.buffer("behind", 4 * band.size[0] as u64 * band.size[1] as u64);
+            g.fill(&mut words, 0);
+            words
+        });
+        let behind = behind.collect();
+        (color, peeled, behind)
     });
     let mut left = g.buffer("left", 4);
     g.fill(&mut left, 0);
     // Without light there is nothing to read; a binding wants an image all the same.
     let (lit, spec) = (layers.lit.as_ref().unwrap_or(&layers.depth), Spec { lit_by: layers.lit.is_some() });
     let (layer, slant) = (scene.layer_m(settings.layer) as f32, if settings.layer == 0.0 { SLANT } else { 0.0 });
-    let mut behind = Vec::new();
-    for Band { top, size } in project::bands(size, g.binding_limit()) {
-        let mut words = g.buffer("behind", 4 * size[0] as u64 * size[1] as u64);
+    for (&Band { top, size }, behind) in bands.iter().zip(&mut behind) {
         let push = Push { size, top, layer, slant };
         let Layers { color, depth, raw, .. } = &layers;
         g.run(
-            shader::Transparency { color, lit, depth, raw, front: &mut front, peeled: &mut peeled, behind: &mut words, left: &mut left, push, spec },
+            shader::Transparency { color, lit, depth, raw, front: &mut front, peeled: &mut peeled, behind, left: &mut left, push, spec },
             Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
         );
-        behind.push(words);
     }
     Layers { front: Some(Front { color: front, peeled, behind, left }), ..layers }
 }

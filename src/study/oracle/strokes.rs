@@ -9,7 +9,7 @@ use crate::cloud::octahedral;
 use crate::index::strokes::{Stroke, householder};
 use crate::passes::resolve::srgb_to_linear;
 use crate::passes::strokes::brush::{Bristles, turns};
-use crate::passes::strokes::{LEAST_PX, Settings, Tangents};
+use crate::passes::strokes::{LEAST_PX, Order, Settings, Tangents};
 use crate::view::{Projection, View};
 use glam::{DVec2, DVec3};
 
@@ -73,6 +73,8 @@ pub fn tangent(tangents: Tangents, n: DVec3, along: DVec3) -> DVec3 {
 /// Where a ray meets a stroke.
 struct Fragment {
     depth: f64,
+    /// What it is ordered by.
+    order: f64,
     alpha: f64,
     color: DVec3,
 }
@@ -101,7 +103,9 @@ pub fn paint(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke]) 
     };
     let painted: Vec<Painted> = strokes.iter().enumerate().filter_map(seen).collect();
     let [width, height] = view.size;
-    (0..width * height).map(|k| pixel(view, &bristles, &turns, &painted, (k % width) as f64 + 0.5, (k / width) as f64 + 0.5)).collect()
+    (0..width * height)
+        .map(|k| pixel(view, settings.order, &bristles, &turns, &painted, (k % width) as f64 + 0.5, (k / width) as f64 + 0.5))
+        .collect()
 }
 
 fn seen(
@@ -135,7 +139,7 @@ fn seen(
     Some(Painted { at, normal, tangent, bitangent: normal.cross(tangent), sides: DVec2::new(side * length, side), words, color })
 }
 
-fn pixel(view: &View, bristles: &Bristles, turns: &[DVec2], painted: &[Painted], x: f64, y: f64) -> Pixel {
+fn pixel(view: &View, order: Order, bristles: &Bristles, turns: &[DVec2], painted: &[Painted], x: f64, y: f64) -> Pixel {
     let (origin, direction) = view.ray(x, y);
     let mut sure = true;
     let mut fragments: Vec<Fragment> = Vec::new();
@@ -169,26 +173,31 @@ fn pixel(view: &View, bristles: &Bristles, turns: &[DVec2], painted: &[Painted],
             && (alpha * 255.0 - 0.5).abs() > 0.05
             && (edge - 0.5).abs() > EDGE;
         if edge <= 0.5 && alpha * 255.0 >= 0.5 {
-            fragments.push(Fragment { depth, alpha, color });
+            let order = match order {
+                Order::Pixel => depth,
+                Order::Stroke => (stroke.at - view.camera.eye).dot(view.basis.forward),
+            };
+            fragments.push(Fragment { depth, order, alpha, color });
         }
     }
-    fragments.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+    let hides = fragments.iter().filter(|fragment| fragment.alpha >= 0.5).map(|fragment| fragment.depth).reduce(f64::min);
+    let nearest = fragments.iter().map(|fragment| fragment.depth).fold(f64::INFINITY, f64::min);
+    fragments.sort_by(|a, b| a.order.total_cmp(&b.order));
     // Strokes that are hardly there, or hidden, may come in either order.
     let visible = fragments.iter().scan(1.0, |light, fragment| {
         let seen = *light > 1e-3;
         *light *= 1.0 - fragment.alpha;
-        seen.then_some(fragment.depth)
+        seen.then_some(fragment.order)
     });
-    let depths: Vec<f64> = visible.collect();
-    sure &= depths.windows(2).all(|pair| pair[1] / pair[0] - 1.0 > APART);
+    let orders: Vec<f64> = visible.collect();
+    sure &= orders.windows(2).all(|pair| pair[1] / pair[0] - 1.0 > APART);
     let (mut color, mut light) = (DVec3::ZERO, 1.0);
     for fragment in &fragments {
         color += fragment.color * fragment.alpha * light;
         light *= 1.0 - fragment.alpha;
     }
-    let hides = fragments.iter().find(|fragment| fragment.alpha >= 0.5).or(fragments.first());
     let [r, g, b] = color.to_array();
-    Pixel { color: [r, g, b, 1.0 - light], depth: hides.map_or(f64::INFINITY, |fragment| fragment.depth), sure }
+    Pixel { color: [r, g, b, 1.0 - light], depth: hides.unwrap_or(nearest), sure }
 }
 
 /// Squares of a brush, along a side.
