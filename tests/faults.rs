@@ -380,7 +380,7 @@ fn a_full_disk_is_said_and_the_old_index_stays() {
                 fs::write(&output, old).unwrap();
             }
             let mut command = pointillist();
-            command.current_dir(place.folder.path()).args(["index", "a.las", "--threads", "2", "-o"]).arg(&output);
+            command.current_dir(place.folder.path()).args(["index", "a.las", "--threads", "2", "-o"]).arg(&output).args(place.found);
             let ended = command.output().unwrap();
             let there = fs::read(&output).ok();
             if ended.status.success() {

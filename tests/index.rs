@@ -848,14 +848,14 @@ mod field {
     pub const SPACING: usize = 40;
     pub const EXTENT: usize = 48;
     pub const COUNT: usize = 60;
-    pub const FIRST_CHILD: usize = 108;
-    pub const CHILDREN: usize = 112;
-    pub const PARENT: usize = 116;
-    pub const PLANES: usize = 120;
-    pub const LATTICE: usize = 122;
-    pub const BITS: usize = 124;
-    pub const COARSER: usize = 125;
-    pub const BYTES: usize = 128;
+    pub const FIRST_CHILD: usize = 124;
+    pub const CHILDREN: usize = 128;
+    pub const PARENT: usize = 132;
+    pub const PLANES: usize = 136;
+    pub const LATTICE: usize = 138;
+    pub const BITS: usize = 140;
+    pub const COARSER: usize = 141;
+    pub const BYTES: usize = 144;
 }
 
 fn number(bytes: &[u8], at: usize) -> u64 {
@@ -883,7 +883,7 @@ fn an_index_from_the_future_is_refused_with_a_sentence() {
     bytes[8] += 1;
     for bytes in [bytes.clone(), signed(bytes)] {
         let error = Index::open(&place.write("new.pnti", &bytes)).err().unwrap().to_string();
-        assert!(error.contains("version 2") && error.contains("newer"), "{error}");
+        assert!(error.contains("version 3") && error.contains("newer"), "{error}");
     }
     for bytes in [&b"something else"[..], &[0; 5000], b"pnti\r\n\x1a\n"] {
         let path = place.write("none.pnti", bytes);
@@ -971,7 +971,7 @@ fn crafted_directories_are_refused() {
         ("all nodes", 12, &word(u32::MAX)),
         ("no nodes", 12, &word(0)),
         ("length", 16, &long(bytes.len() as u64 + 1)),
-        ("directory", 24, &long(directory as u64 + 128)),
+        ("directory", 24, &long((directory + field::BYTES) as u64)),
         ("directory behind", 24, &long(u64::MAX)),
         ("contents", 32, &long(0)),
         ("long contents", 32, &long(u64::MAX)),

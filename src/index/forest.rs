@@ -7,7 +7,7 @@ use super::file::{self, Directory, NodeRecord, Plane};
 use super::neighbours::Tree;
 use super::samples::Samples;
 use crate::cloud::{Columns, Lattice};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
@@ -103,11 +103,16 @@ impl<'f> Forest<'f> {
         file::lattice(self.record(node), &self.directory.contents.lattices)
     }
 
-    /// Bytes of one plane of a node.
+    /// Bytes of one plane of a node; an error where they are not what was written.
     pub fn bytes(&self, node: usize, plane: Plane) -> Result<Vec<u8>> {
-        let (at, length) = self.record(node).range(plane);
+        let record = self.record(node);
+        let (at, length) = record.range(plane);
         let mut bytes = vec![0; length as usize];
         (self.read)(at, &mut bytes)?;
+        if crc32c::crc32c(&bytes) != record.crc[plane as usize] {
+            let what = format!("node {node}'s {plane:?} plane reads otherwise than it was written: the disk has lost a write; try again");
+            return Err(Error::Request(what));
+        }
         Ok(bytes)
     }
 

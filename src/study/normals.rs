@@ -4,8 +4,7 @@
 //! lines, since a plane has two normals. A point whose neighbours determine no plane has none, and counts as unknown, not as wrong.
 
 use super::report::{Figure, Section, Table};
-use super::{Plan, Row, mark_fronts, metrics};
-use crate::cloud::Lattice;
+use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::error::Result;
 use crate::graph::Gpu;
 use crate::index::forest::Leaf;
@@ -59,15 +58,22 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
         let part = &cloud.parts[0];
         let middle = part.bounds().map_or(DVec3::ZERO, |(lo, hi)| (lo + hi) / 2.0);
         let leaf = Leaf::of(&part.columns, &part.lattice, [0; 3], false);
-        let fits = NEAR.map(|near| ("neighbours", Fit { near, ..FIT })).into_iter();
-        for (knob, fit) in fits.chain(REACH.map(|reach| ("radii", Fit { reach, ..FIT }))) {
-            let (mut angles, mut times, mut unknown) = (Vec::new(), Vec::new(), 0.0);
-            for _ in 0..plan.repeat.max(1) {
-                let start = Instant::now();
-                let found = planes(&leaf, fit)?;
-                times.push(start.elapsed().as_secs_f64() * 1e3 * 1e6 / found.len().max(1) as f64);
-                (angles, unknown) = compare(&leaf, &part.lattice, middle, &truth, &found);
+        let by_near = NEAR.map(|near| ("neighbours", Fit { near, ..FIT }));
+        let by_reach = REACH.map(|reach| ("radii", Fit { reach, ..FIT }));
+        let fits: Vec<(&str, Fit)> = by_near.into_iter().chain(by_reach).collect();
+        let places = places(leaf.tree.len());
+        let mut found = Vec::new();
+        let times = sweep::interleaved(&fits, plan.repeat.max(1), |&(_, fit)| {
+            let start = Instant::now();
+            let own = planes(&leaf, &places, fit)?;
+            let ms = start.elapsed().as_secs_f64() * 1e3;
+            if found.len() < fits.len() {
+                found.push(own);
             }
+            Ok(ms * 1e6 / places.len().max(1) as f64)
+        })?;
+        for (((knob, fit), times), found) in fits.into_iter().zip(times).zip(found) {
+            let (angles, unknown) = compare(&leaf, &places, |steps| (truth.normal)(part.lattice.world(steps) - middle), &found);
             let [median, p99] = [0.5, 0.99].map(|share| angles.get((share * angles.len() as f64) as usize).copied().unwrap_or(0.0));
             let ms = metrics::quartiles(&times);
             let value = if knob == "radii" { fit.reach.to_string() } else { fit.near.to_string() };
@@ -86,26 +92,35 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
     };
     let figures = METRICS.iter().map(figure).collect();
     let how = format!(
-        "{} points a scene; n = {} rounds, on one core of the CPU, without building the tree. <em>auto</em> is what <code>index --normals</code> does: {} neighbours and {} radii.",
+        "{} points a scene, of which at most {PLACES} in runs of {RUN} are looked at; n = {} interleaved rounds after one that is not counted, on one core of the CPU, without building the tree. <em>auto</em> is what <code>index --normals</code> does: {} neighbours and {} radii.",
         plan.points, plan.repeat, FIT.near, FIT.reach
     );
     Ok(Section { name: "normals", title: "Normals".into(), how, rows, figures, tables: vec![table] })
 }
 
-/// By their places.
-fn planes(leaf: &Leaf, fit: Fit) -> Result<Vec<Option<DVec3>>> {
-    let (mut around, mut room) = (Surroundings::alone(leaf), Room::default());
-    let normal = |place| Ok(normals::patch(&mut around, place, fit, &mut room, &mut |_| {})?.plane.map(|plane| plane.normal));
-    (0..leaf.tree.len()).map(normal).collect()
+/// Points that are looked at: so many at most, neighbours in runs as an index looks at them, spread over all.
+const PLACES: usize = 65_536;
+const RUN: usize = 1024;
+
+fn places(points: usize) -> Vec<usize> {
+    let apart = points.div_ceil(PLACES).max(1);
+    (0..points).filter(|place| (place / RUN).is_multiple_of(apart)).collect()
 }
 
-/// Degrees, sorted, of those that are known; and the share of others.
-fn compare(leaf: &Leaf, lattice: &Lattice, middle: DVec3, truth: &Truth, found: &[Option<DVec3>]) -> (Vec<f64>, f64) {
-    let angle = |(place, normal): (usize, &Option<DVec3>)| {
-        let own = (truth.normal)(lattice.world(leaf.tree.steps(place).map(i64::from)) - middle);
+/// In the order of the places.
+fn planes(leaf: &Leaf, places: &[usize], fit: Fit) -> Result<Vec<Option<DVec3>>> {
+    let (mut around, mut room) = (Surroundings::alone(leaf), Room::default());
+    let normal = |&place: &usize| Ok(normals::patch(&mut around, place, fit, &mut room, &mut |_| {})?.plane.map(|plane| plane.normal));
+    places.iter().map(normal).collect()
+}
+
+/// Degrees, sorted, of those that are known; and the share of others. `truth` is of a place in steps.
+fn compare(leaf: &Leaf, places: &[usize], truth: impl Fn([i64; 3]) -> DVec3, found: &[Option<DVec3>]) -> (Vec<f64>, f64) {
+    let angle = |(&place, normal): (&usize, &Option<DVec3>)| {
+        let own = truth(leaf.tree.steps(place).map(i64::from));
         normal.map(|normal| normal.cross(own).length().atan2(normal.dot(own).abs()).to_degrees())
     };
-    let mut angles: Vec<f64> = found.iter().enumerate().filter_map(angle).collect();
+    let mut angles: Vec<f64> = places.iter().zip(found).filter_map(angle).collect();
     angles.sort_by(f64::total_cmp);
     let unknown = 1.0 - angles.len() as f64 / found.len().max(1) as f64;
     (angles, unknown)

@@ -12,8 +12,8 @@ mod inner;
 mod leaves;
 
 use super::build::Options;
-use super::file::{Directory, Plane, Writer};
-use super::forest::Forest;
+use super::file::{Directory, NodeRecord, Plane, Writer};
+use super::forest::{Forest, Read};
 use super::samples::Derived;
 use super::strokes;
 use crate::error::Result;
@@ -25,18 +25,24 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 /// `corners`: of every lattice where its tree starts, steps.
 pub fn derive(directory: &mut Directory, writer: &Writer, corners: &[[i64; 3]], options: &Options, progress: &dyn Progress) -> Result<()> {
     let read = |at: u64, bytes: &mut [u8]| writer.get(at, bytes);
-    // Half of the memory for leaves that are kept, a quarter for those that threads have at hand, the rest for what they find.
-    let colored = options.derive.strokes || options.derive.luminance;
-    let hold = options.memory / 4 / options.threads as u64;
-    let forest = Forest::new(directory, &read, colored, options.memory / 2, hold);
-    let mut work = Work { forest: &forest, writer, corners, options, progress, crcs: Vec::new(), oriented: false };
-    work.leaves()?;
-    work.inner()?;
-    let Work { crcs, oriented, .. } = work;
-    for Crc { node, plane, crc } in crcs {
-        directory.nodes[node].crc[plane as usize] = crc;
-    }
+    let work = Work { writer, corners, options, progress };
+    // Checksums are known before anything is read again: a write that the disk has lost is found.
+    let keep = |directory: &mut Directory, crcs: Vec<Crc>| {
+        crcs.into_iter().for_each(|Crc { node, plane, crc }| directory.nodes[node].crc[plane as usize] = crc);
+    };
+    let Leaves { crcs, radii, oriented } = work.leaves(&work.forest(directory, &read))?;
+    keep(directory, crcs);
     directory.contents.oriented = oriented;
+    if options.derive.strokes {
+        let crcs = work.cap(&work.forest(directory, &read), &radii)?;
+        keep(directory, crcs);
+    }
+    let deepest = directory.nodes.iter().map(|node| node.level).max().unwrap_or(0);
+    for level in (0..=deepest).rev() {
+        progress.tick("joining", (deepest - level) as u64, deepest as u64 + 1)?;
+        let crcs = work.inner(&work.forest(directory, &read), level)?;
+        keep(directory, crcs);
+    }
     Ok(())
 }
 
@@ -47,38 +53,49 @@ struct Crc {
     crc: u32,
 }
 
+/// What looking around the points of all leaves found.
+struct Leaves {
+    crcs: Vec<Crc>,
+    /// How often each radius of a stroke occurs, of every tree by its lattice.
+    radii: BTreeMap<u16, Vec<u64>>,
+    /// All normals are those of files.
+    oriented: bool,
+}
+
 struct Work<'w> {
-    forest: &'w Forest<'w>,
     writer: &'w Writer,
     corners: &'w [[i64; 3]],
     options: &'w Options,
     progress: &'w dyn Progress,
-    /// Later ones of the same plane count.
-    crcs: Vec<Crc>,
-    oriented: bool,
 }
 
 impl Work<'_> {
-    /// The planes that a node has room for, of those that are derived.
-    fn planes(&self, node: usize) -> Vec<Plane> {
-        self.options.derive.planes().into_iter().filter(|&plane| self.forest.directory.nodes[node].has(plane)).collect()
+    fn forest<'f>(&self, directory: &'f Directory, read: &'f Read<'f>) -> Forest<'f> {
+        // Half of the memory for leaves that are kept, a quarter for those that threads have at hand, the rest for what they find.
+        let Options { memory, threads, derive, .. } = *self.options;
+        Forest::new(directory, read, derive.strokes || derive.luminance, memory / 2, memory / 4 / threads as u64)
     }
 
-    fn put(&self, node: usize, plane: Plane, bytes: &[u8]) -> Result<Crc> {
-        let (at, length) = self.forest.directory.nodes[node].range(plane);
+    /// The planes that a node has room for, of those that are derived.
+    fn planes(&self, record: &NodeRecord) -> Vec<Plane> {
+        self.options.derive.planes().into_iter().filter(|&plane| record.has(plane)).collect()
+    }
+
+    fn put(&self, record: &NodeRecord, node: usize, plane: Plane, bytes: &[u8]) -> Result<Crc> {
+        let (at, length) = record.range(plane);
         assert_eq!(bytes.len() as u64, length, "node {node}: {plane:?}");
         self.writer.put(at, bytes)?;
         Ok(Crc { node, plane, crc: crc32c::crc32c(bytes) })
     }
 
-    fn put_all(&self, node: usize, derived: &Derived) -> Result<Vec<Crc>> {
-        self.planes(node).into_iter().map(|plane| self.put(node, plane, derived.bytes(plane))).collect()
+    fn put_all(&self, record: &NodeRecord, node: usize, derived: &Derived) -> Result<Vec<Crc>> {
+        self.planes(record).into_iter().map(|plane| self.put(record, node, plane, derived.bytes(plane))).collect()
     }
 
     /// From the roots down, siblings one after the other: who works on one has what is beside it in memory.
-    fn leaves_in_order(&self) -> Vec<usize> {
-        let nodes = &self.forest.directory.nodes;
-        let mut open: Vec<usize> = (0..self.forest.directory.roots as usize).rev().collect();
+    fn leaves_in_order(directory: &Directory) -> Vec<usize> {
+        let nodes = &directory.nodes;
+        let mut open: Vec<usize> = (0..directory.roots as usize).rev().collect();
         let mut leaves = Vec::new();
         while let Some(node) = open.pop() {
             if nodes[node].is_leaf() {
@@ -89,62 +106,56 @@ impl Work<'_> {
         leaves
     }
 
-    fn leaves(&mut self) -> Result<()> {
-        let leaves = self.leaves_in_order();
-        let nodes = &self.forest.directory.nodes;
+    fn leaves(&self, forest: &Forest) -> Result<Leaves> {
+        let leaves = Work::leaves_in_order(forest.directory);
+        let nodes = &forest.directory.nodes;
         let passes = self.options.derive.has_normals() as u64 + self.options.derive.luminance as u64;
         let total = passes * leaves.iter().map(|&leaf| nodes[leaf].points).sum::<u64>();
         let done = AtomicU64::new(0);
         let found = |points: u64| self.progress.tick("looking around points", done.fetch_add(points, Relaxed) + points, total);
         let of_leaf = |&leaf: &usize| {
-            let found = leaves::leaf(self.forest, leaf, self.options.derive, &found)?;
+            let found = leaves::leaf(forest, leaf, self.options.derive, &found)?;
             let counts = leaves::radii(&found.derived);
-            Ok((self.put_all(leaf, &found.derived)?, (nodes[leaf].lattice, counts), found.oriented))
+            Ok((self.put_all(&nodes[leaf], leaf, &found.derived)?, (nodes[leaf].lattice, counts), found.oriented))
         };
-        let (mut crcs, mut radii) = (Vec::new(), BTreeMap::<u16, Vec<u64>>::new());
-        let mut oriented = !leaves.is_empty();
-        // Counts of one leaf at a time would be as many numbers as a leaf has points: they are added up soon.
+        let mut all = Leaves { crcs: Vec::new(), radii: BTreeMap::new(), oriented: !leaves.is_empty() };
+        // Counts of one leaf are as many numbers as it has radii: they are added up soon.
         for some in leaves.chunks(8 * self.options.threads) {
             for (own, (lattice, counts), is_oriented) in some.par_iter().map(of_leaf).collect::<Result<Vec<_>>>()? {
-                crcs.extend(own);
-                oriented &= is_oriented;
-                let sums = radii.entry(lattice).or_insert_with(|| vec![0; leaves::RADII]);
+                all.crcs.extend(own);
+                all.oriented &= is_oriented;
+                let sums = all.radii.entry(lattice).or_insert_with(|| vec![0; leaves::RADII]);
                 counts.into_iter().for_each(|(radius, count)| sums[radius as usize] += count as u64);
             }
         }
-        if self.options.derive.strokes {
-            let largest: BTreeMap<u16, u32> = radii.iter().map(|(&lattice, counts)| (lattice, leaves::largest(counts))).collect();
-            let cap = |&leaf: &usize| {
-                let mut brushes = self.forest.bytes(leaf, Plane::Brush)?;
-                let largest = largest[&nodes[leaf].lattice];
-                brushes
-                    .as_chunks_mut()
-                    .0
-                    .iter_mut()
-                    .for_each(|brush| *brush = strokes::capped(u32::from_le_bytes(*brush), largest).to_le_bytes());
-                self.put(leaf, Plane::Brush, &brushes)
-            };
-            crcs.extend(leaves.par_iter().map(cap).collect::<Result<Vec<_>>>()?);
-        }
-        self.crcs.extend(crcs);
-        self.oriented = oriented;
-        Ok(())
+        Ok(all)
     }
 
-    fn inner(&mut self) -> Result<()> {
-        let nodes = &self.forest.directory.nodes;
-        let deepest = nodes.iter().map(|node| node.level).max().unwrap_or(0);
-        for level in (0..=deepest).rev() {
-            self.progress.tick("joining", (deepest - level) as u64, deepest as u64 + 1)?;
-            let at_level: Vec<usize> = (0..nodes.len()).filter(|&node| nodes[node].level == level && !nodes[node].is_leaf()).collect();
-            let of_node = |&node: &usize| {
-                let derived =
-                    inner::node(self.forest, node, self.corners[nodes[node].lattice as usize], &self.planes(node), self.oriented)?;
-                self.put_all(node, &derived)
-            };
-            let crcs = at_level.par_iter().map(of_node).collect::<Result<Vec<_>>>()?;
-            self.crcs.extend(crcs.into_iter().flatten());
-        }
-        Ok(())
+    /// No stroke of a leaf is larger than that of all but some of its tree's points.
+    fn cap(&self, forest: &Forest, radii: &BTreeMap<u16, Vec<u64>>) -> Result<Vec<Crc>> {
+        let nodes = &forest.directory.nodes;
+        let largest: BTreeMap<u16, u32> = radii.iter().map(|(&lattice, counts)| (lattice, leaves::largest(counts))).collect();
+        let of_leaf = |&leaf: &usize| {
+            let mut brushes = forest.bytes(leaf, Plane::Brush)?;
+            let largest = largest[&nodes[leaf].lattice];
+            for brush in brushes.as_chunks_mut().0 {
+                *brush = strokes::capped(u32::from_le_bytes(*brush), largest).to_le_bytes();
+            }
+            self.put(&nodes[leaf], leaf, Plane::Brush, &brushes)
+        };
+        Work::leaves_in_order(forest.directory).par_iter().map(of_leaf).collect()
+    }
+
+    fn inner(&self, forest: &Forest, level: u8) -> Result<Vec<Crc>> {
+        let nodes = &forest.directory.nodes;
+        let at_level: Vec<usize> = (0..nodes.len()).filter(|&node| nodes[node].level == level && !nodes[node].is_leaf()).collect();
+        let oriented = forest.directory.contents.oriented;
+        let of_node = |&node: &usize| {
+            let record = &nodes[node];
+            let derived = inner::node(forest, node, self.corners[record.lattice as usize], &self.planes(record), oriented)?;
+            self.put_all(record, node, &derived)
+        };
+        let crcs = at_level.par_iter().map(of_node).collect::<Result<Vec<_>>>()?;
+        Ok(crcs.into_iter().flatten().collect())
     }
 }
