@@ -116,7 +116,7 @@ impl<'f> Forest<'f> {
         Ok(bytes)
     }
 
-    /// Samples of a node, of these planes and of all that say where they lie, counted from `corner` ([`Samples::unpack`]).
+    /// Samples of a node, of these planes and of all that say where they lie, counted from `corner`.
     pub fn samples(&self, node: usize, corner: [i64; 3], planes: &[Plane]) -> Result<Samples> {
         let record = self.record(node);
         let positions = file::PLANES[..record.position_planes() as usize].iter().map(|(plane, _)| *plane);
