@@ -451,6 +451,39 @@ fn the_luminance_study_keeps_its_promises() {
     }
 }
 
+/// Scattering, border, shadowing: what averages on the screen leaves less of each than averages over neighbours do.
+#[test]
+fn where_stations_meet_on_a_wall_the_correction_leaves_less_than_the_reference() {
+    let plan = Plan { points: 60_000, size: [128, 72], repeat: 1, ..PLAN };
+    let table = gpu::with(gpu::WAYS[0], |gpu| pointillist::study::luminance::problems::table(gpu, &plan, &Silent)).unwrap();
+    assert_eq!(table.rows.len(), 9);
+    for region in table.rows.chunks(3) {
+        let numbers = |row: &[String]| [2, 3, 4].map(|column| row[column].parse::<f64>().unwrap());
+        let [before, reference, after] = [0, 1, 2].map(|way| numbers(&region[way]));
+        println!("{}: {before:?} before, {reference:?} offline, {after:?} after", region[0][0]);
+        assert!((0..2).all(|k| after[k] < 0.25 * before[k] && after[k] <= reference[k]), "{}", region[0][0]);
+        // Each station's own side stays as it is: nothing there says which of the two is right.
+        assert!(after[2] <= before[2] && after[2] <= 1.1 * reference[2], "{}", region[0][0]);
+    }
+}
+
+/// Every pass is nearer to the exact sort, sixteen are near enough for a torus, and another order is another picture.
+#[test]
+fn the_strokes_study_keeps_its_promises() {
+    let (rows, text, figures) = made("strokes", &Plan { points: 4_000, repeat: 1, ..PLAN });
+    // Two scenes, fourteen configurations.
+    assert_eq!((rows.len(), text.lines().count(), figures), (28, 29, 1));
+    fronts_are_fronts(&rows);
+    for ((scene, ..), rows) in groups(&rows) {
+        let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
+        let falling = ["1", "2", "4", "8", "16", "32"].map(error);
+        println!("{scene}: {falling:?}, opaque {}, whole strokes {}", error("opaque"), error("stroke"));
+        assert_eq!(error("auto"), 0.0, "{scene}");
+        assert!(falling.is_sorted_by(|a, b| a >= b) && falling[0] > 0.0, "{scene}: {falling:?}");
+        assert!(error("stroke") > 0.0 && error("stroke") < falling[0], "{scene}");
+    }
+}
+
 /// By looking at all points.
 #[test]
 fn the_offline_reference_averages_the_nearest() {

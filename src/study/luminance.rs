@@ -3,6 +3,8 @@
 //! A street scanned from five stations, their exposures from a half to twice, no two alike side by side. Points are the same with all exposures equal, so that the truth is known in every pixel: what the
 //! picture would be if all stations had had one light. Knobs are epsilon, neighbourhood and space, one at a time, and the points a pixel, by the size of the picture.
 
+pub mod problems;
+
 use super::configurations::AUTO;
 use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
@@ -136,7 +138,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
          neighbours, offline, in {reference_s:.1} s. n = {} interleaved rounds after one that is not counted.",
         plan.points, plan.repeat
     );
-    Ok(Section { name: "luminance", title: "Luminance correction: steps and details".into(), how, rows, figures, tables: vec![table] })
+    Ok(Section { name: "luminance", title: "Luminance correction: steps and details".into(), how, rows, figures, tables: vec![table, problems::table(gpu, plan, progress)?] })
 }
 
 fn wishes(luminance: &str) -> Result<Wishes> {

@@ -90,6 +90,7 @@ studies! {
     shadows,   // which points the light reaches
     normals,   // planes through neighbours
     tangents,  // how evenly strokes flow
+    strokes,   // strokes over each other
     layers,    // surfaces behind each other
 }
 

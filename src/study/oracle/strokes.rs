@@ -72,6 +72,8 @@ pub fn tangent(tangents: Tangents, n: DVec3, along: DVec3) -> DVec3 {
 
 /// Where a ray meets a stroke.
 struct Fragment {
+    /// Its place among all that are painted.
+    stroke: usize,
     depth: f64,
     /// What it is ordered by.
     order: f64,
@@ -93,19 +95,133 @@ struct Painted {
 
 /// All strokes of a part with colours, blended.
 pub fn paint(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke]) -> Vec<Pixel> {
-    let columns = &part.columns;
-    let turns: Vec<DVec2> = turns(settings.noise).into_iter().map(|[c, s]| DVec2::new(c as f64, s as f64)).collect();
-    let bristles = Bristles::of(settings);
-    let seen = |(i, stroke): (usize, &Stroke)| {
-        let steps = [columns.x[i], columns.y[i], columns.z[i]];
-        let color = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]).map(|c| srgb_to_linear(c as f64 / 255.0));
-        seen(view, settings, &bristles, &turns, part.lattice.world(steps.map(i64::from)), stroke.words(steps), DVec3::from_array(color))
-    };
-    let painted: Vec<Painted> = strokes.iter().enumerate().filter_map(seen).collect();
+    let easel = Easel::new(view, settings, part, strokes);
     let [width, height] = view.size;
-    (0..width * height)
-        .map(|k| pixel(view, settings.order, &bristles, &turns, &painted, (k % width) as f64 + 0.5, (k / width) as f64 + 0.5))
-        .collect()
+    (0..width * height).map(|k| easel.pixel((k % width) as f64 + 0.5, (k / width) as f64 + 0.5)).collect()
+}
+
+/// Pairs of strokes, one next to the other in a pixel, that meet in the pixel right of it or below, too; and how many of them lie there the other way round: strokes that run through each other.
+pub fn crossings(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke]) -> [u64; 2] {
+    let easel = Easel::new(view, settings, part, strokes);
+    let [width, height] = view.size;
+    let visible = |k: u32| -> Vec<usize> {
+        let (mut fragments, _) = easel.fragments((k % width) as f64 + 0.5, (k / width) as f64 + 0.5);
+        fragments.sort_by(|a, b| a.order.total_cmp(&b.order));
+        let mut light = 1.0;
+        let seen = fragments.into_iter().filter(|fragment| {
+            let shows = light * fragment.alpha;
+            light *= 1.0 - fragment.alpha;
+            shows > 1.0 / 255.0
+        });
+        seen.map(|fragment| fragment.stroke).collect()
+    };
+    let pixels: Vec<Vec<usize>> = (0..width * height).map(visible).collect();
+    let mut counts = [0; 2];
+    for k in 0..width * height {
+        let beside = [(k % width + 1 < width).then_some(k + 1), (k + width < width * height).then_some(k + width)];
+        for other in beside.into_iter().flatten().map(|k| &pixels[k as usize]) {
+            for pair in pixels[k as usize].windows(2) {
+                let places = [0, 1].map(|i| other.iter().position(|stroke| *stroke == pair[i]));
+                if let [Some(first), Some(second)] = places {
+                    counts[0] += 1;
+                    counts[1] += (first > second) as u64;
+                }
+            }
+        }
+    }
+    counts
+}
+
+/// Strokes as a view sees them.
+struct Easel<'v> {
+    view: &'v View,
+    order: Order,
+    bristles: Bristles,
+    turns: Vec<DVec2>,
+    painted: Vec<Painted>,
+}
+
+impl<'v> Easel<'v> {
+    fn new(view: &'v View, settings: &Settings, part: &Part, strokes: &[Stroke]) -> Easel<'v> {
+        let columns = &part.columns;
+        let turns: Vec<DVec2> = turns(settings.noise).into_iter().map(|[c, s]| DVec2::new(c as f64, s as f64)).collect();
+        let bristles = Bristles::of(settings);
+        let seen = |(i, stroke): (usize, &Stroke)| {
+            let steps = [columns.x[i], columns.y[i], columns.z[i]];
+            let color = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]).map(|c| srgb_to_linear(c as f64 / 255.0));
+            seen(view, settings, &bristles, &turns, part.lattice.world(steps.map(i64::from)), stroke.words(steps), DVec3::from_array(color))
+        };
+        let painted = strokes.iter().enumerate().filter_map(seen).collect();
+        Easel { view, order: settings.order, bristles, turns, painted }
+    }
+
+    /// What the ray through a place of the picture, pixels, meets; and whether roundings cannot change that.
+    fn fragments(&self, x: f64, y: f64) -> (Vec<Fragment>, bool) {
+        let Easel { view, order, bristles, turns, painted } = self;
+        let (origin, direction) = view.ray(x, y);
+        let mut sure = true;
+        let mut fragments: Vec<Fragment> = Vec::new();
+        for (number, stroke) in painted.iter().enumerate() {
+            let steep = direction.dot(stroke.normal);
+            if steep >= 0.0 {
+                continue;
+            }
+            let depth = (stroke.at - origin).dot(stroke.normal) / steep;
+            let off = origin + direction * depth - stroke.at;
+            let uv = DVec2::new(off.dot(stroke.tangent), off.dot(stroke.bitangent)) / stroke.sides;
+            let edge = uv.abs().max_element();
+            if depth <= 0.0 || edge > 0.5 + EDGE {
+                continue;
+            }
+            let seed = stroke.words[0] >> 24;
+            let (mut alpha, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
+            if stroke.words[1] & 1 << 7 != 0 {
+                let upper = coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5);
+                // Mixed as the kernel keeps colours: by their square roots.
+                let shade = if seed & 1 == 0 { 1.08 } else { 0.92 };
+                let root = DVec3::from_array(color.to_array().map(f64::sqrt));
+                let mixed = root * (1.0 - upper) + (root * shade).min(DVec3::ONE) * upper;
+                color = mixed * mixed;
+                alpha = alpha.max(upper);
+            }
+            // A corner may be rounded the other way.
+            // Along a stroke a small error of the angle is a large one of the depth.
+            sure &= -steep > GRAZING * direction.length()
+                && (alpha - 0.5).abs() > 0.01
+                && (alpha * 255.0 - 0.5).abs() > 0.05
+                && (edge - 0.5).abs() > EDGE;
+            if edge <= 0.5 && alpha * 255.0 >= 0.5 {
+                let order = match order {
+                    Order::Pixel => depth,
+                    Order::Stroke => (stroke.at - view.camera.eye).dot(view.basis.forward),
+                };
+                fragments.push(Fragment { stroke: number, depth, order, alpha, color });
+            }
+        }
+        (fragments, sure)
+    }
+
+    fn pixel(&self, x: f64, y: f64) -> Pixel {
+        let (mut fragments, mut sure) = self.fragments(x, y);
+        let hides = fragments.iter().filter(|fragment| fragment.alpha >= 0.5).map(|fragment| fragment.depth).reduce(f64::min);
+        let nearest = fragments.iter().map(|fragment| fragment.depth).fold(f64::INFINITY, f64::min);
+        fragments.sort_by(|a, b| a.order.total_cmp(&b.order));
+        // Strokes that are hardly there, or hidden, may come in either order.
+        let visible = fragments.iter().scan(1.0, |light, fragment| {
+            let seen = *light > 1e-3;
+            *light *= 1.0 - fragment.alpha;
+            seen.then_some(fragment.order)
+        });
+        let orders: Vec<f64> = visible.collect();
+        sure &= orders.windows(2).all(|pair| pair[1] / pair[0] - 1.0 > APART);
+        let (mut color, mut light) = (DVec3::ZERO, 1.0);
+        for fragment in &fragments {
+            color += fragment.color * fragment.alpha * light;
+            light *= 1.0 - fragment.alpha;
+        }
+        let [r, g, b] = color.to_array();
+        Pixel { color: [r, g, b, 1.0 - light], depth: hides.unwrap_or(nearest), sure }
+    }
 }
 
 fn seen(
@@ -137,67 +253,6 @@ fn seen(
     let side = 2.0 * (bristles.size * radius * px_per_m).clamp(LEAST_PX as f64, settings.largest) / px_per_m;
     let length = 1.0 + settings.long * ((brush & 31) as f64 / 8.0).min(1.0);
     Some(Painted { at, normal, tangent, bitangent: normal.cross(tangent), sides: DVec2::new(side * length, side), words, color })
-}
-
-fn pixel(view: &View, order: Order, bristles: &Bristles, turns: &[DVec2], painted: &[Painted], x: f64, y: f64) -> Pixel {
-    let (origin, direction) = view.ray(x, y);
-    let mut sure = true;
-    let mut fragments: Vec<Fragment> = Vec::new();
-    for stroke in painted {
-        let steep = direction.dot(stroke.normal);
-        if steep >= 0.0 {
-            continue;
-        }
-        let depth = (stroke.at - origin).dot(stroke.normal) / steep;
-        let off = origin + direction * depth - stroke.at;
-        let uv = DVec2::new(off.dot(stroke.tangent), off.dot(stroke.bitangent)) / stroke.sides;
-        let edge = uv.abs().max_element();
-        if depth <= 0.0 || edge > 0.5 + EDGE {
-            continue;
-        }
-        let seed = stroke.words[0] >> 24;
-        let (mut alpha, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
-        if stroke.words[1] & 1 << 7 != 0 {
-            let upper = coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5);
-            // Mixed as the kernel keeps colours: by their square roots.
-            let shade = if seed & 1 == 0 { 1.08 } else { 0.92 };
-            let root = DVec3::from_array(color.to_array().map(f64::sqrt));
-            let mixed = root * (1.0 - upper) + (root * shade).min(DVec3::ONE) * upper;
-            color = mixed * mixed;
-            alpha = alpha.max(upper);
-        }
-        // A corner may be rounded the other way.
-        // Along a stroke a small error of the angle is a large one of the depth.
-        sure &= -steep > GRAZING * direction.length()
-            && (alpha - 0.5).abs() > 0.01
-            && (alpha * 255.0 - 0.5).abs() > 0.05
-            && (edge - 0.5).abs() > EDGE;
-        if edge <= 0.5 && alpha * 255.0 >= 0.5 {
-            let order = match order {
-                Order::Pixel => depth,
-                Order::Stroke => (stroke.at - view.camera.eye).dot(view.basis.forward),
-            };
-            fragments.push(Fragment { depth, order, alpha, color });
-        }
-    }
-    let hides = fragments.iter().filter(|fragment| fragment.alpha >= 0.5).map(|fragment| fragment.depth).reduce(f64::min);
-    let nearest = fragments.iter().map(|fragment| fragment.depth).fold(f64::INFINITY, f64::min);
-    fragments.sort_by(|a, b| a.order.total_cmp(&b.order));
-    // Strokes that are hardly there, or hidden, may come in either order.
-    let visible = fragments.iter().scan(1.0, |light, fragment| {
-        let seen = *light > 1e-3;
-        *light *= 1.0 - fragment.alpha;
-        seen.then_some(fragment.order)
-    });
-    let orders: Vec<f64> = visible.collect();
-    sure &= orders.windows(2).all(|pair| pair[1] / pair[0] - 1.0 > APART);
-    let (mut color, mut light) = (DVec3::ZERO, 1.0);
-    for fragment in &fragments {
-        color += fragment.color * fragment.alpha * light;
-        light *= 1.0 - fragment.alpha;
-    }
-    let [r, g, b] = color.to_array();
-    Pixel { color: [r, g, b, 1.0 - light], depth: hides.unwrap_or(nearest), sure }
 }
 
 /// Squares of a brush, along a side.

@@ -1,0 +1,152 @@
+//! Study `strokes`: what an unfinished order of strokes leaves wrong, over what finishing it takes; and what other ways of laying strokes over each other look like and cost (dos Anjos et al. 2018, sec. 3.3.2 and 4).
+
+use super::configurations::AUTO;
+use super::oracle::strokes as oracle;
+use super::report::{Figure, Section, Table};
+use super::{Plan, Row, mark_fronts, metrics, sweep};
+use crate::cloud::attribute::Shown;
+use crate::error::{Error, Result};
+use crate::frame;
+use crate::graph::{Gpu, Graph};
+use crate::index::strokes;
+use crate::look::{self, Style, Wishes};
+use crate::passes::strokes::{Order, Settings};
+use crate::passes::Effects;
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::synth::{self, Scene};
+use crate::view::{Camera, Preset, View};
+
+pub const SUMMARY: &str = "passes of the A-buffer, blending, order, Gaussians: against all strokes sorted";
+
+const SCENES: [(&str, Scene); 2] = [("torus", Scene::Torus), ("street", Scene::Street)];
+
+const KNOBS: [(&str, &[(&str, &str)]); 5] = [
+    (AUTO, &[(AUTO, "strokes=on")]),
+    (
+        "passes",
+        &[
+            ("1", "strokes=sort=bubble,passes=1"),
+            ("2", "strokes=sort=bubble,passes=2"),
+            ("4", "strokes=sort=bubble,passes=4"),
+            ("8", "strokes=sort=bubble,passes=8"),
+            ("16", "strokes=sort=bubble,passes=16"),
+            ("32", "strokes=sort=bubble,passes=32"),
+        ],
+    ),
+    ("blend", &[("opaque", "strokes=blend=opaque"), ("blur", "strokes=blend=blur")]),
+    ("order", &[("stroke", "strokes=order=stroke")]),
+    ("gaussians", &[("6", "strokes=gaussians=6"), ("7", "strokes=gaussians=7"), ("8", "strokes=gaussians=8"), ("9", "strokes=gaussians=9")]),
+];
+
+const METRICS: [(&str, &str); 1] = [("self_rms", "linear colour, RMS, of all strokes sorted (self)")];
+
+/// For the twin, which looks at every stroke in every pixel.
+const FEW: u64 = 3000;
+const SMALL: [u32; 2] = [96, 72];
+
+struct Configuration {
+    knob: &'static str,
+    value: &'static str,
+    wishes: Wishes,
+}
+
+pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+    let configurations = KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
+    let configurations = configurations.map(|(knob, (value, effect))| {
+        let mut wishes = Wishes { effects: Effects::of(Style::Strokes), ..Wishes::default() };
+        for effect in ["edl=off", effect] {
+            wishes.effects.set(effect).map_err(Error::Request)?;
+        }
+        Ok(Configuration { knob, value, wishes })
+    });
+    let configurations = configurations.collect::<Result<Vec<_>>>()?;
+    let mut rows = Vec::new();
+    let mut table = Table {
+        title: "All configurations".into(),
+        head: ["scene", "knob", "value", "RMS", "ms", "fragments", "in a pixel at most"].map(String::from).to_vec(),
+        rows: Vec::new(),
+    };
+    let mut crossings = Table {
+        title: "Strokes that run through each other".into(),
+        head: ["scene", "order", "pairs", "crossed", "%"].map(String::from).to_vec(),
+        rows: Vec::new(),
+    };
+    for (name, scene) in SCENES {
+        progress.tick(&format!("study strokes: {name}"), 0, 0)?;
+        let cloud = synth::collect(name, &synth::build(scene, plan.seed, 0.0), plan.points, plan.seed, 0.0, progress)?;
+        let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), plan.size), plan.size)?;
+        let (mut shown, _) = Shown::automatic(&cloud);
+        shown.further.strokes = true;
+        let resident = Resident::fill(gpu, cloud, shown, progress)?;
+        let drawings = configurations.iter().map(|configuration| draw(gpu, &view, &resident, configuration)).collect::<Result<Vec<_>>>()?;
+        let times = sweep::interleaved(&configurations, plan.repeat, |configuration| {
+            progress.tick(&format!("study strokes: {name}"), 0, 0)?;
+            Ok(draw(gpu, &view, &resident, configuration)?.ms)
+        })?;
+        resident.free(gpu);
+        for ((Configuration { knob, value, .. }, drawing), times) in configurations.iter().zip(&drawings).zip(&times) {
+            let error = rms(&drawing.picture, &drawings[0].picture);
+            rows.extend(super::rows([name, "fit"], [knob, value], METRICS.map(|metric| metric.0), &[error], times));
+            let numbers = [format!("{error:.5}"), format!("{:.2}", metrics::quartiles(times)[1])];
+            let counts = [drawing.fragments.to_string(), drawing.deepest.to_string()];
+            table.rows.push([name, knob, value].map(String::from).into_iter().chain(numbers).chain(counts).collect());
+        }
+        crossings.rows.extend(crossed(name, scene, plan, progress)?);
+    }
+    mark_fronts(&mut rows);
+    let figure = |(metric, axis): (&str, &str)| {
+        let label = |row: &Row| if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) };
+        Figure::of("strokes", metric, ["milliseconds of a whole frame (bars: quartiles)", axis], &format!("Strokes: {metric}"), &rows, &label)
+    };
+    let figures = METRICS.map(figure).into_iter().collect();
+    let how = format!(
+        "{} points a scene. The reference is the renderer's own picture with every pixel's fragments sorted (self), which <em>auto</em> is; its difference to the f64 twin is a test. Blending, order and \
+         Gaussians make another painting, not a wrong one: how far away it is, is said here. Which strokes run through each other the twin counts, with {FEW} points. n = {} interleaved rounds after one that \
+         is not counted.",
+        plan.points, plan.repeat
+    );
+    Ok(Section { name: "strokes", title: "Strokes: sorting, blending, order, Gaussians".into(), how, rows, figures, tables: vec![table, crossings] })
+}
+
+struct Drawing {
+    picture: Vec<[f32; 4]>,
+    ms: f64,
+    fragments: u64,
+    deepest: u32,
+}
+
+fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, configuration: &Configuration) -> Result<Drawing> {
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, view, resident, &look::decide(&configuration.wishes, view, resident))?;
+    let picture = g.download(&outcome.picture);
+    let facts = outcome.strokes.unwrap_or_default();
+    let frame = g.submit(&[])?;
+    let drawing = Drawing {
+        picture: frame.read(&picture).to_vec(),
+        ms: frame.ms("") + facts.counting_ms,
+        fragments: facts.fragments,
+        deepest: facts.deepest,
+    };
+    frame.shelve(gpu);
+    Ok(drawing)
+}
+
+fn rms(picture: &[[f32; 4]], reference: &[[f32; 4]]) -> f64 {
+    let squares = picture.iter().zip(reference).map(|(a, b)| (0..3).map(|c| (a[c] as f64 - b[c] as f64).powi(2)).sum::<f64>());
+    (squares.sum::<f64>() / (3 * reference.len().max(1)) as f64).sqrt()
+}
+
+/// Rows of the table, of both orders.
+fn crossed(name: &str, scene: Scene, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Vec<String>>> {
+    let cloud = synth::collect(name, &synth::build(scene, plan.seed, 0.0), FEW, plan.seed, 0.0, progress)?;
+    let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), SMALL), SMALL)?;
+    let part = &cloud.parts[0];
+    let found = strokes::strokes(&part.columns, &part.lattice, progress)?;
+    let row = |(order, word): (Order, &str)| {
+        let [pairs, crossed] = oracle::crossings(&view, &Settings { order, ..Settings::default() }, part, &found);
+        let share = 100.0 * crossed as f64 / pairs.max(1) as f64;
+        vec![name.into(), word.into(), pairs.to_string(), crossed.to_string(), format!("{share:.2}")]
+    };
+    Ok([(Order::Pixel, "pixel"), (Order::Stroke, "stroke")].map(row).to_vec())
+}
