@@ -1,7 +1,8 @@
 // Phong lighting (Phong 1975; Dobrev et al. 2010, sec. 3.1): depth and colour -> colour in the light.
 //
 //   color' = color (ambient + diffuse max(0, n.l)) + specular max(0, r.v)^shininess      r = 2 (n.l) n - l
-// Normals are fitted to the depths on the screen (lib/normal.glsl) and face the camera. A pixel that has none keeps its colour times ambient + diffuse, as if it faced the light.
+// Normals are those of points where they have brought any (facing.comp): a pixel's own, or the mean of those around it on the same surface; else fitted to the depths on the screen (lib/normal.glsl). They face
+// the camera. A pixel that has none keeps its colour times ambient + diffuse, as if it faced the light.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -15,9 +16,12 @@ layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
+// Right, down and away of the normals of points, and 1; 0 where there is none. Anything, where points have brought none.
+layout(rgba32f) readonly uniform image2D facing;
 layout(rgba32f) writeonly uniform image2D lit;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
+layout(constant_id = 1) const bool OF_POINTS = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
@@ -34,6 +38,25 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 #include "surface.glsl"
+
+// Of the points around a pixel of depth z, those that are nearer in depth weigh more, as in add_to_fit.
+vec3 mean_of_points(ivec2 pixel, float z, float reach) {
+    vec3 sum = vec3(0.0);
+    // As in normal_at.
+    ivec2 aside_px = ivec2(-push.radius_px);
+    for (;;) {
+        float other = imageLoad(depth, pixel + aside_px).r;
+        vec4 n = imageLoad(facing, pixel + aside_px);
+        bool counts = known(other) && abs(z - mix(z, other, known(other))) < reach;
+        float part = (z - mix(z, other, counts)) / reach;
+        float inner = 1.0 - part * part;
+        sum += vec3(mix(0.0, inner * inner, counts)) * n.xyz;
+        bool row_ends = aside_px.x == push.radius_px;
+        aside_px = mix(aside_px + ivec2(1, 0), ivec2(-push.radius_px, aside_px.y + 1), bvec2(row_ends));
+        if (aside_px.y > push.radius_px) break;
+    }
+    return unit(sum);
+}
 
 // From a place, which is `ray` times its depth; of unit length, or 0 where the two are one. All is divided by the depth: products with it may be too large.
 vec3 towards(vec4 what, vec3 ray, float z) {
@@ -60,7 +83,9 @@ void main() {
     float reach = PERSPECTIVE ? push.reach * z : push.reach;
     vec2 from_centre = vec2(pixel) + 0.5 - 0.5 * vec2(push.size);
     vec3 n = vec3(0.0);
-    if (has) n = normal_at(pixel, z, push.radius_px, reach, from_centre, push.px_per_unit, PERSPECTIVE);
+    if (has && OF_POINTS) n = imageLoad(facing, pixel).xyz;
+    if (has && OF_POINTS && n == vec3(0.0)) n = mean_of_points(pixel, z, reach);
+    if (has && n == vec3(0.0)) n = normal_at(pixel, z, push.radius_px, reach, from_centre, push.px_per_unit, PERSPECTIVE);
     vec2 across = from_centre / push.px_per_unit;
     vec3 ray = vec3(PERSPECTIVE ? across : across / vec2(z), 1.0);
     vec3 l = towards(push.light, ray, z);

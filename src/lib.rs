@@ -8,7 +8,7 @@
 //! The modules, in the order of the flow; each uses only what stands before it, which `tests/imports.rs` checks.
 //!
 //! - [`cloud`]: files to columns of points, on the files' own integer lattices. [`synth`]: files with known truth, from analytic scenes.
-//! - [`index`]: points to nodes of at most 65,536 points in Morton order, their positions in planes of bits.
+//! - [`index`]: points to nodes of at most 65,536 points in Morton order, their positions in planes of bits; and what the points around tell of each.
 //! - [`view`]: the camera, f64. [`camera_path`]: the camera at any time, from key views. [`light`]: where light comes from. [`opacity`]: how much of it points let through. [`cut`]: the nodes of an index that a view is drawn from.
 //! - [`gpu`]: Vulkan, and nothing about points. [`graph`]: passes in order, with the barriers that they need. [`shader`]: the shaders as
 //!   Rust structs, generated from their SPIR-V.

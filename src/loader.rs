@@ -9,6 +9,7 @@
 //! A panic while reading is one node's error; the thread goes on. Dropping the [`Loader`] lets the thread finish its node, and joins it.
 
 use crate::cloud::attribute::{Attribute, STATION_SHIFT, Shown};
+use crate::cloud::octahedral;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::index::file::{Index, NodeRecord, PLANES, Plane};
@@ -205,7 +206,8 @@ impl<P: FnMut()> Thread<P> {
             }
             heights.iter_mut().zip(&*words).for_each(|(height, word)| *height = *height << BITS_PER_PLANE | word >> (2 * BITS_PER_PLANE));
         }
-        match Plane::of(self.shown.attribute).filter(|&plane| record.has(plane)) {
+        let planes_of = Plane::of(self.shown.attribute);
+        match planes_of.iter().copied().find(|&plane| record.has(plane)) {
             Some(plane) => {
                 self.bytes.resize(record.range(plane).1 as usize, 0);
                 index.read(node, plane, &mut self.bytes)?;
@@ -233,11 +235,18 @@ impl<P: FnMut()> Thread<P> {
             destination.put(planes + word, words);
         }
         if let Some(word) = self.shown.normal() {
-            words.fill(if record.has(Plane::Normal) { 0 } else { lacking(Attribute::Normal) });
-            read.bytes += gather(&index, node, &[(Plane::Normal, 0)], &mut self.bytes, words)?;
+            read.bytes += normals(&index, node, &mut self.bytes, words)?;
             destination.put(planes + word, words);
         }
         if let Some(word) = self.shown.strokes() {
+            if record.has(Plane::Brush) {
+                for (k, plane) in [Plane::Facing, Plane::Brush].into_iter().enumerate() {
+                    index.read(node, plane, bytemuck::cast_slice_mut(words))?;
+                    read.bytes += 4 * count as u64;
+                    destination.put(planes + word + k as u32, words);
+                }
+                return Ok(read);
+            }
             let (strokes, bytes) = strokes::of_node(&index, node)?;
             read.bytes += bytes;
             for k in 0..2 {
@@ -263,6 +272,22 @@ fn gather(index: &Index, node: usize, parts: &[(Plane, u32)], bytes: &mut Vec<u8
     Ok(read)
 }
 
+/// A node's normals: derived ones, else those of its files, else none that are known. The bytes read.
+fn normals(index: &Index, node: usize, bytes: &mut Vec<u8>, words: &mut [u32]) -> Result<u64> {
+    let record = &index.nodes()[node];
+    words.fill(octahedral::UNKNOWN);
+    let Some(plane) = [Plane::Facing, Plane::Normal].into_iter().find(|&plane| record.has(plane)) else { return Ok(0) };
+    bytes.resize(record.range(plane).1 as usize, 0);
+    index.read(node, plane, bytes)?;
+    match plane {
+        Plane::Facing => {
+            words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &facing)| *word = u32::from_le_bytes(facing) & octahedral::UNKNOWN)
+        }
+        _ => words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, normal)| *word = octahedral::of_bytes(normal.map(|v| v as i8))),
+    }
+    Ok(bytes.len() as u64)
+}
+
 /// World heights of a node's cells along z, as all its planes give them.
 fn world_height(index: &Index, record: &NodeRecord) -> impl Fn(u32) -> f64 {
     let lattice = index.lattice(record);
@@ -274,10 +299,17 @@ fn world_height(index: &Index, record: &NodeRecord) -> impl Fn(u32) -> f64 {
 fn widen(plane: Plane, bytes: &[u8], words: &mut [u32]) {
     let three = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
     match plane {
-        Plane::Rgb => words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &rgb)| *word = three(rgb)),
+        Plane::Rgb | Plane::Corrected => words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &rgb)| *word = three(rgb)),
         Plane::Normal => {
             let shifted = |v: [u8; 3]| v.map(|c| (c as i8 as i16 + 127) as u8);
             words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &normal)| *word = three(shifted(normal)));
+        }
+        Plane::Facing => {
+            let shown = |facing: [u8; 4]| {
+                octahedral::unpack(u32::from_le_bytes(facing))
+                    .map_or(lacking(Attribute::Normal), |n| three((n * 127.0).round().to_array().map(|c| (c + 127.0) as u8)))
+            };
+            words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &facing)| *word = shown(facing));
         }
         Plane::Intensity | Plane::Source => {
             words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &value)| *word = u16::from_le_bytes(value) as u32);
@@ -290,7 +322,7 @@ fn widen(plane: Plane, bytes: &[u8], words: &mut [u32]) {
 /// What a point shows where its part has no such attribute.
 fn lacking(attribute: Attribute) -> u32 {
     match attribute {
-        Attribute::Rgb => 0xFFFFFF,
+        Attribute::Rgb | Attribute::Corrected => 0xFFFFFF,
         Attribute::Normal => 0x7F7F7F,
         _ => 0,
     }

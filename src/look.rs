@@ -1,6 +1,7 @@
 //! What the user asked for + what the scene calls for -> the look of this frame, with reasons.
 
 use crate::light::Light;
+use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{Decided, Effects, Scene, Switch, resolve, strokes};
 use crate::resident::Resident;
@@ -95,6 +96,11 @@ pub struct Look {
 }
 
 impl Look {
+    /// Whether points that face away from the camera are left out: where Phong lighting is asked to, and normals say which side is outside.
+    pub fn drops_back_faces(&self, resident: &Resident) -> bool {
+        self.decided.runs("phong") && self.effects.phong.settings.backfaces == Backfaces::Drop && resident.oriented
+    }
+
     /// Surfaces behind each other that are drawn at most.
     pub fn layers(&self) -> u32 {
         if self.decided.runs("transparency") { self.effects.transparency.settings.layers as u32 } else { 1 }

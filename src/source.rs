@@ -9,6 +9,7 @@ use crate::graph::Gpu;
 use crate::index::build;
 use crate::index::cache::{self, Cached};
 use crate::index::file::{Index, Plane};
+use crate::index::luminance;
 use crate::progress::Progress;
 use crate::resident::{Residency, Resident, residency::Update};
 use crate::view::View;
@@ -128,7 +129,8 @@ impl Source {
             return Ok((shown, why.to_string()));
         };
         if self.points() > 0 && !self.has(attribute) {
-            return Err(Error::Request(format!("--color {}: these points have none; `info` lists what they have", attribute.name())));
+            let (name, how) = (attribute.name(), self.how_to_find(attribute));
+            return Err(Error::Request(format!("--color {name}: these points have none; {how}")));
         }
         let shown = match self {
             Source::Files(cloud) => Shown::new(attribute, cloud),
@@ -137,10 +139,42 @@ impl Source {
         Ok((shown, format!("asked for with --color {}", attribute.name())))
     }
 
+    /// Finds what points are to show where nobody has found it yet: corrected colours of a cloud in memory, which then stand in place of its own.
+    pub fn find(&mut self, asked: Option<Attribute>, progress: &dyn Progress) -> Result<()> {
+        match self {
+            Source::Files(cloud) if asked == Some(Attribute::Corrected) => luminance::correct(cloud, luminance::NEIGHBOURS, progress),
+            _ => Ok(()),
+        }
+    }
+
+    /// Where to get what points lack.
+    pub fn how_to_find(&self, attribute: Attribute) -> String {
+        let (files, option) = match (self, attribute) {
+            (Source::Files(cloud), Attribute::Normal) => (cloud.parts.iter().map(|part| &part.path).collect(), "--normals"),
+            (Source::Index(index), Attribute::Normal) => (indexed_files(index), "--normals"),
+            (Source::Index(index), Attribute::Corrected) if index.has(Plane::Rgb) => (indexed_files(index), "--luminance"),
+            _ => return "`info` lists what they have".into(),
+        };
+        let mut files: Vec<String> = files.into_iter().map(|path: &PathBuf| path.display().to_string()).collect();
+        files.dedup();
+        let more = if files.len() > 3 { " ..." } else { "" };
+        files.truncate(3);
+        let output = if let Source::Index(index) = self { index.path().display().to_string() } else { "OUT.pnti".into() };
+        format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
+    }
+
+    /// Whether some points say which way their surface faces.
+    pub fn has_normals(&self) -> bool {
+        self.has(Attribute::Normal)
+    }
+
     fn has(&self, attribute: Attribute) -> bool {
         match self {
             Source::Files(cloud) => attribute.is_in(cloud),
-            Source::Index(index) => Plane::of(attribute).is_none_or(|plane| index.nodes().iter().any(|node| node.has(plane))),
+            Source::Index(index) => {
+                let planes = Plane::of(attribute);
+                planes.is_empty() || planes.iter().any(|&plane| index.has(plane))
+            }
         }
     }
 
@@ -167,6 +201,10 @@ impl Source {
             Source::Index(index) => Brought::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?)),
         })
     }
+}
+
+fn indexed_files(index: &Index) -> Vec<&PathBuf> {
+    index.directory.contents.parts.iter().map(|part| &part.path).collect()
 }
 
 fn kept(place: &cache::Place) -> String {

@@ -10,7 +10,7 @@ use glam::DVec3;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions, Wanted};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
-use pointillist::index::build::{self, Options, Summary};
+use pointillist::index::build::{self, Derive, Options, Summary};
 use pointillist::index::file::{Contents, Index, NodeRecord, PLANES, Plane};
 use pointillist::progress::{Progress, Silent};
 use pointillist::synth::Scene;
@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use support::{names, scan, shared, shuffled};
 
-const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false };
+const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, derive: Derive::NONE };
 const READ: ReadOptions = ReadOptions { wanted: Wanted::ALL, strict: false };
 
 // ---- clouds made here
@@ -848,14 +848,14 @@ mod field {
     pub const SPACING: usize = 40;
     pub const EXTENT: usize = 48;
     pub const COUNT: usize = 60;
-    pub const FIRST_CHILD: usize = 108;
-    pub const CHILDREN: usize = 112;
-    pub const PARENT: usize = 116;
-    pub const PLANES: usize = 120;
-    pub const LATTICE: usize = 122;
-    pub const BITS: usize = 124;
-    pub const COARSER: usize = 125;
-    pub const BYTES: usize = 128;
+    pub const FIRST_CHILD: usize = 124;
+    pub const CHILDREN: usize = 128;
+    pub const PARENT: usize = 132;
+    pub const PLANES: usize = 136;
+    pub const LATTICE: usize = 138;
+    pub const BITS: usize = 140;
+    pub const COARSER: usize = 141;
+    pub const BYTES: usize = 144;
 }
 
 fn number(bytes: &[u8], at: usize) -> u64 {
@@ -883,7 +883,7 @@ fn an_index_from_the_future_is_refused_with_a_sentence() {
     bytes[8] += 1;
     for bytes in [bytes.clone(), signed(bytes)] {
         let error = Index::open(&place.write("new.pnti", &bytes)).err().unwrap().to_string();
-        assert!(error.contains("version 2") && error.contains("newer"), "{error}");
+        assert!(error.contains("version 3") && error.contains("newer"), "{error}");
     }
     for bytes in [&b"something else"[..], &[0; 5000], b"pnti\r\n\x1a\n"] {
         let path = place.write("none.pnti", bytes);
@@ -971,7 +971,7 @@ fn crafted_directories_are_refused() {
         ("all nodes", 12, &word(u32::MAX)),
         ("no nodes", 12, &word(0)),
         ("length", 16, &long(bytes.len() as u64 + 1)),
-        ("directory", 24, &long(directory as u64 + 128)),
+        ("directory", 24, &long((directory + field::BYTES) as u64)),
         ("directory behind", 24, &long(u64::MAX)),
         ("contents", 32, &long(0)),
         ("long contents", 32, &long(u64::MAX)),
@@ -1141,4 +1141,43 @@ fn odd_outputs_and_requests_are_refused_or_taken() {
     assert!(!Index::is_one(&place.at("pipe")) && Index::open(&place.at("pipe")).is_err());
     // No threads, no memory: as few as there must be.
     place.build(std::slice::from_ref(&file), "least.pnti", &Options { threads: 0, memory: 0, ..OPTIONS }).unwrap();
+}
+
+// ---- other versions
+
+/// The same index as the first version wrote it: shorter records, without room for planes that are derived.
+fn first_version(bytes: &[u8]) -> Vec<u8> {
+    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    let long = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+    let (nodes, directory_at, contents) = (word(12) as usize, long(24), long(32));
+    let record = size_of::<NodeRecord>();
+    let records =
+        bytes[directory_at..][..nodes * record].chunks(record).flat_map(|record| [&record[..108], &record[record.len() - 20..]].concat());
+    let records: Vec<u8> = records.collect();
+    let mut known: serde_json::Value = serde_json::from_slice(&bytes[directory_at + nodes * record..][..contents]).unwrap();
+    known.as_object_mut().unwrap().remove("oriented");
+    let directory = [records, serde_json::to_vec(&known).unwrap()].concat();
+    let mut first = [&bytes[..directory_at], &directory].concat();
+    let length = first.len() as u64;
+    first[8..12].copy_from_slice(&1u32.to_le_bytes());
+    first[16..24].copy_from_slice(&length.to_le_bytes());
+    first[32..40].copy_from_slice(&(directory.len() as u64 - 128 * nodes as u64).to_le_bytes());
+    first[44..48].copy_from_slice(&crc32c::crc32c(&directory).to_le_bytes());
+    first[48..52].fill(0);
+    let crc = crc32c::crc32c(&first[..56]);
+    first[48..52].copy_from_slice(&crc.to_le_bytes());
+    first
+}
+
+#[test]
+fn an_index_of_the_first_version_is_read_as_it_was() {
+    let place = Place::new();
+    let points = shape(Shape::Plane, 200_000, [0; 3], [100_000; 3], 3);
+    let now = place.faithful(&[place.las("a.las", &points, MILLIMETRES)], &OPTIONS);
+    place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
+    let first = Index::open(&place.at("first.pnti")).unwrap();
+    assert_eq!(first.bytes() + 16 * now.nodes().len() as u64 + ",\"oriented\":false".len() as u64, now.bytes());
+    assert_eq!(first.directory.contents, now.directory.contents);
+    assert!(first.nodes() == now.nodes());
+    assert!(contents_of_nodes(&first) == contents_of_nodes(&now));
 }

@@ -525,3 +525,24 @@ fn the_shadows_study_keeps_its_promises() {
         assert_eq!(error("4"), error("index 4"), "{metric}");
     }
 }
+
+/// Noise is evened out by more points; what the renderer does is within the bounds that it promises.
+#[test]
+fn the_normals_study_keeps_its_promises() {
+    let (rows, text, figures) = made("normals", &Plan { points: 20_000, repeat: 1, ..PLAN });
+    // Four scenes, nine settings, three metrics.
+    assert_eq!((rows.len(), text.lines().count(), figures), (108, 109, 3));
+    fronts_are_fronts(&rows);
+    for ((scene, view, metric), rows) in groups(&rows) {
+        let error = |knob: &str, value: &str| rows.iter().find(|row| row.knob == knob && row.value == value).unwrap().error;
+        let by_radius = ["2", "3", "6"].map(|value| error("radii", value));
+        println!("{scene} {view} {metric}: {by_radius:?}");
+        assert_eq!(error("radii", "3"), error("neighbours", "8"));
+        match (metric, scene.starts_with("noisy")) {
+            ("median_degrees", false) => assert!(by_radius[1] < 1.0, "{scene}: {by_radius:?}"),
+            ("median_degrees", true) => assert!(by_radius.is_sorted_by(|a, b| a > b) && by_radius[1] < 5.0, "{scene}: {by_radius:?}"),
+            ("unknown", _) => assert_eq!(by_radius[1], 0.0, "{scene}"),
+            _ => {}
+        }
+    }
+}

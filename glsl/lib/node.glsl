@@ -15,6 +15,11 @@ struct Node {
     uint first_word;   // of the coarsest position plane in its block; the finer planes follow, a page each
     uint shown_word;   // of what its points show, in the same block
     uint first_kind;   // the word of its first point's kind in its block, where points have brought theirs
+    uint first_normal; // the same of their normals
+    // Of a normal, world: its products with these, times x, y and depth, add up to more than 0 where it faces away from the camera.
+    vec3 right;
+    vec3 down;
+    vec3 forward;
 };
 
 const uint POINTS_PER_PAGE_LOG2 = 16u;

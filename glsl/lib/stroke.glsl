@@ -1,6 +1,8 @@
 // What a point's two words (src/index/strokes.rs) make of it. Declares no bindings.
 
 #include "canvas.glsl"
+#include "dot.glsl"
+#include "octahedral.glsl"
 #include "tangent.glsl"
 
 // A drawn node by its number: the two words of the address of its first page, the number of position planes.
@@ -17,18 +19,9 @@ struct Square {
     vec2 half_side;
 };
 
-const uint UNKNOWN_NORMAL = 0xFFFFFFu;
 const uint SMALL_CLUSTER = 1u << 7;
 // Turns of half a circle come after those of brushes.
 const uint HALF_CIRCLE = 20u;
-
-vec3 normal_of(uint facing) {
-    vec2 e = vec2(facing & 0xFFFu, (facing >> 12) & 0xFFFu) / vec2(2047.0) - vec2(1.0);
-    float z = 1.0 - abs(e.x) - abs(e.y);
-    vec2 folded = vec2((1.0 - abs(e.y)) * (e.x >= 0.0 ? 1.0 : -1.0), (1.0 - abs(e.x)) * (e.y >= 0.0 ? 1.0 : -1.0));
-    vec3 n = z >= 0.0 ? vec3(e, z) : vec3(folded, z);
-    return n / vec3(sqrt(dot_of(n, n)));
-}
 
 uint turn_of(uint brush) {
     return HALF_CIRCLE + ((brush >> 8) & 255u);

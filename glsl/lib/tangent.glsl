@@ -1,4 +1,4 @@
-// Where a stroke is painted along: tangents of a unit normal (dos Anjos et al. 2018, sec. 3.3.1). Declares no bindings.
+// Where a stroke is painted along: tangents of a unit normal (dos Anjos et al. 2018, sec. 3.3.1). The includer has dot.glsl. Declares no bindings.
 //
 // The cross product of normal and tangent is the bitangent.
 
@@ -9,10 +9,6 @@ const uint COVARIANCE = 3u;
 
 vec3 cross_of(vec3 a, vec3 b) {
     return vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
-}
-
-float dot_of(vec3 a, vec3 b) {
-    return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
 // The second column of the reflection that takes the normal to the first axis (papers/README.md; HARD_CASES 19). Smooth everywhere but at (-1, 0, 0).

@@ -3,6 +3,7 @@
 // first; or with WITH_WORDS instead of the id what the points show.
 
 #include "kind.glsl"
+#include "octahedral.glsl"
 
 uvec4 four_words(uint i) {
     return TEXELS ? imageLoad(pages, int(i)) : page_words.four[i];
@@ -37,13 +38,18 @@ void main() {
     uint plane = nodes.node[n].first_word / 4u;
     uint shown = nodes.node[n].shown_word / 4u;
     uint kind = nodes.node[n].first_kind / 4u;
+    uint normal = nodes.node[n].first_normal / 4u;
+    vec3 right = nodes.node[n].right;
+    vec3 down = nodes.node[n].down;
+    vec3 forward = nodes.node[n].forward;
 
     // A lane reads four words of a plane at once, which is one gathered load.
     for (uint i = first + 4u * gl_LocalInvocationID.x; i < end; i += 4u * LANES) {
         uvec4 coarse = four_words(plane + i / 4u);
         uvec4 fine = PLANES > 1u ? four_words(plane + (POINTS_PER_PAGE + i) / 4u) : uvec4(0u);
         uvec4 finest = PLANES > 2u ? four_words(plane + (2u * POINTS_PER_PAGE + i) / 4u) : uvec4(0u);
-        uvec4 kinds = FILTERED ? four_words(kind + i / 4u) : uvec4(0u);
+        uvec4 kinds = BY_OPACITY ? four_words(kind + i / 4u) : uvec4(0u);
+        uvec4 normals = ONE_SIDED ? four_words(normal + i / 4u) : uvec4(UNKNOWN_NORMAL);
         // Every load stands outside of conditions: in a divergent branch lavapipe loads lane by lane.
         uint pixel[4];
         float depth[4];
@@ -53,7 +59,14 @@ void main() {
             if (PLANES > 2u) cells = (cells << 10) | unpack_cells(finest[k]);
             pixel[k] = place(row_x, row_y, row_z, cells - nearest, depth[k]);
             pixel[k] = i + k < end ? pixel[k] : NO_PIXEL;
-            if (FILTERED) pixel[k] = opacity_of(kinds[k]) > 0.0 ? pixel[k] : NO_PIXEL;
+            if (BY_OPACITY) pixel[k] = opacity_of(kinds[k]) > 0.0 ? pixel[k] : NO_PIXEL;
+            if (ONE_SIDED) {
+                vec3 d = vec3(cells - nearest);
+                vec3 world = normal_of(normals[k]);
+                float away = dot_of(right, world) * row(row_x, d) + dot_of(down, world) * row(row_y, d) + dot_of(forward, world) * row(row_z, d);
+                bool is_back = away > 0.0 && (normals[k] & UNKNOWN_NORMAL) != UNKNOWN_NORMAL;
+                pixel[k] = is_back ? NO_PIXEL : pixel[k];
+            }
         }
 #ifdef WITH_WORDS
         four(pixel, depth, four_words(shown + i / 4u));

@@ -85,21 +85,22 @@ pub fn start(
     opened: impl Fn(Result<Opened>) + Send + 'static,
 ) -> Result<JoinHandle<()>> {
     // People choose while they look.
-    let further = Further { kind: true, ..further };
+    let further = Further { kind: true, normal: true, ..further };
     let shown = asked.map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
     let opening = Opening { read: ReadOptions { wanted: shown.and(further.wanted()), ..opening.read }, ..opening };
-    let ready = move |source: Source, is_whole: bool| -> Result<Opened> {
+    let ready = move |mut source: Source, is_whole: bool, progress: &dyn Progress| -> Result<Opened> {
+        source.find(asked, progress)?;
         let (mut shown, _) = source.shown(asked)?;
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
-        shown.further = further;
+        shown.further = Further { normal: source.has_normals(), ..further };
         Ok(Opened { source, shown, subject, kinds, is_whole })
     };
     let work = move || {
         // What is wrong with the files is said once, of the whole.
         if let Ok(Some(preview)) = Source::preview(&files, &opening, &watch) {
-            opened(ready(preview, false));
+            opened(ready(preview, false, &watch));
         }
-        opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, true)));
+        opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, true, &watch)));
     };
     let thread = std::thread::Builder::new().name("opening".into()).spawn(work);
     thread.map_err(|error| Error::Request(format!("cannot start a thread to read files: {error}")))

@@ -11,6 +11,7 @@ use crate::index::cache;
 use crate::light::Light;
 use crate::look::{Background, Style, Wishes};
 use crate::opacity::{Opacities, Rule};
+use crate::passes::phong::Normals;
 use crate::passes::project::Precision;
 use crate::passes::{Effects, Switch};
 use crate::scene::Scene;
@@ -167,8 +168,12 @@ impl PictureOptions {
 
     /// What points bring to the device beside what they show.
     pub fn further(&self) -> Further {
-        let painted = self.wishes().is_ok_and(|wishes| wishes.effects.strokes.switch == Switch::On);
-        Further { kind: self.opacities().needs_kinds(), normal: false, strokes: painted }
+        let asked = |asks: &dyn Fn(&Effects) -> bool| self.wishes().is_ok_and(|wishes| asks(&wishes.effects));
+        Further {
+            kind: self.opacities().needs_kinds(),
+            normal: asked(&|effects| effects.phong.wants_normals(self.light)),
+            strokes: asked(&|effects| effects.strokes.switch == Switch::On),
+        }
     }
 
     pub fn opacities(&self) -> Opacities {
@@ -186,6 +191,15 @@ impl PictureOptions {
         }
         let (mut shown, why) = source.shown(self.color)?;
         shown.further = self.further();
+        if shown.further.normal && !source.has_normals() {
+            if self.wishes()?.effects.phong.settings.normals == Normals::File {
+                return Err(Error::Request(format!(
+                    "phong=normals=file: these points have none; {}",
+                    source.how_to_find(Attribute::Normal)
+                )));
+            }
+            shown.further.normal = false;
+        }
         Ok((shown, why))
     }
 

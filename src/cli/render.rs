@@ -8,6 +8,7 @@ use crate::graph::{Buffer, Frame, Gpu, Graph};
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
 use crate::passes::encode::{self, Encoded};
+use crate::passes::phong::{self, Backfaces};
 use crate::passes::{Effects, Scene, project::Statistics, shadows, significant, strokes};
 use crate::picture::{self, Samples};
 use crate::progress::Progress;
@@ -86,7 +87,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let wishes = picture.wishes()?;
     let mut stages = Stages::new();
     let opening = picture.detail.opening(picture.read_options(arguments.strict));
-    let source = Source::open(&arguments.files, &opening, progress)?;
+    let mut source = Source::open(&arguments.files, &opening, progress)?;
+    source.find(picture.color, progress)?;
     source.notes().iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
     let view = picture.view(&source)?;
@@ -265,6 +267,15 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
     text += &format!("light: {}\n", look.light);
     for (name, reason) in &look.decided.0 {
         text += &format!("{name}: {}, because {}\n", if reason.runs { "on" } else { "off" }, reason.why);
+    }
+    if look.decided.runs("phong") {
+        text += &format!("normals: {}\n", phong::source(&scene, &look.effects.phong.settings));
+        let back = match (look.effects.phong.settings.backfaces, look.drops_back_faces(resident)) {
+            (Backfaces::Keep, _) => "drawn",
+            (_, true) => "left out",
+            (_, false) => "drawn, since no normals of the files say which side is outside",
+        };
+        text += &format!("back faces: {back}\n");
     }
     text += &facts.shadows.map_or(String::new(), |shadows| format!("shadows: {shadows}\n"));
     text += &facts.strokes.map_or(String::new(), |strokes| format!("strokes: {strokes}\n"));

@@ -1,6 +1,6 @@
 //! What a point shows: one attribute as a 32-bit word a point, and the range that a ramp stretches over; and what else it brings to the device.
 
-use super::{Cloud, Part, Station, Wanted};
+use super::{Cloud, Part, Station, Wanted, octahedral};
 use std::str::FromStr;
 
 /// `--color`.
@@ -14,6 +14,8 @@ pub enum Attribute {
     Source,
     Return,
     Normal,
+    /// Colours whose luminance is the mean of their neighbourhoods (`index::luminance`)
+    Corrected,
     White,
 }
 
@@ -33,7 +35,7 @@ impl Attribute {
     pub fn wanted(self) -> Wanted {
         let mut wanted = Wanted::default();
         match self {
-            Attribute::Rgb => wanted.rgb = true,
+            Attribute::Rgb | Attribute::Corrected => wanted.rgb = true,
             Attribute::Intensity => wanted.intensity = true,
             Attribute::Class => wanted.class = true,
             Attribute::Source => wanted.source = true,
@@ -46,13 +48,13 @@ impl Attribute {
 
     /// Whether it depends on the light that a station was taken in: colours and intensities do.
     pub fn has_luminance(self) -> bool {
-        matches!(self, Attribute::Rgb | Attribute::Intensity)
+        matches!(self, Attribute::Rgb | Attribute::Intensity | Attribute::Corrected)
     }
 
     /// Whether some part of the cloud has it.
     pub fn is_in(self, cloud: &Cloud) -> bool {
         cloud.parts.iter().any(|part| match self {
-            Attribute::Rgb => part.columns.rgb.is_some(),
+            Attribute::Rgb | Attribute::Corrected => part.columns.rgb.is_some(),
             Attribute::Intensity => part.columns.intensity.is_some(),
             Attribute::Class => part.columns.class.is_some(),
             Attribute::Source => part.columns.source.is_some(),
@@ -79,7 +81,7 @@ pub struct Shown {
 pub struct Further {
     /// Class (8 bits, lowest), return number (4 bits), from bit 16 on the number of the station.
     pub kind: bool,
-    /// As [`Attribute::Normal`] is shown.
+    /// Normal ([`octahedral`]), in 24 bits.
     pub normal: bool,
     /// What a brush needs to know, two words (`index::strokes`).
     pub strokes: bool,
@@ -165,7 +167,7 @@ impl Shown {
             words[place as usize] = kind(byte(&columns.class), byte(&columns.returns), station.min(u16::MAX as usize) as u16);
         }
         if let Some(place) = self.normal() {
-            words[place as usize] = Shown { attribute: Attribute::Normal, ..*self }.word(part, i);
+            words[place as usize] = part.columns.normal.as_ref().map_or(octahedral::UNKNOWN, |normal| octahedral::of_bytes(normal[i]));
         }
         words
     }
@@ -175,7 +177,8 @@ impl Shown {
         let columns = &part.columns;
         let bytes = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
         match self.attribute {
-            Attribute::Rgb => columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i])),
+            // Of a cloud whose colours have been corrected.
+            Attribute::Rgb | Attribute::Corrected => columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i])),
             Attribute::Intensity => columns.intensity.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Class => columns.class.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),

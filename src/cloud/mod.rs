@@ -17,6 +17,7 @@ mod guard;
 mod input;
 pub mod las;
 pub mod obj;
+pub mod octahedral;
 pub mod ply;
 pub mod spacing;
 pub mod stream;

@@ -7,16 +7,20 @@
 //!   cut the grid into chunks, the largest kd-cells with at most C points
 //!   grow every chunk, on all cores: leaves and inner nodes                (`grow`); write in the order of the chunks
 //!   above the chunks, from the deepest kd-level up: bring open nodes of sibling cells together, give them parents, read samples back from the file
-//! number the nodes, roots first, siblings side by side; directory; header                                                 (`file`)
+//! number the nodes, roots first, siblings side by side
+//! derive what depends on the points around, if it is asked for                                                            (`derive`)
+//! directory; header                                                                                                       (`file`)
 //! ```
 //! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
 //! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
 
 use super::bucket::{self, Bucket, Grid, Sorter, Spill};
+use super::derive;
 use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
 use super::grow::{self, Built, Grown, Open, Tree, Worker};
 use super::record::{Batch, Colors, Layout};
-use super::samples::{Cell, Samples};
+pub use super::samples::Derive;
+use super::samples::{self, Cell, Samples};
 use crate::cloud::attribute::STRETCH;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::{Lattice, ReadOptions, Station, Wanted};
@@ -39,13 +43,15 @@ pub struct Options {
     pub wanted: Wanted,
     /// Refuse files that are cut off or lie, instead of indexing what is readable.
     pub strict: bool,
+    /// What is found out of the points beside what the files say.
+    pub derive: Derive,
 }
 
 impl Options {
     /// As `index` does it when nothing is asked for.
     pub fn usual(strict: bool) -> Options {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Options { memory: INDEX_MEMORY, threads, wanted: Wanted { gps_time: false, ..Wanted::ALL }, strict }
+        Options { memory: INDEX_MEMORY, threads, wanted: Wanted { gps_time: false, ..Wanted::ALL }, strict, derive: Derive::NONE }
     }
 }
 
@@ -77,6 +83,8 @@ pub struct Summary {
     pub seconds: f64,
     /// Of these, until all points were read and distributed.
     pub read_seconds: f64,
+    /// And those that deriving took.
+    pub derive_seconds: f64,
     /// Memory that grows with the cloud, beyond `Options::memory`: nodes' records are held until all are known.
     pub held_bytes_per_point: f64,
     /// The most memory that this process has used so far, where the system tells (Linux).
@@ -121,11 +129,12 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
             nodes: Vec::new(),
             roots: Vec::new(),
             read_seconds: 0.0,
+            corners: Vec::new(),
         };
         for group in group(&sources) {
             builder.tree(group)?;
         }
-        let Builder { mut contents, parts, nodes, roots, end, read_seconds, intensities, .. } = builder;
+        let Builder { mut contents, parts, nodes, roots, end, read_seconds, intensities, corners, .. } = builder;
         contents.intensity_stretch = percentiles(&intensities);
         contents.parts = parts.into_iter().flatten().collect();
         let (nodes, roots) = number(nodes, &roots);
@@ -141,6 +150,11 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
         };
         let mut directory = Directory { nodes, roots, contents };
         directory.contents.elevation_stretch = elevations(&directory, &writer)?;
+        if options.derive != Derive::NONE {
+            let began = Instant::now();
+            derive::derive(&mut directory, &writer, &corners, options, progress)?;
+            summary.derive_seconds = began.elapsed().as_secs_f64();
+        }
         summary.bytes = writer.finish(&directory, end)?;
         summary.notes = directory.contents.notes;
         summary.peak_mib = peak_mib();
@@ -204,6 +218,8 @@ struct Builder<'a> {
     nodes: Vec<Built>,
     roots: Vec<u32>,
     read_seconds: f64,
+    /// Of every lattice, where its tree starts, steps.
+    corners: Vec<[i64; 3]>,
 }
 
 /// What distributing a group found.
@@ -354,10 +370,13 @@ impl Builder<'_> {
             self.widen(&group.lattice, true_box, points);
             self.contents.lattices.push([group.lattice.step, group.lattice.offset]);
             self.contents.lattices.push([group.lattice.step, group.lattice.world(corner)]);
+            self.corners.extend([corner; 2]);
             let lattice_number = self.contents.lattices.len() as u16 - 2;
             // Colours that are all black are none, which only the points can tell.
             let has = Wanted { rgb: found.rgb, ..has };
-            let tree = Tree { layout, has, corner, bits, lattice: group.lattice, lattice_number, colors };
+            // Without colours there is no luminance.
+            let derive = Derive { luminance: self.options.derive.luminance && has.rgb, ..self.options.derive };
+            let tree = Tree { layout, has, derive, corner, bits, lattice: group.lattice, lattice_number, colors };
             return Ok(Ingested { grid, tree, points, stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) });
         }
     }
@@ -519,7 +538,7 @@ impl Builder<'_> {
                     let record = &nodes[open.node as usize].record;
                     let mut planes = vec![0; record.bytes() as usize];
                     writer.get(record.at, &mut planes)?;
-                    Ok(Samples::unpack(record, tree.corner, &planes))
+                    Ok(Samples::unpack(record, tree.corner, &samples::within(record, &planes)))
                 };
                 let parts = open.iter().map(samples).collect::<Result<Vec<_>>>()?;
                 let mut planes = Vec::new();

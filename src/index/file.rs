@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! header, 4096 bytes   magic, version, length, where the directory lies, CRC-32C of both
-//! planes               node by node, plane by plane, packed; CRC-32C of each in the directory
+//! planes               node by node, plane by plane, packed; CRC-32C of each in the directory; those that are derived last
 //! directory            node records (children behind their parents, siblings side by side), then what was opened, as JSON
 //! ```
 //! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
@@ -21,7 +21,8 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"pnti\r\n\x1a\n";
-const VERSION: u32 = 1;
+/// The second has room for planes that are derived; the first is read all the same.
+const VERSION: u32 = 2;
 const HEADER_BYTES: u64 = 4096;
 
 /// What a plane holds, in the order in which a node's planes follow each other.
@@ -45,9 +46,15 @@ pub enum Plane {
     GpsTime,
     /// Of inner nodes: the points that the sample stands for.
     Weight,
+    /// Derived ([`super::derive`]): the normal of the surface ([`crate::cloud::octahedral`]), and eight bits that look random, highest.
+    Facing,
+    /// Derived: what a brush needs to know beside the normal (`strokes::Stroke::words`).
+    Brush,
+    /// Derived: colour whose luminance is the mean of the neighbourhood, as [`Plane::Rgb`].
+    Corrected,
 }
 
-pub const PLANES: [(Plane, u64); 11] = [
+pub const PLANES: [(Plane, u64); 14] = [
     (Plane::Coarse, 4),
     (Plane::Fine, 4),
     (Plane::Finest, 4),
@@ -59,23 +66,30 @@ pub const PLANES: [(Plane, u64); 11] = [
     (Plane::Normal, 3),
     (Plane::GpsTime, 8),
     (Plane::Weight, 4),
+    (Plane::Facing, 4),
+    (Plane::Brush, 4),
+    (Plane::Corrected, 3),
 ];
+
+/// Checksums that a record has room for: an odd number, so that it has no gaps.
+pub const CHECKSUMS: usize = PLANES.len() + 1;
 
 impl Plane {
     pub fn bytes_per_point(self) -> u64 {
         PLANES[self as usize].1
     }
 
-    /// The plane that an attribute is shown from; positions show elevation.
-    pub fn of(attribute: Attribute) -> Option<Plane> {
+    /// The planes that an attribute is shown from, the first of them that a node has; positions show elevation.
+    pub fn of(attribute: Attribute) -> &'static [Plane] {
         match attribute {
-            Attribute::Rgb => Some(Plane::Rgb),
-            Attribute::Intensity => Some(Plane::Intensity),
-            Attribute::Class => Some(Plane::Class),
-            Attribute::Source => Some(Plane::Source),
-            Attribute::Return => Some(Plane::Returns),
-            Attribute::Normal => Some(Plane::Normal),
-            Attribute::Elevation | Attribute::White => None,
+            Attribute::Rgb => &[Plane::Rgb],
+            Attribute::Intensity => &[Plane::Intensity],
+            Attribute::Class => &[Plane::Class],
+            Attribute::Source => &[Plane::Source],
+            Attribute::Return => &[Plane::Returns],
+            Attribute::Normal => &[Plane::Normal, Plane::Facing],
+            Attribute::Corrected => &[Plane::Corrected],
+            Attribute::Elevation | Attribute::White => &[],
         }
     }
 }
@@ -96,7 +110,7 @@ pub struct NodeRecord {
     pub extent: [u32; 3],
     /// Samples that it holds, at most a page.
     pub count: u32,
-    pub crc: [u32; PLANES.len()],
+    pub crc: [u32; CHECKSUMS],
     pub first_child: u32,
     pub children: u32,
     /// Of itself for a root.
@@ -110,6 +124,19 @@ pub struct NodeRecord {
     pub coarser: u8,
     pub level: u8,
     pub spare: u8,
+}
+
+/// Bytes of a record of the first version before its checksums, of these, and after them. Only there are fewer of them.
+const FIRST_VERSION: [usize; 3] = [64, 4 * 11, 20];
+
+/// A record of the first version.
+fn widened(bytes: &[u8]) -> NodeRecord {
+    let [before, checksums, _] = FIRST_VERSION;
+    let mut record = NodeRecord::zeroed();
+    let own = bytemuck::bytes_of_mut(&mut record);
+    own[..before + checksums].copy_from_slice(&bytes[..before + checksums]);
+    own[before + 4 * CHECKSUMS..].copy_from_slice(&bytes[before + checksums..]);
+    record
 }
 
 impl NodeRecord {
@@ -208,6 +235,9 @@ pub struct Contents {
     pub intensity_stretch: [u32; 2],
     /// The same of the heights, as `attribute::Shown` counts them.
     pub elevation_stretch: [u32; 2],
+    /// Normals that were derived are those of the files, all of them, and say which side of a surface is outside.
+    #[serde(default)]
+    pub oriented: bool,
 }
 
 /// Nodes and contents.
@@ -348,24 +378,27 @@ impl Index {
                 format!("is an index of version {}, made by a newer pointillist; this one reads up to {VERSION}", header.version),
             ));
         }
-        if header.own_crc() != header.header_crc || header.version != VERSION {
+        if header.own_crc() != header.header_crc || header.version == 0 {
             return Err(wrong("has a damaged header".into()));
         }
         if header.length != map.len() {
             return Err(wrong(format!("has {} bytes of {}", map.len(), header.length)));
         }
         // In u128, so that no sum of a crafted header overflows.
-        let records = header.nodes as u128 * size_of::<NodeRecord>() as u128;
+        let record_bytes = if header.version == 1 { FIRST_VERSION.iter().sum() } else { size_of::<NodeRecord>() };
+        let records = header.nodes as u128 * record_bytes as u128;
         if header.directory_at as u128 + records + header.contents_bytes as u128 != header.length as u128 {
             return Err(wrong("has a directory that does not fit its length".into()));
         }
-        let mut nodes = vec![NodeRecord::zeroed(); header.nodes as usize];
-        map.copy(header.directory_at, bytemuck::cast_slice_mut(&mut nodes))?;
+        let mut bytes = vec![0; records as usize];
+        map.copy(header.directory_at, &mut bytes)?;
         let mut contents = vec![0; header.contents_bytes as usize];
         map.copy(header.directory_at + records as u64, &mut contents)?;
-        if crc32c::crc32c_append(crc32c::crc32c(bytemuck::cast_slice(&nodes)), &contents) != header.directory_crc {
+        if crc32c::crc32c_append(crc32c::crc32c(&bytes), &contents) != header.directory_crc {
             return Err(wrong("has a damaged directory".into()));
         }
+        let record = if header.version == 1 { widened } else { bytemuck::pod_read_unaligned };
+        let nodes = bytes.chunks_exact(record_bytes).map(record).collect();
         let contents: Contents = serde_json::from_slice(&contents).map_err(|error| wrong(format!("has unreadable contents ({error})")))?;
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
@@ -392,10 +425,12 @@ impl Index {
 
     /// World corners of a box around all points of the file that lie in a node: that of its samples, and as far beyond as the points that a sample stands for.
     pub fn bounds(&self, node: &NodeRecord) -> (DVec3, DVec3) {
-        let lattice = self.lattice(node);
-        let top = [0, 1, 2].map(|axis| node.origin[axis] + node.extent[axis] as i64);
-        let (a, b) = (lattice.world(node.origin), lattice.world(top));
-        (a.min(b) - node.spacing, a.max(b) + node.spacing)
+        bounds(node, &self.directory.contents.lattices)
+    }
+
+    /// Whether some node has this plane.
+    pub fn has(&self, plane: Plane) -> bool {
+        self.nodes().iter().any(|node| node.has(plane))
     }
 
     /// Copies one plane of one node out of the file and checks the copy. `into` has [`NodeRecord::range`]'s bytes.
@@ -423,6 +458,14 @@ pub fn lattice(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
     let [step, offset] = lattices[node.lattice as usize];
     let coarse = 2f64.powi(node.coarser as i32);
     Lattice { step: step * coarse, offset: offset + step * (coarse / 2.0).floor() }
+}
+
+/// As [`Index::bounds`].
+pub fn bounds(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> (DVec3, DVec3) {
+    let lattice = lattice(node, lattices);
+    let top = [0, 1, 2].map(|axis| node.origin[axis] + node.extent[axis] as i64);
+    let (a, b) = (lattice.world(node.origin), lattice.world(top));
+    (a.min(b) - node.spacing, a.max(b) + node.spacing)
 }
 
 /// World positions and weights of a node's samples; `read` fills a plane's bytes.

@@ -15,7 +15,7 @@ use super::file::NodeRecord;
 use super::merge::{Merged, merge};
 use super::morton;
 use super::record::{Colors, Layout};
-use super::samples::Samples;
+use super::samples::{Derive, Derived, Samples};
 use super::sort::RadixSorter;
 use crate::cloud::{Lattice, Wanted};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
@@ -29,6 +29,8 @@ pub struct Tree {
     pub layout: Layout,
     /// The columns that nodes keep.
     pub has: Wanted,
+    /// And those that they have room for.
+    pub derive: Derive,
     /// Where the tree's lattice starts, in steps of the file's.
     pub corner: [i64; 3],
     /// The tree's cube is 2^bits steps wide.
@@ -145,12 +147,12 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
     }
 
     fn leaf(&mut self, order: &[u32]) -> Open {
-        let samples = self.tree.layout.read(self.records, order, self.tree.has, self.station);
+        let mut samples = self.tree.layout.read(self.records, order, self.tree.has, self.station);
         if let Some(column) = &samples.intensity {
             self.intensities.resize(1 << 16, 0);
             column.iter().for_each(|&v| self.intensities[v as usize] += 1);
         }
-        let record = pack(self.tree, &samples, 0, &mut self.grown.planes);
+        let record = pack(self.tree, &mut samples, 0, &mut self.grown.planes);
         self.grown.nodes.push(Built { record, children: Vec::new() });
         Open { node: self.grown.nodes.len() as u32 - 1, count: samples.len() as u32, samples: Some(samples) }
     }
@@ -171,8 +173,8 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
 /// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them. `spacing` is that of
 /// a node.
 pub fn parent(tree: &Tree, open: &[Open], spacing: impl Fn(u32) -> f64, parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
-    let Merged { samples, dropped, coarser } = merge(&Samples::concatenated(&parts), tree.has);
-    let mut record = pack(tree, &samples, coarser, planes);
+    let Merged { mut samples, dropped, coarser } = merge(&Samples::concatenated(&parts), tree.has);
+    let mut record = pack(tree, &mut samples, coarser, planes);
     record.points = parts.iter().map(Samples::points).sum();
     let widest = |axis: usize| tree.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32);
     // Beside sparse children a dense one may have been merged further than all of them together need: it is not finer here. And an index with an infinite
@@ -182,8 +184,10 @@ pub fn parent(tree: &Tree, open: &[Open], spacing: impl Fn(u32) -> f64, parts: V
     (Built { record, children: open.iter().map(|open| open.node).collect() }, samples)
 }
 
-fn pack(tree: &Tree, samples: &Samples, coarser: u32, planes: &mut Vec<u8>) -> NodeRecord {
+fn pack(tree: &Tree, samples: &mut Samples, coarser: u32, planes: &mut Vec<u8>) -> NodeRecord {
+    samples.derived = Derived::room(tree.derive, samples.len());
     let mut record = samples.pack(tree.corner, coarser, planes);
+    samples.derived = Derived::default();
     record.lattice = tree.lattice_number + (coarser > 0) as u16;
     record
 }

@@ -2,12 +2,14 @@
 //!
 //! V of HSV, of the values as they are stored, is averaged over a point and those nearest to it; hue and saturation stay. All points of all stations count, and all cores work.
 
-use super::neighbours::Tree;
+use super::forest::Leaf;
+use super::surroundings::Surroundings;
 use crate::cloud::{Cloud, Columns, Lattice};
 use crate::error::Result;
 use crate::progress::Progress;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Points of a mean, the paper's.
@@ -21,36 +23,24 @@ const SLACK: f64 = 1.0 + 1e-12;
 
 /// Corrects the colours of a cloud; parts without colours neither give nor take.
 pub fn correct(cloud: &mut Cloud, neighbours: usize, progress: &dyn Progress) -> Result<()> {
-    let Some((columns, lattice)) = together(cloud) else { return Ok(()) };
+    let Some((mut columns, lattice)) = together(cloud) else { return Ok(()) };
     let colors: Vec<[u8; 3]> = cloud.parts.iter().filter_map(|part| part.columns.rgb.as_ref()).flatten().copied().collect();
     progress.tick("finding neighbours", 0, colors.len() as u64)?;
-    let tree = Tree::new(&columns, &lattice);
+    columns.rgb = Some(colors);
+    let leaf = Leaf::of(&columns, &lattice, [0; 3], true);
+    let tree = &leaf.tree;
     let done = AtomicU64::new(0);
-    // In the tree's order, in which neighbours in space share what is in the cache.
-    let mut corrected = vec![(0, [0; 3]); colors.len()];
-    corrected.par_chunks_mut(BATCH).enumerate().try_for_each(|(batch, corrected)| {
-        let mut found = Vec::with_capacity(2 * neighbours);
-        // Of the point before in the tree's order, which is mostly near: the neighbours of this one are no farther than those of that one and the way to it.
-        let mut before: Option<(usize, f64)> = None;
-        for (i, corrected) in corrected.iter_mut().enumerate() {
-            let place = batch * BATCH + i;
-            let own = tree.number(place);
-            let known = before.map_or(f64::INFINITY, |(last, farthest)| (farthest + tree.between(last, place).length()).powi(2) * SLACK);
-            let others = neighbours.saturating_sub(1);
-            let mut squared = tree.nearest_in_any_order(place, others, known, &mut found);
-            // Where several are where this one is, they were neighbours of that one, and are none of its own.
-            if found.len() < others && known.is_finite() {
-                squared = tree.nearest_in_any_order(place, others, f64::INFINITY, &mut found);
-            }
-            before = (found.len() + 1 == neighbours).then(|| (place, squared.sqrt()));
-            let sum: u64 = found.iter().map(|neighbour| value(colors[tree.number(neighbour.place as usize)]) as u64).sum();
-            let mean = (sum + value(colors[own]) as u64) as f64 / (found.len() + 1) as f64;
-            *corrected = (own, with_value(colors[own], mean));
-        }
-        progress.tick("averaging luminance", done.fetch_add(corrected.len() as u64, Relaxed), colors.len() as u64)
-    })?;
-    let mut all = colors;
-    corrected.into_iter().for_each(|(own, color)| all[own] = color);
+    let batches: Vec<usize> = (0..tree.len()).step_by(BATCH).collect();
+    let corrected = batches.into_par_iter().map(|first| {
+        let places = first..(first + BATCH).min(tree.len());
+        let count = places.len() as u64;
+        let own = average(&mut Surroundings::alone(&leaf), places, neighbours)?;
+        progress.tick("averaging luminance", done.fetch_add(count, Relaxed), tree.len() as u64)?;
+        Ok(own)
+    });
+    let corrected = corrected.collect::<Result<Vec<_>>>()?;
+    let mut all = columns.rgb.take().expect("colours");
+    corrected.into_iter().flatten().enumerate().for_each(|(place, color)| all[tree.number(place)] = color);
     let mut rest = all.as_slice();
     for colors in cloud.parts.iter_mut().filter_map(|part| part.columns.rgb.as_mut()) {
         let (own, after) = rest.split_at(colors.len());
@@ -58,6 +48,30 @@ pub fn correct(cloud: &mut Cloud, neighbours: usize, progress: &dyn Progress) ->
         rest = after;
     }
     Ok(())
+}
+
+/// Corrected colours of some places of the own tree, in their order: neighbours there are mostly neighbours in space, and share what is in the cache.
+pub fn average(around: &mut Surroundings, places: Range<usize>, neighbours: usize) -> Result<Vec<[u8; 3]>> {
+    let own = around.own();
+    let others = neighbours.saturating_sub(1);
+    let mut found = Vec::with_capacity(2 * neighbours);
+    // Of the place before, which is mostly near: the neighbours of this one are no farther than those of that one and the way to it.
+    let mut before: Option<(usize, f64)> = None;
+    let mut corrected = Vec::with_capacity(places.len());
+    for place in places {
+        let known = before.map_or(f64::INFINITY, |(last, farthest)| (farthest + own.tree.between(last, place).length()).powi(2) * SLACK);
+        let mut squared = around.nearest_in_any_order(place, others, known, &mut found)?;
+        // Where several are where this one is, they were neighbours of that one, and are none of its own.
+        if found.len() < others && known.is_finite() {
+            squared = around.nearest_in_any_order(place, others, f64::INFINITY, &mut found)?;
+        }
+        before = (found.len() == others).then(|| (place, squared.sqrt()));
+        let color = own.colors[place];
+        let sum: u64 = found.iter().map(|neighbour| value(around.color(neighbour)) as u64).sum();
+        let mean = (sum + value(color) as u64) as f64 / (found.len() + 1) as f64;
+        corrected.push(with_value(color, mean));
+    }
+    Ok(corrected)
 }
 
 /// V of HSV.

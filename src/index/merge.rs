@@ -10,7 +10,7 @@
 //! data. All sums are integers, so the result does not depend on any order of execution.
 
 use super::morton;
-use super::samples::{Cell, Samples};
+use super::samples::{Cell, Derived, Samples};
 use crate::cloud::Wanted;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use std::borrow::Cow;
@@ -29,6 +29,31 @@ pub struct Merged {
 
 /// `samples` in Morton order.
 pub fn merge(samples: &Samples, has: Wanted) -> Merged {
+    let (runs, dropped) = cut(samples);
+    let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
+    let weights = runs.sums();
+    let merged = Samples {
+        q: runs.positions(&weights, dropped, coarser),
+        rgb: has.rgb.then(|| runs.colors(samples.rgb.as_deref().unwrap_or_default(), &weights)),
+        intensity: has.intensity.then(|| runs.means(samples.intensity.as_deref().unwrap_or_default(), &weights)),
+        class: has.class.then(|| runs.majorities(samples.class.as_deref().unwrap_or_default())),
+        returns: has.returns.then(|| runs.majorities(samples.returns.as_deref().unwrap_or_default())),
+        source: has.source.then(|| runs.majorities(samples.source.as_deref().unwrap_or_default())),
+        normal: has.normal.then(|| runs.normals(samples.normal.as_deref().unwrap_or_default())),
+        gps_time: has.gps_time.then(|| runs.times(samples.gps_time.as_deref().unwrap_or_default())),
+        weight: Some(weights.iter().map(|&weight| weight.min(u32::MAX as u64) as u32).collect()),
+        derived: Derived::default(),
+    };
+    Merged { samples: merged, dropped, coarser }
+}
+
+/// The runs of samples, in Morton order, that [`merge`] makes one of each.
+pub fn runs(samples: &Samples) -> Runs<'_> {
+    cut(samples).0
+}
+
+/// And the low bits of the codes that their cells drop.
+fn cut(samples: &Samples) -> (Runs<'_>, u32) {
     // For every pair of neighbours the highest bit in which their codes differ, counted from 1; 0 for equal ones.
     let differ: Vec<u8> = samples.q.windows(2).map(|pair| morton::highest_difference(pair[0], pair[1])).collect();
     let mut pairs = [0usize; 97];
@@ -45,22 +70,8 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     starts.push(0);
     starts.extend(differ.iter().enumerate().filter(|&(_, &bit)| bit as u32 > dropped).map(|(i, _)| i + 1));
     starts.push(samples.len());
-    let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
     let weights = samples.weight.as_deref().map_or_else(|| vec![1; samples.len()].into(), Cow::Borrowed);
-    let runs = Runs { samples, weights, starts };
-    let weights: Vec<u64> = runs.each(|run| runs.weights[run].iter().map(|&weight| weight as u64).sum());
-    let merged = Samples {
-        q: runs.positions(&weights, dropped, coarser),
-        rgb: has.rgb.then(|| runs.colors(samples.rgb.as_deref().unwrap_or_default(), &weights)),
-        intensity: has.intensity.then(|| runs.means(samples.intensity.as_deref().unwrap_or_default(), &weights)),
-        class: has.class.then(|| runs.majorities(samples.class.as_deref().unwrap_or_default())),
-        returns: has.returns.then(|| runs.majorities(samples.returns.as_deref().unwrap_or_default())),
-        source: has.source.then(|| runs.majorities(samples.source.as_deref().unwrap_or_default())),
-        normal: has.normal.then(|| runs.normals(samples.normal.as_deref().unwrap_or_default())),
-        gps_time: has.gps_time.then(|| runs.times(samples.gps_time.as_deref().unwrap_or_default())),
-        weight: Some(weights.iter().map(|&weight| weight.min(u32::MAX as u64) as u32).collect()),
-    };
-    Merged { samples: merged, dropped, coarser }
+    (Runs { samples, weights, starts }, dropped)
 }
 
 /// Bits to drop before positions, rounded as [`merge`] rounds them, fit their planes: none unless samples lie 2^30 steps apart.
@@ -76,7 +87,7 @@ fn least_dropped(q: &[Cell]) -> u32 {
 }
 
 /// The runs of samples that become one each.
-struct Runs<'a> {
+pub struct Runs<'a> {
     samples: &'a Samples,
     /// The weight of each.
     weights: Cow<'a, [u32]>,
@@ -84,7 +95,21 @@ struct Runs<'a> {
 }
 
 impl Runs<'_> {
-    fn each<T>(&self, one: impl FnMut(Range<usize>) -> T) -> Vec<T> {
+    pub fn weight(&self, i: usize) -> u32 {
+        self.weights[i]
+    }
+
+    /// Means in linear light.
+    pub fn mean_colors(&self, rgb: &[[u8; 3]]) -> Vec<[u8; 3]> {
+        self.colors(rgb, &self.sums())
+    }
+
+    /// Of the weights.
+    fn sums(&self) -> Vec<u64> {
+        self.each(|run| self.weights[run].iter().map(|&weight| weight as u64).sum())
+    }
+
+    pub fn each<T>(&self, one: impl FnMut(Range<usize>) -> T) -> Vec<T> {
         self.starts.windows(2).map(|ends| ends[0]..ends[1]).map(one).collect()
     }
 

@@ -3,14 +3,16 @@
 //! In memory: `organise` cuts a part's points into nodes along the Morton order; `pack` brings one node's points into the words that the GPU reads.
 //! Out of core: `build` makes a file (`file`) of leaves and inner nodes, from `bucket`s that are `sort`ed and `grow`n into nodes; `merge` makes a parent's samples of
 //! its children's. `spacing` says how far apart a node's points are.
-//! For painting: `neighbours` of a point, `normals` of the surface through them, `clusters` of like colour, and of these `strokes`.
-//! For comparison: `luminance`, averaged over neighbours offline.
+//! Of a point and those around it: `neighbours` in a tree, and in a `forest` of those of all leaves (`surroundings`); `normals` of the surface through them, `clusters` of like colour, and of these
+//! `strokes`; `luminance` averaged over them. `derive` finds these for an index, whose nodes then keep them.
 
 mod bucket;
 pub mod build;
 pub mod cache;
 pub mod clusters;
+pub mod derive;
 pub mod file;
+pub mod forest;
 mod grow;
 pub mod luminance;
 mod map;
@@ -25,5 +27,6 @@ mod samples;
 mod sort;
 pub mod spacing;
 pub mod strokes;
+pub mod surroundings;
 
 pub use organise::{Arrangement, Node, Organised, organise, shuffle};

@@ -3,6 +3,7 @@
 //! ```text
 //! build(points): halve them at the median of the longest axis, as often as leaves of a dozen need; both halves in parallel
 //! nearest(place, k), within(place, radius): depth first, the nearer half before the farther, whole boxes left out that are too far
+//! over several trees: one after the other, each search beginning with what was found in the trees before (`surroundings`)
 //! ```
 //! A tree, and not a grid of cells: a scanner's points are a hundred times as dense beside it as where it hardly sees. Differences of coordinates are integers, so distances are as good 5,000 km from the
 //! origin as at it (HARD_CASES 18). Coincident points are one place measured twice, and no neighbours of each other (HARD_CASES 21). The tree depends on the points alone, not on their order in the file,
@@ -16,8 +17,6 @@ use rayon::prelude::*;
 const LEAF: usize = 12;
 /// Ranges with fewer points are halved by one thread.
 const PARALLEL: usize = 1 << 14;
-/// Points that `within` visits at most: a million in one place are no better known than some.
-const MOST_WITHIN: usize = 4096;
 
 type Steps = [i32; 3];
 
@@ -28,11 +27,21 @@ struct Point {
     number: u32,
 }
 
-/// A point found: how far it is, metres squared, and its place in the tree.
+/// A point found: how far it is, metres squared, and its place in the tree; and where several trees are searched, in which of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighbour {
     pub squared: f64,
     pub place: u32,
+    pub tree: u32,
+}
+
+/// A search among the points of one of several trees.
+#[derive(Clone, Copy, Debug)]
+pub struct Query {
+    /// Where neighbours are looked for, steps of that tree: whole ones where it is a point's place on the same lattice.
+    pub at: DVec3,
+    /// What its neighbours are marked with.
+    pub tree: u32,
 }
 
 pub struct Tree {
@@ -79,6 +88,11 @@ impl Tree {
         self.points.is_empty()
     }
 
+    /// In memory.
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(&*self.points) + size_of_val(&*self.boxes)) as u64
+    }
+
     /// The number in the columns of the point at this place.
     pub fn number(&self, place: usize) -> usize {
         self.points[place].number as usize
@@ -90,42 +104,59 @@ impl Tree {
 
     /// From one place to another, metres.
     pub fn between(&self, from: usize, to: usize) -> DVec3 {
-        difference(self.points[from].at, self.points[to].at) * self.step
+        self.steps_between(self.query(from).at, to) * self.step
+    }
+
+    /// From a place to that of a point, steps of the tree.
+    pub fn steps_between(&self, from: DVec3, to: usize) -> DVec3 {
+        difference(from, self.points[to].at)
+    }
+
+    /// Metres, along each axis.
+    pub fn step(&self) -> DVec3 {
+        self.step
+    }
+
+    /// A search around a point of the tree.
+    pub fn query(&self, place: usize) -> Query {
+        Query { at: difference(DVec3::ZERO, self.points[place].at), tree: 0 }
     }
 
     /// Those nearest to a point of the tree that are not where it is, nearest first; so many at most. Of those equally far some.
     pub fn nearest(&self, place: usize, most: usize, found: &mut Vec<Neighbour>) {
         found.clear();
+        self.add_nearest(self.query(place), most, found);
+    }
+
+    /// The same among those that were found already, in other trees.
+    pub fn add_nearest(&self, query: Query, most: usize, found: &mut Vec<Neighbour>) {
         if most > 0 && !self.is_empty() {
-            self.search(self.whole(), self.points[place].at, most, found);
+            self.search(self.whole(), query, most, found);
         }
     }
 
-    /// The same points in no order, which takes half as long where they are many; and how far the farthest is, metres squared. `known` is a distance squared that they are not beyond, or infinite.
-    pub fn nearest_in_any_order(&self, place: usize, most: usize, known: f64, found: &mut Vec<Neighbour>) -> f64 {
-        found.clear();
-        if most == 0 || self.is_empty() {
-            return 0.0;
+    /// The nearest in no order, which takes half as long where they are many, among those that were found already, in other trees; none beyond a distance squared, which becomes that of the farthest one
+    /// wanted as soon as more are found. There may be up to twice as many as are wanted: [`keep_nearest`] leaves out the rest. `tied` is an order of those equally far.
+    pub fn sift<K: Ord>(&self, query: Query, most: usize, beyond: &mut f64, tied: &impl Fn(&Neighbour) -> K, found: &mut Vec<Neighbour>) {
+        if most > 0 && !self.is_empty() {
+            self.sift_branch(self.whole(), query, most, beyond, tied, found);
         }
-        let mut beyond = known;
-        self.sift(self.whole(), self.points[place].at, most, &mut beyond, found);
-        keep_nearest(found, most);
-        found.iter().map(|neighbour| neighbour.squared).fold(0.0, f64::max)
     }
 
-    /// Every point within a radius of a point of the tree, but for those where it is; its first `MOST_WITHIN`.
-    pub fn within(&self, place: usize, radius: f64, found: &mut Vec<Neighbour>) {
-        found.clear();
-        self.collect(self.whole(), self.points[place].at, radius * radius, found);
+    /// Adds the points within a distance squared that are not where the query is, in no order, until there are so many.
+    pub fn add_within(&self, query: Query, squared: f64, most: usize, found: &mut Vec<Neighbour>) {
+        if !self.is_empty() {
+            self.collect(self.whole(), query, squared, most, found);
+        }
     }
 
     fn whole(&self) -> Branch {
         Branch { node: 0, nodes: self.boxes.len(), first: 0, count: self.points.len() }
     }
 
-    fn search(&self, branch: Branch, at: Steps, most: usize, found: &mut Vec<Neighbour>) {
+    fn search(&self, branch: Branch, query: Query, most: usize, found: &mut Vec<Neighbour>) {
         if branch.nodes == 1 {
-            for neighbour in self.leaf(branch, at) {
+            for neighbour in self.leaf(branch, query) {
                 if found.len() == most {
                     if neighbour.squared >= found[most - 1].squared {
                         continue;
@@ -137,80 +168,87 @@ impl Tree {
             }
             return;
         }
-        let [mut near, mut far] = branch.halves().map(|half| (self.away(half, at), half));
+        let [mut near, mut far] = branch.halves().map(|half| (self.away(half, query.at), half));
         if far.0 < near.0 {
             std::mem::swap(&mut near, &mut far);
         }
         for (away, half) in [near, far] {
             if found.len() < most || away < found[most - 1].squared {
-                self.search(half, at, most, found);
+                self.search(half, query, most, found);
             }
         }
     }
 
     /// Keeps twice as many as are wanted at most before it leaves out those that are too far.
-    fn sift(&self, branch: Branch, at: Steps, most: usize, beyond: &mut f64, found: &mut Vec<Neighbour>) {
+    fn sift_branch<K: Ord>(
+        &self,
+        branch: Branch,
+        query: Query,
+        most: usize,
+        beyond: &mut f64,
+        tied: &impl Fn(&Neighbour) -> K,
+        found: &mut Vec<Neighbour>,
+    ) {
         if branch.nodes == 1 {
-            found.extend(self.leaf(branch, at).filter(|neighbour| neighbour.squared <= *beyond));
+            found.extend(self.leaf(branch, query).filter(|neighbour| neighbour.squared <= *beyond));
             if found.len() >= 2 * most {
-                keep_nearest(found, most);
+                keep_nearest(found, most, tied);
                 *beyond = beyond.min(found[most - 1].squared);
             }
             return;
         }
-        let [mut near, mut far] = branch.halves().map(|half| (self.away(half, at), half));
+        let [mut near, mut far] = branch.halves().map(|half| (self.away(half, query.at), half));
         if far.0 < near.0 {
             std::mem::swap(&mut near, &mut far);
         }
         for (away, half) in [near, far] {
             if away <= *beyond && away < f64::INFINITY {
-                self.sift(half, at, most, beyond, found);
+                self.sift_branch(half, query, most, beyond, tied, found);
             }
         }
     }
 
-    fn collect(&self, branch: Branch, at: Steps, squared: f64, found: &mut Vec<Neighbour>) {
-        if found.len() >= MOST_WITHIN || self.away(branch, at) > squared {
+    fn collect(&self, branch: Branch, query: Query, squared: f64, most: usize, found: &mut Vec<Neighbour>) {
+        if found.len() >= most || self.away(branch, query.at) > squared {
             return;
         }
         if branch.nodes == 1 {
-            return found.extend(self.leaf(branch, at).filter(|neighbour| neighbour.squared <= squared));
+            return found.extend(self.leaf(branch, query).filter(|neighbour| neighbour.squared <= squared));
         }
-        branch.halves().into_iter().for_each(|half| self.collect(half, at, squared, found));
+        branch.halves().into_iter().for_each(|half| self.collect(half, query, squared, most, found));
     }
 
-    fn leaf(&self, branch: Branch, at: Steps) -> impl Iterator<Item = Neighbour> + '_ {
+    fn leaf(&self, branch: Branch, query: Query) -> impl Iterator<Item = Neighbour> + '_ {
         let places = branch.first..branch.first + branch.count;
         let neighbour = move |place: usize| Neighbour {
-            squared: (difference(at, self.points[place].at) * self.step).length_squared(),
+            squared: (difference(query.at, self.points[place].at) * self.step).length_squared(),
             place: place as u32,
+            tree: query.tree,
         };
         places.map(neighbour).filter(|neighbour| neighbour.squared > 0.0)
     }
 
     /// How far a branch's box is, metres squared; infinitely, if all its points are where the place is.
-    fn away(&self, branch: Branch, at: Steps) -> f64 {
-        let [lo, hi] = self.boxes[branch.node];
+    fn away(&self, branch: Branch, at: DVec3) -> f64 {
+        let [lo, hi] = self.boxes[branch.node].map(|corner| difference(DVec3::ZERO, corner));
         if lo == at && hi == at || branch.count == 0 {
             return f64::INFINITY;
         }
-        let nearest = [0, 1, 2].map(|axis| at[axis].clamp(lo[axis], hi[axis]));
-        (difference(at, nearest) * self.step).length_squared()
+        ((at.clamp(lo, hi) - at) * self.step).length_squared()
     }
 }
 
-/// The last of them is the farthest.
-fn keep_nearest(found: &mut Vec<Neighbour>, most: usize) {
+/// The last of them is the farthest; of those equally far the last in the order of `tied`, so that what is kept does not depend on the tree.
+pub fn keep_nearest<K: Ord>(found: &mut Vec<Neighbour>, most: usize, tied: &impl Fn(&Neighbour) -> K) {
     if found.len() > most {
-        found.select_nth_unstable_by(most - 1, |a, b| a.squared.total_cmp(&b.squared));
+        found.select_nth_unstable_by(most - 1, |a, b| a.squared.total_cmp(&b.squared).then_with(|| tied(a).cmp(&tied(b))));
         found.truncate(most);
     }
 }
 
-/// Exact.
-fn difference(from: Steps, to: Steps) -> DVec3 {
-    let [x, y, z] = [0, 1, 2].map(|axis| (to[axis] as i64 - from[axis] as i64) as f64);
-    DVec3::new(x, y, z)
+/// Exact between whole numbers: they are below 2^53.
+fn difference(from: DVec3, to: Steps) -> DVec3 {
+    DVec3::new(to[0] as f64, to[1] as f64, to[2] as f64) - from
 }
 
 fn build(points: &mut [Point], boxes: &mut [[Steps; 2]], step: DVec3) {
@@ -223,7 +261,7 @@ fn build(points: &mut [Point], boxes: &mut [[Steps; 2]], step: DVec3) {
         // What is in a leaf does not depend on the file's order; nor does in which order.
         return points.sort_unstable_by_key(|point| (point.at, point.number));
     }
-    let extent = difference(own[0], own[1]) * step;
+    let extent = (difference(DVec3::ZERO, own[1]) - difference(DVec3::ZERO, own[0])) * step;
     let axis = extent.to_array().iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(axis, _)| axis);
     let middle = points.len() / 2;
     let order = |point: &Point| (point.at[axis], point.at, point.number);
@@ -270,13 +308,17 @@ mod tests {
                 tree.nearest(place, most, &mut found);
                 prop_assert_eq!(found.iter().map(|n| n.squared).collect::<Vec<_>>(), all[..most.min(all.len())].to_vec());
                 prop_assert!(found.iter().all(|n| tree.between(place, n.place as usize).length_squared() == n.squared));
+                let at = |n: &Neighbour| tree.steps(n.place as usize);
                 for known in [f64::INFINITY, all.get(most - 1).copied().unwrap_or(f64::INFINITY)] {
-                    let farthest = tree.nearest_in_any_order(place, most, known, &mut found);
+                    let mut beyond = known;
+                    found.clear();
+                    tree.sift(tree.query(place), most, &mut beyond, &at, &mut found);
+                    keep_nearest(&mut found, most, &at);
                     found.sort_by(|a, b| a.squared.total_cmp(&b.squared));
                     prop_assert_eq!(found.iter().map(|n| n.squared).collect::<Vec<_>>(), all[..most.min(all.len())].to_vec());
-                    prop_assert_eq!(farthest, found.last().map_or(0.0, |n| n.squared));
                 }
-                tree.within(place, radius, &mut found);
+                found.clear();
+                tree.add_within(tree.query(place), radius * radius, usize::MAX, &mut found);
                 prop_assert_eq!(found.len(), all.iter().filter(|squared| **squared <= radius * radius).count());
             }
         }

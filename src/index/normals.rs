@@ -1,11 +1,18 @@
 //! A point's neighbours in, the plane through them out: its normal, and the way in which they spread most (dos Anjos et al. 2018, sec. 3.2.2: least squares within 3 r).
 //!
 //! ```text
-//! differences to the point itself, exact integers times the step; divided by the largest, so that no square is too large or too small
-//! mean, then covariance about it (two passes, f64); its eigenvectors by Jacobi's rotations: the least is the normal, the largest lies along
+//! radius: mean distance to the nearest eight others and its standard deviation
+//! differences to the point itself within three radii, whole steps of the lattice; their sums, and those of their products
+//! covariance about the mean; its eigenvectors by Jacobi's rotations: the least is the normal, the largest lies along
 //! ```
+//! Sums of whole numbers below 2^53 are exact, and so the same in any order: neighbours may come from any trees. As the differences are to a point among its neighbours, little is lost by taking their mean away.
+//!
 //! A plane that the points do not determine is none, never a guess (HARD_CASES 18): fewer than three points, all on a line, or thinner than the lattice can say.
 
+use super::clusters::NEAR;
+use super::neighbours::Neighbour;
+use super::surroundings::Surroundings;
+use crate::error::Result;
 use glam::DVec3;
 
 /// Eigenvalues nearer to each other than this part of the largest are the same: the direction between them is anyone's.
@@ -21,23 +28,68 @@ pub struct Plane {
     pub along: DVec3,
 }
 
-/// The plane through a point and its neighbours, given as differences to it, metres, on a lattice of this step.
-pub fn plane(differences: &[DVec3], step: f64) -> Option<Plane> {
-    let largest = differences.iter().fold(0.0f64, |largest, d| largest.max(d.abs().max_element()));
-    if differences.len() < 2 || largest <= 0.0 {
+/// Which neighbours a plane is fitted to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fit {
+    /// Points whose distances make up the radius.
+    pub near: usize,
+    /// Of the neighbourhood, radii.
+    pub reach: f64,
+}
+
+/// The paper's three radii, of the nearest eight.
+pub const FIT: Fit = Fit { near: NEAR, reach: 3.0 };
+
+/// What a point's neighbours tell of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// Mean distance to the nearest others, and its standard deviation; half a step at least.
+    pub radius_m: f64,
+    pub plane: Option<Plane>,
+}
+
+/// What a search needs room for, from point to point.
+#[derive(Default)]
+pub struct Room {
+    pub found: Vec<Neighbour>,
+    steps: Vec<DVec3>,
+}
+
+/// Of a point of the own tree. Those nearest to it are in `near`, as many as it has room for.
+pub fn patch(around: &mut Surroundings, place: usize, fit: Fit, room: &mut Room, near: &mut dyn FnMut(&[Neighbour])) -> Result<Patch> {
+    let step = around.own().tree.step();
+    around.nearest(place, fit.near, &mut room.found)?;
+    near(&room.found);
+    let radius_m = spread(room.found.iter().map(|neighbour| neighbour.squared.sqrt())).max(step.max_element() / 2.0);
+    around.within(place, fit.reach * radius_m, &mut room.found)?;
+    room.steps.clear();
+    room.steps.extend(room.found.iter().map(|neighbour| around.steps_to(place, neighbour)));
+    Ok(Patch { radius_m, plane: plane(&room.steps, step) })
+}
+
+/// Mean and standard deviation of distances, together; 0 of none.
+fn spread(distances: impl Iterator<Item = f64> + Clone) -> f64 {
+    let count = distances.clone().count().max(1) as f64;
+    let mean = distances.clone().sum::<f64>() / count;
+    mean + (distances.map(|distance| (distance - mean).powi(2)).sum::<f64>() / count).sqrt()
+}
+
+/// The plane through a point and its neighbours, given as differences to it in steps of a lattice, each as wide as `step` says.
+pub fn plane(differences: &[DVec3], step: DVec3) -> Option<Plane> {
+    if differences.len() < 2 {
         return None;
+    }
+    let (mut sum, mut products) = (DVec3::ZERO, [0.0; 6]);
+    for &d in differences {
+        sum += d;
+        let own = outer(d, d);
+        (0..6).for_each(|k| products[k] += own[k]);
     }
     // The point itself is one of them, at 0.
     let count = differences.len() as f64 + 1.0;
-    let mean = differences.iter().map(|d| *d / largest).sum::<DVec3>() / count;
-    let mut covariance = outer(mean, mean);
-    for difference in differences {
-        let off = *difference / largest - mean;
-        let product = outer(off, off);
-        (0..6).for_each(|k| covariance[k] += product[k]);
-    }
-    let [(least, normal), (middle, _), (most, along)] = eigen(covariance.map(|sum| sum / count));
-    let flat = middle * largest * largest <= step * step || middle - least < SAME * most;
+    let (means, scale) = (outer(sum / count, sum / count), outer(step, step));
+    let [(least, normal), (middle, _), (most, along)] = eigen(std::array::from_fn(|k| (products[k] / count - means[k]) * scale[k]));
+    let flat = middle <= step.max_element().powi(2) || middle - least < SAME * most;
     (!flat).then_some(Plane { normal, along })
 }
 
@@ -90,7 +142,7 @@ mod tests {
             let normal = DVec3::new(x, y, z).normalize_or(DVec3::Z);
             let (u, v) = normal.any_orthonormal_pair();
             let scale = 2f64.powi(power);
-            let found = plane(&patch(u * scale, v * scale), scale * 1e-3).expect("a plane");
+            let found = plane(&patch(u * 1e3, v * 1e3), DVec3::splat(scale * 1e-3)).expect("a plane");
             prop_assert!(found.normal.cross(normal).length() < 1e-12);
             prop_assert!(found.along.cross(v).length() < 1e-7, "{} {}", found.along, v);
         }
@@ -109,15 +161,16 @@ mod tests {
 
     #[test]
     fn hard_18_what_determines_no_plane_gives_none() {
-        assert_eq!(plane(&[], 1.0), None);
-        assert_eq!(plane(&[DVec3::X], 1e-3), None);
-        assert_eq!(plane(&[DVec3::ZERO; 9], 1e-3), None);
-        let line: Vec<DVec3> = (1..9).map(|k| DVec3::new(1.0, 2.0, 3.0) * k as f64).collect();
-        assert_eq!(plane(&line, 1e-3), None);
-        let ball: Vec<DVec3> = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]).collect();
-        assert_eq!(plane(&ball, 1e-3), None, "every direction is as good");
-        assert_eq!(plane(&patch(DVec3::X, DVec3::Y), 10.0), None, "smaller than the lattice can say");
-        assert!(plane(&patch(DVec3::X, DVec3::Y), 1e-3).is_some());
+        let step = DVec3::splat(1e-3);
+        assert_eq!(plane(&[], step), None);
+        assert_eq!(plane(&[DVec3::X], step), None);
+        assert_eq!(plane(&[DVec3::ZERO; 9], step), None);
+        let line: Vec<DVec3> = (1..9).map(|k| DVec3::new(1e3, 2e3, 3e3) * k as f64).collect();
+        assert_eq!(plane(&line, step), None);
+        let ball: Vec<DVec3> = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis * 1e3, -axis * 1e3]).collect();
+        assert_eq!(plane(&ball, step), None, "every direction is as good");
+        assert_eq!(plane(&patch(DVec3::X / 10.0, DVec3::Y / 10.0), step), None, "smaller than the lattice can say");
+        assert!(plane(&patch(DVec3::X, DVec3::Y), step).is_some());
     }
 
     /// By the theorem of Davis and Kahan, as HARD_CASES 18 has it: the sine of the angle is at most |E| / (l2 - l1).
@@ -133,7 +186,8 @@ mod tests {
         for size in [1e-3, 1e-2, 1e-1] {
             let flat = patch(DVec3::X, DVec3::Y);
             let bumpy: Vec<DVec3> = flat.iter().map(|d| *d + DVec3::Z * size * noise()).collect();
-            let found = plane(&bumpy, 1e-6).expect("a plane");
+            let steps: Vec<DVec3> = bumpy.iter().map(|d| *d * 1e6).collect();
+            let found = plane(&steps, DVec3::splat(1e-6)).expect("a plane");
             // |E| of covariances: twice the largest deviation times the largest distance, and its square.
             let error = 2.0 * size * 0.5 * 4.0 + size * size;
             assert!(found.normal.cross(DVec3::Z).length() <= error / 2.0, "{size}: {}", found.normal);

@@ -3,7 +3,7 @@
 //! In: columns. Out: bytes that can be moved as a whole, in memory or through a file, and the columns again, of any records in any order. A record has no
 //! room for what no file has; memory, and what goes through the disk, shrink by as much.
 
-use super::samples::{Cell, Samples};
+use super::samples::{Cell, Derived, Samples};
 use crate::cloud::color::to_8_bits;
 use crate::cloud::{Columns, Wanted};
 use std::ops::Range;
@@ -165,6 +165,7 @@ impl Layout {
             normal: column(keep.normal, points),
             gps_time: column(keep.gps_time, points),
             weight: None,
+            derived: Derived::default(),
         };
         for some in order.chunks(POINTS) {
             let rows = || some.iter().map(|&number| self.record(records, number));

@@ -21,6 +21,63 @@ pub struct Samples {
     pub gps_time: Option<Vec<f64>>,
     /// Points that each stands for; one where this is none.
     pub weight: Option<Vec<u32>>,
+    pub derived: Derived,
+}
+
+/// Columns that depend on the points around, in whatever leaf those are: nodes have room for them, and get them once all points are in their leaves (`derive`).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Derived {
+    /// As [`Plane::Facing`], [`Plane::Brush`] and [`Plane::Corrected`] say.
+    pub facing: Option<Vec<u32>>,
+    pub brush: Option<Vec<u32>>,
+    pub corrected: Option<Vec<[u8; 3]>>,
+}
+
+/// Which of them there are to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Derive {
+    pub normals: bool,
+    pub strokes: bool,
+    pub luminance: bool,
+}
+
+impl Derive {
+    pub const NONE: Derive = Derive { normals: false, strokes: false, luminance: false };
+    pub const ALL: Derive = Derive { normals: true, strokes: true, luminance: true };
+
+    /// Strokes need normals.
+    pub fn has_normals(self) -> bool {
+        self.normals || self.strokes
+    }
+
+    pub fn planes(self) -> Vec<Plane> {
+        let all = [(Plane::Facing, self.has_normals()), (Plane::Brush, self.strokes), (Plane::Corrected, self.luminance)];
+        all.into_iter().filter(|(_, there)| *there).map(|(plane, _)| plane).collect()
+    }
+}
+
+impl Derived {
+    /// Zeros.
+    pub fn room(derive: Derive, points: usize) -> Derived {
+        Derived {
+            facing: derive.has_normals().then(|| vec![0; points]),
+            brush: derive.strokes.then(|| vec![0; points]),
+            corrected: derive.luminance.then(|| vec![[0; 3]; points]),
+        }
+    }
+
+    /// Bytes of one of these planes.
+    pub fn bytes(&self, plane: Plane) -> &[u8] {
+        fn bytes<T: bytemuck::NoUninit>(column: &Option<Vec<T>>) -> &[u8] {
+            column.as_deref().map_or(&[], bytemuck::cast_slice)
+        }
+        match plane {
+            Plane::Facing => bytes(&self.facing),
+            Plane::Brush => bytes(&self.brush),
+            Plane::Corrected => bytes(&self.corrected),
+            _ => &[],
+        }
+    }
 }
 
 impl Samples {
@@ -40,6 +97,11 @@ impl Samples {
             normal: column(parts, |part| &part.normal),
             gps_time: column(parts, |part| &part.gps_time),
             weight: Some(parts.iter().flat_map(|part| (0..part.len()).map(|i| part.weight(i))).collect()),
+            derived: Derived {
+                facing: column(parts, |part| &part.derived.facing),
+                brush: column(parts, |part| &part.derived.brush),
+                corrected: column(parts, |part| &part.derived.corrected),
+            },
         }
     }
 
@@ -90,16 +152,14 @@ impl Samples {
         planes.keep(Plane::Normal, &self.normal);
         planes.keep(Plane::GpsTime, &self.gps_time);
         planes.keep(Plane::Weight, &self.weight);
+        planes.keep(Plane::Facing, &self.derived.facing);
+        planes.keep(Plane::Brush, &self.derived.brush);
+        planes.keep(Plane::Corrected, &self.derived.corrected);
         record
     }
 
-    /// What [`Samples::pack`] wrote, from the bytes of all planes.
-    pub fn unpack(record: &NodeRecord, corner: [i64; 3], planes: &[u8]) -> Samples {
-        let bytes = |plane: Plane| {
-            let (at, length) = record.range(plane);
-            let start = (at - record.at) as usize;
-            record.has(plane).then(|| &planes[start..start + length as usize])
-        };
+    /// What [`Samples::pack`] wrote, from the bytes of its planes, where they are given.
+    pub fn unpack<'b>(record: &NodeRecord, corner: [i64; 3], bytes: &dyn Fn(Plane) -> Option<&'b [u8]>) -> Samples {
         fn column<T: bytemuck::AnyBitPattern>(bytes: Option<&[u8]>) -> Option<Vec<T>> {
             bytes.map(|bytes| bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
         }
@@ -127,7 +187,21 @@ impl Samples {
             normal: column(bytes(Plane::Normal)),
             gps_time: column(bytes(Plane::GpsTime)),
             weight: column(bytes(Plane::Weight)),
+            derived: Derived {
+                facing: column(bytes(Plane::Facing)),
+                brush: column(bytes(Plane::Brush)),
+                corrected: column(bytes(Plane::Corrected)),
+            },
         }
+    }
+}
+
+/// Where in the bytes of all planes of a node each lies, for [`Samples::unpack`].
+pub fn within<'b>(record: &NodeRecord, planes: &'b [u8]) -> impl Fn(Plane) -> Option<&'b [u8]> {
+    move |plane| {
+        let (at, length) = record.range(plane);
+        let start = (at - record.at) as usize;
+        record.has(plane).then(|| &planes[start..start + length as usize])
     }
 }
 

@@ -3,16 +3,17 @@
 //! ```text
 //! of every point, in parallel:
 //!     radius   mean distance to the nearest eight others + its standard deviation: what closes the surface, larger where points are sparse
-//!     normal   of the plane through all points within three radii
+//!     normal   of the plane through all points within three radii (`normals`)
 //! clusters of like colour, where there are colours: small ones hold detail, long ones are painted along
 //! ```
 //! The words of a point depend on where it and its neighbours are, not on its number, the file's order or the threads: a stroke is the same in every frame.
 
 use super::clusters::{self, Cluster, NEAR, NOBODY};
 use super::file::{self, Index, PLANES};
-use super::neighbours::Tree;
-use super::normals::{self, Plane};
-use crate::cloud::{Columns, Lattice};
+use super::forest::Leaf;
+use super::normals::{self, FIT, Patch, Plane, Room};
+use super::surroundings::Surroundings;
+use crate::cloud::{Columns, Lattice, octahedral};
 use crate::config::BITS_PER_PLANE;
 use crate::error::Result;
 use crate::progress::{Progress, Silent};
@@ -20,8 +21,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Planes are fitted within so many radii.
-const REACH: f64 = 3.0;
 /// No radius is larger than that of all but this share of the points: a bird far from everything is no barn door (HARD_CASES 21).
 const LONELY: f64 = 0.01;
 /// Clusters of fewer points hold detail, and are painted in two layers.
@@ -36,45 +35,34 @@ pub struct Stroke {
     pub cluster: Cluster,
 }
 
-/// What a point's neighbours tell of it.
-#[derive(Clone, Copy)]
-struct Around {
-    radius: f64,
-    plane: Option<Plane>,
-    near: [u32; NEAR],
-}
-
 /// Of every point, in the order of the columns.
 pub fn strokes(columns: &Columns, lattice: &Lattice, progress: &dyn Progress) -> Result<Vec<Stroke>> {
-    let tree = Tree::new(columns, lattice);
-    let step = lattice.step.abs().max_element();
+    let leaf = Leaf::of(columns, lattice, [0; 3], columns.rgb.is_some());
+    let tree = &leaf.tree;
     let (total, done) = (tree.len() as u64, AtomicU64::new(0));
 
     const CHUNK: usize = 1 << 12;
-    let of_chunk = |first: usize| -> Result<Vec<Around>> {
+    let of_chunk = |first: usize| -> Result<Vec<(Patch, [u32; NEAR])>> {
         let last = (first + CHUNK).min(tree.len());
-        let (mut found, mut differences) = (Vec::new(), Vec::new());
+        let (mut around, mut room) = (Surroundings::alone(&leaf), Room::default());
         let known = (first..last).map(|place| {
-            tree.nearest(place, NEAR, &mut found);
-            let near = std::array::from_fn(|k| found.get(k).map_or(NOBODY, |neighbour| neighbour.place));
-            let radius = spread(found.iter().map(|neighbour| neighbour.squared.sqrt())).max(step / 2.0);
-            tree.within(place, REACH * radius, &mut found);
-            differences.clear();
-            differences.extend(found.iter().map(|neighbour| tree.between(place, neighbour.place as usize)));
-            Around { radius, plane: normals::plane(&differences, step), near }
+            let mut near = [NOBODY; NEAR];
+            let patch = normals::patch(&mut around, place, FIT, &mut room, &mut |found| {
+                near.iter_mut().zip(found).for_each(|(near, neighbour)| *near = neighbour.place);
+            })?;
+            Ok((patch, near))
         });
-        let known = known.collect();
+        let known = known.collect::<Result<Vec<_>>>()?;
         progress.tick("painting", done.fetch_add((last - first) as u64, Relaxed), total)?;
         Ok(known)
     };
     let chunks: Vec<usize> = (0..tree.len()).step_by(CHUNK).collect();
     let known = chunks.into_par_iter().map(of_chunk).collect::<Result<Vec<_>>>()?.concat();
 
-    let largest = cap(known.iter().map(|around| around.radius).collect());
-    let clusters = columns.rgb.as_ref().map(|rgb| {
-        let near: Vec<[u32; NEAR]> = known.par_iter().map(|around| around.near).collect();
-        let colors: Vec<[u8; 3]> = (0..tree.len()).into_par_iter().map(|place| rgb[tree.number(place)]).collect();
-        clusters::clusters(&tree, &near, &colors)
+    let largest = cap(known.iter().map(|(patch, _)| patch.radius_m).collect());
+    let clusters = columns.rgb.is_some().then(|| {
+        let near: Vec<[u32; NEAR]> = known.par_iter().map(|(_, near)| *near).collect();
+        clusters::clusters(tree, &near, &leaf.colors)
     });
     let cluster = |place: usize| match &clusters {
         Some(clusters) => clusters.clusters[clusters.of[place] as usize],
@@ -84,8 +72,8 @@ pub fn strokes(columns: &Columns, lattice: &Lattice, progress: &dyn Progress) ->
     let mut places = vec![0; tree.len()];
     (0..tree.len()).for_each(|place| places[tree.number(place)] = place);
     let stroke = |&place: &usize| {
-        let Around { radius, plane, .. } = known[place];
-        Stroke { radius_m: radius.min(largest), plane, cluster: cluster(place) }
+        let (Patch { radius_m, plane }, _) = known[place];
+        Stroke { radius_m: radius_m.min(largest), plane, cluster: cluster(place) }
     };
     Ok(places.par_iter().map(stroke).collect())
 }
@@ -120,26 +108,23 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
     Ok((found.iter().enumerate().map(|(i, stroke)| stroke.words(whole(i))).collect(), read))
 }
 
-/// Mean and standard deviation of distances, together; 0 of none.
-fn spread(distances: impl Iterator<Item = f64> + Clone) -> f64 {
-    let count = distances.clone().count().max(1) as f64;
-    let mean = distances.clone().sum::<f64>() / count;
-    mean + (distances.map(|distance| (distance - mean).powi(2)).sum::<f64>() / count).sqrt()
+/// Of so many radii in order, the number of the largest that strokes may have.
+pub fn rank(points: u64) -> u64 {
+    (points as f64 * (1.0 - LONELY)) as u64
 }
 
 fn cap(mut radii: Vec<f64>) -> f64 {
     if radii.is_empty() {
         return 0.0;
     }
-    let rank = (radii.len() as f64 * (1.0 - LONELY)) as usize;
+    let rank = rank(radii.len() as u64) as usize;
     *radii.select_nth_unstable_by(rank, f64::total_cmp).1
 }
 
-/// Numbers of an octahedral coordinate: odd, so that 0 is one of them; the next one marks a normal that is not known.
-const OCTAHEDRAL: f64 = 4094.0;
-const UNKNOWN: u32 = 0xFFF;
 /// Of the words' parts, as in glsl/lib/stroke.glsl.
 const SEED_SHIFT: u32 = 24;
+const RADIUS_BITS: u32 = 0xFFFF_0000;
+const ANGLE_SHIFT: u32 = 8;
 const SMALL_BIT: u32 = 1 << 7;
 /// Elongations beyond 1, in steps of an eighth.
 const ELONGATION_STEPS: f64 = 8.0;
@@ -147,42 +132,53 @@ const LONGEST: u32 = 31;
 
 impl Stroke {
     /// What a point at these lattice steps brings to the device:
-    ///   facing   the normal on an octahedron, 12 bits and 12 bits (Cigolle et al. 2014: 0.03 degrees off at most); eight bits that look random, for the brush
+    ///   facing   the normal on an octahedron, in 24 bits (`octahedral`); eight bits that look random, for the brush
     ///   brush    radius, the upper half of an f32; where the points spread most, 256ths of a half turn from the normal's own tangent; the cluster: small or not, and how long
     pub fn words(&self, at: [i32; 3]) -> [u32; 2] {
-        let [x, y] = self.plane.map_or([UNKNOWN; 2], |plane| octahedral(plane.normal));
-        let facing = x | y << 12;
-        let seed = scatter(at, facing) & 0xFF;
+        let normal = self.plane.map_or(octahedral::UNKNOWN, |plane| octahedral::pack(plane.normal));
+        [seeded(normal, at), self.brush(normal)]
+    }
+
+    /// The second of them, for a normal as it is stored: the plane's own, or another that is better known.
+    pub fn brush(&self, normal: u32) -> u32 {
         let (small, long) = (self.cluster.points < SMALL, (self.cluster.elongation - 1.0) * ELONGATION_STEPS);
         let cluster = if small { SMALL_BIT } else { 0 } | (long.round() as u32).min(LONGEST);
-        // Rounded up, so that no gap opens.
-        let radius = (self.radius_m as f32).to_bits().saturating_add(0xFFFF) & 0xFFFF_0000;
-        [facing | seed << SEED_SHIFT, radius | self.angle() << 8 | cluster]
-    }
-
-    /// From the tangent of the normal as it is stored, 256ths of a half turn.
-    fn angle(&self) -> u32 {
-        let Some(plane) = self.plane else { return 0 };
-        let (tangent, bitangent) = householder(unpacked(octahedral(plane.normal)));
-        let turns = plane.along.dot(bitangent).atan2(plane.along.dot(tangent)) / std::f64::consts::PI;
-        (turns * 256.0).round().rem_euclid(256.0) as u32
+        let angle = octahedral::unpack(normal).zip(self.plane).map_or(0, |(normal, plane)| angle(normal, plane.along));
+        radius_bits(self.radius_m) | angle << ANGLE_SHIFT | cluster
     }
 }
 
-fn octahedral(normal: DVec3) -> [u32; 2] {
-    let n = normal / normal.abs().element_sum();
-    let fold = |a: f64, b: f64| (1.0 - b.abs()) * if a >= 0.0 { 1.0 } else { -1.0 };
-    let (x, y) = if n.z >= 0.0 { (n.x, n.y) } else { (fold(n.x, n.y), fold(n.y, n.x)) };
-    [x, y].map(|c| ((c * 0.5 + 0.5) * OCTAHEDRAL).round() as u32)
+/// Rounded up, so that no gap opens.
+fn radius_bits(radius_m: f64) -> u32 {
+    (radius_m as f32).to_bits().saturating_add(!RADIUS_BITS) & RADIUS_BITS
 }
 
-/// The normal that the device reads out of a word.
-pub fn unpacked(code: [u32; 2]) -> DVec3 {
-    let [x, y] = code.map(|c| c as f64 / (OCTAHEDRAL / 2.0) - 1.0);
-    let z = 1.0 - x.abs() - y.abs();
-    let fold = |a: f64, b: f64| (1.0 - b.abs()) * if a >= 0.0 { 1.0 } else { -1.0 };
-    let n = if z >= 0.0 { DVec3::new(x, y, z) } else { DVec3::new(fold(x, y), fold(y, x), z) };
-    n.normalize()
+/// Of a brush's word.
+pub fn radius_m(brush: u32) -> f32 {
+    f32::from_bits(brush & RADIUS_BITS)
+}
+
+/// The same brush with a radius of at most so much, in its upper half's own numbers.
+pub fn capped(brush: u32, largest: u32) -> u32 {
+    (brush >> 16).min(largest) << 16 | brush & !RADIUS_BITS
+}
+
+/// From the tangent of a normal as it is stored, 256ths of a half turn.
+fn angle(normal: DVec3, along: DVec3) -> u32 {
+    let (tangent, bitangent) = householder(normal);
+    let turns = along.dot(bitangent).atan2(along.dot(tangent)) / std::f64::consts::PI;
+    (turns * 256.0).round().rem_euclid(256.0) as u32
+}
+
+/// A brush with another radius and another normal than the one it was found with, along the same way.
+pub fn turned(brush: u32, from: u32, to: u32, radius_m: f64) -> u32 {
+    let turn = octahedral::unpack(from).zip(octahedral::unpack(to)).map_or(0, |(from, to)| {
+        let (tangent, bitangent) = householder(from);
+        let half_turns = (brush >> ANGLE_SHIFT & 0xFF) as f64 / 256.0;
+        let (sin, cos) = (half_turns * std::f64::consts::PI).sin_cos();
+        angle(to, tangent * cos + bitangent * sin)
+    });
+    radius_bits(radius_m) | turn << ANGLE_SHIFT | brush & 0xFF
 }
 
 /// Tangent and bitangent of a unit normal (papers/README.md, dos Anjos; HARD_CASES 19).
@@ -193,6 +189,11 @@ pub fn householder(n: DVec3) -> (DVec3, DVec3) {
     }
     let h = if n.x >= 0.0 { 1.0 + n.x } else { lateral / (1.0 - n.x) };
     (DVec3::new(-n.y, 1.0 - n.y * n.y / h, -n.y * n.z / h), DVec3::new(-n.z, -n.y * n.z / h, 1.0 - n.z * n.z / h))
+}
+
+/// A normal's word with the bits that look random, of a point at these lattice steps.
+pub fn seeded(facing: u32, at: [i32; 3]) -> u32 {
+    facing | (scatter(at, facing) & 0xFF) << SEED_SHIFT
 }
 
 /// A number that looks random, of a place and a normal (the finaliser of SplitMix64, Steele et al. 2014).

@@ -39,7 +39,7 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
         _ if before.runs("phong") => Reason { runs: false, why: "Phong lighting shades already".to_string() },
         _ if before.runs("shape") => Reason { runs: false, why: "shape depiction shades already".to_string() },
-        _ => Reason { runs: true, why: "points have no normals to be lit by; depth alone shows their shape".to_string() },
+        _ => Reason { runs: true, why: "depths alone show the shape of a surface, with or without normals".to_string() },
     }
 }
 

@@ -61,6 +61,7 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
     let (runs, why) = match () {
         _ if scene.points == 0 => (false, "there is nothing to correct".to_string()),
         _ if !scene.shown.has_luminance() => (false, "what points show has no luminance: neither their colours nor an intensity".to_string()),
+        _ if scene.shown == Attribute::Corrected => (false, "the colours that are shown are corrected already".to_string()),
         _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
         _ if scene.density < ENOUGH => {
             (false, format!("{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"))

@@ -26,6 +26,8 @@ pub struct Layers {
     pub color: Image,
     /// Layers before this one and with it, where they let light through.
     pub front: Option<transparency::Front>,
+    /// For every node by its number, the address of the page with its points' normals, where they have brought any.
+    pub facings: Option<Buffer>,
     /// How much of a light reaches each point, where shadows are cast.
     pub marks: Option<shadows::Marks>,
     /// What each pixel's points add up to, where luminance is corrected.
@@ -86,6 +88,8 @@ pub struct Scene<'s> {
     pub pixel_m: f64,
     /// Some points let through what is behind them.
     pub transparent: bool,
+    /// Points have brought normals.
+    pub normals: bool,
 }
 
 impl<'s> Scene<'s> {
@@ -100,6 +104,7 @@ impl<'s> Scene<'s> {
             density: resident.density(view),
             pixel_m: resident.pixel_m(view),
             transparent: resident.opacities.is_transparent(),
+            normals: resident.shown.normal().is_some(),
         }
     }
 
@@ -199,7 +204,7 @@ effects! {
     fill,       // depth, color, holes -> depth, color
     smooth,     // depth, color -> depth, color
     shape,      // depth -> lit
-    phong,      // depth, color -> color
+    phong,      // depth, color, index, normals of points -> color
     edl,        // depth, color -> color
     ao,         // depth, lit -> lit
     antialias,  // depth, color, lit -> color, lit

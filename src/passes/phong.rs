@@ -1,12 +1,16 @@
 //! Phong lighting: depth and colour in, colour in the light of `--light` out (Phong 1975; Dobrev, Rosenthal and Linsen 2010, sec. 3.1).
 //!
-//! Normals are those of the surface on the screen, fitted to its depths (glsl/lib/normal.glsl): they always face the camera, so that there are no back faces to drop. Normals that a file has do not reach
-//! the device yet. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
+//! ```text
+//!     facing   index, normals of points -> those of pixels        where points have brought any
+//!     phong    depth, color, normals of pixels -> color
+//! ```
+//! A pixel whose point has a normal takes it; one that filling has made takes the mean of those around it on the same surface; and where there are none the normal is fitted to the depths on the screen
+//! (glsl/lib/normal.glsl). All are turned towards the camera. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
 
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill};
-use crate::graph::{Graph, Kind, Tiles};
+use super::{Asked, Decided, Effects, Layers, Reason, Scene, Setting, Switch, Value, fill};
+use crate::graph::{Graph, Image, Kind, Tiles};
 use crate::light::Light;
-use crate::shader::{self, phong::Push, phong::Spec};
+use crate::shader::{self, facing, phong::Push, phong::Spec};
 use crate::view::{Projection, View};
 use glam::DVec3;
 
@@ -22,13 +26,28 @@ pub struct Settings {
     pub specular: f64,
     /// How narrow highlights are: the exponent, whole.
     pub shininess: f64,
+    pub normals: Normals,
+    pub backfaces: Backfaces,
     /// Of the neighbourhood that a normal is fitted to, pixels.
     pub radius: f64,
 }
 
+/// Where normals come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Normals {
+    /// From the points, where they have any.
+    #[default]
+    Auto,
+    /// From the points, which must have some: of a file, or of an index.
+    File,
+    /// From the depths on the screen.
+    Depth,
+}
+
 impl Default for Settings {
     fn default() -> Self {
-        Settings { ambient: 0.2, diffuse: 0.8, specular: 0.08, shininess: 24.0, radius: 3.0 }
+        Settings { ambient: 0.2, diffuse: 0.8, specular: 0.08, shininess: 24.0, normals: Normals::Auto, backfaces: Backfaces::Keep, radius: 3.0 }
     }
 }
 
@@ -40,6 +59,8 @@ impl super::Settings for Settings {
             Setting { name: "diffuse", about: "part of the colour that shows where the surface faces the light", value: number(&mut self.diffuse, 0.0..=100.0) },
             Setting { name: "specular", about: "white of highlights", value: number(&mut self.specular, 0.0..=100.0) },
             Setting { name: "shininess", about: "how narrow highlights are, the exponent", value: number(&mut self.shininess, 1.0..=255.0) },
+            Setting { name: "normals", about: "where they come from: file, those of the points; depth, the screen; auto, the points where they have any", value: Value::Choice(&mut self.normals) },
+            Setting { name: "backfaces", about: "points that face away from the camera; drop: where normals are those of files, which say which side is outside", value: Value::Choice(&mut self.backfaces) },
             Setting { name: "radius", about: "of the neighbourhood that a normal is fitted to, pixels", value: number(&mut self.radius, 1.0..=15.0) },
         ]
     }
@@ -53,6 +74,34 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
         Light::Headlight => (false, "no light was asked for with --light"),
     };
     Reason { runs, why: why.to_string() }
+}
+
+impl Asked<Settings> {
+    /// Whether points should bring their normals, if they have any.
+    pub fn wants_normals(&self, light: Light) -> bool {
+        let may_run = self.switch == Switch::On || self.switch == Switch::Auto && light != Light::Headlight;
+        may_run && self.settings.normals != Normals::Depth
+    }
+}
+
+/// Where normals come from, in words.
+pub fn source(scene: &Scene, settings: &Settings) -> &'static str {
+    match (settings.normals, scene.normals) {
+        (Normals::Depth, _) => "fitted to the depths on the screen, as asked for with normals=depth",
+        (_, true) => "those of the points; of pixels that filling has made, the mean of those around",
+        (_, false) => "fitted to the depths on the screen, since points have brought none",
+    }
+}
+
+/// What becomes of points that face away from the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Backfaces {
+    /// They are the surface's other side.
+    #[default]
+    Keep,
+    /// They are not drawn, where normals say which side is outside (Dobrev et al. 2010, sec. 3.1).
+    Drop,
 }
 
 /// What differs by more parts of its depth is another surface, whatever the camera.
@@ -78,8 +127,21 @@ pub fn reach(view: &View) -> f64 {
     if view.camera.projection == Projection::Perspective { reach.min(MOST_REACH) } else { reach }
 }
 
+/// Of every pixel whose point has a normal, that: right, down and away from the camera, which it is turned towards, and 1; 0 of others. None where points have brought none.
+pub fn facing(g: &mut Graph, view: &View, layers: &Layers) -> Option<Image> {
+    let facings = layers.facings.as_ref()?;
+    let mut facing = g.image("facing", view.size, Kind::Rgba32f);
+    let axis = |axis: DVec3| axis.as_vec3().to_array();
+    let basis = &view.basis;
+    let push = facing::Push { size: view.size, px_per_unit: view.focal_px() as f32, right: axis(basis.right), down: axis(-basis.up), forward: axis(basis.forward) };
+    let spec = facing::Spec { perspective: view.camera.projection == Projection::Perspective };
+    g.run(shader::Facing { index: &layers.index, facings, facing: &mut facing, push, spec }, Tiles::All);
+    Some(facing)
+}
+
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let view = scene.view;
+    let facing = if settings.normals == Normals::Depth { None } else { facing(g, view, &layers) };
     let mut lit = g.image("lit", view.size, Kind::Rgba32f);
     let push = Push {
         size: view.size,
@@ -93,7 +155,10 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         specular: settings.specular as f32,
         shininess: settings.shininess as u32,
     };
-    let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
-    g.run(shader::Phong { depth: &layers.depth, color: &layers.color, lit: &mut lit, push, spec }, Tiles::All);
+    let spec = Spec { perspective: view.camera.projection == Projection::Perspective, of_points: facing.is_some() };
+    let (depth, color) = (&layers.depth, &layers.color);
+    // What is not looked at wants a binding all the same.
+    let facing = facing.as_ref().unwrap_or(color);
+    g.run(shader::Phong { depth, color, facing, lit: &mut lit, push, spec }, Tiles::All);
     Layers { color: lit, ..layers }
 }

@@ -22,6 +22,8 @@ pub struct Drawn {
     pub(super) groups: Vec<Group>,
     /// Where points of opacity 0 are to be left out, what makes up opacities.
     opacities: Option<Buffer>,
+    /// Points that face away from the camera are left out.
+    one_sided: bool,
     pub statistics: Statistics,
 }
 
@@ -51,13 +53,13 @@ pub(super) struct Walk {
     pub perspective: bool,
     pub texels: bool,
     pub points_per_chunk: u32,
-    pub filtered: bool,
+    pub filtered: u32,
 }
 
 impl Walk {
     pub fn new(g: &Graph, view: &View, drawn: &Drawn, band: Band) -> Walk {
         Walk {
-            filtered: drawn.opacities.is_some(),
+            filtered: drawn.opacities.is_some() as u32 | (drawn.one_sided as u32) << 1,
             centre: [view.size[0] as f32 / 2.0, view.size[1] as f32 / 2.0 - band.top as f32],
             size: band.size.map(|side| side as f32),
             near: NEAR_M,
@@ -110,7 +112,7 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
         statistics.position_bytes += 4 * planes as u64 * node.count as u64;
         statistics.quantisation_px = statistics.quantisation_px.max(quantisation_px(view, &node.lattice, &node.frame, distance, planes));
         let number = records.len() as u32;
-        records.push(record_of(view, node, planes, resident.shown.kind()));
+        records.push(record_of(view, node, planes, [resident.shown.kind(), resident.shown.normal()]));
         let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes);
         chunks.entry(group).or_default().extend((0..node.count.div_ceil(POINTS_PER_CHUNK)).map(|chunk| number * CHUNKS_PER_PAGE + chunk));
     }
@@ -125,10 +127,15 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
     let opacities = filtered.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
     let nodes = g.upload("nodes", &records)?;
     let chunks = g.upload("chunks", &chunks.into_values().flatten().collect::<Vec<u32>>())?;
-    Ok(Drawn { nodes, chunks, pages: resident.import(g), groups, opacities, statistics })
+    Ok(Drawn { nodes, chunks, pages: resident.import(g), groups, opacities, one_sided: false, statistics })
 }
 
 impl Drawn {
+    /// Leaves out points that face away from the camera, where that is asked for; those whose normals are not known stay.
+    pub fn one_sided(self, asked: bool) -> Drawn {
+        Drawn { one_sided: asked, ..self }
+    }
+
     /// What walks for layers behind others keep of every chunk ([`Behind::alive`]), before the first.
     pub fn alive(&self, g: &mut Graph) -> Buffer {
         let chunks: u32 = self.groups.iter().map(|group| group.chunk_count).sum();
@@ -190,7 +197,7 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>,
 }
 
 /// The node's rows, in f64, rounded once (HARD_CASES 1.2).
-fn record_of(view: &View, node: &ResidentNode, planes: u32, kind: Option<u32>) -> Node {
+fn record_of(view: &View, node: &ResidentNode, planes: u32, [kind, normal]: [Option<u32>; 2]) -> Node {
     let steps = cell_steps(&node.frame, planes);
     let cell = node.lattice.step * steps;
     // Cells drop the finer bits: their points lie half a cell further on average, less half of the finest step.
@@ -208,6 +215,9 @@ fn record_of(view: &View, node: &ResidentNode, planes: u32, kind: Option<u32>) -
     };
     let f = view.focal_px();
     let basis = &view.basis;
+    let first_word = |word: u32| (node.first_page + node.planes + word) % PAGES_PER_BLOCK * POINTS_PER_PAGE;
+    // x and y are pixels times the depth; without perspective all sight lines are one.
+    let (across, along) = if view.camera.projection == Projection::Perspective { (1.0, f) } else { (0.0, 1.0) };
     Node {
         row_x: row(basis.right * f),
         row_y: row(basis.up * -f),
@@ -217,6 +227,10 @@ fn record_of(view: &View, node: &ResidentNode, planes: u32, kind: Option<u32>) -
         first_point: node.first_point(),
         first_word: node.first_page % PAGES_PER_BLOCK * POINTS_PER_PAGE,
         shown_word: (node.first_page + node.planes) % PAGES_PER_BLOCK * POINTS_PER_PAGE,
-        first_kind: kind.map_or(0, |word| (node.first_page + node.planes + word) % PAGES_PER_BLOCK * POINTS_PER_PAGE),
+        first_kind: kind.map_or(0, first_word),
+        first_normal: normal.map_or(0, first_word),
+        right: (basis.right * across).as_vec3().to_array(),
+        down: (-basis.up * across).as_vec3().to_array(),
+        forward: (basis.forward * along).as_vec3().to_array(),
     }
 }

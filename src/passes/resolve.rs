@@ -41,7 +41,7 @@ pub struct Paint {
 pub fn paint(g: &mut Graph, resident: &Resident) -> Result<Paint> {
     let Shown { attribute, stretch: [lo, hi], .. } = resident.shown;
     let mode = match attribute {
-        Attribute::Rgb => 0,
+        Attribute::Rgb | Attribute::Corrected => 0,
         Attribute::Intensity | Attribute::Elevation => 1,
         Attribute::Class | Attribute::Source | Attribute::Return => 2,
         Attribute::Normal => 3,
@@ -88,12 +88,14 @@ impl Resolved {
         let raw = g.copy("raw", &depth);
         let spacings: Vec<f32> = resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;
+        let facings = resident.shown.normal().map(|word| g.upload("facings", &resident.addresses(word))).transpose()?;
         Ok(Layers {
             depth,
             raw,
             index,
             color,
             front: None,
+            facings,
             marks: None,
             sums: None,
             lit: None,
@@ -131,7 +133,7 @@ fn table(attribute: Attribute) -> [[f32; 4]; 256] {
 fn srgb(attribute: Attribute, i: usize) -> [f64; 3] {
     let t = i as f64 / 255.0;
     match attribute {
-        Attribute::Rgb | Attribute::Intensity => [t; 3],
+        Attribute::Rgb | Attribute::Corrected | Attribute::Intensity => [t; 3],
         Attribute::Elevation => height_ramp(t),
         Attribute::Class => class_color(i),
         // The golden angle keeps neighbouring numbers far apart in hue.

@@ -56,7 +56,7 @@ impl super::Settings for Settings {
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
-        _ => Reason { runs: true, why: "points have no normals to be lit by; depth alone shows their shape".to_string() },
+        _ => Reason { runs: true, why: "depths alone show the shape of a surface, with or without normals".to_string() },
     }
 }
 

@@ -79,6 +79,8 @@ pub struct Resident {
     /// Of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
+    /// Normals that points have brought say which side of a surface is outside.
+    pub oriented: bool,
     /// How opaque its points are; what hides some by their kind needs them to bring it.
     pub opacities: Opacities,
 }
@@ -126,6 +128,8 @@ impl Resident {
             shown,
             points: 0,
             stations,
+            // A file's normals, where it has any.
+            oriented: shown.further.normal,
             opacities: Opacities::default(),
         };
         let total = cloud.len();

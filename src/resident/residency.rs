@@ -22,7 +22,7 @@ use crate::error::{Error, Result};
 use crate::gpu::memory::Window;
 use crate::gpu::timeline::Timeline;
 use crate::graph::Gpu;
-use crate::index::file::Index;
+use crate::index::file::{Index, Plane};
 use crate::index::pack::Frame;
 use crate::loader::{Answer, Destination, Loader, Outcome, Wish};
 use crate::opacity::Opacities;
@@ -140,6 +140,7 @@ impl Residency {
             shown,
             points: index.directory.contents.points,
             stations: index.directory.contents.stations.clone(),
+            oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             opacities: Opacities::default(),
         };
         Ok(Residency {

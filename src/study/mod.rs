@@ -88,6 +88,7 @@ studies! {
     ao,        // light in corners
     luminance, // steps between stations, details
     shadows,   // which points the light reaches
+    normals,   // planes through neighbours
     tangents,  // how evenly strokes flow
     strokes,   // strokes over each other
     layers,    // surfaces behind each other

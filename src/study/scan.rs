@@ -61,7 +61,12 @@ impl Scan {
         synth::scan(&world, points, seed, scene.default_noise(), &mut keep, progress)?;
         file.finish()?;
         let threads = rayon::current_num_threads();
-        build::build(&[input], &output, &Options { memory: 1 << 30, threads, wanted: WANTED, strict: true }, progress)?;
+        build::build(
+            &[input],
+            &output,
+            &Options { memory: 1 << 30, threads, wanted: WANTED, strict: true, derive: build::Derive::NONE },
+            progress,
+        )?;
         Ok(Scan { world, index: Arc::new(Index::open(&output)?), source, _folder: folder })
     }
 }

@@ -284,6 +284,7 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         density: 1.0,
         pixel_m: 0.0,
         transparent: false,
+        normals: false,
     });
     assert!(["visibility", "fill", "shape"].iter().all(|effect| decided.runs(effect)), "{decided:?}");
 }

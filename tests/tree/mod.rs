@@ -5,7 +5,7 @@
 use glam::DVec3;
 use pointillist::cloud::Columns;
 use pointillist::index::Arrangement;
-use pointillist::index::file::{Contents, Directory, Index, NodeRecord, PLANES, Plane, Writer};
+use pointillist::index::file::{CHECKSUMS, Contents, Directory, Index, NodeRecord, PLANES, Plane, Writer};
 use pointillist::index::pack;
 use std::path::Path;
 use std::sync::Arc;
@@ -108,7 +108,7 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
                 spacing: if grown.children.is_empty() { 0.0 } else { spacing },
                 extent: frame.extent,
                 count: order.len() as u32,
-                crc: [0; PLANES.len()],
+                crc: [0; CHECKSUMS],
                 first_child: 0,
                 children: grown.children.len() as u32,
                 parent,

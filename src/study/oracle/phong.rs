@@ -3,14 +3,21 @@
 //! Where a comparison falls within its bound (whether neighbours are spread enough for a normal, whether the light stands above the surface) either colour is right.
 
 use super::Bounded;
-use super::surface::{dot, from_centre, known, normal, unit};
+use super::surface::{dot, from_centre, known, normal, reach, unit};
 use crate::light::Light;
 use crate::passes::phong::Settings;
 use crate::view::{Projection, View};
 use glam::DVec3;
 
-/// Red, green and blue of every pixel: one colour, or any of several. Alpha is copied.
-pub fn shade(view: &View, light: Light, settings: &Settings, depth: &[f32], color: &[[f32; 4]]) -> Vec<Vec<[Bounded; 3]>> {
+/// Red, green and blue of every pixel: one colour, or any of several. Alpha is copied. `facing` has the normals of points, as [`facing`] says, where they have brought any.
+pub fn shade(
+    view: &View,
+    light: Light,
+    settings: &Settings,
+    depth: &[f32],
+    color: &[[f32; 4]],
+    facing: Option<&[[f32; 4]]>,
+) -> Vec<Vec<[Bounded; 3]>> {
     let [light, eye] = [light, Light::Headlight].map(|light| seen(view, light));
     let pixel = |i: usize| {
         let [r, g, b, alpha] = color[i].map(Bounded::exact);
@@ -24,7 +31,9 @@ pub fn shade(view: &View, light: Light, settings: &Settings, depth: &[f32], colo
         if !known(depth[i]) {
             return vec![unlit];
         }
-        let (normal, may_be_none, may_be) = normal(view, settings.radius as i64, depth, i);
+        let of_points = facing.and_then(|facing| of_points(view, settings.radius as i64, depth, facing, i));
+        let fitted = || normal(view, settings.radius as i64, depth, i);
+        let (normal, may_be_none, may_be) = of_points.map_or_else(fitted, |normal| (normal, false, true));
         let mut colors = Vec::new();
         if may_be_none {
             colors.push(unlit);
@@ -44,6 +53,43 @@ pub fn shade(view: &View, light: Light, settings: &Settings, depth: &[f32], colo
         colors
     };
     (0..depth.len()).map(pixel).collect()
+}
+
+/// The normal of a pixel's point; or, where it has none, the mean of those of the pixels around it on the same surface.
+fn of_points(view: &View, radius: i64, depth: &[f32], facing: &[[f32; 4]], i: usize) -> Option<[Bounded; 3]> {
+    let exact = |[x, y, z, _]: [f32; 4]| [x, y, z].map(Bounded::exact);
+    if facing[i][3] > 0.0 {
+        return Some(exact(facing[i]));
+    }
+    let [columns, rows] = view.size.map(|side| side as i64);
+    let (x, y, z0) = (i as i64 % columns, i as i64 / columns, Bounded::exact(depth[i]));
+    let reach = reach(view, z0);
+    let mut sum = None;
+    for (u, v) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (x + dx, y + dy))) {
+        let inside = (0..columns).contains(&u) && (0..rows).contains(&v);
+        let Some(k) = inside.then_some((v * columns + u) as usize).filter(|&k| known(depth[k]) && facing[k][3] > 0.0) else { continue };
+        let difference = z0 - Bounded::exact(depth[k]);
+        if difference.value.abs() >= reach.value {
+            continue;
+        }
+        let part = difference / reach;
+        let inner = Bounded::exact(1.0) - part * part;
+        let n = exact(facing[k]).map(|axis| inner * inner * axis);
+        sum = Some(sum.map_or(n, |sum: [Bounded; 3]| [0, 1, 2].map(|axis| sum[axis] + n[axis])));
+    }
+    sum.map(unit)
+}
+
+/// Of a point's normal, world: right, down and away, turned towards the camera; and by how much each may be off.
+pub fn facing(view: &View, i: usize, normal: DVec3) -> [Bounded; 3] {
+    let seen = [view.basis.right, -view.basis.up, view.basis.forward].map(|axis| {
+        // Three products of f32, of vectors that are rounded themselves.
+        let value = normal.dot(axis);
+        Bounded { value, error: 12.0 * super::ULP }
+    });
+    let ray = ray(view, i, 1.0);
+    let away = dot(seen, if view.camera.projection == Projection::Perspective { ray } else { [0.0, 0.0, 1.0].map(Bounded::exact) });
+    if away.value > 0.0 { seen.map(|axis| -axis) } else { seen }
 }
 
 /// A pixel's place divided by its depth.

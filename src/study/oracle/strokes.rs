@@ -5,7 +5,8 @@
 //! roundings may swap them, or a stroke's edge runs through the pixel, the pixel is not sure, and is not compared.
 
 use crate::cloud::Part;
-use crate::index::strokes::{Stroke, householder, unpacked};
+use crate::cloud::octahedral;
+use crate::index::strokes::{Stroke, householder};
 use crate::passes::resolve::srgb_to_linear;
 use crate::passes::strokes::brush::{Bristles, turns};
 use crate::passes::strokes::{LEAST_PX, Order, Settings, Tangents};
@@ -242,7 +243,7 @@ fn seen(
     };
     let [facing, brush] = words;
     let known = facing & 0xFF_FFFF != 0xFF_FFFF;
-    let stored = if known { unpacked([facing & 0xFFF, facing >> 12 & 0xFFF]) } else { -sight.normalize() };
+    let stored = octahedral::unpack(facing).unwrap_or_else(|| -sight.normalize());
     let normal = if stored.dot(sight) > 0.0 { -stored } else { stored };
     let (t, b) = householder(stored);
     let turn = turns[20 + (brush >> 8 & 255) as usize];

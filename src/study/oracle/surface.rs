@@ -13,9 +13,7 @@ pub fn normal(view: &View, radius: i64, depth: &[f32], i: usize) -> ([Bounded; 3
     let (x, y, z0) = (i as i64 % columns, i as i64 / columns, Bounded::exact(depth[i]));
     let perspective = view.camera.projection == Projection::Perspective;
     let f = Bounded::exact(view.focal_px() as f32);
-    // 31 pixels' widths, and with perspective no more than half of the depth.
-    let part = 31.0 / view.focal_px();
-    let reach = if perspective { Bounded::exact(part.min(0.5) as f32) * z0 } else { Bounded::exact(part as f32) };
+    let reach = reach(view, z0);
     let zero = Bounded::exact(0.0);
     let [mut n, mut sx, mut sy, mut sxx, mut sxy, mut syy, mut sq, mut sxq, mut syq] = [zero; 9];
     for dy in -radius..=radius {
@@ -51,6 +49,15 @@ pub fn normal(view: &View, radius: i64, depth: &[f32], i: usize) -> ([Bounded; 3
     let [cx, cy] = from_centre(view, i);
     let away = if perspective { Bounded::exact(1.0) - (cx * a + cy * b) } else { Bounded::exact(1.0) };
     (unit([-(f * a), -(f * b), -away]), may_be_none, may_be)
+}
+
+/// By how much depths of one surface may differ: 31 pixels' widths, and with perspective no more than half of the depth.
+pub fn reach(view: &View, z: Bounded) -> Bounded {
+    let part = 31.0 / view.focal_px();
+    match view.camera.projection {
+        Projection::Perspective => Bounded::exact(part.min(0.5) as f32) * z,
+        Projection::Orthographic => Bounded::exact(part as f32),
+    }
 }
 
 /// Pixels, exact: halves.

@@ -1,0 +1,78 @@
+//! An inner node in, what its samples have in common with those of its children that they stand for out.
+//!
+//! ```text
+//! normal      oriented ones: their mean; others, which may be either of two: the axis that they are nearest to together (Sum n n^T, its largest eigenvector)
+//! stroke      covers what those that it stands for cover: the root of the sum of their radii's squares; along the way of the heaviest one, which also says how
+//! luminance   mean in linear light, as of other colours
+//! ```
+
+use super::super::file::Plane;
+use super::super::forest::Forest;
+use super::super::merge::{self, Runs};
+use super::super::normals::eigen;
+use super::super::samples::{Derived, Samples};
+use super::super::strokes;
+use crate::cloud::octahedral;
+use crate::error::Result;
+use glam::DVec3;
+use std::ops::Range;
+
+/// `corner` is where the tree's lattice starts, in steps of the file's.
+pub fn node(forest: &Forest, node: usize, corner: [i64; 3], planes: &[Plane], oriented: bool) -> Result<Derived> {
+    let record = &forest.directory.nodes[node];
+    let wanted: Vec<Plane> = planes.iter().copied().chain([Plane::Weight]).collect();
+    let parts = record.children().map(|child| forest.samples(child, corner, &wanted)).collect::<Result<Vec<_>>>()?;
+    let below = Samples::concatenated(&parts);
+    let runs = merge::runs(&below);
+    let own = forest.samples(node, corner, &[])?;
+    let facing = below.derived.facing.as_deref().map(|below| {
+        let normals = runs.each(|run| normal(&runs, below, run, oriented));
+        let at = |i: usize| [0, 1, 2].map(|axis| (corner[axis] + own.q[i][axis] as i64) as i32);
+        normals.into_iter().enumerate().map(|(i, normal)| strokes::seeded(normal, at(i))).collect::<Vec<_>>()
+    });
+    let brush = match (&facing, below.derived.facing.as_deref(), below.derived.brush.as_deref()) {
+        (Some(own), Some(facing), Some(brush)) => {
+            let mut own = own.iter();
+            Some(runs.each(|run| joined(&runs, *own.next().expect("a normal for every run"), facing, brush, run)))
+        }
+        _ => None,
+    };
+    let corrected = below.derived.corrected.as_deref().map(|colors| runs.mean_colors(colors));
+    Ok(Derived { facing, brush, corrected })
+}
+
+/// Directions that two ways are nearly equally near to are no direction.
+const SAME: f64 = 1e-6;
+
+fn normal(runs: &Runs, facing: &[u32], run: Range<usize>, oriented: bool) -> u32 {
+    if run.len() == 1 {
+        return facing[run.start] & octahedral::UNKNOWN;
+    }
+    let known = run.filter_map(|i| Some((octahedral::unpack(facing[i])?, runs.weight(i) as f64)));
+    if oriented {
+        let sum: DVec3 = known.map(|(normal, weight)| normal * weight).sum();
+        return if sum == DVec3::ZERO { octahedral::UNKNOWN } else { octahedral::pack(sum) };
+    }
+    let mut products = [0.0; 6];
+    let mut first = None;
+    for (n, weight) in known {
+        first = first.or(Some(n));
+        let own = [n.x * n.x, n.x * n.y, n.x * n.z, n.y * n.y, n.y * n.z, n.z * n.z];
+        (0..6).for_each(|k| products[k] += weight * own[k]);
+    }
+    let Some(first) = first else { return octahedral::UNKNOWN };
+    let [_, (second, _), (most, axis)] = eigen(products);
+    if most - second < SAME * most {
+        return octahedral::UNKNOWN;
+    }
+    octahedral::pack(if axis.dot(first) < 0.0 { -axis } else { axis })
+}
+
+fn joined(runs: &Runs, own: u32, facing: &[u32], brush: &[u32], run: Range<usize>) -> u32 {
+    let heaviest = run.clone().max_by(|&a, &b| runs.weight(a).cmp(&runs.weight(b)).then(b.cmp(&a))).expect("a cell has samples");
+    if run.len() == 1 {
+        return brush[heaviest];
+    }
+    let square: f64 = run.map(|i| (strokes::radius_m(brush[i]) as f64).powi(2)).sum();
+    strokes::turned(brush[heaviest], facing[heaviest], own, square.sqrt())
+}

@@ -1,0 +1,147 @@
+//! A leaf in, what the points around each of its points tell of it out.
+
+use super::super::clusters::{self, Cluster, NEAR, NOBODY};
+use super::super::file::Plane;
+use super::super::forest::{Forest, Leaf};
+use super::super::luminance::{self, NEIGHBOURS};
+use super::super::neighbours::Tree;
+use super::super::normals::{self, FIT, Patch, Room};
+use super::super::samples::{Derive, Derived};
+use super::super::strokes::{self, Stroke};
+use super::super::surroundings::Surroundings;
+use crate::cloud::{Columns, octahedral};
+use crate::error::Result;
+use std::sync::Arc;
+
+/// Points between two looks at whether the work is still wanted.
+const BATCH: usize = 1 << 12;
+
+/// Of what a leaf's points were found to be.
+pub struct Found {
+    pub derived: Derived,
+    /// All normals are those of the file.
+    pub oriented: bool,
+}
+
+/// `found` is told of points that are looked around, by each pass over them.
+pub fn leaf(forest: &Forest, node: usize, derive: Derive, found: &(dyn Fn(u64) -> Result<()> + Sync)) -> Result<Found> {
+    let own = forest.leaf(node)?;
+    let record = &forest.directory.nodes[node];
+    let count = own.tree.len();
+    let luminance = derive.luminance && record.has(Plane::Corrected);
+    let mut derived = Derived::room(Derive { luminance, ..derive }, count);
+    let mut oriented = false;
+    if let Some(facing) = &mut derived.facing {
+        let bytes = if record.has(Plane::Normal) { forest.bytes(node, Plane::Normal)? } else { vec![0; 3 * count] };
+        let normals: &[[u8; 3]] = bytes.as_chunks().0;
+        let of_file: Vec<u32> = normals.iter().map(|normal| octahedral::of_bytes(normal.map(|v| v as i8))).collect();
+        oriented = of_file.iter().all(|&normal| normal != octahedral::UNKNOWN);
+        let patches = if oriented && !derive.strokes { None } else { Some(patches(forest, node, &own, found)?) };
+        let clusters = derive.strokes.then(|| patches.as_ref().map(|patches| clusters_around(forest, node, &own, patches))).flatten();
+        let clusters = clusters.transpose()?;
+        for place in 0..count {
+            let (number, steps) = (own.tree.number(place), own.tree.steps(place));
+            let patch = patches.as_ref().map(|patches| patches[place]);
+            let fitted = patch.and_then(|patch| patch.plane).map_or(octahedral::UNKNOWN, |plane| octahedral::pack(plane.normal));
+            let normal = if of_file[number] == octahedral::UNKNOWN { fitted } else { of_file[number] };
+            let at = [0, 1, 2].map(|axis| (own.origin[axis] + steps[axis] as i64) as i32);
+            facing[number] = strokes::seeded(normal, at);
+            if let (Some(brush), Some(Patch { radius_m, plane }), Some(clusters)) = (&mut derived.brush, patch, &clusters) {
+                brush[number] = Stroke { radius_m, plane, cluster: clusters[place] }.brush(normal);
+            }
+        }
+    }
+    if let Some(corrected) = &mut derived.corrected {
+        let mut around = Surroundings::of(forest, node, &own, true);
+        for first in (0..count).step_by(BATCH) {
+            let places = first..(first + BATCH).min(count);
+            found(places.len() as u64)?;
+            let colors = luminance::average(&mut around, places.clone(), NEIGHBOURS)?;
+            places.zip(colors).for_each(|(place, color)| corrected[own.tree.number(place)] = color);
+        }
+    }
+    Ok(Found { derived, oriented })
+}
+
+/// By their places.
+fn patches(forest: &Forest, node: usize, own: &Leaf, found: &(dyn Fn(u64) -> Result<()> + Sync)) -> Result<Vec<Patch>> {
+    let (mut around, mut room) = (Surroundings::of(forest, node, own, false), Room::default());
+    let mut patches = Vec::with_capacity(own.tree.len());
+    for place in 0..own.tree.len() {
+        if place % BATCH == 0 {
+            found(BATCH.min(own.tree.len() - place) as u64)?;
+        }
+        patches.push(normals::patch(&mut around, place, FIT, &mut room, &mut |_| {})?);
+    }
+    Ok(patches)
+}
+
+/// Around a leaf, in radii of its middle point: clusters are found with the points there, so that one that the leaf's border cuts is not taken for a small one.
+const HALO: f64 = 16.0;
+
+/// The clusters that points are part of, by their places; of everything, of no shape, where there are no colours.
+fn clusters_around(forest: &Forest, node: usize, own: &Arc<Leaf>, patches: &[Patch]) -> Result<Vec<Cluster>> {
+    if own.colors.is_empty() {
+        return Ok(vec![Cluster { points: forest.directory.contents.points, elongation: 1.0 }; patches.len()]);
+    }
+    let mut radii: Vec<f64> = patches.iter().map(|patch| patch.radius_m).collect();
+    let middle = radii.len() / 2;
+    let reach = HALO * *radii.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let mut columns = Columns::default();
+    let mut colors = own.colors.clone();
+    let mut add = |at: [i32; 3]| {
+        columns.x.push(at[0]);
+        columns.y.push(at[1]);
+        columns.z.push(at[2]);
+    };
+    (0..own.tree.len()).for_each(|place| add(own.tree.steps(place)));
+    let (step, extent) = (own.tree.step(), forest.directory.nodes[node].extent);
+    for near in forest.beside(node, reach, false) {
+        let leaf = forest.leaf(near.node)?;
+        for place in 0..leaf.tree.len() {
+            let steps = leaf.tree.steps(place);
+            let at = [0, 1, 2].map(|axis| leaf.origin[axis] - own.origin[axis] + steps[axis] as i64);
+            let outside = |axis: usize| (-at[axis]).max(at[axis] - extent[axis] as i64).max(0) as f64 * step[axis];
+            // What is as near as that to a leaf of at most 2^30 steps has coordinates of 32 bits; a radius as large as a leaf is no reason for more.
+            if (0..3).all(|axis| outside(axis) <= reach && i32::try_from(at[axis]).is_ok()) {
+                add(at.map(|steps| steps as i32));
+                colors.push(leaf.colors[place]);
+            }
+        }
+    }
+    let tree = Tree::new(&columns, &forest.lattice(node));
+    let mut found = Vec::with_capacity(NEAR);
+    let near: Vec<[u32; NEAR]> = (0..tree.len())
+        .map(|place| {
+            tree.nearest(place, NEAR, &mut found);
+            std::array::from_fn(|k| found.get(k).map_or(NOBODY, |neighbour| neighbour.place))
+        })
+        .collect();
+    let colors: Vec<[u8; 3]> = (0..tree.len()).map(|place| colors[tree.number(place)]).collect();
+    let all = clusters::clusters(&tree, &near, &colors);
+    let mut of = vec![Cluster::default(); tree.len()];
+    (0..tree.len()).for_each(|place| of[tree.number(place)] = all.clusters[all.of[place] as usize]);
+    of.truncate(own.tree.len());
+    Ok(of)
+}
+
+/// Radii are the upper halves of f32.
+pub const RADII: usize = 1 << 16;
+
+/// How often each radius occurs.
+pub fn radii(derived: &Derived) -> Vec<(u16, u32)> {
+    let mut all: Vec<u16> = derived.brush.iter().flatten().map(|&brush| (brush >> 16) as u16).collect();
+    all.sort_unstable();
+    all.chunk_by(|a, b| a == b).map(|run| (run[0], run.len() as u32)).collect()
+}
+
+/// The largest radius that strokes of these may have, as their upper halves count it.
+pub fn largest(counts: &[u64]) -> u32 {
+    let rank = strokes::rank(counts.iter().sum());
+    let mut sum = 0;
+    let at = counts.iter().position(|&count| {
+        sum += count;
+        sum > rank
+    });
+    at.unwrap_or(RADII - 1) as u32
+}

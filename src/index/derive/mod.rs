@@ -1,0 +1,161 @@
+//! An index whose nodes have room for them in, what depends on the points around out: normals, strokes, and colours of one luminance.
+//!
+//! ```text
+//! leaves, on all cores: of every point, from the points around it in whatever leaves they are (`leaves`, `surroundings`)
+//! radii of strokes: none larger than that of all but one in a hundred of a tree's points
+//! inner nodes, from the deepest level up: of every sample, from those of its children that it stands for (`inner`)
+//! ```
+//! All of it goes to where the file has room for it, before there is a directory: an index is complete or absent. What a point gets depends on the points alone, not on leaves, threads or memory: it is what a
+//! cloud that is held in memory gets.
+
+mod inner;
+mod leaves;
+
+use super::build::Options;
+use super::file::{Directory, NodeRecord, Plane, Writer};
+use super::forest::{Forest, Read};
+use super::samples::Derived;
+use super::strokes;
+use crate::error::Result;
+use crate::progress::Progress;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+/// `corners`: of every lattice where its tree starts, steps.
+pub fn derive(directory: &mut Directory, writer: &Writer, corners: &[[i64; 3]], options: &Options, progress: &dyn Progress) -> Result<()> {
+    let read = |at: u64, bytes: &mut [u8]| writer.get(at, bytes);
+    let work = Work { writer, corners, options, progress };
+    // Checksums are known before anything is read again: a write that the disk has lost is found.
+    let keep = |directory: &mut Directory, crcs: Vec<Crc>| {
+        crcs.into_iter().for_each(|Crc { node, plane, crc }| directory.nodes[node].crc[plane as usize] = crc);
+    };
+    let Leaves { crcs, radii, oriented } = work.leaves(&work.forest(directory, &read))?;
+    keep(directory, crcs);
+    directory.contents.oriented = oriented;
+    if options.derive.strokes {
+        let crcs = work.cap(&work.forest(directory, &read), &radii)?;
+        keep(directory, crcs);
+    }
+    let deepest = directory.nodes.iter().map(|node| node.level).max().unwrap_or(0);
+    for level in (0..=deepest).rev() {
+        progress.tick("joining", (deepest - level) as u64, deepest as u64 + 1)?;
+        let crcs = work.inner(&work.forest(directory, &read), level)?;
+        keep(directory, crcs);
+    }
+    Ok(())
+}
+
+/// Of a plane that has been written.
+struct Crc {
+    node: usize,
+    plane: Plane,
+    crc: u32,
+}
+
+/// What looking around the points of all leaves found.
+struct Leaves {
+    crcs: Vec<Crc>,
+    /// How often each radius of a stroke occurs, of every tree by its lattice.
+    radii: BTreeMap<u16, Vec<u64>>,
+    /// All normals are those of files.
+    oriented: bool,
+}
+
+struct Work<'w> {
+    writer: &'w Writer,
+    corners: &'w [[i64; 3]],
+    options: &'w Options,
+    progress: &'w dyn Progress,
+}
+
+impl Work<'_> {
+    fn forest<'f>(&self, directory: &'f Directory, read: &'f Read<'f>) -> Forest<'f> {
+        // Half of the memory for leaves that are kept, a quarter for those that threads have at hand, the rest for what they find.
+        let Options { memory, threads, derive, .. } = *self.options;
+        Forest::new(directory, read, derive.strokes || derive.luminance, memory / 2, memory / 4 / threads as u64)
+    }
+
+    /// The planes that a node has room for, of those that are derived.
+    fn planes(&self, record: &NodeRecord) -> Vec<Plane> {
+        self.options.derive.planes().into_iter().filter(|&plane| record.has(plane)).collect()
+    }
+
+    fn put(&self, record: &NodeRecord, node: usize, plane: Plane, bytes: &[u8]) -> Result<Crc> {
+        let (at, length) = record.range(plane);
+        assert_eq!(bytes.len() as u64, length, "node {node}: {plane:?}");
+        self.writer.put(at, bytes)?;
+        Ok(Crc { node, plane, crc: crc32c::crc32c(bytes) })
+    }
+
+    fn put_all(&self, record: &NodeRecord, node: usize, derived: &Derived) -> Result<Vec<Crc>> {
+        self.planes(record).into_iter().map(|plane| self.put(record, node, plane, derived.bytes(plane))).collect()
+    }
+
+    /// From the roots down, siblings one after the other: who works on one has what is beside it in memory.
+    fn leaves_in_order(directory: &Directory) -> Vec<usize> {
+        let nodes = &directory.nodes;
+        let mut open: Vec<usize> = (0..directory.roots as usize).rev().collect();
+        let mut leaves = Vec::new();
+        while let Some(node) = open.pop() {
+            if nodes[node].is_leaf() {
+                leaves.push(node);
+            }
+            open.extend(nodes[node].children().rev().filter(|_| !nodes[node].is_leaf()));
+        }
+        leaves
+    }
+
+    fn leaves(&self, forest: &Forest) -> Result<Leaves> {
+        let leaves = Work::leaves_in_order(forest.directory);
+        let nodes = &forest.directory.nodes;
+        let passes = self.options.derive.has_normals() as u64 + self.options.derive.luminance as u64;
+        let total = passes * leaves.iter().map(|&leaf| nodes[leaf].points).sum::<u64>();
+        let done = AtomicU64::new(0);
+        let found = |points: u64| self.progress.tick("looking around points", done.fetch_add(points, Relaxed) + points, total);
+        let of_leaf = |&leaf: &usize| {
+            let found = leaves::leaf(forest, leaf, self.options.derive, &found)?;
+            let counts = leaves::radii(&found.derived);
+            Ok((self.put_all(&nodes[leaf], leaf, &found.derived)?, (nodes[leaf].lattice, counts), found.oriented))
+        };
+        let mut all = Leaves { crcs: Vec::new(), radii: BTreeMap::new(), oriented: !leaves.is_empty() };
+        // Counts of one leaf are as many numbers as it has radii: they are added up soon.
+        for some in leaves.chunks(8 * self.options.threads) {
+            for (own, (lattice, counts), is_oriented) in some.par_iter().map(of_leaf).collect::<Result<Vec<_>>>()? {
+                all.crcs.extend(own);
+                all.oriented &= is_oriented;
+                let sums = all.radii.entry(lattice).or_insert_with(|| vec![0; leaves::RADII]);
+                counts.into_iter().for_each(|(radius, count)| sums[radius as usize] += count as u64);
+            }
+        }
+        Ok(all)
+    }
+
+    /// No stroke of a leaf is larger than that of all but some of its tree's points.
+    fn cap(&self, forest: &Forest, radii: &BTreeMap<u16, Vec<u64>>) -> Result<Vec<Crc>> {
+        let nodes = &forest.directory.nodes;
+        let largest: BTreeMap<u16, u32> = radii.iter().map(|(&lattice, counts)| (lattice, leaves::largest(counts))).collect();
+        let of_leaf = |&leaf: &usize| {
+            let mut brushes = forest.bytes(leaf, Plane::Brush)?;
+            let largest = largest[&nodes[leaf].lattice];
+            for brush in brushes.as_chunks_mut().0 {
+                *brush = strokes::capped(u32::from_le_bytes(*brush), largest).to_le_bytes();
+            }
+            self.put(&nodes[leaf], leaf, Plane::Brush, &brushes)
+        };
+        Work::leaves_in_order(forest.directory).par_iter().map(of_leaf).collect()
+    }
+
+    fn inner(&self, forest: &Forest, level: u8) -> Result<Vec<Crc>> {
+        let nodes = &forest.directory.nodes;
+        let at_level: Vec<usize> = (0..nodes.len()).filter(|&node| nodes[node].level == level && !nodes[node].is_leaf()).collect();
+        let oriented = forest.directory.contents.oriented;
+        let of_node = |&node: &usize| {
+            let record = &nodes[node];
+            let derived = inner::node(forest, node, self.corners[record.lattice as usize], &self.planes(record), oriented)?;
+            self.put_all(record, node, &derived)
+        };
+        let crcs = at_level.par_iter().map(of_node).collect::<Result<Vec<_>>>()?;
+        Ok(crcs.into_iter().flatten().collect())
+    }
+}

@@ -1,0 +1,201 @@
+//! Leaves of an index in, trees of their points out: those nearest to a box, brought from the file when they are asked for, and kept while memory lasts.
+//!
+//! The index itself says which leaves are near: its nodes' boxes are walked from the roots down. So the points around those of a leaf are found wherever they lie, and what is found does not depend on where
+//! leaves end, nor on what is in memory.
+
+use super::file::{self, Directory, NodeRecord, Plane};
+use super::neighbours::Tree;
+use super::samples::Samples;
+use crate::cloud::{Columns, Lattice};
+use crate::error::{Error, Result};
+use glam::DVec3;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex};
+
+/// Of world coordinates, what rounding may have moved them by at most.
+const ROUNDING: f64 = 1e-12;
+
+/// The points of a leaf, or of a cloud that is no index, and their colours by their places in the tree.
+pub struct Leaf {
+    pub tree: Tree,
+    pub colors: Vec<[u8; 3]>,
+    /// Of the tree's coordinates, steps of the lattice.
+    pub origin: [i64; 3],
+}
+
+impl Leaf {
+    /// Of columns that are a cloud of their own; colours where they are asked for.
+    pub fn of(columns: &Columns, lattice: &Lattice, origin: [i64; 3], colored: bool) -> Leaf {
+        let tree = Tree::new(columns, lattice);
+        let rgb = columns.rgb.as_ref().filter(|_| colored);
+        let colors = rgb.map_or(Vec::new(), |rgb| (0..tree.len()).map(|place| rgb[tree.number(place)]).collect());
+        Leaf { tree, colors, origin }
+    }
+
+    /// In memory.
+    pub fn bytes(&self) -> u64 {
+        self.tree.bytes() + size_of_val(&*self.colors) as u64
+    }
+}
+
+/// A leaf beside another one.
+pub struct Near {
+    pub node: usize,
+    /// From the other's box to its own, metres squared.
+    pub away: f64,
+    /// Its box, in the other's steps from the other's origin; around it where the lattices differ.
+    lo: DVec3,
+    hi: DVec3,
+    /// The other's steps from its origin, times this and then this more, are its own from its own: whole ones where they are on one lattice.
+    scale: DVec3,
+    shift: DVec3,
+    pub leaf: Option<Arc<Leaf>>,
+}
+
+impl Near {
+    /// A place of the other leaf, in its own steps.
+    pub fn seen_from(&self, at: DVec3) -> DVec3 {
+        at * self.scale + self.shift
+    }
+
+    /// From such a place to its box, metres squared.
+    pub fn away_from(&self, at: DVec3, step: DVec3) -> f64 {
+        ((at.clamp(self.lo, self.hi) - at) * step).length_squared()
+    }
+}
+
+/// Reads bytes of the index from a place in it.
+pub type Read<'r> = dyn Fn(u64, &mut [u8]) -> Result<()> + Sync + 'r;
+
+pub struct Forest<'f> {
+    pub directory: &'f Directory,
+    read: &'f Read<'f>,
+    colored: bool,
+    /// Bytes of leaves that are kept.
+    most: u64,
+    /// And of those that each who looks around in it should have at hand, about.
+    pub hold: u64,
+    kept: Mutex<Kept>,
+    /// Of all points, metres.
+    pub diagonal: f64,
+}
+
+/// Leaves by their nodes, each with when it was asked for last.
+#[derive(Default)]
+struct Kept {
+    leaves: HashMap<usize, (Arc<Leaf>, u64)>,
+    bytes: u64,
+    asked: u64,
+}
+
+impl<'f> Forest<'f> {
+    /// `memory` is what leaves may take that are kept; `hold` what those may take that each who looks around has at hand beside, about; bytes.
+    pub fn new(directory: &'f Directory, read: &'f Read<'f>, colored: bool, memory: u64, hold: u64) -> Forest<'f> {
+        let diagonal = directory.contents.bounds.map_or(0.0, |[lo, hi]| (hi - lo).length());
+        Forest { directory, read, colored, most: memory, hold, kept: Mutex::default(), diagonal }
+    }
+
+    fn record(&self, node: usize) -> &NodeRecord {
+        &self.directory.nodes[node]
+    }
+
+    pub fn lattice(&self, node: usize) -> Lattice {
+        file::lattice(self.record(node), &self.directory.contents.lattices)
+    }
+
+    /// Bytes of one plane of a node; an error where they are not what was written.
+    pub fn bytes(&self, node: usize, plane: Plane) -> Result<Vec<u8>> {
+        let record = self.record(node);
+        let (at, length) = record.range(plane);
+        let mut bytes = vec![0; length as usize];
+        (self.read)(at, &mut bytes)?;
+        if crc32c::crc32c(&bytes) != record.crc[plane as usize] {
+            let what = format!("node {node}'s {plane:?} plane reads otherwise than it was written: the disk has lost a write; try again");
+            return Err(Error::Request(what));
+        }
+        Ok(bytes)
+    }
+
+    /// Samples of a node, of these planes and of all that say where they lie, counted from `corner`.
+    pub fn samples(&self, node: usize, corner: [i64; 3], planes: &[Plane]) -> Result<Samples> {
+        let record = self.record(node);
+        let positions = file::PLANES[..record.position_planes() as usize].iter().map(|(plane, _)| *plane);
+        let wanted = positions.chain(planes.iter().copied()).filter(|&plane| record.has(plane));
+        let read = wanted.map(|plane| Ok((plane, self.bytes(node, plane)?))).collect::<Result<Vec<_>>>()?;
+        let of = |plane: Plane| read.iter().find(|(there, _)| *there == plane).map(|(_, bytes)| bytes.as_slice());
+        Ok(Samples::unpack(record, corner, &of))
+    }
+
+    pub fn leaf(&self, node: usize) -> Result<Arc<Leaf>> {
+        let kept = || self.kept.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        {
+            let mut kept = kept();
+            kept.asked += 1;
+            let now = kept.asked;
+            if let Some((leaf, asked)) = kept.leaves.get_mut(&node) {
+                *asked = now;
+                return Ok(leaf.clone());
+            }
+        }
+        // Two threads may bring the same: rather that than that one waits for the other's disk.
+        let origin = self.record(node).origin;
+        let planes: &[Plane] = if self.colored { &[Plane::Rgb] } else { &[] };
+        let Samples { q, rgb, .. } = self.samples(node, origin, planes)?;
+        let column = |axis: usize| q.iter().map(|q| q[axis] as i32).collect();
+        let columns = Columns { x: column(0), y: column(1), z: column(2), rgb, ..Columns::default() };
+        let leaf = Arc::new(Leaf::of(&columns, &self.lattice(node), origin, self.colored));
+        let mut kept = kept();
+        let now = kept.asked;
+        while kept.bytes + leaf.bytes() > self.most {
+            let oldest = kept.leaves.iter().min_by_key(|(_, (_, asked))| *asked).map(|(node, _)| *node);
+            let Some((gone, _)) = oldest.and_then(|node| kept.leaves.remove(&node)) else { break };
+            kept.bytes -= gone.bytes();
+        }
+        let before = kept.leaves.insert(node, (leaf.clone(), now));
+        kept.bytes += leaf.bytes() - before.map_or(0, |(before, _)| before.bytes());
+        Ok(leaf)
+    }
+
+    /// All other leaves within `reach` metres of a leaf's box, nearest first; those of the same lattice, or all.
+    pub fn beside(&self, leaf: usize, reach: f64, of_any_lattice: bool) -> Vec<Near> {
+        let own = self.record(leaf);
+        let lattices = &self.directory.contents.lattices;
+        let (low, high) = file::bounds(own, lattices);
+        let slack = ROUNDING * low.abs().max(high.abs()).max_element();
+        let mut near = Vec::new();
+        let mut open: Vec<usize> = (0..self.directory.roots as usize).collect();
+        while let Some(node) = open.pop() {
+            let record = self.record(node);
+            let (lo, hi) = file::bounds(record, lattices);
+            let apart = (lo - high).max(low - hi).max(DVec3::ZERO).length() - slack;
+            if apart > reach {
+                continue;
+            }
+            open.extend(record.children());
+            if record.is_leaf() && node != leaf && (of_any_lattice || record.lattice == own.lattice) {
+                near.extend(Some(self.near(own, node)).filter(|near| near.away <= reach * reach));
+            }
+        }
+        near.sort_by(|a, b| a.away.total_cmp(&b.away).then(a.node.cmp(&b.node)));
+        near
+    }
+
+    fn near(&self, own: &NodeRecord, node: usize) -> Near {
+        let (record, lattices) = (self.record(node), &self.directory.contents.lattices);
+        let steps = |from: [i64; 3], to: [i64; 3]| DVec3::from_array([0, 1, 2].map(|axis| (to[axis] - from[axis]) as f64));
+        let extent = |record: &NodeRecord| DVec3::from_array(record.extent.map(f64::from));
+        let [lattice, other] = [own, record].map(|record| file::lattice(record, lattices));
+        let (lo, hi, scale, shift) = if own.lattice == record.lattice {
+            let lo = steps(own.origin, record.origin);
+            (lo, lo + extent(record), DVec3::ONE, -lo)
+        } else {
+            let (a, b) = file::bounds(record, lattices);
+            let from = lattice.world(own.origin);
+            let [a, b] = [a, b].map(|corner| (corner - from) / lattice.step);
+            let pad = ROUNDING * from.abs().max_element() / lattice.step.abs() + DVec3::splat(f64::EPSILON) * (a.abs() + b.abs());
+            (a.min(b) - pad, a.max(b) + pad, lattice.step / other.step, (from - other.world(record.origin)) / other.step)
+        };
+        let apart = (lo - extent(own)).max(-hi).max(DVec3::ZERO);
+        Near { node, away: (apart * lattice.step).length_squared(), lo, hi, scale, shift, leaf: None }
+    }
+}

@@ -1,0 +1,127 @@
+//! Study `normals`: planes fitted to the points around each (dos Anjos et al. 2018, sec. 3.2.2), by how many neighbours make up the radius and how many radii are fitted, against time a million points.
+//!
+//! One of the two differs from what `index --normals` and strokes do. Truth is analytic: of a sphere and a torus, without noise and with noise of a quarter of the points' spacing. The angle is that between
+//! lines, since a plane has two normals. A point whose neighbours determine no plane has none, and counts as unknown, not as wrong.
+
+use super::report::{Figure, Section, Table};
+use super::{Plan, Row, mark_fronts, metrics, sweep};
+use crate::error::Result;
+use crate::graph::Gpu;
+use crate::index::forest::Leaf;
+use crate::index::normals::{self, FIT, Fit, Room};
+use crate::index::surroundings::Surroundings;
+use crate::progress::Progress;
+use crate::synth::{self, Scene};
+use glam::DVec3;
+use std::time::Instant;
+
+pub const SUMMARY: &str = "neighbours and radii of fitted planes: angles to the surface's own normals, against time a million";
+
+/// The outward direction at a place relative to the middle, and how large a surface is, square metres.
+struct Truth {
+    normal: fn(DVec3) -> DVec3,
+    area: f64,
+}
+
+const SPHERE: Truth = Truth { normal: |p| p.normalize_or_zero(), area: 4.0 * std::f64::consts::PI };
+/// Of radii 1 and 0.4.
+const TORUS: Truth = Truth {
+    normal: |p| (p - DVec3::new(p.x, p.y, 0.0).normalize_or_zero()).normalize_or_zero(),
+    area: 4.0 * std::f64::consts::PI * std::f64::consts::PI * 0.4,
+};
+
+/// Scenes, and their noise in spacings of the points.
+const SCENES: [(&str, Scene, Truth, f64); 4] = [
+    ("sphere", Scene::Sphere, SPHERE, 0.0),
+    ("noisy sphere", Scene::Sphere, SPHERE, 0.25),
+    ("torus", Scene::Torus, TORUS, 0.0),
+    ("noisy torus", Scene::Torus, TORUS, 0.25),
+];
+
+const NEAR: [usize; 4] = [4, 8, 16, 32];
+const REACH: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
+
+const METRICS: [(&str, &str, &str); 3] = [
+    ("median_degrees", "median angle, degrees", "Angle to the surface's own normal: median"),
+    ("p99_degrees", "99th percentile, degrees", "Angle to the surface's own normal: 99th percentile"),
+    ("unknown", "share of the points", "Points without a normal"),
+];
+
+pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+    let mut rows = Vec::new();
+    let head = ["scene", "neighbours", "radii", "median, degrees", "99 %, degrees", "unknown", "ms a million"];
+    let mut table = Table { title: "Angles and times".into(), head: head.map(String::from).to_vec(), rows: Vec::new() };
+    for (done, (name, scene, truth, noise)) in SCENES.into_iter().enumerate() {
+        progress.tick("study normals", done as u64, SCENES.len() as u64)?;
+        let spacing = (truth.area / plan.points as f64).sqrt();
+        let cloud = synth::collect(name, &synth::build(scene, plan.seed, 0.0), plan.points, plan.seed, noise * spacing, progress)?;
+        let part = &cloud.parts[0];
+        let middle = part.bounds().map_or(DVec3::ZERO, |(lo, hi)| (lo + hi) / 2.0);
+        let leaf = Leaf::of(&part.columns, &part.lattice, [0; 3], false);
+        let by_near = NEAR.map(|near| ("neighbours", Fit { near, ..FIT }));
+        let by_reach = REACH.map(|reach| ("radii", Fit { reach, ..FIT }));
+        let fits: Vec<(&str, Fit)> = by_near.into_iter().chain(by_reach).collect();
+        let places = places(leaf.tree.len());
+        let mut found = Vec::new();
+        let times = sweep::interleaved(&fits, plan.repeat.max(1), |&(_, fit)| {
+            let start = Instant::now();
+            let own = planes(&leaf, &places, fit)?;
+            let ms = start.elapsed().as_secs_f64() * 1e3;
+            if found.len() < fits.len() {
+                found.push(own);
+            }
+            Ok(ms * 1e6 / places.len().max(1) as f64)
+        })?;
+        for (((knob, fit), times), found) in fits.into_iter().zip(times).zip(found) {
+            let (angles, unknown) = compare(&leaf, &places, |steps| (truth.normal)(part.lattice.world(steps) - middle), &found);
+            let [median, p99] = [0.5, 0.99].map(|share| angles.get((share * angles.len() as f64) as usize).copied().unwrap_or(0.0));
+            let ms = metrics::quartiles(&times);
+            let value = if knob == "radii" { fit.reach.to_string() } else { fit.near.to_string() };
+            for (metric, error) in METRICS.iter().zip([median, p99, unknown]) {
+                let (value, auto) = (value.clone(), fit == FIT);
+                rows.push(Row { scene: name, view: "points", knob, value, metric: metric.0, error, ms, n: times.len(), auto, front: false });
+            }
+            let numbers = [format!("{median:.3}"), format!("{p99:.3}"), format!("{unknown:.5}"), format!("{:.0}", ms[1])];
+            table.rows.push([vec![name.into(), fit.near.to_string(), fit.reach.to_string()], numbers.to_vec()].concat());
+        }
+    }
+    mark_fronts(&mut rows);
+    let label = |row: &Row| format!("{} {}", row.value, row.knob);
+    let figure = |&(metric, y_axis, caption): &_| {
+        Figure::of("normals", metric, ["milliseconds a million (bars: quartiles)", y_axis], caption, &rows, &label)
+    };
+    let figures = METRICS.iter().map(figure).collect();
+    let how = format!(
+        "{} points a scene, of which at most {PLACES} in runs of {RUN} are looked at; n = {} interleaved rounds after one that is not counted, on one core of the CPU, without building the tree. <em>auto</em> is what <code>index --normals</code> does: {} neighbours and {} radii.",
+        plan.points, plan.repeat, FIT.near, FIT.reach
+    );
+    Ok(Section { name: "normals", title: "Normals".into(), how, rows, figures, tables: vec![table] })
+}
+
+/// Points that are looked at: so many at most, neighbours in runs as an index looks at them, spread over all.
+const PLACES: usize = 65_536;
+const RUN: usize = 1024;
+
+fn places(points: usize) -> Vec<usize> {
+    let apart = points.div_ceil(PLACES).max(1);
+    (0..points).filter(|place| (place / RUN).is_multiple_of(apart)).collect()
+}
+
+/// In the order of the places.
+fn planes(leaf: &Leaf, places: &[usize], fit: Fit) -> Result<Vec<Option<DVec3>>> {
+    let (mut around, mut room) = (Surroundings::alone(leaf), Room::default());
+    let normal = |&place: &usize| Ok(normals::patch(&mut around, place, fit, &mut room, &mut |_| {})?.plane.map(|plane| plane.normal));
+    places.iter().map(normal).collect()
+}
+
+/// Degrees, sorted, of those that are known; and the share of others. `truth` is of a place in steps.
+fn compare(leaf: &Leaf, places: &[usize], truth: impl Fn([i64; 3]) -> DVec3, found: &[Option<DVec3>]) -> (Vec<f64>, f64) {
+    let angle = |(&place, normal): (&usize, &Option<DVec3>)| {
+        let own = truth(leaf.tree.steps(place).map(i64::from));
+        normal.map(|normal| normal.cross(own).length().atan2(normal.dot(own).abs()).to_degrees())
+    };
+    let mut angles: Vec<f64> = places.iter().zip(found).filter_map(angle).collect();
+    angles.sort_by(f64::total_cmp);
+    let unknown = 1.0 - angles.len() as f64 / found.len().max(1) as f64;
+    (angles, unknown)
+}
