@@ -1,6 +1,6 @@
 //! Brushes: the numbers of the paper's equation 1, and the three of its figure 4 by name.
 
-use super::Settings;
+use super::{Blend, Settings};
 
 /// A named brush; its numbers may be set one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -31,9 +31,12 @@ pub struct Bristles {
 }
 
 impl Brush {
-    fn bristles(self) -> Bristles {
+    /// Dabs fade towards their ends. All of a dab shows where strokes lie over each other, so it is as small as leaves no holes and stays within three pixels of silhouettes; alone it shows only
+    /// where it hides.
+    fn bristles(self, blend: Blend) -> Bristles {
+        let dab = if blend == Blend::Abuffer { 1.5 } else { 2.4 };
         match self {
-            Brush::Dabs => Bristles { size: 2.4, amplitude: 8.0, gamma: 3.0, sigma_x: 0.114, sigma_y: 0.0989, dev: 0.03, gaussians: 9 },
+            Brush::Dabs => Bristles { size: dab, amplitude: 8.0, gamma: 3.0, sigma_x: 0.114, sigma_y: 0.0989, dev: 0.03, gaussians: 9 },
             Brush::Bristles => Bristles { size: 1.6, amplitude: 1.0, gamma: 2.7, sigma_x: 0.142, sigma_y: 0.071, dev: 0.38, gaussians: 9 },
             Brush::Ribbons => Bristles { size: 1.6, amplitude: 2.27, gamma: 2.4, sigma_x: 0.099, sigma_y: 0.1259, dev: 0.3, gaussians: 6 },
         }
@@ -43,7 +46,7 @@ impl Brush {
 impl Bristles {
     /// Of what is not 0 the number asked for, else the brush's own.
     pub fn of(settings: &Settings) -> Bristles {
-        let own = settings.brush.bristles();
+        let own = settings.brush.bristles(settings.blend);
         let or = |asked: f64, own: f64| if asked == 0.0 { own } else { asked };
         Bristles {
             size: or(settings.size, own.size),
