@@ -195,6 +195,12 @@ impl<'g> Graph<'g> {
         Image { id: self.add(name, Shape::Image(desc)), desc }
     }
 
+    /// A buffer that passes write for the CPU, which reads it after the submission.
+    pub fn answer(&mut self, name: &str, bytes: u64) -> Buffer {
+        let desc = BufferDesc { bytes, place: Place::Download };
+        Buffer { id: self.add(name, Shape::Buffer(desc)), desc }
+    }
+
     /// A transient buffer; its contents are undefined until a pass writes them.
     pub fn buffer(&mut self, name: &str, bytes: u64) -> Buffer {
         let desc = BufferDesc { bytes, place: Place::Device };

@@ -71,12 +71,11 @@ pub struct Encoded(Vec<Buffer>);
 pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
     let size = picture.desc.size;
     let buckets = g.upload("buckets", &Thresholds::new().buckets())?;
-    // The bands of `keys`, whose memory these may take.
     let bands = project::bands(size, g.binding_limit()).into_iter().map(|band| {
-        let words = g.buffer("words", 4 * band.size[0] as u64 * band.size[1] as u64);
+        let words = g.answer("words", 4 * band.size[0] as u64 * band.size[1] as u64);
         let mut screen = Screen { words, blue_first: false };
         rows(g, picture, &buckets, &mut screen, band);
-        g.download_buffer(&screen.words)
+        screen.words
     });
     Ok(Encoded(bands.collect()))
 }
