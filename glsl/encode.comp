@@ -1,4 +1,4 @@
-// A linear picture -> its 8-bit sRGB words.
+// A linear picture -> its 8-bit sRGB words or bytes.
 //
 // A code is the number of thresholds that a channel has reached (src/passes/encode.rs). Floats whose bits begin alike share a bucket, which holds one threshold at most: one look, one comparison, and exact.
 #version 460
@@ -12,6 +12,8 @@ layout(rgba32ui) readonly uniform uimageBuffer buckets;
 layout(scalar) writeonly buffer Screen { uint word[]; } screen;
 
 layout(constant_id = 0) const bool BLUE_FIRST = false;
+// Three bytes a pixel, red first, for files; not a word.
+layout(constant_id = 1) const bool PACKED = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size; // pixels of the band that `screen` holds
@@ -30,11 +32,26 @@ uint code(float linear) {
     return linear > 0.0 ? reached : 0u;
 }
 
+uvec3 codes(uvec2 pixel) {
+    vec3 linear = imageLoad(picture, ivec2(pixel.x, pixel.y + push.top)).rgb;
+    return uvec3(code(linear.r), code(linear.g), code(linear.b));
+}
+
 void main() {
+    if (PACKED) {
+        // Four pixels are three words.
+        uint four = gl_WorkGroupID.y * gl_NumWorkGroups.x * 64u + gl_GlobalInvocationID.x;
+        if (4u * four >= push.size.x * push.size.y) return;
+        uvec3 c[4];
+        for (uint k = 0u; k < 4u; ++k) c[k] = codes(uvec2((4u * four + k) % push.size.x, (4u * four + k) / push.size.x));
+        screen.word[3u * four] = c[0].r | c[0].g << 8 | c[0].b << 16 | c[1].r << 24;
+        screen.word[3u * four + 1u] = c[1].g | c[1].b << 8 | c[2].r << 16 | c[2].g << 24;
+        screen.word[3u * four + 2u] = c[2].b | c[3].r << 8 | c[3].g << 16 | c[3].b << 24;
+        return;
+    }
     uvec2 pixel = gl_GlobalInvocationID.xy;
     if (pixel.x >= push.size.x || pixel.y >= push.size.y) return;
-    vec3 linear = imageLoad(picture, ivec2(pixel.x, pixel.y + push.top)).rgb;
-    uint red = code(linear.r), green = code(linear.g), blue = code(linear.b);
-    uint low = BLUE_FIRST ? blue : red, high = BLUE_FIRST ? red : blue;
-    screen.word[pixel.y * push.size.x + pixel.x] = low | green << 8 | high << 16 | 255u << 24;
+    uvec3 c = codes(pixel);
+    uint low = BLUE_FIRST ? c.b : c.r, high = BLUE_FIRST ? c.r : c.b;
+    screen.word[pixel.y * push.size.x + pixel.x] = low | c.g << 8 | high << 16 | 255u << 24;
 }

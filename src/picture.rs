@@ -7,8 +7,8 @@ use exr::prelude::{SmallVec, WritableImage};
 use std::io::Write;
 use std::path::Path;
 
-/// An 8-bit sRGB picture of words with red, green and blue from their lowest bytes up, rows of pixels from the top left, in as many pieces as there are ([`crate::passes::encode`]).
-pub fn write_png(path: &Path, [width, height]: [u32; 2], pieces: &[&[u32]]) -> Result<()> {
+/// An 8-bit sRGB picture of red, green and blue of each pixel, rows of them from the top left, in as many pieces as there are ([`crate::passes::encode`]).
+pub fn write_png(path: &Path, [width, height]: [u32; 2], pieces: &[&[u8]]) -> Result<()> {
     whole_file(path, |partial| {
         let io = |error| Error::io("write", path, error);
         let file = std::fs::File::create(partial).map_err(io)?;
@@ -21,14 +21,9 @@ pub fn write_png(path: &Path, [width, height]: [u32; 2], pieces: &[&[u32]]) -> R
             other => Error::format(path, other.to_string()),
         };
         let mut writer = encoder.write_header().map_err(failed)?;
-        // Row by row, so that no second picture is in memory.
+        // Piece by piece, so that no second picture is in memory.
         let mut rows = writer.stream_writer().map_err(failed)?;
-        let mut bytes = Vec::with_capacity(3 * width as usize);
-        for row in pieces.iter().flat_map(|piece| piece.chunks_exact(width as usize)) {
-            bytes.clear();
-            bytes.extend(row.iter().flat_map(|word| word.to_le_bytes().into_iter().take(3)));
-            rows.write_all(&bytes).map_err(io)?;
-        }
+        pieces.iter().try_for_each(|piece| rows.write_all(piece)).map_err(io)?;
         rows.finish().map_err(failed)?;
         writer.finish().map_err(failed)
     })

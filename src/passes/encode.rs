@@ -51,39 +51,38 @@ pub struct Screen {
 }
 
 pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()> {
-    let whole = Band { top: 0, size: picture.desc.size };
-    let buckets = g.upload("buckets", &Thresholds::new().buckets())?;
-    rows(g, picture, &buckets, screen, whole);
+    let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
+    let size = picture.desc.size;
+    let (push, spec) = (Push { size, top: 0 }, Spec { blue_first: screen.blue_first, packed: false });
+    let groups = Tiles::Groups([size[0].div_ceil(64), size[1], 1]);
+    g.run(shader::Encode { picture, buckets, screen: &mut screen.words, push, spec }, groups);
     Ok(())
 }
 
-fn rows(g: &mut Graph, picture: &Image, buckets: &Buffer, screen: &mut Screen, band: Band) {
-    let Band { top, size } = band;
-    let push = Push { size, top };
-    let spec = Spec { blue_first: screen.blue_first };
-    g.run(shader::Encode { picture, buckets, screen: &mut screen.words, push, spec }, Tiles::Groups([size[0].div_ceil(64), size[1], 1]));
-}
-
-/// A picture as it goes into a file: a word a pixel, red in its lowest byte; a buffer a band, from the top down.
-pub struct Encoded(Vec<Buffer>);
+/// A picture as it goes into a file: a buffer a band, from the top down.
+pub struct Encoded(Vec<(Buffer, Band)>);
 
 /// Asks for it after the submission.
 pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
-    let size = picture.desc.size;
-    let buckets = g.upload("buckets", &Thresholds::new().buckets())?;
-    let bands = project::bands(size, g.binding_limit()).into_iter().map(|band| {
-        let words = g.answer("words", 4 * band.size[0] as u64 * band.size[1] as u64);
-        let mut screen = Screen { words, blue_first: false };
-        rows(g, picture, &buckets, &mut screen, band);
-        screen.words
+    let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
+    let bands = project::bands(picture.desc.size, g.binding_limit()).into_iter().map(|band| {
+        let Band { top, size } = band;
+        let fours = (size[0] * size[1]).div_ceil(4);
+        let mut bytes = g.answer("bytes", 12 * fours as u64);
+        let (push, spec) = (Push { size, top }, Spec { blue_first: false, packed: true });
+        let rows = fours.div_ceil(64).div_ceil(65_535);
+        let groups = Tiles::Groups([fours.div_ceil(64).div_ceil(rows), rows, 1]);
+        g.run(shader::Encode { picture, buckets, screen: &mut bytes, push, spec }, groups);
+        (bytes, band)
     });
     Ok(Encoded(bands.collect()))
 }
 
 impl Encoded {
-    /// Rows of pixels, from the top left.
-    pub fn read<'f>(&self, frame: &'f Frame) -> Vec<&'f [u32]> {
-        self.0.iter().map(|band| frame.read(band)).collect()
+    /// Red, green and blue of each pixel, rows of them from the top left.
+    pub fn read<'f>(&self, frame: &'f Frame) -> Vec<&'f [u8]> {
+        let pixels = |band: &Band| 3 * band.size[0] as usize * band.size[1] as usize;
+        self.0.iter().map(|(bytes, band)| &frame.read(bytes)[..pixels(band)]).collect()
     }
 }
 
