@@ -25,7 +25,7 @@ pub struct Outcome {
 pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
     let bands = project::bands(view.size, g.binding_limit());
     let drawn = project::draw(g, view, resident, look.precision)?.one_sided(look.drops_back_faces(resident));
-    let paint = resolve::paint(g, resident)?;
+    let paint = resolve::paint(g, resident, &look.decided)?;
     let scene = Scene::of(view, resident, look.light);
     let points = Points { scene: &scene, look, resident, bands: &bands, drawn: &drawn, paint: &paint };
     let marks = shadows::marks(g, &scene, resident, &look.effects, &look.decided)?;

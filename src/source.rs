@@ -197,7 +197,7 @@ impl Source {
     /// Files go there whole; of an index nothing yet.
     pub fn bring(self, gpu: &mut Gpu, shown: Shown, pool_bytes: u64, progress: &dyn Progress) -> Result<Brought> {
         Ok(match self {
-            Source::Files(cloud) => Brought::Whole(Resident::fill(gpu, cloud, shown, progress)?),
+            Source::Files(cloud) => Brought::Whole(Box::new(Resident::fill(gpu, cloud, shown, progress)?)),
             Source::Index(index) => Brought::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?)),
         })
     }
@@ -257,7 +257,7 @@ fn within<'s>(samples: impl Iterator<Item = &'s (DVec3, u32)>, axis: usize, beyo
 
 /// A source on the device.
 pub enum Brought {
-    Whole(Resident),
+    Whole(Box<Resident>),
     Parts(Box<Residency>),
 }
 

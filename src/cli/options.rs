@@ -191,6 +191,7 @@ impl PictureOptions {
         }
         let (mut shown, why) = source.shown(self.color)?;
         shown.further = self.further();
+        shown.coded &= self.wishes()?.effects.exposure.switch != Switch::Off;
         if shown.further.normal && !source.has_normals() {
             if self.wishes()?.effects.phong.settings.normals == Normals::File {
                 return Err(Error::Request(format!(

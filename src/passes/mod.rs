@@ -10,6 +10,7 @@ pub mod resolve;
 
 use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
+use crate::index::exposure::Balance;
 use crate::light::Light;
 use crate::resident::Resident;
 use crate::view::View;
@@ -90,10 +91,12 @@ pub struct Scene<'s> {
     pub transparent: bool,
     /// Points have brought normals.
     pub normals: bool,
+    /// What gives all stations one exposure, where that is known.
+    pub balance: Option<&'s Balance>,
 }
 
 impl<'s> Scene<'s> {
-    pub fn of(view: &'s View, resident: &Resident, light: Light) -> Scene<'s> {
+    pub fn of(view: &'s View, resident: &'s Resident, light: Light) -> Scene<'s> {
         Scene {
             view,
             light,
@@ -105,6 +108,7 @@ impl<'s> Scene<'s> {
             pixel_m: resident.pixel_m(view),
             transparent: resident.opacities.is_transparent(),
             normals: resident.shown.normal().is_some(),
+            balance: resident.balance.as_ref(),
         }
     }
 
@@ -197,6 +201,7 @@ macro_rules! effects {
 }
 
 effects! {
+    exposure,   // the table that colours are looked up in
     luminance,  // sums, index -> color
     strokes,    // keys and color in place of projected points; color -> color
     shadows,    // marks, index, color -> color

@@ -17,6 +17,7 @@ use crate::cloud::{Cloud, Columns, Lattice, Part, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Gpu, Graph};
+use crate::index::exposure::{self, Balance};
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
 use crate::opacity::Opacities;
@@ -79,6 +80,8 @@ pub struct Resident {
     /// Of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
+    /// What gives all stations one exposure, where colours say which station they are of.
+    pub balance: Option<Balance>,
     /// Normals that points have brought say which side of a surface is outside.
     pub oriented: bool,
     /// How opaque its points are; what hides some by their kind needs them to bring it.
@@ -121,6 +124,7 @@ impl Resident {
     ) -> Result<Resident> {
         gpu.residents += 1;
         let stations = cloud.stations.clone();
+        let balance = if shown.coded { exposure::balance(&cloud) } else { None };
         let mut resident = Resident {
             serial: gpu.residents,
             pool: Pool::new(u32::MAX),
@@ -128,6 +132,7 @@ impl Resident {
             shown,
             points: 0,
             stations,
+            balance,
             // A file's normals, where it has any.
             oriented: shown.further.normal,
             opacities: Opacities::default(),

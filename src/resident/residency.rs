@@ -140,6 +140,7 @@ impl Residency {
             shown,
             points: index.directory.contents.points,
             stations: index.directory.contents.stations.clone(),
+            balance: None,
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             opacities: Opacities::default(),
         };
