@@ -1,8 +1,8 @@
 //! PANEL, KEYS -> DEEDS: what was chosen there, and the files that come of it.
 
-use super::App;
 use super::drawing::Message;
 use super::navigation::Input;
+use super::{App, boxes};
 use crate::error::{Error, Result};
 use crate::view::View;
 use crate::whole_file::whole_file;
@@ -21,6 +21,8 @@ pub enum Deed {
     Export(&'static str),
     /// What was picked.
     Forget,
+    /// One more clip box.
+    AddBox,
     /// One more view of the camera path, from here.
     AddKey,
     ForgetPath,
@@ -63,7 +65,11 @@ impl App {
             Deed::SaveScene => self.save(&unused_name("json"), |app, path| app.scene.write(path)),
             Deed::SavePath => self.save(&unused_name("path.json"), |app, path| app.facts.path.write(path)),
             Deed::Export(extension) => self.save(&unused_name(extension), |app, path| app.export(extension, path)),
-            Deed::Forget => self.facts.measure.points.clear(),
+            Deed::Forget => self.forget(),
+            Deed::AddBox => {
+                self.scene.clips.0.push(boxes::around(&self.facts.measure, &self.navigation.camera));
+                self.post_scene();
+            }
             Deed::AddKey => self.facts.path.add(self.navigation.camera),
             Deed::ForgetPath => self.facts.path.keys.clear(),
             Deed::Play => self.play(),

@@ -354,7 +354,7 @@ impl Thread {
             self.wanted = Wanted::Nothing;
             return self.blank().map(|()| true);
         };
-        cloud.resident_mut().opacities = scene.opacities.clone();
+        cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
         let divisor = if self.wanted == Wanted::Now { self.pace.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
@@ -441,7 +441,7 @@ impl Thread {
     fn save(&mut self, path: PathBuf) -> Result<()> {
         let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &mut self.cloud, &self.present) else { return Ok(()) };
         let view = View::new(scene.camera, present.size())?;
-        cloud.resident_mut().opacities = scene.opacities.clone();
+        cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
         cloud.settle(&mut self.gpu, &view, &(self.detail)(view.size), &crate::progress::Silent)?;
         let look = look::decide(&scene.wishes, &view, cloud.resident());
         let mut g = Graph::new(&mut self.gpu);

@@ -61,6 +61,7 @@ impl ApplicationHandler<Event> for App {
                 self.facts.doing = None;
                 self.trouble(&error);
             }
+            Event::LookedUp(place, looked) => self.looked_up(place, looked),
             Event::Report(report) => return self.report(events, report),
             Event::Interrupted => {
                 self.ended = Some(Error::Interrupted);
@@ -143,6 +144,7 @@ impl ApplicationHandler<Event> for App {
 
     fn exiting(&mut self, _events: &ActiveEventLoop) {
         self.abandoned.store(true, Relaxed);
+        self.forgotten.store(true, Relaxed);
         if let Some(mut drawing) = self.drawing.take() {
             drawing.close();
         }

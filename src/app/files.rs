@@ -35,6 +35,7 @@ impl App {
     pub(super) fn opened(&mut self, opened: Opened) {
         let Opened { source, shown, subject, kinds, is_whole } = opened;
         self.facts.points = source.points();
+        (self.origins, self.stations) = (source.files(), source.stations().to_vec());
         self.facts.shows = Some(shown.attribute);
         self.facts.kinds = kinds;
         self.navigation.set_subject(subject);

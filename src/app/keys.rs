@@ -50,6 +50,7 @@ pub const KEYS: &[Key] = &[
     key(&[KeyCode::KeyC], "C", Act::Do(Deed::Export("csv")), "save what was picked, as a table"),
     key(&[KeyCode::KeyG], "G", Act::Do(Deed::Export("geojson")), "save what was picked, as GeoJSON"),
     key(&[KeyCode::Delete, KeyCode::Backspace], "Del", Act::Do(Deed::Forget), "forget what was picked"),
+    key(&[KeyCode::KeyB], "B", Act::Do(Deed::AddBox), "one more clip box, around what was picked or the middle of the picture"),
     key(&[KeyCode::KeyK], "K", Act::Do(Deed::AddKey), "one more view of the camera path"),
     key(&[KeyCode::Space], "Space", Act::Do(Deed::Play), "fly along the camera path, or stop"),
     key(&[KeyCode::F7], "F7", Act::Do(Deed::SavePath), "save the camera path, for render --path"),

@@ -8,6 +8,7 @@
 //! ```
 //! This thread only reacts: it waits for events, and while nobody touches anything nothing is drawn.
 
+mod boxes;
 pub mod deeds;
 pub mod drawing;
 mod events;
@@ -15,6 +16,7 @@ mod files;
 pub mod flight;
 mod hands;
 pub mod keys;
+mod looking_up;
 pub mod measure;
 mod motion;
 pub mod navigation;
@@ -26,12 +28,14 @@ mod reports;
 pub mod seen;
 pub mod statistics;
 
+use crate::cloud::Station;
+use crate::cloud::find::Record;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use drawing::{Drawing, Message, Report};
 use flight::Flight;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use navigation::{Modifiers, Navigation};
 use opening::Opened;
 pub use options::Options;
@@ -50,6 +54,8 @@ use winit::window::Window;
 enum Event {
     Progress(String),
     Opened(Result<Box<Opened>>),
+    /// The record of the point in this place, where there is one.
+    LookedUp(DVec3, Result<Option<Record>>),
     Report(Report),
     /// Ctrl-C in the terminal.
     Interrupted,
@@ -66,7 +72,10 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         statistics: Statistics::new(options.began),
         events: events.create_proxy(),
         abandoned: Arc::new(AtomicBool::new(false)),
+        forgotten: Arc::new(AtomicBool::new(false)),
         openings: Vec::new(),
+        origins: Vec::new(),
+        stations: Vec::new(),
         files: options.files.clone(),
         facts: Facts { path: options.path.clone(), ..Facts::default() },
         titled: String::new(),
@@ -105,7 +114,12 @@ struct App {
     statistics: Statistics,
     /// Tells the opening thread that nobody waits for it.
     abandoned: Arc<AtomicBool>,
+    /// Tells threads that look points up that nobody waits for them.
+    forgotten: Arc<AtomicBool>,
     openings: Vec<JoinHandle<()>>,
+    /// The files that the points on the screen are from, and the stations in them.
+    origins: Vec<PathBuf>,
+    stations: Vec<Station>,
     /// All that are open, or are being opened.
     files: Vec<PathBuf>,
     facts: Facts,

@@ -1,8 +1,9 @@
 //! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. Facts and a scene in, triangles and deeds out.
 
+use super::boxes;
 use super::deeds::Deed;
 use super::keys::KEYS;
-use super::measure::{self, Measure};
+use super::measure::{self, Looked, Measure};
 use super::navigation::{Input, Mode};
 use super::opening::Kinds;
 use crate::camera_path::CameraPath;
@@ -119,6 +120,9 @@ impl Panel {
                 marks(ui, &facts.measure, view);
             }
             let tall = ui.ctx().content_rect().height() - 60.0;
+            if let Some(view) = view.filter(|_| !facts.hidden) {
+                boxes::handles(ui, &mut scene.clips, view);
+            }
             if !facts.hidden {
                 egui::Window::new("pointillist").default_pos([8.0, 8.0]).default_size([WIDTH, tall]).show(ui.ctx(), |ui| {
                     ScrollArea::vertical().show(ui, |ui| everything(ui, facts, scene, &mut deeds));
@@ -160,6 +164,11 @@ fn everything(ui: &mut Ui, facts: &Facts, scene: &mut Scene, deeds: &mut Vec<Dee
     picked(ui, facts, deeds);
     color(ui, facts, scene);
     filters(ui, facts, &mut scene.opacities);
+    let mut added = false;
+    boxes::list(ui, &mut scene.clips, &mut added);
+    if added {
+        deeds.push(Deed::AddBox);
+    }
     light(ui, scene);
     CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
         for listed in scene.wishes.effects.list() {
@@ -316,13 +325,18 @@ fn camera_path(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
 /// Coordinates in full: f64 tells a micrometre at ten million metres.
 fn picked(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
     let Facts { measure, .. } = facts;
-    let Some(point) = measure.points.last() else { return };
+    let Some(measure::Picked { point, record }) = measure.points.last() else { return };
     CollapsingHeader::new("picked").default_open(true).show(ui, |ui| {
         let DVec3 { x, y, z } = point.position;
         ui.label(format!("x {x:.4}\ny {y:.4}\nz {z:.4}{}", if point.exact { "" } else { "\nabout: the rest of its digits is not loaded" }));
         if let Some([class, number, station]) = measure::kind(point) {
             ui.label(format!("class {class}, return {number}, station {station}"));
         }
+        ui.label(match record {
+            Looked::Found(record) => record.to_string(),
+            Looked::Underway => "being looked up in its file".into(),
+            Looked::Nowhere => "a sample that stands for several points of the file; nearer by there are these".into(),
+        });
         if measure.points.len() > 1 {
             let mut text = format!(
                 "{} points\ndistance {:.4} m\nheight {:.4} m\nhorizontal {:.4} m",
@@ -354,7 +368,7 @@ fn marks(ui: &Ui, measure: &Measure, view: &View) {
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
     let per_point = ui.ctx().pixels_per_point();
     let places: Vec<Option<egui::Pos2>> =
-        measure.points.iter().map(|point| view.pixel(point.position).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point)).collect();
+        measure.places().into_iter().map(|place| view.pixel(place).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point)).collect();
     let stroke = egui::Stroke::new(2.0, Color32::YELLOW);
     for pair in places.windows(2) {
         if let [Some(a), Some(b)] = pair {

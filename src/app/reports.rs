@@ -3,6 +3,7 @@
 use super::App;
 use super::drawing::{Drawn, Report};
 use super::flight::Hands;
+use super::measure::Picked;
 use super::navigation::Way;
 use crate::resident::Point;
 use std::time::{Duration, Instant};
@@ -53,7 +54,7 @@ impl App {
 
     /// What the panel says of pictures need not change with every one of them; what lies over the picture moves with it.
     fn says_later(&mut self) {
-        if !self.facts.measure.points.is_empty() {
+        if !self.facts.measure.points.is_empty() || self.scene.clips.active() > 0 {
             return self.ask_for_panel();
         }
         let soon = Instant::now() + BETWEEN;
@@ -62,11 +63,12 @@ impl App {
 
     pub(super) fn picked(&mut self, point: Point, adds: bool) {
         if !adds {
-            self.facts.measure.points.clear();
+            self.forget();
         }
-        self.facts.measure.points.push(point);
+        self.facts.measure.points.push(Picked::new(point));
         // To be copied from the terminal.
         println!("{}", self.facts.measure);
+        self.look_up(&point);
     }
 
     /// Says what is open and what is going on.

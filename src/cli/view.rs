@@ -54,7 +54,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let picture = arguments.picture.with_scene()?;
     let camera = picture.camera()?;
     let here = camera.unwrap_or(Camera::framing(picture.view, &[], picture.size.0));
-    let scene = Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities() };
+    let scene =
+        Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities(), clips: picture.clips() };
     let options = Options {
         files: arguments.files.clone(),
         opening: picture.detail.opening(picture.read_options(arguments.strict)),

@@ -12,6 +12,7 @@ pub mod color;
 mod core;
 pub mod e57;
 pub mod exposure;
+pub mod find;
 mod floats;
 mod guard;
 mod input;

@@ -133,20 +133,21 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, pa
 }
 
 fn walk(g: &mut Graph, scene: &Scene, drawn: &Drawn, to: &Sums, band: Band, front: &Image, sums: &mut Buffer) {
-    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = Walk::new(g, scene.view, drawn, band);
+    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, scene.view, band);
     let &Sums { stretch: [lo, scale], channels, ramp, epsilon, .. } = to;
     let top = band.top;
     for group in &drawn.groups {
-        let &Group { block, planes, first_chunk, chunk_count } = group;
-        let (nodes, chunks, opacities, pages, tiles) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), &drawn.pages[block], group.tiles());
+        let &Group { block, planes, filtered, first_chunk, chunk_count } = group;
+        let (nodes, chunks, opacities, within) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), drawn.within());
+        let (pages, tiles) = (&drawn.pages[block], group.tiles());
         if g.gpu.device.int64_atomics {
             let push = luminance_sum64::Push { centre, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
             let spec = luminance_sum64::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum64 { nodes, chunks, opacities, pages, page_words: pages, front, sums, push, spec }, tiles);
+            g.run(shader::LuminanceSum64 { nodes, chunks, opacities, within, pages, page_words: pages, front, sums, push, spec }, tiles);
         } else {
             let push = luminance_sum32::Push { centre, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
             let spec = luminance_sum32::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum32 { nodes, chunks, opacities, pages, page_words: pages, front, sums, push, spec }, tiles);
+            g.run(shader::LuminanceSum32 { nodes, chunks, opacities, within, pages, page_words: pages, front, sums, push, spec }, tiles);
         }
     }
 }

@@ -425,9 +425,9 @@ impl Painting<'_> {
 
     fn walk(&self, g: &mut Graph, desk: &Desk, part: &Buffer, tallies: &mut Buffer, strokes: &mut Buffer, step: u32) {
         let wide = Band { top: desk.band.top, size: desk.band.size.map(|side| side + 2 * margin(&self.settings)) };
-        let project::Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = project::Walk::new(g, &self.wide, &desk.drawn, wide);
+        let project::Walk { centre, size, near, lanes, perspective, texels, points_per_chunk } = project::Walk::new(g, &self.wide, wide);
         for group in &desk.drawn.groups {
-            let project::Group { block, planes, first_chunk, chunk_count } = *group;
+            let project::Group { block, planes, filtered, first_chunk, chunk_count } = *group;
             let push = stroke_bins::Push { centre, size, near, first_chunk, chunk_count };
             let spec = stroke_bins::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, step, mode: desk.paint.mode };
             let Desk { drawn, homes, canvas, turns, .. } = desk;
@@ -437,6 +437,7 @@ impl Painting<'_> {
                     nodes: &drawn.nodes,
                     chunks: &drawn.chunks,
                     opacities: drawn.opacities(),
+                    within: drawn.within(),
                     pages,
                     page_words: pages,
                     homes,
