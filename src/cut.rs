@@ -202,7 +202,7 @@ pub fn quantisation_px(view: &View, lattice: &Lattice, frame: &Frame, distance: 
     match view.camera.projection {
         Projection::Perspective => {
             let f = view.focal_px();
-            let corner = 0.5 * (view.size[0] as f64).hypot(view.size[1] as f64);
+            let corner = 0.5 * (view.whole[0] as f64).hypot(view.whole[1] as f64);
             half_cell * f.hypot(corner) / distance
         }
         Projection::Orthographic => half_cell * view.focal_px(),

@@ -12,6 +12,7 @@ use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::{self, ReadOptions, Wanted};
 use pointillist::passes::resolve::code_color;
 use pointillist::progress::Silent;
+use pointillist::resident::section::Slab;
 use pointillist::synth::Scene;
 use pointillist::view::{Camera, View};
 use std::path::{Path, PathBuf};
@@ -373,34 +374,132 @@ fn faces(scene: &serde_json::Value) -> Vec<f64> {
 fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
     let place = Place::new();
     let cloud = place.street(60_000);
-    let mut viewer = place.view(&[&cloud], "--view top");
-    viewer.shows(&place.picture(&[&cloud], "top.png", "--view top"));
-    place.display.xdotool("mousemove 190 140 click 1");
-    viewer.until("picked point", |viewer| !viewer.printed().is_empty());
+    // Wide enough for the box to be beside the panel.
+    let (size, line) = ([640, 400], "--size 640x400");
+    let mut viewer = place.view_with_panel(&[&cloud], size, "--view top");
+    let pixel = |picture: &support::Png, x: i64, y: i64| picture.pixels[(y * size[0] as i64 + x) as usize];
+    let panel = |viewer: &Viewer| pixel(&viewer.photograph(), 20, 20);
+    viewer.until("panel", |viewer| panel(viewer) != pointillist::config::BACKGROUND);
+    viewer.key("n");
+    viewer.shows(&place.picture(&[&cloud], "top.png", &format!("{line} --view top")));
+    pick(&place, &mut viewer, &[[308, 187]]);
     place.display.xdotool("key b Delete");
-    let before = place.shows_its_scene(&mut viewer, &[&cloud], 1, "");
+    let before = place.shows_its_scene(&mut viewer, &[&cloud], 1, line);
     let camera: Camera = serde_json::from_value(before["camera"].clone()).unwrap();
     let [x0, y0, z0, x1, y1, z1]: [f64; 6] = faces(&before).try_into().unwrap();
-    // The handle of the face in the east, with the panel out of the way.
-    let [x, y] = View::new(camera, SIZE).unwrap().pixel(DVec3::new(x1, (y0 + y1) / 2.0, (z0 + z1) / 2.0)).unwrap();
+    // The handle of the face in the east.
+    let [x, y] = View::new(camera, size).unwrap().pixel(DVec3::new(x1, (y0 + y1) / 2.0, (z0 + z1) / 2.0)).unwrap();
     let (x, y) = (x.round() as i64, y.round() as i64);
     viewer.key("n");
-    let pixel = |picture: &support::Png, x: i64, y: i64| picture.pixels[(y * SIZE[0] as i64 + x) as usize];
-    let bare = pixel(&read_png(&place.at("scene-1.png")), 20, 20);
-    viewer.until("panel", |viewer| pixel(&viewer.photograph(), 20, 20) != bare);
-    // The panel is moved away by its title, where it lies over the handle.
-    place.display.xdotool("mousemove 60 18 mousedown 1 mousemove 100 250 mousemove 100 290 mouseup 1");
     viewer.until("handle", |viewer| pixel(&viewer.photograph(), x, y) == [0x90, 0xEE, 0x90]);
-    let [to, aside] = [x + 40, y + 5];
-    place.display.xdotool(&format!(
-        "mousemove {x} {y} mousedown 1 mousemove {} {y} mousemove {to} {aside} sleep 0.3 mouseup 1 mousemove {to} 10 key n",
-        x + 20
-    ));
-    let after = place.shows_its_scene(&mut viewer, &[&cloud], 2, "");
-    let pixel_m = camera.ortho_height.unwrap() / SIZE[1] as f64;
+    // What the cursor is on, or drags, is white.
+    let to = x + 40;
+    for (x, hand) in [(x, ""), (x, "mousedown 1"), (x + 20, ""), (to, "")] {
+        place.display.xdotool(&format!("mousemove {x} {y} {hand}"));
+        viewer.until("handle under the cursor", |viewer| pixel(&viewer.photograph(), x, y) == [255; 3]);
+    }
+    place.display.xdotool(&format!("mouseup 1 mousemove {to} 10 key n"));
+    let after = place.shows_its_scene(&mut viewer, &[&cloud], 2, line);
+    let pixel_m = camera.ortho_height.unwrap() / size[1] as f64;
     let moved = faces(&after)[3] - x1;
     assert!((moved - 40.0 * pixel_m).abs() < 5.0 * pixel_m, "{moved} m, of {} m a pixel", pixel_m);
     assert_eq!((&faces(&after)[..3], &faces(&after)[4..]), (&[x0, y0, z0][..], &[y1, z1][..]));
+    viewer.close();
+}
+
+/// Picks the points under these pixels, and waits for the last.
+#[track_caller]
+fn pick(place: &Place, viewer: &mut Viewer, at: &[[i64; 2]]) {
+    for (number, [x, y]) in at.iter().enumerate() {
+        let click = if number == 0 { "click 1" } else { "keydown shift click 1 keyup shift" };
+        place.display.xdotool(&format!("mousemove {x} {y} {click}"));
+        let start = format!("point {}: ", number + 1);
+        viewer.until("picked point", |viewer| viewer.printed().iter().any(|line| line.starts_with(&start)));
+    }
+}
+
+#[test]
+fn a_profile_has_the_points_of_the_file_that_lie_along_its_line() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "--view top");
+    viewer.shows(&place.picture(&[&cloud], "top.png", "--view top"));
+    viewer.key("x");
+    viewer.until("word of what is missing", |viewer| viewer.said().iter().any(|line| line.contains("two picked points")));
+    pick(&place, &mut viewer, &[[195, 150], [202, 260]]);
+    viewer.key("x");
+    viewer.until("profile", |viewer| viewer.printed().iter().any(|line| line.starts_with("profile: ")));
+    let said = viewer.printed().into_iter().find(|line| line.starts_with("profile: ")).unwrap();
+    let picks = place.saved(&mut viewer, "c", "pointillist-1.csv");
+    let table = |path: &Path| -> Vec<Vec<f64>> {
+        let text = std::fs::read_to_string(path).unwrap();
+        text.lines().skip(1).map(|line| line.split(',').map(|number| number.parse().unwrap_or(f64::NAN)).collect()).collect()
+    };
+    let ends: Vec<DVec3> = table(&picks).iter().map(|row| DVec3::from_slice(row)).collect();
+    let width = 0.02 * (ends[1] - ends[0]).truncate().length();
+    let slab = Slab::new(ends[0], ends[1], width).unwrap();
+    let part = read(&cloud);
+    let bits = |p: DVec3| p.to_array().map(f64::to_bits);
+    let mut expected: Vec<_> = (0..part.columns.len()).map(|i| position(&part, i)).filter(|p| slab.place(*p).is_some()).map(bits).collect();
+    let rows = table(&place.at("pointillist-1.profile.csv"));
+    let mut found: Vec<_> = rows.iter().map(|row| bits(DVec3::from_slice(&row[3..]))).collect();
+    expected.sort_unstable();
+    found.sort_unstable();
+    assert!(expected.len() > 20 && found == expected, "{} of {}", found.len(), expected.len());
+    assert!(said.contains(&format!("{} points, ", found.len())), "{said}");
+    assert!(rows.iter().all(|row| row[0] >= 0.0 && row[0] <= slab.length && row[1] == row[5] && row[2].abs() <= width / 2.0));
+    viewer.close();
+}
+
+#[test]
+fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "");
+    let [fit, above] =
+        [("fit.png", ""), ("above.png", "--view top --color class --effect shape=off --clip box:-inf,-inf,-inf,500010,inf,inf")]
+            .map(|(name, line)| place.picture(&[&cloud], name, line));
+    viewer.shows(&fit);
+    viewer.key("7");
+    let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
+    let mut words: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&scene).unwrap()).unwrap();
+    words["color"] = "class".into();
+    words["effects"] = serde_json::json!(["shape=off"]);
+    words["clip"] = serde_json::json!(["box:-inf,-inf,-inf,500010,inf,inf"]);
+    std::fs::write(&scene, words.to_string()).unwrap();
+    viewer.key("0");
+    viewer.shows(&fit);
+    viewer.key("F6");
+    viewer.shows(&above);
+    viewer.key("0");
+    drop_file(&place.display, &viewer.window, &scene);
+    viewer.shows(&above);
+    // What is no scene is said, and changes nothing.
+    std::fs::write(&scene, "{}").unwrap();
+    viewer.key("F6");
+    viewer.until("word of it", |viewer| viewer.said().iter().any(|line| line.contains("no scene")));
+    viewer.shows(&above);
+    viewer.close();
+}
+
+#[test]
+fn after_a_lost_device_the_window_shows_what_it_did_and_has_what_was_picked() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "--view top --lose-device 40");
+    let top = place.picture(&[&cloud], "top.png", "--view top");
+    viewer.shows(&top);
+    pick(&place, &mut viewer, &[[190, 140]]);
+    // Pictures, until the device is gone.
+    viewer.until("lost device", |viewer| {
+        place.display.xdotool("click 4 click 5");
+        viewer.said().iter().any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
+    });
+    let table = place.saved(&mut viewer, "c", "pointillist-1.csv");
+    assert_eq!(std::fs::read_to_string(table).unwrap().lines().count(), 2);
+    // The mark of what was picked lies over the picture.
+    place.display.xdotool("key Delete key 7");
+    viewer.shows(&top);
     viewer.close();
 }
 

@@ -24,6 +24,7 @@ pub mod opening;
 mod options;
 pub mod pace;
 pub mod panel;
+pub mod profile;
 mod reports;
 pub mod seen;
 pub mod statistics;
@@ -95,6 +96,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         moved: options.began,
         moves: None,
         played: Duration::ZERO,
+        lost: None,
         ended: None,
         options,
     };
@@ -146,6 +148,8 @@ struct App {
     moves: Option<Instant>,
     /// How much of the path has been played.
     played: Duration,
+    /// When the device was, last.
+    lost: Option<Instant>,
     ended: Option<Error>,
 }
 

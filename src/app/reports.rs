@@ -21,11 +21,19 @@ impl App {
             Report::Brought if self.waits => {}
             Report::Brought => self.facts.doing = None,
             Report::Picked { point, adds } => self.picked(point, adds),
+            Report::Profile(profile) => {
+                // To be copied from the terminal.
+                println!("{}", profile.says());
+                self.facts.profile = Some(*profile);
+            }
+            Report::Doing(text) => self.facts.doing = Some(text),
             Report::Saved(path) => self.facts.doing = Some(format!("saved {}", path.display())),
             Report::Failed(error) => self.trouble(&error),
             Report::Ended(error) => {
-                self.ended = Some(error);
-                events.exit();
+                if let Err(error) = self.rebuild(error) {
+                    self.ended = Some(error);
+                    events.exit();
+                }
             }
         }
         self.title();

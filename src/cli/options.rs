@@ -124,8 +124,8 @@ pub struct DeviceOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size(pub [u32; 2]);
 
-/// No device has larger images.
-const LARGEST_SIDE: u32 = 32_768;
+/// A row of pixels of which is a megabyte.
+const LARGEST_SIDE: u32 = 262_144;
 
 impl std::str::FromStr for Size {
     type Err = String;

@@ -12,7 +12,8 @@ use crate::passes::phong::{self, Backfaces};
 use crate::passes::{Effects, Scene, project::Statistics, shadows, significant, strokes};
 use crate::progress::Progress;
 use crate::resident::Resident;
-use crate::source::{Source, Taken};
+use crate::source::{Brought, Source, Taken};
+use crate::tiled::{self, Wanted};
 use crate::view::View;
 use crate::whole_file::WholeFile;
 use std::path::{Path, PathBuf};
@@ -27,6 +28,7 @@ Examples:
   pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    roofs like glass, no trees
   pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
   pointillist render scan.laz -o out.png --explain --timings
+  pointillist render scan.laz -o poster.png --size 40000x20000    in pieces, which do not show
   pointillist render scan.laz -o out.png --scene scene.json  what a window has saved
   pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on: a flight along key views
   pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
@@ -50,6 +52,9 @@ pub struct Arguments {
     /// Keep frames of --path that are there already, and say how many
     #[arg(long, requires = "path")]
     pub resume: bool,
+    /// Draw in pieces of at most so many pixels a side [default: whole up to 33 million pixels and the device's largest image]
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with = "path")]
+    pub piece: Option<u32>,
     #[command(flatten)]
     pub picture: PictureOptions,
     #[command(flatten)]
@@ -110,6 +115,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut brought = source.bring(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
     brought.leave_out(picture.opacities(), picture.clips());
     stages.done("organise");
+    if tiled::needs_pieces(&gpu, view.size, arguments.piece) {
+        return in_pieces(arguments, &picture, &view, &mut gpu, brought, progress);
+    }
     facts.taken = brought.settle(&mut gpu, &view, &picture.detail.of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
@@ -144,6 +152,30 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     frame.shelve(&mut gpu);
     brought.free(&mut gpu);
+    Ok(())
+}
+
+/// The picture alone.
+fn in_pieces(
+    arguments: &Arguments,
+    picture: &PictureOptions,
+    view: &View,
+    gpu: &mut Gpu,
+    mut brought: Brought,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let (Some(output), None, None, false) = (&arguments.output, &arguments.exr, &arguments.explain, arguments.timings) else {
+        return Err(Error::Request(format!(
+            "{}x{} pixels are drawn in pieces, of which there are no layers, times and reasons; leave out --exr, --explain and --timings, or draw fewer",
+            view.size[0], view.size[1]
+        )));
+    };
+    let detail = |size| picture.detail.of(size);
+    let wanted = Wanted { view, wishes: &picture.wishes()?, detail: &detail, piece: arguments.piece };
+    for note in tiled::write(gpu, &mut brought, &wanted, output, progress)? {
+        eprintln!("pointillist: note: {note}");
+    }
+    brought.free(gpu);
     Ok(())
 }
 

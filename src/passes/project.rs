@@ -54,6 +54,7 @@ impl Group {
 #[derive(Clone, Copy)]
 pub(super) struct Walk {
     pub centre: [f32; 2],
+    pub corner: [f32; 2],
     pub size: [f32; 2],
     pub near: f32,
     pub lanes: u32,
@@ -65,7 +66,8 @@ pub(super) struct Walk {
 impl Walk {
     pub fn new(g: &Graph, view: &View, band: Band) -> Walk {
         Walk {
-            centre: [view.size[0] as f32 / 2.0, view.size[1] as f32 / 2.0 - band.top as f32],
+            centre: view.whole.map(|side| side as f32 / 2.0),
+            corner: [view.corner[0] as f32, (view.corner[1] + band.top as i32) as f32],
             size: band.size.map(|side| side as f32),
             near: NEAR_M,
             lanes: if g.gpu.device.is_cpu { 8 } else { 128 },
@@ -194,7 +196,7 @@ pub struct Behind<'b> {
 pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, band: Band) -> Buffer {
     let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
     g.fill(&mut keys, u32::MAX);
-    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, view, band);
+    let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, view, band);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
     let (front, mut unused) = (&keys.racing(), keys.racing());
     let is_behind = behind.is_some();
@@ -208,7 +210,7 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>,
         // Both kernels bind the same and are told the same.
         macro_rules! run {
             ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
-                let push = $module::Push { centre, size, near, first_chunk, chunk_count, layer };
+                let push = $module::Push { centre, corner, size, near, first_chunk, chunk_count, layer };
                 let spec = $module::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind $(, $step)? };
                 let (page_words, behind, behind_words, keys, alive) = (pages, depths, depths, &mut keys, &mut *alive);
                 g.run(

@@ -9,6 +9,7 @@
 
 pub mod pool;
 pub mod residency;
+pub mod section;
 
 pub use residency::Residency;
 
