@@ -26,7 +26,7 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
     let bands = project::bands(view.size, g.binding_limit());
     let drawn = project::draw(g, view, resident, look.precision)?.one_sided(look.drops_back_faces(resident));
     let paint = resolve::paint(g, resident, &look.decided)?;
-    let scene = Scene::of(view, resident, look.light);
+    let scene = look.scene(view, resident);
     let points = Points { scene: &scene, look, resident, bands: &bands, drawn: &drawn, paint: &paint };
     let marks = shadows::marks(g, &scene, resident, &look.effects, &look.decided)?;
     let (nearest, strokes) = match strokes::begin(g, view, resident, &look.effects, &look.decided)? {

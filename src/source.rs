@@ -1,5 +1,6 @@
 //! What a picture is made of: files that are read whole, or an index, of which only what the picture shows is read. One flow for both.
 
+use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
@@ -10,6 +11,7 @@ use crate::index::build;
 use crate::index::cache::{self, Cached};
 use crate::index::file::{Index, Plane};
 use crate::index::luminance;
+use crate::opacity::Opacities;
 use crate::progress::Progress;
 use crate::resident::{Residency, Resident, residency::Update};
 use crate::view::View;
@@ -97,6 +99,17 @@ impl Source {
             Source::Files(cloud) => cloud.len(),
             Source::Index(index) => index.directory.contents.points,
         }
+    }
+
+    /// Where its points come from, in the order of their parts.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut files: Vec<PathBuf> = match self {
+            Source::Files(cloud) => cloud.parts.iter().map(|part| part.path.clone()).collect(),
+            Source::Index(index) => indexed_files(index).into_iter().cloned().collect(),
+        };
+        // Scans of one file follow each other.
+        files.dedup();
+        files
     }
 
     pub fn stations(&self) -> &[Station] {
@@ -267,6 +280,7 @@ pub struct Taken {
     pub nodes: usize,
     pub points: u64,
     pub nodes_outside: usize,
+    pub nodes_clipped: usize,
     /// Infinite, and in JSON null, where the camera is within a node that is not refined.
     pub largest_error_px: f64,
     pub budget: u64,
@@ -296,6 +310,7 @@ impl Brought {
             nodes: cut.nodes.len(),
             points: cut.points,
             nodes_outside: cut.nodes_outside,
+            nodes_clipped: cut.nodes_clipped,
             largest_error_px: cut.largest_error_px,
             budget,
             lod_px: detail.lod_px,
@@ -314,11 +329,13 @@ impl Brought {
         }
     }
 
-    pub fn resident_mut(&mut self) -> &mut Resident {
-        match self {
+    /// What is not drawn, or not all of it.
+    pub fn leave_out(&mut self, opacities: Opacities, clips: Clips) {
+        let resident = match self {
             Brought::Whole(resident) => resident,
             Brought::Parts(residency) => residency.resident_mut(),
-        }
+        };
+        (resident.opacities, resident.clips) = (opacities, clips);
     }
 
     pub fn free(self, gpu: &mut Gpu) {

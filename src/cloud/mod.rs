@@ -11,6 +11,7 @@ mod axis;
 pub mod color;
 mod core;
 pub mod e57;
+pub mod find;
 mod floats;
 mod guard;
 mod input;

@@ -6,6 +6,7 @@
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, antialias::Push, antialias::Spec};
+use crate::view::View;
 
 pub const SUMMARY: &str = "smooths the stairs of silhouettes, which are where the Laplacian of the depth is large";
 
@@ -53,6 +54,11 @@ impl super::Settings for Settings {
             Setting { name: "jump", about: "least Laplacian of a silhouette, parts of the depth", value: Value::Number(&mut self.jump, 0.0..=4.0) },
         ]
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
+    Some(2)
 }
 
 pub fn called_for(_scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {

@@ -9,6 +9,7 @@ use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
 use crate::index::exposure::Balance;
 use crate::graph::Graph;
 use crate::resident::Resident;
+use crate::view::View;
 
 pub const SUMMARY: &str = "one exposure for all stations: a factor on the light of each, from where they overlap";
 
@@ -19,6 +20,11 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         Vec::new()
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
+    Some(0)
 }
 
 /// Stops between the brightest station and the darkest that are seen.

@@ -70,6 +70,17 @@ impl super::Settings for Settings {
     }
 }
 
+/// As [`super::Effects::reach_px`]: a pixel a step, of two kinds with masks; and tiles wake those beside them.
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    let steps = settings.iterations.max(WIDEST) as u32;
+    match settings.method {
+        Method::Pintus => Some(steps + TILE_PX),
+        Method::Dobrev => Some(2 * steps + TILE_PX),
+        Method::Splat => Some(settings.radius.max(splat::RADIUS_PX).ceil() as u32),
+        Method::Pullpush => None,
+    }
+}
+
 pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     let settings = &asked.fill.settings;
     match settings.method {

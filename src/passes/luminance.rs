@@ -14,6 +14,7 @@ use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Image, Tiles};
 use crate::shader::{self, luminance as kernel, luminance_sum32, luminance_sum64};
+use crate::view::View;
 
 pub const SUMMARY: &str = "one luminance for all stations: the mean of all points of the front surface in a pixel";
 
@@ -55,6 +56,11 @@ impl super::Settings for Settings {
 
 /// Points a pixel from which a mean is worth its walk (Kanzok et al. 2012, sec. 5: seven to ten).
 const ENOUGH: f64 = 7.0;
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.neighbourhood as u32)
+}
 
 /// Of the places that stations share, the part that may differ once all have one exposure.
 const FEW: f64 = 0.05;
@@ -141,20 +147,21 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, pa
 }
 
 fn walk(g: &mut Graph, scene: &Scene, drawn: &Drawn, to: &Sums, band: Band, front: &Image, sums: &mut Buffer) {
-    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = Walk::new(g, scene.view, drawn, band);
+    let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, scene.view, band);
     let &Sums { ref levels, stretch: [lo, scale], channels, ramp, epsilon, .. } = to;
     let top = band.top;
     for group in &drawn.groups {
-        let &Group { block, planes, first_chunk, chunk_count } = group;
-        let (nodes, chunks, opacities, pages, tiles) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), &drawn.pages[block], group.tiles());
+        let &Group { block, planes, filtered, first_chunk, chunk_count } = group;
+        let (nodes, chunks, opacities, within) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), drawn.within());
+        let (pages, tiles) = (&drawn.pages[block], group.tiles());
         if g.gpu.device.int64_atomics {
-            let push = luminance_sum64::Push { centre, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
+            let push = luminance_sum64::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
             let spec = luminance_sum64::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum64 { nodes, chunks, opacities, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
+            g.run(shader::LuminanceSum64 { nodes, chunks, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
         } else {
-            let push = luminance_sum32::Push { centre, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
+            let push = luminance_sum32::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
             let spec = luminance_sum32::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum32 { nodes, chunks, opacities, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
+            g.run(shader::LuminanceSum32 { nodes, chunks, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
         }
     }
 }

@@ -54,6 +54,9 @@ pub struct Holes {
     pub widest: u32,
 }
 
+/// Of what is no effect: normals look at neighbours.
+const OTHERS_REACH_PX: u32 = 2;
+
 /// Tiles across and down a picture.
 pub fn tiles(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| side.div_ceil(TILE_PX))
@@ -104,8 +107,8 @@ impl<'s> Scene<'s> {
             spacing_m: resident.spacing_m(),
             stations: resident.stations.len(),
             shown: resident.shown.attribute,
-            density: resident.density(view),
-            pixel_m: resident.pixel_m(view),
+            density: resident.density(&view.entire()),
+            pixel_m: resident.pixel_m(&view.entire()),
             transparent: resident.opacities.is_transparent(),
             normals: resident.shown.normal().is_some(),
             balance: resident.balance.as_ref(),
@@ -172,6 +175,15 @@ macro_rules! effects {
                 $(let reason = self.$name.decide(stringify!($name), $name::called_for(scene, self, &decided));
                 decided.0.push((stringify!($name), reason));)*
                 decided
+            }
+
+            /// How many pixels around one what is drawn there depends on; none where on the whole picture.
+            pub fn reach_px(&self, view: &View, decided: &Decided) -> Option<u32> {
+                let mut reach = OTHERS_REACH_PX;
+                $(if decided.runs(stringify!($name)) {
+                    reach += $name::reach_px(view, &self.$name.settings)?;
+                })*
+                Some(reach)
             }
 
             /// Every effect in order, for who shows them and lets people choose.

@@ -40,15 +40,26 @@ pub struct Paint {
     pub(super) ramp: [f32; 2],
 }
 
+/// How words become colours, as glsl/lib/paint.glsl numbers it.
+const RGB: u32 = 0;
+const RAMP: u32 = 1;
+const PALETTE: u32 = 2;
+const NORMAL: u32 = 3;
+const CONSTANT: u32 = 4;
+
+fn mode(attribute: Attribute) -> u32 {
+    match attribute {
+        Attribute::Rgb | Attribute::Corrected => RGB,
+        Attribute::Intensity | Attribute::Elevation => RAMP,
+        Attribute::Class | Attribute::Source | Attribute::Return => PALETTE,
+        Attribute::Normal => NORMAL,
+        Attribute::White => CONSTANT,
+    }
+}
+
 pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Paint> {
     let Shown { attribute, stretch: [lo, hi], .. } = resident.shown;
-    let mode = match attribute {
-        Attribute::Rgb | Attribute::Corrected => 0,
-        Attribute::Intensity | Attribute::Elevation => 1,
-        Attribute::Class | Attribute::Source | Attribute::Return => 2,
-        Attribute::Normal => 3,
-        Attribute::White => 4,
-    };
+    let mode = mode(attribute);
     let shown = g.upload("shown", &resident.addresses(0))?;
     let transparent = resident.opacities.is_transparent();
     let opacities = transparent.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
@@ -103,7 +114,7 @@ impl Resolved {
             sums: None,
             lit: None,
             spacings,
-            spacing_px: spacing_px(view, resident),
+            spacing_px: spacing_px(&view.entire(), resident),
             holes: None,
         })
     }
@@ -152,6 +163,20 @@ fn srgb(attribute: Attribute, i: usize) -> [f64; 3] {
 /// What a class or a return number is drawn in, 8-bit sRGB.
 pub fn code_color(attribute: Attribute, code: u8) -> [u8; 3] {
     srgb(attribute, code as usize).map(|channel| (255.0 * channel).round() as u8)
+}
+
+/// What a word is drawn in, 8-bit sRGB, but for shading and rounding.
+pub fn color_of(shown: &Shown, word: u32) -> [u8; 3] {
+    let [lo, hi] = shown.stretch.map(|end| end as f64);
+    let byte = |channel: u32| (word >> (8 * channel) & 255) as u8;
+    let entry = match mode(shown.attribute) {
+        RGB => return [0, 1, 2].map(byte),
+        NORMAL => return [0, 1, 2].map(|axis| (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8),
+        RAMP => ((word as f64 - lo) * 255.0 / (hi - lo).max(1.0)).clamp(0.0, 255.0) as usize,
+        PALETTE => byte(0) as usize,
+        _ => 0,
+    };
+    srgb(shown.attribute, entry).map(|channel| (255.0 * channel).round() as u8)
 }
 
 /// From deep blue over green and sand to white: lightness rises all the way, so that the ramp also reads in grey.

@@ -89,6 +89,11 @@ impl super::Settings for Settings {
     }
 }
 
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
+    Some(0)
+}
+
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     let why = match scene.points {
         0 => "there is nothing to cast any",
@@ -278,15 +283,15 @@ pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reac
 
 /// A sample more for every point that lies no deeper than its texel's limit.
 fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, marks: &mut Buffer) {
-    let walk = project::Walk::new(g, camera, drawn, Band { top: 0, size: camera.size });
+    let walk = project::Walk::new(g, camera, Band { top: 0, size: camera.size });
     for group in &drawn.groups {
-        let project::Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = walk;
-        let project::Group { first_chunk, chunk_count, planes, .. } = *group;
-        let push = shadow_depth::Push { centre, size, near, first_chunk, chunk_count };
+        let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = walk;
+        let project::Group { first_chunk, chunk_count, planes, filtered, .. } = *group;
+        let push = shadow_depth::Push { centre, corner, size, near, first_chunk, chunk_count };
         let spec = shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
-        let (pages, opacities) = (&drawn.pages[group.block], drawn.opacities());
+        let (pages, opacities, within) = (&drawn.pages[group.block], drawn.opacities(), drawn.within());
         g.run(
-            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, opacities, pages, page_words: pages, limit, marks, push, spec },
+            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, opacities, within, pages, page_words: pages, limit, marks, push, spec },
             group.tiles(),
         );
     }

@@ -6,7 +6,7 @@
 use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
-use crate::view::Projection;
+use crate::view::{Projection, View};
 
 pub const SUMMARY: &str = "shades by shape: lines at creases, light on what faces the viewer, without normals";
 
@@ -51,6 +51,11 @@ impl super::Settings for Settings {
             Setting { name: "base", about: "what is shaded; --color elevation makes it a ramp of heights", value: Value::Choice(&mut self.base) },
         ]
     }
+}
+
+/// As [`super::Effects::reach_px`]. A pixel a level; and which tiles have levels, those around them decide.
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.levels as u32 + TILE_PX * (rings(settings.levels as u32)[1] as u32 + 2))
 }
 
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {

@@ -5,6 +5,7 @@
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, smooth::Push};
+use crate::view::View;
 
 pub const SUMMARY: &str = "takes away steps between pixels of one surface: means of depth and colour over 3 x 3";
 
@@ -51,6 +52,11 @@ impl super::Settings for Settings {
             Setting { name: "iterations", about: "how often", value: Value::Number(&mut self.iterations, 1.0..=64.0) },
         ]
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.iterations as u32)
 }
 
 pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {

@@ -14,6 +14,7 @@ use super::project::{self, Band};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, significant};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::shader::{self, transparency::Push, transparency::Spec};
+use crate::view::View;
 
 pub const SUMMARY: &str = "surfaces that let through what is behind them: layers, from front to back (--opacity)";
 
@@ -42,6 +43,11 @@ impl super::Settings for Settings {
             },
         ]
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
+    Some(0)
 }
 
 pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {

@@ -9,9 +9,11 @@
 
 pub mod pool;
 pub mod residency;
+pub mod section;
 
 pub use residency::Residency;
 
+use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
 use crate::cloud::{Cloud, Columns, Lattice, Part, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
@@ -86,6 +88,8 @@ pub struct Resident {
     pub oriented: bool,
     /// How opaque its points are; what hides some by their kind needs them to bring it.
     pub opacities: Opacities,
+    /// Which part of it is there.
+    pub clips: Clips,
 }
 
 /// Of numbers that so many points have each, the middle one; 0 of none.
@@ -136,6 +140,7 @@ impl Resident {
             // A file's normals, where it has any.
             oriented: shown.further.normal,
             opacities: Opacities::default(),
+            clips: Clips::default(),
         };
         let total = cloud.len();
         let mut parts = cloud.parts;
@@ -250,9 +255,15 @@ impl Resident {
         middle(self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect())
     }
 
+    /// Nodes of which the view can see something, with the least and the greatest depth of each.
+    pub fn seen<'r>(&'r self, view: &'r View) -> impl Iterator<Item = ((f64, f64), &'r ResidentNode)> {
+        let is_left = |node: &&ResidentNode| self.clips.left(node.bounds()) != Left::Nothing;
+        self.nodes.iter().filter(is_left).filter_map(|node| Some((view.depths(node.bounds())?, node)))
+    }
+
     /// How wide a pixel is, metres: in the middle of the node that the middle point is in, from near nodes to far ones, of those that the view sees; 0 where there are none.
     pub fn pixel_m(&self, view: &View) -> f64 {
-        let seen = self.nodes.iter().filter_map(|node| Some((view.depths(node.bounds())?, node.count as u64)));
+        let seen = self.seen(view).map(|(depths, node)| (depths, node.count as u64));
         let wide = |depth: f64| match view.camera.projection {
             Projection::Perspective => depth / view.focal_px(),
             Projection::Orthographic => 1.0 / view.focal_px(),
@@ -264,8 +275,7 @@ impl Resident {
     /// does: of a tree, many points lie behind each other.
     pub fn density(&self, view: &View) -> f64 {
         let way = view.basis.forward.abs();
-        let seen = self.nodes.iter().filter_map(|node| {
-            let (near, far) = view.depths(node.bounds())?;
+        let seen = self.seen(view).filter_map(|((near, far), node)| {
             let px_per_m = match view.camera.projection {
                 Projection::Perspective => view.focal_px() / ((near + far) / 2.0),
                 Projection::Orthographic => view.focal_px(),
@@ -287,7 +297,11 @@ impl Resident {
             let counts = [node.count as u64, node.planes as u64, node.spacing.to_bits()];
             [origin.map(|steps| steps as u64), extent.map(|steps| steps as u64), counts].concat().into_iter().chain(lattice)
         };
-        [self.serial].into_iter().chain(self.nodes.iter().flat_map(node)).collect()
+        // Of opacities, which points are left out.
+        let factors = self.opacities.table(&self.stations).into_iter().enumerate();
+        let left_out: Vec<u64> = factors.filter(|(_, factor)| *factor == 0.0).map(|(number, _)| number as u64).collect();
+        let counts = [self.serial, left_out.len() as u64, self.clips.active() as u64];
+        counts.into_iter().chain(left_out).chain(self.clips.identity()).chain(self.nodes.iter().flat_map(node)).collect()
     }
 
     /// Bytes of the pages in use.
