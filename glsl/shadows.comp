@@ -4,6 +4,8 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -19,7 +21,7 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 pixel = own_pixel(push.size.x);
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     uint point = imageLoad(index, pixel).r;
     uint at = point == NO_POINT ? 0u : point;

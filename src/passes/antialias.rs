@@ -53,6 +53,10 @@ impl super::Settings for Settings {
             Setting { name: "jump", about: "least Laplacian of a silhouette, parts of the depth", value: Value::Number(&mut self.jump, 0.0..=4.0) },
         ]
     }
+
+    fn reach_px(&self, _spacing_px: f64) -> f64 {
+        1.0
+    }
 }
 
 pub fn called_for(_scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {

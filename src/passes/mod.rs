@@ -186,6 +186,17 @@ macro_rules! effects {
             }
         }
 
+        impl Effects {
+            /// How far from a pixel that holds a point those that run may change a picture, pixels; points are at most so far apart on the screen.
+            pub fn reach_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
+                let mut reach_px = 0.0;
+                $(if decided.runs(stringify!($name)) {
+                    reach_px += self.$name.settings.reach_px(spacing_px);
+                })*
+                reach_px
+            }
+        }
+
         /// Every effect that runs, in order.
         pub fn apply(g: &mut Graph, scene: &Scene, effects: &Effects, decided: &Decided, mut layers: Layers) -> Layers {
             $(if decided.runs(stringify!($name)) {
@@ -295,6 +306,12 @@ impl std::fmt::Display for Listed<'_> {
 /// What an effect's settings can say of themselves.
 pub trait Settings: Default {
     fn list(&mut self) -> Vec<Setting<'_>>;
+
+    /// How far from a pixel that holds a point the effect may change the picture, pixels, where points are at most so far apart; nobody knows where nothing is said. Layers behind others are drawn no
+    /// farther from their points than all effects together reach.
+    fn reach_px(&self, _spacing_px: f64) -> f64 {
+        f64::INFINITY
+    }
 }
 
 /// A switch and settings.

@@ -9,7 +9,9 @@
 //!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
 //!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour
 //! ```
-//! A mark is a byte, by point id, and does not depend on the camera: marks are kept while the light and the nodes stay, and then of all this only the last line runs. Points have no normals: the slope of the surface comes from the light's own depths.
+//! A mark is a byte, by point id, and does not depend on the camera: marks are kept while the light and the nodes stay, and then of all this only the last line runs. Samples of a light can be cast over
+//! several frames, and then add up to the same marks.
+//! Points have no normals: the slope of the surface comes from the light's own depths.
 
 mod cameras;
 pub mod disc;
@@ -87,6 +89,11 @@ impl super::Settings for Settings {
             Setting { name: "limit", about: "least cosine of the angle between light and surface", value: number(&mut self.limit, 0.01..=1.0) },
         ]
     }
+
+    /// What holds no point stays as it is.
+    fn reach_px(&self, _spacing_px: f64) -> f64 {
+        0.0
+    }
 }
 
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
@@ -99,7 +106,7 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
 
 /// How much light reaches each point.
 pub struct Marks {
-    /// A byte a point, by its id: how many samples of the light reach it.
+    /// A byte a point, by its id: how many samples of the light reach it, of those that were cast.
     pub counts: Buffer,
     /// For `--explain`.
     pub facts: Facts,
@@ -109,6 +116,8 @@ pub struct Marks {
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Facts {
     pub samples: u32,
+    /// Of these, those that marks are made of so far.
+    pub cast: u32,
     /// Of the light, of each sample.
     pub pictures: u32,
     /// Texels of the first picture.
@@ -122,12 +131,12 @@ pub struct Facts {
 impl Facts {
     fn new(cameras: &[View], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
         let samples = settings.samples as u32;
-        let Some(first) = cameras.first() else { return Facts { samples, ..Facts::default() } };
+        let Some(first) = cameras.first() else { return Facts { samples, cast: samples, ..Facts::default() } };
         let layer = Layer::new(first, bounds, settings);
         let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
         let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
         let layer_m = layer.metres + layer.texels * texel_m;
-        Facts { samples, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
+        Facts { samples, cast: samples, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
     }
 }
 
@@ -136,14 +145,14 @@ impl std::fmt::Display for Facts {
         let [width, height] = self.size;
         write!(
             f,
-            "{} samples of the light, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
-            self.samples, self.pictures, self.texel_m, self.layer_m
+            "{} samples of the light, {} cast, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
+            self.samples, self.cast, self.pictures, self.texel_m, self.layer_m
         )
     }
 }
 
-/// Marks of all points of the frame; none where shadows do not run.
-pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effects, decided: &Decided) -> Result<Option<Marks>> {
+/// Marks of all points of the frame; none where shadows do not run. Of the light's samples `at_once` at most are added to those that are kept, and one where there are none; all, where nothing is said.
+pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effects, decided: &Decided, at_once: Option<u32>) -> Result<Option<Marks>> {
     let settings = &effects.shadows.settings;
     let Some(bounds) = bounds(resident).filter(|_| decided.runs("shadows")) else { return Ok(None) };
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
@@ -154,14 +163,17 @@ pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effect
             g.binding_limit() / POINTS_PER_PAGE as u64
         )));
     }
-    let (mut counts, kept) = g.kept("marks", bytes, made_of(scene, resident, settings))?;
-    let wanted = cameras::Wanted { bounds, spacing_m: scene.spacing_m, radius: settings.radius, size: settings.size as u32 };
-    let places = disc::places(settings.samples as u32, settings.pattern, 0);
-    let facts = Facts::new(&cameras::cameras(scene.light, &wanted, places[0])?, bounds, settings);
-    if !kept {
-        let mut tally = Tally::new(g, counts);
-        for place in places {
-            for camera in cameras::cameras(scene.light, &wanted, place)? {
+    let samples = settings.samples as u32;
+    let wanted = |kept: u32| at_once.map_or(samples, |more| (kept + more).clamp(1, samples));
+    let (mut counts, kept) = g.kept("marks", bytes, made_of(scene, resident, settings), wanted)?;
+    let end = wanted(kept);
+    let around = cameras::Wanted { bounds, spacing_m: scene.spacing_m, radius: settings.radius, size: settings.size as u32 };
+    let places = disc::spread(disc::places(samples, settings.pattern, 0));
+    let facts = Facts { cast: end, ..Facts::new(&cameras::cameras(scene.light, &around, places[0])?, bounds, settings) };
+    if end > kept {
+        let mut tally = Tally::new(g, counts, kept > 0);
+        for &place in &places[kept as usize..end as usize] {
+            for camera in cameras::cameras(scene.light, &around, place)? {
                 cast(g, &camera, resident, settings, &mut tally)?;
             }
         }
@@ -192,10 +204,12 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// From nothing.
-    pub fn new(g: &mut Graph, marks: Buffer) -> Tally {
+    /// From nothing, or beside the samples that marks are made of already.
+    pub fn new(g: &mut Graph, marks: Buffer, goes_on: bool) -> Tally {
         let mut tally = Tally { marks, unpeeled: g.buffer("unpeeled", 4) };
-        g.fill(&mut tally.marks, 0);
+        if !goes_on {
+            g.fill(&mut tally.marks, 0);
+        }
         g.fill(&mut tally.unpeeled, 0);
         tally
     }
@@ -295,7 +309,7 @@ fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, marks: &
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let Layers { mut color, marks, .. } = layers;
     if let Some(marks) = &marks {
-        let push = shader::shadows::Push { size: scene.view.size, samples: settings.samples as u32 as f32, ambient: settings.ambient as f32 };
+        let push = shader::shadows::Push { size: scene.view.size, samples: marks.facts.cast as f32, ambient: settings.ambient as f32 };
         g.run(shader::Shadows { index: &layers.index, marks: &marks.counts, color: &mut color, push }, Tiles::All);
     }
     Layers { color, marks, ..layers }

@@ -105,7 +105,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
 fn cast(g: &mut Graph, view: &View, resident: &Resident, configuration: &Configuration) -> Result<shadows::Marks> {
     let scene = Seen::of(view, resident, Light::Direction(DVec3::NEG_Z));
     let effects = &configuration.effects;
-    let marks = shadows::marks(g, &scene, resident, effects, &effects.decide(&scene))?;
+    let marks = shadows::marks(g, &scene, resident, effects, &effects.decide(&scene), None)?;
     marks.ok_or(Error::Request("study shadows needs points".into()))
 }
 
