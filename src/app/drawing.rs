@@ -223,7 +223,7 @@ fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, 
     loop {
         let mut g = Graph::new(gpu);
         let marks = shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1))?;
-        let Some(shadows::Marks { counts, facts }) = marks else { return Ok(()) };
+        let Some(shadows::Marks { counts, saved: None, facts }) = marks else { return Ok(()) };
         g.submit(&[counts.resource()])?.shelve(gpu);
         if facts.cast == facts.samples || began.elapsed() >= REFINING || newer.tick("", 0, 0).is_err() {
             return Ok(());

@@ -7,6 +7,7 @@ pub mod indexed_info;
 pub mod info;
 pub mod options;
 pub mod render;
+pub mod shadows;
 pub mod study;
 pub mod synth;
 pub mod terminal;

@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let scene = Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities() };
     let options = Options {
         files: arguments.files.clone(),
-        opening: picture.detail.opening(picture.read_options(arguments.strict)),
+        opening: picture.detail.opening(picture.read_options(arguments.strict), picture.light),
         further: picture.further(),
         scene,
         preset: picture.view,

@@ -90,6 +90,8 @@ pub struct Scene<'s> {
     pub transparent: bool,
     /// Points have brought normals.
     pub normals: bool,
+    /// Points have brought how much of this light reaches them.
+    pub lit: bool,
 }
 
 impl<'s> Scene<'s> {
@@ -105,6 +107,7 @@ impl<'s> Scene<'s> {
             pixel_m: resident.pixel_m(view),
             transparent: resident.opacities.is_transparent(),
             normals: resident.shown.normal().is_some(),
+            lit: resident.light.as_ref().is_some_and(|saved| saved.light == light.to_string()),
         }
     }
 

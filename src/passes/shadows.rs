@@ -16,6 +16,7 @@
 mod cameras;
 pub mod disc;
 mod peel;
+pub mod whole;
 
 use super::project::{self, Band, Drawn, Precision};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
@@ -99,6 +100,7 @@ impl super::Settings for Settings {
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     let why = match scene.points {
         0 => "there is nothing to cast any",
+        _ if scene.lit => return Reason { runs: true, why: "they were saved, and cost nothing".into() },
         _ => "nobody asked: they cost a walk over all points, twice, for every sample of the light; --effect shadows=on",
     };
     Reason { runs: false, why: why.to_string() }
@@ -108,13 +110,17 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
 pub struct Marks {
     /// A byte a point, by its id: how many samples of the light reach it, of those that were cast.
     pub counts: Buffer,
+    /// Instead of that, of every node the page with the marks that its points have brought, of which so many say that all of the light reaches a point.
+    pub saved: Option<u32>,
     /// For `--explain`.
     pub facts: Facts,
 }
 
 /// How shadows were cast.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Facts {
+    /// Once and for all, of the whole cloud: no light pass runs.
+    pub saved: bool,
     pub samples: u32,
     /// Of these, those that marks are made of so far.
     pub cast: u32,
@@ -136,7 +142,7 @@ impl Facts {
         let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
         let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
         let layer_m = layer.metres + layer.texels * texel_m;
-        Facts { samples, cast: samples, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
+        Facts { saved: false, samples, cast: samples, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
     }
 }
 
@@ -145,8 +151,8 @@ impl std::fmt::Display for Facts {
         let [width, height] = self.size;
         write!(
             f,
-            "{} samples of the light, {} cast, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
-            self.samples, self.cast, self.pictures, self.texel_m, self.layer_m
+            "{}{} samples of the light, {} cast, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
+            if self.saved { "saved ones, of all points, so that no light pass runs; " } else { "" }, self.samples, self.cast, self.pictures, self.texel_m, self.layer_m
         )
     }
 }
@@ -154,6 +160,9 @@ impl std::fmt::Display for Facts {
 /// Marks of all points of the frame; none where shadows do not run. Of the light's samples `at_once` at most are added to those that are kept, and one where there are none; all, where nothing is said.
 pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effects, decided: &Decided, at_once: Option<u32>) -> Result<Option<Marks>> {
     let settings = &effects.shadows.settings;
+    if let Some(saved) = saved(g, scene, resident).filter(|_| decided.runs("shadows")) {
+        return saved.map(Some);
+    }
     let Some(bounds) = bounds(resident).filter(|_| decided.runs("shadows")) else { return Ok(None) };
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
     if bytes.next_power_of_two() > g.binding_limit() {
@@ -179,7 +188,16 @@ pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effect
         }
         counts = tally.marks;
     }
-    Ok(Some(Marks { counts, facts }))
+    Ok(Some(Marks { counts, saved: None, facts }))
+}
+
+/// Those that points have brought, where they are of this light.
+fn saved(g: &mut Graph, scene: &Scene, resident: &Resident) -> Option<Result<Marks>> {
+    let (word, contents) = (resident.shown.light()?, resident.light.as_ref()?);
+    // Of an index that somebody else has written, what is not known is nothing.
+    let facts: Facts = serde_json::from_value(contents.facts.clone()).unwrap_or_default();
+    let pages = (contents.light == scene.light.to_string()).then(|| g.upload("saved marks", &resident.addresses(word)))?;
+    Some(pages.map(|counts| Marks { counts, saved: Some(contents.full), facts: Facts { saved: true, ..facts } }))
 }
 
 /// All that marks depend on.
@@ -309,8 +327,9 @@ fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, marks: &
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let Layers { mut color, marks, .. } = layers;
     if let Some(marks) = &marks {
-        let push = shader::shadows::Push { size: scene.view.size, samples: marks.facts.cast as f32, ambient: settings.ambient as f32 };
-        g.run(shader::Shadows { index: &layers.index, marks: &marks.counts, color: &mut color, push }, Tiles::All);
+        let full = marks.saved.unwrap_or(marks.facts.cast);
+        let push = shader::shadows::Push { size: scene.view.size, full: full as f32, ambient: settings.ambient as f32 };
+        g.run(shader::Shadows { index: &layers.index, marks: &marks.counts, saved: &marks.counts, color: &mut color, push, spec: shader::shadows::Spec { saved: marks.saved.is_some() } }, Tiles::All);
     }
     Layers { color, marks, ..layers }
 }

@@ -7,6 +7,7 @@
 //! is its node's place among the nodes of the frame. Those are in node order, so ids, and with them ties, depend neither on which thread packed
 //! which node, nor on which pages were free when a node arrived.
 
+mod leaves;
 pub mod pool;
 pub mod residency;
 
@@ -17,6 +18,7 @@ use crate::cloud::{Cloud, Columns, Lattice, Part, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Gpu, Graph};
+use crate::index::marks::Contents;
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
 use crate::opacity::Opacities;
@@ -83,6 +85,8 @@ pub struct Resident {
     pub oriented: bool,
     /// How opaque its points are; what hides some by their kind needs them to bring it.
     pub opacities: Opacities,
+    /// Of which light points say how much reaches them, where they have brought that.
+    pub light: Option<Box<Contents>>,
 }
 
 /// Of numbers that so many points have each, the middle one; 0 of none.
@@ -131,6 +135,7 @@ impl Resident {
             // A file's normals, where it has any.
             oriented: shown.further.normal,
             opacities: Opacities::default(),
+            light: None,
         };
         let total = cloud.len();
         let mut parts = cloud.parts;

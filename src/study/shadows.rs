@@ -111,7 +111,7 @@ fn cast(g: &mut Graph, view: &View, resident: &Resident, configuration: &Configu
 
 fn error(gpu: &mut Gpu, view: &View, resident: &Resident, configuration: &Configuration) -> Result<([f64; 2], Facts)> {
     let mut g = Graph::new(gpu);
-    let shadows::Marks { counts, facts } = cast(&mut g, view, resident, configuration)?;
+    let shadows::Marks { counts, facts, .. } = cast(&mut g, view, resident, configuration)?;
     let counts = g.download_buffer(&counts);
     let frame = g.submit(&[])?;
     let marks: &[u8] = frame.read(&counts);
