@@ -87,6 +87,8 @@ pub struct Further {
     pub normal: bool,
     /// What a brush needs to know, two words (`index::strokes`).
     pub strokes: bool,
+    /// How much of a light reaches it, where that was saved (`index::marks`).
+    pub light: bool,
 }
 
 impl Further {
@@ -113,7 +115,7 @@ pub fn station_code(station: usize) -> u8 {
 /// Bits of a colour's word below that.
 const CODE_SHIFT: u32 = 24;
 
-/// What a point brings at most: what it shows, and all that is further.
+/// What a point of a file brings at most: what it shows, and all that is further but saved light, which indexes have.
 pub type Words = [u32; 5];
 
 impl Shown {
@@ -144,7 +146,7 @@ impl Shown {
 
     /// Words that a point brings: what it shows, then what is further.
     pub fn words(&self) -> u32 {
-        1 + self.further.kind as u32 + self.further.normal as u32 + 2 * self.further.strokes as u32
+        1 + self.further.kind as u32 + self.further.normal as u32 + 2 * self.further.strokes as u32 + self.further.light as u32
     }
 
     /// Which of its words is a point's kind.
@@ -159,7 +161,12 @@ impl Shown {
 
     /// Which of its words is the first of the two that a brush needs.
     pub fn strokes(&self) -> Option<u32> {
-        self.further.strokes.then_some(self.words() - 2)
+        self.further.strokes.then_some(self.words() - self.further.light as u32 - 2)
+    }
+
+    /// Which of its words says how much of a light reaches it.
+    pub fn light(&self) -> Option<u32> {
+        self.further.light.then_some(self.words() - 1)
     }
 
     /// The columns that its words are made of.

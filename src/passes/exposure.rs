@@ -20,6 +20,11 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         Vec::new()
     }
+
+    /// What holds no point stays as it is.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        0.0
+    }
 }
 
 /// As [`super::Effects::reach_px`].

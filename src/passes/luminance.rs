@@ -52,6 +52,11 @@ impl super::Settings for Settings {
             Setting { name: "epsilon", about: "depth of a surface, metres; 0: three spacings of the points", value: Value::Number(&mut self.epsilon, 0.0..=1e9) },
         ]
     }
+
+    /// What holds no point stays as it is.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        0.0
+    }
 }
 
 /// Points a pixel from which a mean is worth its walk (Kanzok et al. 2012, sec. 5: seven to ten).

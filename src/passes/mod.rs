@@ -96,6 +96,8 @@ pub struct Scene<'s> {
     pub normals: bool,
     /// What gives all stations one exposure, where that is known.
     pub balance: Option<&'s Balance>,
+    /// Points have brought how much of this light reaches them.
+    pub lit: bool,
 }
 
 impl<'s> Scene<'s> {
@@ -112,6 +114,7 @@ impl<'s> Scene<'s> {
             transparent: resident.opacities.is_transparent(),
             normals: resident.shown.normal().is_some(),
             balance: resident.balance.as_ref(),
+            lit: resident.light.as_ref().is_some_and(|saved| saved.light == light.to_string()),
         }
     }
 
@@ -199,6 +202,17 @@ macro_rules! effects {
             /// A line of help for every effect and its settings.
             pub fn help() -> String {
                 [$(format!("{}: {}\n{}", stringify!($name), $name::SUMMARY, Asked::<$name::Settings>::help())),*].join("\n")
+            }
+        }
+
+        impl Effects {
+            /// How far from a pixel that holds a point those that run may change a picture, pixels; points are at most so far apart on the screen.
+            pub fn spread_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
+                let mut spread_px = 0.0;
+                $(if decided.runs(stringify!($name)) {
+                    spread_px += self.$name.settings.spread_px(spacing_px);
+                })*
+                spread_px
             }
         }
 
@@ -312,6 +326,12 @@ impl std::fmt::Display for Listed<'_> {
 /// What an effect's settings can say of themselves.
 pub trait Settings: Default {
     fn list(&mut self) -> Vec<Setting<'_>>;
+
+    /// How far from a pixel that holds a point the effect may change the picture, pixels, where points are at most so far apart; nobody knows where nothing is said. Layers behind others are drawn no
+    /// farther from their points than all effects together reach.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        f64::INFINITY
+    }
 }
 
 /// A switch and settings.

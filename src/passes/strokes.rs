@@ -364,8 +364,8 @@ impl Painting<'_> {
         let bristles = Bristles::of(&self.settings);
         let made_of = [bristles.amplitude, bristles.gamma, bristles.sigma_x, bristles.sigma_y, bristles.dev, self.settings.noise];
         let made_of = made_of.map(f64::to_bits).into_iter().chain([bristles.places() as u64]).collect();
-        let (mut brushes, kept) = g.kept("brushes", 4 * BRUSH_WORDS as u64, made_of)?;
-        if !kept {
+        let (mut brushes, kept) = g.kept("brushes", 4 * BRUSH_WORDS as u64, made_of, |_| 1)?;
+        if kept == 0 {
             let inverse = |sigma: f64| (1.0 / (sigma * sigma)) as f32;
             let push = stroke_brush::Push {
                 amplitude: bristles.amplitude as f32,

@@ -7,6 +7,7 @@
 //! is its node's place among the nodes of the frame. Those are in node order, so ids, and with them ties, depend neither on which thread packed
 //! which node, nor on which pages were free when a node arrived.
 
+mod leaves;
 pub mod pool;
 pub mod residency;
 pub mod section;
@@ -20,6 +21,7 @@ use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Gpu, Graph};
 use crate::index::exposure::{self, Balance};
+use crate::index::marks::Contents;
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
 use crate::opacity::Opacities;
@@ -90,6 +92,8 @@ pub struct Resident {
     pub opacities: Opacities,
     /// Which part of it is there.
     pub clips: Clips,
+    /// Of which light points say how much reaches them, where they have brought that.
+    pub light: Option<Box<Contents>>,
 }
 
 /// Of numbers that so many points have each, the middle one; 0 of none.
@@ -141,6 +145,7 @@ impl Resident {
             oriented: shown.further.normal,
             opacities: Opacities::default(),
             clips: Clips::default(),
+            light: None,
         };
         let total = cloud.len();
         let mut parts = cloud.parts;

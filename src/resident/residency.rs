@@ -145,6 +145,7 @@ impl Residency {
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             opacities: Opacities::default(),
             clips: Clips::default(),
+            light: index.marks.as_ref().filter(|_| shown.light().is_some()).map(|marks| Box::new(marks.contents.clone())),
         };
         Ok(Residency {
             resident,
