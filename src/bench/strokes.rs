@@ -1,11 +1,11 @@
 //! `bench strokes`: what a painting costs, beside plain points of the same cloud (dos Anjos et al. 2018, table 2).
 //!
-//! A torus without colour and a street with it. First what is found out once: neighbours, radii, normals, clusters; wall-clock time. Then pictures, all ways interleaved round by round on the same device:
+//! A torus without colour, three tori and streets with it, and files. First what is found out once: neighbours, radii, normals, clusters; wall-clock time. Then pictures, all ways interleaved round by round on the same device:
 //! `points`, each a pixel; `opaque`, z-buffered strokes; `blur`, the same softened; `abuffer`, all strokes blended. Times are of all passes of the device, those that only count included.
 
 use super::quartiles;
-use crate::cloud::Cloud;
 use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::{self, Cloud, ReadOptions};
 use crate::error::Result;
 use crate::frame;
 use crate::gpu::Wish;
@@ -19,24 +19,27 @@ use crate::synth::{self, Scene};
 use crate::view::{Camera, Preset, View};
 use serde::Serialize;
 use std::fmt::Write;
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// What to measure.
 pub struct Plan {
-    /// Of the street; the torus has as many points as the dragon of the paper.
+    /// Of streets; the torus has as many points as the dragon of the paper, the tori as the three models that it draws together.
     pub points: Vec<u64>,
+    pub models: Vec<PathBuf>,
     pub sizes: Vec<[u32; 2]>,
     pub repeat: usize,
     pub seed: u64,
 }
 
 const TORUS_POINTS: u64 = 437_645;
+const TORI_POINTS: u64 = 1_500_000;
 
 /// One way's time.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     pub bench: &'static str,
-    pub scene: &'static str,
+    pub scene: String,
     pub points: u64,
     pub way: &'static str,
     pub size: String,
@@ -61,61 +64,58 @@ const WAYS: [(&str, Style, &str); 4] = [
 pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(wish)?;
     let mut rows = Vec::new();
-    let streets = plan.points.iter().map(|&points| ("street", Scene::Street, points, Attribute::Rgb));
-    for (name, scene, points, attribute) in [("torus", Scene::Torus, TORUS_POINTS, Attribute::White)].into_iter().chain(streets) {
+    let scenes = [("torus", Scene::Torus, TORUS_POINTS), ("tori", Scene::NestedTori, TORI_POINTS)].into_iter();
+    for (name, scene, points) in scenes.chain(plan.points.iter().map(|&points| ("street", Scene::Street, points))) {
         let world = synth::build(scene, plan.seed, 0.0);
         let mut cloud = synth::collect(name, &world, points, plan.seed, scene.default_noise(), progress)?;
-        if attribute == Attribute::White {
+        if scene == Scene::Torus {
             cloud.parts.iter_mut().for_each(|part| part.columns.rgb = None);
         }
-        let device = [gpu.device.name.clone(), gpu.device.driver.clone()];
-        let row = |way, size: &str, mut times: Vec<f64>, plain: Option<f64>, fragments| {
-            let [ms_q1, ms_median, ms_q3] = quartiles(&mut times);
-            let [device, driver] = device.clone();
-            let of_points = plain.map_or(0.0, |plain| ms_median / plain);
-            Row {
-                bench: "strokes",
-                scene: name,
-                points,
-                way,
-                size: size.to_string(),
-                ms_median,
-                ms_q1,
-                ms_q3,
-                of_points,
-                fragments,
-                device,
-                driver,
-            }
-        };
-        rows.push(row("prepare", "-", vec![prepare(&cloud, progress)?], None, 0));
-        let sample = cloud.core_points();
-        let mut shown = Shown::new(attribute, &cloud);
-        shown.further.strokes = true;
-        let resident = Resident::fill(&mut gpu, cloud, shown, progress)?;
-        for &size in &plan.sizes {
-            let view = View::new(Camera::framing(Preset::Fit, &sample, size), size)?;
-            let mut times = vec![Vec::new(); WAYS.len()];
-            let mut fragments = vec![0; WAYS.len()];
-            // One round more, which warms up.
-            for round in 0..=plan.repeat {
-                progress.tick(&format!("bench strokes {name}"), round as u64, plan.repeat as u64)?;
-                for (k, (_, style, effect)) in WAYS.iter().enumerate() {
-                    let (ms, count) = draw(&mut gpu, &view, &resident, *style, effect)?;
-                    fragments[k] = count;
-                    if round > 0 {
-                        times[k].push(ms);
-                    }
+        rows.extend(of(&mut gpu, name, cloud, plan, progress)?);
+    }
+    for path in &plan.models {
+        let cloud = cloud::read(std::slice::from_ref(path), &ReadOptions { wanted: Attribute::Rgb.wanted(), strict: false }, progress)?;
+        rows.extend(of(&mut gpu, &path.file_name().unwrap_or_default().to_string_lossy(), cloud, plan, progress)?);
+    }
+    Ok(rows)
+}
+
+fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let (points, sample) = (cloud.len(), cloud.core_points());
+    let [device, driver] = [gpu.device.name.clone(), gpu.device.driver.clone()];
+    let row = |way, size: &str, mut times: Vec<f64>, plain: Option<f64>, fragments| {
+        let [ms_q1, ms_median, ms_q3] = quartiles(&mut times);
+        let of_points = plain.map_or(0.0, |plain| ms_median / plain);
+        let (scene, size, device, driver) = (name.to_string(), size.to_string(), device.clone(), driver.clone());
+        Row { bench: "strokes", scene, points, way, size, ms_median, ms_q1, ms_q3, of_points, fragments, device, driver }
+    };
+    let mut rows = vec![row("prepare", "-", vec![prepare(&cloud, progress)?], None, 0)];
+    let attribute = if Attribute::Rgb.is_in(&cloud) { Attribute::Rgb } else { Attribute::White };
+    let mut shown = Shown::new(attribute, &cloud);
+    shown.further.strokes = true;
+    let resident = Resident::fill(gpu, cloud, shown, progress)?;
+    for &size in &plan.sizes {
+        let view = View::new(Camera::framing(Preset::Fit, &sample, size), size)?;
+        let mut times = vec![Vec::new(); WAYS.len()];
+        let mut fragments = vec![0; WAYS.len()];
+        // One round more, which warms up.
+        for round in 0..=plan.repeat {
+            progress.tick(&format!("bench strokes {name}"), round as u64, plan.repeat as u64)?;
+            for (k, (_, style, effect)) in WAYS.iter().enumerate() {
+                let (ms, count) = draw(gpu, &view, &resident, *style, effect)?;
+                fragments[k] = count;
+                if round > 0 {
+                    times[k].push(ms);
                 }
             }
-            let plain = quartiles(&mut times[0].clone())[1];
-            let size = format!("{}x{}", size[0], size[1]);
-            for ((way, times), fragments) in WAYS.iter().zip(times).zip(fragments) {
-                rows.push(row(way.0, &size, times, Some(plain), fragments));
-            }
         }
-        resident.free(&mut gpu);
+        let plain = quartiles(&mut times[0].clone())[1];
+        let size = format!("{}x{}", size[0], size[1]);
+        rows.extend(
+            WAYS.iter().zip(times).zip(fragments).map(|((way, times), fragments)| row(way.0, &size, times, Some(plain), fragments)),
+        );
     }
+    resident.free(gpu);
     Ok(rows)
 }
 
@@ -148,14 +148,14 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, style: Style, effect: &
 
 pub fn table(rows: &[Row]) -> String {
     let mut text = format!(
-        "{:<8} {:>10}  {:<8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>12}\n",
+        "{:<24} {:>10}  {:<8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>12}\n",
         "scene", "points", "way", "size", "ms", "q1", "q3", "x points", "fragments"
     );
     for row in rows {
         let times = if row.of_points > 0.0 { format!("{:.2}", row.of_points) } else { "-".to_string() };
         writeln!(
             text,
-            "{:<8} {:>10}  {:<8} {:>10} {:>10.1} {:>10.1} {:>10.1} {:>10} {:>12}",
+            "{:<24} {:>10}  {:<8} {:>10} {:>10.1} {:>10.1} {:>10.1} {:>10} {:>12}",
             row.scene, row.points, row.way, row.size, row.ms_median, row.ms_q1, row.ms_q3, times, row.fragments
         )
         .expect("writing to a string");

@@ -15,7 +15,7 @@ Examples:
   pointillist bench surface --size 1024x768                visibility, filling and shape, in plain 3 x 3 passes
   pointillist bench luminance --points 1000000,4000000,16000000,64000000 --size 1920x1080
                                                            frames with and without luminance correction
-  pointillist bench strokes --points 500000                a painting, against plain points of the same cloud
+  pointillist bench strokes --points 14000000 --size 1000x1000 --model dragon.ply    paintings, against plain points of the same cloud: table 2 of the paper
   pointillist bench dobrev --points 6000000 --size 512x512,1024x1024 --model dragon.ply    layers and shadows, as in the paper's table 3
   pointillist bench --json > before.json                   keep the rows ...
   pointillist bench --baseline before.json                 ... and compare with them later
@@ -40,7 +40,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     pub repeat: Option<u64>,
     /// Also on this cloud; repeatable
-    #[arg(long, value_name = "FILE", help_heading = "Dobrev")]
+    #[arg(long, value_name = "FILE", help_heading = "Strokes, dobrev")]
     pub model: Vec<PathBuf>,
     /// Index LAZ instead of LAS
     #[arg(long, help_heading = "Index")]
@@ -176,6 +176,7 @@ fn luminances(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<lumi
 fn paintings(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<strokes::Row>> {
     let plan = strokes::Plan {
         points: arguments.points.clone(),
+        models: arguments.model.clone(),
         sizes: sizes(arguments),
         repeat: arguments.repeat.unwrap_or(5) as usize,
         seed: arguments.seed,

@@ -5,13 +5,16 @@
 //! out those that a shadow, a passer-by or a wall's other side made different (after Kanzok, Linsen and Rosenthal 2012, sec. 1 and 6; factors that best agree with all overlaps, as panoramas are
 //! stitched: Brown and Lowe 2007, sec. 6).
 
+use super::file::{self, Contents, Directory, NodeRecord, Plane};
 use super::morton;
 use crate::cloud::color::srgb_to_linear;
 use crate::cloud::{Cloud, Part, Station};
+use crate::error::Result;
 use glam::DVec3;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Exposures {
@@ -35,7 +38,7 @@ pub struct Overlap {
 }
 
 /// What gives all stations one exposure.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Balance {
     /// By number of the station, the factor on its light, 2^-4 to 2^4; 1 of one that overlaps with none.
     pub gains: Vec<f64>,
@@ -51,6 +54,8 @@ const WIDER: u32 = 4;
 const ENOUGH: u32 = 4;
 /// Cells that say by how much two stations differ.
 const ENOUGH_CELLS: usize = 16;
+/// Points that one task looks at.
+const RUN: usize = 1 << 16;
 /// Finest cells a side: a code has room for so many.
 const AXIS_BITS: u32 = 21;
 /// Points that a balance is found from; of more, whole blocks are left out, of which there are 2^7 a side.
@@ -126,29 +131,59 @@ pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
 
 /// Of some of the points, so many that a moment is enough; which ones, their order does not tell. None where no two stations overlap.
 pub fn balance(cloud: &Cloud) -> Option<Balance> {
-    let coloured = |station: &Station| cloud.parts[station.part].columns.rgb.is_some();
-    let coloured: Vec<usize> = (0..cloud.stations.len()).filter(|&station| coloured(&cloud.stations[station])).collect();
-    if coloured.len() < 2 {
-        return None;
+    let most = (cloud.stations.len() > 1).then(|| most_of(cloud.len()))?;
+    of_points(&points(cloud, most)?, &cloud.stations)
+}
+
+/// The same of an index that is being made; `read` fills a plane's bytes. Leaves hold all points.
+pub fn of_leaves(directory: &Directory, read: impl Fn(&NodeRecord, Plane, &mut [u8]) -> Result<()> + Sync) -> Result<Option<Balance>> {
+    let Contents { stations, lattices, points, bounds: Some([lo, hi]), .. } = &directory.contents else { return Ok(None) };
+    if stations.len() < 2 {
+        return Ok(None);
     }
-    let share = (SAMPLE as f64 / cloud.len() as f64).min(1.0);
-    let points = points(cloud, (share * u64::MAX as f64) as u64)?;
-    let finest = dropped(&points);
-    let mut groups = Groups::new(cloud.stations.len());
+    let (most, side) = (most_of(*points), side(*lo, *hi));
+    let of = |node: &NodeRecord| -> Result<Vec<Point>> {
+        if !has_wanted(file::bounds(node, lattices), *lo, side, most) {
+            return Ok(Vec::new());
+        }
+        let places = file::samples(node, file::lattice(node, lattices), &mut |plane, bytes| read(node, plane, bytes))?;
+        let column = |plane: Plane| {
+            let mut bytes = vec![0; node.range(plane).1 as usize];
+            read(node, plane, &mut bytes).map(|()| bytes)
+        };
+        let (rgb, source) = (column(Plane::Rgb)?, column(Plane::Source)?);
+        let columns = rgb.as_chunks().0.iter().zip(source.as_chunks().0);
+        let points = places.iter().zip(columns).filter_map(|((place, _), (&rgb, &source))| {
+            let point = (code(*place, *lo, side), u16::from_le_bytes(source), value(rgb)?);
+            is_wanted(point.0, most).then_some(point)
+        });
+        Ok(points.collect())
+    };
+    let leaves = directory.nodes.par_iter().filter(|node| node.is_leaf() && node.has(Plane::Rgb) && node.has(Plane::Source));
+    let mut points = leaves.map(of).collect::<Result<Vec<_>>>()?.concat();
+    points.par_sort_unstable();
+    Ok(of_points(&points, stations))
+}
+
+fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {
+    let finest = dropped(points);
+    let mut groups = Groups::new(stations.len());
     let mut used = Pairs::new();
     for dropped in (0..=WIDER).map(|wider| finest + 3 * wider) {
-        let (_, mut pairs) = compare(&points, dropped, cloud.stations.len());
+        let (totals, mut pairs) = compare(points, dropped, stations.len());
         pairs.retain(|stations, cells| cells.len() >= ENOUGH_CELLS && !used.contains_key(stations));
         pairs.keys().for_each(|&[a, b]| groups.join(a, b));
         used.append(&mut pairs);
-        if coloured.iter().all(|&station| groups.of(station) == groups.of(coloured[0])) {
+        let mut coloured = (0..stations.len()).filter(|&station| totals[station].count > 0);
+        let first = groups.of(coloured.next()?);
+        if coloured.all(|station| groups.of(station) == first) {
             break;
         }
     }
     if used.is_empty() {
         return None;
     }
-    let counts: Vec<u64> = cloud.stations.iter().map(|station| station.points).collect();
+    let counts: Vec<u64> = stations.iter().map(|station| station.points).collect();
     let gains = gains(&used, &mut groups, &counts);
     let differ = |([a, b], cells): (&[usize; 2], &Vec<Shared>)| {
         let gain = (gains[*b] / gains[*a]).log2();
@@ -171,30 +206,68 @@ type Point = (u64, u16, u8);
 /// All coloured points of the blocks whose number, scattered, is at most `most`, in order.
 fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
     let (lo, hi) = cloud.bounds()?;
-    // A little more than the box, so that its far sides are within.
-    let side = ((hi - lo).max_element() / (1u64 << AXIS_BITS) as f64 * 1.001).max(f64::MIN_POSITIVE);
-    let mut points: Vec<Point> = Vec::new();
-    for (number, part) in cloud.parts.iter().enumerate() {
-        let first = cloud.stations.partition_point(|station| station.part < number);
-        let stations = &cloud.stations[first..cloud.stations.partition_point(|station| station.part <= number)];
-        let is_wanted = |&(code, ..): &Point| scattered(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most;
-        points.par_extend(coloured(part, first, stations, lo, side).filter(is_wanted));
-    }
+    let side = side(lo, hi);
+    let of = |number: usize, run: Range<usize>| coloured(cloud, number, run, lo, side).filter(|point| is_wanted(point.0, most));
+    let runs: Vec<(usize, Range<usize>)> = (0..cloud.parts.len())
+        .flat_map(|number| {
+            let points = cloud.parts[number].columns.len();
+            (0..points).step_by(RUN).map(move |start| (number, start..points.min(start + RUN)))
+        })
+        .collect();
+    // Counted first, so that there is one piece of memory for all, and nothing left of it.
+    let counts: Vec<usize> = runs.par_iter().map(|(number, run)| of(*number, run.clone()).count()).collect();
+    let mut points: Vec<Point> = vec![(0, 0, 0); counts.iter().sum()];
+    let mut rest = points.as_mut_slice();
+    let places: Vec<&mut [Point]> = counts.iter().map(|&count| rest.split_off_mut(..count).expect("as many as were counted")).collect();
+    runs.into_par_iter().zip(places).for_each(|((number, run), places)| {
+        places.iter_mut().zip(of(number, run)).for_each(|(place, point)| *place = point);
+    });
     points.par_sort_unstable();
     Some(points)
 }
 
-/// Every coloured point of a part.
-fn coloured<'p>(part: &'p Part, first: usize, stations: &'p [Station], lo: DVec3, side: f64) -> impl ParallelIterator<Item = Point> + 'p {
-    let columns = &part.columns;
-    let point = move |i: usize| {
-        let [r, g, b] = columns.rgb.as_ref()?[i];
+/// The coloured points of a part among these.
+fn coloured(cloud: &Cloud, number: usize, run: Range<usize>, lo: DVec3, side: f64) -> impl Iterator<Item = Point> {
+    let Part { columns, lattice, .. } = &cloud.parts[number];
+    let first = cloud.stations.partition_point(|station| station.part < number);
+    let stations = &cloud.stations[first..cloud.stations.partition_point(|station| station.part <= number)];
+    run.filter_map(move |i| {
+        let value = value(columns.rgb.as_ref()?[i])?;
         let source = columns.source.as_ref().map(|column| column[i]);
         let station = first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0);
-        let cell = (part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from)) - lo) / side;
-        Some((morton::code_63(cell.to_array().map(|axis| axis as u32)), station as u16, r.max(g).max(b)))
-    };
-    (0..columns.len()).into_par_iter().filter_map(point)
+        Some((code(lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from)), lo, side), station as u16, value))
+    })
+}
+
+/// Of the finest cells: a little more than the box, so that its far sides are within.
+fn side(lo: DVec3, hi: DVec3) -> f64 {
+    ((hi - lo).max_element() / (1u64 << AXIS_BITS) as f64 * 1.001).max(f64::MIN_POSITIVE)
+}
+
+fn code(place: DVec3, lo: DVec3, side: f64) -> u64 {
+    morton::code_63(((place - lo) / side).to_array().map(|axis| axis as u32))
+}
+
+/// White is what a part without colours shows, and says nothing of any exposure.
+fn value(rgb: [u8; 3]) -> Option<u8> {
+    (rgb != [255; 3]).then(|| rgb[0].max(rgb[1]).max(rgb[2]))
+}
+
+/// The highest number of a block whose points are wanted, of so many.
+fn most_of(points: u64) -> u64 {
+    ((SAMPLE as f64 / points as f64).min(1.0) * u64::MAX as f64) as u64
+}
+
+fn is_wanted(code: u64, most: u64) -> bool {
+    scattered(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most
+}
+
+/// Whether a box has a block in it whose points are wanted.
+fn has_wanted((low, high): (DVec3, DVec3), lo: DVec3, side: f64, most: u64) -> bool {
+    let block = |place: DVec3| ((place - lo) / side).to_array().map(|axis| axis as u32 >> (AXIS_BITS - BLOCK_BITS));
+    let (a, b) = (block(low), block(high));
+    let mut blocks = (a[0]..=b[0]).flat_map(|x| (a[1]..=b[1]).flat_map(move |y| (a[2]..=b[2]).map(move |z| [x, y, z])));
+    blocks.any(|block| scattered(morton::code_63(block)) <= most)
 }
 
 /// All numbers are as likely, whatever the block (the mixing step of SplitMix64, Steele, Lea and Flood 2014).
