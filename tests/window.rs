@@ -474,6 +474,15 @@ fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
     viewer.key("0");
     drop_file(&place.display, &viewer.window, &scene);
     viewer.shows(&above);
+    // What it takes to paint is found out when a scene asks for it.
+    words["effects"] = serde_json::json!(["strokes=on", "fill=off", "visibility=off", "shape=off"]);
+    std::fs::write(&scene, words.to_string()).unwrap();
+    viewer.key("F6");
+    viewer.shows(&place.picture(&[&cloud], "painted.png", &format!("--scene {}", scene.display())));
+    words["effects"] = serde_json::json!(["shape=off"]);
+    std::fs::write(&scene, words.to_string()).unwrap();
+    viewer.key("F6");
+    viewer.shows(&above);
     // What is no scene is said, and changes nothing.
     std::fs::write(&scene, "{}").unwrap();
     viewer.key("F6");
