@@ -108,10 +108,14 @@ fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &P
 
     let mut bindings = BTreeMap::new();
     let (mut push, mut spec) = (None, BTreeMap::new());
+    // What glsl/lib/area.glsl declares is the graph's, and no field: binding and constant.
+    let (mut area, mut listed) = (None, None);
     for variable in &entry.vars {
         // Built-in inputs, and the unnamed twin of the constant that is the workgroup's width.
         let Some(name) = variable.name().map(str::to_string) else { continue };
         match variable {
+            Variable::Descriptor { desc_bind, .. } if name == "area" => area = Some(desc_bind.bind()),
+            Variable::SpecConstant { spec_id, .. } if name == "LISTED" => listed = Some(*spec_id),
             Variable::Descriptor { desc_bind, desc_ty, ty, .. } => {
                 bindings.insert(desc_bind.bind(), (name, binding(source, desc_ty, ty)));
                 if let Some(element) = element_struct(ty) {
@@ -140,6 +144,9 @@ fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &P
         writeln!(table, "Binding {{ name: {name:?}, bind: {bind}, kind: Kind::{kind}, access: Access::{access} }},").unwrap();
         writeln!(uses, "self.{name}.resource(),").unwrap();
     }
+    if let Some(bind) = area {
+        writeln!(table, "Binding {{ name: \"area\", bind: {bind}, kind: Kind::Buffer, access: Access::Read }},").unwrap();
+    }
     let push_field = push.as_ref().map_or(String::new(), |_| format!("    pub push: {module}::Push,\n"));
     let spec_field = if spec.is_empty() { String::new() } else { format!("    pub spec: {module}::Spec,\n") };
     let push_bytes = push.as_ref().map_or("&[]".to_string(), |_| "bytemuck::bytes_of(&self.push)".to_string());
@@ -157,7 +164,7 @@ fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &P
     writeln!(
         rust,
         "impl{lifetime} crate::graph::Shader for {structure}{lifetime} {{
-            const CODE: Code = Code {{ name: {module:?}, spirv: &[{code}], bindings: &[{table}], push_bytes: {push_size}, workgroup: {:?} }};
+            const CODE: Code = Code {{ name: {module:?}, spirv: &[{code}], bindings: &[{table}], push_bytes: {push_size}, workgroup: {:?}, listed: {listed:?} }};
             fn resources(&self) -> Vec<crate::graph::ResourceId> {{ use crate::graph::Handle; vec![{uses}] }}
             fn push(&self) -> &[u8] {{ {push_bytes} }}
             fn constants(&self) -> Vec<(u32, u32)> {{ vec![{constants}] }}

@@ -11,6 +11,8 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -38,7 +40,7 @@ bool known(float z) {
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 pixel = own_pixel(push.size.x);
     ivec2 last = ivec2(push.size) - 1;
     if (any(greaterThan(pixel, last))) return;
     float z[5];

@@ -9,6 +9,8 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "exact.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -27,7 +29,7 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 pixel = own_pixel(push.size.x);
     ivec2 size = ivec2(push.size);
     if (pixel.x >= size.x || pixel.y >= size.y) return;
     float z = imageLoad(depth, pixel).r;

@@ -10,6 +10,8 @@
 #include "node.glsl"
 #include "dot.glsl"
 #include "octahedral.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 // Normals of the points of one node: a page of 32-bit words.
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
@@ -35,7 +37,7 @@ layout(push_constant, scalar) uniform Push {
 const uint NO_POINT = 0xFFFFFFFFu;
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 pixel = own_pixel(push.size.x);
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     uint id = imageLoad(index, pixel).r;
     uint word = UNKNOWN_NORMAL;

@@ -13,6 +13,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "tile.glsl"
+#include "area.glsl"
 #include "pixel.glsl"
 #include "around.glsl"
 #include "source.glsl"
@@ -108,12 +109,13 @@ void work(uint tile) {
 
 // Each workgroup has its own part of the tiles, from end to end, so that tiles side by side follow each other.
 void main() {
-    uint count = push.tiles.x * push.tiles.y;
+    uint count = LISTED ? listed_tiles() : push.tiles.x * push.tiles.y;
     uint part = (count / gl_NumWorkGroups.x / TILES_PER_GROUP + 1u) * TILES_PER_GROUP;
     uint end = min(count, (gl_WorkGroupID.x + 1u) * part);
     uint n = gl_WorkGroupID.x * part + gl_LocalInvocationID.x / 8u;
     if (n < end) for (;;) {
-        if (awake(n)) work(n);
+        uint tile = LISTED ? listed_tile(n) : n;
+        if (awake(tile)) work(tile);
         n += TILES_PER_GROUP;
         if (n >= end) break;
     }

@@ -6,6 +6,8 @@
 
 #include "pixel.glsl"
 #include "source.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -23,7 +25,7 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 void main() {
-    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 texel = own_texel(push.size.x);
     if (texel.x >= int(push.size.x)) return;
     vec4 depths = imageLoad(filled, texel);
     vec4 sources = imageLoad(source, texel);

@@ -9,6 +9,8 @@
 #include "node.glsl"
 #include "pixel.glsl"
 #include "source.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -30,7 +32,7 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 void main() {
-    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 texel = own_texel(push.texels.x);
     if (any(greaterThanEqual(texel, ivec2(push.texels)))) return;
     vec4 four;
     vec4 steps;

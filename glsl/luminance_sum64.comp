@@ -27,6 +27,7 @@ layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
 // Of the whole picture, the depth of the nearest points.
 layout(r32f) readonly uniform image2D front;
+layout(r32ui) readonly uniform uimageBuffer levels;
 layout(scalar) buffer Sums { uint64_t sum[]; } sums;
 
 #include "project.glsl"

@@ -9,6 +9,8 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 #include "unit.glsl"
 #include "normal.glsl"
 
@@ -75,7 +77,7 @@ float power(float x, uint exponent) {
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 pixel = own_pixel(push.size.x);
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     float z0 = imageLoad(depth, pixel).r;
     vec4 c = imageLoad(color, pixel);

@@ -10,6 +10,8 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "node.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 // What the points of one node show: a page of 32-bit words.
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
@@ -51,11 +53,13 @@ const uint INFINITY_BITS = 0x7F800000u;
 #include "paint.glsl"
 
 void main() {
-    uvec2 at = gl_GlobalInvocationID.xy;
-    if (at.x >= push.size.x || at.y >= push.size.y) return;
-    int k = int(at.y * push.size.x + at.x);
+    ivec2 at = own_pixel(push.size.x);
+    // Listed pixels are those of the whole picture.
+    if (LISTED) at.y -= int(push.top);
+    if (at.y < 0 || any(greaterThanEqual(at, ivec2(push.size)))) return;
+    int k = at.y * int(push.size.x) + at.x;
     uvec2 key = TEXELS ? uvec2(imageLoad(keys, 2 * k).r, imageLoad(keys, 2 * k + 1).r) : key_words.key[k];
-    ivec2 pixel = ivec2(at.x, at.y + push.top);
+    ivec2 pixel = ivec2(at.x, at.y + int(push.top));
     bool empty = key.x == NO_POINT;
     vec4 c = vec4(0.0);
     if (!empty) {

@@ -11,6 +11,8 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -33,7 +35,7 @@ bool known(float z) {
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    ivec2 pixel = own_pixel(push.size.x);
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     float z0 = imageLoad(depth, pixel).r;
     vec4 c0 = imageLoad(color, pixel);

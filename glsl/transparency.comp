@@ -8,6 +8,10 @@
 // quantum of the depth (HARD_CASES 15).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "tile.glsl"
+#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -49,9 +53,11 @@ float fall(float z, ivec2 pixel, ivec2 aside) {
 }
 
 void main() {
-    uvec2 at = gl_GlobalInvocationID.xy;
-    if (at.x >= push.size.x || at.y >= push.size.y) return;
-    ivec2 pixel = ivec2(at.x, at.y + push.top);
+    ivec2 at = own_pixel(push.size.x);
+    // Listed pixels are those of the whole picture.
+    if (LISTED) at.y -= int(push.top);
+    if (at.y < 0 || any(greaterThanEqual(at, ivec2(push.size)))) return;
+    ivec2 pixel = ivec2(at.x, at.y + int(push.top));
     vec4 c = imageLoad(color, pixel);
     if (LIT_BY) c.rgb *= imageLoad(lit, pixel).r;
     vec4 sum = imageLoad(front, pixel);
@@ -65,7 +71,7 @@ void main() {
     bool goes_on = bits < INFINITY_BITS && 1.0 - sum.a >= LEAST_LIGHT;
     float z = uintBitsToFloat(goes_on ? bits : 0u);
     float layer = max(push.layer, push.slant * (fall(z, pixel, ivec2(1, 0)) + fall(z, pixel, ivec2(0, 1))));
-    uint word = at.y * push.size.x + at.x;
+    uint word = uint(at.y) * push.size.x + uint(at.x);
     // Positive floats order like their bits.
     behind.word[word] = max(behind.word[word], goes_on ? floatBitsToUint(z + layer) : INFINITY_BITS);
     // One is enough: an atomic for every pixel would be most of this pass.

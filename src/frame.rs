@@ -1,11 +1,13 @@
 //! THE WHOLE FRAME, top to bottom.
 
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Image};
+use crate::graph::{Again, Area, Buffer, Graph, Image};
 use crate::look::Look;
 use crate::passes::project::{Band, Behind, Drawn};
 use crate::passes::resolve::Paint;
+use crate::passes::shadows::Marks;
 use crate::passes::strokes::Painting;
+use crate::passes::transparency::Front;
 use crate::passes::{self, Layers, Scene, composite, gate, luminance, normal, project, resolve, shadows, strokes};
 use crate::resident::Resident;
 use crate::view::View;
@@ -25,33 +27,61 @@ pub struct Outcome {
 pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
     let bands = project::bands(view.size, g.binding_limit());
     let drawn = project::draw(g, view, resident, look.precision)?.one_sided(look.drops_back_faces(resident));
-    let paint = resolve::paint(g, resident)?;
+    let paint = resolve::paint(g, resident, &look.decided)?;
     let scene = look.scene(view, resident);
     let points = Points { scene: &scene, look, resident, bands: &bands, drawn: &drawn, paint: &paint };
-    let marks = shadows::marks(g, &scene, resident, &look.effects, &look.decided)?;
-    let (nearest, strokes) = match strokes::begin(g, view, resident, &look.effects, &look.decided)? {
-        Some(painting) => points.painted(g, painting)?,
-        None => (points.nearest(g, None)?, None),
-    };
-    let layers = passes::apply(g, &scene, &look.effects, &look.decided, Layers { marks, ..nearest });
-    let layers = behind(g, &points, &scene, look, layers)?;
+    let marks = shadows::marks(g, &scene, resident, &look.effects, &look.decided, look.light_at_once)?;
+    let mut images = Again::default();
+    let (layers, strokes) = g.again(&mut images, |g| {
+        let (nearest, strokes) = match strokes::begin(g, view, resident, &look.effects, &look.decided)? {
+            Some(painting) => points.painted(g, painting)?,
+            None => (points.nearest(g, None)?, None),
+        };
+        Ok((passes::apply(g, &scene, &look.effects, &look.decided, Layers { marks, ..nearest }), strokes))
+    })?;
+    let layers = behind(g, &points, layers, images)?;
     let normal = normal::record(g, view, &layers);
     let picture = composite::record(g, view, look.background, &layers);
     Ok(Outcome { picture, normal, layers, statistics: drawn.statistics, strokes })
 }
 
-/// The layers behind the nearest one: the middle of the frame again for each, until the device finds nothing more to draw.
-fn behind(g: &mut Graph, points: &Points, scene: &Scene, look: &Look, mut nearest: Layers) -> Result<Layers> {
+/// The layers behind the nearest one: the middle of the frame again for each, until the device finds nothing more to draw. Where a layer shows nothing no later one does, so that each is drawn over the
+/// images of the one before, and only where that showed something.
+fn behind(g: &mut Graph, points: &Points, mut nearest: Layers, mut images: Again) -> Result<Layers> {
+    let look = points.look;
+    if look.layers() == 1 {
+        return Ok(nearest);
+    }
+    let spread_px = look.effects.spread_px(&look.decided, nearest.spacing_px[1]);
     let mut alive = points.drawn.alive(g);
+    let mut before = gate::covered(g, &nearest.raw, spread_px);
+    nearest = kept(g, nearest);
     for layer in 1..look.layers() {
         let front = nearest.front.take().expect("transparency runs where there are several layers");
-        let next = gate::only_where(g, &front.left, |g| points.nearest(g, Some((&front.behind, &mut alive, layer))))?;
-        let covered = gate::covered(g, &next);
-        let next = Layers { marks: nearest.marks.take(), front: Some(front), ..next };
-        let next = gate::only_where(g, &covered, |g| Ok(passes::apply(g, scene, &look.effects, &look.decided, next)))?;
-        (nearest.marks, nearest.front) = (next.marks, next.front);
+        let (marks, behind) = (nearest.marks.take(), Next { front, alive: &mut alive, layer, spread_px });
+        let (next, covered) = g.again(&mut images, |g| points.next(g, behind, marks, &before))?;
+        (nearest.marks, nearest.front, before) = (next.marks, next.front, covered);
     }
     Ok(nearest)
+}
+
+/// Copies of what is shown, which later layers are drawn over; those that nobody reads are dropped.
+fn kept(g: &mut Graph, layers: Layers) -> Layers {
+    let [depth, raw, index, color] = [("depth", &layers.depth), ("raw", &layers.raw), ("index", &layers.index), ("color", &layers.color)]
+        .map(|(name, image)| g.copy(name, image));
+    let lit = layers.lit.as_ref().map(|lit| g.copy("lit", lit));
+    Layers { depth, raw, index, color, lit, ..layers }
+}
+
+/// A layer that is to be drawn behind others.
+struct Next<'b> {
+    front: Front,
+    /// What walks over points keep from layer to layer.
+    alive: &'b mut Buffer,
+    /// From 1.
+    layer: u32,
+    /// How far from its points something of a layer may show, pixels.
+    spread_px: f64,
 }
 
 /// What layers are drawn from.
@@ -81,6 +111,26 @@ impl Points<'_> {
             false => None,
         };
         Ok(Layers { sums, ..layers })
+    }
+
+    /// The next layer, over those in front of it, drawn where the one before has shown something; and where it shows something itself.
+    fn next(&self, g: &mut Graph, next: Next, marks: Option<Marks>, before: &Area) -> Result<(Layers, Area)> {
+        let Next { front, alive, layer, spread_px } = next;
+        let bounded = spread_px.is_finite();
+        let left = gate::area_where(g, &front.left, before);
+        let (layers, covered) = gate::only_where(g, &front.left, |g| {
+            g.within(bounded.then_some(&left), |g| {
+                let layers = self.nearest(g, Some((&front.behind, alive, layer)))?;
+                let covered = gate::covered(g, &layers.raw, spread_px);
+                Ok((layers, covered))
+            })
+        })?;
+        let shown = gate::area_where(g, &covered.list, &left);
+        let layers = Layers { marks, front: Some(front), ..layers };
+        let layers = gate::only_where(g, &covered.list, |g| {
+            Ok(g.within(bounded.then_some(&shown), |g| passes::apply(g, self.scene, &self.look.effects, &self.look.decided, layers)))
+        })?;
+        Ok((layers, covered))
     }
 
     /// All points, as strokes.

@@ -245,14 +245,21 @@ impl<P: FnMut()> Thread<P> {
                     read.bytes += 4 * count as u64;
                     destination.put(planes + word + k as u32, words);
                 }
-                return Ok(read);
+            } else {
+                let (strokes, bytes) = strokes::of_node(&index, node)?;
+                read.bytes += bytes;
+                for k in 0..2 {
+                    words.iter_mut().zip(&strokes).for_each(|(word, stroke)| *word = stroke[k]);
+                    destination.put(planes + word + k as u32, words);
+                }
             }
-            let (strokes, bytes) = strokes::of_node(&index, node)?;
-            read.bytes += bytes;
-            for k in 0..2 {
-                words.iter_mut().zip(&strokes).for_each(|(word, stroke)| *word = stroke[k]);
-                destination.put(planes + word + k as u32, words);
-            }
+        }
+        if let (Some(word), Some(marks)) = (self.shown.light(), &index.marks) {
+            self.bytes.resize(count, 0);
+            marks.read(node, &mut self.bytes)?;
+            read.bytes += count as u64;
+            words.iter_mut().zip(&self.bytes).for_each(|(word, &mark)| *word = mark as u32);
+            destination.put(planes + word, words);
         }
         Ok(read)
     }

@@ -96,11 +96,13 @@ pub struct Look {
     /// As [`Scene`] has them, of the whole picture: parts of it go by the same.
     pub spacing_m: f64,
     pub pixel_m: f64,
+    /// Samples of the light that this frame adds at most to those that shadows are made of already; all where nothing is said.
+    pub light_at_once: Option<u32>,
 }
 
 impl Look {
     /// What effects work on in a picture, or in a part of it.
-    pub fn scene<'v>(&self, view: &'v View, resident: &Resident) -> Scene<'v> {
+    pub fn scene<'v>(&self, view: &'v View, resident: &'v Resident) -> Scene<'v> {
         Scene { spacing_m: self.spacing_m, pixel_m: self.pixel_m, ..Scene::of(view, resident, self.light) }
     }
 
@@ -120,18 +122,15 @@ impl Look {
     }
 
     /// What is drawn while the camera moves; the picture that follows at rest has everything. Of strokes over each other only the nearest, softened (dos Anjos et al. 2018, sec. 3.3.2); less
-    /// occlusion; and shadows from the middle of the light (Dobrev et al. 2010, sec. 6), where they are not there already.
-    pub fn hurried(&self, shadows_are_there: bool) -> Look {
-        let mut hurried = self.clone();
-        let Effects { strokes, ao, shadows, .. } = &mut hurried.effects;
+    /// occlusion; and of a light that is new one sample (Dobrev et al. 2010, sec. 6).
+    pub fn hurried(&self) -> Look {
+        let mut hurried = Look { light_at_once: Some(0), ..self.clone() };
+        let Effects { strokes, ao, .. } = &mut hurried.effects;
         if self.decided.runs("strokes") && strokes.settings.blend == strokes::Blend::Abuffer {
             strokes.settings.blend = strokes::Blend::Blur;
         }
         if self.decided.runs("ao") {
             ao.settings.directions = ao.settings.directions.min(HURRIED_DIRECTIONS);
-        }
-        if self.decided.runs("shadows") && !shadows_are_there {
-            shadows.settings.samples = 1.0;
         }
         hurried
     }
@@ -147,6 +146,7 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
         light: wishes.light,
         background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
         precision: wishes.precision,
+        light_at_once: None,
     }
 }
 
@@ -167,13 +167,13 @@ mod tests {
             precision: Precision::Auto,
             spacing_m: 0.0,
             pixel_m: 0.0,
+            light_at_once: None,
         };
-        assert_eq!(look(&["phong"]).hurried(false), look(&["phong"]));
+        assert_eq!(look(&["phong"]).hurried().effects, look(&["phong"]).effects);
         let all = look(&["strokes", "shadows"]);
-        let hurried = all.hurried(false);
-        assert_eq!((hurried.effects.shadows.settings.samples, hurried.effects.shadows.settings.radius), (1.0, 2.0));
+        let hurried = all.hurried();
+        assert_eq!((hurried.light_at_once, &hurried.effects.shadows), (Some(0), &all.effects.shadows));
         assert_eq!(hurried.effects.strokes.settings.blend, strokes::Blend::Blur);
-        assert_eq!(all.hurried(true).effects.shadows, all.effects.shadows);
-        assert_eq!(hurried.hurried(false), hurried);
+        assert_eq!(hurried.hurried(), hurried);
     }
 }

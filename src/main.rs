@@ -1,7 +1,7 @@
 //! Parse, dispatch, exit code: 0 done, 1 could not do it, 2 asked wrongly.
 
 use clap::Parser;
-use pointillist::cli::{bench, index, info, render, study, synth, terminal::Terminal, view};
+use pointillist::cli::{bench, index, info, render, shadows, study, synth, terminal::Terminal, view};
 use pointillist::error::Error;
 use std::process::ExitCode;
 
@@ -30,6 +30,8 @@ enum Command {
     Render(Box<render::Arguments>),
     /// An index of clouds larger than memory, which render, info and bench take in a file's place
     Index(index::Arguments),
+    /// Shadows of all points of an index, saved beside it
+    Shadows(shadows::Arguments),
     /// What is in a file: counts, bounds and ranges of the points themselves
     Info(info::Arguments),
     /// Simulated scans of analytic scenes, with ground truth
@@ -47,6 +49,7 @@ fn main() -> ExitCode {
         Command::View(arguments) => view::run(arguments, &progress),
         Command::Render(arguments) => render::run(arguments, &progress),
         Command::Index(arguments) => index::run(arguments, &progress),
+        Command::Shadows(arguments) => shadows::run(arguments, &progress),
         Command::Info(arguments) => info::run(arguments, &progress),
         Command::Synth(arguments) => synth::run(arguments, &progress),
         Command::Study(arguments) => study::run(arguments, &progress),

@@ -11,6 +11,8 @@ use crate::index::build;
 use crate::index::cache::{self, Cached};
 use crate::index::file::{Index, Plane};
 use crate::index::luminance;
+use crate::index::marks::Marks;
+use crate::light::Light;
 use crate::opacity::Opacities;
 use crate::progress::Progress;
 use crate::resident::{Residency, Resident, residency::Update};
@@ -27,6 +29,8 @@ pub struct Opening {
     pub index: Option<&'static str>,
     /// Where their indexes are kept; the usual place where nothing is said.
     pub place: Option<cache::Place>,
+    /// Shadows of the index that were saved, and the light that they are to be of.
+    pub shadows: Option<(PathBuf, Light)>,
 }
 
 impl Opening {
@@ -38,6 +42,22 @@ impl Opening {
         let points = cloud::stream::about(files)?;
         let many = points > config::WHOLE_POINTS;
         Ok(many.then(|| format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)))
+    }
+
+    /// With the shadows that were saved.
+    fn lit(&self, mut index: Index) -> Result<Source> {
+        if let Some((path, light)) = &self.shadows {
+            let marks = Marks::open(path, &index)?;
+            if marks.contents.light != light.to_string() {
+                return Err(Error::Request(format!(
+                    "{} has shadows of --light {}, and the picture's is {light}; ask for that light, or cast others with `pointillist shadows`",
+                    path.display(),
+                    marks.contents.light
+                )));
+            }
+            index.marks = Some(marks);
+        }
+        Ok(Source::Index(Arc::new(index)))
     }
 
     fn place(&self) -> Result<cache::Place> {
@@ -54,7 +74,7 @@ impl Source {
     /// An index is opened alone: what belongs together is indexed together. Files too large to be drawn whole are indexed first, or their index is found.
     pub fn open(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Source> {
         match paths.iter().find(|path| Index::is_one(path)) {
-            Some(path) if paths.len() == 1 => return Ok(Source::Index(Arc::new(Index::open(path)?))),
+            Some(path) if paths.len() == 1 => return opening.lit(Index::open(path)?),
             Some(path) => {
                 return Err(Error::Request(format!(
                     "{} is an index, and is drawn alone; `pointillist index` makes one of several files",
@@ -64,6 +84,12 @@ impl Source {
             None => {}
         }
         let Some(why) = opening.needs_index(paths)? else {
+            if let Some((path, _)) = &opening.shadows {
+                return Err(Error::Request(format!(
+                    "{} has shadows of an index, and these files are none; `pointillist index` makes one",
+                    path.display()
+                )));
+            }
             return Ok(Source::Files(cloud::read(paths, &opening.read, progress)?));
         };
         let (place, build) = (opening.place()?, build::Options::usual(opening.read.strict));
@@ -72,7 +98,7 @@ impl Source {
             Some(made) => eprintln!("pointillist: indexed in {:.1} s, because {why}; kept: {}", made.seconds, kept(&place)),
             None => eprintln!("pointillist: drawn from {}, because {why}", index.path().display()),
         }
-        Ok(Source::Index(Arc::new(index)))
+        opening.lit(index)
     }
 
     /// Some of the points, for as long as files are being indexed; none where they are drawn whole, or their index is found.
@@ -174,6 +200,11 @@ impl Source {
         files.truncate(3);
         let output = if let Source::Index(index) = self { index.path().display().to_string() } else { "OUT.pnti".into() };
         format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
+    }
+
+    /// Whether all points say how much of a light reaches them.
+    pub fn has_light(&self) -> bool {
+        matches!(self, Source::Index(index) if index.marks.is_some())
     }
 
     /// Whether some points say which way their surface faces.

@@ -177,3 +177,31 @@ fn hard_15_peeling_ends_where_a_layer_is_less_than_a_quantum() {
     assert!(drawn.front.iter().flatten().all(|value| value.is_finite()));
     assert!(drawn.peeled.iter().any(|&layers| layers > 16.0));
 }
+
+/// Tiles where a layer shows nothing are left alone by the layers behind it, whatever effects carry over from tile to tile, and the picture is the same, bit by bit.
+#[test]
+fn layers_are_drawn_only_where_they_show_something_and_the_picture_is_the_same() {
+    let (_, cloud) = tori(60_000);
+    // Holes all over, a near part of the ring and much background.
+    let mut camera = Camera::framing(Preset::Iso, &cloud.core_points(), [200, 136]);
+    camera.eye = camera.target + (camera.eye - camera.target) * 0.6;
+    let view = View::new(camera, [200, 136]).unwrap();
+    let looks: [&[&str]; 8] = [
+        &[],
+        &["shape=on", "ao=on"],
+        &["fill=method=dobrev"],
+        &["fill=method=dobrev,iterations=20", "smooth=on,iterations=3", "antialias=on", "phong=on"],
+        &["visibility=off", "fill=off", "edl=on,radius=3"],
+        &["visibility=off", "fill=on,method=splat,radius=9", "edl=on"],
+        &["fill=method=pullpush", "phong=on"],
+        &["visibility=kernel=15", "fill=iterations=3,surrounded=4", "shadows=on,samples=2", "antialias=on"],
+    ];
+    for way in [Way::Compute64, Way::Compute32] {
+        for effects in looks {
+            let of = |tiles: &str| draw(&cloud, &view, way, &["class:3=0.3", "class:2=0.5"], &[effects, &[tiles]].concat());
+            let (needed, all) = (of("transparency=tiles=needed"), of("transparency=tiles=all"));
+            assert!(all.peeled.iter().any(|&layers| layers > 3.0), "{effects:?}");
+            assert!(needed.front == all.front && needed.peeled == all.peeled && needed.left_over == all.left_over, "{way:?}, {effects:?}");
+        }
+    }
+}

@@ -32,7 +32,7 @@ fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>,
         effects.shadows.switch = Switch::On;
         effects.shadows.settings = settings;
         let mut g = Graph::new(gpu);
-        let marks = shadows::marks(&mut g, &scene, &resident, &effects, &effects.decide(&scene)).unwrap().expect("switched on");
+        let marks = shadows::marks(&mut g, &scene, &resident, &effects, &effects.decide(&scene), None).unwrap().expect("switched on");
         let counts = g.download_buffer(&marks.counts);
         let frame = g.submit(&[]).unwrap();
         let counts: &[u8] = frame.read(&counts);
@@ -280,6 +280,50 @@ fn hard_14_behind_an_edge_every_sample_is_the_ray_to_its_place() {
     assert!(between > 10_000 && wrong == 0, "{between} points half in shadow, {wrong} wrong ({facts})");
 }
 
+/// Cast over several frames, however many at a time, samples add up to the marks that one frame makes of all; and when they are all there nothing more is cast.
+#[test]
+fn samples_add_up_frame_by_frame_to_the_same_marks() {
+    let cloud = points(square(40_000, 1.0, DVec3::X, DVec3::Y, 3).chain(square(20_000, 0.4, DVec3::X, DVec3::Z, 5)));
+    for method in [Method::Depth, Method::Index] {
+        for light in [Light::Direction(DVec3::new(0.2, 0.3, -1.0)), Light::Position(DVec3::new(0.1, 0.5, 0.3))] {
+            let mut effects = Effects::default();
+            effects.shadows.switch = Switch::On;
+            effects.shadows.settings = Settings { method, samples: 7.0, radius: 0.2, size: 100.0, peels: 8.0, ..Settings::default() };
+            let of = |at_once: &[Option<u32>]| {
+                gpu::with(Way::Compute64, |gpu| {
+                    let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), &Silent).unwrap();
+                    let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
+                    let scene = Scene::of(&view, &resident, light);
+                    let frames: Vec<_> = (at_once.iter())
+                        .map(|&at_once| {
+                            let mut g = Graph::new(gpu);
+                            let marks = shadows::marks(&mut g, &scene, &resident, &effects, &effects.decide(&scene), at_once)
+                                .unwrap()
+                                .expect("switched on");
+                            let counts = g.download_buffer(&marks.counts);
+                            let frame = g.submit(&[]).unwrap();
+                            let (counts, passes) = (frame.read::<u8>(&counts)[..60_000].to_vec(), frame.passes.len());
+                            frame.shelve(gpu);
+                            (marks.facts.cast, counts, passes)
+                        })
+                        .collect();
+                    resident.free(gpu);
+                    frames
+                })
+            };
+            let whole = of(&[None]).pop().unwrap();
+            let frames = of(&[Some(0), Some(0), Some(1), Some(3), Some(1), Some(1), Some(1), None]);
+            assert_eq!(frames.iter().map(|frame| frame.0).collect::<Vec<_>>(), [1, 1, 2, 5, 6, 7, 7, 7]);
+            assert!(frames[5].1 == whole.1 && frames[7].1 == whole.1, "{method:?}, {light}");
+            assert!(frames[4].1 != whole.1 && whole.1.iter().any(|&count| (1..7).contains(&count)));
+            // The marks are read, and that is all.
+            assert!([1, 6, 7].iter().all(|&frame| frames[frame].2 == 1), "{method:?}, {light}");
+            let begun = of(&[Some(2), None]).pop().unwrap();
+            assert!(begun.1 == whole.1);
+        }
+    }
+}
+
 #[test]
 fn light_passes_agree_with_f64() {
     gpu::with(Way::Compute64, |gpu| {
@@ -326,7 +370,7 @@ fn marks_agree_with_f64() {
             let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), &Silent).unwrap();
             let mut g = Graph::new(gpu);
             let counts = g.buffer("marks", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
-            let mut tally = shadows::Tally::new(&mut g, counts);
+            let mut tally = shadows::Tally::new(&mut g, counts, false);
             let reached = shadows::cast(&mut g, &view, &resident, &Settings::default(), &mut tally).unwrap();
             let (counts, limit) = (g.download_buffer(&tally.marks), g.download(&reached.limit));
             let frame = g.submit(&[]).unwrap();

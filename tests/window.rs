@@ -133,6 +133,23 @@ fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
     assert!(said.contains("first picture after"), "{said}");
 }
 
+/// Of a light that is new a moving picture casts one sample; at rest the others follow, the picture becomes that of `render`, and then nothing is done any more.
+#[test]
+fn samples_of_the_light_follow_when_the_window_rests() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let line = "--light direction:0.3,0.8,-0.8 --effect shadows=on,samples=24,radius=3";
+    let mut viewer = place.view(&[&cloud], line);
+    for (key, view) in [("7", "top"), ("0", "fit")] {
+        viewer.key(key);
+        viewer.shows(&place.picture(&[&cloud], &format!("{view}.png"), &format!("{line} --view {view}")));
+    }
+    std::thread::sleep(Duration::from_secs(1));
+    let before = viewer.ticks();
+    std::thread::sleep(Duration::from_secs(2));
+    assert!(viewer.ticks() - before <= 2, "{} hundredths of a second of work within two seconds of rest", viewer.ticks() - before);
+}
+
 #[test]
 fn a_scene_and_an_index_are_shown_as_render_draws_them() {
     let place = Place::new();

@@ -15,15 +15,14 @@ use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
-use crate::light::Light;
-use crate::look;
+use crate::look::{self, Look};
 use crate::passes::encode::{self, Screen};
-use crate::passes::{Decided, project::Statistics};
+use crate::passes::{self, Decided, project::Statistics, shadows};
 use crate::present::Present;
 use crate::present::overlay::Overlay;
 use crate::progress::Progress;
-use crate::resident::Point;
 use crate::resident::section::Slab;
+use crate::resident::{Point, Resident};
 use crate::scene::Scene;
 use crate::source::Brought;
 use crate::tiled;
@@ -139,7 +138,6 @@ impl Drawing {
             again: false,
             pace: Pace::default(),
             last_drawn: Vec::new(),
-            lit_by: None,
         };
         let thread = std::thread::Builder::new().name("drawing".into()).spawn(move || thread.run());
         let thread = thread.map_err(|error| Error::Device(format!("cannot start a thread to draw: {error}")))?;
@@ -210,8 +208,6 @@ struct Thread {
     pace: Pace,
     /// What the last picture was drawn from ([`crate::resident::Resident::identity`]).
     last_drawn: Vec<u64>,
-    /// What the shadows that are kept were cast from: light and points.
-    lit_by: Option<(Light, Vec<u64>)>,
 }
 
 /// Stops a whole picture on a software device, where it takes long, when something newer is wanted.
@@ -223,6 +219,23 @@ struct Newer<'t> {
 impl Progress for Newer<'_> {
     fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
         if self.count.load(Relaxed) > self.heard { Err(Error::Interrupted) } else { Ok(()) }
+    }
+}
+
+/// Samples of the light cast in a row at most, while a picture of those before is on the screen.
+const REFINING: Duration = Duration::from_millis(100);
+
+/// Adds samples of the light to those that shadows are made of, until something newer is wanted; in submissions of their own, so that what has been cast stays when the picture gives way.
+fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, newer: &Newer) -> Result<()> {
+    let (scene, began) = (passes::Scene::of(view, resident, look.light), Instant::now());
+    loop {
+        let mut g = Graph::new(gpu);
+        let marks = shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1))?;
+        let Some(shadows::Marks { counts, saved: None, facts }) = marks else { return Ok(()) };
+        g.submit(&[counts.resource()])?.shelve(gpu);
+        if facts.cast == facts.samples || began.elapsed() >= REFINING || newer.tick("", 0, 0).is_err() {
+            return Ok(());
+        }
     }
 }
 
@@ -388,9 +401,10 @@ impl Thread {
         let gives_way = self.wanted != Wanted::Now;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
         let look = look::decide(&scene.wishes, &View::new(scene.camera, present.size())?, resident);
-        let lit_by = (scene.wishes.light, identity.clone());
-        let drawn = if gives_way { look.clone() } else { look.hurried(self.lit_by.as_ref() == Some(&lit_by)) };
-        let finest = divisor == 1 && drawn == look;
+        let drawn = if gives_way { Look { light_at_once: Some(0), ..look.clone() } } else { look.hurried() };
+        if gives_way {
+            refine_shadows(&mut self.gpu, &view, resident, &look, &newer)?;
+        }
         let mut g = Graph::new(&mut self.gpu);
         if gives_way {
             g = g.watched(&newer);
@@ -425,14 +439,13 @@ impl Thread {
         frame.shelve(&mut self.gpu);
         self.pace = self.pace.after(divisor, took);
         self.last_drawn = identity;
+        let refined = outcome.layers.marks.as_ref().is_none_or(|marks| marks.facts.cast == marks.facts.samples);
+        let finest = divisor == 1 && drawn.effects == look.effects && refined;
         self.wanted = match (finest, complete) {
             (true, true) => Wanted::Nothing,
             (true, false) => Wanted::More,
             _ => Wanted::Whole,
         };
-        if drawn == look {
-            self.lit_by = Some(lit_by);
-        }
         self.again = false;
         if !present.show(&self.gpu)? {
             self.wanted = Wanted::Now;

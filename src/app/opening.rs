@@ -92,7 +92,7 @@ pub fn start(
         source.find(asked, progress)?;
         let (mut shown, _) = source.shown(asked)?;
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
-        shown.further = Further { normal: source.has_normals(), ..further };
+        shown.further = Further { normal: source.has_normals(), light: source.has_light(), ..further };
         Ok(Opened { source, shown, subject, kinds, is_whole })
     };
     let work = move || {

@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     png(first).iter().chain(&exr(first)).try_for_each(|file| WholeFile::create(file).map(drop))?;
     let options = arguments.picture.with_scene()?;
     let (size, wishes) = (options.size.0, options.wishes()?);
-    let source = Source::open(&arguments.files, &options.detail.opening(options.read_options(arguments.strict)), progress)?;
+    let source = Source::open(&arguments.files, &options.detail.opening(options.read_options(arguments.strict), options.light), progress)?;
     source.notes().iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     let (shown, _) = options.shown(&source)?;
     let mut gpu = Gpu::open(&arguments.device.wish())?;

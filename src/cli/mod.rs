@@ -8,6 +8,7 @@ pub mod info;
 mod layers;
 pub mod options;
 pub mod render;
+pub mod shadows;
 pub mod study;
 pub mod synth;
 pub mod terminal;

@@ -82,6 +82,9 @@ pub struct DetailOptions {
     /// Keep no index: make it again each time
     #[arg(long, conflicts_with = "cache_dir")]
     pub no_cache: bool,
+    /// Shadows of an index that `pointillist shadows` has saved, of the same --light
+    #[arg(long, value_name = "FILE.shadows")]
+    pub shadows: Option<PathBuf>,
 }
 
 impl DetailOptions {
@@ -94,14 +97,14 @@ impl DetailOptions {
         self.pool.map_or(config::POOL_BYTES, |bytes| bytes.0)
     }
 
-    pub fn opening(&self, read: ReadOptions) -> Opening {
+    pub fn opening(&self, read: ReadOptions, light: Light) -> Opening {
         let chosen = self.budget.is_some() || self.lod.is_some();
         let index = chosen.then_some("--budget and --lod choose among the nodes of an index");
         let place = match &self.cache_dir {
             _ if self.no_cache => Some(cache::Place::Nowhere),
             folder => folder.clone().map(cache::Place::Folder),
         };
-        Opening { read, index, place }
+        Opening { read, index, place, shadows: self.shadows.clone().map(|path| (path, light)) }
     }
 }
 
@@ -178,6 +181,8 @@ impl PictureOptions {
             kind: self.opacities().needs_kinds(),
             normal: asked(&|effects| effects.phong.wants_normals(self.light)),
             strokes: asked(&|effects| effects.strokes.switch == Switch::On),
+            // That is up to the index.
+            light: false,
         }
     }
 
@@ -199,7 +204,8 @@ impl PictureOptions {
             return Err(Error::Request(format!("--opacity: {lost}")));
         }
         let (mut shown, why) = source.shown(self.color)?;
-        shown.further = self.further();
+        shown.further = Further { light: source.has_light(), ..self.further() };
+        shown.coded &= self.wishes()?.effects.exposure.switch != Switch::Off;
         if shown.further.normal && !source.has_normals() {
             if self.wishes()?.effects.phong.settings.normals == Normals::File {
                 return Err(Error::Request(format!(

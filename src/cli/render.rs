@@ -91,7 +91,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     let wishes = picture.wishes()?;
     let mut stages = Stages::new();
-    let opening = picture.detail.opening(picture.read_options(arguments.strict));
+    let opening = picture.detail.opening(picture.read_options(arguments.strict), picture.light);
     let mut source = Source::open(&arguments.files, &opening, progress)?;
     source.find(picture.color, progress)?;
     source.notes().iter().for_each(|note| eprintln!("pointillist: note: {note}"));

@@ -62,7 +62,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities(), clips: picture.clips() };
     let options = Options {
         files: arguments.files.clone(),
-        opening: picture.detail.opening(picture.read_options(arguments.strict)),
+        opening: picture.detail.opening(picture.read_options(arguments.strict), picture.light),
         further: picture.further(),
         scene,
         preset: picture.view,

@@ -55,6 +55,8 @@ pub struct Code {
     pub push_bytes: u32,
     /// `[0, 0, 0]` where specialisation constant 0 is the width.
     pub workgroup: [u32; 3],
+    /// Of a shader that can keep to listed tiles (glsl/lib/area.glsl), the constant that says whether it does; the list is then the last of its bindings.
+    pub listed: Option<u32>,
 }
 
 /// A compute pipeline with its layouts.

@@ -124,10 +124,10 @@ pub struct RawImage {
     allocation: Allocation,
 }
 
-/// A buffer that outlives the frame, and what its contents were made of; nothing until a frame has made them.
+/// A buffer that outlives the frame, what its contents were made of, and how many steps of that have been made; nothing until a frame has made some.
 struct Kept {
     buffer: RawBuffer,
-    made_of: Option<Vec<u64>>,
+    made_of: Option<(Vec<u64>, u32)>,
 }
 
 /// Makes, shelves and destroys buffers and images. Dropped before the device.
@@ -276,9 +276,8 @@ impl Memory {
         Window { first: map.wrapping_add(bytes.start as usize), length: (bytes.end - bytes.start) as usize, alive: self.alive.clone() }
     }
 
-    /// Gives a buffer back; the GPU must be done with it.
-    /// The buffer of this name, at least so large, and whether it holds what was made of `made_of`; if not, whatever it holds is void.
-    pub fn keep(&mut self, device: &Device, name: &str, bytes: u64, made_of: &[u64]) -> Result<(&RawBuffer, bool)> {
+    /// The buffer of this name, at least so large, and how many steps of what is made of `made_of` it holds; where that is none, whatever it holds is void.
+    pub fn keep(&mut self, device: &Device, name: &str, bytes: u64, made_of: &[u64]) -> Result<(&RawBuffer, u32)> {
         if self.kept.get(name).is_some_and(|kept| kept.buffer.desc.bytes < bytes) {
             let old = self.kept.remove(name).expect("found");
             self.shelve_buffer(old.buffer);
@@ -290,18 +289,19 @@ impl Memory {
             self.kept.insert(name.to_string(), Kept { buffer, made_of: None });
         }
         let kept = self.kept.get_mut(name).expect("put there");
-        let holds = kept.made_of.as_deref() == Some(made_of);
-        if !holds {
+        let steps = kept.made_of.as_ref().filter(|(before, _)| before == made_of).map_or(0, |(_, steps)| *steps);
+        if steps == 0 {
             kept.made_of = None;
         }
-        Ok((&kept.buffer, holds))
+        Ok((&kept.buffer, steps))
     }
 
-    /// A frame has filled the buffer of this name.
-    pub fn kept(&mut self, name: &str, made_of: Vec<u64>) {
-        self.kept.get_mut(name).expect("a name that keep was asked for").made_of = Some(made_of);
+    /// A frame has made so many steps in the buffer of this name; none while it is at it.
+    pub fn kept(&mut self, name: &str, made_of: Option<(Vec<u64>, u32)>) {
+        self.kept.get_mut(name).expect("a name that keep was asked for").made_of = made_of;
     }
 
+    /// Gives a buffer back; the GPU must be done with it.
     pub fn shelve_buffer(&mut self, buffer: RawBuffer) {
         self.buffers.entry(buffer.desc).or_default().push(buffer);
     }

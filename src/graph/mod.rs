@@ -3,10 +3,12 @@
 //! In: typed shader structs (`crate::shader`, generated) over handles. Out: a submission whose barriers, dropped passes and reused memory the pure
 //! [`plan`] has decided. Handles are not `Clone`, so Rust's own borrow rules refuse one image as input and output of a pass.
 
+mod area;
 pub mod plan;
 mod record;
 
 pub use crate::gpu::{Access, BufferDesc, Code, ImageDesc, Kind, Place};
+pub use area::{AREA_HEADER, Again, Area};
 pub use record::Running;
 
 use crate::error::{Error, Result};
@@ -15,6 +17,7 @@ use crate::gpu::kernel::Kernels;
 use crate::gpu::memory::{Memory, RawBuffer, Texels};
 use crate::gpu::timeline::Timeline;
 use crate::progress::Progress;
+use area::Within;
 use ash::vk;
 use plan::{Pass, Plan, Resource, Shape};
 
@@ -26,6 +29,13 @@ pub struct ResourceId(pub usize);
 pub struct Image {
     id: ResourceId,
     pub desc: ImageDesc,
+}
+
+impl Image {
+    /// A second handle, of an image that passes are recorded over again ([`Again`]).
+    fn again(&self) -> Image {
+        Image { id: self.id, desc: self.desc }
+    }
 }
 
 /// A buffer of this frame.
@@ -80,6 +90,10 @@ pub enum Tiles<'l> {
     All,
     /// The same, and of no image is another pixel read than the one that is written: it may be written over what is read there for the last time.
     Own,
+    /// So many texels, each with four rows of pixels.
+    Packed([u32; 2]),
+    /// Workgroups that take eight tiles of 8 x 8 pixels at a time, for so many tiles.
+    ByEight(u32),
     /// So many workgroups.
     Groups([u32; 3]),
     /// As many workgroups as three words of a buffer say, from this word on: tiles that an earlier pass has listed.
@@ -96,12 +110,34 @@ pub(crate) enum Groups {
 
 /// What the GPU is to do in a pass.
 pub(crate) enum Work {
-    Run { code: Code, constants: Vec<(u32, u32)>, push: Vec<u8>, resources: Vec<ResourceId>, groups: Groups },
-    CopyImage { from: ResourceId, to: ResourceId },
-    Fill { buffer: ResourceId, word: u32 },
-    Clear { image: ResourceId },
-    CopyBuffer { from: ResourceId, to: ResourceId, bytes: u64 },
-    CopyOut { image: ResourceId, buffer: ResourceId },
+    /// `resources` of the bindings in order; of a shader that could keep to an area and does not, without the last one.
+    Run {
+        code: Code,
+        constants: Vec<(u32, u32)>,
+        push: Vec<u8>,
+        resources: Vec<ResourceId>,
+        groups: Groups,
+    },
+    CopyImage {
+        from: ResourceId,
+        to: ResourceId,
+    },
+    Fill {
+        buffer: ResourceId,
+        word: u32,
+    },
+    Clear {
+        image: ResourceId,
+    },
+    CopyBuffer {
+        from: ResourceId,
+        to: ResourceId,
+        bytes: u64,
+    },
+    CopyOut {
+        image: ResourceId,
+        buffer: ResourceId,
+    },
     Draw(crate::gpu::raster::Draw, [ResourceId; 3]),
 }
 
@@ -157,11 +193,14 @@ pub struct Graph<'g> {
     /// Contents of upload buffers, by resource; made when they are asked for.
     uploads: Vec<(ResourceId, RawBuffer)>,
     imports: Vec<(ResourceId, Import)>,
-    /// Buffers that outlive the frame and are to be filled by it: name, and what of.
-    keeps: Vec<(ResourceId, String, Vec<u64>)>,
+    /// Buffers that outlive the frame and are changed by it: name, what they are made of, and how many steps of that they hold then.
+    keeps: Vec<(ResourceId, String, Vec<u64>, u32)>,
     progress: Option<&'g dyn Progress>,
     /// Where passes are recorded that the device may skip.
     gate: Option<Gate>,
+    /// What passes keep to that can.
+    within: Option<Within>,
+    again: Option<Again>,
     /// For tests of the tests: record no barriers at all.
     pub without_barriers: bool,
 }
@@ -178,6 +217,8 @@ impl<'g> Graph<'g> {
             keeps: Vec::new(),
             progress: None,
             gate: None,
+            within: None,
+            again: None,
             without_barriers: false,
         }
     }
@@ -194,7 +235,12 @@ impl<'g> Graph<'g> {
     }
 
     pub(crate) fn image_of(&mut self, name: &str, desc: ImageDesc) -> Image {
-        Image { id: self.add(name, Shape::Image(desc)), desc }
+        if let Some(image) = self.again.as_mut().and_then(|again| again.take(name, desc)) {
+            return image;
+        }
+        let image = Image { id: self.add(name, Shape::Image(desc)), desc };
+        self.again.iter_mut().for_each(|again| again.add(name, &image));
+        image
     }
 
     /// A buffer that passes write for the CPU, which reads it after the submission.
@@ -228,17 +274,20 @@ impl<'g> Graph<'g> {
         Buffer { id, desc }
     }
 
-    /// A buffer that outlives the frame, by its name, and whether it still holds what was made of `made_of`. If it does not, passes of this frame fill it.
-    pub fn kept(&mut self, name: &str, bytes: u64, made_of: Vec<u64>) -> Result<(Buffer, bool)> {
-        let (raw, holds) = self.gpu.memory.keep(&self.gpu.device, name, bytes, &made_of)?;
+    /// A buffer that outlives the frame, by its name, and how many steps it holds of what is made of `made_of`, in steps. Passes of this frame add those up to `wanted`, of how many it already holds.
+    pub fn kept(&mut self, name: &str, bytes: u64, made_of: Vec<u64>, wanted: impl FnOnce(u32) -> u32) -> Result<(Buffer, u32)> {
+        let (raw, held) = self.gpu.memory.keep(&self.gpu.device, name, bytes, &made_of)?;
         let import = Import { raw: raw.raw, texels: raw.texels };
         let desc = BufferDesc { place: Place::Imported, ..raw.desc };
         let id = self.add(name, Shape::Buffer(desc));
         self.imports.push((id, import));
-        if !holds {
-            self.keeps.push((id, name.to_string(), made_of));
+        let wanted = wanted(held);
+        if wanted > held {
+            // Until the device has been given all of them.
+            self.gpu.memory.kept(name, None);
+            self.keeps.push((id, name.to_string(), made_of, wanted));
         }
-        Ok((Buffer { id, desc }, holds))
+        Ok((Buffer { id, desc }, held))
     }
 
     /// A second handle of a transient buffer, for who counts what passes did.
@@ -262,7 +311,7 @@ impl<'g> Graph<'g> {
     /// A pass that runs a compute shader.
     pub fn run<S: Shader>(&mut self, shader: S, tiles: Tiles<'_>) {
         let code = S::CODE;
-        let resources = shader.resources();
+        let mut resources = shader.resources();
         for (binding, id) in code.bindings.iter().zip(&resources) {
             let found = match self.resources[id.0].shape {
                 Shape::Image(desc) => Some(desc.format),
@@ -270,10 +319,17 @@ impl<'g> Graph<'g> {
             };
             assert_eq!(binding.kind.format(), found, "{}: {} got {} of another kind", code.name, binding.name, self.resources[id.0].name);
         }
-        let groups = match tiles {
-            Tiles::Groups(groups) => self.gate(groups),
-            Tiles::From(list, word) => Groups::Listed(list.id, 4 * word as u64),
-            Tiles::All | Tiles::Own => {
+        let within = self.within.filter(|_| code.listed.is_some());
+        let groups = match (tiles, within) {
+            (Tiles::From(list, word), _) => Groups::Listed(list.id, 4 * word as u64),
+            (_, Some(within)) => within.groups(&tiles),
+            (Tiles::Groups(groups), _) => self.gate(groups),
+            (Tiles::ByEight(count), _) => {
+                let groups = [count.div_ceil(8).min(self.gpu.device.most_groups), 1, 1];
+                self.gate(groups)
+            }
+            (Tiles::Packed([width, height]), _) => self.gate([width.div_ceil(code.workgroup[0]), height, 1]),
+            (Tiles::All | Tiles::Own, _) => {
                 let written = code.bindings.iter().zip(&resources).find_map(|(binding, id)| match self.resources[id.0].shape {
                     Shape::Image(desc) if binding.access != Access::Read => Some(desc.size),
                     _ => None,
@@ -282,11 +338,13 @@ impl<'g> Graph<'g> {
                 self.gate([width.div_ceil(code.workgroup[0]), height.div_ceil(code.workgroup[1]), 1])
             }
         };
+        resources.extend(within.map(|within| within.list));
         let mut uses: Vec<_> = code.bindings.iter().zip(&resources).map(|(binding, &id)| (id, binding.access)).collect();
         if let Groups::Listed(list, _) = groups {
             uses.push((list, Access::Read));
         }
-        let constants = shader.constants();
+        let mut constants = shader.constants();
+        constants.extend(code.listed.map(|listed| (listed, within.is_some() as u32)));
         self.push(code.name, uses, Work::Run { code, constants, push: shader.push().to_vec(), resources, groups });
         self.passes.last_mut().expect("pushed").own_pixels = matches!(tiles, Tiles::Own);
     }
@@ -305,6 +363,25 @@ impl<'g> Graph<'g> {
         self.gate = Some(Gate { wanted: wanted.id, groups: groups.id, passes: 0 });
         let recorded = record(self);
         self.gate = None;
+        recorded
+    }
+
+    /// Passes that keep to an area, of those that can: shaders that include area.glsl.
+    pub fn within<T>(&mut self, area: Option<&Area>, record: impl FnOnce(&mut Self) -> T) -> T {
+        assert!(self.within.is_none(), "an area within an area");
+        self.within = area.map(Within::new);
+        let recorded = record(self);
+        self.within = None;
+        recorded
+    }
+
+    /// Passes that are recorded over the images that they had the time before.
+    pub fn again<T>(&mut self, again: &mut Again, record: impl FnOnce(&mut Self) -> T) -> T {
+        assert!(self.again.is_none(), "again within again");
+        again.begin();
+        self.again = Some(std::mem::take(again));
+        let recorded = record(self);
+        *again = self.again.take().expect("put there");
         recorded
     }
 

@@ -49,7 +49,7 @@ pub struct Running {
 }
 
 pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g mut Gpu)> {
-    let Graph { gpu, passes, work, resources, uploads, imports, keeps, progress, gate: _, without_barriers } = graph;
+    let Graph { gpu, passes, work, resources, uploads, imports, keeps, progress, gate: _, within: _, again: _, without_barriers } = graph;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
     let mut physical = HashMap::new();
     let begun = realise(gpu, &plan, &resources, uploads, &imports, &mut physical)
@@ -63,7 +63,7 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g m
     };
     // Those that no pass of the plan touches have not been filled. Later submissions begin when this one is done.
     let filled = keeps.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
-    filled.for_each(|(_, name, made_of)| gpu.memory.kept(&name, made_of));
+    filled.for_each(|(_, name, made_of, steps)| gpu.memory.kept(&name, Some((made_of, steps))));
     Ok((Running { plan, names, physical, timing, scratch, trail }, gpu))
 }
 
@@ -321,6 +321,11 @@ impl Scratch {
     fn pass<'p>(&self, gpu: &mut Gpu, work: &Work, at: impl Fn(&ResourceId) -> &'p Physical) -> Result<()> {
         match work {
             Work::Run { code, constants, push, resources, groups } => {
+                // Of a shader that keeps to no area nobody reads the list of its tiles, which wants a buffer all the same.
+                let no_area = match code.listed {
+                    Some(_) if resources.len() < code.bindings.len() => Some(gpu.memory.keep(&gpu.device, "no area", 64, &[])?.0.raw),
+                    _ => None,
+                };
                 let kernel = gpu.kernels.get(&gpu.device, code, constants)?;
                 let layouts = [kernel.set_layout];
                 let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.descriptors).set_layouts(&layouts);
@@ -340,6 +345,9 @@ impl Scratch {
                             .push((binding, [vk::DescriptorImageInfo::default().image_view(at(id).image().view).image_layout(LAYOUT)])),
                     }
                 }
+                let last = code.bindings.last().zip(no_area);
+                buffers
+                    .extend(last.map(|(binding, raw)| (binding, [vk::DescriptorBufferInfo::default().buffer(raw).range(vk::WHOLE_SIZE)])));
                 let write = |binding: &crate::gpu::Binding| {
                     vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding.bind).descriptor_type(descriptor_type(binding.kind))
                 };

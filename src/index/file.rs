@@ -9,6 +9,7 @@
 //! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
 
 use super::map::Map;
+use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
 use crate::cloud::{Header, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
@@ -320,7 +321,6 @@ impl Writer {
         }
         self.put(end, records)?;
         self.put(end + records.len() as u64, &contents)?;
-        self.sync()?;
         let length = end + (records.len() + contents.len()) as u64;
         let mut header = FileHeader {
             magic: MAGIC,
@@ -337,13 +337,15 @@ impl Writer {
         header.header_crc = header.own_crc();
         let mut page = vec![0; HEADER_BYTES as usize];
         page[..size_of::<FileHeader>()].copy_from_slice(bytemuck::bytes_of(&header));
-        self.put(0, &page)?;
-        self.whole.finish()?;
+        self.close(&page)?;
         Ok(length)
     }
 
-    fn sync(&self) -> Result<()> {
-        self.file.sync_all().map_err(|error| Error::io("write", &self.path, error))
+    /// What was put to the disk, then the header, then that, then the name.
+    pub fn close(self, header: &[u8]) -> Result<()> {
+        self.file.sync_all().map_err(|error| Error::io("write", &self.path, error))?;
+        self.put(0, header)?;
+        self.whole.finish()
     }
 }
 
@@ -351,6 +353,10 @@ impl Writer {
 pub struct Index {
     map: Map,
     pub directory: Directory,
+    /// Checksums of directory and header.
+    identity: u64,
+    /// How much of a light reaches its points, where somebody has saved that.
+    pub marks: Option<Marks>,
 }
 
 impl Index {
@@ -402,11 +408,32 @@ impl Index {
         let contents: Contents = serde_json::from_slice(&contents).map_err(|error| wrong(format!("has unreadable contents ({error})")))?;
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
-        Ok(Index { map, directory })
+        let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
+        Ok(Index { map, directory, identity, marks: None })
     }
 
     pub fn path(&self) -> &Path {
         self.map.path()
+    }
+
+    /// Of this index, and of none with other points.
+    pub fn identity(&self) -> u64 {
+        self.identity
+    }
+
+    /// Copies bytes of the file, whatever they are.
+    pub(super) fn copy(&self, at: u64, into: &mut [u8]) -> Result<()> {
+        self.map.copy(at, into)
+    }
+
+    /// Where the tree of a node starts, in steps of its files' lattice.
+    pub(super) fn corner(&self, node: &NodeRecord) -> [i64; 3] {
+        let lattices = &self.directory.contents.lattices;
+        // Every tree has two lattices, one behind the other, that differ by nothing else.
+        let first = node.lattice as usize / 2 * 2;
+        let [step, offset] = lattices[first];
+        let [_, corner] = lattices[(first + 1).min(lattices.len() - 1)];
+        ((corner - offset) / step).round().to_array().map(|steps| steps as i64)
     }
 
     /// Bytes of the file.

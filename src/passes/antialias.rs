@@ -54,6 +54,10 @@ impl super::Settings for Settings {
             Setting { name: "jump", about: "least Laplacian of a silhouette, parts of the depth", value: Value::Number(&mut self.jump, 0.0..=4.0) },
         ]
     }
+
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        1.0
+    }
 }
 
 /// As [`super::Effects::reach_px`].

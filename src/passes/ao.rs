@@ -41,6 +41,11 @@ impl super::Settings for Settings {
             Setting { name: "bias", about: "sine of the horizon up to which a surface is only rough", value: number(&mut self.bias, 0.0..=1.0) },
         ]
     }
+
+    /// What holds no point stays as it is.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        0.0
+    }
 }
 
 /// Of the window that a normal is fitted to, pixels; `phong` has the same.

@@ -32,6 +32,11 @@ impl super::Settings for Settings {
             Setting { name: "cap", about: "the steepest slope that counts", value: number(&mut self.cap, 0.0..=1e6) },
         ]
     }
+
+    /// What holds no point stays as it is.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        0.0
+    }
 }
 
 /// As [`super::Effects::reach_px`].

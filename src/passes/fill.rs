@@ -68,6 +68,17 @@ impl super::Settings for Settings {
             Setting { name: "layer", about: "of dobrev: least distance of two surfaces, metres; 0: four spacings of the points", value: number(&mut self.layer, 0.0..=1e9) },
         ]
     }
+
+    fn spread_px(&self, spacing_px: f64) -> f64 {
+        match self.method {
+            Method::Pintus if self.iterations == 0.0 => WIDEST,
+            Method::Pintus => self.iterations,
+            Method::Dobrev => dobrev::most_steps(self, spacing_px) as f64,
+            Method::Splat => splat::radius(self),
+            // Its coarsest picture is one pixel.
+            Method::Pullpush => f64::INFINITY,
+        }
+    }
 }
 
 /// As [`super::Effects::reach_px`]: a pixel a step, of two kinds with masks; and tiles wake those beside them.

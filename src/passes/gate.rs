@@ -1,9 +1,9 @@
-//! A COUNT -> whether passes run: what the device finds empty costs it one look, and the CPU need not wait to hear of it.
+//! A COUNT -> whether passes run, and where: what the device finds empty costs it one look, and the CPU need not wait to hear of it.
 
+use super::{TILE_PX, tiles};
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Tiles};
-use crate::passes::Layers;
-use crate::shader::{self, cover, gate::Push};
+use crate::graph::{AREA_HEADER, Area, Buffer, Graph, Image, Tiles};
+use crate::shader::{self, cover, gate::Push, list};
 
 /// Passes that run only where the count, the buffer's first word, is not 0.
 pub fn only_where<T>(g: &mut Graph, count: &Buffer, record: impl FnOnce(&mut Graph) -> Result<T>) -> Result<T> {
@@ -13,12 +13,23 @@ pub fn only_where<T>(g: &mut Graph, count: &Buffer, record: impl FnOnce(&mut Gra
     g.gated(decide, record)
 }
 
-/// Not 0 where a pixel holds a point.
-pub fn covered(g: &mut Graph, layers: &Layers) -> Buffer {
-    let mut covered = g.buffer("covered", 4);
+/// The same tiles where the count is not 0, else none.
+pub fn area_where(g: &mut Graph, count: &Buffer, area: &Area) -> Area {
+    let mut groups = g.buffer("area groups", 4 * AREA_HEADER as u64);
+    g.run(shader::Gate { count, wanted: &area.groups, groups: &mut groups, push: Push { words: AREA_HEADER } }, Tiles::Groups([1, 1, 1]));
+    Area { groups, list: area.list.again() }
+}
+
+/// Tiles within so many pixels of those that hold points, by their depths as they were projected. Its first word is 0 where there are none.
+pub fn covered(g: &mut Graph, raw: &Image, spread_px: f64) -> Area {
+    let (size, across) = (raw.desc.size, tiles(raw.desc.size));
+    let count = across[0] * across[1];
+    let (mut covered, mut list) = (g.buffer("covered", 4 * count as u64), g.buffer("area", 4 * (AREA_HEADER + count) as u64));
     g.fill(&mut covered, 0);
-    let size = layers.depth.desc.size;
-    let groups = Tiles::Groups([size[0].div_ceil(64), size[1], 1]);
-    g.run(shader::Cover { depth: &layers.depth, covered: &mut covered, push: cover::Push { size } }, groups);
-    covered
+    g.fill(&mut list, 0);
+    let push = cover::Push { size, tiles_across: across[0] };
+    g.run(shader::Cover { depth: raw, covered: &mut covered, push }, Tiles::Groups([size[0].div_ceil(64), size[1], 1]));
+    let push = list::Push { tiles: across, rings: (spread_px / TILE_PX as f64).ceil() as i32 };
+    g.run(shader::List { covered: &covered, listed: &mut list, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+    Area { groups: list.again(), list }
 }

@@ -10,6 +10,7 @@ pub mod resolve;
 
 use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
+use crate::index::exposure::Balance;
 use crate::light::Light;
 use crate::resident::Resident;
 use crate::view::View;
@@ -93,10 +94,14 @@ pub struct Scene<'s> {
     pub transparent: bool,
     /// Points have brought normals.
     pub normals: bool,
+    /// What gives all stations one exposure, where that is known.
+    pub balance: Option<&'s Balance>,
+    /// Points have brought how much of this light reaches them.
+    pub lit: bool,
 }
 
 impl<'s> Scene<'s> {
-    pub fn of(view: &'s View, resident: &Resident, light: Light) -> Scene<'s> {
+    pub fn of(view: &'s View, resident: &'s Resident, light: Light) -> Scene<'s> {
         Scene {
             view,
             light,
@@ -108,6 +113,8 @@ impl<'s> Scene<'s> {
             pixel_m: resident.pixel_m(&view.entire()),
             transparent: resident.opacities.is_transparent(),
             normals: resident.shown.normal().is_some(),
+            balance: resident.balance.as_ref(),
+            lit: resident.light.as_ref().is_some_and(|saved| saved.light == light.to_string()),
         }
     }
 
@@ -198,6 +205,17 @@ macro_rules! effects {
             }
         }
 
+        impl Effects {
+            /// How far from a pixel that holds a point those that run may change a picture, pixels; points are at most so far apart on the screen.
+            pub fn spread_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
+                let mut spread_px = 0.0;
+                $(if decided.runs(stringify!($name)) {
+                    spread_px += self.$name.settings.spread_px(spacing_px);
+                })*
+                spread_px
+            }
+        }
+
         /// Every effect that runs, in order.
         pub fn apply(g: &mut Graph, scene: &Scene, effects: &Effects, decided: &Decided, mut layers: Layers) -> Layers {
             $(if decided.runs(stringify!($name)) {
@@ -209,6 +227,7 @@ macro_rules! effects {
 }
 
 effects! {
+    exposure,   // the table that colours are looked up in
     luminance,  // sums, index -> color
     strokes,    // keys and color in place of projected points; color -> color
     shadows,    // marks, index, color -> color
@@ -307,6 +326,12 @@ impl std::fmt::Display for Listed<'_> {
 /// What an effect's settings can say of themselves.
 pub trait Settings: Default {
     fn list(&mut self) -> Vec<Setting<'_>>;
+
+    /// How far from a pixel that holds a point the effect may change the picture, pixels, where points are at most so far apart; nobody knows where nothing is said. Layers behind others are drawn no
+    /// farther from their points than all effects together reach.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        f64::INFINITY
+    }
 }
 
 /// A switch and settings.

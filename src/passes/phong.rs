@@ -64,6 +64,11 @@ impl super::Settings for Settings {
             Setting { name: "radius", about: "of the neighbourhood that a normal is fitted to, pixels", value: number(&mut self.radius, 1.0..=15.0) },
         ]
     }
+
+    /// What holds no point stays as it is.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        0.0
+    }
 }
 
 /// As [`super::Effects::reach_px`].

@@ -196,6 +196,12 @@ pub struct Behind<'b> {
 pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, band: Band) -> Buffer {
     let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
     g.fill(&mut keys, u32::MAX);
+    add(g, view, drawn, behind, band, &mut keys);
+    keys
+}
+
+/// The same points, beside those that the keys are of already.
+pub fn add(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, band: Band, keys: &mut Buffer) {
     let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, view, band);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
     let (front, mut unused) = (&keys.racing(), keys.racing());
@@ -212,7 +218,7 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>,
             ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
                 let push = $module::Push { centre, corner, size, near, first_chunk, chunk_count, layer };
                 let spec = $module::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind $(, $step)? };
-                let (page_words, behind, behind_words, keys, alive) = (pages, depths, depths, &mut keys, &mut *alive);
+                let (page_words, behind, behind_words, keys, alive) = (pages, depths, depths, &mut *keys, &mut *alive);
                 g.run(
                     $($kernel)::+ { nodes, chunks, opacities, within, pages, page_words, front, behind, behind_words, alive, keys, push, spec },
                     tiles,
@@ -225,7 +231,6 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>,
             run!(shader::Project32, project32, step);
         }
     }
-    keys
 }
 
 /// The node's rows, in f64, rounded once (HARD_CASES 1.2).

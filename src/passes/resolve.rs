@@ -1,7 +1,7 @@
 //! KEYS -> LAYERS: depth, point ids and colours of one band, written into the whole picture's images.
 
-use super::Layers;
 use super::project::Band;
+use super::{Decided, Layers, exposure};
 use crate::cloud::attribute::{Attribute, Shown};
 pub use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
@@ -33,6 +33,8 @@ pub struct Paint {
     /// Where not all points are opaque.
     opacities: Option<Buffer>,
     pub(super) table: Buffer,
+    /// Of its rows ([`exposure::gains`]).
+    pub(super) gains: Vec<f64>,
     pub(super) mode: u32,
     /// The word at the low end of the ramp, and how much of a table of 256 a word more is.
     pub(super) ramp: [f32; 2],
@@ -55,15 +57,16 @@ fn mode(attribute: Attribute) -> u32 {
     }
 }
 
-pub fn paint(g: &mut Graph, resident: &Resident) -> Result<Paint> {
+pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Paint> {
     let Shown { attribute, stretch: [lo, hi], .. } = resident.shown;
     let mode = mode(attribute);
     let shown = g.upload("shown", &resident.addresses(0))?;
     let transparent = resident.opacities.is_transparent();
     let opacities = transparent.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
     let kinds = resident.shown.kind().filter(|_| transparent).map(|word| g.upload("kinds", &resident.addresses(word))).transpose()?;
-    let table = g.upload("table", &table(attribute))?;
-    Ok(Paint { shown, kinds, opacities, table, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
+    let gains = exposure::gains(resident, decided);
+    let table = g.upload("table", &table(attribute, &gains))?;
+    Ok(Paint { shown, kinds, opacities, table, gains, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
 }
 
 pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {
@@ -132,12 +135,16 @@ fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
     all.map_or([0.0; 2], |range| range.map(|px| if px.is_nan() { 0.0 } else { px }))
 }
 
-/// The 256 linear colours that words are looked up in.
-fn table(attribute: Attribute) -> [[f32; 4]; 256] {
-    std::array::from_fn(|i| {
+/// The 256 linear colours that words are looked up in; of colours, as many for every station.
+fn table(attribute: Attribute, gains: &[f64]) -> Vec<[f32; 4]> {
+    if attribute == Attribute::Rgb {
+        return exposure::linear(gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
+    }
+    let color = |i| {
         let [r, g, b] = srgb(attribute, i).map(|channel| srgb_to_linear(channel) as f32);
         [r, g, b, 1.0]
-    })
+    };
+    (0..256).map(color).collect()
 }
 
 /// Of the 256, one.

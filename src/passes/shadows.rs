@@ -9,11 +9,14 @@
 //!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
 //!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour
 //! ```
-//! A mark is a byte, by point id, and does not depend on the camera: marks are kept while the light and the nodes stay, and then of all this only the last line runs. Points have no normals: the slope of the surface comes from the light's own depths.
+//! A mark is a byte, by point id, and does not depend on the camera: marks are kept while the light and the nodes stay, and then of all this only the last line runs. Samples of a light can be cast over
+//! several frames, and then add up to the same marks.
+//! Points have no normals: the slope of the surface comes from the light's own depths.
 
 mod cameras;
 pub mod disc;
 mod peel;
+pub mod whole;
 
 use super::project::{self, Band, Drawn, Precision};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
@@ -87,6 +90,11 @@ impl super::Settings for Settings {
             Setting { name: "limit", about: "least cosine of the angle between light and surface", value: number(&mut self.limit, 0.01..=1.0) },
         ]
     }
+
+    /// What holds no point stays as it is.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        0.0
+    }
 }
 
 /// As [`super::Effects::reach_px`].
@@ -97,6 +105,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     let why = match scene.points {
         0 => "there is nothing to cast any",
+        _ if scene.lit => return Reason { runs: true, why: "they were saved, and cost nothing".into() },
         _ => "nobody asked: they cost a walk over all points, twice, for every sample of the light; --effect shadows=on",
     };
     Reason { runs: false, why: why.to_string() }
@@ -104,16 +113,22 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
 
 /// How much light reaches each point.
 pub struct Marks {
-    /// A byte a point, by its id: how many samples of the light reach it.
+    /// A byte a point, by its id: how many samples of the light reach it, of those that were cast.
     pub counts: Buffer,
+    /// Instead of that, of every node the page with the marks that its points have brought, of which so many say that all of the light reaches a point.
+    pub saved: Option<u32>,
     /// For `--explain`.
     pub facts: Facts,
 }
 
 /// How shadows were cast.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Facts {
+    /// Once and for all, of the whole cloud: no light pass runs.
+    pub saved: bool,
     pub samples: u32,
+    /// Of these, those that marks are made of so far.
+    pub cast: u32,
     /// Of the light, of each sample.
     pub pictures: u32,
     /// Texels of the first picture.
@@ -127,12 +142,12 @@ pub struct Facts {
 impl Facts {
     fn new(cameras: &[View], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
         let samples = settings.samples as u32;
-        let Some(first) = cameras.first() else { return Facts { samples, ..Facts::default() } };
+        let Some(first) = cameras.first() else { return Facts { samples, cast: samples, ..Facts::default() } };
         let layer = Layer::new(first, bounds, settings);
         let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
         let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
         let layer_m = layer.metres + layer.texels * texel_m;
-        Facts { samples, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
+        Facts { saved: false, samples, cast: samples, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
     }
 }
 
@@ -141,15 +156,18 @@ impl std::fmt::Display for Facts {
         let [width, height] = self.size;
         write!(
             f,
-            "{} samples of the light, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
-            self.samples, self.pictures, self.texel_m, self.layer_m
+            "{}{} samples of the light, {} cast, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
+            if self.saved { "saved ones, of all points, so that no light pass runs; " } else { "" }, self.samples, self.cast, self.pictures, self.texel_m, self.layer_m
         )
     }
 }
 
-/// Marks of all points of the frame; none where shadows do not run.
-pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effects, decided: &Decided) -> Result<Option<Marks>> {
+/// Marks of all points of the frame; none where shadows do not run. Of the light's samples `at_once` at most are added to those that are kept, and one where there are none; all, where nothing is said.
+pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effects, decided: &Decided, at_once: Option<u32>) -> Result<Option<Marks>> {
     let settings = &effects.shadows.settings;
+    if let Some(saved) = saved(g, scene, resident).filter(|_| decided.runs("shadows")) {
+        return saved.map(Some);
+    }
     let Some(bounds) = bounds(resident).filter(|_| decided.runs("shadows")) else { return Ok(None) };
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
     if bytes.next_power_of_two() > g.binding_limit() {
@@ -159,20 +177,32 @@ pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effect
             g.binding_limit() / POINTS_PER_PAGE as u64
         )));
     }
-    let (mut counts, kept) = g.kept("marks", bytes, made_of(scene, resident, settings))?;
-    let wanted = cameras::Wanted { bounds, spacing_m: scene.spacing_m, radius: settings.radius, size: settings.size as u32 };
-    let places = disc::places(settings.samples as u32, settings.pattern, 0);
-    let facts = Facts::new(&cameras::cameras(scene.light, &wanted, places[0])?, bounds, settings);
-    if !kept {
-        let mut tally = Tally::new(g, counts);
-        for place in places {
-            for camera in cameras::cameras(scene.light, &wanted, place)? {
+    let samples = settings.samples as u32;
+    let wanted = |kept: u32| at_once.map_or(samples, |more| (kept + more).clamp(1, samples));
+    let (mut counts, kept) = g.kept("marks", bytes, made_of(scene, resident, settings), wanted)?;
+    let end = wanted(kept);
+    let around = cameras::Wanted { bounds, spacing_m: scene.spacing_m, radius: settings.radius, size: settings.size as u32 };
+    let places = disc::spread(disc::places(samples, settings.pattern, 0));
+    let facts = Facts { cast: end, ..Facts::new(&cameras::cameras(scene.light, &around, places[0])?, bounds, settings) };
+    if end > kept {
+        let mut tally = Tally::new(g, counts, kept > 0);
+        for &place in &places[kept as usize..end as usize] {
+            for camera in cameras::cameras(scene.light, &around, place)? {
                 cast(g, &camera, resident, settings, &mut tally)?;
             }
         }
         counts = tally.marks;
     }
-    Ok(Some(Marks { counts, facts }))
+    Ok(Some(Marks { counts, saved: None, facts }))
+}
+
+/// Those that points have brought, where they are of this light.
+fn saved(g: &mut Graph, scene: &Scene, resident: &Resident) -> Option<Result<Marks>> {
+    let (word, contents) = (resident.shown.light()?, resident.light.as_ref()?);
+    // Of an index that somebody else has written, what is not known is nothing.
+    let facts: Facts = serde_json::from_value(contents.facts.clone()).unwrap_or_default();
+    let pages = (contents.light == scene.light.to_string()).then(|| g.upload("saved marks", &resident.addresses(word)))?;
+    Some(pages.map(|counts| Marks { counts, saved: Some(contents.full), facts: Facts { saved: true, ..facts } }))
 }
 
 /// All that marks depend on.
@@ -197,10 +227,12 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// From nothing.
-    pub fn new(g: &mut Graph, marks: Buffer) -> Tally {
+    /// From nothing, or beside the samples that marks are made of already.
+    pub fn new(g: &mut Graph, marks: Buffer, goes_on: bool) -> Tally {
         let mut tally = Tally { marks, unpeeled: g.buffer("unpeeled", 4) };
-        g.fill(&mut tally.marks, 0);
+        if !goes_on {
+            g.fill(&mut tally.marks, 0);
+        }
         g.fill(&mut tally.unpeeled, 0);
         tally
     }
@@ -300,8 +332,9 @@ fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, marks: &
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let Layers { mut color, marks, .. } = layers;
     if let Some(marks) = &marks {
-        let push = shader::shadows::Push { size: scene.view.size, samples: settings.samples as u32 as f32, ambient: settings.ambient as f32 };
-        g.run(shader::Shadows { index: &layers.index, marks: &marks.counts, color: &mut color, push }, Tiles::All);
+        let full = marks.saved.unwrap_or(marks.facts.cast);
+        let push = shader::shadows::Push { size: scene.view.size, full: full as f32, ambient: settings.ambient as f32 };
+        g.run(shader::Shadows { index: &layers.index, marks: &marks.counts, saved: &marks.counts, color: &mut color, push, spec: shader::shadows::Spec { saved: marks.saved.is_some() } }, Tiles::All);
     }
     Layers { color, marks, ..layers }
 }

@@ -51,6 +51,11 @@ impl super::Settings for Settings {
             Setting { name: "base", about: "what is shaded; --color elevation makes it a ramp of heights", value: Value::Choice(&mut self.base) },
         ]
     }
+
+    /// What holds no point stays as it is.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        0.0
+    }
 }
 
 /// As [`super::Effects::reach_px`]. A pixel a level; and which tiles have levels, those around them decide.

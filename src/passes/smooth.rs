@@ -52,6 +52,11 @@ impl super::Settings for Settings {
             Setting { name: "iterations", about: "how often", value: Value::Number(&mut self.iterations, 1.0..=64.0) },
         ]
     }
+
+    /// What holds no point stays as it is.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        0.0
+    }
 }
 
 /// As [`super::Effects::reach_px`].

@@ -219,6 +219,7 @@ pub struct Painting<'f> {
     wide: View,
     view: &'f View,
     resident: &'f Resident,
+    decided: &'f Decided,
     settings: Settings,
     /// Blended colours of the whole picture.
     blended: Option<Image>,
@@ -226,7 +227,7 @@ pub struct Painting<'f> {
 }
 
 /// None where points are not painted.
-pub fn begin<'f>(g: &mut Graph, view: &'f View, resident: &'f Resident, effects: &Effects, decided: &Decided) -> Result<Option<Painting<'f>>> {
+pub fn begin<'f>(g: &mut Graph, view: &'f View, resident: &'f Resident, effects: &Effects, decided: &'f Decided) -> Result<Option<Painting<'f>>> {
     if !decided.runs("strokes") {
         return Ok(None);
     }
@@ -236,7 +237,7 @@ pub fn begin<'f>(g: &mut Graph, view: &'f View, resident: &'f Resident, effects:
     let settings = effects.strokes.settings;
     let blended = (settings.blend == Blend::Abuffer).then(|| g.image("blended", view.size, Kind::Rgba32f));
     let wide = widened(view, margin(&settings));
-    Ok(Some(Painting { wide, view, resident, settings, blended, facts: Facts::default() }))
+    Ok(Some(Painting { wide, view, resident, decided, settings, blended, facts: Facts::default() }))
 }
 
 fn margin(settings: &Settings) -> u32 {
@@ -323,7 +324,7 @@ impl Painting<'_> {
         let drawn = project::draw(g, &self.wide, self.resident, Precision::Planes(crate::config::POSITION_PLANES))?;
         let homes: Vec<Home> = self.resident.homes().into_iter().map(|(page, planes)| Home { page, planes }).collect();
         let homes = g.upload("homes", &homes)?;
-        let paint = resolve::paint(g, self.resident)?;
+        let paint = resolve::paint(g, self.resident, self.decided)?;
         let canvas = g.upload("canvas", &[self.canvas(band, &paint)])?;
         let turns = g.upload("turns", &brush::turns(self.settings.noise))?;
         let brushes = self.brushes(g, &turns)?;
@@ -363,8 +364,8 @@ impl Painting<'_> {
         let bristles = Bristles::of(&self.settings);
         let made_of = [bristles.amplitude, bristles.gamma, bristles.sigma_x, bristles.sigma_y, bristles.dev, self.settings.noise];
         let made_of = made_of.map(f64::to_bits).into_iter().chain([bristles.places() as u64]).collect();
-        let (mut brushes, kept) = g.kept("brushes", 4 * BRUSH_WORDS as u64, made_of)?;
-        if !kept {
+        let (mut brushes, kept) = g.kept("brushes", 4 * BRUSH_WORDS as u64, made_of, |_| 1)?;
+        if kept == 0 {
             let inverse = |sigma: f64| (1.0 / (sigma * sigma)) as f32;
             let push = stroke_brush::Push {
                 amplitude: bristles.amplitude as f32,

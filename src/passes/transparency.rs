@@ -7,10 +7,12 @@
 //!         transparency       color, lit -> front, in linear light; depth -> how deep the next layer begins, and whether a pixel is left
 //! ```
 //! A layer is everything within the layer distance of its surface. The next one begins behind that; the distance is what noise and filling may have moved a surface by, and how deep a slanted one is
-//! within a pixel. Layers are recorded as often as is
-//! allowed, and the device skips those that are empty ([`super::gate`]).
+//! within a pixel. Layers are recorded as often as is allowed, and the device skips those that are empty ([`super::gate`]).
+//!
+//! Behind a pixel without a point there are none, so of every layer only the tiles are worked on where the one before it had points, or effects may have carried what these show (`spread_px`).
 
 use super::project::{self, Band};
+use super::visibility::Looked;
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, significant};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::shader::{self, transparency::Push, transparency::Spec};
@@ -22,13 +24,15 @@ pub const SUMMARY: &str = "surfaces that let through what is behind them: layers
 pub struct Settings {
     /// Layers at most.
     pub layers: f64,
+    /// Where layers behind others are looked for.
+    pub tiles: Looked,
     /// Points this near behind a surface are of it, metres; 0: the layer distance of the scene, and at least as deep as the surface is within a pixel.
     pub layer: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { layers: 16.0, layer: 0.0 }
+        Settings { layers: 16.0, tiles: Looked::Needed, layer: 0.0 }
     }
 }
 
@@ -36,12 +40,18 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
             Setting { name: "layers", about: "surfaces behind each other at most", value: Value::Number(&mut self.layers, 1.0..=64.0) },
+            Setting { name: "tiles", about: "where layers behind others are looked for; the picture is the same", value: Value::Choice(&mut self.tiles) },
             Setting {
                 name: "layer",
                 about: "layer distance: nearer surfaces are one, metres; 0: from the spacing of the points, and more where a surface is steep",
                 value: Value::Number(&mut self.layer, 0.0..=1e9),
             },
         ]
+    }
+
+    /// What holds no point stays as it is.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        if self.tiles == Looked::All { f64::INFINITY } else { 0.0 }
     }
 }
 
@@ -54,7 +64,7 @@ pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
     if !scene.transparent {
         return Reason { runs: false, why: "all points are opaque; --opacity says otherwise".into() };
     }
-    let Settings { layers, layer } = asked.transparency.settings;
+    let Settings { layers, layer, .. } = asked.transparency.settings;
     let layer = significant(scene.layer_m(layer));
     Reason { runs: true, why: format!("some points are not opaque: up to {layers} layers, {layer} m apart at least") }
 }

@@ -63,6 +63,11 @@ impl super::Settings for Settings {
             Setting { name: "threshold", about: "empty solid angle from which a pixel is visible, steradians", value: number(&mut self.threshold, 0.0..=TAU) },
         ]
     }
+
+    /// Between points pixels become unknown.
+    fn spread_px(&self, _spacing_px: f64) -> f64 {
+        MARGIN_PX as f64
+    }
 }
 
 /// Of automatic kernels, pixels: a list of tiles each, and then comes the list of tiles with holes. Those after the first `FINE` look at every second pixel. Every kernel is a pipeline, which software

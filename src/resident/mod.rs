@@ -7,6 +7,7 @@
 //! is its node's place among the nodes of the frame. Those are in node order, so ids, and with them ties, depend neither on which thread packed
 //! which node, nor on which pages were free when a node arrived.
 
+mod leaves;
 pub mod pool;
 pub mod residency;
 pub mod section;
@@ -19,6 +20,8 @@ use crate::cloud::{Cloud, Columns, Lattice, Part, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Gpu, Graph};
+use crate::index::exposure::{self, Balance};
+use crate::index::marks::Contents;
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
 use crate::opacity::Opacities;
@@ -81,12 +84,16 @@ pub struct Resident {
     /// Of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
+    /// What gives all stations one exposure, where colours say which station they are of.
+    pub balance: Option<Balance>,
     /// Normals that points have brought say which side of a surface is outside.
     pub oriented: bool,
     /// How opaque its points are; what hides some by their kind needs them to bring it.
     pub opacities: Opacities,
     /// Which part of it is there.
     pub clips: Clips,
+    /// Of which light points say how much reaches them, where they have brought that.
+    pub light: Option<Box<Contents>>,
 }
 
 /// Of numbers that so many points have each, the middle one; 0 of none.
@@ -125,6 +132,7 @@ impl Resident {
     ) -> Result<Resident> {
         gpu.residents += 1;
         let stations = cloud.stations.clone();
+        let balance = if shown.coded { exposure::balance(&cloud) } else { None };
         let mut resident = Resident {
             serial: gpu.residents,
             pool: Pool::new(u32::MAX),
@@ -132,10 +140,12 @@ impl Resident {
             shown,
             points: 0,
             stations,
+            balance,
             // A file's normals, where it has any.
             oriented: shown.further.normal,
             opacities: Opacities::default(),
             clips: Clips::default(),
+            light: None,
         };
         let total = cloud.len();
         let mut parts = cloud.parts;

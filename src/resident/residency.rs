@@ -141,9 +141,11 @@ impl Residency {
             shown,
             points: index.directory.contents.points,
             stations: index.directory.contents.stations.clone(),
+            balance: None,
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             opacities: Opacities::default(),
             clips: Clips::default(),
+            light: index.marks.as_ref().filter(|_| shown.light().is_some()).map(|marks| Box::new(marks.contents.clone())),
         };
         Ok(Residency {
             resident,

@@ -105,13 +105,13 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
 fn cast(g: &mut Graph, view: &View, resident: &Resident, configuration: &Configuration) -> Result<shadows::Marks> {
     let scene = Seen::of(view, resident, Light::Direction(DVec3::NEG_Z));
     let effects = &configuration.effects;
-    let marks = shadows::marks(g, &scene, resident, effects, &effects.decide(&scene))?;
+    let marks = shadows::marks(g, &scene, resident, effects, &effects.decide(&scene), None)?;
     marks.ok_or(Error::Request("study shadows needs points".into()))
 }
 
 fn error(gpu: &mut Gpu, view: &View, resident: &Resident, configuration: &Configuration) -> Result<([f64; 2], Facts)> {
     let mut g = Graph::new(gpu);
-    let shadows::Marks { counts, facts } = cast(&mut g, view, resident, configuration)?;
+    let shadows::Marks { counts, facts, .. } = cast(&mut g, view, resident, configuration)?;
     let counts = g.download_buffer(&counts);
     let frame = g.submit(&[])?;
     let marks: &[u8] = frame.read(&counts);

@@ -19,7 +19,7 @@ use crate::view::Projection;
 const REACH: f64 = 1.5;
 
 /// Of either kind: as many as the sparsest points need, but as with visibility no hole is wider than its widest kernel; and as many as asked for, if a pixel can count them.
-fn most_steps(settings: &Settings, spacing_px: f64) -> u32 {
+pub(super) fn most_steps(settings: &Settings, spacing_px: f64) -> u32 {
     match settings.iterations {
         0.0 => (REACH * spacing_px).ceil().clamp(1.0, super::WIDEST) as u32,
         asked => asked.min(127.0) as u32,
@@ -43,7 +43,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     };
     let spec = fill_dobrev_open::Spec { perspective: scene.view.camera.projection == Projection::Perspective };
     let Layers { depth, index, spacings, .. } = &layers;
-    g.run(shader::FillDobrevOpen { depth, index, spacings, opened, source, push, spec }, Tiles::All);
+    g.run(shader::FillDobrevOpen { depth, index, spacings, opened, source, push, spec }, Tiles::Packed(texels));
 
     let layer = scene.layer_m(settings.layer) as f32;
     for occluded in [false, true] {
@@ -65,7 +65,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             filled_color: &mut color,
             push: fill_dobrev_close::Push { size },
         },
-        Tiles::Groups([size[0].div_ceil(64), size[1].div_ceil(4), 1]),
+        Tiles::Packed([size[0], size[1].div_ceil(4)]),
     );
     Layers { depth, index, color, holes: None, ..layers }
 }
@@ -77,14 +77,13 @@ type Pair = [Image; 2];
 fn steps(g: &mut Graph, size: [u32; 2], most: u32, layer: f32, occluded: bool, [mut from, mut to]: [Pair; 2]) -> [Pair; 2] {
     let tiles = tiles(size);
     let count = tiles[0] * tiles[1];
-    let groups = count.div_ceil(8).min(g.gpu.device.most_groups);
     let woken_at = 4 * (most + 2);
     let mut steps = g.buffer(if occluded { "occluded steps" } else { "background steps" }, 4 * (woken_at + count) as u64);
     g.fill(&mut steps, 0);
     for step in 1..=most {
-        let push = fill_dobrev::Push { size, tiles, step, woken_at, layer, most_groups: groups };
+        let push = fill_dobrev::Push { size, tiles, step, woken_at, layer, most_groups: g.gpu.device.most_groups };
         let counted = steps.racing();
-        let run = if step == 1 { Tiles::Groups([groups, 1, 1]) } else { Tiles::From(&counted, 4 * step) };
+        let run = if step == 1 { Tiles::ByEight(count) } else { Tiles::From(&counted, 4 * step) };
         let ([from_depth, from_source], [to_depth, to_source]) = (&from, &mut to);
         let spec = fill_dobrev::Spec { texels: g.gpu.device.texels, occluded };
         g.run(shader::FillDobrev { steps: &mut steps, step_words: &counted, from_depth, from_source, to_depth, to_source, push, spec }, run);

@@ -12,8 +12,13 @@ use crate::view::View;
 /// Where none is asked for: a fixed size is one that does not look at the points.
 pub const RADIUS_PX: f64 = 2.0;
 
+/// Pixels.
+pub fn radius(settings: &Settings) -> f64 {
+    if settings.radius == 0.0 { RADIUS_PX } else { settings.radius }
+}
+
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
-    let radius = if settings.radius == 0.0 { RADIUS_PX } else { settings.radius } as f32;
+    let radius = radius(settings) as f32;
     let mut splat_depth = g.image("splat depth", view.size, Kind::R32f);
     let mut splat_index = g.image("splat index", view.size, Kind::R32ui);
     let mut splat_color = g.image("splat color", view.size, Kind::Rgba32f);

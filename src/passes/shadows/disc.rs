@@ -41,6 +41,22 @@ pub fn places(samples: u32, pattern: Pattern, seed: u32) -> Vec<[f64; 2]> {
     (0..samples).map(place).collect()
 }
 
+/// The same places in another order: from the one next to the middle on each the farthest from all before it, so that those that come first are spread over the disc as well.
+pub fn spread(mut places: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    let square = |[u, v]: [f64; 2], [x, y]: [f64; 2]| (u - x).powi(2) + (v - y).powi(2);
+    for next in 0..places.len() {
+        // The least is taken: of the first the distance to the middle, of the others minus that to the nearest before.
+        let rank = |&at: &[f64; 2]| match next {
+            0 => square(at, [0.0; 2]),
+            _ => -places[..next].iter().map(|&before| square(at, before)).fold(f64::INFINITY, f64::min),
+        };
+        let ranks: Vec<f64> = places[next..].iter().map(rank).collect();
+        let best = (0..ranks.len()).min_by(|&a, &b| ranks[a].total_cmp(&ranks[b])).expect("one is left");
+        places.swap(next, next + best);
+    }
+    places
+}
+
 /// Squares around the centre become circles.
 fn on_disc(square: [f64; 2]) -> [f64; 2] {
     let [x, y] = square.map(|side| 2.0 * side - 1.0);
@@ -99,6 +115,22 @@ mod tests {
         let [random, stratified] = [Pattern::Random, Pattern::Stratified].map(slope);
         println!("slopes: random {random:.3}, stratified {stratified:.3}");
         assert!((random + 0.5).abs() < 0.05 && (stratified + 0.75).abs() < 0.05, "random {random}, stratified {stratified}");
+    }
+
+    #[test]
+    fn places_in_another_order_are_the_same_and_the_first_few_lie_all_around() {
+        for samples in [1, 2, 5, 16, 64] {
+            let (before, after) = (places(samples, Pattern::Stratified, 0), spread(places(samples, Pattern::Stratified, 0)));
+            let sorted = |mut places: Vec<[f64; 2]>| {
+                places.sort_by(|a, b| a.partial_cmp(b).unwrap());
+                places
+            };
+            assert_eq!(sorted(before), sorted(after.clone()));
+            let nearest = after.iter().map(|[u, v]| u.hypot(*v)).fold(f64::INFINITY, f64::min);
+            assert_eq!(after[0][0].hypot(after[0][1]), nearest);
+            let mean = |count: usize| [0, 1].map(|k| after[..count].iter().map(|place| place[k]).sum::<f64>() / count as f64);
+            assert!((4..=samples as usize).all(|count| mean(count)[0].hypot(mean(count)[1]) < 0.3), "{samples}");
+        }
     }
 
     #[test]

@@ -1,0 +1,43 @@
+// Which tiles hold points -> those, and the ones so near that something of theirs may show there: a list that passes can keep to (lib/area.glsl).
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "tile.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(scalar) readonly buffer Covered { uint tile[]; } covered;
+// Starts as zeros.
+layout(scalar) buffer Listed { uint word[]; } listed;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 tiles;
+    int rings; // of tiles around one that are listed with it
+} push;
+
+void main() {
+    uint number = gl_GlobalInvocationID.x;
+    if (number >= push.tiles.x * push.tiles.y) return;
+    ivec2 tile = ivec2(number % push.tiles.x, number / push.tiles.x);
+    ivec2 first = max(tile - push.rings, ivec2(0));
+    ivec2 last = min(tile + push.rings, ivec2(push.tiles) - 1);
+    uint near = 0u;
+    for (int y = first.y; y <= last.y; ++y) {
+        for (int x = first.x; x <= last.x; ++x) near |= covered.tile[uint(y) * push.tiles.x + uint(x)];
+    }
+    if (near == 0u) return;
+    uint place = atomicAdd(listed.word[3], 1u);
+    listed.word[AREA_HEADER + place] = number;
+    atomicMax(listed.word[1], place / AREA_ROW + 1u);
+    atomicMax(listed.word[5], place / (4u * AREA_ROW) + 1u);
+    atomicMax(listed.word[8], min(place / TILES_PER_GROUP + 1u, MOST_GROUPS));
+    if (place == 0u) {
+        listed.word[0] = AREA_ROW;
+        listed.word[2] = 1u;
+        listed.word[4] = AREA_ROW;
+        listed.word[6] = 1u;
+        listed.word[9] = 1u;
+        listed.word[10] = 1u;
+    }
+}

@@ -1,0 +1,66 @@
+//! `pointillist shadows`: an index and a light in, what its shadows leave of the light at every point out, complete or absent.
+
+use super::index::Bytes;
+use super::options::DeviceOptions;
+use super::render::refuse_to_overwrite;
+use crate::config;
+use crate::error::{Error, Result};
+use crate::graph::Gpu;
+use crate::index::file::Index;
+use crate::light::Light;
+use crate::passes::Effects;
+use crate::passes::shadows::whole::{self, Summary};
+use crate::progress::Progress;
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist shadows site.pnti -o site.shadows --light direction:0.3,0.8,-0.8
+  pointillist shadows site.pnti -o site.shadows --light direction:0.3,0.8,-0.8 --effect shadows=samples=16,radius=2
+  pointillist render site.pnti -o out.png --light direction:0.3,0.8,-0.8 --shadows site.shadows
+
+All points cast shadows, whatever a view shows of them, and nothing is left to cast when it is drawn. The file has a byte a point.";
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// An index, PNTI
+    #[arg(value_name = "FILE.pnti")]
+    pub file: PathBuf,
+    /// The shadows to write
+    #[arg(short, long, value_name = "OUT.shadows")]
+    pub output: PathBuf,
+    /// Where light comes from: direction:X,Y,Z, the way in which it travels; position:X,Y,Z, metres; both in the world; headlight: a sun from behind the left shoulder
+    #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
+    pub light: Light,
+    /// How shadows are cast, as `render` takes it: shadows=samples=16,radius=2
+    #[arg(long, value_name = "shadows=key=value[,...]")]
+    pub effect: Vec<String>,
+    /// Memory of the device for points and pictures of the light; with less, points are read more often
+    #[arg(long, value_name = "BYTES", default_value_t = Bytes(config::POOL_BYTES))]
+    pub memory: Bytes,
+    #[command(flatten)]
+    pub device: DeviceOptions,
+}
+
+pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    refuse_to_overwrite(&arguments.output, std::slice::from_ref(&arguments.file))?;
+    let mut effects = Effects::default();
+    for text in &arguments.effect {
+        let known = if text.starts_with("shadows=") { effects.set(text) } else { Err("only shadows are cast here".into()) };
+        known.map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
+    }
+    let index = Index::open(&arguments.file)?;
+    let mut gpu = Gpu::open(&arguments.device.wish())?;
+    let settings = &effects.shadows.settings;
+    let Summary { facts, leaves, readings, bytes } =
+        whole::cast(&mut gpu, &index, arguments.light, settings, arguments.memory.0, &arguments.output, progress)?;
+    eprintln!(
+        "{}: {} points in {leaves} leaves, read {}; {facts}; {} KiB",
+        arguments.output.display(),
+        index.directory.contents.points,
+        if readings == 1 { "once".to_string() } else { format!("{readings} times") },
+        bytes >> 10
+    );
+    Ok(())
+}

@@ -1,0 +1,63 @@
+//! Where passes over the screen have anything to do: tiles that were listed on the device; and images that stay from one time to the next, so that what lies beyond need not be written again.
+
+use super::{Buffer, Groups, Image, ImageDesc, ResourceId, Tiles};
+
+/// Tiles of 8 x 8 pixels, in words (glsl/lib/area.glsl): workgroups of those who take a tile each, and their number; of those who take four at a time, images with four rows a texel; and of those who
+/// take eight. Then the tiles.
+pub struct Area {
+    /// The words before the tiles; those of the list itself, or of a copy that the device may have emptied.
+    pub groups: Buffer,
+    pub list: Buffer,
+}
+
+/// Words before the tiles, as in glsl/lib/area.glsl.
+pub const AREA_HEADER: u32 = 12;
+
+/// An area while passes are recorded.
+#[derive(Clone, Copy)]
+pub(super) struct Within {
+    groups: ResourceId,
+    pub list: ResourceId,
+}
+
+impl Within {
+    pub fn new(area: &Area) -> Within {
+        Within { groups: area.groups.id, list: area.list.id }
+    }
+
+    /// Where the workgroups of such a pass stand.
+    pub fn groups(&self, tiles: &Tiles) -> Groups {
+        let word = match tiles {
+            Tiles::Packed(_) => 4,
+            Tiles::ByEight(_) => 8,
+            _ => 0,
+        };
+        Groups::Listed(self.groups, 4 * word)
+    }
+}
+
+/// Images of passes that are recorded several times: each has the same one every time, which holds what the time before left wherever nobody writes.
+#[derive(Default)]
+pub struct Again {
+    made: Vec<(String, Image)>,
+    /// Of these, those that were handed out this time.
+    taken: Vec<bool>,
+}
+
+impl Again {
+    pub(super) fn begin(&mut self) {
+        self.taken.fill(false);
+    }
+
+    /// The first of this name and kind that nobody has had this time.
+    pub(super) fn take(&mut self, name: &str, desc: ImageDesc) -> Option<Image> {
+        let place = (0..self.made.len()).find(|&i| !self.taken[i] && self.made[i].0 == name && self.made[i].1.desc == desc)?;
+        self.taken[place] = true;
+        Some(self.made[place].1.again())
+    }
+
+    pub(super) fn add(&mut self, name: &str, image: &Image) {
+        self.made.push((name.to_string(), image.again()));
+        self.taken.push(true);
+    }
+}

@@ -1,0 +1,108 @@
+//! Nodes of an index in pages, some at a time: for passes over all points of a cloud larger than memory, which look at where they are and at nothing else.
+
+use super::pool::{PAGE_BYTES, Pages, Pool};
+use super::{Resident, ResidentNode, in_metres, middle};
+use crate::clip::Clips;
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::config::POINTS_PER_PAGE;
+use crate::error::Result;
+use crate::graph::Gpu;
+use crate::index::file::{Index, NodeRecord, PLANES, Plane};
+use crate::index::pack::Frame;
+use crate::index::spacing::spacing;
+use crate::opacity::Opacities;
+use rayon::prelude::*;
+
+/// Leaves that are asked how far apart points are.
+const ASKED: usize = 64;
+
+fn frame(record: &NodeRecord) -> Frame {
+    Frame { origin: record.origin, bits: record.bits as u32, extent: record.extent, planes: record.position_planes() }
+}
+
+/// How far apart a node's points are, by the words of its coarsest plane, metres.
+fn spacing_m(index: &Index, record: &NodeRecord, coarse: &[u32]) -> f64 {
+    in_metres(spacing(coarse.len(), |i| coarse[i]), &index.lattice(record), &frame(record))
+}
+
+impl Resident {
+    /// Room for nodes of an index, so many bytes of it; empty.
+    pub fn room(gpu: &mut Gpu, index: &Index, bytes: u64) -> Resident {
+        gpu.residents += 1;
+        Resident {
+            serial: gpu.residents,
+            pool: Pool::new((bytes / PAGE_BYTES).min(u32::MAX as u64) as u32),
+            nodes: Vec::new(),
+            shown: Shown::indexed(Attribute::White, [0.0; 2], [0, 255]),
+            points: index.directory.contents.points,
+            stations: Vec::new(),
+            oriented: false,
+            balance: None,
+            opacities: Opacities::default(),
+            clips: Clips::default(),
+            light: None,
+        }
+    }
+
+    /// How far apart points are, metres, as [`Resident::spacing_m`]: in these leaves, or where they are many in some all over the cloud.
+    pub fn spacing_of(index: &Index, leaves: &[usize]) -> Result<f64> {
+        let asked = leaves.len().min(ASKED);
+        let of_leaf = |i: usize| {
+            let node = leaves[i * leaves.len() / asked];
+            let record = &index.nodes()[node];
+            let mut words = vec![0u32; record.count as usize];
+            index.read(node, Plane::Coarse, bytemuck::cast_slice_mut(&mut words))?;
+            Ok((spacing_m(index, record, &words), record.count as u64))
+        };
+        Ok(middle((0..asked).into_par_iter().map(of_leaf).collect::<Result<Vec<_>>>()?))
+    }
+
+    /// As many of these nodes, from the first on, as fit the room, and at least one.
+    pub fn fitting(&self, index: &Index, nodes: &[usize]) -> usize {
+        let mut pages = Pages::new(self.pool.pages.budget);
+        nodes.iter().take_while(|&&node| pages.take(index.nodes()[node].position_planes()).is_some()).count().max(1).min(nodes.len())
+    }
+
+    /// These nodes in place of those that were there, with all of their positions; the device must be done with those.
+    pub fn hold(&mut self, gpu: &mut Gpu, index: &Index, nodes: &[usize]) -> Result<()> {
+        self.nodes.clear();
+        let needed = nodes.iter().map(|&node| index.nodes()[node].position_planes()).max().unwrap_or(0);
+        self.pool.pages = Pages::new(self.pool.pages.budget.max(needed));
+        for (number, &node) in nodes.iter().enumerate() {
+            let record = &index.nodes()[node];
+            let planes = record.position_planes();
+            let first_page = self.pool.take(gpu, planes)?.expect("nodes that fit the room");
+            let (count, number) = (record.count, number as u32);
+            self.nodes.push(ResidentNode {
+                lattice: index.lattice(record),
+                frame: frame(record),
+                count,
+                number,
+                first_page,
+                planes,
+                spacing: 0.0,
+            });
+        }
+        let mut pages = self.pool.all_mut();
+        let mut take = |page: u32| pages[page as usize].take().expect("a page belongs to one plane of one node");
+        let jobs: Vec<_> = (self.nodes.iter_mut().zip(nodes))
+            .map(|(held, &node)| {
+                let pages: Vec<&mut [u32]> = (0..held.planes).map(|plane| take(held.first_page + plane)).collect();
+                (held, node, pages)
+            })
+            .collect();
+        jobs.into_par_iter().try_for_each(|(held, node, pages)| {
+            let record = &index.nodes()[node];
+            // Checked where it can be read fast, and then copied to where it may not.
+            let mut words = vec![0u32; (record.count as usize).min(POINTS_PER_PAGE as usize)];
+            for (plane, page) in pages.into_iter().enumerate() {
+                index.read(node, PLANES[plane].0, bytemuck::cast_slice_mut(&mut words))?;
+                if plane == 0 {
+                    held.spacing = spacing_m(index, record, &words);
+                }
+                page[..words.len()].copy_from_slice(&words);
+            }
+            Ok(())
+        })
+    }
+}
