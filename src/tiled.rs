@@ -18,10 +18,10 @@ use crate::source::{Brought, Taken};
 use crate::view::View;
 use std::path::Path;
 
-/// A picture of more pixels is drawn in pieces: a frame takes about a hundred bytes a pixel.
+/// A picture of more pixels is drawn in pieces: a frame takes a hundred bytes a pixel and more.
 const WHOLE_PIXELS: u64 = 1 << 25;
 
-/// Of a piece, pixels: with its border it takes half a gigabyte.
+/// Of a piece, pixels: a picture takes two gigabytes with these, since buffers of the smaller windows at its edges stay on the shelf beside the others.
 const PIECE: [u32; 2] = [4096, 1024];
 
 /// Of one row of pieces.

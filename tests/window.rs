@@ -340,8 +340,8 @@ const PANEL: usize = 240;
 fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
     let place = Place::new();
     let cloud = place.street(60_000);
-    let line = "--size 640x900 --style points --effect edl=on";
-    let mut viewer = place.view_with_panel(&[&cloud], [640, 900], "--style points --effect edl=on");
+    let line = "--size 640x900 --style points --effect exposure=off --effect edl=on";
+    let mut viewer = place.view_with_panel(&[&cloud], [640, 900], "--style points --effect exposure=off --effect edl=on");
     let on = place.picture(&[&cloud], "on.png", line);
     viewer.key("n");
     viewer.shows(&on);
@@ -353,7 +353,7 @@ fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
     place.display.xdotool(&format!("mousemove 28 {row} click 1"));
     viewer.until("effect that stops", |viewer| find(viewer, green).is_none());
     place.display.xdotool("mousemove 600 800 key n");
-    viewer.shows(&place.picture(&[&cloud], "off.png", "--size 640x900 --style points --effect edl=off"));
+    viewer.shows(&place.picture(&[&cloud], "off.png", "--size 640x900 --style points --effect exposure=off --effect edl=off"));
     let saved = place.saved(&mut viewer, "F8", "pointillist-1.json");
     assert!(std::fs::read_to_string(&saved).unwrap().contains("edl=off"));
     viewer.close();
@@ -429,9 +429,16 @@ fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
 fn pick(place: &Place, viewer: &mut Viewer, at: &[[i64; 2]]) {
     for (number, [x, y]) in at.iter().enumerate() {
         let click = if number == 0 { "click 1" } else { "keydown shift click 1 keyup shift" };
-        place.display.xdotool(&format!("mousemove {x} {y} {click}"));
         let start = format!("point {}: ", number + 1);
-        viewer.until("picked point", |viewer| viewer.printed().iter().any(|line| line.starts_with(&start)));
+        let mut looks = 0;
+        viewer.until("picked point", |viewer| {
+            // A click before the window knows what it shows is nobody's; two within a second would be a double one.
+            if looks % 40 == 0 {
+                place.display.xdotool(&format!("mousemove {x} {y} {click}"));
+            }
+            looks += 1;
+            viewer.printed().iter().any(|line| line.starts_with(&start))
+        });
     }
 }
 
@@ -490,6 +497,15 @@ fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
     viewer.shows(&above);
     viewer.key("0");
     drop_file(&place.display, &viewer.window, &scene);
+    viewer.shows(&above);
+    // What it takes to paint is found out when a scene asks for it.
+    words["effects"] = serde_json::json!(["strokes=on", "fill=off", "visibility=off", "shape=off"]);
+    std::fs::write(&scene, words.to_string()).unwrap();
+    viewer.key("F6");
+    viewer.shows(&place.picture(&[&cloud], "painted.png", &format!("--scene {}", scene.display())));
+    words["effects"] = serde_json::json!(["shape=off"]);
+    std::fs::write(&scene, words.to_string()).unwrap();
+    viewer.key("F6");
     viewer.shows(&above);
     // What is no scene is said, and changes nothing.
     std::fs::write(&scene, "{}").unwrap();

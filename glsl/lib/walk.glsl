@@ -9,12 +9,15 @@ uvec4 four_words(uint i) {
     return TEXELS ? imageLoad(pages, int(i)) : page_words.four[i];
 }
 
-bool is_within(ivec3 cells, uint first, uint end) {
-    bool found = false;
-    for (uint b = first; b < end; ++b) {
-        found = found || (all(greaterThanEqual(cells, within.cells[b].least)) && all(lessThanEqual(cells, within.cells[b].most)));
-    }
-    return found;
+bool is_within(ivec3 cells, Within box) {
+    return all(greaterThanEqual(cells, box.least)) && all(lessThanEqual(cells, box.most));
+}
+
+ivec3 cells_of(uint coarse, uint fine, uint finest) {
+    ivec3 cells = unpack_cells(coarse);
+    if (PLANES > 1u) cells = (cells << 10) | unpack_cells(fine);
+    if (PLANES > 2u) cells = (cells << 10) | unpack_cells(finest);
+    return cells;
 }
 
 // Of those that are listed.
@@ -62,17 +65,26 @@ void main() {
         // Every load stands outside of conditions: in a divergent branch lavapipe loads lane by lane.
         uint pixel[4];
         float depth[4];
+        bool there[4] = bool[4](true, true, true, true);
+        if (CLIPPED) {
+            // A box is loaded once for four points.
+            bool kept[4] = bool[4](false, false, false, false);
+            for (uint b = boxes.x; b < boxes.z; ++b) {
+                Within box = within.cells[b];
+                for (uint k = 0u; k < 4u; ++k) {
+                    bool inside = is_within(cells_of(coarse[k], fine[k], finest[k]), box);
+                    kept[k] = kept[k] || (inside && b < boxes.y);
+                    there[k] = there[k] && !(inside && b >= boxes.y);
+                }
+            }
+            for (uint k = 0u; k < 4u; ++k) there[k] = there[k] && (kept[k] || boxes.x == boxes.y);
+        }
         for (uint k = 0u; k < 4u; ++k) {
-            ivec3 cells = unpack_cells(coarse[k]);
-            if (PLANES > 1u) cells = (cells << 10) | unpack_cells(fine[k]);
-            if (PLANES > 2u) cells = (cells << 10) | unpack_cells(finest[k]);
+            ivec3 cells = cells_of(coarse[k], fine[k], finest[k]);
             pixel[k] = place(row_x, row_y, row_z, cells - nearest, depth[k]);
             pixel[k] = i + k < end ? pixel[k] : NO_PIXEL;
             if (BY_OPACITY) pixel[k] = opacity_of(kinds[k]) > 0.0 ? pixel[k] : NO_PIXEL;
-            if (CLIPPED) {
-                bool kept = boxes.x == boxes.y || is_within(cells, boxes.x, boxes.y);
-                pixel[k] = kept && !is_within(cells, boxes.y, boxes.z) ? pixel[k] : NO_PIXEL;
-            }
+            if (CLIPPED) pixel[k] = there[k] ? pixel[k] : NO_PIXEL;
             if (ONE_SIDED) {
                 vec3 d = vec3(cells - nearest);
                 vec3 world = normal_of(normals[k]);

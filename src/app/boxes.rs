@@ -34,10 +34,10 @@ pub fn around(measure: &Measure, camera: &Camera) -> Clip {
     Clip { keeps: Keeps::Box, min: millimetres(min - reach), max: millimetres(max + reach) }
 }
 
-/// Every box in numbers.
+/// Every box in numbers; opens with the first.
 pub fn list(ui: &mut Ui, clips: &mut Clips, added: &mut bool) {
     let title = format!("clip boxes, {} of {} on", clips.active(), clips.0.len());
-    egui::CollapsingHeader::new(title).id_salt("clip boxes").default_open(!clips.0.is_empty()).show(ui, |ui| {
+    egui::CollapsingHeader::new(title).id_salt(("clip boxes", clips.0.is_empty())).default_open(!clips.0.is_empty()).show(ui, |ui| {
         *added = ui.button("add").on_hover_text("B: around what was picked, or the middle of the picture").clicked();
         let mut gone = None;
         for (number, clip) in clips.0.iter_mut().enumerate() {

@@ -397,7 +397,7 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
             ui.label(format!("class {class}, return {number}, station {station}"));
         }
         ui.label(match record {
-            Looked::Found(record) => record.to_string(),
+            Looked::Found(record) => record.to_string().replace(", ", "\n"),
             Looked::Underway => "being looked up in its file".into(),
             Looked::Nowhere => "a sample that stands for several points of the file; nearer by there are these".into(),
         });

@@ -52,7 +52,7 @@ impl Profile {
 
     /// Every point a pixel; of those in one the last.
     fn image(&self) -> ColorImage {
-        let mut image = ColorImage::filled(SIZE, Color32::from_gray(20));
+        let mut image = ColorImage::filled(SIZE, Color32::from_gray(8));
         for found in &self.section.points {
             let [r, g, b] = resolve::color_of(&self.shown, found.shown);
             image[self.pixel(found).into()] = Color32::from_rgb(r, g, b);
@@ -81,7 +81,7 @@ impl Profile {
     pub fn says(&self) -> String {
         let Section { points, resident, all } = &self.section;
         let part = if resident < all { format!(", of the {resident} of {all} that are loaded") } else { String::new() };
-        format!("profile: {} points{part}, {:.3} m long, {} m wide", points.len(), self.slab.length, self.slab.width)
+        format!("profile: {} points{part}, {:.3} m long, {:.3} m wide", points.len(), self.slab.length, self.slab.width)
     }
 
     pub fn show(&mut self, ui: &mut Ui, deeds: &mut Vec<Deed>) {

@@ -24,7 +24,7 @@ impl App {
             Report::Profile(profile) => {
                 // To be copied from the terminal.
                 println!("{}", profile.says());
-                self.facts.profile = Some(*profile);
+                (self.facts.profile, self.facts.trouble) = (Some(*profile), None);
             }
             Report::Doing(text) => self.facts.doing = Some(text),
             Report::Saved(path) => self.facts.doing = Some(format!("saved {}", path.display())),

@@ -382,33 +382,35 @@ impl Painting<'_> {
 
     /// Of every tile of a band, how many strokes may touch it.
     fn tally(&mut self, g: &mut Graph, band: Band) -> Result<Vec<u32>> {
-        let mut g = Graph::new(g.gpu);
-        let desk = self.lay(&mut g, band)?;
+        let mut counting = Graph::new(g.gpu);
+        let desk = self.lay(&mut counting, band)?;
         let count = desk.tiles[0] * desk.tiles[1];
-        let part = g.upload("part", &[0, count])?;
-        let (mut tallies, mut strokes) = (g.buffer("tallies", 4 * count as u64), g.buffer("stroke list", PLACE_BYTES));
-        g.fill(&mut tallies, 0);
-        self.walk(&mut g, &desk, &part, &mut tallies, &mut strokes, 0);
-        let tallies = g.download_buffer(&tallies);
-        let frame = g.submit(&[])?;
+        let part = counting.upload("part", &[0, count])?;
+        let (mut tallies, mut strokes) = (counting.buffer("tallies", 4 * count as u64), counting.buffer("stroke list", PLACE_BYTES));
+        counting.fill(&mut tallies, 0);
+        self.walk(&mut counting, &desk, &part, &mut tallies, &mut strokes, 0);
+        let tallies = counting.download_buffer(&tallies);
+        let frame = counting.submit(&[])?;
         self.facts.counting_ms += frame.ms("");
         let counts = frame.read::<u32>(&tallies).to_vec();
+        frame.shelve(g.gpu);
         Ok(counts)
     }
 
     /// Of every pixel of some tiles, tile by tile, how many fragments it has.
     fn count(&mut self, g: &mut Graph, band: Band, listed: &[u32], tiles: Range<u32>) -> Result<Vec<u32>> {
-        let mut g = Graph::new(g.gpu);
-        let desk = self.lay(&mut g, band)?;
-        let bins = self.bins(&mut g, &desk, listed, tiles.clone())?;
-        let starts = g.upload("starts", &[0u32])?;
-        let mut counts = g.buffer("counts", 4 * tiles.len() as u64 * TILE_PIXELS as u64);
-        let (mut keys, mut fragments) = (g.buffer("keys", 8), g.buffer("fragments", 8));
-        self.strokes(&mut g, &desk, &bins, &starts, Kept::Counts, [&mut keys, &mut counts, &mut fragments]);
-        let counts = g.download_buffer(&counts);
-        let frame = g.submit(&[])?;
+        let mut counting = Graph::new(g.gpu);
+        let desk = self.lay(&mut counting, band)?;
+        let bins = self.bins(&mut counting, &desk, listed, tiles.clone())?;
+        let starts = counting.upload("starts", &[0u32])?;
+        let mut counts = counting.buffer("counts", 4 * tiles.len() as u64 * TILE_PIXELS as u64);
+        let (mut keys, mut fragments) = (counting.buffer("keys", 8), counting.buffer("fragments", 8));
+        self.strokes(&mut counting, &desk, &bins, &starts, Kept::Counts, [&mut keys, &mut counts, &mut fragments]);
+        let counts = counting.download_buffer(&counts);
+        let frame = counting.submit(&[])?;
         self.facts.counting_ms += frame.ms("");
         let counts = frame.read::<u32>(&counts).to_vec();
+        frame.shelve(g.gpu);
         self.facts.fragments += counts.iter().map(|&count| count as u64).sum::<u64>();
         self.facts.deepest = self.facts.deepest.max(counts.iter().copied().max().unwrap_or(0));
         Ok(counts)
