@@ -58,6 +58,9 @@ fn what_is_shown_by_default_and_from_where_is_as_for_the_file() {
     let place = Place::new(200_000);
     let [file, index] = ["street.las", "street.pnti"].map(|name| place.explained(name, "-o @a.png --size 320x200"));
     assert_eq!(file["color"], index["color"]);
+    // Exposures that are found from leaves are those that are found from the file.
+    assert_eq!(file["effects"]["exposure"]["runs"], true);
+    assert_eq!(file["effects"]["exposure"], index["effects"]["exposure"]);
     let eye = |explained: &Value| [0, 1, 2].map(|axis| explained["camera"]["eye"][axis].as_f64().unwrap());
     let (a, b) = (eye(&file), eye(&index));
     assert!((0..3).all(|axis| (a[axis] - b[axis]).abs() < 3.0), "{a:?} {b:?}");
