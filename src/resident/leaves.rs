@@ -37,6 +37,7 @@ impl Resident {
             stations: Vec::new(),
             oriented: false,
             opacities: Opacities::default(),
+            comes_and_goes: true,
             light: None,
         }
     }

@@ -58,6 +58,18 @@ impl ResidentNode {
     }
 }
 
+/// Numbers that say which node it is ([`Resident::nodes_identity`]).
+pub const IDENTITY_WORDS: usize = 15;
+
+/// World corners of the box of a node, by those numbers.
+pub fn bounds_of(identity: &[u64]) -> (DVec3, DVec3) {
+    let place = |at: usize| DVec3::from_array([0, 1, 2].map(|axis| f64::from_bits(identity[at + axis])));
+    let lattice = Lattice { step: place(9), offset: place(12) };
+    let corner = |k: u64| lattice.world([0, 1, 2].map(|axis| identity[axis] as i64 + (k * identity[3 + axis]) as i64));
+    let (a, b) = (corner(0), corner(1));
+    (a.min(b), a.max(b))
+}
+
 /// A point that somebody asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
@@ -85,6 +97,8 @@ pub struct Resident {
     pub oriented: bool,
     /// How opaque its points are; what hides some by their kind needs them to bring it.
     pub opacities: Opacities,
+    /// Of an index, whose nodes come and go.
+    pub comes_and_goes: bool,
     /// Of which light points say how much reaches them, where they have brought that.
     pub light: Option<Box<Contents>>,
 }
@@ -135,6 +149,7 @@ impl Resident {
             // A file's normals, where it has any.
             oriented: shown.further.normal,
             opacities: Opacities::default(),
+            comes_and_goes: false,
             light: None,
         };
         let total = cloud.len();
@@ -281,13 +296,23 @@ impl Resident {
 
     /// What is drawn, in numbers: the same ones only where a frame draws the same points under the same ids.
     pub fn identity(&self) -> Vec<u64> {
+        [self.serial].into_iter().chain(self.nodes_identity()).collect()
+    }
+
+    /// Of every node, in numbers of which each has as many: the same ones only where it has the same points.
+    pub fn nodes_identity(&self) -> Vec<u64> {
         let node = |node: &ResidentNode| {
             let Frame { origin, extent, .. } = node.frame;
             let lattice = [node.lattice.step, node.lattice.offset].map(|place| place.to_array().map(f64::to_bits)).concat();
             let counts = [node.count as u64, node.planes as u64, node.spacing.to_bits()];
             [origin.map(|steps| steps as u64), extent.map(|steps| steps as u64), counts].concat().into_iter().chain(lattice)
         };
-        [self.serial].into_iter().chain(self.nodes.iter().flat_map(node)).collect()
+        self.nodes.iter().flat_map(node).collect()
+    }
+
+    /// Which of the device's clouds this is.
+    pub fn serial(&self) -> u64 {
+        self.serial
     }
 
     /// Bytes of the pages in use.

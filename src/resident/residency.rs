@@ -142,6 +142,7 @@ impl Residency {
             stations: index.directory.contents.stations.clone(),
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             opacities: Opacities::default(),
+            comes_and_goes: true,
             light: index.marks.as_ref().filter(|_| shown.light().is_some()).map(|marks| Box::new(marks.contents.clone())),
         };
         Ok(Residency {
