@@ -28,6 +28,7 @@ layout(constant_id = 2) const bool METRES = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     float reach;       // difference in depth from which pixels are of other surfaces: metres, or with perspective parts of the depth
     int radius_px;     // of the window that a normal is fitted to
@@ -48,7 +49,7 @@ void main() {
     float before = LIT_BY ? imageLoad(lit, pixel).r : 1.0;
     float hidden = 0.0;
     if (known(z)) {
-        vec2 from_centre = vec2(pixel) + 0.5 - 0.5 * vec2(push.size);
+        vec2 from_centre = vec2(pixel) + 0.5 - push.centre;
         float unit_m = PERSPECTIVE ? z : 1.0;
         vec3 n = normal_at(pixel, z, push.radius_px, push.reach * unit_m, from_centre, push.px_per_unit, PERSPECTIVE);
         float radius = METRES ? push.radius / unit_m : push.radius;

@@ -27,6 +27,7 @@ layout(constant_id = 0) const bool PERSPECTIVE = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     vec3 right;        // the camera's axes in the world
     vec3 down;
@@ -44,7 +45,7 @@ void main() {
     bool known = (word & UNKNOWN_NORMAL) != UNKNOWN_NORMAL;
     vec3 world = normal_of(known ? word : 0u);
     vec3 n = vec3(dot_of(push.right, world), dot_of(push.down, world), dot_of(push.forward, world));
-    vec2 across = (vec2(pixel) + 0.5 - 0.5 * vec2(push.size)) / push.px_per_unit;
+    vec2 across = (vec2(pixel) + 0.5 - push.centre) / push.px_per_unit;
     vec3 ray = vec3(PERSPECTIVE ? across : vec2(0.0), 1.0);
     n = dot_of(n, ray) > 0.0 ? -n : n;
     imageStore(facing, pixel, known ? vec4(n, 1.0) : vec4(0.0));

@@ -12,7 +12,6 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "node.glsl"
-#include "luminance.glsl"
 
 // What the points of one node show: a page of 32-bit words.
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
@@ -26,6 +25,7 @@ layout(scalar) readonly buffer SumWords { uvec2 sum[]; } sum_words;
 layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
 // 256 colours, four words of f32 bits each.
 layout(rgba32ui) readonly uniform uimageBuffer table;
+layout(r32ui) readonly uniform uimageBuffer levels;
 layout(r32f) readonly uniform image2D front;
 layout(r32ui) readonly uniform uimage2D index;
 layout(rgba32f) uniform image2D color;
@@ -44,6 +44,8 @@ layout(push_constant, scalar) uniform Push {
     float lo;      // attribute words at the ends of the ramp
     float scale;
 } push;
+
+#include "luminance.glsl"
 
 const uint NO_POINT = 0xFFFFFFFFu;
 
@@ -100,7 +102,9 @@ void main() {
     }
     // Loads that all pixels make stand before: where only some go on, lavapipe loads pixel by pixel.
     if (!covered || total[0].count == uvec2(0u)) return;
-    uvec3 bytes = shown_bytes(Plane(shown.page[id >> POINTS_PER_PAGE_LOG2]).word[id & (POINTS_PER_PAGE - 1u)], RAMP, push.lo, push.scale);
+    uint word = Plane(shown.page[id >> POINTS_PER_PAGE_LOG2]).word[id & (POINTS_PER_PAGE - 1u)];
+    uvec3 bytes = shown_bytes(word, RAMP, push.lo, push.scale);
+    bytes = uvec3(level_of(bytes.r, word, RAMP), level_of(bytes.g, word, RAMP), level_of(bytes.b, word, RAMP));
     uint value = value_of(bytes);
     float ratio = mean(total[0]) / float(max(value, 1u));
     vec3 corrected = value == 0u ? vec3(mean(total[0])) : min(vec3(bytes) * vec3(ratio), vec3(255.0));

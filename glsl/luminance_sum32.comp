@@ -17,12 +17,15 @@ layout(constant_id = 7) const bool RAMP = false;
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
 // Factors that make up a point's opacity.
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
+// What lies in clip boxes, of nodes that have points on both sides.
+layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
 // Of the whole picture, the depth of the nearest points.
 layout(r32f) readonly uniform image2D front;
+layout(r32ui) readonly uniform uimageBuffer levels;
 layout(scalar) buffer Sums { uint word[]; } sums;
 
 #include "project.glsl"

@@ -16,6 +16,7 @@ layout(constant_id = 0) const bool PERSPECTIVE = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     vec3 right;        // the camera's axes in the world
     vec3 up;
@@ -24,7 +25,7 @@ layout(push_constant, scalar) uniform Push {
 
 // Right, down and away from the camera.
 vec3 place(ivec2 pixel, float z) {
-    vec2 aside = (vec2(pixel) + 0.5 - 0.5 * vec2(push.size)) / push.px_per_unit;
+    vec2 aside = (vec2(pixel) + 0.5 - push.centre) / push.px_per_unit;
     vec2 across = PERSPECTIVE ? aside * z : aside;
     return vec3(across, z);
 }

@@ -27,6 +27,7 @@ layout(constant_id = 1) const bool OF_POINTS = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     float reach;       // difference in depth from which pixels are of other surfaces: metres, or with perspective parts of the depth
     int radius_px;     // of the neighbourhood
@@ -83,7 +84,7 @@ void main() {
     bool has = known(z0);
     float z = mix(1.0, z0, has);
     float reach = PERSPECTIVE ? push.reach * z : push.reach;
-    vec2 from_centre = vec2(pixel) + 0.5 - 0.5 * vec2(push.size);
+    vec2 from_centre = vec2(pixel) + 0.5 - push.centre;
     vec3 n = vec3(0.0);
     if (has && OF_POINTS) n = imageLoad(facing, pixel).xyz;
     if (has && OF_POINTS && n == vec3(0.0)) n = mean_of_points(pixel, z, reach);

@@ -15,6 +15,8 @@ layout(constant_id = 5) const uint STEP = 0u;
 layout(scalar) readonly buffer Nodes { Node node[]; } nodes;
 // Factors that make up a point's opacity.
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
+// What lies in clip boxes, of nodes that have points on both sides.
+layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;

@@ -39,6 +39,7 @@ layout(constant_id = 4) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
     uint tiles_across;
     uint at;           // the list of this kernel
     uint holes_at;     // the list of tiles with invisible pixels
@@ -89,12 +90,12 @@ void work(uint n) {
     [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
         int first = top.y + 4 * half_tile;
         ivec2 texel = ivec2(top.x + MARGIN_PX, (first + MARGIN_PX) / 4);
-        float ray_x = (float(top.x) + 0.5 - 0.5 * float(size.x)) / push.px_per_unit;
+        float ray_x = (float(top.x) + 0.5 - push.centre.x) / push.px_per_unit;
         vec4 ray_y, z0, f_rr, own;
         vec4 sum = vec4(0.0);
         [[unroll]] for (int p = 0; p < 4; ++p) {
             own[p] = imageLoad(depth, min(ivec2(top.x, first + p), size - 1)).r;
-            ray_y[p] = (float(first + p) + 0.5 - 0.5 * float(size.y)) / push.px_per_unit;
+            ray_y[p] = (float(first + p) + 0.5 - push.centre.y) / push.px_per_unit;
             float rr = 1.0 + ray_x * ray_x + ray_y[p] * ray_y[p];
             f_rr[p] = PERSPECTIVE ? push.px_per_unit * rr : push.px_per_unit;
             z0[p] = clamp(own[p], NEAREST_PLACE, farthest);

@@ -7,6 +7,7 @@
 //!
 //! Only what is refined is looked at: the cost follows the picture, not the cloud.
 
+use crate::clip::{Clips, Left};
 use crate::cloud::Lattice;
 use crate::config::{BITS_PER_PLANE, BUDGET_LEAST, BUDGET_PER_PIXEL, LOD_PX, QUANTISATION_PX};
 use crate::index::file::Index;
@@ -56,15 +57,18 @@ pub struct Cut {
     pub largest_error_px: f64,
     /// Nodes that were looked at and lie outside of the view.
     pub nodes_outside: usize,
+    /// Nodes in view of which no clip box leaves anything.
+    pub nodes_clipped: usize,
 }
 
-/// The cut for a view. Nodes that are `unreadable` are never in it: their children are, or else their parents, and where there are neither, nothing.
-pub fn choose(index: &Index, view: &View, detail: &Detail, unreadable: &HashSet<usize>) -> Cut {
+/// The cut for a view, of what clip boxes leave. Nodes that are `unreadable` are never in it: their children are, or else their parents, and where there are neither, nothing.
+pub fn choose(index: &Index, view: &View, clips: &Clips, detail: &Detail, unreadable: &HashSet<usize>) -> Cut {
     let mut cut = Cut::default();
     let mut open = BinaryHeap::new();
-    let all = Seen { index, view, unreadable };
+    let all = Seen { index, view, clips, unreadable };
     let roots = all.of(0..index.directory.roots as usize, f64::INFINITY);
     cut.nodes_outside += roots.outside;
+    cut.nodes_clipped += roots.clipped;
     cut.points = roots.points;
     open.extend(roots.nodes.into_iter().map(Open));
     while let Some(Open(wanted)) = open.pop() {
@@ -75,6 +79,7 @@ pub fn choose(index: &Index, view: &View, detail: &Detail, unreadable: &HashSet<
             if finer.complete && points <= detail.budget {
                 cut.points = points;
                 cut.nodes_outside += finer.outside;
+                cut.nodes_clipped += finer.clipped;
                 open.extend(finer.nodes.into_iter().map(Open));
                 continue;
             }
@@ -112,6 +117,7 @@ impl Eq for Open {}
 struct Seen<'a> {
     index: &'a Index,
     view: &'a View,
+    clips: &'a Clips,
     unreadable: &'a HashSet<usize>,
 }
 
@@ -120,13 +126,14 @@ struct Siblings {
     nodes: Vec<Wanted>,
     points: u64,
     outside: usize,
+    clipped: usize,
     /// All that can be seen of them is there.
     complete: bool,
 }
 
 impl Seen<'_> {
     fn of(&self, siblings: Range<usize>, gain_px: f64) -> Siblings {
-        let mut found = Siblings { nodes: Vec::new(), points: 0, outside: 0, complete: true };
+        let mut found = Siblings { nodes: Vec::new(), points: 0, outside: 0, clipped: 0, complete: true };
         let mut ranges = vec![siblings];
         while let Some(range) = ranges.pop() {
             for node in range {
@@ -135,6 +142,10 @@ impl Seen<'_> {
                     found.outside += 1;
                     continue;
                 };
+                if self.clips.left(self.index.bounds(record)) == Left::Nothing {
+                    found.clipped += 1;
+                    continue;
+                }
                 if self.unreadable.contains(&node) {
                     found.complete &= !record.is_leaf();
                     ranges.push(record.children());
@@ -191,7 +202,7 @@ pub fn quantisation_px(view: &View, lattice: &Lattice, frame: &Frame, distance: 
     match view.camera.projection {
         Projection::Perspective => {
             let f = view.focal_px();
-            let corner = 0.5 * (view.size[0] as f64).hypot(view.size[1] as f64);
+            let corner = 0.5 * (view.whole[0] as f64).hypot(view.whole[1] as f64);
             half_cell * f.hypot(corner) / distance
         }
         Projection::Orthographic => half_cell * view.focal_px(),

@@ -39,6 +39,11 @@ pub enum Error {
 }
 
 impl Error {
+    /// Whether all that was on the device is gone, and another one may be opened.
+    pub fn is_lost_device(&self) -> bool {
+        matches!(self, Error::Vulkan { code, .. } if code == "ERROR_DEVICE_LOST")
+    }
+
     pub fn io(doing: &'static str, path: &Path, source: std::io::Error) -> Self {
         Error::Io { doing, path: path.to_owned(), source }
     }

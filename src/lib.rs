@@ -9,13 +9,13 @@
 //!
 //! - [`cloud`]: files to columns of points, on the files' own integer lattices. [`synth`]: files with known truth, from analytic scenes.
 //! - [`index`]: points to nodes of at most 65,536 points in Morton order, their positions in planes of bits; and what the points around tell of each.
-//! - [`view`]: the camera, f64. [`camera_path`]: the camera at any time, from key views. [`light`]: where light comes from. [`opacity`]: how much of it points let through. [`cut`]: the nodes of an index that a view is drawn from.
+//! - [`view`]: the camera, f64. [`camera_path`]: the camera at any time, from key views. [`light`]: where light comes from. [`opacity`]: how much of it points let through. [`clip`]: which part of a cloud is there. [`cut`]: the nodes of an index that a view is drawn from.
 //! - [`gpu`]: Vulkan, and nothing about points. [`graph`]: passes in order, with the barriers that they need. [`shader`]: the shaders as
 //!   Rust structs, generated from their SPIR-V.
 //! - [`loader`]: a thread that reads nodes of an index. [`resident`]: the nodes on the device, in pages of one size.
 //! - [`passes`]: one file a pass, and the registry of effects. [`look`]: which effects run, and why. [`frame`]: the whole frame, top to bottom.
 //! - [`source`]: files or an index, brought to the device. [`scene`]: what a picture is of, as a file.
-//! - [`picture`]: PNG and EXR. [`present`]: a window's swapchain. [`app`]: the window: navigation, panel, picking. [`bench`](mod@bench): what passes take. [`study`]: what accuracy costs in time. [`cli`]: the
+//! - [`picture`]: PNG and EXR. [`tiled`]: a picture of any size. [`present`]: a window's swapchain. [`app`]: the window: navigation, panel, picking. [`bench`](mod@bench): what passes take. [`study`]: what accuracy costs in time. [`cli`]: the
 //!   program, one file a subcommand.
 //! - For all: [`config`] (every limit and default), [`error`], [`progress`], [`whole_file`].
 //!
@@ -50,6 +50,7 @@ pub mod app;
 pub mod bench;
 pub mod camera_path;
 pub mod cli;
+pub mod clip;
 pub mod cloud;
 pub mod config;
 pub mod cut;
@@ -72,5 +73,6 @@ pub mod shader;
 pub mod source;
 pub mod study;
 pub mod synth;
+pub mod tiled;
 pub mod view;
 pub mod whole_file;

@@ -95,9 +95,22 @@ pub struct Look {
     pub precision: Precision,
     /// Samples of the light that this frame adds at most to those that shadows are made of already; all where nothing is said.
     pub light_at_once: Option<u32>,
+    /// As [`Scene`] has them, of the whole picture: parts of it go by the same.
+    pub spacing_m: f64,
+    pub pixel_m: f64,
 }
 
 impl Look {
+    /// What effects work on in a picture, or in a part of it.
+    pub fn scene<'v>(&self, view: &'v View, resident: &'v Resident) -> Scene<'v> {
+        Scene { spacing_m: self.spacing_m, pixel_m: self.pixel_m, ..Scene::of(view, resident, self.light) }
+    }
+
+    /// As [`Effects::reach_px`]: every layer depends on those before it.
+    pub fn reach_px(&self, view: &View) -> Option<u32> {
+        self.effects.reach_px(view, &self.decided).map(|reach| reach * self.layers())
+    }
+
     /// Whether points that face away from the camera are left out: where Phong lighting is asked to, and normals say which side is outside.
     pub fn drops_back_faces(&self, resident: &Resident) -> bool {
         self.decided.runs("phong") && self.effects.phong.settings.backfaces == Backfaces::Drop && resident.oriented
@@ -124,9 +137,12 @@ impl Look {
 }
 
 pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
+    let scene = Scene::of(view, resident, wishes.light);
     Look {
         effects: wishes.effects.clone(),
-        decided: wishes.effects.decide(&Scene::of(view, resident, wishes.light)),
+        decided: wishes.effects.decide(&scene),
+        spacing_m: scene.spacing_m,
+        pixel_m: scene.pixel_m,
         light: wishes.light,
         background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
         precision: wishes.precision,
@@ -150,6 +166,8 @@ mod tests {
             background: [0.0; 3],
             precision: Precision::Auto,
             light_at_once: None,
+            spacing_m: 0.0,
+            pixel_m: 0.0,
         };
         assert_eq!(look(&["phong"]).hurried().effects, look(&["phong"]).effects);
         let all = look(&["strokes", "shadows"]);

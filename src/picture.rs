@@ -8,7 +8,17 @@ use std::io::Write;
 use std::path::Path;
 
 /// An 8-bit sRGB picture of red, green and blue of each pixel, rows of them from the top left, in as many pieces as there are ([`crate::passes::encode`]).
-pub fn write_png(path: &Path, [width, height]: [u32; 2], pieces: &[&[u8]]) -> Result<()> {
+pub fn write_png(path: &Path, size: [u32; 2], pieces: &[&[u8]]) -> Result<()> {
+    // Piece by piece, so that no second picture is in memory.
+    write_png_rows(path, size, |write| pieces.iter().try_for_each(|piece| write(piece)))
+}
+
+/// The same of pixels that `draw` hands over as it comes by them, from the top left on.
+pub fn write_png_rows(
+    path: &Path,
+    [width, height]: [u32; 2],
+    draw: impl FnOnce(&mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()>,
+) -> Result<()> {
     whole_file(path, |partial| {
         let io = |error| Error::io("write", path, error);
         let file = std::fs::File::create(partial).map_err(io)?;
@@ -21,9 +31,8 @@ pub fn write_png(path: &Path, [width, height]: [u32; 2], pieces: &[&[u8]]) -> Re
             other => Error::format(path, other.to_string()),
         };
         let mut writer = encoder.write_header().map_err(failed)?;
-        // Piece by piece, so that no second picture is in memory.
         let mut rows = writer.stream_writer().map_err(failed)?;
-        pieces.iter().try_for_each(|piece| rows.write_all(piece)).map_err(io)?;
+        draw(&mut |pixels| rows.write_all(pixels).map_err(io))?;
         rows.finish().map_err(failed)?;
         writer.finish().map_err(failed)
     })

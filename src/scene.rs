@@ -2,6 +2,7 @@
 //!
 //! The file says everything in the words of the command line, so that what one takes the other does too.
 
+use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::light::Light;
@@ -20,6 +21,7 @@ pub struct Scene {
     pub color: Option<Attribute>,
     pub wishes: Wishes,
     pub opacities: Opacities,
+    pub clips: Clips,
 }
 
 /// `scene.json`.
@@ -34,6 +36,9 @@ struct Words {
     effects: Vec<String>,
     #[serde(default)]
     opacity: Vec<String>,
+    /// As after `--clip`.
+    #[serde(default)]
+    clip: Vec<String>,
     #[serde(default)]
     light: Option<String>,
     #[serde(default)]
@@ -47,6 +52,7 @@ impl Scene {
             color: self.color.map(Attribute::name),
             effects: self.wishes.effects.clone().list().iter().map(ToString::to_string).collect(),
             opacity: self.opacities.0.iter().map(ToString::to_string).collect(),
+            clip: self.clips.0.iter().map(ToString::to_string).collect(),
             light: Some(self.wishes.light.to_string()),
             background: Some(Background(self.wishes.background).to_string()),
         };
@@ -75,7 +81,8 @@ impl Scene {
             .color
             .map(|name| <Attribute as clap::ValueEnum>::from_str(&name, false).map_err(|_| format!("there is no color {name:?}")));
         let rules = words.opacity.iter().map(|rule| rule.parse::<Rule>()).collect::<std::result::Result<_, _>>()?;
-        Ok(Scene { camera: words.camera, color: color.transpose()?, wishes, opacities: Opacities(rules) })
+        let clips = words.clip.iter().map(|clip| clip.parse::<Clip>()).collect::<std::result::Result<_, _>>()?;
+        Ok(Scene { camera: words.camera, color: color.transpose()?, wishes, opacities: Opacities(rules), clips: Clips(clips) })
     }
 }
 
@@ -91,8 +98,10 @@ mod tests {
             wishes.effects.set(effect).unwrap();
         }
         let opacities = Opacities(["class:6=0.5", "0.25", "station:north=0"].map(|rule| rule.parse().unwrap()).into());
+        let clips = Clips(["box:500000.1,-1,0.30000000000000004,500010,inf,5", "off:0,0,0,1,1,1"].map(|clip| clip.parse().unwrap()).into());
         let corners = [glam::DVec3::splat(5e6), glam::DVec3::new(5e6 + 0.1, 5e6 + 1.0 / 3.0, 5e6 + 7.0)];
-        let scene = Scene { camera: Camera::framing(Preset::Fit, &corners, [640, 480]), color: Some(Attribute::Class), wishes, opacities };
+        let scene =
+            Scene { camera: Camera::framing(Preset::Fit, &corners, [640, 480]), color: Some(Attribute::Class), wishes, opacities, clips };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.json");
         scene.write(&path).unwrap();

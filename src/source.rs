@@ -1,5 +1,6 @@
 //! What a picture is made of: files that are read whole, or an index, of which only what the picture shows is read. One flow for both.
 
+use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
@@ -12,6 +13,7 @@ use crate::index::file::{Index, Plane};
 use crate::index::luminance;
 use crate::index::marks::Marks;
 use crate::light::Light;
+use crate::opacity::Opacities;
 use crate::progress::Progress;
 use crate::resident::{Residency, Resident, residency::Update};
 use crate::view::View;
@@ -125,6 +127,17 @@ impl Source {
         }
     }
 
+    /// Where its points come from, in the order of their parts.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut files: Vec<PathBuf> = match self {
+            Source::Files(cloud) => cloud.parts.iter().map(|part| part.path.clone()).collect(),
+            Source::Index(index) => indexed_files(index).into_iter().cloned().collect(),
+        };
+        // Scans of one file follow each other.
+        files.dedup();
+        files
+    }
+
     pub fn stations(&self) -> &[Station] {
         match self {
             Source::Files(cloud) => &cloud.stations,
@@ -228,7 +241,7 @@ impl Source {
     /// Files go there whole; of an index nothing yet.
     pub fn bring(self, gpu: &mut Gpu, shown: Shown, pool_bytes: u64, progress: &dyn Progress) -> Result<Brought> {
         Ok(match self {
-            Source::Files(cloud) => Brought::Whole(Resident::fill(gpu, cloud, shown, progress)?),
+            Source::Files(cloud) => Brought::Whole(Box::new(Resident::fill(gpu, cloud, shown, progress)?)),
             Source::Index(index) => Brought::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?)),
         })
     }
@@ -288,7 +301,7 @@ fn within<'s>(samples: impl Iterator<Item = &'s (DVec3, u32)>, axis: usize, beyo
 
 /// A source on the device.
 pub enum Brought {
-    Whole(Resident),
+    Whole(Box<Resident>),
     Parts(Box<Residency>),
 }
 
@@ -298,6 +311,7 @@ pub struct Taken {
     pub nodes: usize,
     pub points: u64,
     pub nodes_outside: usize,
+    pub nodes_clipped: usize,
     /// Infinite, and in JSON null, where the camera is within a node that is not refined.
     pub largest_error_px: f64,
     pub budget: u64,
@@ -327,6 +341,7 @@ impl Brought {
             nodes: cut.nodes.len(),
             points: cut.points,
             nodes_outside: cut.nodes_outside,
+            nodes_clipped: cut.nodes_clipped,
             largest_error_px: cut.largest_error_px,
             budget,
             lod_px: detail.lod_px,
@@ -345,11 +360,13 @@ impl Brought {
         }
     }
 
-    pub fn resident_mut(&mut self) -> &mut Resident {
-        match self {
+    /// What is not drawn, or not all of it.
+    pub fn leave_out(&mut self, opacities: Opacities, clips: Clips) {
+        let resident = match self {
             Brought::Whole(resident) => resident,
             Brought::Parts(residency) => residency.resident_mut(),
-        }
+        };
+        (resident.opacities, resident.clips) = (opacities, clips);
     }
 
     pub fn free(self, gpu: &mut Gpu) {

@@ -69,12 +69,16 @@ impl Camera {
     }
 }
 
-/// A camera and the size of its picture.
+/// A camera and the size of its picture; or of a window of that, which is drawn as if it had been cut out of the whole.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     pub camera: Camera,
-    /// Pixels.
+    /// Of what is drawn, pixels.
     pub size: [u32; 2],
+    /// Of the whole picture, pixels.
+    pub whole: [u32; 2],
+    /// Of what is drawn, the top left pixel in the whole.
+    pub corner: [i32; 2],
     pub basis: Basis,
 }
 
@@ -90,12 +94,27 @@ impl View {
                 camera.fov_y, camera.ortho_height
             )));
         }
-        Ok(View { camera, size, basis: camera.basis()? })
+        Ok(View { camera, size, whole: size, corner: [0, 0], basis: camera.basis()? })
+    }
+
+    /// A part of the whole picture, or more than that; its depths and pixels are those of the whole.
+    pub fn window(&self, corner: [i32; 2], size: [u32; 2]) -> View {
+        View { corner, size, ..*self }
+    }
+
+    /// All of the picture.
+    pub fn entire(&self) -> View {
+        self.window([0, 0], self.whole)
+    }
+
+    /// Where the camera looks, pixels from the top left of what is drawn.
+    pub fn centre(&self) -> [f64; 2] {
+        [0, 1].map(|axis| self.whole[axis] as f64 / 2.0 - self.corner[axis] as f64)
     }
 
     /// Pixels per unit of X/Z (perspective) or per metre (orthographic).
     pub fn focal_px(&self) -> f64 {
-        let half = self.size[1] as f64 / 2.0;
+        let half = self.whole[1] as f64 / 2.0;
         match self.camera.projection {
             Projection::Perspective => half / (self.camera.fov_y.to_radians() / 2.0).tan(),
             Projection::Orthographic => half / (self.camera.ortho_height.expect("checked by new") / 2.0),
@@ -105,8 +124,8 @@ impl View {
     /// The ray through a pixel position (pixel centres at +0.5): origin and direction, world. The direction's component along
     /// `basis.forward` is 1, so the ray parameter **is** planar depth.
     pub fn ray(&self, x_px: f64, y_px: f64) -> (DVec3, DVec3) {
-        let f = self.focal_px();
-        let aside = self.basis.right * ((x_px - self.size[0] as f64 / 2.0) / f) - self.basis.up * ((y_px - self.size[1] as f64 / 2.0) / f);
+        let (f, [x, y]) = (self.focal_px(), self.centre());
+        let aside = self.basis.right * ((x_px - x) / f) - self.basis.up * ((y_px - y) / f);
         match self.camera.projection {
             Projection::Perspective => (self.camera.eye, self.basis.forward + aside),
             Projection::Orthographic => (self.camera.eye + aside, self.basis.forward),
@@ -121,7 +140,7 @@ impl View {
             Projection::Perspective => self.focal_px() / depth,
             Projection::Orthographic => self.focal_px(),
         };
-        let middle = self.size.map(|side| side as f64 / 2.0);
+        let middle = self.centre();
         (depth > 0.0).then(|| [middle[0] + from_eye.dot(self.basis.right) * scale, middle[1] - from_eye.dot(self.basis.up) * scale])
     }
 
@@ -142,16 +161,20 @@ impl View {
         if depth + reach(basis.forward) + slack <= 0.0 {
             return None;
         }
-        let half_size = [self.size[0] as f64 / 2.0 / self.focal_px(), self.size[1] as f64 / 2.0 / self.focal_px()];
-        let outside = |side: DVec3, half: f64| match self.camera.projection {
-            // The plane through the eye and the picture's edge has the normal side - half * forward.
-            Projection::Perspective => [side, -side].iter().any(|&side| {
-                let normal = side - basis.forward * half;
-                centre.dot(normal) - reach(normal) > slack * (1.0 + half)
-            }),
-            Projection::Orthographic => centre.dot(side).abs() - reach(side) > half + slack,
+        let (f, [x, y]) = (self.focal_px(), self.centre());
+        let [width, height] = self.size.map(f64::from);
+        // What is drawn ends so far to each side of where the camera looks.
+        let edges = [(basis.right, width - x), (-basis.right, x), (basis.up, y), (-basis.up, height - y)];
+        let outside = |(side, edge): (DVec3, f64)| match self.camera.projection {
+            // The plane through the eye and the edge has the normal side - edge * forward.
+            Projection::Perspective => {
+                let edge = edge / f;
+                let normal = side - basis.forward * edge;
+                centre.dot(normal) - reach(normal) > slack * (1.0 + edge.abs())
+            }
+            Projection::Orthographic => centre.dot(side) - reach(side) > edge / f + slack,
         };
-        if outside(basis.right, half_size[0]) || outside(basis.up, half_size[1]) {
+        if edges.into_iter().any(outside) {
             return None;
         }
         let reach = reach(basis.forward);
@@ -251,6 +274,30 @@ mod tests {
                     fill = [fill[0].max(pixel[0].abs()), fill[1].max(pixel[1].abs())];
                 }
                 assert!(fill[0] < 1.0 && fill[1] < 1.0 && fill[0].max(fill[1]) > 0.9, "{preset:?} {size:?}: {fill:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn windows_together_see_what_the_whole_sees_where_the_whole_sees_it() {
+        let points: Vec<_> = (0..400).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64, (i % 17) as f64) + 5e6).collect();
+        for preset in [Preset::Top, Preset::Fit] {
+            let whole = View::new(Camera::framing(preset, &points[..100], [100, 60]), [100, 60]).unwrap();
+            let windows = [[0, 0], [48, 0], [0, 24], [48, 24]].map(|corner: [i32; 2]| {
+                whole.window(
+                    corner,
+                    [0, 1].map(|axis| if corner[axis] == 0 { [48, 24][axis] } else { whole.whole[axis] - corner[axis] as u32 }),
+                )
+            });
+            for &p in &points {
+                let bounds = (p - 0.01, p + 0.01);
+                let seen: Vec<_> = windows.iter().filter_map(|window| window.depths(bounds)).collect();
+                assert_eq!(seen.first().copied(), whole.depths(bounds), "{p}");
+                for window in &windows {
+                    let (a, b) = (whole.pixel(p).unwrap(), window.pixel(p).unwrap());
+                    assert!((0..2).all(|axis| (a[axis] - window.corner[axis] as f64 - b[axis]).abs() < 1e-9));
+                    assert!((whole.ray(a[0], a[1]).1 - window.ray(b[0], b[1]).1).length() < 1e-12);
+                }
             }
         }
     }

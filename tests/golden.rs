@@ -34,10 +34,24 @@ fn check_lit(light: Light, style: Style, name: &str, attribute: Attribute, effec
 }
 
 fn check_layers(opacities: &[&str], light: Light, style: Style, name: &str, attribute: Attribute, effects: &str, preset: Preset) {
+    check_scene(synth::Scene::NestedTori, opacities, light, style, name, attribute, effects, preset);
+}
+
+#[allow(clippy::too_many_arguments)]
+fn check_scene(
+    scene: synth::Scene,
+    opacities: &[&str],
+    light: Light,
+    style: Style,
+    name: &str,
+    attribute: Attribute,
+    effects: &str,
+    preset: Preset,
+) {
     let mut gpu =
         Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
-    let world = synth::build(synth::Scene::NestedTori, 1, 0.0);
-    let cloud = synth::collect("nested-tori", &world, 60_000, 7, 0.0, &Silent).unwrap();
+    let world = synth::build(scene, 1, 0.0);
+    let cloud = synth::collect("golden", &world, 60_000, 7, 0.0, &Silent).unwrap();
     let view = View::new(Camera::framing(preset, &cloud.core_points(), SIZE), SIZE).unwrap();
     let mut shown = Shown::new(attribute, &cloud);
     shown.further.strokes = style == Style::Strokes;
@@ -156,6 +170,11 @@ fn ao_on_white() {
 #[test]
 fn luminance_of_dense_points() {
     check("luminance", Attribute::Rgb, "luminance=on edl=off", Preset::Fit);
+}
+
+#[test]
+fn exposure_of_five_stations() {
+    check_scene(synth::Scene::Street, &[], Light::Headlight, Style::Points, "exposure", Attribute::Rgb, "edl=off", Preset::Fit);
 }
 
 #[test]

@@ -40,13 +40,15 @@ impl Place {
 fn an_index_drawn_to_its_leaves_is_the_picture_of_the_file() {
     let place = Place::new(300_000);
     let look = "--style points --effect edl=off --size 480x270 --camera @cam.json";
-    std::fs::write(place.at("cam.json"), r#"{"eye": [-30, -25, 25], "target": [10, 0, 2]}"#).unwrap();
+    std::fs::write(place.at("cam.json"), r#"{"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}"#).unwrap();
     for color in ["rgb", "intensity", "elevation", "class", "return"] {
         succeeded(&place.render("street.las", &format!("{look} --color {color} -o @file.png")));
         succeeded(&place.render("street.pnti", &format!("{look} --color {color} --lod 0 --budget 1000000 -o @index.png")));
         let [file, index] = ["file.png", "index.png"].map(|name| read_png(&place.at(name)));
+        assert!(file.pixels.iter().filter(|pixel| **pixel != file.pixels[0]).count() > 20_000, "{color}");
         // Nodes have other origins, so f32 arithmetic may round a point into the neighbouring pixel.
-        let differ = file.pixels.iter().zip(&index.pixels).filter(|(a, b)| a != b).count();
+        // The ends of a ramp of heights are found among samples, and move colours by two of 255.
+        let differ = file.pixels.iter().zip(&index.pixels).filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 2)).count();
         assert!(differ < file.pixels.len() / 1000, "{color}: {differ} pixels differ");
     }
 }

@@ -12,6 +12,8 @@ mod ao;
 mod dobrev;
 #[path = "kernels/encode.rs"]
 mod encode;
+#[path = "kernels/exposure.rs"]
+mod exposure;
 #[path = "kernels/luminance.rs"]
 mod luminance;
 #[path = "kernels/phong.rs"]
@@ -96,7 +98,7 @@ fn resolved(cloud: &Cloud, attribute: Attribute, view: &View, settings: &edl::Se
         let resident = Resident::fill(gpu, cloud.clone(), Shown::new(attribute, cloud), &Silent).unwrap();
         let mut g = Graph::new(gpu);
         let uploaded = g.upload("keys", keys).unwrap();
-        let paint = resolve::paint(&mut g, &resident).unwrap();
+        let paint = resolve::paint(&mut g, &resident, &Default::default()).unwrap();
         let resolved = resolve::layers(&mut g, view);
         let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
         let layers = resolved.layers(&mut g, view, &resident).unwrap();

@@ -6,6 +6,7 @@ mod tree;
 
 use glam::DVec3;
 use gpu::{Random, Way, bumpy, perspective};
+use pointillist::clip::Clips;
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cut::{self, Detail};
 use pointillist::frame;
@@ -247,7 +248,7 @@ fn a_damaged_leaf_is_said_once_and_its_parent_is_drawn() {
             let parent = index.nodes()[leaf].parent as usize;
             assert!(residency.drawn().contains(&parent) && !residency.drawn().contains(&leaf));
             // It is the picture of a cut that never had the leaf.
-            let expected = cut::choose(&index, &view, &all(), &HashSet::from([leaf]));
+            let expected = cut::choose(&index, &view, &Clips::default(), &all(), &HashSet::from([leaf]));
             assert_eq!(update.cut, expected);
             let again = residency.settle(gpu, &view, &all(), &Silent).unwrap();
             assert!(again.errors.is_empty() && again.bytes_read == 0, "tried again: {again:?}");

@@ -12,43 +12,85 @@ use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::{self, ReadOptions, Wanted};
 use pointillist::passes::resolve::code_color;
 use pointillist::progress::Silent;
+use pointillist::resident::section::Slab;
 use pointillist::synth::Scene;
 use pointillist::view::{Camera, View};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use support::{names, pointillist, read_exr, read_png, render, scan, succeeded};
 
-/// What `render` draws, of the window's size where the line does not say another.
-fn picture(folder: &Path, cloud: &[&Path], name: &str, line: &str) -> PathBuf {
-    let path = folder.join(name);
-    let mut command = pointillist();
-    let size = format!("--size {}x{} ", SIZE[0], SIZE[1]);
-    let line = if line.contains("--size") { line.to_string() } else { size + line };
-    command.arg("render").args(cloud).arg("-o").arg(&path).args(line.split_whitespace());
-    succeeded(&command.output().unwrap());
-    path
+/// A folder and a display of its own.
+struct Place {
+    folder: tempfile::TempDir,
+    display: Display,
 }
 
-/// What hands have made of the scene, as a file, the picture that `render` draws of it, and waits until the window shows that.
-#[track_caller]
-fn shows_its_scene(viewer: &mut Viewer, folder: &Path, cloud: &[&Path], number: usize, line: &str) -> serde_json::Value {
-    viewer.key("F8");
-    let scene = folder.join(format!("pointillist-{number}.json"));
-    viewer.until("saved scene", |_| scene.exists());
-    let line = format!("--scene {} {line}", scene.display());
-    viewer.shows(&picture(folder, cloud, &format!("scene-{number}.png"), &line));
-    serde_json::from_str(&std::fs::read_to_string(&scene).unwrap()).unwrap()
+impl Place {
+    fn new() -> Place {
+        Place { folder: tempfile::tempdir().unwrap(), display: Display::open() }
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// A scan, as a file.
+    fn scan(&self, name: &str, scene: Scene, points: u64) -> PathBuf {
+        let path = self.at(name);
+        scan(&path, scene, points);
+        path
+    }
+
+    fn street(&self, points: u64) -> PathBuf {
+        self.scan("scan.las", Scene::Street, points)
+    }
+
+    /// The window, small and without its panel.
+    fn view(&self, cloud: &[&Path], line: &str) -> Viewer<'_> {
+        Viewer::open(&self.display, self.folder.path(), cloud, line)
+    }
+
+    fn view_with_panel(&self, cloud: &[&Path], size: [u32; 2], line: &str) -> Viewer<'_> {
+        Viewer::with_panel(&self.display, self.folder.path(), cloud, size, line)
+    }
+
+    /// What `render` draws, of the window's size where the line does not say another.
+    #[track_caller]
+    fn picture(&self, cloud: &[&Path], name: &str, line: &str) -> PathBuf {
+        let path = self.at(name);
+        let mut command = pointillist();
+        let size = format!("--size {}x{} ", SIZE[0], SIZE[1]);
+        let line = if line.contains("--size") { line.to_string() } else { size + line };
+        command.arg("render").args(cloud).arg("-o").arg(&path).args(line.split_whitespace());
+        succeeded(&command.output().unwrap());
+        path
+    }
+
+    /// The file that a key saves.
+    #[track_caller]
+    fn saved(&self, viewer: &mut Viewer, key: &str, name: &str) -> PathBuf {
+        let path = self.at(name);
+        viewer.key(key);
+        viewer.until(name, |_| path.exists());
+        path
+    }
+
+    /// What hands have made of the scene, as a file, the picture that `render` draws of it, and waits until the window shows that.
+    #[track_caller]
+    fn shows_its_scene(&self, viewer: &mut Viewer, cloud: &[&Path], number: usize, line: &str) -> serde_json::Value {
+        let scene = self.saved(viewer, "F8", &format!("pointillist-{number}.json"));
+        let line = format!("--scene {} {line}", scene.display());
+        viewer.shows(&self.picture(cloud, &format!("scene-{number}.png"), &line));
+        serde_json::from_str(&std::fs::read_to_string(&scene).unwrap()).unwrap()
+    }
 }
 
 #[test]
 fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let cloud = folder.join("scan.las");
-    scan(&cloud, Scene::Street, 60_000);
-    let display = Display::open();
-    let mut viewer = Viewer::open(&display, folder, &[&cloud], "");
-    let fit = picture(folder, &[&cloud], "fit.png", "");
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "");
+    let fit = place.picture(&[&cloud], "fit.png", "");
     viewer.shows(&fit);
 
     // Nobody touches anything: nothing is drawn, and nothing else done.
@@ -59,7 +101,7 @@ fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
 
     for (key, view) in [("7", "top"), ("1", "front"), ("3", "side"), ("0", "fit")] {
         viewer.key(key);
-        viewer.shows(&picture(folder, &[&cloud], &format!("{view}.png"), &format!("--view {view}")));
+        viewer.shows(&place.picture(&[&cloud], &format!("{view}.png"), &format!("--view {view}")));
     }
 
     let mut last = serde_json::Value::Null;
@@ -71,23 +113,21 @@ fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
         "keydown w sleep 0.3 keyup w",
     ];
     for (number, gesture) in gestures.into_iter().enumerate() {
-        display.xdotool(gesture);
-        let scene = shows_its_scene(&mut viewer, folder, &[&cloud], number + 1, "");
+        place.display.xdotool(gesture);
+        let scene = place.shows_its_scene(&mut viewer, &[&cloud], number + 1, "");
         assert_ne!(scene["camera"], last["camera"], "{gesture}");
         last = scene;
     }
-    display.xdotool("key p key 0");
+    place.display.xdotool("key p key 0");
     viewer.shows(&fit);
 
     // The picture in the file is the one in the window.
-    viewer.key("F9");
-    let saved = folder.join("pointillist-1.png");
-    viewer.until("saved picture", |_| saved.exists());
+    let saved = place.saved(&mut viewer, "F9", "pointillist-1.png");
     assert_eq!(read_png(&saved).pixels, read_png(&fit).pixels);
 
-    display.xdotool(&format!("windowsize {} 300 200", viewer.window));
+    place.display.xdotool(&format!("windowsize {} 300 200", viewer.window));
     viewer.until("smaller window", |viewer| viewer.photograph().size == [300, 200]);
-    shows_its_scene(&mut viewer, folder, &[&cloud], gestures.len() + 1, "--size 300x200");
+    place.shows_its_scene(&mut viewer, &[&cloud], gestures.len() + 1, "--size 300x200");
 
     let said = viewer.close();
     assert!(said.contains("first picture after"), "{said}");
@@ -96,16 +136,13 @@ fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
 /// Of a light that is new a moving picture casts one sample; at rest the others follow, the picture becomes that of `render`, and then nothing is done any more.
 #[test]
 fn samples_of_the_light_follow_when_the_window_rests() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let cloud = folder.join("scan.las");
-    scan(&cloud, Scene::Street, 60_000);
-    let display = Display::open();
+    let place = Place::new();
+    let cloud = place.street(60_000);
     let line = "--light direction:0.3,0.8,-0.8 --effect shadows=on,samples=24,radius=3";
-    let mut viewer = Viewer::open(&display, folder, &[&cloud], line);
+    let mut viewer = place.view(&[&cloud], line);
     for (key, view) in [("7", "top"), ("0", "fit")] {
         viewer.key(key);
-        viewer.shows(&picture(folder, &[&cloud], &format!("{view}.png"), &format!("{line} --view {view}")));
+        viewer.shows(&place.picture(&[&cloud], &format!("{view}.png"), &format!("{line} --view {view}")));
     }
     std::thread::sleep(Duration::from_secs(1));
     let before = viewer.ticks();
@@ -115,29 +152,24 @@ fn samples_of_the_light_follow_when_the_window_rests() {
 
 #[test]
 fn a_scene_and_an_index_are_shown_as_render_draws_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let (cloud, index, scene) = (folder.join("scan.las"), folder.join("scan.pnti"), folder.join("scene.json"));
-    scan(&cloud, Scene::Street, 300_000);
+    let place = Place::new();
+    let (cloud, index, scene) = (place.street(300_000), place.at("scan.pnti"), place.at("scene.json"));
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
     let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation",
         "effects": ["edl=on,strength=0.7", "shape=off"], "light": "direction:1,1,-2", "background": "ffffff"}"#;
     std::fs::write(&scene, words).unwrap();
-    let display = Display::open();
     let line = format!("--scene {}", scene.display());
-    let mut viewer = Viewer::open(&display, folder, &[&index], &line);
-    viewer.shows(&picture(folder, &[&index], "scene.png", &line));
+    let mut viewer = place.view(&[&index], &line);
+    viewer.shows(&place.picture(&[&index], "scene.png", &line));
     viewer.close();
 }
 
 #[test]
 fn what_cannot_be_opened_is_said_in_the_window_which_stays() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let bad = folder.join("bad.las");
+    let place = Place::new();
+    let bad = place.at("bad.las");
     std::fs::write(&bad, b"LASF, or so it says").unwrap();
-    let display = Display::open();
-    let mut viewer = Viewer::open(&display, folder, &[&bad], "");
+    let mut viewer = place.view(&[&bad], "");
     // A photograph taken before the panel is hidden would show it, and the panel that comes back would be no change.
     let background = pointillist::config::BACKGROUND;
     viewer.until("bare window", |viewer| viewer.photograph().pixels.iter().all(|pixel| *pixel == background));
@@ -160,21 +192,18 @@ fn render_and_a_window_take_the_same_scene() {
 
 #[test]
 fn one_ctrl_c_closes_the_window_and_leaves_nothing_half_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let (small, large, cache) = (folder.join("small.las"), folder.join("large.las"), folder.join("cache"));
-    scan(&small, Scene::Street, 20_000);
-    let display = Display::open();
-    let mut viewer = Viewer::open(&display, folder, &[&small], "");
-    viewer.shows(&picture(folder, &[&small], "fit.png", ""));
+    let place = Place::new();
+    let (small, cache) = (place.street(20_000), place.at("cache"));
+    let mut viewer = place.view(&[&small], "");
+    viewer.shows(&place.picture(&[&small], "fit.png", ""));
     viewer.signal("INT");
     let said = support::failed(&viewer.ended(), 130);
     assert!(said.contains("interrupted") && !said.contains("Validation"), "{said}");
 
     // While an index is being made there is a file beside its place.
-    scan(&large, Scene::Street, 3_000_000);
+    let large = place.scan("large.las", Scene::Street, 3_000_000);
     let line = format!("--budget 100000 --cache-dir {}", cache.display());
-    let mut viewer = Viewer::with_panel(&display, folder, &[&large], SIZE, &line);
+    let mut viewer = place.view_with_panel(&[&large], SIZE, &line);
     viewer.until("half an index", |_| cache.exists() && !names(&cache).is_empty());
     viewer.signal("INT");
     let said = support::failed(&viewer.ended(), 130);
@@ -183,45 +212,43 @@ fn one_ctrl_c_closes_the_window_and_leaves_nothing_half_written() {
     assert!(left.is_empty(), "{left:?} is left");
 }
 
-/// Positions of all points of a file.
-fn points(file: &Path) -> Vec<DVec3> {
-    let cloud = cloud::read(&[file.to_owned()], &ReadOptions { wanted: Wanted::default(), strict: true }, &Silent).unwrap();
-    let place = |part: &cloud::Part, i: usize| {
-        let steps = DVec3::new(part.columns.x[i] as f64, part.columns.y[i] as f64, part.columns.z[i] as f64);
-        part.lattice.offset + part.lattice.step * steps
-    };
-    cloud.parts.iter().flat_map(|part| (0..part.columns.x.len()).map(move |i| place(part, i))).collect()
+/// All that a file says.
+fn read(file: &Path) -> cloud::Part {
+    cloud::read(&[file.to_owned()], &ReadOptions { wanted: Wanted::ALL, strict: true }, &Silent).unwrap().parts.remove(0)
+}
+
+/// Position of a point of a file.
+fn position(part: &cloud::Part, i: usize) -> DVec3 {
+    part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from))
 }
 
 #[test]
 fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let (cloud, layers) = (folder.join("scan.las"), folder.join("layers.exr"));
-    scan(&cloud, Scene::Street, 60_000);
+    let place = Place::new();
+    let (cloud, layers) = (place.street(60_000), place.at("layers.exr"));
     let camera = Camera {
         eye: DVec3::new(500_020.0, 4_999_960.0, 130.0),
         target: DVec3::new(500_000.0, 5_000_020.0, 105.0),
         ..serde_json::from_str("{\"eye\": [0,0,1], \"target\": [0,0,0]}").unwrap()
     };
-    std::fs::write(folder.join("cam.json"), serde_json::to_string(&camera).unwrap()).unwrap();
-    let line = format!("--camera {}", folder.join("cam.json").display());
-    let drawn = picture(folder, &[&cloud], "picture.png", &format!("{line} --exr {}", layers.display()));
+    std::fs::write(place.at("cam.json"), serde_json::to_string(&camera).unwrap()).unwrap();
+    let line = format!("--camera {}", place.at("cam.json").display());
+    let drawn = place.picture(&[&cloud], "picture.png", &format!("{line} --exr {}", layers.display()));
     let (view, depth) = (View::new(camera, SIZE).unwrap(), read_exr(&layers).floats("depth.Z"));
-    let display = Display::open();
-    let mut viewer = Viewer::open(&display, folder, &[&cloud], &line);
+    let mut viewer = place.view(&[&cloud], &line);
     viewer.shows(&drawn);
     // Two places where a surface is, all around.
     let solid = |x: usize, y: usize| (y - 9..=y + 9).all(|y| (x - 9..=x + 9).all(|x| depth[y * SIZE[0] as usize + x].is_finite()));
     let places: Vec<[usize; 2]> =
         (20..280).step_by(7).flat_map(|y| (20..380).step_by(11).map(move |x| [x, y])).filter(|[x, y]| solid(*x, *y)).collect();
     let clicked = [places[places.len() / 4], places[3 * places.len() / 4]];
-    let all = points(&cloud);
+    let part = read(&cloud);
+    let all: Vec<DVec3> = (0..part.columns.len()).map(|i| position(&part, i)).collect();
     let mut picked = Vec::new();
     for (number, [x, y]) in clicked.into_iter().enumerate() {
         let gesture =
             if number == 0 { format!("mousemove {x} {y} click 1") } else { format!("mousemove {x} {y} keydown shift click 1 keyup shift") };
-        display.xdotool(&gesture);
+        place.display.xdotool(&gesture);
         let start = format!("point {}: ", number + 1);
         let find = |viewer: &Viewer| viewer.printed().into_iter().find(|line| line.starts_with(&start));
         viewer.until("picked point", |viewer| find(viewer).is_some());
@@ -240,20 +267,33 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
     }
     let measured = format!("distance {:.4} m", picked[0].distance(picked[1]));
     viewer.until("distance", |viewer| viewer.printed().iter().any(|line| line.starts_with(&measured)));
-    viewer.key("c");
-    viewer.key("g");
-    let (table, json) = (folder.join("pointillist-1.csv"), folder.join("pointillist-1.geojson"));
-    viewer.until("saved points", |_| table.exists() && json.exists());
-    let rows: Vec<DVec3> = std::fs::read_to_string(&table)
-        .unwrap()
-        .lines()
-        .skip(1)
-        .map(|line| {
-            let numbers: Vec<f64> = line.split(',').map(|number| number.parse().unwrap()).collect();
-            DVec3::from_slice(&numbers)
-        })
-        .collect();
-    assert_eq!(rows, picked);
+    for number in [1, 2] {
+        let start = format!("record {number}: ");
+        viewer.until("record", |viewer| viewer.printed().iter().any(|line| line.starts_with(&start)));
+    }
+    let table = place.saved(&mut viewer, "c", "pointillist-1.csv");
+    let json = place.saved(&mut viewer, "g", "pointillist-1.geojson");
+    let table = std::fs::read_to_string(&table).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows[0].join(" "), "x y z class return station returns source intensity red green blue gps_time point file");
+    for (row, picked) in rows[1..].iter().zip(&picked) {
+        let numbers: Vec<f64> = row[..14].iter().map(|number| number.parse().unwrap_or(f64::NAN)).collect();
+        assert_eq!(DVec3::from_slice(&numbers), *picked);
+        // The record is the one that stands there in the file.
+        let (i, columns) = (numbers[13] as usize, &part.columns);
+        assert_eq!(position(&part, i), *picked);
+        let whole = |column: &Option<Vec<u8>>| column.as_ref().unwrap()[i] as f64;
+        assert_eq!(
+            [numbers[3], numbers[4], numbers[6]],
+            [whole(&columns.class), (columns.returns.as_ref().unwrap()[i] & 15) as f64, (columns.returns.as_ref().unwrap()[i] >> 4) as f64]
+        );
+        assert_eq!([numbers[7], numbers[8]], [columns.source.as_ref().unwrap()[i], columns.intensity.as_ref().unwrap()[i]].map(f64::from));
+        assert_eq!(numbers[9..12], columns.rgb.as_ref().unwrap()[i].map(f64::from));
+        let time = columns.gps_time.as_ref().map(|times| times[i]);
+        assert!(time.is_none() || time == Some(numbers[12]), "{time:?} {row:?}");
+        assert_eq!(row[14], "scan.las");
+    }
+    assert_eq!(rows.len(), 3);
     let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
     assert_eq!(json["features"][0]["properties"]["distance_m"].as_f64().unwrap(), picked[0].distance(picked[1]));
     viewer.close();
@@ -261,18 +301,15 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
 
 #[test]
 fn a_file_dropped_on_the_window_is_drawn_with_the_one_that_is_open() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let [first, second] = ["a street.las", "torus.las"].map(|name| folder.join(name));
-    scan(&first, Scene::Street, 30_000);
-    scan(&second, Scene::Torus, 10_000);
+    let place = Place::new();
+    let first = place.scan("a street.las", Scene::Street, 30_000);
+    let second = place.scan("torus.las", Scene::Torus, 10_000);
     let view = "--view top";
-    let display = Display::open();
-    let mut viewer = Viewer::open(&display, folder, &[&second], view);
-    viewer.shows(&picture(folder, &[&second], "one.png", view));
-    drop_file(&display, &viewer.window, &first);
+    let mut viewer = place.view(&[&second], view);
+    viewer.shows(&place.picture(&[&second], "one.png", view));
+    drop_file(&place.display, &viewer.window, &first);
     // The camera stays where it was; then it frames both.
-    let both = picture(folder, &[&second, &first], "both.png", view);
+    let both = place.picture(&[&second, &first], "both.png", view);
     viewer.until("both", |viewer| {
         viewer.key("7");
         std::thread::sleep(Duration::from_millis(500));
@@ -301,14 +338,11 @@ const PANEL: usize = 240;
 
 #[test]
 fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let (cloud, scene) = (folder.join("scan.las"), folder.join("scene.json"));
-    scan(&cloud, Scene::Street, 60_000);
+    let place = Place::new();
+    let cloud = place.street(60_000);
     let line = "--size 640x900 --style points --effect edl=on";
-    let display = Display::open();
-    let mut viewer = Viewer::with_panel(&display, folder, &[&cloud], [640, 900], "--style points --effect edl=on");
-    let on = picture(folder, &[&cloud], "on.png", line);
+    let mut viewer = place.view_with_panel(&[&cloud], [640, 900], "--style points --effect edl=on");
+    let on = place.picture(&[&cloud], "on.png", line);
     viewer.key("n");
     viewer.shows(&on);
     viewer.key("n");
@@ -316,36 +350,30 @@ fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
     let green = [0x90, 0xEE, 0x90];
     viewer.until("effect that runs", |viewer| find(viewer, green).is_some());
     let [_, row] = find(&viewer, green).unwrap();
-    display.xdotool(&format!("mousemove 28 {row} click 1"));
+    place.display.xdotool(&format!("mousemove 28 {row} click 1"));
     viewer.until("effect that stops", |viewer| find(viewer, green).is_none());
-    display.xdotool("mousemove 600 800 key n");
-    viewer.shows(&picture(folder, &[&cloud], "off.png", "--size 640x900 --style points --effect edl=off"));
-    viewer.key("F8");
-    let saved = folder.join("pointillist-1.json");
-    viewer.until("saved scene", |_| saved.exists());
-    std::fs::rename(&saved, &scene).unwrap();
-    assert!(std::fs::read_to_string(&scene).unwrap().contains("edl=off"));
+    place.display.xdotool("mousemove 600 800 key n");
+    viewer.shows(&place.picture(&[&cloud], "off.png", "--size 640x900 --style points --effect edl=off"));
+    let saved = place.saved(&mut viewer, "F8", "pointillist-1.json");
+    assert!(std::fs::read_to_string(&saved).unwrap().contains("edl=off"));
     viewer.close();
 }
 
 #[test]
 fn a_class_that_is_unticked_is_not_drawn_and_one_that_is_ticked_again_is() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let cloud = folder.join("scan.las");
-    scan(&cloud, Scene::Street, 60_000);
+    let place = Place::new();
+    let cloud = place.street(60_000);
     // Buildings, and what else there is.
     const CLASS: u8 = 6;
     let size = "--size 640x700 --color class";
-    let display = Display::open();
-    let mut viewer = Viewer::with_panel(&display, folder, &[&cloud], [640, 700], "--color class --effect shape=off --effect edl=off");
+    let mut viewer = place.view_with_panel(&[&cloud], [640, 700], "--color class --effect shape=off --effect edl=off");
     let [all, without] = [("all.png", ""), ("without.png", "--opacity class:6=0")]
-        .map(|(name, rule)| picture(folder, &[&cloud], name, &format!("{size} --effect shape=off --effect edl=off {rule}")));
+        .map(|(name, rule)| place.picture(&[&cloud], name, &format!("{size} --effect shape=off --effect edl=off {rule}")));
     // The legend shows each class's colour beside its box.
     viewer.until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
     for wanted in [without, all] {
         let [x, y] = find(&viewer, code_color(Attribute::Class, CLASS)).expect("the legend stays");
-        display.xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x + 20));
+        place.display.xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x + 20));
         viewer.shows(&wanted);
         viewer.key("n");
         viewer.until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
@@ -353,39 +381,181 @@ fn a_class_that_is_unticked_is_not_drawn_and_one_that_is_ticked_again_is() {
     viewer.close();
 }
 
+/// A box's faces, as the scene's file has them.
+fn faces(scene: &serde_json::Value) -> Vec<f64> {
+    let words = scene["clip"][0].as_str().unwrap();
+    words.split_once(':').unwrap().1.split(',').map(|number| number.parse().unwrap()).collect()
+}
+
+#[test]
+fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    // Wide enough for the box to be beside the panel.
+    let (size, line) = ([640, 400], "--size 640x400");
+    let mut viewer = place.view_with_panel(&[&cloud], size, "--view top");
+    let pixel = |picture: &support::Png, x: i64, y: i64| picture.pixels[(y * size[0] as i64 + x) as usize];
+    let panel = |viewer: &Viewer| pixel(&viewer.photograph(), 20, 20);
+    viewer.until("panel", |viewer| panel(viewer) != pointillist::config::BACKGROUND);
+    viewer.key("n");
+    viewer.shows(&place.picture(&[&cloud], "top.png", &format!("{line} --view top")));
+    pick(&place, &mut viewer, &[[308, 187]]);
+    place.display.xdotool("key b Delete");
+    let before = place.shows_its_scene(&mut viewer, &[&cloud], 1, line);
+    let camera: Camera = serde_json::from_value(before["camera"].clone()).unwrap();
+    let [x0, y0, z0, x1, y1, z1]: [f64; 6] = faces(&before).try_into().unwrap();
+    // The handle of the face in the east.
+    let [x, y] = View::new(camera, size).unwrap().pixel(DVec3::new(x1, (y0 + y1) / 2.0, (z0 + z1) / 2.0)).unwrap();
+    let (x, y) = (x.round() as i64, y.round() as i64);
+    viewer.key("n");
+    viewer.until("handle", |viewer| pixel(&viewer.photograph(), x, y) == [0x90, 0xEE, 0x90]);
+    // What the cursor is on, or drags, is white.
+    let to = x + 40;
+    for (x, hand) in [(x, ""), (x, "mousedown 1"), (x + 20, ""), (to, "")] {
+        place.display.xdotool(&format!("mousemove {x} {y} {hand}"));
+        viewer.until("handle under the cursor", |viewer| pixel(&viewer.photograph(), x, y) == [255; 3]);
+    }
+    place.display.xdotool(&format!("mouseup 1 mousemove {to} 10 key n"));
+    let after = place.shows_its_scene(&mut viewer, &[&cloud], 2, line);
+    let pixel_m = camera.ortho_height.unwrap() / size[1] as f64;
+    let moved = faces(&after)[3] - x1;
+    assert!((moved - 40.0 * pixel_m).abs() < 5.0 * pixel_m, "{moved} m, of {} m a pixel", pixel_m);
+    assert_eq!((&faces(&after)[..3], &faces(&after)[4..]), (&[x0, y0, z0][..], &[y1, z1][..]));
+    viewer.close();
+}
+
+/// Picks the points under these pixels, and waits for the last.
+#[track_caller]
+fn pick(place: &Place, viewer: &mut Viewer, at: &[[i64; 2]]) {
+    for (number, [x, y]) in at.iter().enumerate() {
+        let click = if number == 0 { "click 1" } else { "keydown shift click 1 keyup shift" };
+        place.display.xdotool(&format!("mousemove {x} {y} {click}"));
+        let start = format!("point {}: ", number + 1);
+        viewer.until("picked point", |viewer| viewer.printed().iter().any(|line| line.starts_with(&start)));
+    }
+}
+
+#[test]
+fn a_profile_has_the_points_of_the_file_that_lie_along_its_line() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "--view top");
+    viewer.shows(&place.picture(&[&cloud], "top.png", "--view top"));
+    viewer.key("x");
+    viewer.until("word of what is missing", |viewer| viewer.said().iter().any(|line| line.contains("two picked points")));
+    pick(&place, &mut viewer, &[[195, 150], [202, 260]]);
+    viewer.key("x");
+    viewer.until("profile", |viewer| viewer.printed().iter().any(|line| line.starts_with("profile: ")));
+    let said = viewer.printed().into_iter().find(|line| line.starts_with("profile: ")).unwrap();
+    let picks = place.saved(&mut viewer, "c", "pointillist-1.csv");
+    let table = |path: &Path| -> Vec<Vec<f64>> {
+        let text = std::fs::read_to_string(path).unwrap();
+        text.lines().skip(1).map(|line| line.split(',').map(|number| number.parse().unwrap_or(f64::NAN)).collect()).collect()
+    };
+    let ends: Vec<DVec3> = table(&picks).iter().map(|row| DVec3::from_slice(row)).collect();
+    let width = 0.02 * (ends[1] - ends[0]).truncate().length();
+    let slab = Slab::new(ends[0], ends[1], width).unwrap();
+    let part = read(&cloud);
+    let bits = |p: DVec3| p.to_array().map(f64::to_bits);
+    let mut expected: Vec<_> = (0..part.columns.len()).map(|i| position(&part, i)).filter(|p| slab.place(*p).is_some()).map(bits).collect();
+    let rows = table(&place.at("pointillist-1.profile.csv"));
+    let mut found: Vec<_> = rows.iter().map(|row| bits(DVec3::from_slice(&row[3..]))).collect();
+    expected.sort_unstable();
+    found.sort_unstable();
+    assert!(expected.len() > 20 && found == expected, "{} of {}", found.len(), expected.len());
+    assert!(said.contains(&format!("{} points, ", found.len())), "{said}");
+    assert!(rows.iter().all(|row| row[0] >= 0.0 && row[0] <= slab.length && row[1] == row[5] && row[2].abs() <= width / 2.0));
+    viewer.close();
+}
+
+#[test]
+fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "");
+    let [fit, above] =
+        [("fit.png", ""), ("above.png", "--view top --color class --effect shape=off --clip box:-inf,-inf,-inf,500010,inf,inf")]
+            .map(|(name, line)| place.picture(&[&cloud], name, line));
+    viewer.shows(&fit);
+    viewer.key("7");
+    let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
+    let mut words: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&scene).unwrap()).unwrap();
+    words["color"] = "class".into();
+    words["effects"] = serde_json::json!(["shape=off"]);
+    words["clip"] = serde_json::json!(["box:-inf,-inf,-inf,500010,inf,inf"]);
+    std::fs::write(&scene, words.to_string()).unwrap();
+    viewer.key("0");
+    viewer.shows(&fit);
+    viewer.key("F6");
+    viewer.shows(&above);
+    viewer.key("0");
+    drop_file(&place.display, &viewer.window, &scene);
+    viewer.shows(&above);
+    // What is no scene is said, and changes nothing.
+    std::fs::write(&scene, "{}").unwrap();
+    viewer.key("F6");
+    viewer.until("word of it", |viewer| viewer.said().iter().any(|line| line.contains("no scene")));
+    viewer.shows(&above);
+    viewer.close();
+}
+
+#[test]
+fn after_a_lost_device_the_window_shows_what_it_did_and_has_what_was_picked() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "--view top --lose-device 40");
+    let top = place.picture(&[&cloud], "top.png", "--view top");
+    viewer.shows(&top);
+    pick(&place, &mut viewer, &[[190, 140]]);
+    // Pictures, until the device is gone.
+    viewer.until("lost device", |viewer| {
+        place.display.xdotool("click 4 click 5");
+        viewer.said().iter().any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
+    });
+    let table = place.saved(&mut viewer, "c", "pointillist-1.csv");
+    assert_eq!(std::fs::read_to_string(table).unwrap().lines().count(), 2);
+    // The mark of what was picked lies over the picture.
+    place.display.xdotool("key Delete key 7");
+    viewer.shows(&top);
+    viewer.close();
+}
+
 #[test]
 fn a_camera_path_made_in_the_window_is_played_there_and_drawn_by_render() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let cloud = folder.join("scan.las");
-    scan(&cloud, Scene::Street, 60_000);
-    let display = Display::open();
-    let mut viewer = Viewer::open(&display, folder, &[&cloud], "");
-    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| picture(folder, &[&cloud], name, line));
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "");
+    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| place.picture(&[&cloud], name, line));
     viewer.shows(&fit);
-    display.xdotool("key k click 4 click 4 key k F7");
-    let path = folder.join("pointillist-1.path.json");
-    viewer.until("saved path", |_| path.exists());
+    place.display.xdotool("mousemove 200 150 key k click 4 click 4 key k");
+    let path = place.saved(&mut viewer, "F7", "pointillist-1.path.json");
     // Played from anywhere it ends at its last view.
     viewer.key("7");
     viewer.shows(&top);
     viewer.key("space");
-    let line = format!("-o {} --size {}x{} --path {}", folder.join("tour.png").display(), SIZE[0], SIZE[1], path.display());
+    let [png, exr] = ["tour.png", "tour.exr"].map(|name| place.at(name));
+    let line = format!("-o {} --exr {} --size {}x{} --path {}", png.display(), exr.display(), SIZE[0], SIZE[1], path.display());
     let text = std::fs::read_to_string(&path).unwrap().replace("25.0", "1.0");
     std::fs::write(&path, text).unwrap();
     succeeded(&render(&cloud, &line));
-    let frames: Vec<_> = names(folder).into_iter().filter(|name| name.starts_with("tour-")).collect();
-    assert_eq!(frames, ["tour-0001.png", "tour-0002.png", "tour-0003.png"]);
-    assert_eq!(read_png(&folder.join("tour-0001.png")).pixels, read_png(&fit).pixels);
-    viewer.shows(&folder.join("tour-0003.png"));
+    let frames: Vec<_> = names(place.folder.path()).into_iter().filter(|name| name.starts_with("tour-")).collect();
+    assert_eq!(frames, [1, 2, 3].map(|number| [format!("tour-000{number}.exr"), format!("tour-000{number}.png")]).concat());
+    assert_eq!(read_png(&place.at("tour-0001.png")).pixels, read_png(&fit).pixels);
+    // Each frame with its own layers.
+    place.picture(&[&cloud], "fit.png", &format!("--exr {}", place.at("fit.exr").display()));
+    let depths = ["fit.exr", "tour-0001.exr", "tour-0003.exr"].map(|name| read_exr(&place.at(name)).floats("depth.Z"));
+    // Cameras of a path may differ from their keys by a rounding.
+    let alike = |a: &[f32], b: &[f32]| a.iter().zip(b).filter(|(a, b)| a == b || (*a - *b).abs() < 1e-4 * **a).count();
+    assert!(alike(&depths[0], &depths[1]) > 9 * depths[0].len() / 10 && alike(&depths[1], &depths[2]) < depths[0].len());
+    viewer.shows(&place.at("tour-0003.png"));
     viewer.close();
     // What is there is drawn again, or kept, which is said.
-    std::fs::write(folder.join("tour-0002.png"), "no picture").unwrap();
-    std::fs::remove_file(folder.join("tour-0003.png")).unwrap();
+    std::fs::write(place.at("tour-0002.png"), "no picture").unwrap();
+    std::fs::remove_file(place.at("tour-0003.png")).unwrap();
     let said = succeeded(&render(&cloud, &format!("{line} --resume")));
     assert!(said.contains("2 of 3 frames"), "{said}");
-    assert_eq!(std::fs::read(folder.join("tour-0002.png")).unwrap(), b"no picture");
-    assert!(folder.join("tour-0003.png").exists());
+    assert_eq!(std::fs::read(place.at("tour-0002.png")).unwrap(), b"no picture");
+    assert!(place.at("tour-0003.png").exists());
     assert!(!succeeded(&render(&cloud, &line)).contains("kept"));
-    read_png(&folder.join("tour-0002.png"));
+    read_png(&place.at("tour-0002.png"));
 }

@@ -1,4 +1,4 @@
-// What a pixel's points add up to: of every channel two words, which together are one number of 64 bits. Declares no bindings.
+// What a pixel's points add up to: of every channel two words, which together are one number of 64 bits. The includer has `levels`: of every station, what its 256 values are with one exposure for all.
 //
 //   count * 2^36 + sum      of values 0 to 255, so that both hold 268,435,455 points (HARD_CASES 23)
 // Whole numbers, so that no order of adding shows. The channel is the largest of red, green and blue, V of HSV, as the points have it; or there are three, red, green and blue.
@@ -7,6 +7,11 @@
 uvec3 shown_bytes(uint word, bool ramp, float lo, float scale) {
     uint grey = uint(clamp((float(word) - lo) * scale, 0.0, 255.0));
     return ramp ? uvec3(grey) : uvec3(word & 255u, (word >> 8) & 255u, (word >> 16) & 255u);
+}
+
+// A value of a point with this word.
+uint level_of(uint value, uint word, bool ramp) {
+    return imageLoad(levels, int((ramp ? 0u : word >> 24) << 8 | value)).r;
 }
 
 uint value_of(uvec3 bytes) {

@@ -1,4 +1,4 @@
-// Four neighbours -> sums of their pixels. The includer has `front`, a buffer `sums` and `add_to`, which adds a channel's value and count to a pixel's; walk.glsl comes after.
+// Four neighbours -> sums of their pixels. The includer has `front`, `levels`, a buffer `sums` and `add_to`, which adds a channel's value and count to a pixel's; walk.glsl comes after.
 
 #include "luminance.glsl"
 
@@ -13,7 +13,10 @@ void four(uint pixel[4], float depth[4], uvec4 words) {
         pixel[k] = depth[k] >= nearest && depth[k] <= nearest + push.epsilon ? pixel[k] : NO_PIXEL;
         uvec3 bytes = shown_bytes(words[k], RAMP, push.lo, push.scale);
         count[k] = 1u;
-        value[k] = CHANNELS == 1u ? uvec3(value_of(bytes)) : bytes;
+        // More light is a greater value, so that the largest channel stays the largest.
+        uvec3 values = CHANNELS == 1u ? uvec3(value_of(bytes)) : bytes;
+        value[k].r = level_of(values.r, words[k], RAMP);
+        if (CHANNELS == 3u) value[k].gb = uvec2(level_of(values.g, words[k], RAMP), level_of(values.b, words[k], RAMP));
     }
     // Points are in Morton order, so that many a neighbour is in the same pixel: one atomic is enough for them.
     for (uint k = 1u; k < 4u; ++k) {

@@ -20,6 +20,14 @@ struct Node {
     vec3 right;
     vec3 down;
     vec3 forward;
+    // Where clip boxes leave some of its points: in `within`, from the first on those of which one has to hold a point that is there, from the second on those of which none may, and the end.
+    uvec3 boxes;
+};
+
+// Cells of the planes that a node is drawn from, both ends included.
+struct Within {
+    ivec3 least;
+    ivec3 most;
 };
 
 const uint POINTS_PER_PAGE_LOG2 = 16u;

@@ -8,9 +8,10 @@ layout(constant_id = 1) const uint PLANES = 1u;
 layout(constant_id = 2) const bool PERSPECTIVE = true;
 // Texel buffers are large enough. lavapipe gathers texels, and loads from storage buffers lane by lane, several times slower.
 layout(constant_id = 4) const bool TEXELS = true;
-// Which points are not there: those whose opacity is 0, where they have brought their kinds (1); those that face away from the camera, where they have brought their normals (2); or both.
+// Which points are not there: those whose opacity is 0, where they have brought their kinds (1); those that face away from the camera, where they have brought their normals (2); those that clip boxes leave out (4); or several of these.
 layout(constant_id = 6) const uint FILTERED = 0u;
 const bool BY_OPACITY = (FILTERED & 1u) != 0u;
 const bool ONE_SIDED = (FILTERED & 2u) != 0u;
+const bool CLIPPED = (FILTERED & 4u) != 0u;
 // As in config.rs.
 layout(constant_id = 3) const uint POINTS_PER_CHUNK = 4096u;

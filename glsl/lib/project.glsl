@@ -3,7 +3,8 @@
 // Only + - * / and comparisons: they give the same bits on every driver (`dot`, `fma` and `mat4 * vec4` need not).
 
 layout(push_constant, scalar) uniform Push {
-    vec2 centre;          // pixels, of the whole picture within this band
+    vec2 centre;          // pixels, of the whole picture
+    vec2 corner;          // pixel of the whole picture at which this band begins
     vec2 size;            // pixels, of this band
     float near;
     uint first_chunk;
@@ -32,8 +33,9 @@ uint place(vec4 row_x, vec4 row_y, vec4 row_z, ivec3 offset, out float depth) {
     depth = row(row_z, d);
     // Never divides by what is about to be rejected: drivers may assume that there is no infinity (HARD_CASES 0.1).
     float scale = PERSPECTIVE ? 1.0 / (depth >= push.near ? depth : 1.0) : 1.0;
-    float x = row(row_x, d) * scale + push.centre.x;
-    float y = row(row_y, d) * scale + push.centre.y;
+    // In the whole picture first, whatever part of it this is: what is taken away after that is a whole number, which rounds nothing.
+    float x = row(row_x, d) * scale + push.centre.x - push.corner.x;
+    float y = row(row_y, d) * scale + push.centre.y - push.corner.y;
     // Tested as floats before converting: NaN and infinity fail, and (-1, 0) does not truncate into column 0 (HARD_CASES 1.3).
     bool inside = depth >= push.near && depth <= FARTHEST && x >= 0.0 && x < push.size.x && y >= 0.0 && y < push.size.y;
     return inside ? uint(y) * uint(push.size.x) + uint(x) : NO_PIXEL;

@@ -1,5 +1,5 @@
 // The walk over points: one workgroup takes one chunk of one node.
-// The includer has `nodes`, `chunks`, `pages`, `opacities`, project.glsl, and `four`, which takes four neighbours: their pixels (NO_PIXEL where one is not in the picture), their depths, and the id of the
+// The includer has `nodes`, `chunks`, `pages`, `opacities`, `within`, project.glsl, and `four`, which takes four neighbours: their pixels (NO_PIXEL where one is not in the picture), their depths, and the id of the
 // first; or with WITH_WORDS instead of the id what the points show.
 
 #include "kind.glsl"
@@ -7,6 +7,14 @@
 
 uvec4 four_words(uint i) {
     return TEXELS ? imageLoad(pages, int(i)) : page_words.four[i];
+}
+
+bool is_within(ivec3 cells, uint first, uint end) {
+    bool found = false;
+    for (uint b = first; b < end; ++b) {
+        found = found || (all(greaterThanEqual(cells, within.cells[b].least)) && all(lessThanEqual(cells, within.cells[b].most)));
+    }
+    return found;
 }
 
 // Of those that are listed.
@@ -42,6 +50,7 @@ void main() {
     vec3 right = nodes.node[n].right;
     vec3 down = nodes.node[n].down;
     vec3 forward = nodes.node[n].forward;
+    uvec3 boxes = nodes.node[n].boxes;
 
     // A lane reads four words of a plane at once, which is one gathered load.
     for (uint i = first + 4u * gl_LocalInvocationID.x; i < end; i += 4u * LANES) {
@@ -60,6 +69,10 @@ void main() {
             pixel[k] = place(row_x, row_y, row_z, cells - nearest, depth[k]);
             pixel[k] = i + k < end ? pixel[k] : NO_PIXEL;
             if (BY_OPACITY) pixel[k] = opacity_of(kinds[k]) > 0.0 ? pixel[k] : NO_PIXEL;
+            if (CLIPPED) {
+                bool kept = boxes.x == boxes.y || is_within(cells, boxes.x, boxes.y);
+                pixel[k] = kept && !is_within(cells, boxes.y, boxes.z) ? pixel[k] : NO_PIXEL;
+            }
             if (ONE_SIDED) {
                 vec3 d = vec3(cells - nearest);
                 vec3 world = normal_of(normals[k]);

@@ -1,9 +1,11 @@
 //! PANEL, KEYS -> DEEDS: what was chosen there, and the files that come of it.
 
-use super::App;
 use super::drawing::Message;
 use super::navigation::Input;
+use super::profile::{self, Profile};
+use super::{App, boxes};
 use crate::error::{Error, Result};
+use crate::resident::section::Slab;
 use crate::view::View;
 use crate::whole_file::whole_file;
 use std::path::{Path, PathBuf};
@@ -16,11 +18,19 @@ pub enum Deed {
     Navigate(Input),
     SavePicture,
     SaveScene,
+    /// The one that was saved last.
+    LoadScene,
     SavePath,
     /// What was picked, with this extension: csv or geojson.
     Export(&'static str),
+    /// Along what was picked, from the first point to the last.
+    Profile,
+    SaveProfile,
+    CloseProfile,
     /// What was picked.
     Forget,
+    /// One more clip box.
+    AddBox,
     /// One more view of the camera path, from here.
     AddKey,
     ForgetPath,
@@ -40,16 +50,11 @@ impl App {
         self.facts.mode = self.navigation.mode;
         let size = window.inner_size();
         let view = View::new(self.scene.camera, [size.width.max(1), size.height.max(1)]).ok();
-        let laid_out = panel.lay_out(window, &self.facts, view.as_ref(), &mut self.scene);
+        let laid_out = panel.lay_out(window, &mut self.facts, view.as_ref(), &mut self.scene);
         self.laid_out = laid_out.again_in.and_then(|wait| Instant::now().checked_add(wait));
         self.post(Message::Panel(Box::new(laid_out.overlay)));
-        if self.scene.color != before.color
-            && let Err(error) = self.open()
-        {
+        if let Err(error) = self.scene_changed(&before) {
             self.trouble(&error);
-        }
-        if self.scene != before {
-            self.post_scene();
         }
         for deed in laid_out.deeds {
             self.deed(deed);
@@ -59,11 +64,27 @@ impl App {
     pub(super) fn deed(&mut self, deed: Deed) {
         match deed {
             Deed::Navigate(input) => self.navigate(input),
-            Deed::SavePicture => self.post(Message::Save(unused_name("png"))),
+            Deed::SavePicture => self.post(Message::Save(unused_name("png"), self.facts.enlarged.of(self.size()))),
             Deed::SaveScene => self.save(&unused_name("json"), |app, path| app.scene.write(path)),
+            Deed::LoadScene => match last_name("json") {
+                Some(path) => self.take(path),
+                None => self.trouble(&Error::Request(
+                    "there is no saved scene here; F8 saves one, and one from elsewhere is dropped on the window".into(),
+                )),
+            },
             Deed::SavePath => self.save(&unused_name("path.json"), |app, path| app.facts.path.write(path)),
-            Deed::Export(extension) => self.save(&unused_name(extension), |app, path| app.export(extension, path)),
-            Deed::Forget => self.facts.measure.points.clear(),
+            Deed::Export(extension) => {
+                self.save_profile();
+                self.save(&unused_name(extension), |app, path| app.export(extension, path));
+            }
+            Deed::Profile => self.profile(),
+            Deed::SaveProfile => self.save_profile(),
+            Deed::CloseProfile => self.facts.profile = None,
+            Deed::Forget => self.forget(),
+            Deed::AddBox => {
+                self.scene.clips.0.push(boxes::around(&self.facts.measure, &self.navigation.camera));
+                self.post_scene();
+            }
             Deed::AddKey => self.facts.path.add(self.navigation.camera),
             Deed::ForgetPath => self.facts.path.keys.clear(),
             Deed::Play => self.play(),
@@ -72,6 +93,25 @@ impl App {
             Deed::Panel => self.facts.hidden = !self.facts.hidden,
         }
         self.title();
+    }
+
+    /// Of what is loaded now.
+    fn profile(&mut self) {
+        let places = self.facts.measure.places();
+        let width = if self.facts.width > 0.0 { self.facts.width } else { profile::SHARE * self.facts.measure.horizontal() };
+        let slab = places.first().zip(places.last()).and_then(|(&start, &end)| Slab::new(start, end, width));
+        match slab {
+            Some(slab) => self.post(Message::Section(slab)),
+            None => self.trouble(&Error::Request(
+                "a profile needs two picked points, not one above the other; shift and click picks one more".into(),
+            )),
+        }
+    }
+
+    fn save_profile(&mut self) {
+        if let Some(text) = self.facts.profile.as_ref().map(Profile::csv) {
+            self.save(&unused_name("profile.csv"), |_, path| write(path, text));
+        }
     }
 
     fn save(&mut self, path: &Path, write: impl FnOnce(&App, &Path) -> Result<()>) {
@@ -87,7 +127,7 @@ impl App {
             "csv" => self.facts.measure.csv(),
             _ => format!("{:#}\n", self.facts.measure.geojson()),
         };
-        whole_file(path, |partial| std::fs::write(partial, text).map_err(|error| Error::io("write", path, error)))
+        write(path, text)
     }
 
     fn full_screen(&self) {
@@ -96,6 +136,16 @@ impl App {
             window.set_fullscreen(now);
         }
     }
+}
+
+fn write(path: &Path, text: String) -> Result<()> {
+    whole_file(path, |partial| std::fs::write(partial, text).map_err(|error| Error::io("write", path, error)))
+}
+
+/// Of the files that [`unused_name`] has named, the last.
+fn last_name(extension: &str) -> Option<PathBuf> {
+    let names = (1..).map(|number| PathBuf::from(format!("pointillist-{number}.{extension}")));
+    names.take_while(|path| path.exists()).last()
 }
 
 /// A file in the folder that the program runs in, which does not exist yet.

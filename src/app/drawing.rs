@@ -9,6 +9,7 @@
 //! How long a picture takes is what passes until it is there. Timestamps of passes do not tell: those of a software device are all taken at the end once anything has been rasterised, as panels are.
 
 use super::pace::{Pace, divided};
+use super::profile::Profile;
 use super::seen::Seen;
 use crate::cut::Detail;
 use crate::error::{Error, Result};
@@ -20,9 +21,11 @@ use crate::passes::{self, Decided, project::Statistics, shadows};
 use crate::present::Present;
 use crate::present::overlay::Overlay;
 use crate::progress::Progress;
+use crate::resident::section::Slab;
 use crate::resident::{Point, Resident};
 use crate::scene::Scene;
 use crate::source::Brought;
+use crate::tiled;
 use crate::view::View;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -52,8 +55,10 @@ pub enum Message {
         id: u32,
         adds: bool,
     },
-    /// The picture as it is asked for now, to a file.
-    Save(PathBuf),
+    /// The points of a slab.
+    Section(Slab),
+    /// The picture as it is asked for now, of so many pixels, to a file.
+    Save(PathBuf, [u32; 2]),
     Close,
 }
 
@@ -75,6 +80,9 @@ pub enum Report {
         point: Point,
         adds: bool,
     },
+    Profile(Box<Profile>),
+    /// What is being done, and how far it is.
+    Doing(String),
     Saved(PathBuf),
     /// Work goes on without it.
     Failed(Error),
@@ -111,7 +119,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    pub fn start(gpu: Gpu, present: Present, detail: DetailOf, report: impl Fn(Report) + Send + 'static) -> Result<Drawing> {
+    pub fn start(gpu: Gpu, present: Present, detail: DetailOf, report: impl Fn(Report) + Send + Sync + 'static) -> Result<Drawing> {
         let (posts, posted) = channel();
         let count = Arc::new(AtomicU64::new(0));
         let thread = Thread {
@@ -187,7 +195,7 @@ struct Thread {
     /// Messages posted that want another picture, and those heard.
     count: Arc<AtomicU64>,
     heard: u64,
-    report: Box<dyn Fn(Report) + Send>,
+    report: Box<dyn Fn(Report) + Send + Sync>,
     cloud: Option<Brought>,
     scene: Option<Scene>,
     /// When what is to be seen last changed.
@@ -222,7 +230,15 @@ fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, 
     let (scene, began) = (passes::Scene::of(view, resident, look.light), Instant::now());
     loop {
         let mut g = Graph::new(gpu);
-        let marks = shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1))?;
+        let marks = match shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1)) {
+            Ok(marks) => marks,
+            // The picture says so.
+            Err(Error::Request(_)) => {
+                g.abandon();
+                return Ok(());
+            }
+            Err(error) => return Err(error),
+        };
         let Some(shadows::Marks { counts, saved: None, facts }) = marks else { return Ok(()) };
         g.submit(&[counts.resource()])?.shelve(gpu);
         if facts.cast == facts.samples || began.elapsed() >= REFINING || newer.tick("", 0, 0).is_err() {
@@ -316,7 +332,12 @@ impl Thread {
                     (self.report)(Report::Picked { point, adds });
                 }
             }
-            Message::Save(path) => self.save(path)?,
+            Message::Section(slab) => {
+                if let Some(resident) = self.cloud.as_ref().map(Brought::resident) {
+                    (self.report)(Report::Profile(Box::new(Profile::new(slab, resident.section(&slab), resident.shown))));
+                }
+            }
+            Message::Save(path, size) => self.save(path, size)?,
             Message::Close => {}
         }
         Ok(())
@@ -367,7 +388,7 @@ impl Thread {
             self.wanted = Wanted::Nothing;
             return self.blank().map(|()| true);
         };
-        cloud.resident_mut().opacities = scene.opacities.clone();
+        cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
         let divisor = if self.wanted == Wanted::Now { self.pace.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
@@ -396,7 +417,17 @@ impl Thread {
         if gives_way {
             g = g.watched(&newer);
         }
-        let outcome = frame::record(&mut g, &view, resident, &drawn)?;
+        let outcome = match frame::record(&mut g, &view, resident, &drawn) {
+            Ok(outcome) => outcome,
+            // What was asked for cannot be drawn; the picture that is there stays until something else is asked for.
+            Err(error @ Error::Request(_)) => {
+                g.abandon();
+                (self.report)(Report::Failed(error));
+                self.wanted = Wanted::Nothing;
+                return Ok(false);
+            }
+            Err(error) => return Err(error),
+        };
         let mut screen = Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
         encode::record(&mut g, &outcome.picture, &mut screen)?;
         let [depth, index] = [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
@@ -451,22 +482,34 @@ impl Thread {
     }
 
     /// By the same steps as `render`, so to the same bytes.
-    fn save(&mut self, path: PathBuf) -> Result<()> {
-        let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &mut self.cloud, &self.present) else { return Ok(()) };
-        let view = View::new(scene.camera, present.size())?;
-        cloud.resident_mut().opacities = scene.opacities.clone();
-        cloud.settle(&mut self.gpu, &view, &(self.detail)(view.size), &crate::progress::Silent)?;
-        let look = look::decide(&scene.wishes, &view, cloud.resident());
-        let mut g = Graph::new(&mut self.gpu);
-        let outcome = frame::record(&mut g, &view, cloud.resident(), &look)?;
-        let picture = encode::download(&mut g, &outcome.picture)?;
-        let frame = g.submit(&[])?;
-        let written = crate::picture::write_png(&path, view.size, &picture.read(&frame));
-        frame.shelve(&mut self.gpu);
-        (self.report)(match written {
-            Ok(()) => Report::Saved(path),
-            Err(error) => Report::Failed(error),
-        });
+    fn save(&mut self, path: PathBuf, size: [u32; 2]) -> Result<()> {
+        let (Some(scene), Some(cloud)) = (&self.scene, &mut self.cloud) else { return Ok(()) };
+        cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
+        let view = View::new(scene.camera, size)?;
+        let wanted = tiled::Wanted { view: &view, wishes: &scene.wishes, detail: &self.detail, piece: None };
+        let says = Says(&self.report);
+        match tiled::write(&mut self.gpu, cloud, &wanted, &path, &says) {
+            Ok(notes) => {
+                notes.into_iter().for_each(|note| (self.report)(Report::Failed(Error::Request(note))));
+                (self.report)(Report::Saved(path));
+            }
+            Err(error) if error.is_lost_device() => return Err(error),
+            Err(error) => (self.report)(Report::Failed(error)),
+        }
+        // What is loaded now is what that picture showed.
+        self.change(Instant::now());
+        Ok(())
+    }
+}
+
+/// Tells the window how far a large picture is.
+struct Says<'r>(&'r (dyn Fn(Report) + Send + Sync));
+
+impl Progress for Says<'_> {
+    fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()> {
+        if total > 1 {
+            (self.0)(Report::Doing(format!("{doing}: {done} of {total}")));
+        }
         Ok(())
     }
 }

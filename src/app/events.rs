@@ -4,6 +4,7 @@ use super::drawing::{Drawing, Message};
 use super::flight::Flight;
 use super::navigation::{Input, Modifiers};
 use super::panel::Panel;
+use super::profile::Profile;
 use super::{App, Event};
 use crate::error::{Error, Result};
 use crate::gpu::Wish;
@@ -12,7 +13,7 @@ use crate::present::Present;
 use glam::DVec2;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use winit::application::ApplicationHandler;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
 use winit::event::{ElementState, MouseScrollDelta, WindowEvent};
@@ -27,17 +28,42 @@ impl App {
             Window::default_attributes().with_title("pointillist").with_inner_size(PhysicalSize::new(width, height)).with_visible(true);
         let window = events.create_window(attributes).map_err(|error| Error::Device(format!("cannot open a window: {error}")))?;
         let window = Arc::new(window);
+        self.panel = Some(Panel::new(&window));
+        self.window = Some(window.clone());
+        self.draw_in(window)
+    }
+
+    /// Opens a device, and brings all that is open there.
+    fn draw_in(&mut self, window: Arc<Window>) -> Result<()> {
         let gpu = Gpu::open(&Wish { window: true, ..self.options.wish.clone() })?;
         self.statistics.device = format!("{} ({})", gpu.device.name, gpu.device.driver);
-        let present = Present::open(&gpu, window.clone())?;
+        let present = Present::open(&gpu, window)?;
         let proxy = self.events.clone();
         // A window that is gone needs no reports.
         let report = move |report| drop(proxy.send_event(Event::Report(report)));
         self.drawing = Some(Drawing::start(gpu, present, self.options.detail(), report)?);
-        self.panel = Some(Panel::new(&window));
-        self.window = Some(window);
         self.resized();
         self.open()
+    }
+
+    /// After a device was lost: another one, with everything that is not on a device as it was. Any other error, and one loss right after another, is handed back.
+    pub(super) fn rebuild(&mut self, error: Error) -> Result<()> {
+        /// A device that is lost again so soon is lost for good.
+        const SOON: Duration = Duration::from_secs(10);
+        let again = self.lost.is_some_and(|when| when.elapsed() < SOON);
+        let (true, false, Some(window), Some(panel)) = (error.is_lost_device(), again, self.window.clone(), &mut self.panel) else {
+            return Err(error);
+        };
+        self.lost = Some(Instant::now());
+        *panel = panel.renewed(&window);
+        if let Some(mut drawing) = self.drawing.take() {
+            drawing.close();
+        }
+        self.facts.profile.iter_mut().for_each(Profile::forget_texture);
+        self.options.wish.lost_after = None;
+        self.draw_in(window)?;
+        self.trouble(&Error::Device(format!("{error}; the device was opened again, and the files are read again")));
+        Ok(())
     }
 }
 
@@ -61,6 +87,7 @@ impl ApplicationHandler<Event> for App {
                 self.facts.doing = None;
                 self.trouble(&error);
             }
+            Event::LookedUp(place, looked) => self.looked_up(place, looked),
             Event::Report(report) => return self.report(events, report),
             Event::Interrupted => {
                 self.ended = Some(Error::Interrupted);
@@ -112,13 +139,7 @@ impl ApplicationHandler<Event> for App {
                 }
             }
             WindowEvent::Focused(false) => self.navigation.let_go(),
-            WindowEvent::DroppedFile(file) => {
-                self.files.push(file);
-                if let Err(error) = self.open() {
-                    self.trouble(&error);
-                }
-                self.title();
-            }
+            WindowEvent::DroppedFile(file) => self.take(file),
             _ => {}
         }
     }
@@ -143,6 +164,7 @@ impl ApplicationHandler<Event> for App {
 
     fn exiting(&mut self, _events: &ActiveEventLoop) {
         self.abandoned.store(true, Relaxed);
+        self.forgotten.store(true, Relaxed);
         if let Some(mut drawing) = self.drawing.take() {
             drawing.close();
         }

@@ -5,10 +5,53 @@ use super::navigation::Input;
 use super::opening::{self, Opened, Watch};
 use super::{App, Event};
 use crate::error::Result;
+use crate::passes::Switch;
+use crate::scene::Scene;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 impl App {
+    /// Another cloud beside those that are open, or a scene, which takes the place of the one that is drawn.
+    pub(super) fn take(&mut self, file: PathBuf) {
+        let is_scene = file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
+        let taken = if is_scene {
+            self.load(&file)
+        } else {
+            self.files.push(file);
+            self.open()
+        };
+        if let Err(error) = taken {
+            self.trouble(&error);
+        }
+        self.title();
+    }
+
+    fn load(&mut self, file: &Path) -> Result<()> {
+        let scene = Scene::read(file)?;
+        let before = std::mem::replace(&mut self.scene, scene);
+        self.framed = true;
+        self.options.camera = Some(self.scene.camera);
+        self.navigation.camera = self.scene.camera;
+        self.scene_changed(&before)?;
+        self.facts.doing = Some(format!("loaded {}", file.display()));
+        Ok(())
+    }
+
+    /// Draws it, after reading files again where they have what is shown now, or what brushes need to know.
+    pub(super) fn scene_changed(&mut self, before: &Scene) -> Result<()> {
+        let paints = self.scene.wishes.effects.strokes.switch == Switch::On && !self.options.further.strokes;
+        self.options.further.strokes |= paints;
+        if self.scene.color != before.color || paints {
+            self.open()?;
+        }
+        // What cannot be painted yet is drawn once it can be.
+        if !paints && self.scene != *before {
+            self.post_scene();
+        }
+        Ok(())
+    }
+
     /// Reads all files anew, in the background.
     pub(super) fn open(&mut self) -> Result<()> {
         if self.files.is_empty() {
@@ -35,6 +78,7 @@ impl App {
     pub(super) fn opened(&mut self, opened: Opened) {
         let Opened { source, shown, subject, kinds, is_whole } = opened;
         self.facts.points = source.points();
+        (self.origins, self.stations) = (source.files(), source.stations().to_vec());
         self.facts.shows = Some(shown.attribute);
         self.facts.kinds = kinds;
         self.navigation.set_subject(subject);

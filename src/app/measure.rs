@@ -1,6 +1,7 @@
 //! Picked points in, what they are and what lies between them out: lengths, heights, angles, areas. Pure, f64.
 
 use crate::cloud::attribute::STATION_SHIFT;
+use crate::cloud::find::Record;
 use crate::resident::Point;
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -8,7 +9,34 @@ use serde_json::{Value, json};
 /// Points in the order in which they were picked.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measure {
-    pub points: Vec<Point>,
+    pub points: Vec<Picked>,
+}
+
+/// A picked point, and what its file says of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picked {
+    pub point: Point,
+    pub record: Looked,
+}
+
+/// What has become of looking a point up in its file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Looked {
+    #[default]
+    Underway,
+    Found(Box<Record>),
+    /// A sample of an index, which stands for several.
+    Nowhere,
+}
+
+impl Picked {
+    pub fn new(point: Point) -> Picked {
+        Picked { point, record: Looked::default() }
+    }
+
+    pub fn record(&self) -> Option<&Record> {
+        if let Looked::Found(record) = &self.record { Some(record) } else { None }
+    }
 }
 
 /// Class, return number and station of a point; stations are counted from 1 on, as `info` does.
@@ -18,12 +46,26 @@ pub fn kind(point: &Point) -> Option<[u32; 3]> {
 
 impl Measure {
     fn place(&self, number: usize) -> DVec3 {
-        self.points[number].position
+        self.points[number].point.position
+    }
+
+    /// Of all points.
+    pub fn places(&self) -> Vec<DVec3> {
+        self.points.iter().map(|picked| picked.point.position).collect()
+    }
+
+    /// What was found of the point in this place; the numbers, from 1 on, of those that it is the record of.
+    pub fn found(&mut self, place: DVec3, record: &Option<Record>) -> Vec<usize> {
+        let looked = record.clone().map_or(Looked::Nowhere, |record| Looked::Found(Box::new(record)));
+        let waiting = |picked: &Picked| picked.point.position == place && picked.record == Looked::Underway;
+        let found: Vec<usize> = (0..self.points.len()).filter(|&number| waiting(&self.points[number])).collect();
+        found.iter().for_each(|&number| self.points[number].record = looked.clone());
+        found.into_iter().map(|number| number + 1).collect()
     }
 
     /// Along all points, metres.
     pub fn length(&self) -> f64 {
-        self.points.windows(2).map(|pair| pair[0].position.distance(pair[1].position)).sum()
+        self.places().windows(2).map(|pair| pair[0].distance(pair[1])).sum()
     }
 
     /// From the first to the last, straight, metres.
@@ -43,8 +85,8 @@ impl Measure {
 
     /// At the last but one, degrees; none where points coincide.
     pub fn angle(&self) -> Option<f64> {
-        let &[.., a, b, c] = &self.points[..] else { return None };
-        let to = |other: Point| (other.position - b.position).try_normalize();
+        let &[.., a, b, c] = &self.places()[..] else { return None };
+        let to = |other: DVec3| (other - b).try_normalize();
         let (u, v) = (to(a)?, to(c)?);
         // By both the cross and the dot product: exact for small and for flat angles.
         Some(u.cross(v).length().atan2(u.dot(v)).to_degrees())
@@ -52,9 +94,10 @@ impl Measure {
 
     /// Within the points, in the plane that fits them best, square metres; none of fewer than three.
     pub fn area(&self) -> Option<f64> {
-        let (&first, rest) = self.points.split_first()?;
+        let places = self.places();
+        let (&first, rest) = places.split_first()?;
         // From the first point on, since coordinates are large and areas small.
-        let from_first = |point: &Point| point.position - first.position;
+        let from_first = |place: &DVec3| *place - first;
         let twice: DVec3 = rest.windows(2).map(|pair| from_first(&pair[0]).cross(from_first(&pair[1]))).sum();
         (rest.len() > 1).then(|| twice.length() / 2.0)
     }
@@ -65,17 +108,27 @@ impl Measure {
 
     /// A line a point; what is not known is left empty.
     pub fn csv(&self) -> String {
-        let line = |point: &Point| {
-            let DVec3 { x, y, z } = point.position;
-            let kind = kind(point).map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
-            format!("{x},{y},{z},{kind}\n")
+        let line = |picked: &Picked| {
+            let DVec3 { x, y, z } = picked.point.position;
+            let kind = kind(&picked.point).map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
+            let record = picked.record().cloned().unwrap_or_default();
+            fn word(number: Option<impl ToString>) -> String {
+                number.map_or(String::new(), |number| number.to_string())
+            }
+            let [r, g, b] = [0, 1, 2].map(|channel| word(record.rgb.map(|rgb| rgb[channel])));
+            let (returns, source) = (word(record.returns), word(record.source));
+            let (intensity, time) = (word(record.intensity), word(record.gps_time));
+            let (point, file) = (word(picked.record().map(|record| record.point)), record.file.replace('"', "\"\""));
+            let file = if file.contains([',', '"']) { format!("\"{file}\"") } else { file };
+            format!("{x},{y},{z},{kind},{returns},{source},{intensity},{r},{g},{b},{time},{point},{file}\n")
         };
-        std::iter::once("x,y,z,class,return,station\n".to_string()).chain(self.points.iter().map(line)).collect()
+        let head = "x,y,z,class,return,station,returns,source,intensity,red,green,blue,gps_time,point,file\n";
+        std::iter::once(head.to_string()).chain(self.points.iter().map(line)).collect()
     }
 
-    /// The points as a line, and where there are three or more also what they enclose.
+    /// The points as a line, and where there are three or more also what they enclose; then each by itself, with all that its file says of it.
     pub fn geojson(&self) -> Value {
-        let mut places: Vec<[f64; 3]> = self.points.iter().map(|point| point.position.to_array()).collect();
+        let mut places: Vec<[f64; 3]> = self.places().into_iter().map(|place| place.to_array()).collect();
         let feature = |geometry: Value, properties: Value| json!({ "type": "Feature", "geometry": geometry, "properties": properties });
         let line = match &places[..] {
             [one] => json!({ "type": "Point", "coordinates": one }),
@@ -89,6 +142,11 @@ impl Measure {
             places.push(places[0]);
             features.push(feature(json!({ "type": "Polygon", "coordinates": [places] }), json!({ "area_m2": area })));
         }
+        features.extend(self.points.iter().map(|picked| {
+            let kind = kind(&picked.point).map(|[class, number, station]| json!({ "class": class, "return": number, "station": station }));
+            let properties = json!({ "exact": picked.point.exact, "kind": kind, "record": picked.record() });
+            feature(json!({ "type": "Point", "coordinates": picked.point.position.to_array() }), properties)
+        }));
         json!({ "type": "FeatureCollection", "features": features })
     }
 }
@@ -97,6 +155,7 @@ impl Measure {
 impl std::fmt::Display for Measure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Some(last) = self.points.last() else { return Ok(()) };
+        let last = &last.point;
         let DVec3 { x, y, z } = last.position;
         write!(f, "point {}: {x} {y} {z}", self.points.len())?;
         if let Some([class, number, station]) = kind(last) {
@@ -123,7 +182,7 @@ mod tests {
 
     fn measure(points: &[[f64; 3]]) -> Measure {
         let point = |&p: &[f64; 3]| Point { position: ORIGIN + DVec3::from_array(p), exact: true, kind: Some(6 | 2 << 8 | 1 << 16) };
-        Measure { points: points.iter().map(point).collect() }
+        Measure { points: points.iter().map(point).map(Picked::new).collect() }
     }
 
     fn is(value: f64, wanted: f64) {
@@ -150,13 +209,21 @@ mod tests {
     #[test]
     fn files_hold_every_digit() {
         let points = measure(&[[1.0 / 3.0, 0.1, 0.2], [7.0, 8.0, 9.0], [0.0, 1.0, 0.0]]);
-        let read: Vec<f64> = points.csv().lines().nth(1).unwrap().split(',').map(|number| number.parse().unwrap()).collect();
+        let mut points = points;
+        let record = Record { file: "a, b.las".into(), point: 41, rgb: Some([1, 2, 3]), gps_time: Some(0.1 + 0.2), ..Record::default() };
+        assert_eq!(points.found(points.place(0), &Some(record)), [1]);
+        assert_eq!((points.found(points.place(0), &None), points.found(points.place(1), &None)), (vec![], vec![2]));
+        let csv = points.csv();
+        let row = csv.lines().nth(1).unwrap();
+        let read: Vec<f64> = row.split(',').take(6).map(|number| number.parse().unwrap()).collect();
         assert_eq!((DVec3::from_slice(&read), &read[3..]), (points.place(0), &[6.0, 2.0, 2.0][..]));
+        assert!(row.ends_with(",,,,1,2,3,0.30000000000000004,41,\"a, b.las\""), "{row}");
         assert!(points.to_string().contains("class 6 return 2 station 2\ndistance"), "{points}");
         let json = points.geojson();
         assert_eq!(json["features"][0]["geometry"]["coordinates"][0][0].as_f64().unwrap(), points.place(0).x);
         let ring = json["features"][1]["geometry"]["coordinates"][0].as_array().unwrap();
         assert_eq!((ring.len(), &ring[0]), (4, &ring[3]));
+        assert_eq!(json["features"][2]["properties"]["record"]["point"], 41);
         assert_eq!(Measure::default().geojson()["features"].as_array().unwrap().len(), 1);
     }
 }

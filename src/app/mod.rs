@@ -8,6 +8,7 @@
 //! ```
 //! This thread only reacts: it waits for events, and while nobody touches anything nothing is drawn.
 
+mod boxes;
 pub mod deeds;
 pub mod drawing;
 mod events;
@@ -15,6 +16,7 @@ mod files;
 pub mod flight;
 mod hands;
 pub mod keys;
+mod looking_up;
 pub mod measure;
 mod motion;
 pub mod navigation;
@@ -22,16 +24,19 @@ pub mod opening;
 mod options;
 pub mod pace;
 pub mod panel;
+pub mod profile;
 mod reports;
 pub mod seen;
 pub mod statistics;
 
+use crate::cloud::Station;
+use crate::cloud::find::Record;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use drawing::{Drawing, Message, Report};
 use flight::Flight;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use navigation::{Modifiers, Navigation};
 use opening::Opened;
 pub use options::Options;
@@ -50,6 +55,8 @@ use winit::window::Window;
 enum Event {
     Progress(String),
     Opened(Result<Box<Opened>>),
+    /// The record of the point in this place, where there is one.
+    LookedUp(DVec3, Result<Option<Record>>),
     Report(Report),
     /// Ctrl-C in the terminal.
     Interrupted,
@@ -66,7 +73,10 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         statistics: Statistics::new(options.began),
         events: events.create_proxy(),
         abandoned: Arc::new(AtomicBool::new(false)),
+        forgotten: Arc::new(AtomicBool::new(false)),
         openings: Vec::new(),
+        origins: Vec::new(),
+        stations: Vec::new(),
         files: options.files.clone(),
         facts: Facts { path: options.path.clone(), ..Facts::default() },
         titled: String::new(),
@@ -86,6 +96,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         moved: options.began,
         moves: None,
         played: Duration::ZERO,
+        lost: None,
         ended: None,
         options,
     };
@@ -105,7 +116,12 @@ struct App {
     statistics: Statistics,
     /// Tells the opening thread that nobody waits for it.
     abandoned: Arc<AtomicBool>,
+    /// Tells threads that look points up that nobody waits for them.
+    forgotten: Arc<AtomicBool>,
     openings: Vec<JoinHandle<()>>,
+    /// The files that the points on the screen are from, and the stations in them.
+    origins: Vec<PathBuf>,
+    stations: Vec<Station>,
     /// All that are open, or are being opened.
     files: Vec<PathBuf>,
     facts: Facts,
@@ -132,6 +148,8 @@ struct App {
     moves: Option<Instant>,
     /// How much of the path has been played.
     played: Duration,
+    /// When the device was, last.
+    lost: Option<Instant>,
     ended: Option<Error>,
 }
 

@@ -1,10 +1,12 @@
 //! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. Facts and a scene in, triangles and deeds out.
 
+use super::boxes;
 use super::deeds::Deed;
 use super::keys::KEYS;
-use super::measure::{self, Measure};
+use super::measure::{self, Looked, Measure};
 use super::navigation::{Input, Mode};
 use super::opening::Kinds;
+use super::profile::Profile;
 use crate::camera_path::CameraPath;
 use crate::cloud::attribute::Attribute;
 use crate::light::Light;
@@ -14,7 +16,7 @@ use crate::present::overlay::Overlay;
 use crate::scene::Scene;
 use crate::view::View;
 use clap::ValueEnum;
-use egui::{CollapsingHeader, Color32, ComboBox, ProgressBar, RichText, ScrollArea, Slider, Ui};
+use egui::{CollapsingHeader, Color32, ComboBox, DragValue, ProgressBar, RichText, ScrollArea, Slider, Ui};
 use glam::DVec3;
 use std::time::Duration;
 use winit::event::{ElementState, WindowEvent};
@@ -43,6 +45,11 @@ pub struct Facts {
     pub mode: Mode,
     /// All that was picked.
     pub measure: Measure,
+    /// How large pictures are saved.
+    pub enlarged: Enlarged,
+    /// Of profiles, metres; 0: by their length.
+    pub width: f64,
+    pub profile: Option<Profile>,
     /// Key views, and whether the camera flies along them.
     pub path: CameraPath,
     pub plays: bool,
@@ -50,6 +57,30 @@ pub struct Facts {
     pub help: bool,
     /// Nothing but the picture is shown.
     pub hidden: bool,
+}
+
+/// The size of a picture that is saved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Enlarged {
+    /// The window's, so many times.
+    Times(u32),
+    /// Pixels.
+    To([u32; 2]),
+}
+
+impl Default for Enlarged {
+    fn default() -> Enlarged {
+        Enlarged::Times(1)
+    }
+}
+
+impl Enlarged {
+    pub fn of(self, window: [u32; 2]) -> [u32; 2] {
+        match self {
+            Enlarged::Times(times) => window.map(|side| side * times),
+            Enlarged::To(size) => size,
+        }
+    }
 }
 
 pub struct LaidOut {
@@ -87,6 +118,14 @@ impl Panel {
         Panel { input, cursor: egui::Pos2::ZERO }
     }
 
+    /// The same for a device that has none of its textures: what is open where in it stays.
+    pub fn renewed(&self, window: &Window) -> Panel {
+        let renewed = Panel { cursor: self.cursor, ..Panel::new(window) };
+        let memory = self.input.egui_ctx().memory(Clone::clone);
+        renewed.input.egui_ctx().memory_mut(|own| *own = memory);
+        renewed
+    }
+
     pub fn hear(&mut self, window: &Window, event: &WindowEvent) -> Heard {
         let response = self.input.on_window_event(window, event);
         let taken = match event {
@@ -110,7 +149,7 @@ impl Panel {
         layer.is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
-    pub fn lay_out(&mut self, window: &Window, facts: &Facts, view: Option<&View>, scene: &mut Scene) -> LaidOut {
+    pub fn lay_out(&mut self, window: &Window, facts: &mut Facts, view: Option<&View>, scene: &mut Scene) -> LaidOut {
         let input = self.input.take_egui_input(window);
         let context = self.input.egui_ctx().clone();
         let mut deeds = Vec::new();
@@ -119,10 +158,16 @@ impl Panel {
                 marks(ui, &facts.measure, view);
             }
             let tall = ui.ctx().content_rect().height() - 60.0;
+            if let Some(view) = view.filter(|_| !facts.hidden) {
+                boxes::handles(ui, &mut scene.clips, view);
+            }
             if !facts.hidden {
                 egui::Window::new("pointillist").default_pos([8.0, 8.0]).default_size([WIDTH, tall]).show(ui.ctx(), |ui| {
-                    ScrollArea::vertical().show(ui, |ui| everything(ui, facts, scene, &mut deeds));
+                    ScrollArea::vertical().show(ui, |ui| everything(ui, facts, view, scene, &mut deeds));
                 });
+            }
+            if let Some(profile) = &mut facts.profile {
+                egui::Window::new("profile").default_pos([WIDTH + 60.0, 60.0]).show(ui.ctx(), |ui| profile.show(ui, &mut deeds));
             }
             if facts.help {
                 egui::Window::new("keys").default_pos([WIDTH + 60.0, 8.0]).show(ui.ctx(), keys);
@@ -139,7 +184,7 @@ impl Panel {
     }
 }
 
-fn everything(ui: &mut Ui, facts: &Facts, scene: &mut Scene, deeds: &mut Vec<Deed>) {
+fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut Scene, deeds: &mut Vec<Deed>) {
     if let Some(trouble) = &facts.trouble {
         ui.label(RichText::new(trouble).color(Color32::LIGHT_RED));
     }
@@ -160,6 +205,11 @@ fn everything(ui: &mut Ui, facts: &Facts, scene: &mut Scene, deeds: &mut Vec<Dee
     picked(ui, facts, deeds);
     color(ui, facts, scene);
     filters(ui, facts, &mut scene.opacities);
+    let mut added = false;
+    boxes::list(ui, &mut scene.clips, &mut added);
+    if added {
+        deeds.push(Deed::AddBox);
+    }
     light(ui, scene);
     CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
         for listed in scene.wishes.effects.list() {
@@ -168,12 +218,35 @@ fn everything(ui: &mut Ui, facts: &Facts, scene: &mut Scene, deeds: &mut Vec<Dee
     });
     camera_path(ui, facts, deeds);
     CollapsingHeader::new(format!("picture, {:.1} ms", facts.took.as_secs_f64() * 1e3)).id_salt("passes").show(ui, |ui| passes(ui, facts));
+    enlarged(ui, &mut facts.enlarged, view);
     ui.horizontal(|ui| {
         if ui.button("save picture").on_hover_text("F9").clicked() {
             deeds.push(Deed::SavePicture);
         }
         if ui.button("save scene").on_hover_text("for render --scene").clicked() {
             deeds.push(Deed::SaveScene);
+        }
+        if ui.button("load scene").on_hover_text("F6: the one saved last; others are dropped on the window").clicked() {
+            deeds.push(Deed::LoadScene);
+        }
+    });
+}
+
+/// How large pictures are saved: as the window, or of any size, drawn in pieces.
+fn enlarged(ui: &mut Ui, enlarged: &mut Enlarged, view: Option<&View>) {
+    const MOST: u32 = 262_144;
+    let window = view.map_or([1, 1], |view| view.size);
+    ui.horizontal(|ui| {
+        for times in [1, 2, 4] {
+            ui.selectable_value(enlarged, Enlarged::Times(times), format!("{times}x"));
+        }
+        let is_other = matches!(enlarged, Enlarged::To(_));
+        if ui.selectable_label(is_other, "other").clicked() && !is_other {
+            *enlarged = Enlarged::To(enlarged.of(window));
+        }
+        match enlarged {
+            Enlarged::To(sides) => sides.iter_mut().for_each(|side| drop(ui.add(DragValue::new(side).range(1..=MOST)))),
+            Enlarged::Times(_) => drop(ui.label(enlarged.of(window).map(|side| side.to_string()).join(" x "))),
         }
     });
 }
@@ -314,15 +387,20 @@ fn camera_path(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
 }
 
 /// Coordinates in full: f64 tells a micrometre at ten million metres.
-fn picked(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
-    let Facts { measure, .. } = facts;
-    let Some(point) = measure.points.last() else { return };
+fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
+    let Facts { measure, width, .. } = facts;
+    let Some(measure::Picked { point, record }) = measure.points.last() else { return };
     CollapsingHeader::new("picked").default_open(true).show(ui, |ui| {
         let DVec3 { x, y, z } = point.position;
         ui.label(format!("x {x:.4}\ny {y:.4}\nz {z:.4}{}", if point.exact { "" } else { "\nabout: the rest of its digits is not loaded" }));
         if let Some([class, number, station]) = measure::kind(point) {
             ui.label(format!("class {class}, return {number}, station {station}"));
         }
+        ui.label(match record {
+            Looked::Found(record) => record.to_string(),
+            Looked::Underway => "being looked up in its file".into(),
+            Looked::Nowhere => "a sample that stands for several points of the file; nearer by there are these".into(),
+        });
         if measure.points.len() > 1 {
             let mut text = format!(
                 "{} points\ndistance {:.4} m\nheight {:.4} m\nhorizontal {:.4} m",
@@ -334,6 +412,13 @@ fn picked(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
             text += &measure.angle().map_or(String::new(), |angle| format!("\nlength {:.4} m\nangle {angle:.3}°", measure.length()));
             text += &measure.area().map_or(String::new(), |area| format!("\narea {area:.4} m²"));
             ui.label(text);
+            ui.horizontal(|ui| {
+                if ui.button("profile").on_hover_text("X: of the points along the line").clicked() {
+                    deeds.push(Deed::Profile);
+                }
+                let unit = if *width == 0.0 { " m wide: by its length" } else { " m wide" };
+                ui.add(DragValue::new(width).range(0.0..=f64::INFINITY).speed(0.01).max_decimals(4).suffix(unit));
+            });
         }
         ui.label(RichText::new("shift and click for one more").weak());
         ui.horizontal(|ui| {
@@ -354,7 +439,7 @@ fn marks(ui: &Ui, measure: &Measure, view: &View) {
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
     let per_point = ui.ctx().pixels_per_point();
     let places: Vec<Option<egui::Pos2>> =
-        measure.points.iter().map(|point| view.pixel(point.position).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point)).collect();
+        measure.places().into_iter().map(|place| view.pixel(place).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point)).collect();
     let stroke = egui::Stroke::new(2.0, Color32::YELLOW);
     for pair in places.windows(2) {
         if let [Some(a), Some(b)] = pair {

@@ -3,6 +3,7 @@
 use super::App;
 use super::drawing::{Drawn, Report};
 use super::flight::Hands;
+use super::measure::Picked;
 use super::navigation::Way;
 use crate::resident::Point;
 use std::time::{Duration, Instant};
@@ -20,11 +21,19 @@ impl App {
             Report::Brought if self.waits => {}
             Report::Brought => self.facts.doing = None,
             Report::Picked { point, adds } => self.picked(point, adds),
+            Report::Profile(profile) => {
+                // To be copied from the terminal.
+                println!("{}", profile.says());
+                self.facts.profile = Some(*profile);
+            }
+            Report::Doing(text) => self.facts.doing = Some(text),
             Report::Saved(path) => self.facts.doing = Some(format!("saved {}", path.display())),
             Report::Failed(error) => self.trouble(&error),
             Report::Ended(error) => {
-                self.ended = Some(error);
-                events.exit();
+                if let Err(error) = self.rebuild(error) {
+                    self.ended = Some(error);
+                    events.exit();
+                }
             }
         }
         self.title();
@@ -53,7 +62,7 @@ impl App {
 
     /// What the panel says of pictures need not change with every one of them; what lies over the picture moves with it.
     fn says_later(&mut self) {
-        if !self.facts.measure.points.is_empty() {
+        if !self.facts.measure.points.is_empty() || self.scene.clips.active() > 0 {
             return self.ask_for_panel();
         }
         let soon = Instant::now() + BETWEEN;
@@ -62,11 +71,12 @@ impl App {
 
     pub(super) fn picked(&mut self, point: Point, adds: bool) {
         if !adds {
-            self.facts.measure.points.clear();
+            self.forget();
         }
-        self.facts.measure.points.push(point);
+        self.facts.measure.points.push(Picked::new(point));
         // To be copied from the terminal.
         println!("{}", self.facts.measure);
+        self.look_up(&point);
     }
 
     /// Says what is open and what is going on.

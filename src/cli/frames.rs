@@ -1,15 +1,14 @@
-//! `pointillist render --path`: a camera path in, a numbered picture for every frame of it out.
+//! `pointillist render --path`: a camera path in, a numbered picture for every frame of it out, and where they are asked for its layers.
 //!
 //! Frames are pictures as `render` draws them, each whole or not there. One that is there is drawn again, unless `--resume` keeps it, which is said.
 
+use super::layers::Downloads;
 use super::render::{Arguments, refuse_to_overwrite};
 use crate::camera_path::CameraPath;
 use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph};
 use crate::look;
-use crate::passes::encode;
-use crate::picture;
 use crate::progress::Progress;
 use crate::source::Source;
 use crate::view::View;
@@ -32,22 +31,23 @@ impl Progress for Frames<'_> {
     }
 }
 
-/// The file of a frame, counted from 1 on.
-fn numbered(output: &Path, number: u64, total: u64) -> PathBuf {
+/// A file of a frame, counted from 1 on.
+fn numbered(output: &Path, extension: &str, number: u64, total: u64) -> PathBuf {
     let digits = total.to_string().len().max(DIGITS);
     let stem = output.file_stem().unwrap_or_default().to_string_lossy();
-    output.with_file_name(format!("{stem}-{number:0digits$}.png"))
+    output.with_file_name(format!("{stem}-{number:0digits$}.{extension}"))
 }
 
 pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Result<()> {
-    let output = arguments.output.as_deref().expect("--path requires it");
     let path = CameraPath::read(path)?;
     let total = path.frames();
-    let name = |number: u64| numbered(output, number + 1, total);
+    let [png, exr] = [(&arguments.output, "png"), (&arguments.exr, "exr")]
+        .map(|(output, extension)| move |number: u64| output.as_deref().map(|output| numbered(output, extension, number + 1, total)));
     let mut missing = Vec::new();
     for number in 0..total {
-        refuse_to_overwrite(&name(number), &arguments.files)?;
-        if !(arguments.resume && name(number).exists()) {
+        let files: Vec<PathBuf> = png(number).into_iter().chain(exr(number)).collect();
+        files.iter().try_for_each(|file| refuse_to_overwrite(file, &arguments.files))?;
+        if !(arguments.resume && files.iter().all(|file| file.exists())) {
             missing.push(number);
         }
     }
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     }
     let [first, ..] = missing[..] else { return Ok(()) };
     // A folder that cannot be written to is said before the work is done.
-    drop(WholeFile::create(&name(first))?);
+    png(first).iter().chain(&exr(first)).try_for_each(|file| WholeFile::create(file).map(drop))?;
     let options = arguments.picture.with_scene()?;
     let (size, wishes) = (options.size.0, options.wishes()?);
     let source = Source::open(&arguments.files, &options.detail.opening(options.read_options(arguments.strict), options.light), progress)?;
@@ -65,7 +65,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     let (shown, _) = options.shown(&source)?;
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     let mut brought = source.bring(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
-    brought.resident_mut().opacities = options.opacities();
+    brought.leave_out(options.opacities(), options.clips());
     let mut said = Vec::new();
     for number in missing {
         let frames = Frames { progress, done: number, total };
@@ -83,9 +83,9 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
         let look = look::decide(&wishes, &view, brought.resident());
         let mut g = Graph::new(&mut gpu).watched(&frames);
         let outcome = frame::record(&mut g, &view, brought.resident(), &look)?;
-        let picture = encode::download(&mut g, &outcome.picture)?;
+        let downloads = Downloads::ask(&mut g, &outcome, arguments.output.is_some(), arguments.exr.is_some())?;
         let frame = g.submit(&[])?;
-        picture::write_png(&name(number), size, &picture.read(&frame))?;
+        downloads.write(&frame, size, png(number).as_deref(), exr(number).as_deref())?;
         frame.shelve(&mut gpu);
     }
     progress.tick("drawing frames", total, total)?;
@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn frames_sort_by_their_numbers() {
-        assert_eq!(numbered("a/tour.png".as_ref(), 7, 250), PathBuf::from("a/tour-0007.png"));
-        assert_eq!(numbered("tour".as_ref(), 7, 12_345), PathBuf::from("tour-00007.png"));
+        assert_eq!(numbered("a/tour.png".as_ref(), "png", 7, 250), PathBuf::from("a/tour-0007.png"));
+        assert_eq!(numbered("tour".as_ref(), "exr", 7, 12_345), PathBuf::from("tour-00007.exr"));
     }
 }

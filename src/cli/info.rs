@@ -8,12 +8,12 @@
 //! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]]}, `bounds`, `step`, `offset`,
 //! `attributes` {`rgb` {`bits`, `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
 //! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
-//! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}]} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
+//! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use super::indexed_info;
-use crate::cloud::exposure::{Exposures, exposures};
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
+use crate::index::exposure::{Exposures, exposures};
 use crate::index::file::Index;
 use crate::progress::Progress;
 use glam::DVec3;
@@ -198,10 +198,23 @@ impl<'a> Report<'a> {
         let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| format!("{value:.6}"));
         line("spacing", format!("{value} ({})", self.spacing.how));
         line("stations", self.stations.len().to_string());
-        let values = self.exposures.iter().flat_map(|exposures| &exposures.values).map(Some).chain(std::iter::repeat(None));
-        for (station, value) in self.stations.iter().zip(values).take(LISTED) {
-            let value = value.copied().flatten().map_or(String::new(), |value| format!(", luminance {value:.1} of 255"));
-            line("", format!("{}: {} points{value}", station.name, station.points));
+        let exposures = self.exposures.as_ref();
+        for (number, station) in self.stations.iter().enumerate().take(LISTED) {
+            let value = exposures
+                .and_then(|exposures| exposures.values[number])
+                .map_or(String::new(), |value| format!(", luminance {value:.1} of 255"));
+            let balance = exposures.and_then(|exposures| exposures.balance.as_ref());
+            let gain = balance.map_or(String::new(), |balance| format!(", gain {:.3}", balance.gains[number]));
+            line("", format!("{}: {} points{value}{gain}", station.name, station.points));
+        }
+        if let Some(balance) = exposures.and_then(|exposures| exposures.balance.as_ref()) {
+            line(
+                "balance",
+                format!(
+                    "with these gains stations differ by more than a quarter of a stop in {:.1} % of the cells that they share",
+                    100.0 * balance.uneven
+                ),
+            );
         }
         if self.stations.len() > LISTED {
             line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));

@@ -1,6 +1,7 @@
 //! The options that `view`, `render`, `bench` and `study` share: one definition.
 
 use super::index::Bytes;
+use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config;
@@ -28,8 +29,8 @@ pub struct PictureOptions {
     /// Camera file: eye, target, up (world), fov_y, projection (perspective|orthographic), ortho_height
     #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
     pub camera: Option<PathBuf>,
-    /// What a window has saved: camera, color, effects, opacity, light and background
-    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "opacity", "background"])]
+    /// What a window has saved: camera, color, effects, opacity, clip boxes, light and background
+    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "opacity", "clip", "background"])]
     pub scene: Option<PathBuf>,
     /// Where to look from, when there is no --camera
     #[arg(long, value_enum, default_value_t = Preset::Fit)]
@@ -49,6 +50,9 @@ pub struct PictureOptions {
     /// How opaque points are, 0 to 1: all, or those of a class, return number, station (its name or its number in `info`) or file; what applies to a point is multiplied; 0 leaves it out. Repeatable
     #[arg(long, value_name = "[class:N|return:N|station:S|file:F=]OPACITY")]
     pub opacity: Vec<Rule>,
+    /// Which part of the cloud is there: what lies in a box, given by two opposite corners in the world, or in one of several; or what lies outside:X0,... of each. Faces are part of a box; inf is a number. Repeatable
+    #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
+    pub clip: Vec<Clip>,
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
@@ -123,8 +127,8 @@ pub struct DeviceOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size(pub [u32; 2]);
 
-/// No device has larger images.
-const LARGEST_SIDE: u32 = 32_768;
+/// A row of pixels of which is a megabyte.
+const LARGEST_SIDE: u32 = 262_144;
 
 impl std::str::FromStr for Size {
     type Err = String;
@@ -146,10 +150,11 @@ impl PictureOptions {
     /// The same with what a scene's file says in its place.
     pub fn with_scene(&self) -> Result<PictureOptions> {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
-        let Scene { camera, color, wishes, opacities } = Scene::read(path)?;
+        let Scene { camera, color, wishes, opacities, clips } = Scene::read(path)?;
         let effect = wishes.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background) = (wishes.light, Background(wishes.background));
-        Ok(PictureOptions { saved_camera: Some(camera), color, effect, light, background, opacity: opacities.0, ..self.clone() })
+        let (opacity, clip) = (opacities.0, clips.0);
+        Ok(PictureOptions { saved_camera: Some(camera), color, effect, light, background, opacity, clip, ..self.clone() })
     }
 
     pub fn wishes(&self) -> Result<Wishes> {
@@ -185,6 +190,10 @@ impl PictureOptions {
         Opacities(self.opacity.clone())
     }
 
+    pub fn clips(&self) -> Clips {
+        Clips(self.clip.clone())
+    }
+
     pub fn read_options(&self, strict: bool) -> ReadOptions {
         ReadOptions { wanted: self.wanted(), strict }
     }
@@ -196,6 +205,7 @@ impl PictureOptions {
         }
         let (mut shown, why) = source.shown(self.color)?;
         shown.further = Further { light: source.has_light(), ..self.further() };
+        shown.coded &= self.wishes()?.effects.exposure.switch != Switch::Off;
         if shown.further.normal && !source.has_normals() {
             if self.wishes()?.effects.phong.settings.normals == Normals::File {
                 return Err(Error::Request(format!(

@@ -1,19 +1,19 @@
 //! `pointillist render`: files in, one picture out; no window system is touched.
 
 use super::frames;
+use super::layers::Downloads;
 use super::options::{DeviceOptions, PictureOptions};
 use crate::error::{Error, Result};
-use crate::frame::{self, Outcome};
-use crate::graph::{Buffer, Frame, Gpu, Graph};
+use crate::frame;
+use crate::graph::{Frame, Gpu, Graph};
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
-use crate::passes::encode::{self, Encoded};
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::{Effects, Scene, project::Statistics, shadows, significant, strokes};
-use crate::picture::{self, Samples};
 use crate::progress::Progress;
 use crate::resident::Resident;
-use crate::source::{Source, Taken};
+use crate::source::{Brought, Source, Taken};
+use crate::tiled::{self, Wanted};
 use crate::view::View;
 use crate::whole_file::WholeFile;
 use std::path::{Path, PathBuf};
@@ -26,7 +26,9 @@ Examples:
   pointillist render scan.e57 -o out.png --camera cam.json --size 3840x2160 --exr out.exr
   pointillist render scan.laz -o out.png --effect edl=on,strength=0.5,radius=2 --background ffffff
   pointillist render scan.laz -o out.png --opacity class:6=0.3 --opacity class:5=0    roofs like glass, no trees
+  pointillist render scan.laz -o out.png --clip box:10,-5,0,14,5,3 --clip outside:11,-1,0,12,1,3    a room, without its table
   pointillist render scan.laz -o out.png --explain --timings
+  pointillist render scan.laz -o poster.png --size 40000x20000    in pieces, which do not show
   pointillist render scan.laz -o out.png --scene scene.json  what a window has saved
   pointillist render scan.laz -o tour.png --path tour.json   tour-0001.png and so on: a flight along key views
   pointillist render site.pnti -o out.png --lod 2          an index: coarser, and reads less
@@ -44,12 +46,15 @@ pub struct Arguments {
     /// Also (or only) write the layers: R G B A linear, depth.Z, index.V, coverage.V, normal.X Y Z, lit.V, raw.Z
     #[arg(long, value_name = "OUT.exr")]
     pub exr: Option<PathBuf>,
-    /// Draw a frame for every moment of a camera path, as the window saves it: OUT-0001.png and so on
-    #[arg(long, value_name = "PATH.json", requires = "output", conflicts_with_all = ["exr", "camera", "view", "explain", "timings"])]
+    /// Draw a frame for every moment of a camera path, as the window saves it: OUT-0001.png, OUT-0001.exr and so on
+    #[arg(long, value_name = "PATH.json", conflicts_with_all = ["camera", "view", "explain", "timings"])]
     pub path: Option<PathBuf>,
     /// Keep frames of --path that are there already, and say how many
     #[arg(long, requires = "path")]
     pub resume: bool,
+    /// Draw in pieces of at most so many pixels a side [default: whole up to 33 million pixels and the device's largest image]
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with = "path")]
+    pub piece: Option<u32>,
     #[command(flatten)]
     pub picture: PictureOptions,
     #[command(flatten)]
@@ -70,6 +75,11 @@ fn help() -> String {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
+    if let (Some(png), Some(exr)) = (&arguments.output, &arguments.exr)
+        && png == exr
+    {
+        return Err(Error::Request(format!("-o and --exr both name {}; they are two files", png.display())));
+    }
     if let Some(path) = &arguments.path {
         return frames::run(arguments, path, progress);
     }
@@ -78,11 +88,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         refuse_to_overwrite(output, &arguments.files)?;
         // A folder that cannot be written to is said before the work is done.
         drop(WholeFile::create(output)?);
-    }
-    if let (Some(png), Some(exr)) = (&arguments.output, &arguments.exr)
-        && png == exr
-    {
-        return Err(Error::Request(format!("-o and --exr both name {}; they are two files", png.display())));
     }
     let wishes = picture.wishes()?;
     let mut stages = Stages::new();
@@ -108,8 +113,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     stages.done("open device");
     let mut brought = source.bring(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
-    brought.resident_mut().opacities = picture.opacities();
+    brought.leave_out(picture.opacities(), picture.clips());
     stages.done("organise");
+    if tiled::needs_pieces(&gpu, view.size, arguments.piece) {
+        return in_pieces(arguments, &picture, &view, &mut gpu, brought, progress);
+    }
     facts.taken = brought.settle(&mut gpu, &view, &picture.detail.of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
@@ -129,13 +137,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g, &outcome.layers));
     let frame = g.submit(&[])?;
     stages.done("draw");
-    if let Some(path) = &arguments.output {
-        let picture = downloads.picture.as_ref().expect("asked for with -o");
-        picture::write_png(path, view.size, &picture.read(&frame))?;
-    }
-    if let Some(path) = &arguments.exr {
-        write_layers(path, &view, &frame, &downloads)?;
-    }
+    downloads.write(&frame, view.size, arguments.output.as_deref(), arguments.exr.as_deref())?;
     stages.done("write");
 
     if let Some(asked) = asked {
@@ -153,6 +155,30 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     Ok(())
 }
 
+/// The picture alone.
+fn in_pieces(
+    arguments: &Arguments,
+    picture: &PictureOptions,
+    view: &View,
+    gpu: &mut Gpu,
+    mut brought: Brought,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let (Some(output), None, None, false) = (&arguments.output, &arguments.exr, &arguments.explain, arguments.timings) else {
+        return Err(Error::Request(format!(
+            "{}x{} pixels are drawn in pieces, of which there are no layers, times and reasons; leave out --exr, --explain and --timings, or draw fewer",
+            view.size[0], view.size[1]
+        )));
+    };
+    let detail = |size| picture.detail.of(size);
+    let wanted = Wanted { view, wishes: &picture.wishes()?, detail: &detail, piece: arguments.piece };
+    for note in tiled::write(gpu, &mut brought, &wanted, output, progress)? {
+        eprintln!("pointillist: note: {note}");
+    }
+    brought.free(gpu);
+    Ok(())
+}
+
 /// Nothing is ever written over an input.
 pub fn refuse_to_overwrite(output: &Path, inputs: &[PathBuf]) -> Result<()> {
     let same = |input: &PathBuf| matches!((output.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
@@ -160,66 +186,6 @@ pub fn refuse_to_overwrite(output: &Path, inputs: &[PathBuf]) -> Result<()> {
         Some(input) => Err(Error::Request(format!("{} is an input; name another file to write", input.display()))),
         None => Ok(()),
     }
-}
-
-/// The images that come back.
-struct Downloads {
-    picture: Option<Encoded>,
-    linear: Option<Buffer>,
-    depth: Option<Buffer>,
-    index: Option<Buffer>,
-    raw: Option<Buffer>,
-    normal: Option<Buffer>,
-    /// None where nothing takes light away.
-    lit: Option<Buffer>,
-}
-
-impl Downloads {
-    fn ask(g: &mut Graph, outcome: &Outcome, picture: bool, layers: bool) -> Result<Downloads> {
-        let picture = picture.then(|| encode::download(g, &outcome.picture)).transpose()?;
-        let linear = layers.then(|| g.download(&outcome.picture));
-        let depth = layers.then(|| g.download(&outcome.layers.depth));
-        let index = layers.then(|| g.download(&outcome.layers.index));
-        let raw = layers.then(|| g.download(&outcome.layers.raw));
-        let normal = layers.then(|| g.download(&outcome.normal));
-        let lit = outcome.layers.lit.as_ref().filter(|_| layers).map(|lit| g.download(lit));
-        Ok(Downloads { picture, linear, depth, index, raw, normal, lit })
-    }
-}
-
-/// Linear picture (its alpha says where a surface is) and layers.
-fn write_layers(path: &Path, view: &View, frame: &Frame, downloads: &Downloads) -> Result<()> {
-    let picture: &[[f32; 4]] = frame.read(downloads.linear.as_ref().expect("asked for with --exr"));
-    let depth: &[f32] = frame.read(downloads.depth.as_ref().expect("asked for with --exr"));
-    let index: &[u32] = frame.read(downloads.index.as_ref().expect("asked for with --exr"));
-    let raw: &[f32] = frame.read(downloads.raw.as_ref().expect("asked for with --exr"));
-    // What stayed unknown is nothing to an outsider.
-    let depth: Vec<f32> = depth.iter().map(|&z| if z == f32::NEG_INFINITY { f32::INFINITY } else { z }).collect();
-    let coverage = |(&z, &point): (&f32, &u32)| match (z.is_finite(), point) {
-        (false, _) => 0,
-        (true, crate::config::NO_POINT) => 2,
-        (true, _) => 1,
-    };
-    let coverage = depth.iter().zip(index).map(coverage).collect();
-    let channel = |c: usize| Samples::Float(picture.iter().map(|pixel| pixel[c]).collect());
-    let normal: &[[f32; 4]] = frame.read(downloads.normal.as_ref().expect("asked for with --exr"));
-    let normal = |axis: usize| Samples::Float(normal.iter().map(|normal| normal[axis]).collect());
-    let lit = downloads.lit.as_ref().map_or_else(|| vec![1.0; raw.len()], |lit| frame.read::<f32>(lit).to_vec());
-    let channels = vec![
-        ("R", channel(0)),
-        ("G", channel(1)),
-        ("B", channel(2)),
-        ("A", channel(3)),
-        ("depth.Z", Samples::Float(depth)),
-        ("index.V", Samples::Id(index.to_vec())),
-        ("coverage.V", Samples::Id(coverage)),
-        ("normal.X", normal(0)),
-        ("normal.Y", normal(1)),
-        ("normal.Z", normal(2)),
-        ("lit.V", Samples::Float(lit)),
-        ("raw.Z", Samples::Float(raw.to_vec())),
-    ];
-    picture::write_exr(path, view.size, channels)
 }
 
 /// What is known once the cloud is gone.
@@ -258,6 +224,14 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
         drawn.position_bytes as f64 / drawn.points_drawn.max(1) as f64,
         drawn.quantisation_px,
     );
+    if resident.clips.active() > 0 {
+        text += &format!(
+            "clip: {} boxes; nothing is left of {} nodes, and {} points of others were compared with the boxes one by one\n",
+            resident.clips.active(),
+            drawn.nodes_clipped + facts.taken.as_ref().map_or(0, |taken| taken.nodes_clipped),
+            drawn.points_compared
+        );
+    }
     let scene = Scene::of(&facts.view, resident, look.light);
     text += &format!(
         "spacing: {} m between points, and {} m between layers where none is asked for\n",
@@ -298,6 +272,7 @@ fn explain_json(
         "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics, "bytes": gpu.memory.allocated },
         "cloud": { "points": facts.points, "files": facts.files, "nodes": facts.nodes.unwrap_or(resident.nodes.len()), "resident_bytes": resident.bytes() },
         "color": { "shows": facts.shows, "why": facts.why_shown },
+        "clip": resident.clips,
         "camera": facts.view.camera,
         "size": facts.view.size,
         "drawn": drawn,

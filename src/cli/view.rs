@@ -4,6 +4,7 @@ use super::options::{DeviceOptions, PictureOptions};
 use crate::app::{self, Options, keys, navigation::Habit};
 use crate::camera_path::CameraPath;
 use crate::error::Result;
+use crate::gpu::Wish;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::view::Camera;
@@ -39,6 +40,9 @@ pub struct Arguments {
     /// Say at the end how long pictures took, milliseconds: to standard error, or as JSON to standard output
     #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
     pub timings: Option<String>,
+    /// Treat the device as lost after so many submissions; for tests
+    #[arg(long, hide = true, value_name = "SUBMISSIONS")]
+    pub lose_device: Option<u64>,
     /// Refuse a truncated, lying or damaged file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
@@ -54,7 +58,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let picture = arguments.picture.with_scene()?;
     let camera = picture.camera()?;
     let here = camera.unwrap_or(Camera::framing(picture.view, &[], picture.size.0));
-    let scene = Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities() };
+    let scene =
+        Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities(), clips: picture.clips() };
     let options = Options {
         files: arguments.files.clone(),
         opening: picture.detail.opening(picture.read_options(arguments.strict), picture.light),
@@ -64,7 +69,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         camera,
         size: picture.size.0,
         habit: arguments.navigation,
-        wish: arguments.device.wish(),
+        wish: Wish { lost_after: arguments.lose_device, ..arguments.device.wish() },
         pool_bytes: picture.detail.pool_bytes(),
         budget: picture.detail.budget,
         lod_px: picture.detail.lod,

@@ -73,6 +73,8 @@ pub struct Shown {
     heights: [f64; 2],
     /// The words at the ends of a ramp.
     pub stretch: [u32; 2],
+    /// The highest byte of a colour numbers its station ([`station_code`]).
+    pub coded: bool,
     pub further: Further,
 }
 
@@ -105,19 +107,28 @@ pub fn kind(class: u8, returns: u8, station: u16) -> u32 {
 /// Bits of a word that number the station.
 pub const STATION_SHIFT: u32 = 16;
 
+/// What a colour's highest byte says of its station: from 1 on; 0 of those beyond 255, and where nobody asked.
+pub fn station_code(station: usize) -> u8 {
+    u8::try_from(station + 1).unwrap_or(0)
+}
+
+/// Bits of a colour's word below that.
+const CODE_SHIFT: u32 = 24;
+
 /// What a point of a file brings at most: what it shows, and all that is further but saved light, which indexes have.
 pub type Words = [u32; 5];
 
 impl Shown {
     pub fn new(attribute: Attribute, cloud: &Cloud) -> Shown {
         let heights = cloud.bounds().map_or([0.0, 0.0], |(min, max)| [min.z, max.z]);
-        let shown = Shown { attribute, heights, stretch: [0, 255], further: Further::default() };
+        let coded = attribute == Attribute::Rgb && cloud.stations.len() > 1;
+        let shown = Shown { attribute, heights, stretch: [0, 255], coded, further: Further::default() };
         Shown { stretch: shown.stretched(cloud), ..shown }
     }
 
     /// Of an indexed cloud, whose heights and stretch are known.
     pub fn indexed(attribute: Attribute, heights: [f64; 2], stretch: [u32; 2]) -> Shown {
-        Shown { attribute, heights, stretch, further: Further::default() }
+        Shown { attribute, heights, stretch, coded: false, further: Further::default() }
     }
 
     /// What to show where nothing is asked for: colours where there are any, else intensity that varies, else elevation.
@@ -160,21 +171,27 @@ impl Shown {
 
     /// The columns that its words are made of.
     pub fn wanted(&self) -> Wanted {
-        self.attribute.wanted().and(self.further.wanted())
+        self.attribute.wanted().and(self.further.wanted()).and(Wanted { source: self.coded, ..Wanted::default() })
     }
 
     /// All words of a point, but for those that a brush needs, of a part whose stations are these, the first of them this number in the cloud.
     pub fn words_of(&self, part: &Part, stations: &[Station], first: usize, i: usize) -> Words {
         let mut words = [self.word(part, i), 0, 0, 0, 0];
-        if let Some(place) = self.kind() {
-            let columns = &part.columns;
-            let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
+        let columns = &part.columns;
+        let station = || {
             let source = columns.source.as_ref().map(|column| column[i]);
-            let station = first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0);
+            first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0)
+        };
+        if self.coded {
+            words[0] |= (station_code(station()) as u32) << CODE_SHIFT;
+        }
+        if let Some(place) = self.kind() {
+            let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
+            let station = station();
             words[place as usize] = kind(byte(&columns.class), byte(&columns.returns), station.min(u16::MAX as usize) as u16);
         }
         if let Some(place) = self.normal() {
-            words[place as usize] = part.columns.normal.as_ref().map_or(octahedral::UNKNOWN, |normal| octahedral::of_bytes(normal[i]));
+            words[place as usize] = columns.normal.as_ref().map_or(octahedral::UNKNOWN, |normal| octahedral::of_bytes(normal[i]));
         }
         words
     }

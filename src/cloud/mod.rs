@@ -11,7 +11,7 @@ mod axis;
 pub mod color;
 mod core;
 pub mod e57;
-pub mod exposure;
+pub mod find;
 mod floats;
 mod guard;
 mod input;
@@ -341,7 +341,8 @@ fn wrong_bounds(header: &Header, lattice: Lattice, bounds: Option<(DVec3, DVec3)
 }
 
 /// One station a point source id that occurs, or one for the whole part.
-fn stations(part: &Part, index: usize) -> Vec<Station> {
+/// Of a part with this number: one of every point source id, or one where it has none.
+pub fn stations(part: &Part, index: usize) -> Vec<Station> {
     let name = part.title();
     let Some(source) = &part.columns.source else {
         return vec![Station { part: index, source: None, name, points: part.columns.len() as u64 }];

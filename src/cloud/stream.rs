@@ -40,6 +40,8 @@ enum Contents {
 /// Some of a source's points.
 pub struct Batch<'a> {
     pub columns: &'a Columns,
+    /// Which of the file's points is its first, counted from 0.
+    pub first: u64,
     /// Of this batch's colours: not wide ones are low bytes, and need [`super::color::narrow`] if those of the whole file turn out wide.
     pub depth: Depth,
 }
@@ -168,8 +170,12 @@ impl Source {
                     return Err(input.wrong(format!("had {length} bytes when it was opened, and has {} now", input.length)));
                 }
                 let why = match &las.places {
-                    Places::Known(stretches) => las.read_stretches(&input, stretches.par_iter().map(|_| desk.lane()), progress)?,
-                    Places::Sequence(_) => las.read_sequence(&input, &mut desk.lane(), progress)?,
+                    Places::Known(stretches) => {
+                        let before = |sum: &mut u64, points: u64| Some(std::mem::replace(sum, *sum + points));
+                        let firsts: Vec<u64> = stretches.iter().map(|stretch| stretch.points).scan(0, before).collect();
+                        las.read_stretches(&input, firsts.par_iter().map(|&first| desk.lane(first)), progress)?
+                    }
+                    Places::Sequence(_) => las.read_sequence(&input, &mut desk.lane(0), progress)?,
                 };
                 let sum = desk.sum();
                 notes.extend(las.verdict(&input, sum.points, sum.depth, why, self.strict)?);
@@ -179,7 +185,7 @@ impl Source {
                 let meter = Meter::named(progress, &self.title(), count as u64);
                 (0..count.div_ceil(BATCH)).into_par_iter().try_for_each(|batch| {
                     let columns = part.columns.slice(batch * BATCH..count.min((batch + 1) * BATCH));
-                    desk.deliver(&columns, Depth::default())?;
+                    desk.deliver(&columns, (batch * BATCH) as u64, Depth::default())?;
                     meter.advance(columns.len() as u64)
                 })?;
             }
@@ -210,8 +216,8 @@ struct Sum {
 }
 
 impl Desk<'_> {
-    fn lane(&self) -> BatchLane<'_> {
-        BatchLane { desk: self, pile: None }
+    fn lane(&self, first: u64) -> BatchLane<'_> {
+        BatchLane { desk: self, pile: None, first }
     }
 
     fn lend(&self) -> Columns {
@@ -227,7 +233,7 @@ impl Desk<'_> {
         self.sum.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 
-    fn deliver(&self, columns: &Columns, depth: Depth) -> Result<()> {
+    fn deliver(&self, columns: &Columns, first: u64, depth: Depth) -> Result<()> {
         let Some(own) = columns.bounds() else { return Ok(()) };
         let mut sum = self.sum();
         sum.points += columns.len() as u64;
@@ -237,7 +243,7 @@ impl Desk<'_> {
             [pick(lo, own[0], i32::min), pick(hi, own[1], i32::max)]
         }));
         drop(sum);
-        (self.sink)(&Batch { columns, depth })
+        (self.sink)(&Batch { columns, first, depth })
     }
 }
 
@@ -245,6 +251,8 @@ impl Desk<'_> {
 struct BatchLane<'a> {
     desk: &'a Desk<'a>,
     pile: Option<Pile>,
+    /// Which point comes next.
+    first: u64,
 }
 
 impl Lane for BatchLane<'_> {
@@ -261,7 +269,8 @@ impl Lane for BatchLane<'_> {
     fn settle(&mut self) -> Result<()> {
         let Some(mut pile) = self.pile.take() else { return Ok(()) };
         let filled = pile.cut();
-        self.desk.deliver(&pile.columns, filled.depth)?;
+        self.desk.deliver(&pile.columns, self.first, filled.depth)?;
+        self.first += filled.points as u64;
         self.desk.take_back(pile.columns);
         Ok(())
     }

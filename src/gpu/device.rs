@@ -19,6 +19,8 @@ pub struct Wish {
     pub window: bool,
     /// Treat the device as one without 64-bit atomics, so that tests can force the two-pass way.
     pub no_int64_atomics: bool,
+    /// Treat the device as lost once it has been given so many submissions, so that tests can force what follows.
+    pub lost_after: Option<u64>,
 }
 
 /// An open device with one queue that computes and draws.

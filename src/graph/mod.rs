@@ -162,6 +162,8 @@ pub struct Gpu {
     /// Raised by every submission when the device is done with it, to the number of submissions so far.
     pub passed: Timeline,
     pub submitted: u64,
+    /// As [`crate::gpu::Wish::lost_after`].
+    pub(crate) lost_after: Option<u64>,
     /// Clouds that have been made resident so far.
     pub residents: u64,
     pub memory: Memory,
@@ -174,7 +176,7 @@ impl Gpu {
         let memory = Memory::new(&device)?;
         let passed = Timeline::new(&device, &memory.alive, "passed")?;
         let (kernels, raster) = (Kernels::new(&device), crate::gpu::raster::Rasters::new(&device));
-        Ok(Gpu { kernels, raster, passed, submitted: 0, residents: 0, memory, device })
+        Ok(Gpu { kernels, raster, passed, submitted: 0, lost_after: wish.lost_after, residents: 0, memory, device })
     }
 }
 

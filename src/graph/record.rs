@@ -76,10 +76,32 @@ impl Running {
     /// Waits until the device is done.
     pub fn finish(self, gpu: &mut Gpu) -> Result<Frame> {
         let Running { plan, names, physical, timing, scratch, trail } = self;
-        let done = scratch.wait(&trail).and_then(|()| timing.read()).and_then(|times| gpu.device.objections().map(|()| times));
+        let done = scratch
+            .wait(&trail)
+            .and_then(|()| gpu.found(&trail))
+            .and_then(|()| timing.read())
+            .and_then(|times| gpu.device.objections().map(|()| times));
         trail.shelve(&mut gpu.memory);
         let downloads = shelve(gpu, &plan, physical, done.is_ok());
         Ok(Frame { passes: names.into_iter().zip(done?).collect(), plan, downloads })
+    }
+}
+
+impl Gpu {
+    /// Whether the device is still there, as far as tests let it.
+    fn found(&self, trail: &Trail) -> Result<()> {
+        match self.lost_after {
+            Some(submissions) if self.submitted >= submissions => Err(trail.blame(vk::Result::ERROR_DEVICE_LOST)),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Graph<'_> {
+    /// Gives back what was made for a frame that is not to be drawn.
+    pub fn abandon(self) {
+        let Graph { gpu, uploads, .. } = self;
+        uploads.into_iter().for_each(|(_, raw)| gpu.memory.shelve_buffer(raw));
     }
 }
 

@@ -6,6 +6,7 @@
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, antialias::Push, antialias::Spec};
+use crate::view::View;
 
 pub const SUMMARY: &str = "smooths the stairs of silhouettes, which are where the Laplacian of the depth is large";
 
@@ -54,9 +55,14 @@ impl super::Settings for Settings {
         ]
     }
 
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         1.0
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
+    Some(2)
 }
 
 pub fn called_for(_scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {

@@ -43,7 +43,7 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }
 }
@@ -53,6 +53,12 @@ pub const WINDOW_PX: i32 = 3;
 
 /// Of the picture's height.
 const SHARE: f64 = 1.0 / 12.0;
+
+/// As [`super::Effects::reach_px`]: with perspective metres are any number of pixels.
+pub fn reach_px(view: &View, settings: &Settings) -> Option<u32> {
+    let in_metres = settings.radius > 0.0 && view.camera.projection == Projection::Perspective;
+    (!in_metres).then(|| (radius(view, settings) * view.focal_px()).ceil() as u32 + WINDOW_PX as u32 + 1)
+}
 
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     let why = match scene.points {
@@ -64,7 +70,7 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
 
 /// Metres, or where `settings` leave it to the picture and there is perspective, parts of the depth.
 pub fn radius(view: &View, settings: &Settings) -> f64 {
-    if settings.radius > 0.0 { settings.radius } else { SHARE * view.size[1] as f64 / view.focal_px() }
+    if settings.radius > 0.0 { settings.radius } else { SHARE * view.whole[1] as f64 / view.focal_px() }
 }
 
 /// Cosine and sine of the angle between directions.
@@ -78,6 +84,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut left = g.image("left", view.size, Kind::R32f);
     let push = Push {
         size: view.size,
+        centre: view.centre().map(|at| at as f32),
         px_per_unit: view.focal_px() as f32,
         reach: phong::reach(view) as f32,
         radius_px: WINDOW_PX,

@@ -3,7 +3,7 @@
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, edl::Push, edl::Spec};
-use crate::view::Projection;
+use crate::view::{Projection, View};
 
 pub const SUMMARY: &str = "eye-dome lighting: darkens what stands behind its neighbours, so that shape shows without normals";
 
@@ -34,9 +34,14 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.radius.round() as u32)
 }
 
 pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {

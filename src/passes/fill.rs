@@ -69,7 +69,7 @@ impl super::Settings for Settings {
         ]
     }
 
-    fn reach_px(&self, spacing_px: f64) -> f64 {
+    fn grows_px(&self, spacing_px: f64) -> f64 {
         match self.method {
             Method::Pintus if self.iterations == 0.0 => WIDEST,
             Method::Pintus => self.iterations,
@@ -78,6 +78,17 @@ impl super::Settings for Settings {
             // Its coarsest picture is one pixel.
             Method::Pullpush => f64::INFINITY,
         }
+    }
+}
+
+/// As [`super::Effects::reach_px`]: a pixel a step, of two kinds with masks; and tiles wake those beside them.
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    let steps = settings.iterations.max(WIDEST) as u32;
+    match settings.method {
+        Method::Pintus => Some(steps + TILE_PX),
+        Method::Dobrev => Some(2 * steps + TILE_PX),
+        Method::Splat => Some(settings.radius.max(splat::RADIUS_PX).ceil() as u32),
+        Method::Pullpush => None,
     }
 }
 

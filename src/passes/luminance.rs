@@ -9,11 +9,12 @@
 
 use super::project::{self, Band, Drawn, Group, Walk};
 use super::resolve::Paint;
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, exposure};
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Image, Tiles};
 use crate::shader::{self, luminance as kernel, luminance_sum32, luminance_sum64};
+use crate::view::View;
 
 pub const SUMMARY: &str = "one luminance for all stations: the mean of all points of the front surface in a pixel";
 
@@ -53,7 +54,7 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }
 }
@@ -61,7 +62,15 @@ impl super::Settings for Settings {
 /// Points a pixel from which a mean is worth its walk (Kanzok et al. 2012, sec. 5: seven to ten).
 const ENOUGH: f64 = 7.0;
 
-pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.neighbourhood as u32)
+}
+
+/// Of the places that stations share, the part that may differ once all have one exposure.
+const FEW: f64 = 0.05;
+
+pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     let (stations, density) = (scene.stations, super::significant(scene.density));
     let (runs, why) = match () {
         _ if scene.points == 0 => (false, "there is nothing to correct".to_string()),
@@ -70,6 +79,9 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
         _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
         _ if scene.density < ENOUGH => {
             (false, format!("{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"))
+        }
+        _ if before.runs("exposure") && scene.balance.is_some_and(|balance| balance.uneven <= FEW) => {
+            (false, "with one exposure stations hardly differ any more; --effect luminance=on".to_string())
         }
         _ => (true, format!("{stations} stations, and half of the points in view lie at {density} a pixel or more, where {ENOUGH} tell what they have in common")),
     };
@@ -82,6 +94,7 @@ pub struct Sums {
     /// Of the trunk's paint.
     shown: Buffer,
     table: Buffer,
+    levels: Buffer,
     stretch: [f32; 2],
     channels: u32,
     ramp: bool,
@@ -122,7 +135,8 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, pa
     let ramp = scene.shown == Attribute::Intensity;
     let channels = if settings.space == Space::Rgb && !ramp { 3 } else { 1 };
     let (shown, table) = (paint.shown.again(), paint.table.again());
-    let mut sums = Sums { bands: Vec::new(), shown, table, stretch: paint.ramp, channels, ramp, epsilon: epsilon(scene, settings) as f32 };
+    let levels = g.upload("levels", &exposure::levels(&paint.gains))?;
+    let mut sums = Sums { bands: Vec::new(), shown, table, levels, stretch: paint.ramp, channels, ramp, epsilon: epsilon(scene, settings) as f32 };
     let [width, height] = scene.view.size;
     // Two rows are left for the neighbours of a band.
     let limit = g.binding_limit().saturating_sub(16 * channels as u64 * width as u64);
@@ -138,34 +152,35 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, pa
 }
 
 fn walk(g: &mut Graph, scene: &Scene, drawn: &Drawn, to: &Sums, band: Band, front: &Image, sums: &mut Buffer) {
-    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = Walk::new(g, scene.view, drawn, band);
-    let &Sums { stretch: [lo, scale], channels, ramp, epsilon, .. } = to;
+    let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, scene.view, band);
+    let &Sums { ref levels, stretch: [lo, scale], channels, ramp, epsilon, .. } = to;
     let top = band.top;
     for group in &drawn.groups {
-        let &Group { block, planes, first_chunk, chunk_count } = group;
-        let (nodes, chunks, opacities, pages, tiles) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), &drawn.pages[block], group.tiles());
+        let &Group { block, planes, filtered, first_chunk, chunk_count } = group;
+        let (nodes, chunks, opacities, within) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), drawn.within());
+        let (pages, tiles) = (&drawn.pages[block], group.tiles());
         if g.gpu.device.int64_atomics {
-            let push = luminance_sum64::Push { centre, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
+            let push = luminance_sum64::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
             let spec = luminance_sum64::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum64 { nodes, chunks, opacities, pages, page_words: pages, front, sums, push, spec }, tiles);
+            g.run(shader::LuminanceSum64 { nodes, chunks, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
         } else {
-            let push = luminance_sum32::Push { centre, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
+            let push = luminance_sum32::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
             let spec = luminance_sum32::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum32 { nodes, chunks, opacities, pages, page_words: pages, front, sums, push, spec }, tiles);
+            g.run(shader::LuminanceSum32 { nodes, chunks, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
         }
     }
 }
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let Layers { mut color, sums, .. } = layers;
-    if let Some(Sums { bands, shown, table, stretch: [lo, scale], channels, ramp, epsilon }) = &sums {
+    if let Some(Sums { bands, shown, table, levels, stretch: [lo, scale], channels, ramp, epsilon }) = &sums {
         let width = scene.view.size[0];
         let around = (settings.neighbourhood >= 2.0) as u32;
         for Summed { rows, band, sums } in bands {
             let push = kernel::Push { width, rows: *rows, summed: [band.top, band.top + band.size[1]], epsilon: *epsilon, lo: *lo, scale: *scale };
             let spec = kernel::Spec { channels: *channels, ramp: *ramp, around, texels: g.gpu.device.texels };
             g.run(
-                shader::Luminance { sums, sum_words: sums, shown, table, front: &layers.raw, index: &layers.index, color: &mut color, push, spec },
+                shader::Luminance { sums, sum_words: sums, shown, table, levels, front: &layers.raw, index: &layers.index, color: &mut color, push, spec },
                 Tiles::Groups([width.div_ceil(64), rows[1] - rows[0], 1]),
             );
         }

@@ -10,6 +10,7 @@ pub mod resolve;
 
 use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
+use crate::index::exposure::Balance;
 use crate::light::Light;
 use crate::resident::Resident;
 use crate::view::View;
@@ -53,6 +54,9 @@ pub struct Holes {
     pub widest: u32,
 }
 
+/// Of what is no effect: normals look at neighbours.
+const OTHERS_REACH_PX: u32 = 2;
+
 /// Tiles across and down a picture.
 pub fn tiles(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| side.div_ceil(TILE_PX))
@@ -92,10 +96,12 @@ pub struct Scene<'s> {
     pub normals: bool,
     /// Points have brought how much of this light reaches them.
     pub lit: bool,
+    /// What gives all stations one exposure, where that is known.
+    pub balance: Option<&'s Balance>,
 }
 
 impl<'s> Scene<'s> {
-    pub fn of(view: &'s View, resident: &Resident, light: Light) -> Scene<'s> {
+    pub fn of(view: &'s View, resident: &'s Resident, light: Light) -> Scene<'s> {
         Scene {
             view,
             light,
@@ -103,11 +109,12 @@ impl<'s> Scene<'s> {
             spacing_m: resident.spacing_m(),
             stations: resident.stations.len(),
             shown: resident.shown.attribute,
-            density: resident.density(view),
-            pixel_m: resident.pixel_m(view),
+            density: resident.density(&view.entire()),
+            pixel_m: resident.pixel_m(&view.entire()),
             transparent: resident.opacities.is_transparent(),
             normals: resident.shown.normal().is_some(),
             lit: resident.light.as_ref().is_some_and(|saved| saved.light == light.to_string()),
+            balance: resident.balance.as_ref(),
         }
     }
 
@@ -173,6 +180,15 @@ macro_rules! effects {
                 decided
             }
 
+            /// How many pixels around one what is drawn there depends on; none where on the whole picture.
+            pub fn reach_px(&self, view: &View, decided: &Decided) -> Option<u32> {
+                let mut reach = OTHERS_REACH_PX;
+                $(if decided.runs(stringify!($name)) {
+                    reach += $name::reach_px(view, &self.$name.settings)?;
+                })*
+                Some(reach)
+            }
+
             /// Every effect in order, for who shows them and lets people choose.
             pub fn list(&mut self) -> Vec<Listed<'_>> {
                 vec![$(Listed {
@@ -191,12 +207,12 @@ macro_rules! effects {
 
         impl Effects {
             /// How far from a pixel that holds a point those that run may change a picture, pixels; points are at most so far apart on the screen.
-            pub fn reach_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
-                let mut reach_px = 0.0;
+            pub fn grows_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
+                let mut grows_px = 0.0;
                 $(if decided.runs(stringify!($name)) {
-                    reach_px += self.$name.settings.reach_px(spacing_px);
+                    grows_px += self.$name.settings.grows_px(spacing_px);
                 })*
-                reach_px
+                grows_px
             }
         }
 
@@ -211,6 +227,7 @@ macro_rules! effects {
 }
 
 effects! {
+    exposure,   // the table that colours are looked up in
     luminance,  // sums, index -> color
     strokes,    // keys and color in place of projected points; color -> color
     shadows,    // marks, index, color -> color
@@ -311,8 +328,8 @@ pub trait Settings: Default {
     fn list(&mut self) -> Vec<Setting<'_>>;
 
     /// How far from a pixel that holds a point the effect may change the picture, pixels, where points are at most so far apart; nobody knows where nothing is said. Layers behind others are drawn no
-    /// farther from their points than all effects together reach.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    /// farther from their points than all effects together carry them.
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         f64::INFINITY
     }
 }

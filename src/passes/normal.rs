@@ -10,6 +10,7 @@ pub fn record(g: &mut Graph, view: &View, layers: &Layers) -> Image {
     let axis = |axis: glam::DVec3| axis.as_vec3().to_array();
     let push = Push {
         size: view.size,
+        centre: view.centre().map(|at| at as f32),
         px_per_unit: view.focal_px() as f32,
         right: axis(view.basis.right),
         up: axis(view.basis.up),

@@ -66,9 +66,14 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.radius as u32 + 1)
 }
 
 pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
@@ -138,7 +143,7 @@ pub fn facing(g: &mut Graph, view: &View, layers: &Layers) -> Option<Image> {
     let mut facing = g.image("facing", view.size, Kind::Rgba32f);
     let axis = |axis: DVec3| axis.as_vec3().to_array();
     let basis = &view.basis;
-    let push = facing::Push { size: view.size, px_per_unit: view.focal_px() as f32, right: axis(basis.right), down: axis(-basis.up), forward: axis(basis.forward) };
+    let push = facing::Push { size: view.size, centre: view.centre().map(|at| at as f32), px_per_unit: view.focal_px() as f32, right: axis(basis.right), down: axis(-basis.up), forward: axis(basis.forward) };
     let spec = facing::Spec { perspective: view.camera.projection == Projection::Perspective };
     g.run(shader::Facing { index: &layers.index, facings, facing: &mut facing, push, spec }, Tiles::All);
     Some(facing)
@@ -150,6 +155,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut lit = g.image("lit", view.size, Kind::Rgba32f);
     let push = Push {
         size: view.size,
+        centre: view.centre().map(|at| at as f32),
         px_per_unit: view.focal_px() as f32,
         reach: reach(view) as f32,
         radius_px: settings.radius as i32,

@@ -3,13 +3,14 @@
 //! On the CPU, in f64: which nodes the view can see, from how many planes each is drawn, and each node's rows to pixels and depth.
 //! On the GPU: `project64` with 64-bit atomics, or `project32` twice (depths first, then the least id at that depth) where a device has none.
 
+use crate::clip::Left;
 use crate::config::{CHUNKS_PER_PAGE, NEAR_M, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE};
 pub use crate::cut::Precision;
 use crate::cut::{cell_steps, quantisation_px};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Tiles};
 use crate::resident::{Resident, ResidentNode};
-use crate::shader::{self, Node, project32, project64};
+use crate::shader::{self, Node, Within, project32, project64};
 use crate::view::{Projection, View};
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -22,15 +23,21 @@ pub struct Drawn {
     pub(super) groups: Vec<Group>,
     /// Where points of opacity 0 are to be left out, what makes up opacities.
     opacities: Option<Buffer>,
-    /// Points that face away from the camera are left out.
-    one_sided: bool,
+    /// Where points are looked at one by one, what lies in clip boxes.
+    within: Option<Buffer>,
     pub statistics: Statistics,
 }
 
-/// Chunks that one dispatch walks: of nodes in the same block, drawn from the same number of planes.
+/// Which points of a group are not there, as bits (glsl/lib/points.glsl): those of opacity 0, those that face away from the camera, those that clip boxes leave out.
+const BY_OPACITY: u32 = 1;
+const ONE_SIDED: u32 = 2;
+const CLIPPED: u32 = 4;
+
+/// Chunks that one dispatch walks: of nodes in the same block, drawn from the same number of planes, of which points are left out for the same reasons.
 pub(super) struct Group {
     pub block: usize,
     pub planes: u32,
+    pub filtered: u32,
     pub first_chunk: u32,
     pub chunk_count: u32,
 }
@@ -47,20 +54,20 @@ impl Group {
 #[derive(Clone, Copy)]
 pub(super) struct Walk {
     pub centre: [f32; 2],
+    pub corner: [f32; 2],
     pub size: [f32; 2],
     pub near: f32,
     pub lanes: u32,
     pub perspective: bool,
     pub texels: bool,
     pub points_per_chunk: u32,
-    pub filtered: u32,
 }
 
 impl Walk {
-    pub fn new(g: &Graph, view: &View, drawn: &Drawn, band: Band) -> Walk {
+    pub fn new(g: &Graph, view: &View, band: Band) -> Walk {
         Walk {
-            filtered: drawn.opacities.is_some() as u32 | (drawn.one_sided as u32) << 1,
-            centre: [view.size[0] as f32 / 2.0, view.size[1] as f32 / 2.0 - band.top as f32],
+            centre: view.whole.map(|side| side as f32 / 2.0),
+            corner: [view.corner[0] as f32, (view.corner[1] + band.top as i32) as f32],
             size: band.size.map(|side| side as f32),
             near: NEAR_M,
             lanes: if g.gpu.device.is_cpu { 8 } else { 128 },
@@ -76,7 +83,12 @@ impl Walk {
 pub struct Statistics {
     pub nodes_drawn: usize,
     pub nodes_outside: usize,
+    /// In view or not, of which clip boxes leave nothing.
+    pub nodes_clipped: usize,
+    /// Of the nodes drawn; those on the faces of clip boxes with all their points.
     pub points_drawn: u64,
+    /// Points that were compared with clip boxes, one by one.
+    pub points_compared: u64,
     /// Bytes of position planes read.
     pub position_bytes: u64,
     /// The largest quantisation error of a drawn node, pixels.
@@ -105,40 +117,55 @@ pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precisio
 pub fn draw_some(g: &mut Graph, view: &View, resident: &Resident, nodes: &[&ResidentNode], precision: Precision) -> Result<Drawn> {
     let mut statistics = Statistics::default();
     let mut records = Vec::new();
-    let mut chunks: BTreeMap<(usize, u32), Vec<u32>> = BTreeMap::new();
-    let mut seen: Vec<_> = nodes.iter().filter_map(|&node| Some((view.least_depth(node.bounds())?, node))).collect();
-    statistics.nodes_outside = nodes.len() - seen.len();
+    let mut within: Vec<Within> = Vec::new();
+    let mut chunks: BTreeMap<(usize, u32, u32), Vec<u32>> = BTreeMap::new();
+    let mut seen: Vec<_> = resident.seen_of(nodes.iter().copied(), view).map(|((nearest, _), node)| (nearest, node)).collect();
+    statistics.nodes_clipped = nodes.iter().filter(|node| resident.clips.left(node.bounds()) == Left::Nothing).count();
+    statistics.nodes_outside = nodes.len() - statistics.nodes_clipped - seen.len();
+    let opacities = resident.opacities.hides() && resident.shown.kind().is_some();
     // Front to back, so that what lies behind finds its pixels taken. The order does not show: keys are unique.
     seen.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (distance, node) in seen {
-        let planes = precision.planes(view, &node.lattice, &node.frame, distance).min(node.planes);
+        let is_clipped = resident.clips.left(node.bounds()) == Left::Some;
+        // Whether a point lies in a box takes all that is known of its place.
+        let planes = if is_clipped { node.planes } else { precision.planes(view, &node.lattice, &node.frame, distance).min(node.planes) };
         statistics.nodes_drawn += 1;
         statistics.points_drawn += node.count as u64;
         statistics.position_bytes += 4 * planes as u64 * node.count as u64;
         statistics.quantisation_px = statistics.quantisation_px.max(quantisation_px(view, &node.lattice, &node.frame, distance, planes));
         let number = records.len() as u32;
-        records.push(record_of(view, node, planes, [resident.shown.kind(), resident.shown.normal()]));
-        let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes);
+        let mut record = record_of(view, node, planes, [resident.shown.kind(), resident.shown.normal()]);
+        if is_clipped {
+            statistics.points_compared += node.count as u64;
+            let boxes = resident.clips.within(&node.lattice, &node.frame, node.bounds(), planes);
+            record.boxes =
+                [within.len(), within.len() + boxes[0].len(), within.len() + boxes[0].len() + boxes[1].len()].map(|at| at as u32);
+            within.extend(boxes.concat().iter().map(|cells| Within { least: cells.least, most: cells.most }));
+        }
+        records.push(record);
+        let filtered = if opacities { BY_OPACITY } else { 0 } | if is_clipped { CLIPPED } else { 0 };
+        let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes, filtered);
         chunks.entry(group).or_default().extend((0..node.count.div_ceil(POINTS_PER_CHUNK)).map(|chunk| number * CHUNKS_PER_PAGE + chunk));
     }
     let mut groups = Vec::new();
     let mut first_chunk = 0;
-    for (&(block, planes), chunks) in &chunks {
+    for (&(block, planes, filtered), chunks) in &chunks {
         let chunk_count = chunks.len() as u32;
-        groups.push(Group { block, planes, first_chunk, chunk_count });
+        groups.push(Group { block, planes, filtered, first_chunk, chunk_count });
         first_chunk += chunk_count;
     }
-    let filtered = resident.opacities.hides() && resident.shown.kind().is_some();
-    let opacities = filtered.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
+    let opacities = opacities.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
+    let within = (!within.is_empty()).then(|| g.upload("within", &within)).transpose()?;
     let nodes = g.upload("nodes", &records)?;
     let chunks = g.upload("chunks", &chunks.into_values().flatten().collect::<Vec<u32>>())?;
-    Ok(Drawn { nodes, chunks, pages: resident.import(g), groups, opacities, one_sided: false, statistics })
+    Ok(Drawn { nodes, chunks, pages: resident.import(g), groups, opacities, within, statistics })
 }
 
 impl Drawn {
     /// Leaves out points that face away from the camera, where that is asked for; those whose normals are not known stay.
-    pub fn one_sided(self, asked: bool) -> Drawn {
-        Drawn { one_sided: asked, ..self }
+    pub fn one_sided(mut self, asked: bool) -> Drawn {
+        self.groups.iter_mut().filter(|_| asked).for_each(|group| group.filtered |= ONE_SIDED);
+        self
     }
 
     /// What walks for layers behind others keep of every chunk ([`Behind::alive`]), before the first.
@@ -152,6 +179,11 @@ impl Drawn {
     /// What a walk over points binds as their opacities; anything, where it does not look at them.
     pub(super) fn opacities(&self) -> &Buffer {
         self.opacities.as_ref().unwrap_or(&self.nodes)
+    }
+
+    /// The same of what lies in clip boxes.
+    pub(super) fn within(&self) -> &Buffer {
+        self.within.as_ref().unwrap_or(&self.nodes)
     }
 }
 
@@ -175,25 +207,25 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>,
 
 /// The same points, beside those that the keys are of already.
 pub fn add(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, band: Band, keys: &mut Buffer) {
-    let Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = Walk::new(g, view, drawn, band);
+    let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, view, band);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
     let (front, mut unused) = (&keys.racing(), keys.racing());
     let is_behind = behind.is_some();
     let Behind { depths, alive, layer } = behind.unwrap_or(Behind { depths: front, alive: &mut unused, layer: 0 });
-    let opacities = drawn.opacities();
+    let (opacities, within) = (drawn.opacities(), drawn.within());
     let int64 = g.gpu.device.int64_atomics;
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
     for (&step, group) in steps.iter().flat_map(|step| drawn.groups.iter().map(move |group| (step, group))) {
-        let (tiles, &Group { block, planes, first_chunk, chunk_count }) = (group.tiles(), group);
+        let (tiles, &Group { block, planes, filtered, first_chunk, chunk_count }) = (group.tiles(), group);
         let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
         // Both kernels bind the same and are told the same.
         macro_rules! run {
             ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
-                let push = $module::Push { centre, size, near, first_chunk, chunk_count, layer };
+                let push = $module::Push { centre, corner, size, near, first_chunk, chunk_count, layer };
                 let spec = $module::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind $(, $step)? };
                 let (page_words, behind, behind_words, keys, alive) = (pages, depths, depths, &mut *keys, &mut *alive);
                 g.run(
-                    $($kernel)::+ { nodes, chunks, opacities, pages, page_words, front, behind, behind_words, alive, keys, push, spec },
+                    $($kernel)::+ { nodes, chunks, opacities, within, pages, page_words, front, behind, behind_words, alive, keys, push, spec },
                     tiles,
                 );
             }};
@@ -242,5 +274,6 @@ fn record_of(view: &View, node: &ResidentNode, planes: u32, [kind, normal]: [Opt
         right: (basis.right * across).as_vec3().to_array(),
         down: (-basis.up * across).as_vec3().to_array(),
         forward: (basis.forward * along).as_vec3().to_array(),
+        boxes: [0; 3],
     }
 }

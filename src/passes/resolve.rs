@@ -1,7 +1,7 @@
 //! KEYS -> LAYERS: depth, point ids and colours of one band, written into the whole picture's images.
 
-use super::Layers;
 use super::project::Band;
+use super::{Decided, Layers, exposure};
 use crate::cloud::attribute::{Attribute, Shown};
 pub use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
@@ -33,26 +33,40 @@ pub struct Paint {
     /// Where not all points are opaque.
     opacities: Option<Buffer>,
     pub(super) table: Buffer,
+    /// Of its rows ([`exposure::gains`]).
+    pub(super) gains: Vec<f64>,
     pub(super) mode: u32,
     /// The word at the low end of the ramp, and how much of a table of 256 a word more is.
     pub(super) ramp: [f32; 2],
 }
 
-pub fn paint(g: &mut Graph, resident: &Resident) -> Result<Paint> {
+/// How words become colours, as glsl/lib/paint.glsl numbers it.
+const RGB: u32 = 0;
+const RAMP: u32 = 1;
+const PALETTE: u32 = 2;
+const NORMAL: u32 = 3;
+const CONSTANT: u32 = 4;
+
+fn mode(attribute: Attribute) -> u32 {
+    match attribute {
+        Attribute::Rgb | Attribute::Corrected => RGB,
+        Attribute::Intensity | Attribute::Elevation => RAMP,
+        Attribute::Class | Attribute::Source | Attribute::Return => PALETTE,
+        Attribute::Normal => NORMAL,
+        Attribute::White => CONSTANT,
+    }
+}
+
+pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Paint> {
     let Shown { attribute, stretch: [lo, hi], .. } = resident.shown;
-    let mode = match attribute {
-        Attribute::Rgb | Attribute::Corrected => 0,
-        Attribute::Intensity | Attribute::Elevation => 1,
-        Attribute::Class | Attribute::Source | Attribute::Return => 2,
-        Attribute::Normal => 3,
-        Attribute::White => 4,
-    };
+    let mode = mode(attribute);
     let shown = g.upload("shown", &resident.addresses(0))?;
     let transparent = resident.opacities.is_transparent();
     let opacities = transparent.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
     let kinds = resident.shown.kind().filter(|_| transparent).map(|word| g.upload("kinds", &resident.addresses(word))).transpose()?;
-    let table = g.upload("table", &table(attribute))?;
-    Ok(Paint { shown, kinds, opacities, table, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
+    let gains = exposure::gains(resident, decided);
+    let table = g.upload("table", &table(attribute, &gains))?;
+    Ok(Paint { shown, kinds, opacities, table, gains, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
 }
 
 pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {
@@ -100,7 +114,7 @@ impl Resolved {
             sums: None,
             lit: None,
             spacings,
-            spacing_px: spacing_px(view, resident),
+            spacing_px: spacing_px(&view.entire(), resident),
             holes: None,
         })
     }
@@ -121,12 +135,16 @@ fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
     all.map_or([0.0; 2], |range| range.map(|px| if px.is_nan() { 0.0 } else { px }))
 }
 
-/// The 256 linear colours that words are looked up in.
-fn table(attribute: Attribute) -> [[f32; 4]; 256] {
-    std::array::from_fn(|i| {
+/// The 256 linear colours that words are looked up in; of colours, as many for every station.
+fn table(attribute: Attribute, gains: &[f64]) -> Vec<[f32; 4]> {
+    if attribute == Attribute::Rgb {
+        return exposure::linear(gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
+    }
+    let color = |i| {
         let [r, g, b] = srgb(attribute, i).map(|channel| srgb_to_linear(channel) as f32);
         [r, g, b, 1.0]
-    })
+    };
+    (0..256).map(color).collect()
 }
 
 /// Of the 256, one.
@@ -145,6 +163,20 @@ fn srgb(attribute: Attribute, i: usize) -> [f64; 3] {
 /// What a class or a return number is drawn in, 8-bit sRGB.
 pub fn code_color(attribute: Attribute, code: u8) -> [u8; 3] {
     srgb(attribute, code as usize).map(|channel| (255.0 * channel).round() as u8)
+}
+
+/// What a word is drawn in, 8-bit sRGB, but for shading and rounding.
+pub fn color_of(shown: &Shown, word: u32) -> [u8; 3] {
+    let [lo, hi] = shown.stretch.map(|end| end as f64);
+    let byte = |channel: u32| (word >> (8 * channel) & 255) as u8;
+    let entry = match mode(shown.attribute) {
+        RGB => return [0, 1, 2].map(byte),
+        NORMAL => return [0, 1, 2].map(|axis| (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8),
+        RAMP => ((word as f64 - lo) * 255.0 / (hi - lo).max(1.0)).clamp(0.0, 255.0) as usize,
+        PALETTE => byte(0) as usize,
+        _ => 0,
+    };
+    srgb(shown.attribute, entry).map(|channel| (255.0 * channel).round() as u8)
 }
 
 /// From deep blue over green and sand to white: lightness rises all the way, so that the ramp also reads in grey.

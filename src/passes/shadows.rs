@@ -95,9 +95,14 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
+    Some(0)
 }
 
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
@@ -255,10 +260,7 @@ fn made_of(scene: &Scene, resident: &Resident, settings: &Settings, around: &cam
     let numbers = [place.x, place.y, place.z, samples, radius, size, layer, fill, peels, limit].map(f64::to_bits);
     let (low, high) = around.bounds;
     let seen = [low.x, low.y, low.z, high.x, high.y, high.z, around.spacing_m].map(f64::to_bits);
-    // Points that are left out cast none.
-    let opacities = if resident.opacities.hides() { resident.opacities.table(&resident.stations) } else { Vec::new() };
-    let opacities = opacities.into_iter().map(|factor| (factor > 0.0) as u64);
-    [kind, method as u64, pattern as u64, resident.serial()].into_iter().chain(numbers).chain(seen).chain(opacities).collect()
+    [kind, method as u64, pattern as u64].into_iter().chain(numbers).chain(seen).chain(resident.cloud_identity()).collect()
 }
 
 /// What is counted while shadows are cast.
@@ -376,15 +378,15 @@ pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reac
 
 /// A sample more for every point that lies no deeper than its texel's limit.
 fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, marks: &mut Buffer) {
-    let walk = project::Walk::new(g, camera, drawn, Band { top: 0, size: camera.size });
+    let walk = project::Walk::new(g, camera, Band { top: 0, size: camera.size });
     for group in &drawn.groups {
-        let project::Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = walk;
-        let project::Group { first_chunk, chunk_count, planes, .. } = *group;
-        let push = shadow_depth::Push { centre, size, near, first_chunk, chunk_count };
+        let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = walk;
+        let project::Group { first_chunk, chunk_count, planes, filtered, .. } = *group;
+        let push = shadow_depth::Push { centre, corner, size, near, first_chunk, chunk_count };
         let spec = shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
-        let (pages, opacities) = (&drawn.pages[group.block], drawn.opacities());
+        let (pages, opacities, within) = (&drawn.pages[group.block], drawn.opacities(), drawn.within());
         g.run(
-            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, opacities, pages, page_words: pages, limit, marks, push, spec },
+            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, opacities, within, pages, page_words: pages, limit, marks, push, spec },
             group.tiles(),
         );
     }

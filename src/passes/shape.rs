@@ -6,7 +6,7 @@
 use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
-use crate::view::Projection;
+use crate::view::{Projection, View};
 
 pub const SUMMARY: &str = "shades by shape: lines at creases, light on what faces the viewer, without normals";
 
@@ -53,9 +53,14 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }
+}
+
+/// As [`super::Effects::reach_px`]. A pixel a level; and which tiles have levels, those around them decide.
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.levels as u32 + TILE_PX * (rings(settings.levels as u32)[1] as u32 + 2))
 }
 
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {

@@ -5,6 +5,7 @@
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, smooth::Push};
+use crate::view::View;
 
 pub const SUMMARY: &str = "takes away steps between pixels of one surface: means of depth and colour over 3 x 3";
 
@@ -53,9 +54,14 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.iterations as u32)
 }
 
 pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {

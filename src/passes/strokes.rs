@@ -25,7 +25,7 @@ use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::resident::Resident;
 use crate::shader::{self, Canvas, Home, stroke_bins, stroke_blend, stroke_blur, stroke_brush, stroke_sort};
-use crate::view::{Camera, Projection, View};
+use crate::view::{Projection, View};
 use brush::{Bristles, Brush};
 use std::ops::Range;
 
@@ -157,6 +157,11 @@ impl super::Settings for Settings {
     }
 }
 
+/// As [`super::Effects::reach_px`]. Strokes themselves are looked for as far as they reach, so only softening counts.
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.radius.ceil() as u32)
+}
+
 pub fn called_for(_scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     Reason { runs: false, why: "nobody asked for a painting; --style strokes".to_string() }
 }
@@ -214,6 +219,7 @@ pub struct Painting<'f> {
     wide: View,
     view: &'f View,
     resident: &'f Resident,
+    decided: &'f Decided,
     settings: Settings,
     /// Blended colours of the whole picture.
     blended: Option<Image>,
@@ -221,7 +227,7 @@ pub struct Painting<'f> {
 }
 
 /// None where points are not painted.
-pub fn begin<'f>(g: &mut Graph, view: &'f View, resident: &'f Resident, effects: &Effects, decided: &Decided) -> Result<Option<Painting<'f>>> {
+pub fn begin<'f>(g: &mut Graph, view: &'f View, resident: &'f Resident, effects: &Effects, decided: &'f Decided) -> Result<Option<Painting<'f>>> {
     if !decided.runs("strokes") {
         return Ok(None);
     }
@@ -231,7 +237,7 @@ pub fn begin<'f>(g: &mut Graph, view: &'f View, resident: &'f Resident, effects:
     let settings = effects.strokes.settings;
     let blended = (settings.blend == Blend::Abuffer).then(|| g.image("blended", view.size, Kind::Rgba32f));
     let wide = widened(view, margin(&settings));
-    Ok(Some(Painting { wide, view, resident, settings, blended, facts: Facts::default() }))
+    Ok(Some(Painting { wide, view, resident, decided, settings, blended, facts: Facts::default() }))
 }
 
 fn margin(settings: &Settings) -> u32 {
@@ -240,12 +246,7 @@ fn margin(settings: &Settings) -> u32 {
 
 /// The same camera with so many pixels more on every side.
 fn widened(view: &View, margin: u32) -> View {
-    let size = view.size.map(|side| side + 2 * margin);
-    let half = view.size[1] as f64 / 2.0;
-    let wider = (half + margin as f64) / half;
-    let fov_y = 2.0 * ((view.camera.fov_y.to_radians() / 2.0).tan() * wider).atan().to_degrees();
-    let camera = Camera { fov_y, ortho_height: view.camera.ortho_height.map(|height| height * wider), ..view.camera };
-    View { camera, size, ..*view }
+    view.window(view.corner.map(|at| at - margin as i32), view.size.map(|side| side + 2 * margin))
 }
 
 /// What the passes of one submission share.
@@ -323,7 +324,7 @@ impl Painting<'_> {
         let drawn = project::draw(g, &self.wide, self.resident, Precision::Planes(crate::config::POSITION_PLANES))?;
         let homes: Vec<Home> = self.resident.homes().into_iter().map(|(page, planes)| Home { page, planes }).collect();
         let homes = g.upload("homes", &homes)?;
-        let paint = resolve::paint(g, self.resident)?;
+        let paint = resolve::paint(g, self.resident, self.decided)?;
         let canvas = g.upload("canvas", &[self.canvas(band, &paint)])?;
         let turns = g.upload("turns", &brush::turns(self.settings.noise))?;
         let brushes = self.brushes(g, &turns)?;
@@ -339,7 +340,7 @@ impl Painting<'_> {
         Canvas {
             size: band.size,
             tiles: tiles(band.size),
-            middle: [self.view.size[0] as f32 / 2.0, self.view.size[1] as f32 / 2.0 - band.top as f32],
+            middle: [self.view.centre()[0] as f32, (self.view.centre()[1] - band.top as f64) as f32],
             margin: margin(&self.settings) as f32,
             focal: self.wide.focal_px() as f32,
             right: basis.right.as_vec3().to_array(),
@@ -425,10 +426,10 @@ impl Painting<'_> {
 
     fn walk(&self, g: &mut Graph, desk: &Desk, part: &Buffer, tallies: &mut Buffer, strokes: &mut Buffer, step: u32) {
         let wide = Band { top: desk.band.top, size: desk.band.size.map(|side| side + 2 * margin(&self.settings)) };
-        let project::Walk { centre, size, near, lanes, perspective, texels, points_per_chunk, filtered } = project::Walk::new(g, &self.wide, &desk.drawn, wide);
+        let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = project::Walk::new(g, &self.wide, wide);
         for group in &desk.drawn.groups {
-            let project::Group { block, planes, first_chunk, chunk_count } = *group;
-            let push = stroke_bins::Push { centre, size, near, first_chunk, chunk_count };
+            let project::Group { block, planes, filtered, first_chunk, chunk_count } = *group;
+            let push = stroke_bins::Push { centre, corner, size, near, first_chunk, chunk_count };
             let spec = stroke_bins::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, step, mode: desk.paint.mode };
             let Desk { drawn, homes, canvas, turns, .. } = desk;
             let pages = &drawn.pages[block];
@@ -437,6 +438,7 @@ impl Painting<'_> {
                     nodes: &drawn.nodes,
                     chunks: &drawn.chunks,
                     opacities: drawn.opacities(),
+                    within: drawn.within(),
                     pages,
                     page_words: pages,
                     homes,

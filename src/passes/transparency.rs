@@ -9,13 +9,14 @@
 //! A layer is everything within the layer distance of its surface. The next one begins behind that; the distance is what noise and filling may have moved a surface by, and how deep a slanted one is
 //! within a pixel. Layers are recorded as often as is allowed, and the device skips those that are empty ([`super::gate`]).
 //!
-//! Behind a pixel without a point there are none, so of every layer only the tiles are worked on where the one before it had points, or effects may have carried what these show (`reach_px`).
+//! Behind a pixel without a point there are none, so of every layer only the tiles are worked on where the one before it had points, or effects may have carried what these show (`grows_px`).
 
 use super::project::{self, Band};
 use super::visibility::Looked;
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, significant};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::shader::{self, transparency::Push, transparency::Spec};
+use crate::view::View;
 
 pub const SUMMARY: &str = "surfaces that let through what is behind them: layers, from front to back (--opacity)";
 
@@ -49,9 +50,14 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         if self.tiles == Looked::All { f64::INFINITY } else { 0.0 }
     }
+}
+
+/// As [`super::Effects::reach_px`].
+pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
+    Some(0)
 }
 
 pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {

@@ -65,7 +65,7 @@ impl super::Settings for Settings {
     }
 
     /// Between points pixels become unknown.
-    fn reach_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         MARGIN_PX as f64
     }
 }
@@ -77,6 +77,11 @@ const KERNELS: u32 = WIDTHS.len() as u32;
 const FINE: u32 = 6;
 /// As in glsl/lib/tile.glsl.
 const MARGIN_PX: u32 = 16;
+
+/// As [`super::Effects::reach_px`]. Of the widest kernel; and which one it is, tiles decide with those around them.
+pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
+    Some(settings.kernel.max(fill::WIDEST) as u32 / 2 + 1 + 2 * TILE_PX)
+}
 
 pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
     match scene.points {
@@ -143,6 +148,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         let Kernel { span, radius } = Kernel::of(list, settings);
         let push = visibility::Push {
             size: view.size,
+            centre: view.centre().map(|at| at as f32),
             tiles_across: across[0],
             at: list * stride,
             holes_at,
@@ -204,7 +210,7 @@ fn slope(view: &View, threshold: f64) -> f64 {
     let cos = 1.0 - threshold / TAU;
     let cotangent = cos / (1.0 - cos * cos).sqrt();
     let lean = match view.camera.projection {
-        Projection::Perspective => (view.size[0] as f64).hypot(view.size[1] as f64) / 2.0 / view.focal_px(),
+        Projection::Perspective => (view.whole[0] as f64).hypot(view.whole[1] as f64) / 2.0 / view.focal_px(),
         Projection::Orthographic => 0.0,
     };
     ((cotangent - 0.71 * lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0)

@@ -2,6 +2,7 @@
 
 use super::pool::{PAGE_BYTES, Pages, Pool};
 use super::{Resident, ResidentNode, in_metres, middle};
+use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::Result;
@@ -36,7 +37,9 @@ impl Resident {
             points: index.directory.contents.points,
             stations: Vec::new(),
             oriented: false,
+            balance: None,
             opacities: Opacities::default(),
+            clips: Clips::default(),
             comes_and_goes: true,
             light: None,
         }

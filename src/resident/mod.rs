@@ -10,14 +10,17 @@
 mod leaves;
 pub mod pool;
 pub mod residency;
+pub mod section;
 
 pub use residency::Residency;
 
+use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
 use crate::cloud::{Cloud, Columns, Lattice, Part, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Gpu, Graph};
+use crate::index::exposure::{self, Balance};
 use crate::index::marks::Contents;
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
@@ -93,6 +96,8 @@ pub struct Resident {
     /// Of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
+    /// What gives all stations one exposure, where colours say which station they are of.
+    pub balance: Option<Balance>,
     /// Normals that points have brought say which side of a surface is outside.
     pub oriented: bool,
     /// How opaque its points are; what hides some by their kind needs them to bring it.
@@ -101,6 +106,8 @@ pub struct Resident {
     pub comes_and_goes: bool,
     /// Of which light points say how much reaches them, where they have brought that.
     pub light: Option<Box<Contents>>,
+    /// Which part of it is there.
+    pub clips: Clips,
 }
 
 /// Of numbers that so many points have each, the middle one; 0 of none.
@@ -139,6 +146,7 @@ impl Resident {
     ) -> Result<Resident> {
         gpu.residents += 1;
         let stations = cloud.stations.clone();
+        let balance = if shown.coded { exposure::balance(&cloud) } else { None };
         let mut resident = Resident {
             serial: gpu.residents,
             pool: Pool::new(u32::MAX),
@@ -146,11 +154,13 @@ impl Resident {
             shown,
             points: 0,
             stations,
+            balance,
             // A file's normals, where it has any.
             oriented: shown.further.normal,
             opacities: Opacities::default(),
             comes_and_goes: false,
             light: None,
+            clips: Clips::default(),
         };
         let total = cloud.len();
         let mut parts = cloud.parts;
@@ -265,9 +275,24 @@ impl Resident {
         middle(self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect())
     }
 
+    /// Nodes of which the view can see something, with the least and the greatest depth of each.
+    pub fn seen<'r>(&'r self, view: &'r View) -> impl Iterator<Item = ((f64, f64), &'r ResidentNode)> {
+        self.seen_of(self.nodes.iter(), view)
+    }
+
+    /// The same of some of the nodes.
+    pub fn seen_of<'r>(
+        &'r self,
+        nodes: impl Iterator<Item = &'r ResidentNode>,
+        view: &'r View,
+    ) -> impl Iterator<Item = ((f64, f64), &'r ResidentNode)> {
+        let is_left = |node: &&ResidentNode| self.clips.left(node.bounds()) != Left::Nothing;
+        nodes.filter(is_left).filter_map(|node| Some((view.depths(node.bounds())?, node)))
+    }
+
     /// How wide a pixel is, metres: in the middle of the node that the middle point is in, from near nodes to far ones, of those that the view sees; 0 where there are none.
     pub fn pixel_m(&self, view: &View) -> f64 {
-        let seen = self.nodes.iter().filter_map(|node| Some((view.depths(node.bounds())?, node.count as u64)));
+        let seen = self.seen(view).map(|(depths, node)| (depths, node.count as u64));
         let wide = |depth: f64| match view.camera.projection {
             Projection::Perspective => depth / view.focal_px(),
             Projection::Orthographic => 1.0 / view.focal_px(),
@@ -279,8 +304,7 @@ impl Resident {
     /// does: of a tree, many points lie behind each other.
     pub fn density(&self, view: &View) -> f64 {
         let way = view.basis.forward.abs();
-        let seen = self.nodes.iter().filter_map(|node| {
-            let (near, far) = view.depths(node.bounds())?;
+        let seen = self.seen(view).filter_map(|((near, far), node)| {
             let px_per_m = match view.camera.projection {
                 Projection::Perspective => view.focal_px() / ((near + far) / 2.0),
                 Projection::Orthographic => view.focal_px(),
@@ -296,7 +320,7 @@ impl Resident {
 
     /// What is drawn, in numbers: the same ones only where a frame draws the same points under the same ids.
     pub fn identity(&self) -> Vec<u64> {
-        [self.serial].into_iter().chain(self.nodes_identity()).collect()
+        self.cloud_identity().into_iter().chain(self.nodes_identity()).collect()
     }
 
     /// Of every node, in numbers of which each has as many: the same ones only where it has the same points.
@@ -310,9 +334,13 @@ impl Resident {
         self.nodes.iter().flat_map(node).collect()
     }
 
-    /// Which of the device's clouds this is.
-    pub fn serial(&self) -> u64 {
-        self.serial
+    /// What points are drawn, and which of them are left out, but for the nodes: as [`Resident::identity`].
+    pub fn cloud_identity(&self) -> Vec<u64> {
+        // Of opacities, which points are left out.
+        let factors = self.opacities.table(&self.stations).into_iter().enumerate();
+        let left_out: Vec<u64> = factors.filter(|(_, factor)| *factor == 0.0).map(|(number, _)| number as u64).collect();
+        let counts = [self.serial, left_out.len() as u64, self.clips.active() as u64];
+        counts.into_iter().chain(left_out).chain(self.clips.identity()).collect()
     }
 
     /// Bytes of the pages in use.

@@ -15,6 +15,7 @@
 
 use super::pool::{PAGE_BYTES, Pages, Pool};
 use super::{Resident, ResidentNode, in_metres};
+use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
 use crate::config::UPLOAD_BYTES;
 use crate::cut::{self, Cut, Detail};
@@ -140,10 +141,12 @@ impl Residency {
             shown,
             points: index.directory.contents.points,
             stations: index.directory.contents.stations.clone(),
+            balance: None,
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             opacities: Opacities::default(),
             comes_and_goes: true,
             light: index.marks.as_ref().filter(|_| shown.light().is_some()).map(|marks| Box::new(marks.contents.clone())),
+            clips: Clips::default(),
         };
         Ok(Residency {
             resident,
@@ -323,7 +326,7 @@ impl Residency {
     fn fitting(&self, view: &View, detail: &Detail, fall_back: bool) -> (Cut, u64) {
         let mut detail = *detail;
         loop {
-            let cut = cut::choose(&self.index, view, &detail, &self.unreadable);
+            let cut = cut::choose(&self.index, view, &self.resident.clips, &detail, &self.unreadable);
             let mut pages = Pages::new(self.resident.pool.pages.budget);
             // Whatever is there to fall back to gives way, but for the roots.
             let wants = self.wants(view, &detail, &cut, fall_back);
@@ -351,7 +354,12 @@ impl Residency {
         let above = above.into_iter().map(|node| Want { node, planes: 1, needed: false });
         let needed = cut.nodes.iter().map(|wanted| {
             let record = &self.index.nodes()[wanted.node];
-            let planes = detail.precision.planes(view, &self.index.lattice(record), &self.frame(wanted.node), wanted.distance);
+            let frame = self.frame(wanted.node);
+            // Whether a point lies in a box takes all that is known of its place.
+            let planes = match self.resident.clips.left(self.index.bounds(record)) {
+                Left::Some => frame.planes,
+                _ => detail.precision.planes(view, &self.index.lattice(record), &frame, wanted.distance),
+            };
             Want { node: wanted.node, planes, needed: true }
         });
         above.chain(needed).collect()
@@ -494,7 +502,10 @@ impl Residency {
             } else if record.is_leaf() {
                 return None;
             } else {
-                open.extend(record.children().filter(|&child| view.least_depth(self.index.bounds(&self.index.nodes()[child])).is_some()));
+                open.extend(record.children().filter(|&child| {
+                    let bounds = self.index.bounds(&self.index.nodes()[child]);
+                    view.least_depth(bounds).is_some() && self.resident.clips.left(bounds) != Left::Nothing
+                }));
             }
         }
         Some(found)

@@ -33,11 +33,13 @@ const GAINS: [f64; 5] = [1.0, 0.5, 2.0, 0.7, 1.4];
 const SIZES: [u32; 3] = [1, 2, 4];
 const LEAST_SIDE: u32 = 16;
 
-/// Epsilon is in spacings of the points here.
-const CONFIGURATIONS: [(&str, &str, &str); 13] = [
+/// What `luminance` is asked for, and behind it what else. Epsilon is in spacings of the points here.
+const CONFIGURATIONS: [(&str, &str, &str); 15] = [
     ("none", "uncorrected", "off"),
     ("none", REFERENCE, "off"),
-    (AUTO, AUTO, "on"),
+    (AUTO, AUTO, "auto exposure=auto"),
+    ("exposure", "with averages", "on exposure=on"),
+    ("averages", "alone", "on"),
     ("epsilon", "0.5", "on"),
     ("epsilon", "1", "on"),
     ("epsilon", "2", "on"),
@@ -141,10 +143,11 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     Ok(Section { name: "luminance", title: "Luminance correction: steps and details".into(), how, rows, figures, tables: vec![table, problems::table(gpu, plan, progress)?] })
 }
 
+/// Nothing else runs.
 fn wishes(luminance: &str) -> Result<Wishes> {
     let mut wishes = Wishes::default();
     let off = EFFECTS.iter().map(|effect| format!("{effect}=off"));
-    off.chain([format!("luminance={luminance}")]).try_for_each(|text| wishes.effects.set(&text)).map_err(Error::Request)?;
+    off.chain(format!("luminance={luminance}").split(' ').map(String::from)).try_for_each(|text| wishes.effects.set(&text)).map_err(Error::Request)?;
     Ok(wishes)
 }
 

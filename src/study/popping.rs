@@ -8,6 +8,7 @@
 use super::flip::{self, Seen};
 use super::lod::{covered, draw};
 use super::metrics;
+use crate::clip::Clips;
 use crate::cut::{self, Cut, Detail};
 use crate::error::Result;
 use crate::graph::Gpu;
@@ -83,7 +84,7 @@ pub fn watch(
 /// The first step whose cut has other levels than the one before; 0 if there is none. Steps are looked at eight at a time, since a level that has changed stays so.
 fn first_change(index: &Index, detail: &Detail, steps: usize, view: &dyn Fn(usize) -> Result<View>) -> Result<usize> {
     const STRIDE: usize = 8;
-    let choose = |step: usize| Ok::<_, crate::error::Error>(cut::choose(index, &view(step)?, detail, &HashSet::new()));
+    let choose = |step: usize| Ok::<_, crate::error::Error>(cut::choose(index, &view(step)?, &Clips::default(), detail, &HashSet::new()));
     let mut before = choose(0)?;
     for step in (STRIDE..=steps).step_by(STRIDE) {
         let now = choose(step)?;

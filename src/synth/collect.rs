@@ -1,7 +1,7 @@
 //! A simulated scan straight into memory: for benchmarks, studies and tests.
 
 use super::{Chunk, World, scan};
-use crate::cloud::{Cloud, Columns, Header, Lattice, Part, Station};
+use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::error::Result;
 use crate::progress::Progress;
 use glam::DVec3;
@@ -35,7 +35,6 @@ pub fn collect(name: &str, world: &World, points: u64, seed: u64, noise: f64, pr
         ..columns
     };
     let lattice = Lattice { step: DVec3::splat(world.lattice().step), offset: world.lattice().offset };
-    let station = Station { part: 0, source: None, name: name.to_string(), points };
     let part = Part {
         path: PathBuf::from(name),
         name: None,
@@ -45,5 +44,6 @@ pub fn collect(name: &str, world: &World, points: u64, seed: u64, noise: f64, pr
         intensity_range: [0.0, 65_535.0],
         rgb_bits: 16,
     };
-    Ok(Cloud { parts: vec![part], stations: vec![station], notes: Vec::new() })
+    let stations = crate::cloud::stations(&part, 0);
+    Ok(Cloud { parts: vec![part], stations, notes: Vec::new() })
 }

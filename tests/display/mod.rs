@@ -147,7 +147,7 @@ impl<'d> Viewer<'d> {
     }
 
     /// Lines on standard error until now.
-    fn said(&self) -> Vec<String> {
+    pub fn said(&self) -> Vec<String> {
         self.heard.as_ref().unwrap()[1].now()
     }
 

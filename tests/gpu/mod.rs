@@ -165,7 +165,7 @@ impl Canvas<'_> {
         let scene = Scene::of(view, &self.resident, light);
         let mut g = Graph::new(self.gpu);
         let uploaded = g.upload("keys", keys).unwrap();
-        let paint = resolve::paint(&mut g, &self.resident).unwrap();
+        let paint = resolve::paint(&mut g, &self.resident, &Default::default()).unwrap();
         let resolved = resolve::layers(&mut g, view);
         let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
         let mut layers = resolved.layers(&mut g, view, &self.resident).unwrap();

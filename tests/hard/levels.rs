@@ -2,6 +2,7 @@
 
 use crate::gpu::{Random, Way, perspective, with};
 use glam::DVec3;
+use pointillist::clip::Clips;
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cut::{self, Detail};
 use pointillist::index::file::Index;
@@ -155,7 +156,7 @@ fn hard_31_borders_head_on() {
             let camera = perspective(target + DVec3::Z * height, target, 40.0);
             let view = View::new(camera, SIZE).unwrap();
             // Everything is equally far, so only a budget mixes levels: too small for all leaves by one point.
-            let all = cut::choose(index, &view, &full(SIZE), &HashSet::new()).points;
+            let all = cut::choose(index, &view, &Clips::default(), &full(SIZE), &HashSet::new()).points;
             (view, Detail { budget: all - 1, ..full(SIZE) })
         });
     }

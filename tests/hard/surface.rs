@@ -286,6 +286,7 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         transparent: false,
         normals: false,
         lit: false,
+        balance: None,
     });
     assert!(["visibility", "fill", "shape"].iter().all(|effect| decided.runs(effect)), "{decided:?}");
 }

@@ -88,7 +88,7 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                 assert!(scene.normals);
                 let mut g = Graph::new(gpu);
                 let uploaded = g.upload("keys", &keys).unwrap();
-                let paint = resolve::paint(&mut g, &resident).unwrap();
+                let paint = resolve::paint(&mut g, &resident, &Default::default()).unwrap();
                 let resolved = resolve::layers(&mut g, &view);
                 let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size }, resolved);
                 let layers = resolved.layers(&mut g, &view, &resident).unwrap();

@@ -20,16 +20,17 @@ pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, most: 
     g.fill(&mut last, 0);
     let mut before = g.buffer("peeled", 4);
     g.fill(&mut before, 1);
-    let Walk { centre, size: across, near, lanes, perspective, texels, points_per_chunk, filtered } = Walk::new(g, camera, drawn, Band { top: 0, size });
+    let Walk { centre, corner, size: across, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, camera, Band { top: 0, size });
     for peel in 1..=most {
         for step in [0, 1] {
             for group in &drawn.groups {
-                let &Group { block, planes, first_chunk, chunk_count } = group;
-                let push = shadow_peel::Push { centre, size: across, near, first_chunk, chunk_count };
+                let &Group { block, planes, filtered, first_chunk, chunk_count } = group;
+                let push = shadow_peel::Push { centre, corner, size: across, near, first_chunk, chunk_count };
                 let spec = shadow_peel::Spec { lanes, planes, perspective, texels, points_per_chunk, step, filtered };
-                let (nodes, chunks, pages, opacities) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block], drawn.opacities());
+                let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
+                let (opacities, within) = (drawn.opacities(), drawn.within());
                 g.run(
-                    shader::ShadowPeel { nodes, chunks, opacities, pages, page_words: pages, limit, peeled: &before, last: &last, keys: &mut keys, push, spec },
+                    shader::ShadowPeel { nodes, chunks, opacities, within, pages, page_words: pages, limit, peeled: &before, last: &last, keys: &mut keys, push, spec },
                     group.tiles(),
                 );
             }

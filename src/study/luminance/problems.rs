@@ -68,7 +68,13 @@ pub fn table(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Tabl
         let cloud = lit(&wall, light);
         let mut reference = cloud.clone();
         correct(&mut reference, NEIGHBOURS, progress)?;
-        let ways = [("uncorrected", cloud.clone(), "off"), (REFERENCE, reference, "off"), ("luminance=on", cloud, "on")];
+        let ways = [
+            ("uncorrected", cloud.clone(), "off"),
+            (REFERENCE, reference, "off"),
+            ("exposure=on", cloud.clone(), "off exposure=on"),
+            ("luminance=on", cloud.clone(), "on"),
+            ("both", cloud, "on exposure=on"),
+        ];
         for (way, cloud, luminance) in ways {
             let (values, _) = picture(gpu, cloud, luminance)?;
             let exposure: Vec<Option<f64>> = (0..values.len())

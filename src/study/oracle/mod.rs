@@ -8,6 +8,7 @@ pub mod antialias;
 pub mod ao;
 pub mod dobrev;
 pub mod edl;
+pub mod exposure;
 pub mod fill;
 pub mod luminance;
 pub mod phong;

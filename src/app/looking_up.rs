@@ -1,0 +1,57 @@
+//! PICKED POINT -> RECORD: what its file says of it, looked up by a thread, since files are long.
+
+use super::opening::Watch;
+use super::{App, Event};
+use crate::cloud::attribute::STATION_SHIFT;
+use crate::cloud::find::{self, Record, Sought};
+use crate::error::{Error, Result};
+use crate::resident::Point;
+use glam::DVec3;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+impl App {
+    /// All that was picked.
+    pub(super) fn forget(&mut self) {
+        self.facts.measure.points.clear();
+        self.forgotten.store(true, Relaxed);
+        self.forgotten = Arc::new(AtomicBool::new(false));
+    }
+
+    pub(super) fn look_up(&mut self, point: &Point) {
+        let station = point.kind.and_then(|kind| self.stations.get((kind >> STATION_SHIFT) as usize));
+        let sought = Sought {
+            position: point.position,
+            kind: point.kind.map(|kind| [kind as u8, (kind >> 8) as u8 & 15]),
+            station: station.map(|station| (station.part, station.source)),
+        };
+        let (files, progress, done) = (self.origins.clone(), self.events.clone(), self.events.clone());
+        let watch = Watch::new(self.forgotten.clone(), move |text| drop(progress.send_event(Event::Progress(text))));
+        let work = move || {
+            let looked = find::find(&files, &sought, &watch);
+            drop(done.send_event(Event::LookedUp(sought.position, looked)));
+        };
+        match std::thread::Builder::new().name("looking up".into()).spawn(work) {
+            Ok(thread) => self.openings.push(thread),
+            Err(error) => self.trouble(&Error::Request(format!("cannot start a thread to look a point up: {error}"))),
+        }
+    }
+
+    pub(super) fn looked_up(&mut self, place: DVec3, looked: Result<Option<Record>>) {
+        match looked {
+            Ok(record) => {
+                self.facts.doing = None;
+                for number in self.facts.measure.found(place, &record) {
+                    // To be copied from the terminal.
+                    match &record {
+                        Some(record) => println!("record {number}: {record}"),
+                        None => println!("record {number}: none, since it is a sample that stands for several points"),
+                    }
+                }
+            }
+            // Nobody waits for it any more.
+            Err(Error::Interrupted) => {}
+            Err(error) => self.trouble(&error),
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! PROFILE: the points between two picked places, as a picture of heights over distance and as a table. Points in, pixels and rows out.
+
+use super::deeds::Deed;
+use super::measure;
+use crate::cloud::attribute::Shown;
+use crate::passes::resolve;
+use crate::resident::section::{Found, Section, Slab};
+use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui, Vec2};
+use glam::{DVec2, DVec3};
+
+/// Of the picture, pixels.
+const SIZE: [usize; 2] = [520, 220];
+
+/// A profile is that wide where no width is asked for, parts of its length.
+pub const SHARE: f64 = 0.02;
+
+/// A profile whose heights differ by less parts of its length is drawn that high.
+const FLATTEST: f64 = 0.02;
+
+/// A section as it is shown.
+pub struct Profile {
+    pub slab: Slab,
+    section: Section,
+    shown: Shown,
+    /// Of the points, metres.
+    heights: [f64; 2],
+    /// Made when it is first looked at.
+    texture: Option<TextureHandle>,
+}
+
+impl Profile {
+    pub fn new(slab: Slab, section: Section, shown: Shown) -> Profile {
+        let heights = || section.points.iter().map(|found| found.point.position.z);
+        let (lo, hi) = (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
+        // A little room, and at least some height.
+        let middle = if lo <= hi { (lo + hi) / 2.0 } else { 0.0 };
+        let half = (0.52 * (hi - lo)).max(FLATTEST * slab.length / 2.0).max(f64::MIN_POSITIVE);
+        Profile { slab, section, shown, heights: [middle - half, middle + half], texture: None }
+    }
+
+    /// How much the picture draws heights larger than distances.
+    fn raised(&self) -> f64 {
+        let [lo, hi] = self.heights;
+        (SIZE[1] as f64 / (hi - lo)) / (SIZE[0] as f64 / self.slab.length)
+    }
+
+    fn pixel(&self, found: &Found) -> [usize; 2] {
+        let [lo, hi] = self.heights;
+        let at = DVec2::new(found.place.x / self.slab.length, (hi - found.point.position.z) / (hi - lo));
+        [0, 1].map(|axis| ((at[axis] * SIZE[axis] as f64) as usize).min(SIZE[axis] - 1))
+    }
+
+    /// Every point a pixel; of those in one the last.
+    fn image(&self) -> ColorImage {
+        let mut image = ColorImage::filled(SIZE, Color32::from_gray(20));
+        for found in &self.section.points {
+            let [r, g, b] = resolve::color_of(&self.shown, found.shown);
+            image[self.pixel(found).into()] = Color32::from_rgb(r, g, b);
+        }
+        image
+    }
+
+    /// A line a point: its place in the profile, then in the world.
+    pub fn csv(&self) -> String {
+        let line = |found: &Found| {
+            let DVec3 { x, y, z } = found.point.position;
+            let kind = measure::kind(&found.point).map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
+            let [r, g, b] = resolve::color_of(&self.shown, found.shown);
+            format!("{},{z},{},{x},{y},{z},{kind},{r},{g},{b}\n", found.place.x, found.place.y)
+        };
+        let head = "distance,height,left,x,y,z,class,return,station,red,green,blue\n".to_string();
+        std::iter::once(head).chain(self.section.points.iter().map(line)).collect()
+    }
+
+    /// It is on no device any more.
+    pub fn forget_texture(&mut self) {
+        self.texture = None;
+    }
+
+    /// What it is made of.
+    pub fn says(&self) -> String {
+        let Section { points, resident, all } = &self.section;
+        let part = if resident < all { format!(", of the {resident} of {all} that are loaded") } else { String::new() };
+        format!("profile: {} points{part}, {:.3} m long, {} m wide", points.len(), self.slab.length, self.slab.width)
+    }
+
+    pub fn show(&mut self, ui: &mut Ui, deeds: &mut Vec<Deed>) {
+        let image = self.texture.is_none().then(|| self.image());
+        let texture =
+            self.texture.get_or_insert_with(|| ui.ctx().load_texture("profile", image.unwrap_or_default(), TextureOptions::NEAREST));
+        let size = Vec2::new(SIZE[0] as f32, SIZE[1] as f32);
+        let shown = ui.add(egui::Image::new((texture.id(), size)));
+        let [lo, hi] = self.heights;
+        let here = shown.hover_pos().map(|at| (at - shown.rect.min) / size);
+        let here = here.map(|at| (at.x as f64 * self.slab.length, hi - at.y as f64 * (hi - lo)));
+        ui.label(match here {
+            Some((distance, height)) => format!("distance {distance:.3} m, height {height:.3} m"),
+            None => format!("heights {lo:.2} to {hi:.2} m, drawn {:.2} times as large as distances", self.raised()),
+        });
+        ui.label(RichText::new(self.says()).weak());
+        ui.horizontal(|ui| {
+            if ui.button("csv").on_hover_text("C").clicked() {
+                deeds.push(Deed::SaveProfile);
+            }
+            if ui.button("close").clicked() {
+                deeds.push(Deed::CloseProfile);
+            }
+        });
+    }
+}

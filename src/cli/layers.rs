@@ -1,0 +1,77 @@
+//! A frame in; its picture and its layers as files out, PNG and EXR: what `render` writes, of one frame or of many.
+
+use crate::error::Result;
+use crate::frame::Outcome;
+use crate::graph::{Buffer, Frame, Graph};
+use crate::passes::encode::{self, Encoded};
+use crate::picture::{self, Samples};
+use std::path::Path;
+
+/// The images that come back.
+pub struct Downloads {
+    picture: Option<Encoded>,
+    linear: Option<Buffer>,
+    depth: Option<Buffer>,
+    index: Option<Buffer>,
+    raw: Option<Buffer>,
+    normal: Option<Buffer>,
+    /// None where nothing takes light away.
+    lit: Option<Buffer>,
+}
+
+impl Downloads {
+    pub fn ask(g: &mut Graph, outcome: &Outcome, picture: bool, layers: bool) -> Result<Downloads> {
+        let picture = picture.then(|| encode::download(g, &outcome.picture)).transpose()?;
+        let linear = layers.then(|| g.download(&outcome.picture));
+        let depth = layers.then(|| g.download(&outcome.layers.depth));
+        let index = layers.then(|| g.download(&outcome.layers.index));
+        let raw = layers.then(|| g.download(&outcome.layers.raw));
+        let normal = layers.then(|| g.download(&outcome.normal));
+        let lit = outcome.layers.lit.as_ref().filter(|_| layers).map(|lit| g.download(lit));
+        Ok(Downloads { picture, linear, depth, index, raw, normal, lit })
+    }
+
+    /// The files that were asked for.
+    pub fn write(&self, frame: &Frame, size: [u32; 2], png: Option<&Path>, exr: Option<&Path>) -> Result<()> {
+        if let Some(path) = png {
+            let picture = self.picture.as_ref().expect("asked for with -o");
+            picture::write_png(path, size, &picture.read(frame))?;
+        }
+        exr.map_or(Ok(()), |path| write_layers(path, size, frame, self))
+    }
+}
+
+/// Linear picture (its alpha says where a surface is) and layers.
+fn write_layers(path: &Path, size: [u32; 2], frame: &Frame, downloads: &Downloads) -> Result<()> {
+    let picture: &[[f32; 4]] = frame.read(downloads.linear.as_ref().expect("asked for with --exr"));
+    let depth: &[f32] = frame.read(downloads.depth.as_ref().expect("asked for with --exr"));
+    let index: &[u32] = frame.read(downloads.index.as_ref().expect("asked for with --exr"));
+    let raw: &[f32] = frame.read(downloads.raw.as_ref().expect("asked for with --exr"));
+    // What stayed unknown is nothing to an outsider.
+    let depth: Vec<f32> = depth.iter().map(|&z| if z == f32::NEG_INFINITY { f32::INFINITY } else { z }).collect();
+    let coverage = |(&z, &point): (&f32, &u32)| match (z.is_finite(), point) {
+        (false, _) => 0,
+        (true, crate::config::NO_POINT) => 2,
+        (true, _) => 1,
+    };
+    let coverage = depth.iter().zip(index).map(coverage).collect();
+    let channel = |c: usize| Samples::Float(picture.iter().map(|pixel| pixel[c]).collect());
+    let normal: &[[f32; 4]] = frame.read(downloads.normal.as_ref().expect("asked for with --exr"));
+    let normal = |axis: usize| Samples::Float(normal.iter().map(|normal| normal[axis]).collect());
+    let lit = downloads.lit.as_ref().map_or_else(|| vec![1.0; raw.len()], |lit| frame.read::<f32>(lit).to_vec());
+    let channels = vec![
+        ("R", channel(0)),
+        ("G", channel(1)),
+        ("B", channel(2)),
+        ("A", channel(3)),
+        ("depth.Z", Samples::Float(depth)),
+        ("index.V", Samples::Id(index.to_vec())),
+        ("coverage.V", Samples::Id(coverage)),
+        ("normal.X", normal(0)),
+        ("normal.Y", normal(1)),
+        ("normal.Z", normal(2)),
+        ("lit.V", Samples::Float(lit)),
+        ("raw.Z", Samples::Float(raw.to_vec())),
+    ];
+    picture::write_exr(path, size, channels)
+}

@@ -1,0 +1,144 @@
+//! PLACE -> RECORD: all that a file says of the point at a place. Files are streamed again for it, since nobody keeps every attribute of every point in memory.
+
+use super::stream::{self, Batch, Source};
+use super::{Lattice, ReadOptions, Wanted};
+use crate::error::Result;
+use crate::progress::Progress;
+use glam::DVec3;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+/// A point that is looked for.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sought {
+    /// As [`Lattice::world`] gives it, to the last bit.
+    pub position: DVec3,
+    /// Class and return number, to tell apart what lies in one place.
+    pub kind: Option<[u8; 2]>,
+    /// Which of the parts, and which of its LAS point source ids.
+    pub station: Option<(usize, Option<u16>)>,
+}
+
+/// What a file has of one point, in its own numbers; colours in 8 bits a channel. What it lacks is none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Record {
+    /// The scan's name, or the file's.
+    pub file: String,
+    /// Which of its points, counted from 0.
+    pub point: u64,
+    pub rgb: Option<[u8; 3]>,
+    pub intensity: Option<f64>,
+    pub class: Option<u8>,
+    pub return_number: Option<u8>,
+    pub returns: Option<u8>,
+    /// LAS point source id.
+    pub source: Option<u16>,
+    /// Unit normal.
+    pub normal: Option<[f64; 3]>,
+    /// Seconds, as in the file.
+    pub gps_time: Option<f64>,
+    /// Other points that lie in the same place.
+    pub others: u64,
+}
+
+/// A candidate, and how little it is like what is sought; the first of the most alike counts.
+struct Candidate {
+    unlike: (bool, bool, u64),
+    record: Record,
+    /// Its colour is of a batch of wide ones.
+    is_wide: bool,
+}
+
+/// The record of a point, or none where no point of these files lies in its place.
+pub fn find(paths: &[PathBuf], sought: &Sought, progress: &dyn Progress) -> Result<Option<Record>> {
+    let options = ReadOptions { wanted: Wanted::ALL, strict: false };
+    let mut best: Option<Candidate> = None;
+    let mut found = 0;
+    for (part, source) in stream::open(paths, &options, progress, &mut Vec::new())?.iter().enumerate() {
+        let Some(steps) = steps_at(&source.lattice(), sought.position) else { continue };
+        let candidates = Mutex::new(Vec::new());
+        let streamed = source.stream(progress, &|batch| {
+            let columns = batch.columns;
+            let here = (0..columns.len()).filter(|&i| [columns.x[i], columns.y[i], columns.z[i]] == steps);
+            let here: Vec<Candidate> = here.map(|i| candidate(sought, part, source, batch, i)).collect();
+            candidates.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).extend(here);
+            Ok(())
+        })?;
+        let candidates = candidates.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        found += candidates.len() as u64;
+        for mut candidate in candidates {
+            if streamed.depth.is_wide() && !candidate.is_wide {
+                candidate.record.rgb.iter_mut().for_each(|rgb| super::color::narrow(std::slice::from_mut(rgb)));
+            }
+            candidate.record.rgb.take_if(|_| !streamed.available.rgb);
+            if best.as_ref().is_none_or(|best| candidate.unlike < best.unlike) {
+                best = Some(candidate);
+            }
+        }
+    }
+    Ok(best.map(|best| Record { others: found - 1, ..best.record }))
+}
+
+/// The steps whose place this is, bit by bit.
+fn steps_at(lattice: &Lattice, place: DVec3) -> Option<[i32; 3]> {
+    let steps = ((place - lattice.offset) / lattice.step).round();
+    let fits = steps.cmpge(DVec3::splat(i32::MIN as f64)).all() && steps.cmple(DVec3::splat(i32::MAX as f64)).all();
+    let steps = steps.as_i64vec3().to_array();
+    (fits && lattice.world(steps) == place).then(|| steps.map(|step| step as i32))
+}
+
+fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: usize) -> Candidate {
+    let columns = batch.columns;
+    let returns = columns.returns.as_ref().map(|column| column[i]);
+    let [lo, hi] = source.intensity_range();
+    let record = Record {
+        file: source.title(),
+        point: batch.first + i as u64,
+        rgb: columns.rgb.as_ref().map(|column| column[i]),
+        intensity: columns.intensity.as_ref().map(|column| lo + (hi - lo) * column[i] as f64 / 65535.0),
+        class: columns.class.as_ref().map(|column| column[i]),
+        return_number: returns.map(|returns| returns & 15),
+        returns: returns.map(|returns| returns >> 4),
+        source: columns.source.as_ref().map(|column| column[i]),
+        normal: columns.normal.as_ref().map(|column| column[i].map(|component| component as f64 / 127.0)),
+        gps_time: columns.gps_time.as_ref().map(|column| column[i]),
+        others: 0,
+    };
+    let kind = [record.class.unwrap_or(0), record.return_number.unwrap_or(0)];
+    let is_elsewhere = sought.station.is_some_and(|(other, id)| other != part || (id.is_some() && id != record.source));
+    let unlike = (is_elsewhere, sought.kind.is_some_and(|other| other != kind), record.point);
+    Candidate { unlike, record, is_wide: batch.depth.is_wide() }
+}
+
+/// In words, but for the position.
+impl std::fmt::Display for Record {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "point {} of {}", self.point, self.file)?;
+        if let Some([r, g, b]) = self.rgb {
+            write!(f, ", color {r} {g} {b}")?;
+        }
+        if let Some(intensity) = self.intensity {
+            write!(f, ", intensity {intensity}")?;
+        }
+        if let Some(class) = self.class {
+            write!(f, ", class {class}")?;
+        }
+        if let (Some(number), Some(all)) = (self.return_number, self.returns) {
+            write!(f, ", return {number} of {all}")?;
+        }
+        if let Some(source) = self.source {
+            write!(f, ", source {source}")?;
+        }
+        if let Some([x, y, z]) = self.normal.filter(|normal| *normal != [0.0; 3]) {
+            write!(f, ", normal {x:.3} {y:.3} {z:.3}")?;
+        }
+        if let Some(time) = self.gps_time {
+            write!(f, ", time {time}")?;
+        }
+        if self.others > 0 {
+            write!(f, "; {} more in the same place", self.others)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,368 @@
+//! How bright stations are, how much brighter one is than another where both have seen the same, and what would make them equal.
+//!
+//! In: a cloud with colours. Out: the mean value of each station's points; of every two that overlap the step between them and the gain that would remove it; and one gain a station that removes all
+//! of them as well as one can. Both have seen the same in cells that hold points of both, some spacings wide. A gain is a factor on light, so ratios are of linear values; the median over the cells leaves
+//! out those that a shadow, a passer-by or a wall's other side made different (after Kanzok, Linsen and Rosenthal 2012, sec. 1 and 6; factors that best agree with all overlaps, as panoramas are
+//! stitched: Brown and Lowe 2007, sec. 6).
+
+use super::morton;
+use crate::cloud::color::srgb_to_linear;
+use crate::cloud::{Cloud, Part, Station};
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+#[derive(Debug, PartialEq, Serialize)]
+pub struct Exposures {
+    /// By number of the station, the mean V of HSV of its points, 0 to 255; none of one without colours.
+    pub values: Vec<Option<f64>>,
+    pub overlaps: Vec<Overlap>,
+    /// None where no two stations overlap.
+    pub balance: Option<Balance>,
+}
+
+#[derive(Debug, PartialEq, Serialize)]
+pub struct Overlap {
+    /// Numbers of two stations.
+    pub stations: [usize; 2],
+    /// Cells that both have points in.
+    pub cells: u64,
+    /// By how much the second's V is above the first's there, of 255; mean.
+    pub step: f64,
+    /// The factor on the second's light that gives it the first's.
+    pub gain: f64,
+}
+
+/// What gives all stations one exposure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Balance {
+    /// By number of the station, the factor on its light, 2^-4 to 2^4; 1 of one that overlaps with none.
+    pub gains: Vec<f64>,
+    /// Of the cells that stations share, the part where they surely differ by more than a quarter of a stop all the same: shadows, the time of day, what moves.
+    pub uneven: f64,
+}
+
+/// Points that occupied cells have in the mean: of a station that sees a cell well, dozens. In larger ones stations see other parts of what differs in itself.
+const POINTS: usize = 16;
+/// Cells twice as wide, and so on, are tried until all stations are connected: far from a station its points lie apart.
+const WIDER: u32 = 4;
+/// Points of a station that say how bright it is in a cell.
+const ENOUGH: u32 = 4;
+/// Cells that say by how much two stations differ.
+const ENOUGH_CELLS: usize = 16;
+/// Finest cells a side: a code has room for so many.
+const AXIS_BITS: u32 = 21;
+/// Points that a balance is found from; of more, whole blocks are left out, of which there are 2^7 a side.
+const SAMPLE: u64 = 1 << 20;
+const BLOCK_BITS: u32 = 7;
+/// No exposures differ by more.
+const MOST_STOPS: f64 = 4.0;
+/// What eyes see of a step, stops; and how many standard errors a mean may be off.
+const UNEVEN_STOPS: f64 = 0.25;
+const SURE: f64 = 3.0;
+
+/// What one station has in one cell.
+#[derive(Clone, Copy, Default)]
+struct Seen {
+    count: u32,
+    value: f64,
+    light: f64,
+    /// Of the light, squared.
+    squares: f64,
+}
+
+impl Seen {
+    fn with(self, v: u8, light: f64) -> Seen {
+        Seen {
+            count: self.count.saturating_add(1),
+            value: self.value + v as f64,
+            light: self.light + light,
+            squares: self.squares + light * light,
+        }
+    }
+
+    fn and(self, other: Seen) -> Seen {
+        let Seen { count, value, light, squares } = other;
+        Seen {
+            count: self.count.saturating_add(count),
+            value: self.value + value,
+            light: self.light + light,
+            squares: self.squares + squares,
+        }
+    }
+
+    /// Variance of the mean light, of that squared.
+    fn doubt(self) -> f64 {
+        let (count, mean) = (self.count as f64, self.light / self.count as f64);
+        ((self.squares / count - mean * mean) / (count - 1.0)).max(0.0) / (mean * mean)
+    }
+}
+
+/// What two stations have in a cell that they share.
+#[derive(Clone, Copy)]
+struct Shared {
+    /// By how much the second's V is above the first's.
+    step: f64,
+    /// The first's light over the second's, and its standard error, both in stops.
+    stops: f64,
+    error: f64,
+}
+
+type Pairs = BTreeMap<[usize; 2], Vec<Shared>>;
+
+/// Of all points. None where fewer than two stations have colours.
+pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
+    let points = points(cloud, u64::MAX)?;
+    let (totals, pairs) = compare(&points, dropped(&points), cloud.stations.len());
+    let values: Vec<_> = totals.iter().map(|total| (total.count > 0).then(|| total.value / total.count as f64)).collect();
+    let overlap = |(stations, cells): (&[usize; 2], &Vec<Shared>)| {
+        let step = cells.iter().map(|shared| shared.step).sum::<f64>() / cells.len() as f64;
+        Overlap { stations: *stations, cells: cells.len() as u64, step, gain: median(cells).exp2() }
+    };
+    let overlaps = pairs.iter().map(overlap).collect();
+    (values.iter().flatten().count() > 1).then(|| Exposures { values, overlaps, balance: balance(cloud) })
+}
+
+/// Of some of the points, so many that a moment is enough; which ones, their order does not tell. None where no two stations overlap.
+pub fn balance(cloud: &Cloud) -> Option<Balance> {
+    let coloured = |station: &Station| cloud.parts[station.part].columns.rgb.is_some();
+    let coloured: Vec<usize> = (0..cloud.stations.len()).filter(|&station| coloured(&cloud.stations[station])).collect();
+    if coloured.len() < 2 {
+        return None;
+    }
+    let share = (SAMPLE as f64 / cloud.len() as f64).min(1.0);
+    let points = points(cloud, (share * u64::MAX as f64) as u64)?;
+    let finest = dropped(&points);
+    let mut groups = Groups::new(cloud.stations.len());
+    let mut used = Pairs::new();
+    for dropped in (0..=WIDER).map(|wider| finest + 3 * wider) {
+        let (_, mut pairs) = compare(&points, dropped, cloud.stations.len());
+        pairs.retain(|stations, cells| cells.len() >= ENOUGH_CELLS && !used.contains_key(stations));
+        pairs.keys().for_each(|&[a, b]| groups.join(a, b));
+        used.append(&mut pairs);
+        if coloured.iter().all(|&station| groups.of(station) == groups.of(coloured[0])) {
+            break;
+        }
+    }
+    if used.is_empty() {
+        return None;
+    }
+    let counts: Vec<u64> = cloud.stations.iter().map(|station| station.points).collect();
+    let gains = gains(&used, &mut groups, &counts);
+    let differ = |([a, b], cells): (&[usize; 2], &Vec<Shared>)| {
+        let gain = (gains[*b] / gains[*a]).log2();
+        cells.iter().filter(|shared| (shared.stops - gain).abs() > UNEVEN_STOPS + SURE * shared.error).count()
+    };
+    let uneven = used.iter().map(differ).sum::<usize>() as f64 / used.values().map(Vec::len).sum::<usize>() as f64;
+    Some(Balance { gains, uneven })
+}
+
+/// Of stops.
+fn median(cells: &[Shared]) -> f64 {
+    let mut stops: Vec<f64> = cells.iter().map(|shared| shared.stops).collect();
+    stops.sort_by(f64::total_cmp);
+    stops[stops.len() / 2]
+}
+
+/// A coloured point: the Morton code of its finest cell, its station and its V.
+type Point = (u64, u16, u8);
+
+/// All coloured points of the blocks whose number, scattered, is at most `most`, in order.
+fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
+    let (lo, hi) = cloud.bounds()?;
+    // A little more than the box, so that its far sides are within.
+    let side = ((hi - lo).max_element() / (1u64 << AXIS_BITS) as f64 * 1.001).max(f64::MIN_POSITIVE);
+    let mut points: Vec<Point> = Vec::new();
+    for (number, part) in cloud.parts.iter().enumerate() {
+        let first = cloud.stations.partition_point(|station| station.part < number);
+        let stations = &cloud.stations[first..cloud.stations.partition_point(|station| station.part <= number)];
+        let is_wanted = |&(code, ..): &Point| scattered(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most;
+        points.par_extend(coloured(part, first, stations, lo, side).filter(is_wanted));
+    }
+    points.par_sort_unstable();
+    Some(points)
+}
+
+/// Every coloured point of a part.
+fn coloured<'p>(part: &'p Part, first: usize, stations: &'p [Station], lo: DVec3, side: f64) -> impl ParallelIterator<Item = Point> + 'p {
+    let columns = &part.columns;
+    let point = move |i: usize| {
+        let [r, g, b] = columns.rgb.as_ref()?[i];
+        let source = columns.source.as_ref().map(|column| column[i]);
+        let station = first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0);
+        let cell = (part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from)) - lo) / side;
+        Some((morton::code_63(cell.to_array().map(|axis| axis as u32)), station as u16, r.max(g).max(b)))
+    };
+    (0..columns.len()).into_par_iter().filter_map(point)
+}
+
+/// All numbers are as likely, whatever the block (the mixing step of SplitMix64, Steele, Lea and Flood 2014).
+fn scattered(block: u64) -> u64 {
+    let block = (block ^ block >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let block = (block ^ block >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    block ^ block >> 31
+}
+
+/// Bits of the codes that cells drop so that occupied ones have enough points.
+fn dropped(points: &[Point]) -> u32 {
+    // For every pair of neighbours the highest bit in which their codes differ, counted from 1.
+    let mut differ = [0usize; 65];
+    points.windows(2).for_each(|pair| differ[(64 - (pair[0].0 ^ pair[1].0).leading_zeros()) as usize] += 1);
+    let cells = |dropped: u32| 1 + differ[dropped as usize + 1..].iter().sum::<usize>();
+    (0..AXIS_BITS).map(|level| 3 * level).find(|&dropped| points.len() >= POINTS * cells(dropped)).unwrap_or(3 * AXIS_BITS)
+}
+
+/// What stations have, in all and in the cells that they share.
+fn compare(points: &[Point], dropped: u32, stations: usize) -> (Vec<Seen>, Pairs) {
+    let light: Vec<f64> = (0..256).map(|v| srgb_to_linear(v as f64 / 255.0)).collect();
+    let cell = |point: &Point| point.0.checked_shr(dropped).unwrap_or(0);
+    let mut totals = vec![Seen::default(); stations];
+    let mut pairs = Pairs::new();
+    let mut here: Vec<(usize, Seen)> = Vec::new();
+    for cell in points.chunk_by(|a, b| cell(a) == cell(b)) {
+        here.clear();
+        for &(_, station, v) in cell {
+            let known = here.iter().position(|(own, _)| *own == station as usize);
+            let place = known.unwrap_or_else(|| {
+                here.push((station as usize, Seen::default()));
+                here.len() - 1
+            });
+            here[place].1 = here[place].1.with(v, light[v as usize]);
+        }
+        here.sort_unstable_by_key(|(station, _)| *station);
+        here.iter().for_each(|&(station, seen)| totals[station] = totals[station].and(seen));
+        here.retain(|(_, seen)| seen.count >= ENOUGH && seen.light > 0.0);
+        for (k, (a, one)) in here.iter().enumerate() {
+            for (b, two) in &here[k + 1..] {
+                let [one_count, two_count] = [one.count, two.count].map(f64::from);
+                let step = two.value / two_count - one.value / one_count;
+                let stops = ((one.light / one_count) / (two.light / two_count)).log2();
+                let error = (one.doubt() + two.doubt()).sqrt() / std::f64::consts::LN_2;
+                pairs.entry([*a, *b]).or_default().push(Shared { step, stops, error });
+            }
+        }
+    }
+    (totals, pairs)
+}
+
+/// Which stations a chain of overlaps connects.
+struct Groups(Vec<usize>);
+
+impl Groups {
+    fn new(count: usize) -> Groups {
+        Groups((0..count).collect())
+    }
+
+    fn of(&mut self, mut station: usize) -> usize {
+        while self.0[station] != station {
+            self.0[station] = self.0[self.0[station]];
+            station = self.0[station];
+        }
+        station
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.of(a), self.of(b));
+        self.0[a.max(b)] = a.min(b);
+    }
+}
+
+/// The gains x whose logarithms least disagree with those of the overlaps, sum over overlaps of cells * (x_b - x_a - gain)^2. Overlaps say nothing of how bright all stations of a group should be
+/// together: the mean logarithm, of as many `points` as each has, is 0.
+fn gains(pairs: &Pairs, groups: &mut Groups, points: &[u64]) -> Vec<f64> {
+    let overlaps: Vec<([usize; 2], f64, f64)> =
+        pairs.iter().map(|(stations, cells)| (*stations, cells.len() as f64, median(cells))).collect();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    // The normal equations, whose matrix is the Laplacian of the overlaps, by conjugate gradients (Hestenes and Stiefel 1952).
+    let mut rest = vec![0.0; points.len()];
+    for &([a, b], cells, gain) in &overlaps {
+        rest[a] -= cells * gain;
+        rest[b] += cells * gain;
+    }
+    let (mut x, mut way, mut square) = (vec![0.0; points.len()], rest.clone(), dot(&rest, &rest));
+    let enough = 1e-24 * square;
+    for _ in 0..4 * points.len() {
+        if square <= enough {
+            break;
+        }
+        let mut applied = vec![0.0; x.len()];
+        for &([a, b], cells, _) in &overlaps {
+            applied[a] += cells * (way[a] - way[b]);
+            applied[b] += cells * (way[b] - way[a]);
+        }
+        let step = square / dot(&way, &applied);
+        x.iter_mut().zip(&way).for_each(|(x, way)| *x += step * way);
+        rest.iter_mut().zip(&applied).for_each(|(rest, applied)| *rest -= step * applied);
+        let before = std::mem::replace(&mut square, dot(&rest, &rest));
+        way.iter_mut().zip(&rest).for_each(|(way, rest)| *way = rest + square / before * *way);
+    }
+    let mut means = vec![(0.0, 0.0); points.len()];
+    for (number, (x, points)) in x.iter().zip(points).enumerate() {
+        let (sum, count) = &mut means[groups.of(number)];
+        (*sum, *count) = (*sum + *points as f64 * x, *count + *points as f64);
+    }
+    let own = |(number, x): (usize, &f64)| {
+        let (sum, count) = means[groups.of(number)];
+        (x - sum / count.max(1.0)).clamp(-MOST_STOPS, MOST_STOPS).exp2()
+    };
+    x.iter().enumerate().map(own).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::{Columns, Header, Lattice};
+
+    /// Two stations of two square metres each, 0.8 of them the same, the second with half the light. Fewer than half of all points have one of the other station beside them, so that the spacing is a station's own.
+    #[test]
+    fn half_the_light_is_a_gain_of_two() {
+        let mut columns = Columns::default();
+        let (mut rgb, mut source) = (Vec::new(), Vec::new());
+        for station in 0..2 {
+            for i in 0..20_000 {
+                columns.x.push((i % 200) * 10 + 1200 * station + station);
+                columns.y.push((i / 200) * 10 + station);
+                columns.z.push(0);
+                rgb.push(if station == 0 { [188, 100, 50] } else { [10, 137, 90] });
+                source.push(station as u16);
+            }
+        }
+        let columns = Columns { rgb: Some(rgb), source: Some(source), ..columns };
+        let part = Part {
+            path: "memory".into(),
+            name: None,
+            header: Header::default(),
+            lattice: Lattice { step: DVec3::splat(0.001), offset: DVec3::new(5e5, 5e6, 0.0) },
+            columns,
+            intensity_range: [0.0, 65_535.0],
+            rgb_bits: 8,
+        };
+        let stations = [0, 1].map(|source| Station { part: 0, source: Some(source), name: String::new(), points: 20_000 }).to_vec();
+        let found = exposures(&Cloud { parts: vec![part], stations, notes: Vec::new() }).unwrap();
+        assert_eq!(found.values, [Some(188.0), Some(137.0)]);
+        let Balance { gains, uneven } = found.balance.clone().unwrap();
+        assert!((gains[0] - 0.5f64.sqrt()).abs() < 0.01 && (gains[1] / gains[0] - 2.0).abs() < 0.03 && uneven < 0.01, "{gains:?} {uneven}");
+        let [Overlap { stations: [0, 1], cells, step, gain }] = found.overlaps[..] else { panic!("{found:?}") };
+        // 188 is half of white's light, 137 a quarter.
+        assert!(cells > 100 && step == -51.0 && (gain - 2.0).abs() < 0.03, "{found:?}");
+    }
+    /// Overlaps that contradict each other by noise, a station that nobody else has seen, and two that have only seen each other.
+    #[test]
+    fn gains_best_agree_with_all_overlaps() {
+        let truth: [f64; 6] = [0.3, -0.9, 1.1, -0.5, 0.7, 0.2];
+        let overlap = |a: usize, b: usize, cells: usize, noise: f64| {
+            ([a, b], vec![Shared { step: 0.0, stops: truth[b] - truth[a] + noise, error: 0.0 }; cells])
+        };
+        let pairs = Pairs::from([overlap(0, 1, 100, 0.01), overlap(1, 2, 100, 0.01), overlap(0, 2, 100, -0.01), overlap(3, 4, 20, 0.0)]);
+        let mut groups = Groups::new(6);
+        pairs.keys().for_each(|&[a, b]| groups.join(a, b));
+        let found: Vec<f64> = gains(&pairs, &mut groups, &[100, 100, 200, 10, 10, 5]).iter().map(|gain| gain.log2()).collect();
+        let mean = [(0.3 - 0.9 + 2.0 * 1.1) / 4.0, 0.1];
+        for (number, expected) in [0.3 - mean[0], -0.9 - mean[0], 1.1 - mean[0], -0.5 - mean[1], 0.7 - mean[1], 0.0].into_iter().enumerate()
+        {
+            assert!((found[number] - expected).abs() < 0.02, "{number}: {} {expected}", found[number]);
+        }
+        assert!((found[4] - found[3] - 1.2).abs() < 1e-9 && found[5] == 0.0, "{found:?}");
+    }
+}

@@ -1,0 +1,111 @@
+//! A vertical slab in the world in, the resident points in it out: what a profile is drawn from.
+//!
+//! Only what is drawn is asked: points that opacities or clip boxes leave out are left out here, and of an index there are the nodes of the last picture.
+
+use super::{Point, Resident};
+use crate::clip::Left;
+use crate::config::POINTS_PER_PAGE;
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+/// From one place to another on the map, so much to either side, at all heights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slab {
+    start: DVec3,
+    /// On the map, of length 1.
+    along: DVec2,
+    /// Metres, on the map.
+    pub length: f64,
+    /// Metres, both sides together.
+    pub width: f64,
+}
+
+/// A point of a slab.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found {
+    pub point: Point,
+    /// What it shows ([`crate::cloud::attribute::Shown::word`]).
+    pub shown: u32,
+    /// On the map: from the start on, and to the left, metres.
+    pub place: DVec2,
+}
+
+/// Points of a slab, in the order of their ids.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Section {
+    pub points: Vec<Found>,
+    /// Resident points, and those of the whole cloud.
+    pub resident: u64,
+    pub all: u64,
+}
+
+impl Slab {
+    /// None where one place is above the other.
+    pub fn new(start: DVec3, end: DVec3, width: f64) -> Option<Slab> {
+        let across = (end - start).truncate();
+        Some(Slab { start, along: across.try_normalize()?, length: across.length(), width })
+    }
+
+    /// Where a point is on the map, as seen from the slab's start, if it is in it; its borders are part of it.
+    pub fn place(&self, p: DVec3) -> Option<DVec2> {
+        let place = self.turned(p);
+        (place.x >= 0.0 && place.x <= self.length && place.y.abs() <= self.width / 2.0).then_some(place)
+    }
+
+    fn turned(&self, p: DVec3) -> DVec2 {
+        let from_start = (p - self.start).truncate();
+        DVec2::new(from_start.dot(self.along), from_start.dot(self.along.perp()))
+    }
+
+    /// Whether a box may have points in it.
+    fn meets(&self, (min, max): (DVec3, DVec3)) -> bool {
+        let corners = [(min.x, min.y), (max.x, min.y), (min.x, max.y), (max.x, max.y)].map(|(x, y)| self.turned(DVec3::new(x, y, 0.0)));
+        let [least, most] = [corners.into_iter().reduce(DVec2::min), corners.into_iter().reduce(DVec2::max)].map(Option::unwrap_or_default);
+        most.x >= 0.0 && least.x <= self.length && most.y >= -self.width / 2.0 && least.y <= self.width / 2.0
+    }
+}
+
+impl Resident {
+    pub fn section(&self, slab: &Slab) -> Section {
+        let factors = self.opacities.table(&self.stations);
+        let opaque = |kind: u32| {
+            let [class, number, station] = [kind & 255, 256 + (kind >> 8 & 15), 272 + (kind >> 16)].map(|at| factors.get(at as usize));
+            [class, number, station].into_iter().flatten().all(|factor| *factor > 0.0)
+        };
+        let points = self.nodes.par_iter().filter(|node| slab.meets(node.bounds())).flat_map_iter(|node| {
+            let words = self.pool.words(node.first_page);
+            let left = self.clips.left(node.bounds());
+            (0..node.count).filter(move |_| left != Left::Nothing).filter_map(move |i| {
+                let position = self.position(node, i);
+                let place = slab.place(position)?;
+                let word = |further: u32| words[((node.planes + further) * POINTS_PER_PAGE + i) as usize];
+                let kind = self.shown.kind().map(word);
+                let is_there = (left == Left::Everything || self.clips.keep(position)) && kind.is_none_or(opaque);
+                let point = Point { position, exact: node.planes == node.frame.planes, kind };
+                is_there.then(|| Found { point, shown: word(0), place })
+            })
+        });
+        Section { points: points.collect(), resident: self.nodes.iter().map(|node| node.count as u64).sum(), all: self.points }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slab_has_what_lies_beside_its_line_and_may_meet_boxes_that_have_some() {
+        let start = DVec3::new(500_000.0, 5_000_000.0, 3.0);
+        let slab = Slab::new(start, start + DVec3::new(3.0, 4.0, 100.0), 0.5).unwrap();
+        assert_eq!(slab.length, 5.0);
+        let at = |along: f64, left: f64| start + DVec3::new(0.6 * along - 0.8 * left, 0.8 * along + 0.6 * left, -50.0);
+        let place = slab.place(at(2.0, 0.2)).unwrap();
+        assert!((place - DVec2::new(2.0, 0.2)).length() < 1e-8);
+        for outside in [at(-0.1, 0.0), at(5.1, 0.0), at(2.0, 0.26), at(2.0, -0.26)] {
+            assert_eq!(slab.place(outside), None);
+            assert!(slab.meets((outside - 1.0, outside + 1.0)));
+        }
+        assert!(!slab.meets((start - 3.0, start - 2.0)) && !slab.meets((at(8.0, 0.0), at(8.0, 0.0) + 1.0)));
+        assert_eq!(Slab::new(start, start + DVec3::Z, 1.0), None);
+    }
+}
