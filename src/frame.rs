@@ -52,13 +52,13 @@ fn behind(g: &mut Graph, points: &Points, mut nearest: Layers, mut images: Again
     if look.layers() == 1 {
         return Ok(nearest);
     }
-    let spread_px = look.effects.spread_px(&look.decided, nearest.spacing_px[1]);
+    let grows_px = look.effects.grows_px(&look.decided, nearest.spacing_px[1]);
     let mut alive = points.drawn.alive(g);
-    let mut before = gate::covered(g, &nearest.raw, spread_px);
+    let mut before = gate::covered(g, &nearest.raw, grows_px);
     nearest = kept(g, nearest);
     for layer in 1..look.layers() {
         let front = nearest.front.take().expect("transparency runs where there are several layers");
-        let (marks, behind) = (nearest.marks.take(), Next { front, alive: &mut alive, layer, spread_px });
+        let (marks, behind) = (nearest.marks.take(), Next { front, alive: &mut alive, layer, grows_px });
         let (next, covered) = g.again(&mut images, |g| points.next(g, behind, marks, &before))?;
         (nearest.marks, nearest.front, before) = (next.marks, next.front, covered);
     }
@@ -81,7 +81,7 @@ struct Next<'b> {
     /// From 1.
     layer: u32,
     /// How far from its points something of a layer may show, pixels.
-    spread_px: f64,
+    grows_px: f64,
 }
 
 /// What layers are drawn from.
@@ -115,13 +115,13 @@ impl Points<'_> {
 
     /// The next layer, over those in front of it, drawn where the one before has shown something; and where it shows something itself.
     fn next(&self, g: &mut Graph, next: Next, marks: Option<Marks>, before: &Area) -> Result<(Layers, Area)> {
-        let Next { front, alive, layer, spread_px } = next;
-        let bounded = spread_px.is_finite();
+        let Next { front, alive, layer, grows_px } = next;
+        let bounded = grows_px.is_finite();
         let left = gate::area_where(g, &front.left, before);
         let (layers, covered) = gate::only_where(g, &front.left, |g| {
             g.within(bounded.then_some(&left), |g| {
                 let layers = self.nearest(g, Some((&front.behind, alive, layer)))?;
-                let covered = gate::covered(g, &layers.raw, spread_px);
+                let covered = gate::covered(g, &layers.raw, grows_px);
                 Ok((layers, covered))
             })
         })?;

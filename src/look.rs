@@ -93,11 +93,11 @@ pub struct Look {
     /// Linear.
     pub background: [f32; 3],
     pub precision: Precision,
+    /// Samples of the light that this frame adds at most to those that shadows are made of already; all where nothing is said.
+    pub light_at_once: Option<u32>,
     /// As [`Scene`] has them, of the whole picture: parts of it go by the same.
     pub spacing_m: f64,
     pub pixel_m: f64,
-    /// Samples of the light that this frame adds at most to those that shadows are made of already; all where nothing is said.
-    pub light_at_once: Option<u32>,
 }
 
 impl Look {
@@ -165,9 +165,9 @@ mod tests {
             light: Light::default(),
             background: [0.0; 3],
             precision: Precision::Auto,
+            light_at_once: None,
             spacing_m: 0.0,
             pixel_m: 0.0,
-            light_at_once: None,
         };
         assert_eq!(look(&["phong"]).hurried().effects, look(&["phong"]).effects);
         let all = look(&["strokes", "shadows"]);

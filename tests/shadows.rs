@@ -1,26 +1,36 @@
 //! Shadows: kernels against their twins, and marks of points against rays through the surfaces that the points were taken from.
 
 mod gpu;
+mod support;
 
 use glam::DVec3;
 use gpu::{Random, Way, bumpy, cloud, orthographic, part, perspective, random_keys};
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::POINTS_PER_PAGE;
+use pointillist::cut::Detail;
 use pointillist::frame;
 use pointillist::graph::{Gpu, Graph};
+use pointillist::index::build;
+use pointillist::index::file::Index;
 use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
+use pointillist::opacity::Opacities;
 use pointillist::passes::project::Precision;
 use pointillist::passes::shadows::{self, Facts, Layer, Method, Settings, disc};
 use pointillist::passes::{Effects, Scene, Switch};
 use pointillist::progress::Silent;
-use pointillist::resident::Resident;
+use pointillist::resident::{Residency, Resident};
 use pointillist::study::mesh::Mesh;
 use pointillist::study::oracle::{project, shadows as oracle};
 use pointillist::synth::{self, World};
 use pointillist::view::{Camera, Preset, View};
 use rayon::prelude::*;
+use std::sync::Arc;
+
+fn bounds(resident: &Resident) -> (DVec3, DVec3) {
+    resident.nodes.iter().map(|node| node.bounds()).reduce(|(a, b), (c, d)| (a.min(c), b.max(d))).unwrap()
+}
 
 /// Where points are, and how many samples of the light reach them.
 fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>, Facts) {
@@ -324,6 +334,61 @@ fn samples_add_up_frame_by_frame_to_the_same_marks() {
     }
 }
 
+/// Where nodes of an index come and go the others keep their marks, but for those whose light passes where they are; all are those of casting everything anew.
+#[test]
+fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let (las, pnti) = (folder.path().join("terrain.las"), folder.path().join("terrain.pnti"));
+    support::scan(&las, synth::Scene::Terrain, 3_000_000);
+    build::build(&[las], &pnti, &build::Options::usual(false), &Silent).unwrap();
+    let index = Arc::new(Index::open(&pnti).unwrap());
+    let (low, high) = index.bounds(&index.nodes()[0]);
+    let middle = (low + high) / 2.0;
+    let lights = [Light::Direction(DVec3::new(0.3, 0.8, -0.8)), Light::Position(middle + DVec3::new(100.0, -300.0, 500.0))];
+    for (light, samples) in lights.into_iter().zip([1.0, 3.0]) {
+        gpu::with(Way::Compute64, |gpu| {
+            let mut residency =
+                Residency::open(gpu, index.clone(), Shown::indexed(Attribute::White, [0.0; 2], [0, 255]), u64::MAX).unwrap();
+            let mut effects = Effects::default();
+            effects.shadows.switch = Switch::On;
+            effects.shadows.settings = Settings { samples, radius: 1.0, ..Settings::default() };
+            let marks = |gpu: &mut Gpu, resident: &Resident, view: &View, anew: bool| {
+                let mut g = Graph::new(gpu);
+                if anew {
+                    ["marks", "marks beside"].iter().for_each(|name| g.forget(name));
+                }
+                let scene = Scene::of(view, resident, light);
+                let marks =
+                    shadows::marks(&mut g, &scene, resident, &effects, &effects.decide(&scene), None).unwrap().expect("switched on");
+                let counts = g.download_buffer(&marks.counts);
+                let frame = g.submit(&[]).unwrap();
+                let pages = frame.read::<u8>(&counts).chunks_exact(POINTS_PER_PAGE as usize);
+                let of_nodes: Vec<Vec<u8>> =
+                    resident.nodes.iter().zip(pages).map(|(node, page)| page[..node.count as usize].to_vec()).collect();
+                frame.shelve(gpu);
+                (marks.facts, of_nodes)
+            };
+            let (mut partly, mut dark) = (0, false);
+            for step in 0..10u64 {
+                let eye = DVec3::new(middle.x - 10.0 + 8.0 * (step / 5) as f64, middle.y - 300.0, high.z + 250.0);
+                let view = View::new(perspective(eye, middle, 60.0), [320, 200]).unwrap();
+                let detail = Detail { budget: 1_300_000 + 120_000 * step, lod_px: 0.0, ..Detail::of([320, 200]) };
+                residency.settle(gpu, &view, &detail, &Silent).unwrap();
+                let resident = residency.resident();
+                let (facts, found) = marks(gpu, resident, &view, false);
+                let (all, expected) = marks(gpu, resident, &view, true);
+                assert_eq!((all.marked as usize, facts.cast, facts.size), (resident.nodes.len(), samples as u32, all.size));
+                assert!(found == expected, "step {step}, {light}: {} of {} nodes marked again", facts.marked, all.marked);
+                println!("step {step}: {} of {} nodes marked again", facts.marked, all.marked);
+                partly += (facts.marked > 0 && facts.marked < all.marked) as u32;
+                dark |= found.iter().flatten().any(|&count| count == 0);
+            }
+            assert!(partly >= 2 && dark, "{light}: {partly} steps kept marks");
+            residency.free(gpu);
+        });
+    }
+}
+
 #[test]
 fn light_passes_agree_with_f64() {
     gpu::with(Way::Compute64, |gpu| {
@@ -371,7 +436,7 @@ fn marks_agree_with_f64() {
             let mut g = Graph::new(gpu);
             let counts = g.buffer("marks", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
             let mut tally = shadows::Tally::new(&mut g, counts, false);
-            let reached = shadows::cast(&mut g, &view, &resident, &Settings::default(), &mut tally).unwrap();
+            let reached = shadows::cast(&mut g, &view, &resident, bounds(&resident), &Settings::default(), &mut tally).unwrap();
             let (counts, limit) = (g.download_buffer(&tally.marks), g.download(&reached.limit));
             let frame = g.submit(&[]).unwrap();
             let (counts, limit): (&[u8], &[f32]) = (frame.read(&counts), frame.read(&limit));
@@ -437,6 +502,10 @@ fn marks_are_kept_while_light_and_nodes_stay() {
         assert!(!draw(gpu, &resident, Preset::Fit, &darker).0, "how dark shadows are is not what is in them");
         assert!(draw(gpu, &resident, Preset::Fit, &Wishes { light: Light::Direction(DVec3::NEG_Z), ..wishes.clone() }).0, "another light");
         assert_eq!(draw(gpu, &resident, Preset::Fit, &wishes), (true, first.clone()), "and back");
+        resident.opacities = Opacities(vec!["class:1=0".parse().unwrap()]);
+        assert!(draw(gpu, &resident, Preset::Fit, &wishes).0, "points that are left out cast none");
+        resident.opacities = Opacities::default();
+        assert_eq!(draw(gpu, &resident, Preset::Fit, &wishes), (true, first.clone()), "and with them again");
         resident.nodes[0].count -= 1;
         assert!(draw(gpu, &resident, Preset::Fit, &wishes).0, "another node");
         resident.free(gpu);

@@ -230,7 +230,15 @@ fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, 
     let (scene, began) = (passes::Scene::of(view, resident, look.light), Instant::now());
     loop {
         let mut g = Graph::new(gpu);
-        let marks = shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1))?;
+        let marks = match shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1)) {
+            Ok(marks) => marks,
+            // The picture says so.
+            Err(Error::Request(_)) => {
+                g.abandon();
+                return Ok(());
+            }
+            Err(error) => return Err(error),
+        };
         let Some(shadows::Marks { counts, saved: None, facts }) = marks else { return Ok(()) };
         g.submit(&[counts.resource()])?.shelve(gpu);
         if facts.cast == facts.samples || began.elapsed() >= REFINING || newer.tick("", 0, 0).is_err() {

@@ -296,6 +296,16 @@ impl Memory {
         Ok((&kept.buffer, steps))
     }
 
+    /// What the buffer of this name was made of, and how many steps of that it holds; none where it holds nothing.
+    pub fn held(&self, name: &str) -> Option<(&[u64], u32)> {
+        self.kept.get(name)?.made_of.as_ref().map(|(made_of, steps)| (made_of.as_slice(), *steps))
+    }
+
+    /// That what a buffer holds is void, if there is one of this name.
+    pub fn forget(&mut self, name: &str) {
+        self.kept.get_mut(name).into_iter().for_each(|kept| kept.made_of = None);
+    }
+
     /// A frame has made so many steps in the buffer of this name; none while it is at it.
     pub fn kept(&mut self, name: &str, made_of: Option<(Vec<u64>, u32)>) {
         self.kept.get_mut(name).expect("a name that keep was asked for").made_of = made_of;

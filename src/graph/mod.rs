@@ -129,6 +129,12 @@ pub(crate) enum Work {
     Clear {
         image: ResourceId,
     },
+    /// From a byte to a byte, so many.
+    CopyParts {
+        from: ResourceId,
+        to: ResourceId,
+        parts: Vec<[u64; 3]>,
+    },
     CopyBuffer {
         from: ResourceId,
         to: ResourceId,
@@ -290,6 +296,16 @@ impl<'g> Graph<'g> {
         Ok((Buffer { id, desc }, held))
     }
 
+    /// What the kept buffer of this name was made of, and how many steps of that it holds; none where it holds nothing.
+    pub fn held(&self, name: &str) -> Option<(&[u64], u32)> {
+        self.gpu.memory.held(name)
+    }
+
+    /// That nobody needs what a kept buffer holds any more; passes of this frame may still read it.
+    pub fn forget(&mut self, name: &str) {
+        self.gpu.memory.forget(name);
+    }
+
     /// A second handle of a transient buffer, for who counts what passes did.
     pub fn named(&self, name: &str) -> Option<Buffer> {
         self.resources.iter().enumerate().find_map(|(i, resource)| match resource.shape {
@@ -417,6 +433,14 @@ impl<'g> Graph<'g> {
             Work::CopyImage { from: from.id, to: to.id },
         );
         to
+    }
+
+    /// A pass that copies parts of a buffer into another: from a byte, to a byte, so many bytes.
+    pub fn copy_parts(&mut self, name: &str, from: &Buffer, to: &mut Buffer, parts: Vec<[u64; 3]>) {
+        if !parts.is_empty() {
+            let uses = vec![(from.id, Access::Read), (to.id, Access::Modify)];
+            self.push(name, uses, Work::CopyParts { from: from.id, to: to.id, parts });
+        }
     }
 
     /// A pass that draws points through the rasteriser, the way benchmarks compare with.

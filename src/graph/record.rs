@@ -396,6 +396,12 @@ impl Scratch {
                 // SAFETY: both buffers have at least so many bytes.
                 unsafe { self.device.cmd_copy_buffer(self.commands, at(from).buffer().0, at(to).buffer().0, &[region]) };
             }
+            Work::CopyParts { from, to, parts } => {
+                let region = |&[from, to, bytes]: &[u64; 3]| vk::BufferCopy::default().src_offset(from).dst_offset(to).size(bytes);
+                let regions: Vec<_> = parts.iter().map(region).collect();
+                // SAFETY: whoever recorded it says that both buffers have these bytes, and that no two parts share any of `to`.
+                unsafe { self.device.cmd_copy_buffer(self.commands, at(from).buffer().0, at(to).buffer().0, &regions) };
+            }
             Work::CopyImage { from, to } => {
                 let [from, to] = [from, to].map(|id| at(id).image());
                 let [width, height] = from.desc.size;

@@ -55,7 +55,7 @@ impl super::Settings for Settings {
         ]
     }
 
-    fn spread_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         1.0
     }
 }

@@ -69,7 +69,7 @@ impl super::Settings for Settings {
         ]
     }
 
-    fn spread_px(&self, spacing_px: f64) -> f64 {
+    fn grows_px(&self, spacing_px: f64) -> f64 {
         match self.method {
             Method::Pintus if self.iterations == 0.0 => WIDEST,
             Method::Pintus => self.iterations,

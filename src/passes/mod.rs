@@ -94,10 +94,10 @@ pub struct Scene<'s> {
     pub transparent: bool,
     /// Points have brought normals.
     pub normals: bool,
-    /// What gives all stations one exposure, where that is known.
-    pub balance: Option<&'s Balance>,
     /// Points have brought how much of this light reaches them.
     pub lit: bool,
+    /// What gives all stations one exposure, where that is known.
+    pub balance: Option<&'s Balance>,
 }
 
 impl<'s> Scene<'s> {
@@ -113,8 +113,8 @@ impl<'s> Scene<'s> {
             pixel_m: resident.pixel_m(&view.entire()),
             transparent: resident.opacities.is_transparent(),
             normals: resident.shown.normal().is_some(),
-            balance: resident.balance.as_ref(),
             lit: resident.light.as_ref().is_some_and(|saved| saved.light == light.to_string()),
+            balance: resident.balance.as_ref(),
         }
     }
 
@@ -207,12 +207,12 @@ macro_rules! effects {
 
         impl Effects {
             /// How far from a pixel that holds a point those that run may change a picture, pixels; points are at most so far apart on the screen.
-            pub fn spread_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
-                let mut spread_px = 0.0;
+            pub fn grows_px(&self, decided: &Decided, spacing_px: f64) -> f64 {
+                let mut grows_px = 0.0;
                 $(if decided.runs(stringify!($name)) {
-                    spread_px += self.$name.settings.spread_px(spacing_px);
+                    grows_px += self.$name.settings.grows_px(spacing_px);
                 })*
-                spread_px
+                grows_px
             }
         }
 
@@ -328,8 +328,8 @@ pub trait Settings: Default {
     fn list(&mut self) -> Vec<Setting<'_>>;
 
     /// How far from a pixel that holds a point the effect may change the picture, pixels, where points are at most so far apart; nobody knows where nothing is said. Layers behind others are drawn no
-    /// farther from their points than all effects together reach.
-    fn spread_px(&self, _spacing_px: f64) -> f64 {
+    /// farther from their points than all effects together carry them.
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         f64::INFINITY
     }
 }

@@ -110,13 +110,18 @@ pub fn bands(size: [u32; 2], limit: u64) -> Vec<Band> {
 
 /// Chooses nodes and planes for a view and brings the list to the GPU.
 pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precision) -> Result<Drawn> {
+    draw_some(g, view, resident, &resident.nodes.iter().collect::<Vec<_>>(), precision)
+}
+
+/// The same of some of the nodes.
+pub fn draw_some(g: &mut Graph, view: &View, resident: &Resident, nodes: &[&ResidentNode], precision: Precision) -> Result<Drawn> {
     let mut statistics = Statistics::default();
     let mut records = Vec::new();
     let mut within: Vec<Within> = Vec::new();
     let mut chunks: BTreeMap<(usize, u32, u32), Vec<u32>> = BTreeMap::new();
-    let mut seen: Vec<_> = resident.seen(view).map(|((nearest, _), node)| (nearest, node)).collect();
-    statistics.nodes_clipped = resident.nodes.iter().filter(|node| resident.clips.left(node.bounds()) == Left::Nothing).count();
-    statistics.nodes_outside = resident.nodes.len() - statistics.nodes_clipped - seen.len();
+    let mut seen: Vec<_> = resident.seen_of(nodes.iter().copied(), view).map(|((nearest, _), node)| (nearest, node)).collect();
+    statistics.nodes_clipped = nodes.iter().filter(|node| resident.clips.left(node.bounds()) == Left::Nothing).count();
+    statistics.nodes_outside = nodes.len() - statistics.nodes_clipped - seen.len();
     let opacities = resident.opacities.hides() && resident.shown.kind().is_some();
     // Front to back, so that what lies behind finds its pixels taken. The order does not show: keys are unique.
     seen.sort_by(|a, b| a.0.total_cmp(&b.0));

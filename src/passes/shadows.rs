@@ -14,6 +14,7 @@
 //! Points have no normals: the slope of the surface comes from the light's own depths.
 
 mod cameras;
+pub mod changed;
 pub mod disc;
 mod peel;
 pub mod whole;
@@ -24,11 +25,13 @@ use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::light::Light;
-use crate::resident::Resident;
+use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode};
 use crate::shader::{self, light_depth, light_fill, light_limit, shadow_depth};
 use crate::view::{Projection, View};
+use changed::Changed;
 use glam::DVec3;
 use std::f64::consts::SQRT_2;
+use std::ops::Range;
 
 pub const SUMMARY: &str = "shadows of a light: of --light, or of a sun where that is a headlight";
 
@@ -92,7 +95,7 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn spread_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }
 }
@@ -129,6 +132,8 @@ pub struct Facts {
     pub samples: u32,
     /// Of these, those that marks are made of so far.
     pub cast: u32,
+    /// Nodes whose points this frame has marked; the others have kept their marks.
+    pub marked: u32,
     /// Of the light, of each sample.
     pub pictures: u32,
     /// Texels of the first picture.
@@ -147,7 +152,7 @@ impl Facts {
         let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
         let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
         let layer_m = layer.metres + layer.texels * texel_m;
-        Facts { saved: false, samples, cast: samples, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
+        Facts { saved: false, samples, cast: samples, marked: 0, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
     }
 }
 
@@ -156,8 +161,8 @@ impl std::fmt::Display for Facts {
         let [width, height] = self.size;
         write!(
             f,
-            "{}{} samples of the light, {} cast, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
-            if self.saved { "saved ones, of all points, so that no light pass runs; " } else { "" }, self.samples, self.cast, self.pictures, self.texel_m, self.layer_m
+            "{}{} samples of the light, {} cast, points of {} nodes marked by this frame, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
+            if self.saved { "saved ones, of all points, so that no light pass runs; " } else { "" }, self.samples, self.cast, self.marked, self.pictures, self.texel_m, self.layer_m
         )
     }
 }
@@ -179,21 +184,59 @@ pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effect
     }
     let samples = settings.samples as u32;
     let wanted = |kept: u32| at_once.map_or(samples, |more| (kept + more).clamp(1, samples));
-    let (mut counts, kept) = g.kept("marks", bytes, made_of(scene, resident, settings), wanted)?;
-    let end = wanted(kept);
-    let around = cameras::Wanted { bounds, spacing_m: scene.spacing_m, radius: settings.radius, size: settings.size as u32 };
+    let around = cameras::Wanted::around(resident, bounds, scene.spacing_m, settings);
     let places = disc::spread(disc::places(samples, settings.pattern, 0));
-    let facts = Facts { cast: end, ..Facts::new(&cameras::cameras(scene.light, &around, places[0])?, bounds, settings) };
-    if end > kept {
-        let mut tally = Tally::new(g, counts, kept > 0);
-        for &place in &places[kept as usize..end as usize] {
-            for camera in cameras::cameras(scene.light, &around, place)? {
-                cast(g, &camera, resident, settings, &mut tally)?;
-            }
+    let views = |samples: Range<u32>| -> Result<Vec<View>> {
+        let of = places[samples.start as usize..samples.end as usize].iter().map(|&place| cameras::cameras(scene.light, &around, place));
+        Ok(of.collect::<Result<Vec<_>>>()?.concat())
+    };
+    let facts = Facts::new(&cameras::cameras(scene.light, &around, places[0])?, around.bounds, settings);
+
+    let (light, nodes) = (made_of(scene, resident, settings, &around), resident.nodes_identity());
+    let made_of = [light.as_slice(), &nodes].concat();
+    let place = (0..2).find(|&place| g.held(PLACES[place]).is_some_and(|(of, _)| of.starts_with(&light))).unwrap_or(0);
+    let before = g.held(PLACES[place]).filter(|(of, _)| of.starts_with(&light)).map(|(of, steps)| (of.to_vec(), steps));
+    // A frame that is in a hurry does not cast many samples anew, if only for some nodes: it begins with one.
+    if let Some((before, kept)) = before.filter(|(before, kept)| *before != made_of && settings.method == Method::Depth && (*kept == 1 || at_once != Some(0)))
+        && let Some(Changed { stay, again }) = changed::changed(&before[light.len()..], resident, &views(0..kept)?, travel_px(settings))
+    {
+        let end = wanted(kept);
+        let bytes_before = (before.len() - light.len()) as u64 / IDENTITY_WORDS as u64 * POINTS_PER_PAGE as u64;
+        let (old, _) = g.kept(PLACES[place], bytes_before, before, |held| held)?;
+        let (counts, _) = g.kept(PLACES[1 - place], bytes, made_of, |_| end)?;
+        g.forget(PLACES[place]);
+        let mut tally = Tally::new(g, counts, false);
+        let page = POINTS_PER_PAGE as u64;
+        let parts = stay.iter().map(|&[from, to]| [from as u64 * page, to as u64 * page, page]).collect();
+        g.copy_parts("stay marks", &old, &mut tally.marks, parts);
+        for view in views(0..kept)? {
+            let casters = changed::casters(&view, resident, &again, travel_px(settings));
+            let marked: Vec<_> = again.iter().map(|&number| &resident.nodes[number]).collect();
+            cast_on(g, &view, resident, [&casters, &marked], around.bounds, settings, &mut tally)?;
         }
-        counts = tally.marks;
+        for view in views(kept..end)? {
+            cast(g, &view, resident, around.bounds, settings, &mut tally)?;
+        }
+        return Ok(Some(Marks { counts: tally.marks, saved: None, facts: Facts { cast: end, marked: again.len() as u32, ..facts } }));
     }
-    Ok(Some(Marks { counts, saved: None, facts }))
+    let (counts, kept) = g.kept(PLACES[place], bytes, made_of, wanted)?;
+    let end = wanted(kept);
+    if end == kept {
+        return Ok(Some(Marks { counts, saved: None, facts: Facts { cast: end, ..facts } }));
+    }
+    let mut tally = Tally::new(g, counts, kept > 0);
+    for view in views(kept..end)? {
+        cast(g, &view, resident, around.bounds, settings, &mut tally)?;
+    }
+    Ok(Some(Marks { counts: tally.marks, saved: None, facts: Facts { cast: end, marked: resident.nodes.len() as u32, ..facts } }))
+}
+
+/// Where marks are kept: those of other nodes go to the other one, beside those that they were made of.
+const PLACES: [&str; 2] = ["marks", "marks beside"];
+
+/// How far in the light's picture what one texel shows may change the limit of another, and a texel for rounding.
+fn travel_px(settings: &Settings) -> f64 {
+    settings.fill + 2.0
 }
 
 /// Those that points have brought, where they are of this light.
@@ -205,8 +248,8 @@ fn saved(g: &mut Graph, scene: &Scene, resident: &Resident) -> Option<Result<Mar
     Some(pages.map(|counts| Marks { counts, saved: Some(contents.full), facts: Facts { saved: true, ..facts } }))
 }
 
-/// All that marks depend on.
-fn made_of(scene: &Scene, resident: &Resident, settings: &Settings) -> Vec<u64> {
+/// All that marks depend on but the nodes.
+fn made_of(scene: &Scene, resident: &Resident, settings: &Settings, around: &cameras::Wanted) -> Vec<u64> {
     let (kind, place) = match scene.light {
         Light::Headlight => (0, SUN),
         Light::Direction(direction) => (1, direction),
@@ -215,7 +258,9 @@ fn made_of(scene: &Scene, resident: &Resident, settings: &Settings) -> Vec<u64> 
     // Of settings, all but how dark shadows are.
     let Settings { method, samples, pattern, radius, size, ambient: _, layer, fill, peels, limit } = *settings;
     let numbers = [place.x, place.y, place.z, samples, radius, size, layer, fill, peels, limit].map(f64::to_bits);
-    [kind, method as u64, pattern as u64].into_iter().chain(numbers).chain(resident.identity()).collect()
+    let (low, high) = around.bounds;
+    let seen = [low.x, low.y, low.z, high.x, high.y, high.z, around.spacing_m].map(f64::to_bits);
+    [kind, method as u64, pattern as u64].into_iter().chain(numbers).chain(seen).chain(resident.cloud_identity()).collect()
 }
 
 /// What is counted while shadows are cast.
@@ -243,12 +288,30 @@ fn bounds(resident: &Resident) -> Option<(DVec3, DVec3)> {
     resident.nodes.iter().map(|node| node.bounds()).reduce(|(a, b), (c, d)| (a.min(c), b.max(d)))
 }
 
-/// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches.
-pub fn cast(g: &mut Graph, camera: &View, resident: &Resident, settings: &Settings, tally: &mut Tally) -> Result<Reached> {
-    let drawn = project::draw(g, camera, resident, Precision::Auto)?;
+/// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches. `bounds` are those that the light sees, world corners.
+pub fn cast(g: &mut Graph, camera: &View, resident: &Resident, bounds: (DVec3, DVec3), settings: &Settings, tally: &mut Tally) -> Result<Reached> {
+    let all: Vec<_> = resident.nodes.iter().collect();
+    cast_on(g, camera, resident, [&all, &all], bounds, settings, tally)
+}
+
+/// The same for the points of some nodes, of shadows that some cast.
+fn cast_on(
+    g: &mut Graph,
+    camera: &View,
+    resident: &Resident,
+    [casters, marked]: [&[&ResidentNode]; 2],
+    bounds: (DVec3, DVec3),
+    settings: &Settings,
+    tally: &mut Tally,
+) -> Result<Reached> {
+    let drawn = project::draw_some(g, camera, resident, casters, Precision::Auto)?;
     let keys = project::record(g, camera, &drawn, None, Band { top: 0, size: camera.size });
-    let layer = Layer::new(camera, bounds(resident).unwrap_or_default(), settings);
-    let reached = reach(g, camera, &keys, &layer);
+    let reached = reach(g, camera, &keys, &Layer::new(camera, bounds, settings));
+    let numbers = |nodes: &[&ResidentNode]| nodes.iter().map(|node| node.number).collect::<Vec<_>>();
+    let drawn = match numbers(casters) == numbers(marked) {
+        true => drawn,
+        false => project::draw_some(g, camera, resident, marked, Precision::Auto)?,
+    };
     match settings.method {
         Method::Depth => by_depth(g, camera, &drawn, &reached.limit, &mut tally.marks),
         Method::Index => peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, tally),

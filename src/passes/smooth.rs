@@ -54,7 +54,7 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn spread_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         0.0
     }
 }

@@ -9,7 +9,7 @@
 //! A layer is everything within the layer distance of its surface. The next one begins behind that; the distance is what noise and filling may have moved a surface by, and how deep a slanted one is
 //! within a pixel. Layers are recorded as often as is allowed, and the device skips those that are empty ([`super::gate`]).
 //!
-//! Behind a pixel without a point there are none, so of every layer only the tiles are worked on where the one before it had points, or effects may have carried what these show (`spread_px`).
+//! Behind a pixel without a point there are none, so of every layer only the tiles are worked on where the one before it had points, or effects may have carried what these show (`grows_px`).
 
 use super::project::{self, Band};
 use super::visibility::Looked;
@@ -50,7 +50,7 @@ impl super::Settings for Settings {
     }
 
     /// What holds no point stays as it is.
-    fn spread_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         if self.tiles == Looked::All { f64::INFINITY } else { 0.0 }
     }
 }

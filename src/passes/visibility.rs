@@ -65,7 +65,7 @@ impl super::Settings for Settings {
     }
 
     /// Between points pixels become unknown.
-    fn spread_px(&self, _spacing_px: f64) -> f64 {
+    fn grows_px(&self, _spacing_px: f64) -> f64 {
         MARGIN_PX as f64
     }
 }

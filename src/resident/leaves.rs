@@ -40,6 +40,7 @@ impl Resident {
             balance: None,
             opacities: Opacities::default(),
             clips: Clips::default(),
+            comes_and_goes: true,
             light: None,
         }
     }

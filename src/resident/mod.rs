@@ -61,6 +61,18 @@ impl ResidentNode {
     }
 }
 
+/// Numbers that say which node it is ([`Resident::nodes_identity`]).
+pub const IDENTITY_WORDS: usize = 15;
+
+/// World corners of the box of a node, by those numbers.
+pub fn bounds_of(identity: &[u64]) -> (DVec3, DVec3) {
+    let place = |at: usize| DVec3::from_array([0, 1, 2].map(|axis| f64::from_bits(identity[at + axis])));
+    let lattice = Lattice { step: place(9), offset: place(12) };
+    let corner = |k: u64| lattice.world([0, 1, 2].map(|axis| identity[axis] as i64 + (k * identity[3 + axis]) as i64));
+    let (a, b) = (corner(0), corner(1));
+    (a.min(b), a.max(b))
+}
+
 /// A point that somebody asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
@@ -90,10 +102,12 @@ pub struct Resident {
     pub oriented: bool,
     /// How opaque its points are; what hides some by their kind needs them to bring it.
     pub opacities: Opacities,
-    /// Which part of it is there.
-    pub clips: Clips,
+    /// Of an index, whose nodes come and go.
+    pub comes_and_goes: bool,
     /// Of which light points say how much reaches them, where they have brought that.
     pub light: Option<Box<Contents>>,
+    /// Which part of it is there.
+    pub clips: Clips,
 }
 
 /// Of numbers that so many points have each, the middle one; 0 of none.
@@ -144,8 +158,9 @@ impl Resident {
             // A file's normals, where it has any.
             oriented: shown.further.normal,
             opacities: Opacities::default(),
-            clips: Clips::default(),
+            comes_and_goes: false,
             light: None,
+            clips: Clips::default(),
         };
         let total = cloud.len();
         let mut parts = cloud.parts;
@@ -262,8 +277,17 @@ impl Resident {
 
     /// Nodes of which the view can see something, with the least and the greatest depth of each.
     pub fn seen<'r>(&'r self, view: &'r View) -> impl Iterator<Item = ((f64, f64), &'r ResidentNode)> {
+        self.seen_of(self.nodes.iter(), view)
+    }
+
+    /// The same of some of the nodes.
+    pub fn seen_of<'r>(
+        &'r self,
+        nodes: impl Iterator<Item = &'r ResidentNode>,
+        view: &'r View,
+    ) -> impl Iterator<Item = ((f64, f64), &'r ResidentNode)> {
         let is_left = |node: &&ResidentNode| self.clips.left(node.bounds()) != Left::Nothing;
-        self.nodes.iter().filter(is_left).filter_map(|node| Some((view.depths(node.bounds())?, node)))
+        nodes.filter(is_left).filter_map(|node| Some((view.depths(node.bounds())?, node)))
     }
 
     /// How wide a pixel is, metres: in the middle of the node that the middle point is in, from near nodes to far ones, of those that the view sees; 0 where there are none.
@@ -296,17 +320,27 @@ impl Resident {
 
     /// What is drawn, in numbers: the same ones only where a frame draws the same points under the same ids.
     pub fn identity(&self) -> Vec<u64> {
+        self.cloud_identity().into_iter().chain(self.nodes_identity()).collect()
+    }
+
+    /// Of every node, in numbers of which each has as many: the same ones only where it has the same points.
+    pub fn nodes_identity(&self) -> Vec<u64> {
         let node = |node: &ResidentNode| {
             let Frame { origin, extent, .. } = node.frame;
             let lattice = [node.lattice.step, node.lattice.offset].map(|place| place.to_array().map(f64::to_bits)).concat();
             let counts = [node.count as u64, node.planes as u64, node.spacing.to_bits()];
             [origin.map(|steps| steps as u64), extent.map(|steps| steps as u64), counts].concat().into_iter().chain(lattice)
         };
+        self.nodes.iter().flat_map(node).collect()
+    }
+
+    /// What points are drawn, and which of them are left out, but for the nodes: as [`Resident::identity`].
+    pub fn cloud_identity(&self) -> Vec<u64> {
         // Of opacities, which points are left out.
         let factors = self.opacities.table(&self.stations).into_iter().enumerate();
         let left_out: Vec<u64> = factors.filter(|(_, factor)| *factor == 0.0).map(|(number, _)| number as u64).collect();
         let counts = [self.serial, left_out.len() as u64, self.clips.active() as u64];
-        counts.into_iter().chain(left_out).chain(self.clips.identity()).chain(self.nodes.iter().flat_map(node)).collect()
+        counts.into_iter().chain(left_out).chain(self.clips.identity()).collect()
     }
 
     /// Bytes of the pages in use.

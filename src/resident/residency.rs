@@ -144,8 +144,9 @@ impl Residency {
             balance: index.directory.contents.balance.clone().filter(|_| shown.coded),
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             opacities: Opacities::default(),
-            clips: Clips::default(),
+            comes_and_goes: true,
             light: index.marks.as_ref().filter(|_| shown.light().is_some()).map(|marks| Box::new(marks.contents.clone())),
+            clips: Clips::default(),
         };
         Ok(Residency {
             resident,

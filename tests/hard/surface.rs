@@ -285,8 +285,8 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         pixel_m: 0.0,
         transparent: false,
         normals: false,
-        balance: None,
         lit: false,
+        balance: None,
     });
     assert!(["visibility", "fill", "shape"].iter().all(|effect| decided.runs(effect)), "{decided:?}");
 }

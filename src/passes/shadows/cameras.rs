@@ -5,7 +5,9 @@
 
 use crate::config::SUN;
 use crate::error::Result;
+use super::Settings;
 use crate::light::Light;
+use crate::resident::Resident;
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 
@@ -23,6 +25,20 @@ pub struct Wanted {
     pub radius: f64,
     /// Texels of the longer side of a picture; 0: as many as make a texel two spacings wide; of a light at a place, where the cloud is nearest to it, or half as near as its middle.
     pub size: u32,
+}
+
+impl Wanted {
+    /// Of nodes that come and go the light sees a box and a spacing that stay as they are for a while: on a grid an eighth as wide as the box, and in quarters of an octave, so that marks of the others can be kept.
+    pub fn around(resident: &Resident, bounds: (DVec3, DVec3), spacing_m: f64, settings: &Settings) -> Wanted {
+        let (radius, size) = (settings.radius, settings.size as u32);
+        let ((min, max), side) = (bounds, (bounds.1 - bounds.0).max_element());
+        if !resident.comes_and_goes || side == 0.0 {
+            return Wanted { bounds, spacing_m, radius, size };
+        }
+        let cell = (side / 8.0).log2().ceil().exp2();
+        let spacing_m = if spacing_m > 0.0 { ((4.0 * spacing_m.log2()).ceil() / 4.0).exp2() } else { 0.0 };
+        Wanted { bounds: ((min / cell).floor() * cell, (max / cell).ceil() * cell), spacing_m, radius, size }
+    }
 }
 
 /// Half the angle of the largest light far away, degrees.

@@ -50,12 +50,13 @@ pub fn cast(gpu: &mut Gpu, index: &Index, light: Light, settings: &Settings, mem
     let Some(bounds) = bounds else { return Err(Error::Request(format!("{} has no points to cast shadows", index.path().display()))) };
     let writer = Writer::create(path, index)?;
     let samples = settings.samples as u32;
-    let wanted = cameras::Wanted { bounds, spacing_m: Resident::spacing_of(index, &leaves)?, radius: settings.radius, size: settings.size as u32 };
+    let mut room = Resident::room(gpu, index, memory / 2);
+    let wanted = cameras::Wanted::around(&room, bounds, Resident::spacing_of(index, &leaves)?, settings);
+    let bounds = wanted.bounds;
     let places = disc::spread(disc::places(samples, settings.pattern, 0));
     let views = places.iter().map(|&place| cameras::cameras(light, &wanted, place)).collect::<Result<Vec<_>>>()?;
     let facts = Facts::new(&views[0], bounds, settings);
     let groups = groups(&views, memory / 2);
-    let mut room = Resident::room(gpu, index, memory / 2);
     let batches = batches(&room, index, &leaves, gpu.device.limits.max_storage_buffer_range as u64);
     let work = Work { index, settings, bounds, batches: &batches, total: 2 * (groups.len() * batches.len()) as u64, progress };
     // What a point has that all of the light reaches.
