@@ -265,10 +265,7 @@ fn indexed(index: &Index, attribute: Attribute) -> Shown {
         Attribute::Elevation => contents.elevation_stretch,
         _ => [0, 255],
     };
-    let coded = attribute == Attribute::Rgb && contents.balance.is_some();
-    let mut shown = Shown::indexed(attribute, contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]), stretch);
-    shown.coded = coded;
-    shown
+    Shown::indexed(attribute, contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]), stretch)
 }
 
 /// As [`Cloud::core_points`], of the roots' samples, each as often as the points that it stands for.

@@ -63,11 +63,13 @@ fn exit_codes_are_0_done_1_could_not_2_asked_wrongly() {
     let place = Place::new();
     let cloud = place.scan("torus.las", Scene::Torus, 1000);
     succeeded(&place.render(&cloud, "-o @out.png --size 32x32"));
+    // More pixels a side than any image has.
+    succeeded(&place.render(&cloud, "-o @out.png --size 32768x1"));
     for wrong in [
         "",
         "-o @a.png --size 0x5",
         "-o @a.png --size big",
-        "-o @a.png --size 100000x100000",
+        "-o @a.png --size 100000000x1",
         "-o @a.png --color pink",
         "-o @a.png --background 12345",
         "-o @a.png --nonsense",
@@ -77,7 +79,7 @@ fn exit_codes_are_0_done_1_could_not_2_asked_wrongly() {
     failed(&run(["explode"]), 2);
     failed(&run::<&str>([]), 2);
     for (wrong, names) in [
-        ("-o @a.png --size 32768x1", "--size"),
+        ("-o @a.png --size 32768x1 --effect fill=on,method=pullpush", "pullpush"),
         ("-o @a.png --camera @none.json", "none.json"),
         ("-o @a.png --effect edl=sometimes", "edl=sometimes"),
         ("-o @a.png --effect glow=on", "glow"),

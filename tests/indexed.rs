@@ -39,7 +39,8 @@ impl Place {
 #[test]
 fn an_index_drawn_to_its_leaves_is_the_picture_of_the_file() {
     let place = Place::new(300_000);
-    let look = "--style points --effect edl=off --size 480x270 --camera @cam.json";
+    // Exposures are not evened in indexes, whose samples are means of several stations.
+    let look = "--style points --effect edl=off --effect exposure=off --size 480x270 --camera @cam.json";
     std::fs::write(place.at("cam.json"), r#"{"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}"#).unwrap();
     for color in ["rgb", "intensity", "elevation", "class", "return"] {
         succeeded(&place.render("street.las", &format!("{look} --color {color} -o @file.png")));
@@ -58,9 +59,6 @@ fn what_is_shown_by_default_and_from_where_is_as_for_the_file() {
     let place = Place::new(200_000);
     let [file, index] = ["street.las", "street.pnti"].map(|name| place.explained(name, "-o @a.png --size 320x200"));
     assert_eq!(file["color"], index["color"]);
-    // Exposures that are found from leaves are those that are found from the file.
-    assert_eq!(file["effects"]["exposure"]["runs"], true);
-    assert_eq!(file["effects"]["exposure"], index["effects"]["exposure"]);
     let eye = |explained: &Value| [0, 1, 2].map(|axis| explained["camera"]["eye"][axis].as_f64().unwrap());
     let (a, b) = (eye(&file), eye(&index));
     assert!((0..3).all(|axis| (a[axis] - b[axis]).abs() < 3.0), "{a:?} {b:?}");

@@ -16,7 +16,6 @@
 
 use super::bucket::{self, Bucket, Grid, Sorter, Spill};
 use super::derive;
-use super::exposure;
 use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
 use super::grow::{self, Built, Grown, Open, Tree, Worker};
 use super::record::{Batch, Colors, Layout};
@@ -151,7 +150,6 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
         };
         let mut directory = Directory { nodes, roots, contents };
         directory.contents.elevation_stretch = elevations(&directory, &writer)?;
-        directory.contents.balance = exposure::of_leaves(&directory, |node, plane, bytes| writer.get(node.range(plane).0, bytes))?;
         if options.derive != Derive::NONE {
             let began = Instant::now();
             derive::derive(&mut directory, &writer, &corners, options, progress)?;

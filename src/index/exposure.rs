@@ -5,14 +5,12 @@
 //! out those that a shadow, a passer-by or a wall's other side made different (after Kanzok, Linsen and Rosenthal 2012, sec. 1 and 6; factors that best agree with all overlaps, as panoramas are
 //! stitched: Brown and Lowe 2007, sec. 6).
 
-use super::file::{self, Contents, Directory, NodeRecord, Plane};
 use super::morton;
 use crate::cloud::color::srgb_to_linear;
 use crate::cloud::{Cloud, Part, Station};
-use crate::error::Result;
 use glam::DVec3;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -38,7 +36,7 @@ pub struct Overlap {
 }
 
 /// What gives all stations one exposure.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Balance {
     /// By number of the station, the factor on its light, 2^-4 to 2^4; 1 of one that overlaps with none.
     pub gains: Vec<f64>,
@@ -133,36 +131,6 @@ pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
 pub fn balance(cloud: &Cloud) -> Option<Balance> {
     let most = (cloud.stations.len() > 1).then(|| most_of(cloud.len()))?;
     of_points(&points(cloud, most)?, &cloud.stations)
-}
-
-/// The same of an index that is being made; `read` fills a plane's bytes. Leaves hold all points.
-pub fn of_leaves(directory: &Directory, read: impl Fn(&NodeRecord, Plane, &mut [u8]) -> Result<()> + Sync) -> Result<Option<Balance>> {
-    let Contents { stations, lattices, points, bounds: Some([lo, hi]), .. } = &directory.contents else { return Ok(None) };
-    if stations.len() < 2 {
-        return Ok(None);
-    }
-    let (most, side) = (most_of(*points), side(*lo, *hi));
-    let of = |node: &NodeRecord| -> Result<Vec<Point>> {
-        if !has_wanted(file::bounds(node, lattices), *lo, side, most) {
-            return Ok(Vec::new());
-        }
-        let places = file::samples(node, file::lattice(node, lattices), &mut |plane, bytes| read(node, plane, bytes))?;
-        let column = |plane: Plane| {
-            let mut bytes = vec![0; node.range(plane).1 as usize];
-            read(node, plane, &mut bytes).map(|()| bytes)
-        };
-        let (rgb, source) = (column(Plane::Rgb)?, column(Plane::Source)?);
-        let columns = rgb.as_chunks().0.iter().zip(source.as_chunks().0);
-        let points = places.iter().zip(columns).filter_map(|((place, _), (&rgb, &source))| {
-            let point = (code(*place, *lo, side), u16::from_le_bytes(source), value(rgb)?);
-            is_wanted(point.0, most).then_some(point)
-        });
-        Ok(points.collect())
-    };
-    let leaves = directory.nodes.par_iter().filter(|node| node.is_leaf() && node.has(Plane::Rgb) && node.has(Plane::Source));
-    let mut points = leaves.map(of).collect::<Result<Vec<_>>>()?.concat();
-    points.par_sort_unstable();
-    Ok(of_points(&points, stations))
 }
 
 fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {
@@ -260,14 +228,6 @@ fn most_of(points: u64) -> u64 {
 
 fn is_wanted(code: u64, most: u64) -> bool {
     scattered(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most
-}
-
-/// Whether a box has a block in it whose points are wanted.
-fn has_wanted((low, high): (DVec3, DVec3), lo: DVec3, side: f64, most: u64) -> bool {
-    let block = |place: DVec3| ((place - lo) / side).to_array().map(|axis| axis as u32 >> (AXIS_BITS - BLOCK_BITS));
-    let (a, b) = (block(low), block(high));
-    let mut blocks = (a[0]..=b[0]).flat_map(|x| (a[1]..=b[1]).flat_map(move |y| (a[2]..=b[2]).map(move |z| [x, y, z])));
-    blocks.any(|block| scattered(morton::code_63(block)) <= most)
 }
 
 /// All numbers are as likely, whatever the block (the mixing step of SplitMix64, Steele, Lea and Flood 2014).

@@ -8,7 +8,6 @@
 //! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
 //! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
 
-use super::exposure::Balance;
 use super::map::Map;
 use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
@@ -240,9 +239,6 @@ pub struct Contents {
     /// Normals that were derived are those of the files, all of them, and say which side of a surface is outside.
     #[serde(default)]
     pub oriented: bool,
-    /// What gives all stations one exposure.
-    #[serde(default)]
-    pub balance: Option<Balance>,
 }
 
 /// Nodes and contents.

@@ -4,7 +4,7 @@
 //! merge(samples in Morton order):
 //!   count, for every pair of neighbours in the order, the highest bit in which their codes differ
 //!   drop as few low bits of the codes as leave at most M different ones: those are the grid's cells
-//!   one sample a cell: mean position, mean colour in linear light (of the station that has most of it), mean intensity, kinds by majority; weight = the sum of the weights
+//!   one sample a cell: mean position, mean colour in linear light, mean intensity, kinds by majority; weight = the sum of the weights
 //! ```
 //! A grid of M cells over the box would hold few samples of a surface (M^(2/3)); this one is as fine as M samples allow, whatever the shape of the
 //! data. All sums are integers, so the result does not depend on any order of execution.
@@ -32,19 +32,13 @@ pub fn merge(samples: &Samples, has: Wanted) -> Merged {
     let (runs, dropped) = cut(samples);
     let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
     let weights = runs.sums();
-    let source = has.source.then(|| runs.majorities(samples.source.as_deref().unwrap_or_default()));
-    let rgb = samples.rgb.as_deref().unwrap_or_default();
-    let rgb = has.rgb.then(|| match (&samples.source, &source) {
-        (Some(sources), Some(stations)) => runs.colors_of(rgb, &weights, sources, stations),
-        _ => runs.colors(rgb, &weights),
-    });
     let merged = Samples {
         q: runs.positions(&weights, dropped, coarser),
-        rgb,
+        rgb: has.rgb.then(|| runs.colors(samples.rgb.as_deref().unwrap_or_default(), &weights)),
         intensity: has.intensity.then(|| runs.means(samples.intensity.as_deref().unwrap_or_default(), &weights)),
         class: has.class.then(|| runs.majorities(samples.class.as_deref().unwrap_or_default())),
         returns: has.returns.then(|| runs.majorities(samples.returns.as_deref().unwrap_or_default())),
-        source,
+        source: has.source.then(|| runs.majorities(samples.source.as_deref().unwrap_or_default())),
         normal: has.normal.then(|| runs.normals(samples.normal.as_deref().unwrap_or_default())),
         gps_time: has.gps_time.then(|| runs.times(samples.gps_time.as_deref().unwrap_or_default())),
         weight: Some(weights.iter().map(|&weight| weight.min(u32::MAX as u64) as u32).collect()),
@@ -119,7 +113,7 @@ impl Runs<'_> {
         self.starts.windows(2).map(|ends| ends[0]..ends[1]).map(one).collect()
     }
 
-    fn weighted<T>(&self, weights: &[u64], mut one: impl FnMut(Range<usize>, u64) -> T) -> Vec<T> {
+    fn weighted<T>(&self, weights: &[u64], one: impl Fn(Range<usize>, u64) -> T) -> Vec<T> {
         self.starts.windows(2).zip(weights).map(|(ends, &weight)| one(ends[0]..ends[1], weight)).collect()
     }
 
@@ -161,26 +155,6 @@ impl Runs<'_> {
         let (decode, encode) = (&*DECODE, &**ENCODE);
         let linear = |i: usize| rgb[i].map(|v| decode[v as usize] as u32);
         self.weighted(weights, |run, total| self.mean(run, total, linear).map(|mean| encode[mean as usize]))
-    }
-
-    /// Of each run the colours of one station alone: its exposure is not that of the others.
-    fn colors_of(&self, rgb: &[[u8; 3]], weights: &[u64], sources: &[u16], stations: &[u16]) -> Vec<[u8; 3]> {
-        let (decode, encode) = (&*DECODE, &**ENCODE);
-        let linear = |i: usize| rgb[i].map(|v| decode[v as usize] as u32);
-        let mut stations = stations.iter();
-        self.weighted(weights, |run, total| {
-            let station = stations.next().expect("a station for every run");
-            if sources[run.clone()].iter().all(|source| source == station) {
-                return self.mean(run, total, linear).map(|mean| encode[mean as usize]);
-            }
-            let own = run.filter(|&i| sources[i] == *station);
-            let (mut sum, mut weight) = ([0u128; 3], 0u128);
-            for i in own {
-                weight += self.weights[i] as u128;
-                sum.iter_mut().zip(linear(i)).for_each(|(sum, v)| *sum += self.weights[i] as u128 * v as u128);
-            }
-            sum.map(|sum| encode[((sum + weight / 2) / weight) as usize])
-        })
     }
 
     fn means(&self, values: &[u16], weights: &[u64]) -> Vec<u16> {

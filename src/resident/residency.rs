@@ -141,7 +141,7 @@ impl Residency {
             shown,
             points: index.directory.contents.points,
             stations: index.directory.contents.stations.clone(),
-            balance: index.directory.contents.balance.clone().filter(|_| shown.coded),
+            balance: None,
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             opacities: Opacities::default(),
             comes_and_goes: true,
