@@ -14,6 +14,24 @@ pub trait Progress: Sync {
     fn when_interrupted(&self, _act: Box<dyn Fn() + Send>) {}
 }
 
+/// How far a whole is, whatever is being done for one of its parts: a film's frame, a picture's piece.
+pub struct Whole<'p> {
+    pub progress: &'p dyn Progress,
+    pub doing: &'static str,
+    pub done: u64,
+    pub total: u64,
+}
+
+impl Progress for Whole<'_> {
+    fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
+        self.progress.tick(self.doing, self.done, self.total)
+    }
+
+    fn when_interrupted(&self, act: Box<dyn Fn() + Send>) {
+        self.progress.when_interrupted(act);
+    }
+}
+
 /// Listens to nothing: for tests, and for embedding.
 pub struct Silent;
 

@@ -13,7 +13,7 @@ use crate::graph::{Gpu, Graph};
 use crate::look::{self, Look, Wishes};
 use crate::passes::{TILE_PX, encode};
 use crate::picture;
-use crate::progress::Progress;
+use crate::progress::{Progress, Whole};
 use crate::source::{Brought, Taken};
 use crate::view::View;
 use std::path::Path;
@@ -89,19 +89,6 @@ impl Pieces {
     }
 }
 
-/// How many pieces are done, whatever is being done for one of them.
-struct Done<'p> {
-    progress: &'p dyn Progress,
-    done: u64,
-    total: u64,
-}
-
-impl Progress for Done<'_> {
-    fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
-        self.progress.tick("drawing pieces", self.done, self.total)
-    }
-}
-
 /// What a picture is of, and how fine.
 pub struct Wanted<'w> {
     pub view: &'w View,
@@ -132,7 +119,7 @@ pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, p
             let height = row.first().map_or(0, |piece| piece.size[1]) as usize;
             let mut pixels = vec![0u8; 3 * view.size[0] as usize * height];
             for piece in row {
-                let progress = Done { progress, done, total };
+                let progress = Whole { progress, doing: "drawing pieces", done, total };
                 let window = view.window(piece.window_corner.map(|at| at as i32), piece.window_size);
                 if total > 1 {
                     note(cloud.settle(gpu, &window, &detail(window.size), &progress)?);

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph};
 use crate::look;
-use crate::progress::Progress;
+use crate::progress::{Progress, Whole};
 use crate::source::Source;
 use crate::view::View;
 use crate::whole_file::WholeFile;
@@ -17,19 +17,6 @@ use std::path::{Path, PathBuf};
 
 /// Of a frame's number, so that names sort as numbers do.
 const DIGITS: usize = 4;
-
-/// How far all frames are, whatever is being done for one of them.
-struct Frames<'p> {
-    progress: &'p dyn Progress,
-    done: u64,
-    total: u64,
-}
-
-impl Progress for Frames<'_> {
-    fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
-        self.progress.tick("drawing frames", self.done, self.total)
-    }
-}
 
 /// A file of a frame, counted from 1 on.
 fn numbered(output: &Path, extension: &str, number: u64, total: u64) -> PathBuf {
@@ -68,7 +55,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     brought.leave_out(options.opacities(), options.clips());
     let mut said = Vec::new();
     for number in missing {
-        let frames = Frames { progress, done: number, total };
+        let frames = Whole { progress, doing: "drawing frames", done: number, total };
         let view = View::new(path.frame(number), size).map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
         for note in brought.settle(&mut gpu, &view, &options.detail.of(size), &frames)?.into_iter().flat_map(|taken| taken.notes) {
             if arguments.strict {
