@@ -24,6 +24,8 @@ layout(push_constant, scalar) uniform Push {
 const int FIRST = 0x3900;
 const int LAST = 0x3F80;
 
+#include "rows.glsl"
+
 uint code(float linear) {
     int bucket = clamp(floatBitsToInt(linear) >> 16, FIRST, LAST) - FIRST;
     uvec4 found = imageLoad(buckets, bucket);
@@ -43,7 +45,7 @@ void main() {
         uint four = gl_WorkGroupID.y * gl_NumWorkGroups.x * 64u + gl_GlobalInvocationID.x;
         if (4u * four >= push.size.x * push.size.y) return;
         uvec3 c[4];
-        for (uint k = 0u; k < 4u; ++k) c[k] = codes(uvec2((4u * four + k) % push.size.x, (4u * four + k) / push.size.x));
+        for (uint k = 0u; k < 4u; ++k) c[k] = codes(uvec2(in_rows(4u * four + k, push.size.x)));
         screen.word[3u * four] = c[0].r | c[0].g << 8 | c[0].b << 16 | c[1].r << 24;
         screen.word[3u * four + 1u] = c[1].g | c[1].b << 8 | c[2].r << 16 | c[2].g << 24;
         screen.word[3u * four + 2u] = c[2].b | c[3].r << 8 | c[3].g << 16 | c[3].b << 24;

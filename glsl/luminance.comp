@@ -3,35 +3,24 @@
 //   V'  = sum / count          over the pixel, or over its 3 x 3 with the weights of a Gaussian, neighbours whose front is at most epsilon from the pixel's
 //   rgb = RGB * (V' / V)       which is HSV with V' in place of V: no hue, no branch (HARD_CASES 22); grey V' where V = 0
 //   or, with three channels, rgb = sums / count
-// All in the values that points have, which are not linear; they are looked up in the table of linear colours, between whose entries the way is straight. A pixel without a count keeps its colour.
+// All in the values that points have, which are not linear; they are looked up in the table of linear colours, between whose entries the way is straight. A pixel without a count stays as it is.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
-#extension GL_EXT_buffer_reference : require
-#extension GL_EXT_buffer_reference_uvec2 : require
 #extension GL_GOOGLE_include_directive : require
-
-#include "node.glsl"
-
-// What the points of one node show: a page of 32-bit words.
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
 
 layout(local_size_x = 64) in;
 
 // Two words a sum; as texels, and for devices whose texel buffers are too small as a storage buffer.
 layout(r32ui) readonly uniform uimageBuffer sums;
 layout(scalar) readonly buffer SumWords { uvec2 sum[]; } sum_words;
-// Of every node of the frame, the two words of the address of the page that says what its points show.
-layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
 // 256 colours, four words of f32 bits each.
 layout(rgba32ui) readonly uniform uimageBuffer table;
-layout(r32ui) readonly uniform uimageBuffer levels;
 layout(r32f) readonly uniform image2D front;
-layout(r32ui) readonly uniform uimage2D index;
+// Values of the front point, beside its opacity -> linear, multiplied by it.
 layout(rgba32f) uniform image2D color;
 
 layout(constant_id = 0) const uint CHANNELS = 1u;
-layout(constant_id = 1) const bool RAMP = false;
 // Pixels around one that count: 0, or 1 for its 3 x 3.
 layout(constant_id = 2) const uint AROUND = 0u;
 layout(constant_id = 3) const bool TEXELS = true;
@@ -41,13 +30,7 @@ layout(push_constant, scalar) uniform Push {
     uvec2 rows;    // of the picture: the first to correct, and the one after the last
     uvec2 summed;  // rows that there are sums of, in the same way
     float epsilon;
-    float lo;      // attribute words at the ends of the ramp
-    float scale;
 } push;
-
-#include "luminance.glsl"
-
-const uint NO_POINT = 0xFFFFFFFFu;
 
 uvec2 sum_at(uint i) {
     return TEXELS ? uvec2(imageLoad(sums, int(2u * i)).r, imageLoad(sums, int(2u * i + 1u)).r) : sum_words.sum[i];
@@ -84,8 +67,6 @@ float linear(float value, int channel) {
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.x, gl_GlobalInvocationID.y + push.rows.x);
     if (pixel.x >= int(push.width) || pixel.y >= int(push.rows.y)) return;
-    uint id = imageLoad(index, pixel).r;
-    bool covered = id != NO_POINT;
     float z = imageLoad(front, pixel).r;
     Total total[3] = Total[3](Total(uvec2(0u), uvec2(0u)), Total(uvec2(0u), uvec2(0u)), Total(uvec2(0u), uvec2(0u)));
     [[unroll]] for (int dy = -int(AROUND); dy <= int(AROUND); ++dy) {
@@ -100,16 +81,13 @@ void main() {
             for (uint c = 0u; c < CHANNELS; ++c) add(total[c], sum_at(first + c), weight);
         }
     }
-    // Loads that all pixels make stand before: where only some go on, lavapipe loads pixel by pixel.
-    if (!covered || total[0].count == uvec2(0u)) return;
-    uint word = Plane(shown.page[id >> POINTS_PER_PAGE_LOG2]).word[id & (POINTS_PER_PAGE - 1u)];
-    uvec3 bytes = shown_bytes(word, RAMP, push.lo, push.scale);
-    bytes = uvec3(level_of(bytes.r, word, RAMP), level_of(bytes.g, word, RAMP), level_of(bytes.b, word, RAMP));
-    uint value = value_of(bytes);
-    float ratio = mean(total[0]) / float(max(value, 1u));
-    vec3 corrected = value == 0u ? vec3(mean(total[0])) : min(vec3(bytes) * vec3(ratio), vec3(255.0));
+    // Without a point, or of a layer that is not drawn here.
+    if (total[0].count == uvec2(0u)) return;
+    vec4 own = imageLoad(color, pixel);
+    ivec3 values = ivec3(own.rgb * vec3(255.0) + 0.5);
+    int value = max(max(values.r, values.g), values.b);
+    float ratio = mean(total[0]) / float(max(value, 1));
+    vec3 corrected = value == 0 ? vec3(mean(total[0])) : min(vec3(values) * vec3(ratio), vec3(255.0));
     if (CHANNELS == 3u) corrected = vec3(mean(total[0]), mean(total[1]), mean(total[2]));
-    // As opaque as it was.
-    float alpha = imageLoad(color, pixel).a;
-    imageStore(color, pixel, vec4(vec3(linear(corrected.r, 0), linear(corrected.g, 1), linear(corrected.b, 2)) * vec3(alpha), alpha));
+    imageStore(color, pixel, vec4(vec3(linear(corrected.r, 0), linear(corrected.g, 1), linear(corrected.b, 2)) * vec3(own.a), own.a));
 }

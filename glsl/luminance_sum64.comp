@@ -22,6 +22,8 @@ layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 // What lies in clip boxes, of nodes that have points on both sides.
 layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
+// Of every listed chunk, whether it has a point near the front.
+layout(scalar) readonly buffer Shallow { uint chunk[]; } shallow;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;

@@ -8,7 +8,7 @@
 #extension GL_EXT_shader_atomic_int64 : require
 #extension GL_GOOGLE_include_directive : require
 
-#define MORE_TO_PUSH uint layer;
+#define MORE_TO_PUSH uint layer; float epsilon;
 #include "points.glsl"
 #include "node.glsl"
 
@@ -28,6 +28,8 @@ layout(r32ui) readonly uniform uimageBuffer behind;
 layout(scalar) readonly buffer BehindWords { uint word[]; } behind_words;
 // Of every listed chunk, the last layer that it had points behind the ones before of.
 layout(scalar) buffer Alive { uint layer[]; } alive;
+// Of every listed chunk, whether it has a point near the front.
+layout(scalar) buffer Shallow { uint chunk[]; } shallow;
 layout(scalar) buffer Keys { uint64_t key[]; } keys;
 
 #include "project.glsl"

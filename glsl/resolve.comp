@@ -29,6 +29,8 @@ layout(scalar) readonly buffer Kinds { uvec2 page[]; } kinds;
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 // 256 colours, four words of f32 bits each.
 layout(rgba32ui) readonly uniform uimageBuffer table;
+// What the 256 values of every station are with one exposure for all.
+layout(r32ui) readonly uniform uimageBuffer levels;
 layout(r32f) writeonly uniform image2D depth;
 layout(r32ui) writeonly uniform uimage2D index;
 layout(rgba32f) writeonly uniform image2D color;
@@ -38,6 +40,8 @@ layout(constant_id = 1) const bool TEXELS = true;
 // Not all points are opaque; and whether it takes their kinds to tell.
 layout(constant_id = 2) const bool TRANSPARENT = false;
 layout(constant_id = 3) const bool BY_KIND = false;
+// Colours are values as points have them, 0 to 1, not linear and beside their opacity: another pass is to find other values for them (luminance.comp).
+layout(constant_id = 4) const bool VALUES = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;  // pixels of this band
@@ -51,6 +55,7 @@ const uint INFINITY_BITS = 0x7F800000u;
 
 #include "kind.glsl"
 #include "paint.glsl"
+#include "luminance.glsl"
 
 void main() {
     ivec2 at = own_pixel(push.size.x);
@@ -67,10 +72,10 @@ void main() {
         if (MODE != CONSTANT) {
             word = Plane(shown.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & (POINTS_PER_PAGE - 1u)];
         }
-        c = painted(word, push.lo, push.scale);
+        c = VALUES ? vec4(vec3(ivec3(levels_of(word, MODE == RAMP, push.lo, push.scale))) / vec3(255.0), 1.0) : painted(word, push.lo, push.scale);
         if (TRANSPARENT) {
             uint kind = BY_KIND ? Plane(kinds.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & (POINTS_PER_PAGE - 1u)] : 0u;
-            c *= opacity_of(kind);
+            c *= vec4(vec3(VALUES ? 1.0 : opacity_of(kind)), opacity_of(kind));
         }
     }
     imageStore(depth, pixel, vec4(uintBitsToFloat(empty ? INFINITY_BITS : key.y)));

@@ -14,6 +14,8 @@ layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 // What lies in clip boxes, of nodes that have points on both sides.
 layout(scalar) readonly buffer Boxes { Within cells[]; } within;
 layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
+// Of every listed chunk, whether it has a point near the front.
+layout(scalar) readonly buffer Shallow { uint chunk[]; } shallow;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
@@ -21,6 +23,7 @@ layout(r32f) readonly uniform image2D limit;
 layout(scalar) buffer Marks { uint word[]; } marks;
 
 #include "project.glsl"
+#include "rows.glsl"
 
 void four(uint pixel[4], float depth[4], uint first) {
     uint width = uint(push.size.x);
@@ -28,10 +31,12 @@ void four(uint pixel[4], float depth[4], uint first) {
     for (uint k = 0u; k < 4u; ++k) {
         bool inside = pixel[k] != NO_PIXEL;
         uint at = inside ? pixel[k] : 0u;
-        float reach = imageLoad(limit, ivec2(at % width, at / width)).r;
+        float reach = imageLoad(limit, in_rows(at, width)).r;
         lit |= uint(inside && depth[k] <= reach) << (8u * k);
     }
     marks.word[first / 4u] += lit;
 }
 
+#define IS_TO_BE_WALKED(at) (shallow.chunk[at] != 0u)
+#define WALKED(at)
 #include "walk.glsl"

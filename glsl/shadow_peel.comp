@@ -29,6 +29,7 @@ layout(scalar) readonly buffer Last { uvec2 key[]; } last;
 layout(scalar) buffer Keys { uint word[]; } keys;
 
 #include "project.glsl"
+#include "rows.glsl"
 
 void four(uint pixel[4], float depth[4], uint first) {
     uint width = uint(push.size.x);
@@ -37,7 +38,7 @@ void four(uint pixel[4], float depth[4], uint first) {
         uint bits = floatBitsToUint(depth[k]);
         uvec2 taken = last.key[pixel[k]];
         bool left = bits > taken.y || (bits == taken.y && first + k > taken.x);
-        if (!left || depth[k] > imageLoad(limit, ivec2(pixel[k] % width, pixel[k] / width)).r) continue;
+        if (!left || depth[k] > imageLoad(limit, in_rows(pixel[k], width)).r) continue;
         if (STEP == 0u) {
             atomicMin(keys.word[2u * pixel[k] + 1u], bits);
         } else if (bits == keys.word[2u * pixel[k] + 1u]) {

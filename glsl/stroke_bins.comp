@@ -43,6 +43,7 @@ layout(scalar) writeonly buffer Strokes { uvec4 texel[]; } strokes;
 layout(rgba32ui) readonly uniform uimageBuffer table;
 
 #include "project.glsl"
+#include "rows.glsl"
 #include "paint.glsl"
 
 // As pixels look at it: the point `i` of node `n`.
@@ -78,7 +79,7 @@ uvec4[3] stroke_of(Canvas canvas, Home home, uint n, uint i, uint facing, uint b
 void touch(uint pixel, float depth, Home home, uint n, uint i, uint facing, uint brush) {
     Canvas canvas = canvases.canvas[0];
     uint wide = uint(push.size.x);
-    vec2 at = vec2(pixel % wide, pixel / wide) + vec2(0.5 - canvas.margin);
+    vec2 at = vec2(in_rows(pixel, wide)) + vec2(0.5 - canvas.margin);
     vec2 off = at - canvas.middle;
     float deep = PERSPECTIVE ? depth : 1.0;
     vec3 sight = PERSPECTIVE ? sight_of(canvas, off) : canvas.forward;

@@ -99,16 +99,17 @@ impl Points<'_> {
     fn nearest(&self, g: &mut Graph, mut behind: Option<(&[Buffer], &mut Buffer, u32)>) -> Result<Layers> {
         let view = self.scene.view;
         let mut resolved = resolve::layers(g, view);
+        let averaged = &self.look.effects.luminance.settings;
+        let mut shallow = luminance::shallow(g, self.scene, averaged, self.drawn, self.paint);
         for (number, &band) in self.bands.iter().enumerate() {
             let behind = behind.as_mut().map(|(bands, alive, layer)| Behind { depths: &bands[number], alive, layer: *layer });
-            let keys = project::record(g, view, self.drawn, behind, band);
+            let keys = project::record(g, view, self.drawn, behind, shallow.as_mut(), band);
             resolved = resolve::record(g, &keys, self.paint, band, resolved);
         }
         let layers = resolved.layers(g, view, self.resident)?;
-        let settings = &self.look.effects.luminance.settings;
-        let sums = match self.look.decided.runs("luminance") {
-            true => luminance::sums(g, self.scene, settings, self.drawn, self.paint, &layers.raw)?,
-            false => None,
+        let sums = match &shallow {
+            Some(shallow) => Some(luminance::sums(g, self.scene, averaged, self.drawn, shallow, self.paint, &layers.raw)?),
+            None => None,
         };
         Ok(Layers { sums, ..layers })
     }

@@ -14,6 +14,11 @@ uint level_of(uint value, uint word, bool ramp) {
     return imageLoad(levels, int((ramp ? 0u : word >> 24) << 8 | value)).r;
 }
 
+uvec3 levels_of(uint word, bool ramp, float lo, float scale) {
+    uvec3 bytes = shown_bytes(word, ramp, lo, scale);
+    return uvec3(level_of(bytes.r, word, ramp), level_of(bytes.g, word, ramp), level_of(bytes.b, word, ramp));
+}
+
 uint value_of(uvec3 bytes) {
     return max(max(bytes.r, bytes.g), bytes.b);
 }

@@ -1,6 +1,10 @@
-// Four neighbours -> sums of their pixels. The includer has `front`, `levels`, a buffer `sums` and `add_to`, which adds a channel's value and count to a pixel's; walk.glsl comes after.
+// Four neighbours -> sums of their pixels. The includer has `front`, `levels`, `shallow`, a buffer `sums` and `add_to`, which adds a channel's value and count to a pixel's; walk.glsl comes after.
 
 #include "luminance.glsl"
+#include "rows.glsl"
+
+#define IS_TO_BE_WALKED(at) (shallow.chunk[at] != 0u)
+#define WALKED(at)
 
 void four(uint pixel[4], float depth[4], uvec4 words) {
     uint width = uint(push.size.x);
@@ -8,7 +12,7 @@ void four(uint pixel[4], float depth[4], uvec4 words) {
     uvec3 value[4];
     for (uint k = 0u; k < 4u; ++k) {
         uint at = pixel[k] == NO_PIXEL ? 0u : pixel[k];
-        float nearest = imageLoad(front, ivec2(at % width, at / width + push.top)).r;
+        float nearest = imageLoad(front, in_rows(at, width) + ivec2(0, push.top)).r;
         // What is in front of the nearest point is of a layer that has been peeled off.
         pixel[k] = depth[k] >= nearest && depth[k] <= nearest + push.epsilon ? pixel[k] : NO_PIXEL;
         uvec3 bytes = shown_bytes(words[k], RAMP, push.lo, push.scale);

@@ -15,8 +15,14 @@ layout(constant_id = 7) const bool BEHIND = false;
 
 bool any_behind = false;
 
+// Another walk wants to know which chunks have points at most epsilon behind the front (luminance.rs). While the front still comes nearer, those that are behind it already stay so.
+layout(constant_id = 8) const bool SHALLOW = false;
+
+bool any_shallow = false;
+
 void walked(uint at) {
     if (BEHIND && any_behind) alive.layer[at] = push.layer;
+    if (SHALLOW && any_shallow) shallow.chunk[at] = 1u;
 }
 #define WALKED(at) walked(at)
 
@@ -41,6 +47,11 @@ void four(uint pixel[4], float depth[4], uint first) {
     for (uint k = 0u; k < 4u; ++k) {
         // Pixel 0 is as good as any to look at for a point that has none.
         seen[k] = front_depth(pixel[k] == NO_PIXEL ? 0u : pixel[k]);
+        if (SHALLOW) {
+            bool is_empty = seen[k] == 0xFFFFFFFFu;
+            bool is_shallow = is_empty || depth[k] <= uintBitsToFloat(is_empty ? 0u : seen[k]) + push.epsilon;
+            any_shallow = any_shallow || (is_shallow && pixel[k] != NO_PIXEL);
+        }
     }
     for (uint k = 0u; k < 4u; ++k) {
         if (pixel[k] != NO_PIXEL && floatBitsToUint(depth[k]) <= seen[k]) meet(pixel[k], depth[k], point[k]);

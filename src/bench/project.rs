@@ -149,7 +149,7 @@ fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Re
     let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;
     let mut wanted = Vec::new();
     for band in project::bands(view.size, g.binding_limit()) {
-        wanted.push(project::record(&mut g, view, &drawn, None, band));
+        wanted.push(project::record(&mut g, view, &drawn, None, None, band));
     }
     let downloads: Vec<Buffer> = if count { wanted.iter().map(|keys| g.download_buffer(keys)).collect() } else { Vec::new() };
     let frame = g.submit(&wanted.iter().map(Handle::resource).collect::<Vec<_>>())?;

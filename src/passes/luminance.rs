@@ -1,15 +1,16 @@
 //! Luminance correction: what a pixel's points have in common in, colours of one luminance out, whichever station each point is from (Kanzok, Linsen and Rosenthal 2012).
 //!
 //! ```text
-//!     luminance_sum   points, front depth -> sums     a second walk over all points: those at most epsilon behind the front count, value and number
-//!     luminance       sums, index -> color            hue and saturation of the front point, the mean of all values
+//!     project         points -> which chunks          the walk that finds the front also says which chunks have a point at most epsilon behind it
+//!     luminance_sum   points, front depth -> sums     a second walk, over those chunks: points at most epsilon behind the front count, value and number
+//!     luminance       sums, color -> color            hue and saturation of the front point, the mean of all values
 //! ```
 //! Sums are whole numbers, so that neither the order of points nor that of threads shows. The walk finds depths by the very function that the first one found them by, so that the front point is always
-//! in its own sum (HARD_CASES 25). It runs before hidden points are taken out and holes are filled, so that filling fills with corrected colours.
+//! in its own sum (HARD_CASES 25). Colours come as the values that front points have, and are made linear here. It runs before hidden points are taken out and holes are filled, so that filling fills with corrected colours.
 
-use super::project::{self, Band, Drawn, Group, Walk};
+use super::project::{self, Band, Drawn, Group, Shallow, Walk};
 use super::resolve::Paint;
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, exposure};
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Image, Tiles};
@@ -88,16 +89,17 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     Reason { runs, why }
 }
 
+/// Whether values are averaged: of strokes there are none that lie behind each other.
+pub fn averages(shown: Attribute, decided: &Decided) -> bool {
+    decided.runs("luminance") && !decided.runs("strokes") && shown.has_luminance()
+}
+
 /// What every pixel's points add up to.
 pub struct Sums {
     bands: Vec<Summed>,
     /// Of the trunk's paint.
-    shown: Buffer,
     table: Buffer,
-    levels: Buffer,
-    stretch: [f32; 2],
     channels: u32,
-    ramp: bool,
     /// Metres.
     pub epsilon: f32,
 }
@@ -121,11 +123,13 @@ fn epsilon(scene: &Scene, settings: &Settings) -> f64 {
     if settings.epsilon == 0.0 { SPACINGS * scene.spacing_m } else { settings.epsilon }
 }
 
-/// Sums of all pixels, of the points at most epsilon behind the front; none where what points show has no luminance.
-pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, paint: &Paint, front: &Image) -> Result<Option<Sums>> {
-    if !scene.shown.has_luminance() {
-        return Ok(None);
-    }
+/// What the first walk is to find out for the second one; none where there is none.
+pub fn shallow(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, paint: &Paint) -> Option<Shallow> {
+    paint.levels.is_some().then(|| drawn.shallow(g, epsilon(scene, settings) as f32))
+}
+
+/// Sums of all pixels, of the points at most epsilon behind the front.
+pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, shallow: &Shallow, paint: &Paint, front: &Image) -> Result<Sums> {
     if drawn.statistics.points_drawn > MOST_POINTS {
         return Err(Error::Request(format!(
             "luminance correction adds up to {MOST_POINTS} points, and {} are drawn; draw fewer with --budget, or --effect luminance=off",
@@ -134,9 +138,7 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, pa
     }
     let ramp = scene.shown == Attribute::Intensity;
     let channels = if settings.space == Space::Rgb && !ramp { 3 } else { 1 };
-    let (shown, table) = (paint.shown.again(), paint.table.again());
-    let levels = g.upload("levels", &exposure::levels(&paint.gains))?;
-    let mut sums = Sums { bands: Vec::new(), shown, table, levels, stretch: paint.ramp, channels, ramp, epsilon: epsilon(scene, settings) as f32 };
+    let mut sums = Sums { bands: Vec::new(), table: paint.table.again(), channels, epsilon: shallow.epsilon };
     let [width, height] = scene.view.size;
     // Two rows are left for the neighbours of a band.
     let limit = g.binding_limit().saturating_sub(16 * channels as u64 * width as u64);
@@ -145,42 +147,43 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, pa
         let band = Band { top: top.saturating_sub(1), size: [width, (rows[1] + 1).min(height) - top.saturating_sub(1)] };
         let mut words = g.buffer("sums", 8 * channels as u64 * width as u64 * band.size[1] as u64);
         g.fill(&mut words, 0);
-        walk(g, scene, drawn, &sums, band, front, &mut words);
+        walk(g, scene, drawn, shallow, paint, channels, band, front, &mut words);
         sums.bands.push(Summed { rows, band, sums: words });
     }
-    Ok(Some(sums))
+    Ok(sums)
 }
 
-fn walk(g: &mut Graph, scene: &Scene, drawn: &Drawn, to: &Sums, band: Band, front: &Image, sums: &mut Buffer) {
+fn walk(g: &mut Graph, scene: &Scene, drawn: &Drawn, shallow: &Shallow, paint: &Paint, channels: u32, band: Band, front: &Image, sums: &mut Buffer) {
     let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, scene.view, band);
-    let &Sums { ref levels, stretch: [lo, scale], channels, ramp, epsilon, .. } = to;
+    let (ramp, levels, [lo, scale]) = (scene.shown == Attribute::Intensity, paint.levels.as_ref().unwrap_or(&paint.table), paint.ramp);
+    let Shallow { chunks: shallow, epsilon } = shallow;
     let top = band.top;
     for group in &drawn.groups {
         let &Group { block, planes, filtered, first_chunk, chunk_count } = group;
         let (nodes, chunks, opacities, within) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), drawn.within());
         let (pages, tiles) = (&drawn.pages[block], group.tiles());
         if g.gpu.device.int64_atomics {
-            let push = luminance_sum64::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
+            let push = luminance_sum64::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon: *epsilon, top, lo, scale };
             let spec = luminance_sum64::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum64 { nodes, chunks, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
+            g.run(shader::LuminanceSum64 { nodes, chunks, shallow, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
         } else {
-            let push = luminance_sum32::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon, top, lo, scale };
+            let push = luminance_sum32::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon: *epsilon, top, lo, scale };
             let spec = luminance_sum32::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum32 { nodes, chunks, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
+            g.run(shader::LuminanceSum32 { nodes, chunks, shallow, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
         }
     }
 }
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let Layers { mut color, sums, .. } = layers;
-    if let Some(Sums { bands, shown, table, levels, stretch: [lo, scale], channels, ramp, epsilon }) = &sums {
+    if let Some(Sums { bands, table, channels, epsilon }) = &sums {
         let width = scene.view.size[0];
         let around = (settings.neighbourhood >= 2.0) as u32;
         for Summed { rows, band, sums } in bands {
-            let push = kernel::Push { width, rows: *rows, summed: [band.top, band.top + band.size[1]], epsilon: *epsilon, lo: *lo, scale: *scale };
-            let spec = kernel::Spec { channels: *channels, ramp: *ramp, around, texels: g.gpu.device.texels };
+            let push = kernel::Push { width, rows: *rows, summed: [band.top, band.top + band.size[1]], epsilon: *epsilon };
+            let spec = kernel::Spec { channels: *channels, around, texels: g.gpu.device.texels };
             g.run(
-                shader::Luminance { sums, sum_words: sums, shown, table, levels, front: &layers.raw, index: &layers.index, color: &mut color, push, spec },
+                shader::Luminance { sums, sum_words: sums, table, front: &layers.raw, color: &mut color, push, spec },
                 Tiles::Groups([width.div_ceil(64), rows[1] - rows[0], 1]),
             );
         }

@@ -228,7 +228,7 @@ macro_rules! effects {
 
 effects! {
     exposure,   // the table that colours are looked up in
-    luminance,  // sums, index -> color
+    luminance,  // sums, values -> color
     strokes,    // keys and color in place of projected points; color -> color
     shadows,    // marks, index, color -> color
     visibility, // depth, index, color -> the same without what is hidden; holes

@@ -170,10 +170,24 @@ impl Drawn {
 
     /// What walks for layers behind others keep of every chunk ([`Behind::alive`]), before the first.
     pub fn alive(&self, g: &mut Graph) -> Buffer {
+        self.of_every_chunk(g, "alive", 0)
+    }
+
+    /// Which chunks have a point at most so far behind the front, metres, before they are looked at.
+    pub fn shallow(&self, g: &mut Graph, epsilon: f32) -> Shallow {
+        Shallow { chunks: self.of_every_chunk(g, "shallow", 0), epsilon }
+    }
+
+    /// All of them, where nobody has looked.
+    pub fn all_shallow(&self, g: &mut Graph) -> Shallow {
+        Shallow { chunks: self.of_every_chunk(g, "shallow", 1), epsilon: f32::INFINITY }
+    }
+
+    fn of_every_chunk(&self, g: &mut Graph, name: &'static str, word: u32) -> Buffer {
         let chunks: u32 = self.groups.iter().map(|group| group.chunk_count).sum();
-        let mut alive = g.buffer("alive", 4 * chunks.max(1) as u64);
-        g.fill(&mut alive, 0);
-        alive
+        let mut words = g.buffer(name, 4 * chunks.max(1) as u64);
+        g.fill(&mut words, word);
+        words
     }
 
     /// What a walk over points binds as their opacities; anything, where it does not look at them.
@@ -197,21 +211,38 @@ pub struct Behind<'b> {
     pub layer: u32,
 }
 
+/// Which chunks another walk, over what lies at the front, has to read again.
+pub struct Shallow {
+    /// Of every chunk, 1 where a point of it is at most epsilon behind the front, or was when it was looked at.
+    pub chunks: Buffer,
+    /// Metres.
+    pub epsilon: f32,
+}
+
 /// Keys of one band; of the points that lie behind others, where that is asked for.
-pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, band: Band) -> Buffer {
+pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, shallow: Option<&mut Shallow>, band: Band) -> Buffer {
     let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
     g.fill(&mut keys, u32::MAX);
-    add(g, view, drawn, behind, band, &mut keys);
+    add(g, view, drawn, behind, shallow, band, &mut keys);
     keys
 }
 
 /// The same points, beside those that the keys are of already.
-pub fn add(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, band: Band, keys: &mut Buffer) {
+pub fn add(
+    g: &mut Graph,
+    view: &View,
+    drawn: &Drawn,
+    behind: Option<Behind>,
+    shallow: Option<&mut Shallow>,
+    band: Band,
+    keys: &mut Buffer,
+) {
     let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, view, band);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
-    let (front, mut unused) = (&keys.racing(), keys.racing());
-    let is_behind = behind.is_some();
-    let Behind { depths, alive, layer } = behind.unwrap_or(Behind { depths: front, alive: &mut unused, layer: 0 });
+    let (front, mut no_alive, mut no_shallow) = (&keys.racing(), keys.racing(), keys.racing());
+    let (is_behind, is_shallow) = (behind.is_some(), shallow.is_some());
+    let Behind { depths, alive, layer } = behind.unwrap_or(Behind { depths: front, alive: &mut no_alive, layer: 0 });
+    let (shallow, epsilon) = shallow.map_or((&mut no_shallow, 0.0), |shallow| (&mut shallow.chunks, shallow.epsilon));
     let (opacities, within) = (drawn.opacities(), drawn.within());
     let int64 = g.gpu.device.int64_atomics;
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
@@ -221,11 +252,11 @@ pub fn add(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, ba
         // Both kernels bind the same and are told the same.
         macro_rules! run {
             ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
-                let push = $module::Push { centre, corner, size, near, first_chunk, chunk_count, layer };
-                let spec = $module::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind $(, $step)? };
-                let (page_words, behind, behind_words, keys, alive) = (pages, depths, depths, &mut *keys, &mut *alive);
+                let push = $module::Push { centre, corner, size, near, first_chunk, chunk_count, layer, epsilon };
+                let spec = $module::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind, shallow: is_shallow $(, $step)? };
+                let (page_words, behind, behind_words, keys, alive, shallow) = (pages, depths, depths, &mut *keys, &mut *alive, &mut *shallow);
                 g.run(
-                    $($kernel)::+ { nodes, chunks, opacities, within, pages, page_words, front, behind, behind_words, alive, keys, push, spec },
+                    $($kernel)::+ { nodes, chunks, opacities, within, pages, page_words, front, behind, behind_words, alive, shallow, keys, push, spec },
                     tiles,
                 );
             }};

@@ -1,7 +1,7 @@
 //! KEYS -> LAYERS: depth, point ids and colours of one band, written into the whole picture's images.
 
 use super::project::Band;
-use super::{Decided, Layers, exposure};
+use super::{Decided, Layers, exposure, luminance};
 use crate::cloud::attribute::{Attribute, Shown};
 pub use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
@@ -33,8 +33,8 @@ pub struct Paint {
     /// Where not all points are opaque.
     opacities: Option<Buffer>,
     pub(super) table: Buffer,
-    /// Of its rows ([`exposure::gains`]).
-    pub(super) gains: Vec<f64>,
+    /// Where colours are to be averaged: values of 8 bits with one exposure, row by row as in the table. Colours are such values then, until [`luminance`] makes them linear.
+    pub(super) levels: Option<Buffer>,
     pub(super) mode: u32,
     /// The word at the low end of the ramp, and how much of a table of 256 a word more is.
     pub(super) ramp: [f32; 2],
@@ -66,14 +66,15 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Pa
     let kinds = resident.shown.kind().filter(|_| transparent).map(|word| g.upload("kinds", &resident.addresses(word))).transpose()?;
     let gains = exposure::gains(resident, decided);
     let table = g.upload("table", &table(attribute, &gains))?;
-    Ok(Paint { shown, kinds, opacities, table, gains, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
+    let levels = luminance::averages(resident.shown.attribute, decided).then(|| g.upload("levels", &exposure::levels(&gains))).transpose()?;
+    Ok(Paint { shown, kinds, opacities, table, levels, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
 }
 
 pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {
     let Resolved { mut depth, mut index, mut color } = resolved;
     let push = Push { size: band.size, top: band.top, lo: paint.ramp[0], scale: paint.ramp[1] };
-    let spec =
-        Spec { mode: paint.mode, texels: g.gpu.device.texels, transparent: paint.opacities.is_some(), by_kind: paint.kinds.is_some() };
+    let (transparent, by_kind, values) = (paint.opacities.is_some(), paint.kinds.is_some(), paint.levels.is_some());
+    let spec = Spec { mode: paint.mode, texels: g.gpu.device.texels, transparent, by_kind, values };
     let groups = [band.size[0].div_ceil(64), band.size[1], 1];
     g.run(
         shader::Resolve {
@@ -84,6 +85,7 @@ pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved:
             kinds: paint.kinds.as_ref().unwrap_or(&paint.shown),
             opacities: paint.opacities.as_ref().unwrap_or(&paint.shown),
             table: &paint.table,
+            levels: paint.levels.as_ref().unwrap_or(&paint.table),
             depth: &mut depth,
             index: &mut index,
             color: &mut color,

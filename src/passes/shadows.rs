@@ -19,7 +19,7 @@ pub mod disc;
 mod peel;
 pub mod whole;
 
-use super::project::{self, Band, Drawn, Precision};
+use super::project::{self, Band, Drawn, Precision, Shallow};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
@@ -304,16 +304,18 @@ fn cast_on(
     settings: &Settings,
     tally: &mut Tally,
 ) -> Result<Reached> {
-    let drawn = project::draw_some(g, camera, resident, casters, Precision::Auto)?;
-    let keys = project::record(g, camera, &drawn, None, Band { top: 0, size: camera.size });
-    let reached = reach(g, camera, &keys, &Layer::new(camera, bounds, settings));
+    let mut drawn = project::draw_some(g, camera, resident, casters, Precision::Auto)?;
+    let layer = Layer::new(camera, bounds, settings);
+    let mut shallow = drawn.shallow(g, layer.deepest as f32);
+    let keys = project::record(g, camera, &drawn, None, Some(&mut shallow), Band { top: 0, size: camera.size });
+    let reached = reach(g, camera, &keys, &layer);
     let numbers = |nodes: &[&ResidentNode]| nodes.iter().map(|node| node.number).collect::<Vec<_>>();
-    let drawn = match numbers(casters) == numbers(marked) {
-        true => drawn,
-        false => project::draw_some(g, camera, resident, marked, Precision::Auto)?,
-    };
+    if numbers(casters) != numbers(marked) {
+        drawn = project::draw_some(g, camera, resident, marked, Precision::Auto)?;
+        shallow = drawn.all_shallow(g);
+    }
     match settings.method {
-        Method::Depth => by_depth(g, camera, &drawn, &reached.limit, &mut tally.marks),
+        Method::Depth => by_depth(g, camera, &drawn, &shallow, &reached.limit, &mut tally.marks),
         Method::Index => peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, tally),
     }
     Ok(reached)
@@ -330,6 +332,8 @@ pub struct Layer {
     pub texels: f64,
     /// Tangent of the steepest angle to the light.
     pub steepest: f64,
+    /// How far behind the nearest point of a texel light may reach at most, metres.
+    pub deepest: f64,
     pub fill: u32,
 }
 
@@ -346,7 +350,11 @@ impl Layer {
         };
         let steepest = (1.0 / (settings.limit * settings.limit) - 1.0).max(0.0).sqrt();
         let perspective = camera.camera.projection == Projection::Perspective;
-        Layer { perspective, texel: 1.0 / camera.focal_px(), metres, texels, steepest, fill }
+        let texel = 1.0 / camera.focal_px();
+        let across = metres + texels * texel * if perspective { farthest } else { 1.0 };
+        // Gaps are closed by what is nearer still; and two quanta for what is rounded on the way.
+        let deepest = across * (1.0 + steepest * steepest).sqrt() + 2.0 * quantum;
+        Layer { perspective, texel, metres, texels, steepest, deepest, fill }
     }
 }
 
@@ -376,8 +384,8 @@ pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reac
     Reached { depth, limit }
 }
 
-/// A sample more for every point that lies no deeper than its texel's limit.
-fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, marks: &mut Buffer) {
+/// A sample more for every point that lies no deeper than its texel's limit, of chunks that have any which may.
+fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, shallow: &Shallow, limit: &Image, marks: &mut Buffer) {
     let walk = project::Walk::new(g, camera, Band { top: 0, size: camera.size });
     for group in &drawn.groups {
         let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = walk;
@@ -386,7 +394,7 @@ fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, marks: &
         let spec = shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
         let (pages, opacities, within) = (&drawn.pages[group.block], drawn.opacities(), drawn.within());
         g.run(
-            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, opacities, within, pages, page_words: pages, limit, marks, push, spec },
+            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, shallow: &shallow.chunks, opacities, within, pages, page_words: pages, limit, marks, push, spec },
             group.tiles(),
         );
     }

@@ -219,7 +219,7 @@ fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;
     let mut wanted = Vec::new();
     for band in project::bands(view.size, g.binding_limit()) {
-        wanted.push(project::record(&mut g, view, &drawn, None, band).resource());
+        wanted.push(project::record(&mut g, view, &drawn, None, None, band).resource());
     }
     let frame = g.submit(&wanted)?;
     let ms = frame.ms("project") + frame.ms("clear");

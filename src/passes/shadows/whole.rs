@@ -148,7 +148,7 @@ impl Work<'_> {
                     g.fill(&mut keys, u32::MAX);
                 }
                 let drawn = project::draw(&mut g, view, room, Precision::Auto)?;
-                project::add(&mut g, view, &drawn, None, Band { top: 0, size: view.size }, &mut keys);
+                project::add(&mut g, view, &drawn, None, None, Band { top: 0, size: view.size }, &mut keys);
                 seen.push(keys.resource());
             }
             g.submit(&seen)?.shelve(gpu);
@@ -174,7 +174,8 @@ impl Work<'_> {
                 let keys = g.import("light keys", keys);
                 let reached = reach(&mut g, view, &keys, &Layer::new(view, self.bounds, self.settings));
                 let drawn = project::draw(&mut g, view, room, Precision::Auto)?;
-                by_depth(&mut g, view, &drawn, &reached.limit, &mut marks);
+                let all = drawn.all_shallow(&mut g);
+                by_depth(&mut g, view, &drawn, &all, &reached.limit, &mut marks);
             }
             let counts = g.download_buffer(&marks);
             let frame = g.submit(&[])?;
