@@ -31,7 +31,7 @@ void main() {
     uint number = gl_GlobalInvocationID.x;
     if (number >= push.tiles.x * push.tiles.y) return;
     ivec2 across = ivec2(push.tiles);
-    ivec2 own = ivec2(number % push.tiles.x, number / push.tiles.x);
+    ivec2 own = in_rows(number, uint(push.tiles.x));
     uint points = 0u;
     float spacing = 0.0;
     bool continuous = true;

@@ -1,6 +1,7 @@
 // Depth as projected -> which tiles hold points.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "tile.glsl"
@@ -13,16 +14,23 @@ layout(r32f) readonly uniform image2D depth;
 layout(scalar) buffer Covered { uint tile[]; } covered;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size; // pixels
-    uint tiles_across;
+    uvec2 tiles;
 } push;
 
 const float FARTHEST = 3.402823466e38;
 
+void cover(uint place) {
+    uint tile = LISTED ? listed_tile(place) : place;
+    ivec2 top = column_of(tile, push.tiles.x);
+    bool any_point = false;
+    // Beyond the image depths are 0.
+    [[unroll]] for (int row = 0; row < TILE_PX; ++row) {
+        float z = imageLoad(depth, top + ivec2(0, row)).r;
+        any_point = any_point || (z > 0.0 && z <= FARTHEST);
+    }
+    if (any_point) atomicOr(covered.tile[tile], 1u);
+}
+
 void main() {
-    ivec2 pixel = own_pixel(push.size.x);
-    if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
-    uint tile = uint(pixel.y / TILE_PX) * push.tiles_across + uint(pixel.x / TILE_PX);
-    // One is enough: an atomic for every pixel would be most of this pass.
-    if (imageLoad(depth, pixel).r <= FARTHEST && covered.tile[tile] == 0u) atomicOr(covered.tile[tile], 1u);
+    EACH_OF(LISTED ? listed_tiles() : push.tiles.x * push.tiles.y, cover)
 }

@@ -19,7 +19,7 @@ layout(push_constant, scalar) uniform Push {
 void main() {
     uint number = gl_GlobalInvocationID.x;
     if (number >= push.tiles.x * push.tiles.y) return;
-    ivec2 tile = ivec2(number % push.tiles.x, number / push.tiles.x);
+    ivec2 tile = in_rows(number, uint(push.tiles.x));
     ivec2 first = max(tile - push.rings, ivec2(0));
     ivec2 last = min(tile + push.rings, ivec2(push.tiles) - 1);
     uint near = 0u;

@@ -64,7 +64,7 @@ void work(uint n) {
         if (half_tile == 1) break;
     }
     // One lane of a tile marks it, and those around it.
-    if (!plane && push.shaded > 0 && (atomicOr(wanted.tile[n], 4u) & 4u) == 0u) want(ivec2(n % push.tiles.x, n / push.tiles.x));
+    if (!plane && push.shaded > 0 && (atomicOr(wanted.tile[n], 4u) & 4u) == 0u) want(in_rows(n, uint(push.tiles.x)));
 }
 
 void main() {

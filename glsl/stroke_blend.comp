@@ -8,6 +8,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "fragment.glsl"
+#include "rows.glsl"
 #include "canvas.glsl"
 
 layout(local_size_x = 64) in;
@@ -47,7 +48,7 @@ void main() {
     uint tile = part.tile[0] + place;
     if (tile >= part.tile[1]) return;
     uint lane = gl_LocalInvocationID.x;
-    uvec2 pixel = uvec2(tile % canvas.tiles.x, tile / canvas.tiles.x) * 8u + uvec2(lane % 8u, lane / 8u);
+    uvec2 pixel = uvec2(in_rows(tile, canvas.tiles.x)) * 8u + uvec2(lane % 8u, lane / 8u);
     if (pixel.x >= canvas.size.x || pixel.y >= canvas.size.y) return;
     uint start = starts.word[place * 64u + lane];
     uint end = starts.word[place * 64u + lane + 1u];

@@ -67,7 +67,7 @@ void main() {
     uint tile = part.tile[0] + place;
     if (tile >= part.tile[1]) return;
     uint lane = gl_LocalInvocationID.x;
-    uvec2 pixel = uvec2(tile % canvas.tiles.x, tile / canvas.tiles.x) * 8u + uvec2(lane % 8u, lane / 8u);
+    uvec2 pixel = uvec2(in_rows(tile, canvas.tiles.x)) * 8u + uvec2(lane % 8u, lane / 8u);
     bool inside = pixel.x < canvas.size.x && pixel.y < canvas.size.y;
     vec2 at = vec2(pixel) + vec2(0.5);
     vec2 reach = canvas.reach;

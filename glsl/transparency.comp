@@ -23,12 +23,17 @@ layout(r32f) readonly uniform image2D raw;
 layout(rgba32f) uniform image2D front;
 // Layers so far.
 layout(r32f) uniform image2D peeled;
-// f32 bits; 0 before the first layer.
+// f32 bits; read as texels where they may be so large.
+layout(r32ui) readonly uniform uimageBuffer before;
 layout(scalar) buffer Behind { uint word[]; } behind;
 // 0 only if no pixel is left.
 layout(scalar) buffer Left { uint any[]; } left;
 
 layout(constant_id = 0) const bool LIT_BY = false;
+// In front of this layer there is none, so that all of that is 0; behind it none is looked for.
+layout(constant_id = 1) const bool FIRST = false;
+layout(constant_id = 2) const bool LAST = false;
+layout(constant_id = 3) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;  // pixels of this band
@@ -60,20 +65,23 @@ void main() {
     ivec2 pixel = ivec2(at.x, at.y + int(push.top));
     vec4 c = imageLoad(color, pixel);
     if (LIT_BY) c.rgb *= imageLoad(lit, pixel).r;
-    vec4 sum = imageLoad(front, pixel);
+    vec4 sum = FIRST ? vec4(0.0) : imageLoad(front, pixel);
     sum += c * (1.0 - sum.a);
     imageStore(front, pixel, sum);
-    imageStore(peeled, pixel, vec4(imageLoad(peeled, pixel).r + (c.a > 0.0 ? 1.0 : 0.0)));
+    float layers = FIRST ? 0.0 : imageLoad(peeled, pixel).r;
+    imageStore(peeled, pixel, vec4(layers + (c.a > 0.0 ? 1.0 : 0.0)));
 
     float shown = imageLoad(depth, pixel).r;
     // Where something is that nobody knows, behind the point that was there.
     uint bits = floatBitsToUint(shown > 0.0 ? shown : imageLoad(raw, pixel).r);
     bool goes_on = bits < INFINITY_BITS && 1.0 - sum.a >= LEAST_LIGHT;
+    // One is enough: an atomic for every pixel would be most of this pass.
+    if (goes_on && left.any[0] == 0u) atomicOr(left.any[0], 1u);
+    if (LAST) return;
     float z = uintBitsToFloat(goes_on ? bits : 0u);
     float layer = max(push.layer, push.slant * (fall(z, pixel, ivec2(1, 0)) + fall(z, pixel, ivec2(0, 1))));
     uint word = uint(at.y) * push.size.x + uint(at.x);
     // Positive floats order like their bits.
-    behind.word[word] = max(behind.word[word], goes_on ? floatBitsToUint(z + layer) : INFINITY_BITS);
-    // One is enough: an atomic for every pixel would be most of this pass.
-    if (goes_on && left.any[0] == 0u) atomicOr(left.any[0], 1u);
+    uint least = FIRST ? 0u : TEXELS ? imageLoad(before, int(word)).r : behind.word[word];
+    behind.word[word] = max(least, goes_on ? floatBitsToUint(z + layer) : INFINITY_BITS);
 }

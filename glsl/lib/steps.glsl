@@ -29,7 +29,7 @@ void add_changes(inout Changes changes, int half_tile, bvec4 pixels) {
 // That the tile and those next to a changed pixel are to be looked at in the next step, and that there is one, of so many workgroups.
 void record_changes(Changes changes, uint tile, uint groups) {
     if (!changes.any) return;
-    ivec2 own = ivec2(tile % push.tiles.x, tile / push.tiles.x);
+    ivec2 own = in_rows(tile, uint(push.tiles.x));
     int column = int(gl_LocalInvocationID.x % 8u);
     int beside = int(column == TILE_PX - 1) - int(column == 0);
     [[dont_unroll]] for (int k = 0;; ++k) {

@@ -4,6 +4,8 @@
 // a column of eight pixels, from top to bottom: what a column's pixels share is found once, and eight lanes side by side load side by side. Workgroups go on until the list ends, so that it may be
 // longer than the 65,535 workgroups that every device dispatches allow.
 
+#include "rows.glsl"
+
 const int TILE_PX = 8;
 // Of packed depth, on every side: as far as the widest kernel looks.
 const int MARGIN_PX = 16;
@@ -51,7 +53,7 @@ struct Tile {
 }
 
 ivec2 tile_corner(uint tile, uint tiles_across) {
-    return ivec2(tile % tiles_across, tile / tiles_across) * TILE_PX;
+    return in_rows(tile, tiles_across) * TILE_PX;
 }
 
 // The top pixel of this lane's column.

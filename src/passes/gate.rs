@@ -22,13 +22,12 @@ pub fn area_where(g: &mut Graph, count: &Buffer, area: &Area) -> Area {
 
 /// Tiles within so many pixels of those that hold points, by their depths as they were projected. Its first word is 0 where there are none.
 pub fn covered(g: &mut Graph, raw: &Image, grows_px: f64) -> Area {
-    let (size, across) = (raw.desc.size, tiles(raw.desc.size));
+    let across = tiles(raw.desc.size);
     let count = across[0] * across[1];
     let (mut covered, mut list) = (g.buffer("covered", 4 * count as u64), g.buffer("area", 4 * (AREA_HEADER + count) as u64));
     g.fill(&mut covered, 0);
     g.fill(&mut list, 0);
-    let push = cover::Push { size, tiles_across: across[0] };
-    g.run(shader::Cover { depth: raw, covered: &mut covered, push }, Tiles::Groups([size[0].div_ceil(64), size[1], 1]));
+    g.run(shader::Cover { depth: raw, covered: &mut covered, push: cover::Push { tiles: across } }, Tiles::ByEight(count));
     let push = list::Push { tiles: across, rings: (grows_px / TILE_PX as f64).ceil() as i32 };
     g.run(shader::List { covered: &covered, listed: &mut list, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
     Area { groups: list.again(), list }

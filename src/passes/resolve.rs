@@ -66,7 +66,8 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Pa
     let kinds = resident.shown.kind().filter(|_| transparent).map(|word| g.upload("kinds", &resident.addresses(word))).transpose()?;
     let gains = exposure::gains(resident, decided);
     let table = g.upload("table", &table(attribute, &gains))?;
-    let levels = luminance::averages(resident.shown.attribute, decided).then(|| g.upload("levels", &exposure::levels(&gains))).transpose()?;
+    let levels =
+        luminance::averages(resident.shown.attribute, decided).then(|| g.upload("levels", &exposure::levels(&gains))).transpose()?;
     Ok(Paint { shown, kinds, opacities, table, levels, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
 }
 

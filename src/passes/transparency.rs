@@ -82,14 +82,16 @@ pub struct Front {
     pub behind: Vec<Buffer>,
     /// Not 0 where a pixel is not finished.
     pub left: Buffer,
+    /// How many layers there have been.
+    pub layers: u32,
 }
 
 /// The layer under those in front of it, and where the next one begins.
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Layers) -> Layers {
     let size = scene.view.size;
     let bands = project::bands(size, g.binding_limit());
-    let before = layers.front.take().map(|front| (front.color, front.peeled, front.behind));
-    let (mut front, mut peeled, mut behind) = before.unwrap_or_else(|| {
+    let before = layers.front.take().map(|front| (front.color, front.peeled, front.behind, front.layers));
+    let (mut front, mut peeled, mut behind, number) = before.unwrap_or_else(|| {
         let (mut color, mut peeled) = (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f));
         g.clear(&mut color);
         g.clear(&mut peeled);
@@ -98,21 +100,23 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
             g.fill(&mut words, 0);
             words
         });
-        let behind = behind.collect();
-        (color, peeled, behind)
+        (color, peeled, behind.collect(), 0)
     });
     let mut left = g.buffer("left", 4);
     g.fill(&mut left, 0);
     // Without light there is nothing to read; a binding wants an image all the same.
-    let (lit, spec) = (layers.lit.as_ref().unwrap_or(&layers.depth), Spec { lit_by: layers.lit.is_some() });
+    let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
+    let last = number + 1 == settings.layers as u32;
+    let spec = Spec { lit_by: layers.lit.is_some(), first: number == 0, last, texels: g.gpu.device.texels };
     let (layer, slant) = (scene.layer_m(settings.layer) as f32, if settings.layer == 0.0 { SLANT } else { 0.0 });
     for (&Band { top, size }, behind) in bands.iter().zip(&mut behind) {
         let push = Push { size, top, layer, slant };
         let Layers { color, depth, raw, .. } = &layers;
+        let before = &behind.racing();
         g.run(
-            shader::Transparency { color, lit, depth, raw, front: &mut front, peeled: &mut peeled, behind, left: &mut left, push, spec },
+            shader::Transparency { color, lit, depth, raw, front: &mut front, peeled: &mut peeled, before, behind, left: &mut left, push, spec },
             Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
         );
     }
-    Layers { front: Some(Front { color: front, peeled, behind, left }), ..layers }
+    Layers { front: Some(Front { color: front, peeled, behind, left, layers: number + 1 }), ..layers }
 }
