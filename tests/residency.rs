@@ -374,6 +374,65 @@ fn a_loader_that_is_gone_is_said_and_never_waited_for() {
     assert!(began.elapsed() < Duration::from_secs(60));
 }
 
+impl Planted {
+    /// An index of which a loader cannot read all nodes.
+    fn failing(&self, fault: &str) -> Arc<Index> {
+        let mut index = Index::open(&self.path()).unwrap();
+        index.fault = Some(fault.parse().unwrap());
+        Arc::new(index)
+    }
+}
+
+/// Updates for so long, with a picture after each; what was said, and when.
+fn updates(gpu: &mut Gpu, residency: &mut Residency, view: &View, during: Duration) -> Vec<(Duration, String)> {
+    let (began, mut said) = (Instant::now(), Vec::new());
+    while began.elapsed() < during {
+        let update = residency.update(gpu, view, &all()).unwrap();
+        assert_eq!(needless_holes(residency, view, &update), 0);
+        said.extend(update.errors.into_iter().map(|error| (began.elapsed(), error)));
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    said
+}
+
+#[test]
+fn a_loader_that_hangs_is_said_within_a_second_and_what_is_there_stays() {
+    let planted = Planted::new();
+    gpu::with(Way::Compute64, |gpu| {
+        let mut residency = Residency::open(gpu, planted.failing("hang:9"), planted.shown(), HUGE).unwrap();
+        let view = view(3);
+        let said = updates(gpu, &mut residency, &view, Duration::from_secs(2));
+        assert!(said.len() == 1 && said[0].1.contains("has not come") && said[0].1.contains("cloud.pnti"), "{said:?}");
+        // A second from when the node was begun; whoever polls, and a busy machine, take a little longer.
+        assert!(said[0].0 < Duration::from_millis(1500), "{said:?}");
+        assert!(!residency.drawn().is_empty() && residency.drawn().len() <= 8);
+        let before = draw(gpu, &view, residency.resident());
+        residency.update(gpu, &view, &all()).unwrap();
+        assert!(before == draw(gpu, &view, residency.resident()), "what is resident is still drawn");
+        // Nor does anybody wait for it at the end; it has nothing left to write to.
+        let closing = Instant::now();
+        residency.free(gpu);
+        assert!(closing.elapsed() < Duration::from_secs(5), "{:?}", closing.elapsed());
+    });
+}
+
+#[test]
+fn a_loader_that_ends_is_said_and_another_one_goes_on() {
+    let planted = Planted::new();
+    gpu::with(Way::Compute64, |gpu| {
+        let (view, detail) = (view(3), all());
+        let mut whole = planted.open(gpu, HUGE);
+        let (_, expected) = settled(gpu, &mut whole, &view, &detail);
+        whole.free(gpu);
+        let mut residency = Residency::open(gpu, planted.failing("end:20"), planted.shown(), HUGE).unwrap();
+        let (update, picture) = settled(gpu, &mut residency, &view, &detail);
+        assert!(update.errors.iter().all(|error| error.contains("has ended")) && !update.errors.is_empty(), "{:?}", update.errors);
+        assert!(update.is_complete() && picture == expected);
+        assert!(residency.pool_bytes()[1] <= HUGE);
+        residency.free(gpu);
+    });
+}
+
 #[test]
 fn what_the_device_outlives_is_written_nowhere() {
     // A residency that is dropped, and not freed, after its device: its thread must not touch what is gone.

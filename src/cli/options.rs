@@ -104,7 +104,7 @@ impl DetailOptions {
             _ if self.no_cache => Some(cache::Place::Nowhere),
             folder => folder.clone().map(cache::Place::Folder),
         };
-        Opening { read, index, place, shadows: self.shadows.clone().map(|path| (path, light)) }
+        Opening { read, index, place, shadows: self.shadows.clone().map(|path| (path, light)), fault: None }
     }
 }
 

@@ -8,6 +8,7 @@
 //! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
 //! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
 
+use super::fault::Fault;
 use super::map::Map;
 use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
@@ -357,6 +358,8 @@ pub struct Index {
     identity: u64,
     /// How much of a light reaches its points, where somebody has saved that.
     pub marks: Option<Marks>,
+    /// For tests.
+    pub fault: Option<Fault>,
 }
 
 impl Index {
@@ -409,7 +412,7 @@ impl Index {
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
         let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
-        Ok(Index { map, directory, identity, marks: None })
+        Ok(Index { map, directory, identity, marks: None, fault: None })
     }
 
     pub fn path(&self) -> &Path {

@@ -12,6 +12,7 @@ pub mod cache;
 pub mod clusters;
 pub mod derive;
 pub mod exposure;
+pub mod fault;
 pub mod file;
 pub mod forest;
 mod grow;

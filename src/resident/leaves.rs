@@ -31,7 +31,7 @@ impl Resident {
         gpu.residents += 1;
         Resident {
             serial: gpu.residents,
-            pool: Pool::new((bytes / PAGE_BYTES).min(u32::MAX as u64) as u32),
+            pool: Pool::new(gpu, (bytes / PAGE_BYTES).min(u32::MAX as u64) as u32),
             nodes: Vec::new(),
             shown: Shown::indexed(Attribute::White, [0.0; 2], [0, 255]),
             points: index.directory.contents.points,

@@ -149,7 +149,7 @@ impl Resident {
         let balance = if shown.coded { exposure::balance(&cloud) } else { None };
         let mut resident = Resident {
             serial: gpu.residents,
-            pool: Pool::new(u32::MAX),
+            pool: Pool::new(gpu, u32::MAX),
             nodes: Vec::new(),
             shown,
             points: 0,

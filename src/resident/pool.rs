@@ -5,7 +5,7 @@
 
 use crate::config::{PAGES_PER_BLOCK, POINTS_PER_PAGE};
 use crate::error::Result;
-use crate::gpu::memory::{RawBuffer, Window};
+use crate::gpu::memory::{Alive, RawBuffer, Window};
 use crate::gpu::{BufferDesc, Place};
 use crate::graph::{Buffer, Gpu, Graph};
 
@@ -68,12 +68,14 @@ impl Pages {
 pub struct Pool {
     pub pages: Pages,
     blocks: Vec<RawBuffer>,
+    /// Ended before its memory is given back, for threads that may still want to write there.
+    alive: Alive,
 }
 
 impl Pool {
     /// At most so many pages.
-    pub fn new(budget: u32) -> Pool {
-        Pool { pages: Pages::new(budget), blocks: Vec::new() }
+    pub fn new(gpu: &Gpu, budget: u32) -> Pool {
+        Pool { pages: Pages::new(budget), blocks: Vec::new(), alive: gpu.memory.alive.within() }
     }
 
     /// A run of pages; none where there is no room for it. An error of the device leaves the pool as it was.
@@ -100,9 +102,9 @@ impl Pool {
     }
 
     /// A run for another thread to write.
-    pub fn window(&self, gpu: &Gpu, first: u32, count: u32) -> Window {
+    pub fn window(&self, first: u32, count: u32) -> Window {
         let at = PAGE_BYTES * (first % PAGES_PER_BLOCK) as u64;
-        gpu.memory.window(&self.blocks[(first / PAGES_PER_BLOCK) as usize], at..at + PAGE_BYTES * count as u64)
+        self.blocks[(first / PAGES_PER_BLOCK) as usize].window(at..at + PAGE_BYTES * count as u64, &self.alive)
     }
 
     /// The words from a page to the end of its block.
@@ -130,6 +132,7 @@ impl Pool {
 
     /// Gives the memory back.
     pub fn free(self, gpu: &mut Gpu) {
+        self.alive.end(|| ());
         self.blocks.into_iter().for_each(|block| gpu.memory.destroy_buffer(block));
     }
 }
