@@ -8,6 +8,7 @@ use glam::DVec3;
 use gpu::{Random, Way, bumpy, perspective};
 use pointillist::clip::Clips;
 use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::config::POINTS_PER_PAGE;
 use pointillist::cut::{self, Detail};
 use pointillist::frame;
 use pointillist::graph::{Gpu, Graph};
@@ -17,6 +18,7 @@ use pointillist::look::{self, Wishes};
 use pointillist::passes::Switch;
 use pointillist::progress::Silent;
 use pointillist::resident::residency::{Residency, Update};
+use pointillist::resident::section::Slab;
 use pointillist::resident::{Resident, pool::PAGE_BYTES};
 use pointillist::view::{Camera, View};
 use proptest::prelude::*;
@@ -285,6 +287,46 @@ fn a_file_that_shrinks_is_an_error_and_the_picture_goes_on() {
         assert!(before == after, "what is resident is still drawn");
         residency.free(gpu);
     });
+}
+
+#[test]
+fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
+    let planted = Planted::new();
+    let (points, colors) = bumpy(24_000, 20_000, &mut Random(0xC10D));
+    let lattice = pointillist::cloud::Lattice { step: DVec3::splat(tree::STEP), offset: DVec3::ZERO };
+    let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
+    let slab = Slab::new(DVec3::splat(-9.0), DVec3::splat(9.0), 2.0).unwrap();
+    let all_of_it = [Way::Compute64, Way::Unmapped].map(|way| {
+        gpu::with(way, |gpu| {
+            assert_eq!(gpu.device.is_mapped, way == Way::Compute64);
+            let mut found = Vec::new();
+            let mut look = |gpu: &mut Gpu, resident: &Resident, view: &View| {
+                let ids = [0, 3, POINTS_PER_PAGE, POINTS_PER_PAGE * 7 + 11, u32::MAX - 1];
+                let points = ids.map(|id| resident.point(gpu, id).unwrap());
+                let section = resident.section(gpu, &slab).unwrap();
+                assert!(points[0].is_some() && points[4].is_none() && !section.points.is_empty());
+                found.push((draw(gpu, view, resident), points, section, resident.positions(gpu).unwrap()));
+            };
+            let whole = Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
+            look(gpu, &whole, &view(0));
+            whole.free(gpu);
+            // A pool that nodes come to and go from, walked through without waiting.
+            let mut residency = planted.open(gpu, 60 * PAGE_BYTES);
+            for seed in 0..12 {
+                let view = view(seed % 6);
+                for step in 0..3 {
+                    residency.update(gpu, &self::view(50 + 3 * seed + step), &few(6000)).unwrap();
+                    draw(gpu, &view, residency.resident());
+                }
+                residency.settle(gpu, &view, &few(6000), &Silent).unwrap();
+                look(gpu, residency.resident(), &view);
+            }
+            assert!(residency.evictions > 0);
+            residency.free(gpu);
+            found
+        })
+    });
+    assert!(all_of_it[0] == all_of_it[1]);
 }
 
 /// Pages in memory, and a gate that the loader waits at.

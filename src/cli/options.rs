@@ -122,6 +122,9 @@ pub struct DeviceOptions {
     /// Run under the Vulkan validation layers; whatever they say is an error
     #[arg(long)]
     pub validate: bool,
+    /// Treat the device as one most of whose memory the CPU cannot write to; for tests
+    #[arg(long, hide = true)]
+    pub unmapped: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -234,7 +237,7 @@ impl PictureOptions {
 
 impl DeviceOptions {
     pub fn wish(&self) -> Wish {
-        Wish { device: self.device.clone(), validate: self.validate, ..Wish::default() }
+        Wish { device: self.device.clone(), validate: self.validate, unmapped: self.unmapped, ..Wish::default() }
     }
 }
 

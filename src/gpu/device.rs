@@ -21,6 +21,8 @@ pub struct Wish {
     pub no_int64_atomics: bool,
     /// Treat the device as lost once it has been given so many submissions, so that tests can force what follows.
     pub lost_after: Option<u64>,
+    /// Treat the device as one most of whose memory the CPU cannot write to, so that tests can force the ring of pages.
+    pub unmapped: bool,
 }
 
 /// An open device with one queue that computes and draws.
@@ -39,6 +41,8 @@ pub struct Device {
     pub is_cpu: bool,
     /// 64-bit integers and buffer atomics on them.
     pub int64_atomics: bool,
+    /// The CPU can write to all of the device's own memory; a graphics card without a resizable BAR has a window of 256 MiB.
+    pub is_mapped: bool,
     /// Texel buffers are large enough for pages and keys; Vulkan promises only 65,536 texels.
     pub texels: bool,
     /// Workgroups of a pass that goes through a list of which most may need nothing: on a CPU few, since there every workgroup walks through its code once even if nothing is to be done.
@@ -107,6 +111,7 @@ impl Device {
             driver,
             is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
             int64_atomics,
+            is_mapped: !wish.unmapped && is_mapped(&instance, physical),
             texels: properties.limits.max_texel_buffer_elements >= TEXELS_NEEDED,
             most_groups: match properties.device_type {
                 vk::PhysicalDeviceType::CPU => 8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32),
@@ -135,6 +140,18 @@ impl Device {
             let _ = unsafe { labels.set_debug_utils_object_name(&info) };
         }
     }
+}
+
+/// Whether some memory that the CPU can write to lies in a heap as large as the device's largest own one.
+fn is_mapped(instance: &ash::Instance, physical: vk::PhysicalDevice) -> bool {
+    use vk::MemoryPropertyFlags as Flags;
+    // SAFETY: a plain query of a live instance.
+    let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
+    let largest = |wanted: Flags| {
+        let types = memory.memory_types_as_slice().iter().filter(|kind| kind.property_flags.contains(wanted));
+        types.map(|kind| memory.memory_heaps[kind.heap_index as usize].size).max().unwrap_or(0)
+    };
+    largest(Flags::DEVICE_LOCAL | Flags::HOST_VISIBLE | Flags::HOST_COHERENT) >= largest(Flags::DEVICE_LOCAL)
 }
 
 impl Drop for Device {

@@ -228,6 +228,10 @@ impl Residency {
             if update.is_complete() {
                 return Ok(Update { errors: whole.errors, bytes_read: whole.bytes_read, evicted: whole.evicted, ..update });
             }
+            if self.pages_coming == 0 && self.resident.pool.is_landing() {
+                gpu.catch_up()?;
+                continue;
+            }
             if self.pages_coming > 0 {
                 // Whoever has ended is heard of at the next step.
                 if let Ok(Some(answer)) = self.loader.wait(Duration::from_millis(100)) {
@@ -260,6 +264,7 @@ impl Residency {
             self.entries.get_mut(node).expect("what is drawn is resident").read_by = gpu.submitted;
         }
         self.hear()?;
+        self.resident.pool.land(gpu)?;
         self.reclaim(gpu)?;
         let (cut, budget) = self.fitting(view, detail, fall_back);
         let mut update = Update { cut, budget, ..std::mem::take(&mut self.unsaid) };
@@ -312,8 +317,10 @@ impl Residency {
 
     /// Another loader in place of one that has ended, and with it whatever was on its way.
     fn begin_again(&mut self) -> Result<()> {
-        let lost = self.entries.values_mut().filter_map(|entry| entry.coming.take());
-        self.retired.extend(lost.map(|run| (run, 0)));
+        for run in self.entries.values_mut().filter_map(|entry| entry.coming.take()) {
+            self.resident.pool.close(run.first_page, false);
+            self.retired.push((run, 0));
+        }
         self.pages_coming = 0;
         self.loader = self.published.loader(&self.index, self.resident.shown)?;
         self.heard = self.published.timeline.value()?;
@@ -325,6 +332,7 @@ impl Residency {
         let entry = self.entries.get_mut(&node).expect("what is with the loader has an entry");
         let run = entry.coming.take().expect("an answer for every destination");
         self.pages_coming -= run.pages;
+        self.resident.pool.close(run.first_page, matches!(outcome, Outcome::Done(_)));
         match outcome {
             Outcome::Done(read) => {
                 let before = entry.here.replace(run);
@@ -431,6 +439,12 @@ impl Residency {
                 continue;
             }
             let Some(first_page) = self.take(gpu, pages, want.needed, &protected, &mut victims, update)? else { continue };
+            if !self.resident.pool.open(gpu, first_page, pages)? {
+                // Nothing smaller slips in before, as above.
+                self.resident.pool.pages.give(first_page, pages);
+                enough = true;
+                continue;
+            }
             let window = self.resident.pool.window(first_page, pages);
             let run = Run { first_page, planes: want.planes, pages };
             self.entries.entry(want.node).or_default().coming = Some(run);
