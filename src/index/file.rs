@@ -432,11 +432,8 @@ impl Index {
     /// Where the tree of a node starts, in steps of its files' lattice.
     pub(super) fn corner(&self, node: &NodeRecord) -> [i64; 3] {
         let lattices = &self.directory.contents.lattices;
-        // Every tree has two lattices, one behind the other, that differ by nothing else.
-        let first = node.lattice as usize / 2 * 2;
-        let [step, offset] = lattices[first];
-        let [_, corner] = lattices[(first + 1).min(lattices.len() - 1)];
-        ((corner - offset) / step).round().to_array().map(|steps| steps as i64)
+        let [step, offset] = lattices[node.lattice as usize / 2 * 2];
+        ((of_tree(node, lattices).offset - offset) / step).round().to_array().map(|steps| steps as i64)
     }
 
     /// Bytes of the file.
@@ -488,6 +485,13 @@ pub fn lattice(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
     let [step, offset] = lattices[node.lattice as usize];
     let coarse = 2f64.powi(node.coarser as i32);
     Lattice { step: step * coarse, offset: offset + step * (coarse / 2.0).floor() }
+}
+
+/// The lattice that starts where the tree of a node does.
+pub fn of_tree(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
+    // Every tree has two lattices, one behind the other, that differ by nothing else.
+    let [step, offset] = lattices[(node.lattice as usize | 1).min(lattices.len() - 1)];
+    Lattice { step, offset }
 }
 
 /// As [`Index::bounds`].

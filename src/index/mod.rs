@@ -31,5 +31,6 @@ mod sort;
 pub mod spacing;
 pub mod strokes;
 pub mod surroundings;
+mod unite;
 
 pub use organise::{Arrangement, Node, Organised, organise, shuffle};
