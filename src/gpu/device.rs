@@ -101,6 +101,8 @@ impl Device {
         let queue = unsafe { raw.get_device_queue(family, 0) };
         let labels = debug.as_ref().map(|_| ext::debug_utils::Device::new(&instance, &raw));
         let driver = driver(&instance, physical);
+        // SAFETY: a plain query of a live instance.
+        let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
         Ok(Device {
             physical,
             raw,
@@ -111,7 +113,7 @@ impl Device {
             driver,
             is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
             int64_atomics,
-            is_mapped: !wish.unmapped && is_mapped(&instance, physical),
+            is_mapped: !wish.unmapped && is_mapped(&memory),
             texels: properties.limits.max_texel_buffer_elements >= TEXELS_NEEDED,
             most_groups: match properties.device_type {
                 vk::PhysicalDeviceType::CPU => 8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32),
@@ -143,10 +145,8 @@ impl Device {
 }
 
 /// Whether some memory that the CPU can write to lies in a heap as large as the device's largest own one.
-fn is_mapped(instance: &ash::Instance, physical: vk::PhysicalDevice) -> bool {
+fn is_mapped(memory: &vk::PhysicalDeviceMemoryProperties) -> bool {
     use vk::MemoryPropertyFlags as Flags;
-    // SAFETY: a plain query of a live instance.
-    let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
     let largest = |wanted: Flags| {
         let types = memory.memory_types_as_slice().iter().filter(|kind| kind.property_flags.contains(wanted));
         types.map(|kind| memory.memory_heaps[kind.heap_index as usize].size).max().unwrap_or(0)
@@ -370,4 +370,34 @@ fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice) -> String {
 fn text(characters: &[c_char]) -> String {
     let bytes: Vec<u8> = characters.iter().take_while(|&&c| c != 0).map(|&c| c as u8).collect();
     String::from_utf8_lossy(&bytes).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vk::MemoryPropertyFlags as Flags;
+
+    /// Heaps, MiB, and for every type of memory its heap and what it is.
+    fn memory(heaps: &[u64], types: &[(u32, Flags)]) -> vk::PhysicalDeviceMemoryProperties {
+        let mut memory = vk::PhysicalDeviceMemoryProperties::default();
+        (memory.memory_heap_count, memory.memory_type_count) = (heaps.len() as u32, types.len() as u32);
+        heaps.iter().zip(&mut memory.memory_heaps).for_each(|(&mib, heap)| heap.size = mib << 20);
+        for (&(heap_index, property_flags), kind) in types.iter().zip(&mut memory.memory_types) {
+            *kind = vk::MemoryType { property_flags, heap_index };
+        }
+        memory
+    }
+
+    #[test]
+    fn memory_is_mapped_where_all_of_the_device_s_own_is() {
+        let (own, host) = (Flags::DEVICE_LOCAL, Flags::HOST_VISIBLE | Flags::HOST_COHERENT);
+        for (what, heaps, types, expected) in [
+            ("a software or integrated device", &[8192][..], &[(0, own | host)][..], true),
+            ("a card with a resizable BAR", &[8192, 16384], &[(0, own), (1, host), (0, own | host)], true),
+            ("a card without", &[8192, 16384, 256], &[(0, own), (1, host), (2, own | host)], false),
+            ("a card that maps none of its memory", &[8192, 16384], &[(0, own), (1, host)], false),
+        ] {
+            assert_eq!(is_mapped(&memory(heaps, types)), expected, "{what}");
+        }
+    }
 }
