@@ -1,6 +1,6 @@
 //! LOADER THREAD: the newest wish-list in, nodes' pages out, errors as values.
 //!
-//! The frame thread posts wish-lists, and the thread goes by the newest ([`queue`]): what it has not begun of an older one, and the newest does not
+//! The frame thread posts wish-lists, and the thread goes by the newest (`queue`): what it has not begun of an older one, and the newest does not
 //! name again, comes back as dropped. Of every wish it says how it ended, and then publishes through a callback; the frame never waits for it.
 //!
 //!   read(wish): for every plane: copy it out of the file into scratch, check the checksum of that copy, write it to its page

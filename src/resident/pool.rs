@@ -1,6 +1,6 @@
 //! One pool of fixed pages: runs of pages out, within a budget.
 //!
-//! The CPU writes to them through a persistent map, or where it can map little of the device's memory to a [`ring`], from which the device copies them.
+//! The CPU writes to them through a persistent map, or where it can map little of the device's memory to a ring (`ring`), from which the device copies them.
 //! A page is 65,536 words of 32 bits. The pages of a run lie side by side in one block, because a dispatch reads one block. Runs are given first fit, lowest
 //! page first, so that where things go depends on the order of asking alone. Blocks are allocated when a run first falls into them.
 
