@@ -1,5 +1,7 @@
 //! Every limit, budget and default, one sentence each, saying what follows from it.
 
+use std::time::Duration;
+
 /// A node has at most this many points, and a page holds as many 32-bit words: one plane of one node is one page (256 KiB).
 pub const POINTS_PER_PAGE: u32 = 65_536;
 
@@ -34,6 +36,9 @@ pub const LOD_PX: f64 = 1.0;
 
 /// At most so many bytes of pages wait for the loader at any time: it bounds what one frame takes in, and what a turn of the camera makes useless.
 pub const UPLOAD_BYTES: u64 = 32 << 20;
+
+/// A node that takes longer to read is said, so that whoever looks at a coarse picture knows why within a second.
+pub const PATIENCE: Duration = Duration::from_millis(750);
 
 /// Device memory for the pages of an index when nothing is asked for: the cut of a large picture several times over.
 pub const POOL_BYTES: u64 = 1 << 30;

@@ -1,26 +1,35 @@
 //! LOADER THREAD: the newest wish-list in, nodes' pages out, errors as values.
 //!
-//! The frame thread posts wish-lists, the thread drains the channel and goes by the newest: what it has not begun of an older one, and the newest does not
+//! The frame thread posts wish-lists, and the thread goes by the newest (`queue`): what it has not begun of an older one, and the newest does not
 //! name again, comes back as dropped. Of every wish it says how it ended, and then publishes through a callback; the frame never waits for it.
 //!
 //!   read(wish): for every plane: copy it out of the file into scratch, check the checksum of that copy, write it to its page
 //! The checksum is never taken of the page itself: mapped device memory may be write-combined, and reading such memory back is slow.
 //!
-//! A panic while reading is one node's error; the thread goes on. Dropping the [`Loader`] lets the thread finish its node, and joins it.
+//! A panic while reading is one node's error; the thread goes on. A read that takes longer than anybody waits for is said ([`Loader::stalled`]): a disk, or the network
+//! behind a folder, may hang for as long as it likes. Dropping the [`Loader`] lets the thread finish its node, and joins it; where that hangs the thread is left
+//! behind, and whoever made the destinations closes them to it.
 
 use crate::cloud::attribute::{Attribute, STATION_SHIFT, Shown};
 use crate::cloud::octahedral;
-use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE};
+use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
+use crate::index::fault::How;
 use crate::index::file::{Index, NodeRecord, PLANES, Plane};
 use crate::index::spacing::spacing;
 use crate::index::strokes;
-use std::collections::VecDeque;
+use queue::{Next, Queue};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+mod queue;
+
+mod sync {
+    pub use std::sync::{Condvar, Mutex, MutexGuard};
+}
 
 /// Where a node's pages are to be written. It is dropped before the wish is answered: from then on the pages are the frame's again.
 pub trait Destination: Send {
@@ -29,13 +38,7 @@ pub trait Destination: Send {
 }
 
 /// A node that a frame wants, in the order of the list.
-pub struct Wish {
-    pub node: usize,
-    /// Position planes.
-    pub planes: u32,
-    /// None where an earlier list brought it, and no answer has come yet.
-    pub destination: Option<Box<dyn Destination>>,
-}
+pub type Wish = queue::Wish<Box<dyn Destination>>;
 
 /// How a wish ended.
 #[derive(Debug)]
@@ -63,27 +66,39 @@ pub struct Answer {
 }
 
 pub struct Loader {
-    lists: Option<Sender<Vec<Wish>>>,
+    queue: Arc<Queue<Box<dyn Destination>>>,
     answers: Receiver<Answer>,
+    reading: Reading,
     thread: Option<JoinHandle<()>>,
 }
+
+/// The node that is being read, and since when.
+type Reading = Arc<Mutex<Option<(usize, Instant)>>>;
 
 impl Loader {
     /// `publish` is called from the thread after every answer.
     pub fn start(index: Arc<Index>, shown: Shown, publish: impl FnMut() + Send + 'static) -> Result<Loader> {
-        let (lists, wished) = channel();
+        let (queue, reading) = (Arc::new(Queue::new()), Reading::default());
         let (answer, answers) = channel();
         let path = index.path().to_owned();
-        let thread = Thread { index, shown, wished, answer, publish, words: vec![0; POINTS_PER_PAGE as usize], bytes: Vec::new() };
+        let words = vec![0; POINTS_PER_PAGE as usize];
+        let thread =
+            Thread { index, shown, queue: queue.clone(), reading: reading.clone(), answer, publish, words, bytes: Vec::new(), nodes: 0 };
         let thread = std::thread::Builder::new().name("loader".into()).spawn(move || thread.run());
         let thread = thread.map_err(|error| Error::io("start a thread to read", &path, error))?;
-        Ok(Loader { lists: Some(lists), answers, thread: Some(thread) })
+        Ok(Loader { queue, answers, reading, thread: Some(thread) })
     }
 
     /// Replaces the wish-list.
     pub fn post(&self, wishes: Vec<Wish>) {
         // Where the thread is gone, `answer` and `wait` say so.
-        let _ = self.lists.as_ref().expect("taken by drop only").send(wishes);
+        self.queue.post(wishes);
+    }
+
+    /// The node whose reading nobody should have to wait for any longer.
+    pub fn stalled(&self) -> Option<usize> {
+        let reading = *self.reading.lock().unwrap_or_else(PoisonError::into_inner);
+        reading.filter(|(_, since)| since.elapsed() >= PATIENCE).map(|(node, _)| node)
     }
 
     /// An answer that is there already; an error if the thread is gone.
@@ -111,13 +126,21 @@ impl Loader {
 }
 
 fn gone() -> Error {
-    Error::Request("the thread that reads the index has ended; open it again".into())
+    Error::Request("the thread that reads the index has ended".into())
 }
 
 impl Drop for Loader {
     fn drop(&mut self) {
-        drop(self.lists.take());
-        if let Some(thread) = self.thread.take() {
+        self.queue.close();
+        let until = Instant::now() + PATIENCE;
+        let ended = loop {
+            match self.answers.recv_timeout(until.saturating_duration_since(Instant::now())) {
+                Ok(_) => {}
+                Err(RecvTimeoutError::Disconnected) => break true,
+                Err(RecvTimeoutError::Timeout) => break false,
+            }
+        };
+        if let Some(thread) = self.thread.take().filter(|_| ended) {
             // A panic outside of a node has been seen by whoever asked for answers.
             let _ = thread.join();
         }
@@ -127,62 +150,59 @@ impl Drop for Loader {
 struct Thread<P> {
     index: Arc<Index>,
     shown: Shown,
-    wished: Receiver<Vec<Wish>>,
+    queue: Arc<Queue<Box<dyn Destination>>>,
+    reading: Reading,
     answer: Sender<Answer>,
     publish: P,
     /// Scratch: one plane of one node.
     words: Vec<u32>,
     bytes: Vec<u8>,
+    /// Read, or tried to.
+    nodes: u64,
 }
 
 impl<P: FnMut()> Thread<P> {
     fn run(mut self) {
-        let mut list: VecDeque<Wish> = VecDeque::new();
-        loop {
-            let mut newer =
-                if list.is_empty() { self.wished.recv().map_err(|_| TryRecvError::Disconnected) } else { self.wished.try_recv() };
-            while let Ok(wishes) = newer {
-                list = self.replace(list, wishes);
-                newer = self.wished.try_recv();
-            }
-            if matches!(newer, Err(TryRecvError::Disconnected)) {
-                return;
-            }
-            let Some(Wish { node, planes, destination: Some(mut destination) }) = list.pop_front() else { continue };
-            let read = catch_unwind(AssertUnwindSafe(|| self.read(node, planes, &mut *destination)));
-            drop(destination);
-            let read = read.unwrap_or_else(|panic| {
-                let said = panic.downcast_ref::<&str>().map(|said| said.to_string()).or(panic.downcast_ref::<String>().cloned());
-                let what = format!("node {node} could not be read: {}", said.unwrap_or("a panic without words".into()));
-                Err(Error::format(self.index.path(), what))
-            });
-            self.say(node, read.map_or_else(Outcome::Failed, Outcome::Done));
+        while let Some(next) = self.queue.next() {
+            let (node, outcome) = match next {
+                // Their pages are the frame's again before it hears of them.
+                Next::Dropped { node, destination } => {
+                    drop(destination);
+                    (node, Outcome::Dropped)
+                }
+                Next::Read { node, planes, destination } => (node, self.attempt(node, planes, destination)),
+            };
+            // Nobody listens any more where the loader is being dropped.
+            let _ = self.answer.send(Answer { node, outcome });
+            (self.publish)();
         }
     }
 
-    /// The newer list, with the destinations that are still to be written.
-    fn replace(&mut self, list: VecDeque<Wish>, newer: Vec<Wish>) -> VecDeque<Wish> {
-        let mut older: Vec<Option<Wish>> = list.into_iter().map(Some).collect();
-        let mut kept = VecDeque::new();
-        for wish in newer {
-            let before = older.iter_mut().find(|before| before.as_ref().is_some_and(|before| before.node == wish.node));
-            match wish.destination {
-                Some(_) => kept.push_back(wish),
-                // None where it has been answered in the meantime.
-                None => kept.extend(before.and_then(Option::take)),
+    fn attempt(&mut self, node: usize, planes: u32, mut destination: Box<dyn Destination>) -> Outcome {
+        self.nodes += 1;
+        let fault = self.index.fault.and_then(|fault| fault.at(self.nodes));
+        assert!(fault != Some(How::End), "on purpose, between two nodes");
+        self.watch(Some(node));
+        let read = catch_unwind(AssertUnwindSafe(|| {
+            assert!(fault != Some(How::Panic), "on purpose");
+            while fault == Some(How::Hang) {
+                std::thread::park();
             }
-        }
-        for Wish { node, destination, .. } in older.into_iter().flatten() {
-            drop(destination);
-            self.say(node, Outcome::Dropped);
-        }
-        kept
+            self.read(node, planes, &mut *destination)
+        }));
+        self.watch(None);
+        drop(destination);
+        let read = read.unwrap_or_else(|panic| {
+            let said = panic.downcast_ref::<&str>().map(|said| said.to_string()).or(panic.downcast_ref::<String>().cloned());
+            let what = format!("node {node} could not be read: {}", said.unwrap_or("a panic without words".into()));
+            Err(Error::format(self.index.path(), what))
+        });
+        read.map_or_else(Outcome::Failed, Outcome::Done)
     }
 
-    fn say(&mut self, node: usize, outcome: Outcome) {
-        // Nobody listens any more where the loader is being dropped.
-        let _ = self.answer.send(Answer { node, outcome });
-        (self.publish)();
+    /// From now on this node is being read, or none.
+    fn watch(&self, node: Option<usize>) {
+        *self.reading.lock().unwrap_or_else(PoisonError::into_inner) = node.map(|node| (node, Instant::now()));
     }
 
     fn read(&mut self, node: usize, planes: u32, destination: &mut dyn Destination) -> Result<Read> {
@@ -246,6 +266,8 @@ impl<P: FnMut()> Thread<P> {
                     destination.put(planes + word + k as u32, words);
                 }
             } else {
+                // That takes what it takes.
+                self.reading.lock().unwrap_or_else(PoisonError::into_inner).take();
                 let (strokes, bytes) = strokes::of_node(&index, node)?;
                 read.bytes += bytes;
                 for k in 0..2 {

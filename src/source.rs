@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::index::build;
 use crate::index::cache::{self, Cached};
+use crate::index::fault::Fault;
 use crate::index::file::{Index, Plane};
 use crate::index::luminance;
 use crate::index::marks::Marks;
@@ -31,6 +32,8 @@ pub struct Opening {
     pub place: Option<cache::Place>,
     /// Shadows of the index that were saved, and the light that they are to be of.
     pub shadows: Option<(PathBuf, Light)>,
+    /// What is to go wrong while nodes of the index are read, for tests.
+    pub fault: Option<Fault>,
 }
 
 impl Opening {
@@ -44,8 +47,8 @@ impl Opening {
         Ok(many.then(|| format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)))
     }
 
-    /// With the shadows that were saved.
-    fn lit(&self, mut index: Index) -> Result<Source> {
+    /// With the shadows that were saved, and the faults that were asked for.
+    fn equipped(&self, mut index: Index) -> Result<Source> {
         if let Some((path, light)) = &self.shadows {
             let marks = Marks::open(path, &index)?;
             if marks.contents.light != light.to_string() {
@@ -57,6 +60,7 @@ impl Opening {
             }
             index.marks = Some(marks);
         }
+        index.fault = self.fault;
         Ok(Source::Index(Arc::new(index)))
     }
 
@@ -74,7 +78,7 @@ impl Source {
     /// An index is opened alone: what belongs together is indexed together. Files too large to be drawn whole are indexed first, or their index is found.
     pub fn open(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Source> {
         match paths.iter().find(|path| Index::is_one(path)) {
-            Some(path) if paths.len() == 1 => return opening.lit(Index::open(path)?),
+            Some(path) if paths.len() == 1 => return opening.equipped(Index::open(path)?),
             Some(path) => {
                 return Err(Error::Request(format!(
                     "{} is an index, and is drawn alone; `pointillist index` makes one of several files",
@@ -98,7 +102,7 @@ impl Source {
             Some(made) => eprintln!("pointillist: indexed in {:.1} s, because {why}; kept: {}", made.seconds, kept(&place)),
             None => eprintln!("pointillist: drawn from {}, because {why}", index.path().display()),
         }
-        opening.lit(index)
+        opening.equipped(index)
     }
 
     /// Some of the points, for as long as files are being indexed; none where they are drawn whole, or their index is found.

@@ -92,7 +92,8 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
                 let (index, _, statistics) = drawn(gpu, &resident, &view, &gpu::bare());
                 let seen: BTreeSet<u32> = index.into_iter().filter(|&id| id != NO_POINT).collect();
                 let ids = resident.nodes.iter().flat_map(|node| (0..node.count).map(|i| node.number * POINTS_PER_PAGE + i));
-                let kept: BTreeSet<u32> = ids.zip(resident.positions()).filter(|(_, p)| clips.keep(*p)).map(|(id, _)| id).collect();
+                let kept: BTreeSet<u32> =
+                    ids.zip(resident.positions(gpu).unwrap()).filter(|(_, p)| clips.keep(*p)).map(|(id, _)| id).collect();
                 assert_eq!(seen, kept, "{way:?} {words:?}");
                 sides.insert((statistics.nodes_clipped > 0, statistics.points_compared > 0, kept.is_empty()));
                 resident.free(gpu);

@@ -327,10 +327,12 @@ fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
     bytes[155..163].copy_from_slice(&offset.to_le_bytes());
     std::fs::write(place.at("other.las"), bytes).unwrap();
     let files = [place.at("scan.las"), place.at("other.las")];
-    let options = Options { derive: Derive { luminance: true, ..Derive::NONE }, ..OPTIONS };
+    let options = Options { derive: Derive::ALL, ..OPTIONS };
     build::build(&files, &place.at("both.pnti"), &options, &Silent).unwrap();
     let index = Index::open(&place.at("both.pnti")).unwrap();
-    assert_eq!(index.directory.roots, 2);
+    // Two trees, and what stands above them, which knows all that they do.
+    assert_eq!((index.directory.roots, index.directory.contents.lattices.len()), (1, 6));
+    assert!(Derive::ALL.planes().into_iter().all(|plane| index.nodes()[0].has(plane)) && index.nodes()[0].lattice >= 4);
     let mut cloud = cloud::read(&files, &ReadOptions { wanted: Wanted::ALL, strict: false }, &Silent).unwrap();
     luminance::correct(&mut cloud, NEIGHBOURS, &Silent).unwrap();
     let mut expected: [HashMap<[i32; 3], Vec<[u8; 3]>>; 2] = Default::default();

@@ -7,15 +7,18 @@
 mod support;
 
 use glam::DVec3;
+use pointillist::clip::Clips;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions, Wanted};
 use pointillist::config::POINTS_PER_PAGE;
+use pointillist::cut::{self, Detail};
 use pointillist::error::{Error, Result};
 use pointillist::index::build::{self, Derive, Options, Summary};
 use pointillist::index::file::{Contents, Index, NodeRecord, PLANES, Plane};
 use pointillist::progress::{Progress, Silent};
 use pointillist::synth::Scene;
+use pointillist::view::{Camera, Preset, View};
 use proptest::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::os::unix::fs::FileExt;
@@ -383,7 +386,7 @@ fn sums(index: &Index, number: usize, from: DVec3) -> Sums {
         assert!(weight > 0.0);
         sums.weight += weight;
         sums.position += weight * (world(index, node, decoded.q[i]) - from);
-        sums.color += weight * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([0; 3]).map(linear));
+        sums.color += weight * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([255; 3]).map(linear));
         sums.intensity += weight * decoded.get(Plane::Intensity, i).map_or(0, u16::from_le_bytes) as f64;
     }
     sums
@@ -557,11 +560,11 @@ fn real_files_of_every_format_are_kept_together() {
     }
     files.push(shared("data/photogrammetry/frag_115.ply").unwrap());
     let index = Place::new().faithful(&files, &OPTIONS);
-    assert!(index.directory.roots >= 5, "{} trees", index.directory.roots);
+    assert!(trees(&index) >= 5 && index.directory.roots == 1, "{} trees", trees(&index));
 }
 
 #[test]
-fn files_on_one_lattice_become_one_tree_and_others_their_own() {
+fn files_on_one_lattice_become_one_tree_and_others_their_own_below_one_root() {
     let place = Place::new();
     let cloud = |seed| shape(Shape::Plane, 40_000, [-1000; 3], [5000; 3], seed);
     let shifted = Frame { offset: [123.456, -7.0, 1e6 * 0.001], ..MILLIMETRES };
@@ -569,14 +572,49 @@ fn files_on_one_lattice_become_one_tree_and_others_their_own() {
     let between = Frame { offset: [0.0005, 0.0, 0.0], ..MILLIMETRES };
     let file = |name: &str, seed, frame| place.las(name, &cloud(seed), frame);
     let files = [file("a.las", 1, MILLIMETRES), file("b.las", 2, shifted), file("c.las", 3, coarse), file("d.las", 4, between)];
-    for (which, roots) in [(&files[..2], 1), (&files[..3], 2), (&files[1..3], 2), (&files, 3)] {
+    for (which, count) in [(&files[..2], 1), (&files[..3], 2), (&files[1..3], 2), (&files, 3)] {
         let index = place.faithful(which, &OPTIONS);
-        assert_eq!(index.directory.roots, roots);
+        assert_eq!((index.directory.roots, trees(&index)), (1, count));
         assert!(index.directory.contents.stations.len() >= which.len());
     }
     // Twice the same.
     let index = place.faithful(&[files[0].clone(), files[0].clone()], &OPTIONS);
     assert_eq!((index.directory.roots, index.directory.contents.points), (1, 80_000));
+}
+
+/// Lattices that leaves lie on.
+fn trees(index: &Index) -> usize {
+    index.nodes().iter().filter(|node| node.is_leaf()).map(|node| node.lattice).collect::<BTreeSet<_>>().len()
+}
+
+#[test]
+fn a_hundred_files_on_lattices_of_their_own_cost_a_view_no_more_than_one() {
+    let place = Place::new();
+    let side = 200_000;
+    let cloud = shape(Shape::Plane, 400_000, [0; 3], [side; 3], 11);
+    let whole = place.las("whole.las", &cloud, MILLIMETRES);
+    let tile = |i: i32| {
+        // Each with an offset that is no whole number of steps from any other's.
+        let at = |q: i32| (10 * q as i64 / (side as i64 + 1)) as i32;
+        let own: Vec<Point> = cloud.iter().filter(|point| at(point.q[0]) == i % 10 && at(point.q[1]) == i / 10).copied().collect();
+        place.las(&format!("{i}.las"), &own, Frame { offset: [1e-3 * (0.137 + 0.0071 * i as f64), 0.0, 0.0], ..MILLIMETRES })
+    };
+    let tiles: Vec<PathBuf> = (0..100).map(tile).collect();
+    let many = place.faithful(&tiles, &OPTIONS);
+    assert_eq!((trees(&many), many.directory.roots), (100, 1));
+    let two = contents_of_nodes(&many);
+    assert!(contents_of_nodes(&place.index(&tiles, &Options { threads: 1, memory: 64 << 20, ..OPTIONS })) == two, "threads, or memory");
+    let one = place.index(&[whole], &OPTIONS);
+    let [low, high] = one.directory.contents.bounds.unwrap();
+    let camera = Camera::framing(Preset::Fit, &[low, high], [320, 180]);
+    let view = View::new(camera, [320, 180]).unwrap();
+    for budget in [70_000, 150_000, 300_000] {
+        let detail = Detail { budget, ..Detail::of([320, 180]) };
+        let points = [&one, &many].map(|index| cut::choose(index, &view, &Clips::default(), &detail, &HashSet::new()).points);
+        println!("budget {budget}: {} points of one file, {} of a hundred", points[0], points[1]);
+        assert!(points.iter().all(|&points| points <= budget), "{points:?}");
+        assert!(points[1] <= 2 * points[0].max(65_536), "{points:?}");
+    }
 }
 
 #[test]

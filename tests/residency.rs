@@ -8,6 +8,7 @@ use glam::DVec3;
 use gpu::{Random, Way, bumpy, perspective};
 use pointillist::clip::Clips;
 use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::config::POINTS_PER_PAGE;
 use pointillist::cut::{self, Detail};
 use pointillist::frame;
 use pointillist::graph::{Gpu, Graph};
@@ -17,6 +18,7 @@ use pointillist::look::{self, Wishes};
 use pointillist::passes::Switch;
 use pointillist::progress::Silent;
 use pointillist::resident::residency::{Residency, Update};
+use pointillist::resident::section::Slab;
 use pointillist::resident::{Resident, pool::PAGE_BYTES};
 use pointillist::view::{Camera, View};
 use proptest::prelude::*;
@@ -287,6 +289,46 @@ fn a_file_that_shrinks_is_an_error_and_the_picture_goes_on() {
     });
 }
 
+#[test]
+fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
+    let planted = Planted::new();
+    let (points, colors) = bumpy(24_000, 20_000, &mut Random(0xC10D));
+    let lattice = pointillist::cloud::Lattice { step: DVec3::splat(tree::STEP), offset: DVec3::ZERO };
+    let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
+    let slab = Slab::new(DVec3::splat(-9.0), DVec3::splat(9.0), 2.0).unwrap();
+    let all_of_it = [Way::Compute64, Way::Unmapped].map(|way| {
+        gpu::with(way, |gpu| {
+            assert_eq!(gpu.device.is_mapped, way == Way::Compute64);
+            let mut found = Vec::new();
+            let mut look = |gpu: &mut Gpu, resident: &Resident, view: &View| {
+                let ids = [0, 3, POINTS_PER_PAGE, POINTS_PER_PAGE * 7 + 11, u32::MAX - 1];
+                let points = ids.map(|id| resident.point(gpu, id).unwrap());
+                let section = resident.section(gpu, &slab).unwrap();
+                assert!(points[0].is_some() && points[4].is_none() && !section.points.is_empty());
+                found.push((draw(gpu, view, resident), points, section, resident.positions(gpu).unwrap()));
+            };
+            let whole = Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
+            look(gpu, &whole, &view(0));
+            whole.free(gpu);
+            // A pool that nodes come to and go from, walked through without waiting.
+            let mut residency = planted.open(gpu, 60 * PAGE_BYTES);
+            for seed in 0..12 {
+                let view = view(seed % 6);
+                for step in 0..3 {
+                    residency.update(gpu, &self::view(50 + 3 * seed + step), &few(6000)).unwrap();
+                    draw(gpu, &view, residency.resident());
+                }
+                residency.settle(gpu, &view, &few(6000), &Silent).unwrap();
+                look(gpu, residency.resident(), &view);
+            }
+            assert!(residency.evictions > 0);
+            residency.free(gpu);
+            found
+        })
+    });
+    assert!(all_of_it[0] == all_of_it[1]);
+}
+
 /// Pages in memory, and a gate that the loader waits at.
 struct Gate {
     node: usize,
@@ -372,6 +414,65 @@ fn a_loader_that_is_gone_is_said_and_never_waited_for() {
     assert!(loader.wait(Duration::from_secs(600)).unwrap_err().to_string().contains("ended"));
     // A busy machine takes its time to say where a thread has panicked.
     assert!(began.elapsed() < Duration::from_secs(60));
+}
+
+impl Planted {
+    /// An index of which a loader cannot read all nodes.
+    fn failing(&self, fault: &str) -> Arc<Index> {
+        let mut index = Index::open(&self.path()).unwrap();
+        index.fault = Some(fault.parse().unwrap());
+        Arc::new(index)
+    }
+}
+
+/// Updates for so long, with a picture after each; what was said, and when.
+fn updates(gpu: &mut Gpu, residency: &mut Residency, view: &View, during: Duration) -> Vec<(Duration, String)> {
+    let (began, mut said) = (Instant::now(), Vec::new());
+    while began.elapsed() < during {
+        let update = residency.update(gpu, view, &all()).unwrap();
+        assert_eq!(needless_holes(residency, view, &update), 0);
+        said.extend(update.errors.into_iter().map(|error| (began.elapsed(), error)));
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    said
+}
+
+#[test]
+fn a_loader_that_hangs_is_said_within_a_second_and_what_is_there_stays() {
+    let planted = Planted::new();
+    gpu::with(Way::Compute64, |gpu| {
+        let mut residency = Residency::open(gpu, planted.failing("hang:9"), planted.shown(), HUGE).unwrap();
+        let view = view(3);
+        let said = updates(gpu, &mut residency, &view, Duration::from_secs(2));
+        assert!(said.len() == 1 && said[0].1.contains("has not come") && said[0].1.contains("cloud.pnti"), "{said:?}");
+        // A second from when the node was begun; whoever polls, and a busy machine, take a little longer.
+        assert!(said[0].0 < Duration::from_millis(1500), "{said:?}");
+        assert!(!residency.drawn().is_empty() && residency.drawn().len() <= 8);
+        let before = draw(gpu, &view, residency.resident());
+        residency.update(gpu, &view, &all()).unwrap();
+        assert!(before == draw(gpu, &view, residency.resident()), "what is resident is still drawn");
+        // Nor does anybody wait for it at the end; it has nothing left to write to.
+        let closing = Instant::now();
+        residency.free(gpu);
+        assert!(closing.elapsed() < Duration::from_secs(5), "{:?}", closing.elapsed());
+    });
+}
+
+#[test]
+fn a_loader_that_ends_is_said_and_another_one_goes_on() {
+    let planted = Planted::new();
+    gpu::with(Way::Compute64, |gpu| {
+        let (view, detail) = (view(3), all());
+        let mut whole = planted.open(gpu, HUGE);
+        let (_, expected) = settled(gpu, &mut whole, &view, &detail);
+        whole.free(gpu);
+        let mut residency = Residency::open(gpu, planted.failing("end:20"), planted.shown(), HUGE).unwrap();
+        let (update, picture) = settled(gpu, &mut residency, &view, &detail);
+        assert!(update.errors.iter().all(|error| error.contains("has ended")) && !update.errors.is_empty(), "{:?}", update.errors);
+        assert!(update.is_complete() && picture == expected);
+        assert!(residency.pool_bytes()[1] <= HUGE);
+        residency.free(gpu);
+    });
 }
 
 #[test]

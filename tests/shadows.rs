@@ -47,7 +47,7 @@ fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>,
         let frame = g.submit(&[]).unwrap();
         let counts: &[u8] = frame.read(&counts);
         let ids = resident.nodes.iter().flat_map(|node| (0..node.count).map(|i| (node.number * POINTS_PER_PAGE + i) as usize));
-        let points = resident.positions().zip(ids).map(|(p, id)| (p, counts[id])).collect();
+        let points = resident.positions(gpu).unwrap().into_iter().zip(ids).map(|(p, id)| (p, counts[id])).collect();
         frame.shelve(gpu);
         resident.free(gpu);
         (points, marks.facts)
@@ -443,7 +443,7 @@ fn marks_agree_with_f64() {
             let source = project::Source::new(&cloud.parts[0], &view, Precision::Auto, DVec3::ZERO);
             let ids = resident.nodes.iter().flat_map(|node| (0..node.count).map(|i| (node.number * POINTS_PER_PAGE + i) as usize));
             let (mut agreeing, mut in_band, mut lit) = (0, 0, 0);
-            for (p, id) in resident.positions().zip(ids) {
+            for (p, id) in resident.positions(gpu).unwrap().into_iter().zip(ids) {
                 let footprint = project::footprint(&view, &source, p - camera.eye);
                 let columns = footprint.map(|f| f.x.map(|x| x.floor() as i64));
                 let rows = footprint.map(|f| f.y.map(|y| y.floor() as i64));

@@ -537,6 +537,28 @@ fn after_a_lost_device_the_window_shows_what_it_did_and_has_what_was_picked() {
 }
 
 #[test]
+fn where_the_disk_hangs_the_window_says_so_within_a_second_and_shows_what_it_has() {
+    let place = Place::new();
+    let (cloud, index) = (place.street(1_500_000), place.at("cloud.pnti"));
+    succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
+    for (fault, word) in [("hang:4", "has not come"), ("panic:4", "could not be read: on purpose"), ("end:4", "has ended")] {
+        let mut viewer = place.view(&[&index], &format!("--lod 0 --fail-reading {fault}"));
+        viewer.until(word, |viewer| viewer.said().iter().any(|line| line.contains(word)));
+        // Keys still move the camera, and pictures of what is there follow.
+        let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
+        viewer.key("7");
+        std::fs::remove_file(scene).unwrap();
+        let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
+        std::fs::remove_file(scene).unwrap();
+        viewer.key("Escape");
+        // It says what panicked, and of the device nothing.
+        let ended = viewer.ended();
+        let said = support::text(&ended.stderr);
+        assert!(ended.status.success() && !said.to_lowercase().contains("validation"), "{said}");
+    }
+}
+
+#[test]
 fn a_camera_path_made_in_the_window_is_played_there_and_drawn_by_render() {
     let place = Place::new();
     let cloud = place.street(60_000);

@@ -328,13 +328,15 @@ impl Thread {
             Message::Pick { id, adds } => {
                 // Ids are of the picture that was drawn last; where nodes have come since, they are others.
                 let resident = self.cloud.as_ref().map(Brought::resident).filter(|resident| resident.identity() == self.last_drawn);
-                if let Some(point) = resident.and_then(|resident| resident.point(id)) {
+                if let Some(resident) = resident
+                    && let Some(point) = resident.point(&mut self.gpu, id)?
+                {
                     (self.report)(Report::Picked { point, adds });
                 }
             }
             Message::Section(slab) => {
                 if let Some(resident) = self.cloud.as_ref().map(Brought::resident) {
-                    (self.report)(Report::Profile(Box::new(Profile::new(slab, resident.section(&slab), resident.shown))));
+                    (self.report)(Report::Profile(Box::new(Profile::new(slab, resident.section(&mut self.gpu, &slab)?, resident.shown))));
                 }
             }
             Message::Save(path, size) => self.save(path, size)?,

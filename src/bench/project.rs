@@ -53,7 +53,7 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
             let arrange = if order == "morton" { index::organise } else { index::shuffle };
             let shown = Shown::new(Attribute::White, &cloud);
             let resident = Resident::arrange(&mut gpus.compute, cloud.clone(), shown, arrange, progress)?;
-            let scene = Points::new(&resident);
+            let scene = Points::new(&mut gpus.compute, &resident)?;
             for &size in &plan.sizes {
                 let view = View::new(Camera::framing(Preset::Fit, &sample, size), size)?;
                 rows.extend(measure(&mut gpus, &resident, &scene, &view, order, plan.repeat, progress)?);
@@ -71,9 +71,9 @@ struct Points {
 }
 
 impl Points {
-    fn new(resident: &Resident) -> Points {
+    fn new(gpu: &mut Gpu, resident: &Resident) -> Result<Points> {
         let centre = resident.nodes.first().map_or(DVec3::ZERO, |node| node.bounds().0);
-        Points { centre, positions: resident.positions().map(|p| (p - centre).as_vec3().to_array()).collect() }
+        Ok(Points { centre, positions: resident.positions(gpu)?.into_iter().map(|p| (p - centre).as_vec3().to_array()).collect() })
     }
 
     /// Rows to pixels times depth from the picture's centre, and to depth.

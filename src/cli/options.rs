@@ -104,7 +104,7 @@ impl DetailOptions {
             _ if self.no_cache => Some(cache::Place::Nowhere),
             folder => folder.clone().map(cache::Place::Folder),
         };
-        Opening { read, index, place, shadows: self.shadows.clone().map(|path| (path, light)) }
+        Opening { read, index, place, shadows: self.shadows.clone().map(|path| (path, light)), fault: None }
     }
 }
 
@@ -122,6 +122,9 @@ pub struct DeviceOptions {
     /// Run under the Vulkan validation layers; whatever they say is an error
     #[arg(long)]
     pub validate: bool,
+    /// Treat the device as one most of whose memory the CPU cannot write to; for tests
+    #[arg(long, hide = true)]
+    pub unmapped: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -234,7 +237,7 @@ impl PictureOptions {
 
 impl DeviceOptions {
     pub fn wish(&self) -> Wish {
-        Wish { device: self.device.clone(), validate: self.validate, ..Wish::default() }
+        Wish { device: self.device.clone(), validate: self.validate, unmapped: self.unmapped, ..Wish::default() }
     }
 }
 

@@ -5,8 +5,10 @@ use crate::app::{self, Options, keys, navigation::Habit};
 use crate::camera_path::CameraPath;
 use crate::error::Result;
 use crate::gpu::Wish;
+use crate::index::fault::Fault;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::source::Opening;
 use crate::view::Camera;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -43,6 +45,9 @@ pub struct Arguments {
     /// Treat the device as lost after so many submissions; for tests
     #[arg(long, hide = true, value_name = "SUBMISSIONS")]
     pub lose_device: Option<u64>,
+    /// Let the reading of an index go wrong at a node: panic:N, hang:N, end:N; for tests
+    #[arg(long, hide = true, value_name = "FAULT")]
+    pub fail_reading: Option<Fault>,
     /// Refuse a truncated, lying or damaged file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
@@ -62,7 +67,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities(), clips: picture.clips() };
     let options = Options {
         files: arguments.files.clone(),
-        opening: picture.detail.opening(picture.read_options(arguments.strict), picture.light),
+        opening: Opening { fault: arguments.fail_reading, ..picture.detail.opening(picture.read_options(arguments.strict), picture.light) },
         further: picture.further(),
         scene,
         preset: picture.view,

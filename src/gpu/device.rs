@@ -21,6 +21,8 @@ pub struct Wish {
     pub no_int64_atomics: bool,
     /// Treat the device as lost once it has been given so many submissions, so that tests can force what follows.
     pub lost_after: Option<u64>,
+    /// Treat the device as one most of whose memory the CPU cannot write to, so that tests can force the ring of pages.
+    pub unmapped: bool,
 }
 
 /// An open device with one queue that computes and draws.
@@ -39,6 +41,8 @@ pub struct Device {
     pub is_cpu: bool,
     /// 64-bit integers and buffer atomics on them.
     pub int64_atomics: bool,
+    /// The CPU can write to all of the device's own memory; a graphics card without a resizable BAR has a window of 256 MiB.
+    pub is_mapped: bool,
     /// Texel buffers are large enough for pages and keys; Vulkan promises only 65,536 texels.
     pub texels: bool,
     /// Workgroups of a pass that goes through a list of which most may need nothing: on a CPU few, since there every workgroup walks through its code once even if nothing is to be done.
@@ -97,6 +101,8 @@ impl Device {
         let queue = unsafe { raw.get_device_queue(family, 0) };
         let labels = debug.as_ref().map(|_| ext::debug_utils::Device::new(&instance, &raw));
         let driver = driver(&instance, physical);
+        // SAFETY: a plain query of a live instance.
+        let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
         Ok(Device {
             physical,
             raw,
@@ -107,6 +113,7 @@ impl Device {
             driver,
             is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
             int64_atomics,
+            is_mapped: !wish.unmapped && is_mapped(&memory),
             texels: properties.limits.max_texel_buffer_elements >= TEXELS_NEEDED,
             most_groups: match properties.device_type {
                 vk::PhysicalDeviceType::CPU => 8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32),
@@ -135,6 +142,16 @@ impl Device {
             let _ = unsafe { labels.set_debug_utils_object_name(&info) };
         }
     }
+}
+
+/// Whether some memory that the CPU can write to lies in a heap as large as the device's largest own one.
+fn is_mapped(memory: &vk::PhysicalDeviceMemoryProperties) -> bool {
+    use vk::MemoryPropertyFlags as Flags;
+    let largest = |wanted: Flags| {
+        let types = memory.memory_types_as_slice().iter().filter(|kind| kind.property_flags.contains(wanted));
+        types.map(|kind| memory.memory_heaps[kind.heap_index as usize].size).max().unwrap_or(0)
+    };
+    largest(Flags::DEVICE_LOCAL | Flags::HOST_VISIBLE | Flags::HOST_COHERENT) >= largest(Flags::DEVICE_LOCAL)
 }
 
 impl Drop for Device {
@@ -353,4 +370,34 @@ fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice) -> String {
 fn text(characters: &[c_char]) -> String {
     let bytes: Vec<u8> = characters.iter().take_while(|&&c| c != 0).map(|&c| c as u8).collect();
     String::from_utf8_lossy(&bytes).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vk::MemoryPropertyFlags as Flags;
+
+    /// Heaps, MiB, and for every type of memory its heap and what it is.
+    fn memory(heaps: &[u64], types: &[(u32, Flags)]) -> vk::PhysicalDeviceMemoryProperties {
+        let mut memory = vk::PhysicalDeviceMemoryProperties::default();
+        (memory.memory_heap_count, memory.memory_type_count) = (heaps.len() as u32, types.len() as u32);
+        heaps.iter().zip(&mut memory.memory_heaps).for_each(|(&mib, heap)| heap.size = mib << 20);
+        for (&(heap_index, property_flags), kind) in types.iter().zip(&mut memory.memory_types) {
+            *kind = vk::MemoryType { property_flags, heap_index };
+        }
+        memory
+    }
+
+    #[test]
+    fn memory_is_mapped_where_all_of_the_device_s_own_is() {
+        let (own, host) = (Flags::DEVICE_LOCAL, Flags::HOST_VISIBLE | Flags::HOST_COHERENT);
+        for (what, heaps, types, expected) in [
+            ("a software or integrated device", &[8192][..], &[(0, own | host)][..], true),
+            ("a card with a resizable BAR", &[8192, 16384], &[(0, own), (1, host), (0, own | host)], true),
+            ("a card without", &[8192, 16384, 256], &[(0, own), (1, host), (2, own | host)], false),
+            ("a card that maps none of its memory", &[8192, 16384], &[(0, own), (1, host)], false),
+        ] {
+            assert_eq!(is_mapped(&memory(heaps, types)), expected, "{what}");
+        }
+    }
 }

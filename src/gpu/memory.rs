@@ -81,17 +81,47 @@ impl RawBuffer {
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         self.allocation.mapped_slice_mut().expect("a mapped buffer")
     }
+
+    /// A part of a mapped buffer for another thread, which has it until `alive` ends: before the buffer does, and with the device.
+    pub fn window(&self, bytes: std::ops::Range<u64>, alive: &Alive) -> Window {
+        assert!(bytes.start <= bytes.end && bytes.end <= self.desc.bytes);
+        let map = self.allocation.mapped_ptr().expect("a mapped buffer").as_ptr().cast::<u8>();
+        Window { first: map.wrapping_add(bytes.start as usize), length: (bytes.end - bytes.start) as usize, alive: alive.clone() }
+    }
 }
 
-/// Whether the device and its memory are still there; for threads that outlive them by a moment.
+/// Whether the device and its memory are still there, and what lies in it; for threads that outlive them.
 #[derive(Clone)]
-pub struct Alive(Arc<RwLock<bool>>);
+pub struct Alive {
+    own: Arc<RwLock<bool>>,
+    /// Of what it lies in.
+    around: Option<Arc<RwLock<bool>>>,
+}
 
 impl Alive {
-    /// Does `work` with the device kept, or says `otherwise` where it is gone.
+    fn new() -> Alive {
+        Alive { own: Arc::new(RwLock::new(true)), around: None }
+    }
+
+    /// Of something that ends with the device, or before.
+    pub fn within(&self) -> Alive {
+        Alive { around: Some(self.own.clone()), ..Alive::new() }
+    }
+
+    /// Does `work` with all of it kept, or says `otherwise` where it is gone.
     pub fn while_it_is<T>(&self, otherwise: T, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let alive = self.0.read().unwrap_or_else(PoisonError::into_inner);
-        if *alive { work() } else { Ok(otherwise) }
+        let around = self.around.as_ref().map(|around| around.read().unwrap_or_else(PoisonError::into_inner));
+        let own = self.own.read().unwrap_or_else(PoisonError::into_inner);
+        if *own && around.is_none_or(|around| *around) { work() } else { Ok(otherwise) }
+    }
+
+    /// Waits for whoever is at work with it, and does the last of it where that is not done yet.
+    pub fn end(&self, last: impl FnOnce()) {
+        let around = self.around.as_ref().map(|around| around.read().unwrap_or_else(PoisonError::into_inner));
+        let mut own = self.own.write().unwrap_or_else(PoisonError::into_inner);
+        if std::mem::take(&mut *own) && around.is_none_or(|around| *around) {
+            last();
+        }
     }
 }
 
@@ -109,7 +139,7 @@ impl Window {
     pub fn write(&mut self, at: usize, bytes: &[u8]) {
         assert!(at.checked_add(bytes.len()).is_some_and(|end| end <= self.length), "{} bytes at {at} of {}", bytes.len(), self.length);
         let written = self.alive.while_it_is((), || {
-            // SAFETY: within the window, checked above; the map is there as long as the device's memory, and `bytes` cannot overlap what only we write.
+            // SAFETY: within the window, checked above; the map is there as long as the buffer, whose end ends `alive`, and `bytes` cannot overlap what only we write.
             unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), self.first.add(at), bytes.len()) };
             Ok(())
         });
@@ -160,7 +190,7 @@ impl Memory {
             kept: HashMap::new(),
             device: device.raw.clone(),
             allocated: 0,
-            alive: Alive(Arc::new(RwLock::new(true))),
+            alive: Alive::new(),
         })
     }
 
@@ -269,13 +299,6 @@ impl Memory {
         Ok(RawImage { raw, view, desc, allocation })
     }
 
-    /// A part of a mapped buffer for another thread.
-    pub fn window(&self, buffer: &RawBuffer, bytes: std::ops::Range<u64>) -> Window {
-        assert!(bytes.start <= bytes.end && bytes.end <= buffer.desc.bytes);
-        let map = buffer.allocation.mapped_ptr().expect("a mapped buffer").as_ptr().cast::<u8>();
-        Window { first: map.wrapping_add(bytes.start as usize), length: (bytes.end - bytes.start) as usize, alive: self.alive.clone() }
-    }
-
     /// The buffer of this name, at least so large, and how many steps of what is made of `made_of` it holds; where that is none, whatever it holds is void.
     pub fn keep(&mut self, device: &Device, name: &str, bytes: u64, made_of: &[u64]) -> Result<(&RawBuffer, u32)> {
         if self.kept.get(name).is_some_and(|kept| kept.buffer.desc.bytes < bytes) {
@@ -351,8 +374,7 @@ impl Memory {
 
 impl Drop for Memory {
     fn drop(&mut self) {
-        // Waits for whoever is writing.
-        *self.alive.0.write().unwrap_or_else(PoisonError::into_inner) = false;
+        self.alive.end(|| ());
         let kept: Vec<_> = std::mem::take(&mut self.kept).into_values().map(|kept| kept.buffer).collect();
         for buffer in std::mem::take(&mut self.buffers).into_values().flatten().chain(kept) {
             self.destroy_buffer(buffer);

@@ -22,7 +22,13 @@ impl Timeline {
         // SAFETY: a plain creation on a live device that has timeline semaphores (device.rs asks for them).
         let raw = unsafe { device.raw.create_semaphore(&info, None) }.map_err(failed("vkCreateSemaphore"))?;
         device.name(raw, name);
-        Ok(Timeline { raw, device: device.raw.clone(), alive: alive.clone(), call: Mutex::new(()) })
+        Ok(Timeline { raw, device: device.raw.clone(), alive: alive.within(), call: Mutex::new(()) })
+    }
+
+    /// From now on it counts nothing, whoever still has it; submissions that raise the counter are waited for.
+    pub fn end(&self) {
+        // SAFETY: the device is alive, nobody is at work with the semaphore, and it is destroyed once.
+        self.alive.end(|| unsafe { self.device.destroy_semaphore(self.raw, None) });
     }
 
     /// Raises the counter; values only ever grow.
@@ -30,7 +36,7 @@ impl Timeline {
         let _alone = self.call.lock();
         self.alive.while_it_is((), || {
             let info = vk::SemaphoreSignalInfo::default().semaphore(self.raw).value(value);
-            // SAFETY: the device is alive, and the semaphore lives as long as `self`.
+            // SAFETY: the device and the semaphore are alive.
             unsafe { self.device.signal_semaphore(&info) }.map_err(failed("vkSignalSemaphore"))
         })
     }
@@ -46,10 +52,6 @@ impl Timeline {
 
 impl Drop for Timeline {
     fn drop(&mut self) {
-        let _ = self.alive.while_it_is((), || {
-            // SAFETY: the device is alive, and submissions that raise the counter are waited for.
-            unsafe { self.device.destroy_semaphore(self.raw, None) };
-            Ok(())
-        });
+        self.end();
     }
 }

@@ -166,6 +166,8 @@ pub struct Gpu {
     pub(crate) lost_after: Option<u64>,
     /// Clouds that have been made resident so far.
     pub residents: u64,
+    /// Submissions that nobody waits for.
+    behind: Vec<Running>,
     pub memory: Memory,
     pub device: Device,
 }
@@ -176,7 +178,19 @@ impl Gpu {
         let memory = Memory::new(&device)?;
         let passed = Timeline::new(&device, &memory.alive, "passed")?;
         let (kernels, raster) = (Kernels::new(&device), crate::gpu::raster::Rasters::new(&device));
-        Ok(Gpu { kernels, raster, passed, submitted: 0, lost_after: wish.lost_after, residents: 0, memory, device })
+        Ok(Gpu { kernels, raster, passed, submitted: 0, lost_after: wish.lost_after, residents: 0, behind: Vec::new(), memory, device })
+    }
+
+    /// Waits for submissions that nobody has waited for.
+    pub fn catch_up(&mut self) -> Result<()> {
+        std::mem::take(&mut self.behind).into_iter().try_for_each(|running| running.finish(self).map(|frame| frame.shelve(self)))
+    }
+}
+
+impl Drop for Gpu {
+    fn drop(&mut self) {
+        // Who used the device has heard what it said.
+        let _ = self.catch_up();
     }
 }
 
@@ -484,6 +498,17 @@ impl<'g> Graph<'g> {
     /// Plans, records and submits. What is in a download buffer, or `wanted`, is what the frame is for; passes that serve neither are dropped.
     pub fn launch(self, wanted: &[ResourceId]) -> Result<Running> {
         Ok(self.begin(wanted)?.0)
+    }
+
+    /// The same, and nobody waits for it; later submissions begin when it is done. Its number, as [`Gpu::passed`] counts.
+    pub fn leave(self, wanted: &[ResourceId]) -> Result<u64> {
+        let (running, gpu) = self.begin(wanted)?;
+        gpu.behind.push(running);
+        let (done, left) = std::mem::take(&mut gpu.behind).into_iter().partition(Running::is_done);
+        gpu.behind = left;
+        let done: Vec<Running> = done;
+        done.into_iter().try_for_each(|running| running.finish(gpu).map(|frame| frame.shelve(gpu)))?;
+        Ok(gpu.submitted)
     }
 
     /// The same, and waits.

@@ -7,6 +7,7 @@
 //!   cut the grid into chunks, the largest kd-cells with at most C points
 //!   grow every chunk, on all cores: leaves and inner nodes                (`grow`); write in the order of the chunks
 //!   above the chunks, from the deepest kd-level up: bring open nodes of sibling cells together, give them parents, read samples back from the file
+//! above the trees, where there are several: what they have in common, on a lattice of their own                                              (`unite`)
 //! number the nodes, roots first, siblings side by side
 //! derive what depends on the points around, if it is asked for                                                            (`derive`)
 //! directory; header                                                                                                       (`file`)
@@ -17,10 +18,11 @@
 use super::bucket::{self, Bucket, Grid, Sorter, Spill};
 use super::derive;
 use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
-use super::grow::{self, Built, Grown, Open, Tree, Worker};
+use super::grow::{self, Built, Grown, Kind, Open, Tree, Worker};
 use super::record::{Batch, Colors, Layout};
 pub use super::samples::Derive;
 use super::samples::{self, Cell, Samples};
+use super::unite;
 use crate::cloud::attribute::STRETCH;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::{Lattice, ReadOptions, Station, Wanted};
@@ -134,6 +136,7 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
         for group in group(&sources) {
             builder.tree(group)?;
         }
+        builder.unite()?;
         let Builder { mut contents, parts, nodes, roots, end, read_seconds, intensities, corners, .. } = builder;
         contents.intensity_stretch = percentiles(&intensities);
         contents.parts = parts.into_iter().flatten().collect();
@@ -266,7 +269,7 @@ impl Builder<'_> {
         let mut chunks = Vec::new();
         cut(grid, 0, 0, self.options.chunk_points(), &mut chunks);
         let open = self.grow(&tree, chunks, points, &numbers)?;
-        let root = self.join(&tree, open)?;
+        let root = self.join(&tree.kind, open)?;
         self.roots.push(root);
         self.contents.points += points;
         Ok(())
@@ -368,17 +371,31 @@ impl Builder<'_> {
             }
             self.contents.notes.extend(notes);
             self.widen(&group.lattice, true_box, points);
-            self.contents.lattices.push([group.lattice.step, group.lattice.offset]);
-            self.contents.lattices.push([group.lattice.step, group.lattice.world(corner)]);
-            self.corners.extend([corner; 2]);
-            let lattice_number = self.contents.lattices.len() as u16 - 2;
+            let lattice_number = self.lattice(&group.lattice, corner)?;
             // Colours that are all black are none, which only the points can tell.
             let has = Wanted { rgb: found.rgb, ..has };
             // Without colours there is no luminance.
             let derive = Derive { luminance: self.options.derive.luminance && has.rgb, ..self.options.derive };
-            let tree = Tree { layout, has, derive, corner, bits, lattice: group.lattice, lattice_number, colors };
-            return Ok(Ingested { grid, tree, points, stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) });
+            let kind = Kind { has, derive, corner, bits, lattice: group.lattice, lattice_number };
+            return Ok(Ingested {
+                grid,
+                tree: Tree { kind, layout, colors },
+                points,
+                stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()),
+            });
         }
+    }
+
+    /// Numbers the lattice of a tree that starts at a corner, and the next one, which starts there.
+    fn lattice(&mut self, lattice: &Lattice, corner: [i64; 3]) -> Result<u16> {
+        let number = self.contents.lattices.len();
+        // Two more are for what trees have in common.
+        if number + 4 > 1 << 16 {
+            return Err(Error::Request(format!("files on more than {} different lattices are more than one index takes", number / 2)));
+        }
+        self.contents.lattices.extend([[lattice.step, lattice.offset], [lattice.step, lattice.world(corner)]]);
+        self.corners.extend([corner; 2]);
+        Ok(number as u16)
     }
 
     fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
@@ -501,7 +518,7 @@ impl Builder<'_> {
     }
 
     /// From the deepest level up: open nodes of sibling cells come together and get parents, until one is left at the top.
-    fn join(&mut self, tree: &Tree, mut open: BTreeMap<(u32, u128), Vec<Open>>) -> Result<u32> {
+    fn join(&mut self, kind: &Kind, mut open: BTreeMap<(u32, u128), Vec<Open>>) -> Result<u32> {
         let deepest = open.keys().map(|&(depth, _)| depth).max().unwrap_or(0);
         for depth in (1..=deepest).rev() {
             let at_depth: Vec<_> = open.split_off(&(depth, 0)).into_iter().collect();
@@ -514,7 +531,7 @@ impl Builder<'_> {
             }
             for batch in joined.chunks_mut(4 * self.options.threads) {
                 self.progress.tick("joining", (deepest - depth) as u64, deepest as u64)?;
-                self.parents(tree, batch.iter_mut().map(|(_, nodes)| nodes).filter(|nodes| grow::gathered(nodes)).collect())?;
+                self.parents(kind, batch.iter_mut().map(|(_, nodes)| nodes).filter(|nodes| grow::gathered(nodes)).collect())?;
             }
             for (cell, nodes) in joined {
                 // A cell is above its chunks, so it holds none itself.
@@ -523,14 +540,36 @@ impl Builder<'_> {
         }
         let mut top = open.remove(&(0, 0)).unwrap_or_default();
         if top.len() > 1 {
-            self.parents(tree, vec![&mut top])?;
+            self.parents(kind, vec![&mut top])?;
         }
         Ok(top[0].node)
     }
 
+    /// One root above those of several trees, so that a view from afar need not show one of each.
+    fn unite(&mut self) -> Result<()> {
+        let records: Vec<_> = self.roots.iter().map(|&root| &self.nodes[root as usize].record).collect();
+        let Some((mut kind, order)) = unite::over(&records, &self.contents, self.options.derive) else { return Ok(()) };
+        kind.lattice_number = self.lattice(&kind.lattice, kind.corner)?;
+        let open = |&place: &usize| {
+            let node = self.roots[place];
+            Open { node, count: self.nodes[node as usize].record.count, samples: None }
+        };
+        let mut open: Vec<Open> = order.iter().map(open).collect();
+        while open.len() > 1 {
+            let mut lists = unite::lists(open);
+            for some in lists.chunks_mut(4 * self.options.threads) {
+                self.progress.tick("joining", 0, 1)?;
+                self.parents(&kind, some.iter_mut().filter(|list| list.len() > 1).collect())?;
+            }
+            open = lists.into_iter().flatten().collect();
+        }
+        self.roots = open.iter().map(|open| open.node).collect();
+        Ok(())
+    }
+
     /// Replaces each list of open nodes by their parent.
-    fn parents(&mut self, tree: &Tree, lists: Vec<&mut Vec<Open>>) -> Result<()> {
-        let (nodes, writer) = (&self.nodes, self.writer);
+    fn parents(&mut self, kind: &Kind, lists: Vec<&mut Vec<Open>>) -> Result<()> {
+        let (nodes, writer, corners, lattices) = (&self.nodes, self.writer, &self.corners, &self.contents.lattices);
         let made: Vec<(Vec<u8>, Built)> = lists
             .par_iter()
             .map(|open| {
@@ -538,11 +577,13 @@ impl Builder<'_> {
                     let record = &nodes[open.node as usize].record;
                     let mut planes = vec![0; record.bytes() as usize];
                     writer.get(record.at, &mut planes)?;
-                    Ok(Samples::unpack(record, tree.corner, &samples::within(record, &planes)))
+                    let samples = Samples::unpack(record, corners[record.lattice as usize], &samples::within(record, &planes));
+                    let is_own = record.lattice / 2 == kind.lattice_number / 2;
+                    Ok(if is_own { samples } else { samples.moved(&file::of_tree(record, lattices), &kind.lattice).completed(kind.has) })
                 };
                 let parts = open.iter().map(samples).collect::<Result<Vec<_>>>()?;
                 let mut planes = Vec::new();
-                let (built, _) = grow::parent(tree, open, |child| nodes[child as usize].record.spacing, parts, &mut planes);
+                let (built, _) = grow::parent(kind, open, |child| nodes[child as usize].record.spacing, parts, &mut planes);
                 Ok((planes, built))
             })
             .collect::<Result<_>>()?;

@@ -8,6 +8,7 @@
 //! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
 //! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
 
+use super::fault::Fault;
 use super::map::Map;
 use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
@@ -357,6 +358,8 @@ pub struct Index {
     identity: u64,
     /// How much of a light reaches its points, where somebody has saved that.
     pub marks: Option<Marks>,
+    /// For tests.
+    pub fault: Option<Fault>,
 }
 
 impl Index {
@@ -409,7 +412,7 @@ impl Index {
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
         let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
-        Ok(Index { map, directory, identity, marks: None })
+        Ok(Index { map, directory, identity, marks: None, fault: None })
     }
 
     pub fn path(&self) -> &Path {
@@ -429,11 +432,8 @@ impl Index {
     /// Where the tree of a node starts, in steps of its files' lattice.
     pub(super) fn corner(&self, node: &NodeRecord) -> [i64; 3] {
         let lattices = &self.directory.contents.lattices;
-        // Every tree has two lattices, one behind the other, that differ by nothing else.
-        let first = node.lattice as usize / 2 * 2;
-        let [step, offset] = lattices[first];
-        let [_, corner] = lattices[(first + 1).min(lattices.len() - 1)];
-        ((corner - offset) / step).round().to_array().map(|steps| steps as i64)
+        let [step, offset] = lattices[node.lattice as usize / 2 * 2];
+        ((of_tree(node, lattices).offset - offset) / step).round().to_array().map(|steps| steps as i64)
     }
 
     /// Bytes of the file.
@@ -485,6 +485,13 @@ pub fn lattice(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
     let [step, offset] = lattices[node.lattice as usize];
     let coarse = 2f64.powi(node.coarser as i32);
     Lattice { step: step * coarse, offset: offset + step * (coarse / 2.0).floor() }
+}
+
+/// The lattice that starts where the tree of a node does.
+pub fn of_tree(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
+    // Every tree has two lattices, one behind the other, that differ by nothing else.
+    let [step, offset] = lattices[(node.lattice as usize | 1).min(lattices.len() - 1)];
+    Lattice { step, offset }
 }
 
 /// As [`Index::bounds`].

@@ -126,6 +126,25 @@ impl<'f> Forest<'f> {
         Ok(Samples::unpack(record, corner, &of))
     }
 
+    /// Those of a node's children, in the order in which it was made of them; `corner` says where the tree of a node starts, `bring` may add to the samples of a child.
+    pub fn below(
+        &self,
+        node: usize,
+        corner: &dyn Fn(&NodeRecord) -> [i64; 3],
+        planes: &[Plane],
+        bring: &dyn Fn(usize, &mut Samples) -> Result<()>,
+    ) -> Result<Samples> {
+        let (own, lattices) = (self.record(node), &self.directory.contents.lattices);
+        let part = |child: usize| {
+            let record = self.record(child);
+            let mut samples = self.samples(child, corner(record), planes)?;
+            bring(child, &mut samples)?;
+            let [from, to] = [record, own].map(|record| file::of_tree(record, lattices));
+            Ok(if from == to { samples } else { samples.moved(&from, &to) })
+        };
+        Ok(Samples::together(&own.children().map(part).collect::<Result<Vec<_>>>()?))
+    }
+
     pub fn leaf(&self, node: usize) -> Result<Arc<Leaf>> {
         let kept = || self.kept.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         {

@@ -25,8 +25,7 @@ use crate::error::Result;
 const GATHERED: u64 = 4 * POINTS_PER_PAGE as u64;
 
 /// What all nodes of one tree have in common.
-pub struct Tree {
-    pub layout: Layout,
+pub struct Kind {
     /// The columns that nodes keep.
     pub has: Wanted,
     /// And those that they have room for.
@@ -38,6 +37,12 @@ pub struct Tree {
     pub lattice: Lattice,
     /// Of the file's lattice; the next is the one that rounded positions lie on.
     pub lattice_number: u16,
+}
+
+/// And what its points come as.
+pub struct Tree {
+    pub kind: Kind,
+    pub layout: Layout,
     /// Of every part.
     pub colors: Vec<Colors>,
 }
@@ -109,7 +114,7 @@ impl Worker {
         planes.reserve(self.records.len());
         let grown = Grown { planes, ..Grown::default() };
         let mut growth = Growth { tree, records: &self.records, station, intensities: &mut self.intensities, grown };
-        let open = growth.grow(&self.order, 3 * tree.bits - depth);
+        let open = growth.grow(&self.order, 3 * tree.kind.bits - depth);
         Ok(Grown { open, ..growth.grown })
     }
 }
@@ -147,12 +152,12 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
     }
 
     fn leaf(&mut self, order: &[u32]) -> Open {
-        let mut samples = self.tree.layout.read(self.records, order, self.tree.has, self.station);
+        let mut samples = self.tree.layout.read(self.records, order, self.tree.kind.has, self.station);
         if let Some(column) = &samples.intensity {
             self.intensities.resize(1 << 16, 0);
             column.iter().for_each(|&v| self.intensities[v as usize] += 1);
         }
-        let record = pack(self.tree, &mut samples, 0, &mut self.grown.planes);
+        let record = pack(&self.tree.kind, &mut samples, 0, &mut self.grown.planes);
         self.grown.nodes.push(Built { record, children: Vec::new() });
         Open { node: self.grown.nodes.len() as u32 - 1, count: samples.len() as u32, samples: Some(samples) }
     }
@@ -164,7 +169,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         let parts: Vec<Samples> =
             open.iter_mut().map(|open| open.samples.take().expect("samples of a chunk's open nodes are at hand")).collect();
         let nodes = &self.grown.nodes;
-        let (built, samples) = parent(self.tree, &open, |child| nodes[child as usize].record.spacing, parts, &mut self.grown.planes);
+        let (built, samples) = parent(&self.tree.kind, &open, |child| nodes[child as usize].record.spacing, parts, &mut self.grown.planes);
         self.grown.nodes.push(built);
         vec![Open { node: self.grown.nodes.len() as u32 - 1, count: samples.len() as u32, samples: Some(samples) }]
     }
@@ -172,11 +177,11 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
 
 /// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them. `spacing` is that of
 /// a node.
-pub fn parent(tree: &Tree, open: &[Open], spacing: impl Fn(u32) -> f64, parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
-    let Merged { mut samples, dropped, coarser } = merge(&Samples::concatenated(&parts), tree.has);
-    let mut record = pack(tree, &mut samples, coarser, planes);
+pub fn parent(kind: &Kind, open: &[Open], spacing: impl Fn(u32) -> f64, parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
+    let Merged { mut samples, dropped, coarser } = merge(&Samples::together(&parts), kind.has);
+    let mut record = pack(kind, &mut samples, coarser, planes);
     record.points = parts.iter().map(Samples::points).sum();
-    let widest = |axis: usize| tree.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32);
+    let widest = |axis: usize| kind.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32);
     // Beside sparse children a dense one may have been merged further than all of them together need: it is not finer here. And an index with an infinite
     // number would be refused.
     let own = widest(0).max(widest(1)).max(widest(2)).min(f64::MAX);
@@ -184,10 +189,10 @@ pub fn parent(tree: &Tree, open: &[Open], spacing: impl Fn(u32) -> f64, parts: V
     (Built { record, children: open.iter().map(|open| open.node).collect() }, samples)
 }
 
-fn pack(tree: &Tree, samples: &mut Samples, coarser: u32, planes: &mut Vec<u8>) -> NodeRecord {
-    samples.derived = Derived::room(tree.derive, samples.len());
-    let mut record = samples.pack(tree.corner, coarser, planes);
+fn pack(kind: &Kind, samples: &mut Samples, coarser: u32, planes: &mut Vec<u8>) -> NodeRecord {
+    samples.derived = Derived::room(kind.derive, samples.len());
+    let mut record = samples.pack(kind.corner, coarser, planes);
     samples.derived = Derived::default();
-    record.lattice = tree.lattice_number + (coarser > 0) as u16;
+    record.lattice = kind.lattice_number + (coarser > 0) as u16;
     record
 }

@@ -108,11 +108,13 @@ impl<'i> Writer<'i> {
             progress.tick("joining", (deepest - level) as u64, deepest as u64 + 1)?;
             let at_level: Vec<usize> = (0..nodes.len()).filter(|&node| nodes[node].level == level && !nodes[node].is_leaf()).collect();
             at_level.into_par_iter().try_for_each(|node| {
-                let corner = self.index.corner(&nodes[node]);
-                let parts =
-                    nodes[node].children().map(|child| forest.samples(child, corner, &[Plane::Weight])).collect::<Result<Vec<_>>>()?;
-                let below = nodes[node].children().map(|child| self.get(child)).collect::<Result<Vec<_>>>()?.concat();
-                let samples = Samples::concatenated(&parts);
+                // Marks go where their samples do, in the place of classes.
+                let mark = |child: usize, samples: &mut Samples| {
+                    samples.class = Some(self.get(child)?);
+                    Ok(())
+                };
+                let samples = forest.below(node, &|record| self.index.corner(record), &[Plane::Weight], &mark)?;
+                let below = samples.class.as_deref().unwrap_or_default();
                 let runs = merge::runs(&samples);
                 let own = runs.each(|run| {
                     let (sum, weights) = run.fold((0u64, 0u64), |(sum, weights), i| {

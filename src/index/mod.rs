@@ -12,6 +12,7 @@ pub mod cache;
 pub mod clusters;
 pub mod derive;
 pub mod exposure;
+pub mod fault;
 pub mod file;
 pub mod forest;
 mod grow;
@@ -30,5 +31,6 @@ mod sort;
 pub mod spacing;
 pub mod strokes;
 pub mod surroundings;
+mod unite;
 
 pub use organise::{Arrangement, Node, Organised, organise, shuffle};

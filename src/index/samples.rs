@@ -1,8 +1,12 @@
 //! Points, or samples that stand for several, as columns on a tree's lattice, in Morton order; and the planes that a node keeps of them.
 
 use super::file::{NodeRecord, PLANES, Plane};
+use super::morton;
+use crate::cloud::{Lattice, Wanted};
 use crate::config::BITS_PER_PLANE;
 use bytemuck::Zeroable;
+use glam::DVec3;
+use std::cmp::Ordering;
 
 /// The tree's lattice starts at its corner, so that coordinates need no sign; 32 bits hold any file's extent.
 pub type Cell = [u32; 3];
@@ -81,8 +85,68 @@ impl Derived {
 }
 
 impl Samples {
-    /// All of `parts`, one after the other; they have the same columns, but for weights.
-    pub fn concatenated(parts: &[Samples]) -> Samples {
+    /// All of `parts` in Morton order; they have the same columns, but for weights. Cells of one tree follow each other in it; what trees have in common may lie anywhere.
+    pub fn together(parts: &[Samples]) -> Samples {
+        let filled = || parts.iter().filter(|part| part.len() > 0);
+        let follows = |(before, after): (&Samples, &Samples)| morton::order(before.q[before.len() - 1], after.q[0]) != Ordering::Greater;
+        let all = Samples::concatenated(parts);
+        if filled().zip(filled().skip(1)).all(follows) { all } else { all.sorted() }
+    }
+
+    /// The same where another lattice counts them, as near as its steps are.
+    pub fn moved(mut self, from: &Lattice, to: &Lattice) -> Samples {
+        for q in &mut self.q {
+            let steps = (from.world(q.map(i64::from)) - to.offset) / to.step;
+            *q = steps.round().clamp(DVec3::ZERO, DVec3::splat(u32::MAX as f64)).to_array().map(|v| v as u32);
+        }
+        self.sorted()
+    }
+
+    /// With these columns: what is lacking is what a renderer would show for it, white, and 0 everywhere else.
+    pub fn completed(self, has: Wanted) -> Samples {
+        fn column<T: Clone>(own: Option<Vec<T>>, wanted: bool, lacking: T, points: usize) -> Option<Vec<T>> {
+            own.or_else(|| wanted.then(|| vec![lacking; points]))
+        }
+        let points = self.len();
+        Samples {
+            rgb: column(self.rgb, has.rgb, [255; 3], points),
+            intensity: column(self.intensity, has.intensity, 0, points),
+            class: column(self.class, has.class, 0, points),
+            returns: column(self.returns, has.returns, 0, points),
+            source: column(self.source, has.source, 0, points),
+            normal: column(self.normal, has.normal, [0; 3], points),
+            gps_time: column(self.gps_time, has.gps_time, 0.0, points),
+            ..self
+        }
+    }
+
+    /// In Morton order; of those in one place the order stays.
+    fn sorted(self) -> Samples {
+        fn column<T: Copy>(column: Option<Vec<T>>, order: &[u32]) -> Option<Vec<T>> {
+            column.map(|column| order.iter().map(|&i| column[i as usize]).collect())
+        }
+        let mut order: Vec<u32> = (0..self.len() as u32).collect();
+        order.sort_by(|&a, &b| morton::order(self.q[a as usize], self.q[b as usize]));
+        Samples {
+            q: order.iter().map(|&i| self.q[i as usize]).collect(),
+            rgb: column(self.rgb, &order),
+            intensity: column(self.intensity, &order),
+            class: column(self.class, &order),
+            returns: column(self.returns, &order),
+            source: column(self.source, &order),
+            normal: column(self.normal, &order),
+            gps_time: column(self.gps_time, &order),
+            weight: column(self.weight, &order),
+            derived: Derived {
+                facing: column(self.derived.facing, &order),
+                brush: column(self.derived.brush, &order),
+                corrected: column(self.derived.corrected, &order),
+            },
+        }
+    }
+
+    /// All of `parts`, one after the other.
+    fn concatenated(parts: &[Samples]) -> Samples {
         fn column<T: Clone>(parts: &[Samples], of: impl Fn(&Samples) -> &Option<Vec<T>>) -> Option<Vec<T>> {
             let there: Option<Vec<&[T]>> = parts.iter().map(|part| of(part).as_deref()).collect();
             there.map(|columns| columns.concat())

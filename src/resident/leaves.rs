@@ -31,7 +31,7 @@ impl Resident {
         gpu.residents += 1;
         Resident {
             serial: gpu.residents,
-            pool: Pool::new((bytes / PAGE_BYTES).min(u32::MAX as u64) as u32),
+            pool: Pool::new(gpu, (bytes / PAGE_BYTES).min(u32::MAX as u64) as u32),
             nodes: Vec::new(),
             shown: Shown::indexed(Attribute::White, [0.0; 2], [0, 255]),
             points: index.directory.contents.points,
@@ -84,15 +84,8 @@ impl Resident {
                 spacing: 0.0,
             });
         }
-        let mut pages = self.pool.all_mut();
-        let mut take = |page: u32| pages[page as usize].take().expect("a page belongs to one plane of one node");
-        let jobs: Vec<_> = (self.nodes.iter_mut().zip(nodes))
-            .map(|(held, &node)| {
-                let pages: Vec<&mut [u32]> = (0..held.planes).map(|plane| take(held.first_page + plane)).collect();
-                (held, node, pages)
-            })
-            .collect();
-        jobs.into_par_iter().try_for_each(|(held, node, pages)| {
+        let runs = self.nodes.iter_mut().zip(nodes).map(|(held, &node)| (held.first_page, held.planes, (held, node))).collect();
+        self.pool.write(gpu, runs, |(held, node), pages| {
             let record = &index.nodes()[node];
             // Checked where it can be read fast, and then copied to where it may not.
             let mut words = vec![0u32; (record.count as usize).min(POINTS_PER_PAGE as usize)];

@@ -1,6 +1,6 @@
 //! RESIDENT NODE BUFFERS: nodes in, pages that the GPU reads out.
 //!
-//! A page is one plane of one node: 65,536 words of 32 bits, in a [`pool`] of fixed pages, persistently mapped. A small cloud is organised in memory and is
+//! A page is one plane of one node: 65,536 words of 32 bits, in a [`pool`] of fixed pages. A small cloud is organised in memory and is
 //! resident as a whole ([`Resident::fill`]); the nodes of an index come and go ([`residency`]). Either way [`Resident::nodes`] is what a frame draws from.
 //!
 //! Shaders reach pages by device address, because storage buffer bindings may end at 128 MiB. A point's id is `number * points per page + i`, where `number`
@@ -10,6 +10,7 @@
 mod leaves;
 pub mod pool;
 pub mod residency;
+mod ring;
 pub mod section;
 
 pub use residency::Residency;
@@ -127,6 +128,18 @@ fn in_metres(cells: f64, lattice: &Lattice, frame: &Frame) -> f64 {
     cells * crate::cut::cell_steps(frame, 1) * lattice.step.abs().max_element()
 }
 
+/// Of a node's words, in the middle of the cell that the resident planes tell; the position itself where all of them are resident.
+fn position(node: &ResidentNode, words: &[u32], i: u32) -> DVec3 {
+    let Frame { origin, bits, planes, .. } = node.frame;
+    let cells = (0..node.planes).fold([0u64; 3], |cells, plane| {
+        let word = words[(plane * POINTS_PER_PAGE + i) as usize];
+        [0, 1, 2].map(|axis| cells[axis] << BITS_PER_PLANE | (word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1)) as u64)
+    });
+    let (missing, pad) = (BITS_PER_PLANE * (planes - node.planes), BITS_PER_PLANE * planes - bits);
+    let middle = (1u64 << missing) >> 1;
+    node.lattice.world([0, 1, 2].map(|axis| origin[axis] + (((cells[axis] << missing) + middle) >> pad) as i64))
+}
+
 /// Ids end before the one that means "no point".
 const MOST_NODES: u64 = NO_POINT as u64 / POINTS_PER_PAGE as u64;
 
@@ -149,7 +162,7 @@ impl Resident {
         let balance = if shown.coded { exposure::balance(&cloud) } else { None };
         let mut resident = Resident {
             serial: gpu.residents,
-            pool: Pool::new(u32::MAX),
+            pool: Pool::new(gpu, u32::MAX),
             nodes: Vec::new(),
             shown,
             points: 0,
@@ -191,19 +204,13 @@ impl Resident {
             self.nodes.push(ResidentNode { lattice: part.lattice, frame, count, number, first_page, planes: frame.planes, spacing: 0.0 });
         }
 
-        // Disjoint mutable pages for every node, so that nodes are packed in parallel straight into the mapped memory.
-        let mut pages = self.pool.all_mut();
-        let mut take = |page: u32| pages[page as usize].take().expect("a page belongs to one plane of one node");
-        let jobs: Vec<_> = self.nodes[first..]
+        let runs = self.nodes[first..]
             .iter_mut()
             .zip(&organised.nodes)
-            .map(|(node, range)| {
-                let pages: Vec<&mut [u32]> = (0..node.frame.planes + shown.words()).map(|page| take(node.first_page + page)).collect();
-                (node, range, pages)
-            })
+            .map(|(node, range)| (node.first_page, node.frame.planes + shown.words(), (node, range)))
             .collect();
         let done = std::sync::atomic::AtomicU64::new(self.points);
-        jobs.into_par_iter().try_for_each(|(node, range, mut pages)| {
+        self.pool.write(gpu, runs, |(node, range), mut pages| {
             let order = &organised.order[range.points.clone()];
             let words = |i| {
                 let mut words = shown.words_of(part, stations, first_station, i);
@@ -223,31 +230,38 @@ impl Resident {
     }
 
     /// World positions of all points of a small cloud, decoded from the pages, in the order of their ids.
-    pub fn positions(&self) -> impl Iterator<Item = DVec3> + '_ {
-        self.nodes.iter().flat_map(move |node| (0..node.count).map(move |i| self.position(node, i)))
+    pub fn positions(&self, gpu: &mut Gpu) -> Result<Vec<DVec3>> {
+        let mut positions = Vec::new();
+        self.look_at(gpu, &self.nodes.iter().collect::<Vec<_>>(), |node, words| {
+            positions.extend((0..node.count).map(|i| position(node, words, i)));
+        })?;
+        Ok(positions)
     }
 
-    /// In the middle of the cell that the resident planes tell; the position itself where all of them are resident.
-    fn position(&self, node: &ResidentNode, i: u32) -> DVec3 {
-        let Frame { origin, bits, planes, .. } = node.frame;
-        let words = self.pool.words(node.first_page);
-        let cells = (0..node.planes).fold([0u64; 3], |cells, plane| {
-            let word = words[(plane * POINTS_PER_PAGE + i) as usize];
-            [0, 1, 2]
-                .map(|axis| cells[axis] << BITS_PER_PLANE | (word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1)) as u64)
-        });
-        let (missing, pad) = (BITS_PER_PLANE * (planes - node.planes), BITS_PER_PLANE * planes - bits);
-        let middle = (1u64 << missing) >> 1;
-        node.lattice.world([0, 1, 2].map(|axis| origin[axis] + (((cells[axis] << missing) + middle) >> pad) as i64))
+    /// The pages of some nodes, one node after another.
+    fn look_at(&self, gpu: &mut Gpu, nodes: &[&ResidentNode], mut look: impl FnMut(&ResidentNode, &[u32])) -> Result<()> {
+        /// At once, so that copies of them stay small.
+        const NODES: usize = 16;
+        for nodes in nodes.chunks(NODES) {
+            let runs: Vec<_> = nodes.iter().map(|node| (node.first_page, node.planes + self.shown.words())).collect();
+            let words = self.pool.read(gpu, &runs)?;
+            nodes.iter().zip(&words).for_each(|(node, words)| look(node, words));
+        }
+        Ok(())
     }
 
     /// The point of an id, as far as what is resident tells.
-    pub fn point(&self, id: u32) -> Option<Point> {
+    pub fn point(&self, gpu: &mut Gpu, id: u32) -> Result<Option<Point>> {
         let (number, i) = (id / POINTS_PER_PAGE, id % POINTS_PER_PAGE);
-        let node = self.nodes.get(number as usize).filter(|node| i < node.count)?;
-        let words = self.pool.words(node.first_page);
+        let Some(node) = self.nodes.get(number as usize).filter(|node| i < node.count) else { return Ok(None) };
+        let mut found = None;
+        self.look_at(gpu, &[node], |node, words| found = Some(self.point_of(node, words, i)))?;
+        Ok(found)
+    }
+
+    fn point_of(&self, node: &ResidentNode, words: &[u32], i: u32) -> Point {
         let word = |further: u32| words[((node.planes + further) * POINTS_PER_PAGE + i) as usize];
-        Some(Point { position: self.position(node, i), exact: node.planes == node.frame.planes, kind: self.shown.kind().map(word) })
+        Point { position: position(node, words, i), exact: node.planes == node.frame.planes, kind: self.shown.kind().map(word) }
     }
 
     /// Handles of the pool's blocks for one frame.

@@ -6,7 +6,8 @@
 //!   ask for what is missing: roots first, then by how wrong the picture is without it, at most UPLOAD_BYTES at a time
 //!     where the pool is full, evict what was drawn least recently and is not in the cut
 //!   draw each node of the cut; a missing one by its children, if they are all there, else by its nearest resident ancestor, and then nothing else of that
-//! Roots stay, so that there is always an ancestor. A node that cannot be read is said once and left to its parent or its children ([`cut::choose`]).
+//! Roots stay, so that there is always an ancestor. A node that cannot be read is said once and left to its parent or its children ([`cut::choose`]); so is one that
+//! nobody has brought in time, which is drawn once it comes. Where the loader itself has ended, another one goes on.
 //!
 //! [`Residency::settle`] repeats that until the cut is complete: the picture then depends on view, detail and pool alone, not on what was drawn before.
 //!
@@ -17,7 +18,7 @@ use super::pool::{PAGE_BYTES, Pages, Pool};
 use super::{Resident, ResidentNode, in_metres};
 use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
-use crate::config::UPLOAD_BYTES;
+use crate::config::{PATIENCE, UPLOAD_BYTES};
 use crate::cut::{self, Cut, Detail};
 use crate::error::{Error, Result};
 use crate::gpu::memory::Window;
@@ -94,11 +95,12 @@ impl Update {
 pub struct Residency {
     resident: Resident,
     index: Arc<Index>,
-    // Before the pool is freed: its thread writes there.
     loader: Loader,
     /// Answers published, and those heard.
-    published: Arc<Timeline>,
+    published: Arc<Published>,
     heard: u64,
+    /// The node that it was last said of that it does not come.
+    stalled: Option<usize>,
     entries: HashMap<usize, Entry>,
     unreadable: HashSet<usize>,
     /// Pages that a submission may still read.
@@ -113,6 +115,23 @@ pub struct Residency {
     unsaid: Update,
 }
 
+/// Answers of the loader so far, counted where the frame looks.
+struct Published {
+    count: AtomicU64,
+    timeline: Timeline,
+}
+
+impl Published {
+    fn loader(self: &Arc<Published>, index: &Arc<Index>, shown: Shown) -> Result<Loader> {
+        let published = self.clone();
+        let publish = move || {
+            // A device that is lost is said by the frame.
+            let _ = published.timeline.signal(published.count.fetch_add(1, Relaxed) + 1);
+        };
+        Loader::start(index.clone(), shown, publish)
+    }
+}
+
 struct Mapped(Window);
 
 impl Destination for Mapped {
@@ -124,19 +143,15 @@ impl Destination for Mapped {
 impl Residency {
     /// `pool_bytes` of device memory at most.
     pub fn open(gpu: &mut Gpu, index: Arc<Index>, shown: Shown, pool_bytes: u64) -> Result<Residency> {
-        let published = Arc::new(Timeline::new(&gpu.device, &gpu.memory.alive, "loaded")?);
-        let (counter, count) = (published.clone(), AtomicU64::new(0));
-        let publish = move || {
-            // A device that is lost is said by the frame.
-            let _ = counter.signal(count.fetch_add(1, Relaxed) + 1);
-        };
-        let loader = Loader::start(index.clone(), shown, publish)?;
+        let timeline = Timeline::new(&gpu.device, &gpu.memory.alive, "loaded")?;
+        let published = Arc::new(Published { count: AtomicU64::new(0), timeline });
+        let loader = published.loader(&index, shown)?;
         // Point ids number at most so many nodes, and each has two pages or more.
         let budget = (pool_bytes / PAGE_BYTES).min(2 * super::MOST_NODES) as u32;
         gpu.residents += 1;
         let resident = Resident {
             serial: gpu.residents,
-            pool: Pool::new(budget),
+            pool: Pool::new(gpu, budget),
             nodes: Vec::new(),
             shown,
             points: index.directory.contents.points,
@@ -154,6 +169,7 @@ impl Residency {
             loader,
             published,
             heard: 0,
+            stalled: None,
             entries: HashMap::new(),
             unreadable: HashSet::new(),
             retired: Vec::new(),
@@ -212,8 +228,13 @@ impl Residency {
             if update.is_complete() {
                 return Ok(Update { errors: whole.errors, bytes_read: whole.bytes_read, evicted: whole.evicted, ..update });
             }
+            if self.pages_coming == 0 && self.resident.pool.is_landing() {
+                gpu.catch_up()?;
+                continue;
+            }
             if self.pages_coming > 0 {
-                if let Some(answer) = self.loader.wait(Duration::from_millis(100))? {
+                // Whoever has ended is heard of at the next step.
+                if let Ok(Some(answer)) = self.loader.wait(Duration::from_millis(100)) {
                     self.take_in(answer);
                     stuck = 0;
                 }
@@ -232,6 +253,8 @@ impl Residency {
     /// Ends the loader and gives the memory back.
     pub fn free(self, gpu: &mut Gpu) {
         drop(self.loader);
+        // A thread that hangs has its own hold on it.
+        self.published.timeline.end();
         self.resident.free(gpu);
     }
 
@@ -241,6 +264,7 @@ impl Residency {
             self.entries.get_mut(node).expect("what is drawn is resident").read_by = gpu.submitted;
         }
         self.hear()?;
+        self.resident.pool.land(gpu)?;
         self.reclaim(gpu)?;
         let (cut, budget) = self.fitting(view, detail, fall_back);
         let mut update = Update { cut, budget, ..std::mem::take(&mut self.unsaid) };
@@ -271,13 +295,35 @@ impl Residency {
     }
 
     fn hear(&mut self) -> Result<()> {
-        let published = self.published.value()?;
+        let published = self.published.timeline.value()?;
         while self.heard < published || self.loader.has_ended() {
-            match self.loader.answer()? {
-                Some(answer) => self.take_in(answer),
-                None => break,
+            match self.loader.answer() {
+                Ok(Some(answer)) => self.take_in(answer),
+                Ok(None) => break,
+                Err(ended) => {
+                    self.unsaid.errors.push(ended.to_string());
+                    return self.begin_again();
+                }
             }
         }
+        let stalled = self.loader.stalled();
+        if let Some(node) = stalled.filter(|_| stalled != self.stalled) {
+            let (path, waited) = (self.index.path().display(), PATIENCE.as_secs_f64());
+            self.unsaid.errors.push(format!("{path}: node {node} has not come within {waited} s; what is there is drawn until it does"));
+        }
+        self.stalled = stalled;
+        Ok(())
+    }
+
+    /// Another loader in place of one that has ended, and with it whatever was on its way.
+    fn begin_again(&mut self) -> Result<()> {
+        for run in self.entries.values_mut().filter_map(|entry| entry.coming.take()) {
+            self.resident.pool.close(run.first_page, false);
+            self.retired.push((run, 0));
+        }
+        self.pages_coming = 0;
+        self.loader = self.published.loader(&self.index, self.resident.shown)?;
+        self.heard = self.published.timeline.value()?;
         Ok(())
     }
 
@@ -286,6 +332,7 @@ impl Residency {
         let entry = self.entries.get_mut(&node).expect("what is with the loader has an entry");
         let run = entry.coming.take().expect("an answer for every destination");
         self.pages_coming -= run.pages;
+        self.resident.pool.close(run.first_page, matches!(outcome, Outcome::Done(_)));
         match outcome {
             Outcome::Done(read) => {
                 let before = entry.here.replace(run);
@@ -392,7 +439,13 @@ impl Residency {
                 continue;
             }
             let Some(first_page) = self.take(gpu, pages, want.needed, &protected, &mut victims, update)? else { continue };
-            let window = self.resident.pool.window(gpu, first_page, pages);
+            if !self.resident.pool.open(gpu, first_page, pages)? {
+                // Nothing smaller slips in before, as above.
+                self.resident.pool.pages.give(first_page, pages);
+                enough = true;
+                continue;
+            }
+            let window = self.resident.pool.window(first_page, pages);
             let run = Run { first_page, planes: want.planes, pages };
             self.entries.entry(want.node).or_default().coming = Some(run);
             self.pages_coming += pages;

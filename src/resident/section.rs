@@ -2,9 +2,11 @@
 //!
 //! Only what is drawn is asked: points that opacities or clip boxes leave out are left out here, and of an index there are the nodes of the last picture.
 
-use super::{Point, Resident};
+use super::{Point, Resident, position};
 use crate::clip::Left;
 use crate::config::POINTS_PER_PAGE;
+use crate::error::Result;
+use crate::graph::Gpu;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
@@ -66,26 +68,26 @@ impl Slab {
 }
 
 impl Resident {
-    pub fn section(&self, slab: &Slab) -> Section {
+    pub fn section(&self, gpu: &mut Gpu, slab: &Slab) -> Result<Section> {
         let factors = self.opacities.table(&self.stations);
         let opaque = |kind: u32| {
             let [class, number, station] = [kind & 255, 256 + (kind >> 8 & 15), 272 + (kind >> 16)].map(|at| factors.get(at as usize));
             [class, number, station].into_iter().flatten().all(|factor| *factor > 0.0)
         };
-        let points = self.nodes.par_iter().filter(|node| slab.meets(node.bounds())).flat_map_iter(|node| {
-            let words = self.pool.words(node.first_page);
-            let left = self.clips.left(node.bounds());
-            (0..node.count).filter(move |_| left != Left::Nothing).filter_map(move |i| {
-                let position = self.position(node, i);
-                let place = slab.place(position)?;
-                let word = |further: u32| words[((node.planes + further) * POINTS_PER_PAGE + i) as usize];
-                let kind = self.shown.kind().map(word);
-                let is_there = (left == Left::Everything || self.clips.keep(position)) && kind.is_none_or(opaque);
-                let point = Point { position, exact: node.planes == node.frame.planes, kind };
-                is_there.then(|| Found { point, shown: word(0), place })
-            })
-        });
-        Section { points: points.collect(), resident: self.nodes.iter().map(|node| node.count as u64).sum(), all: self.points }
+        let met: Vec<_> =
+            self.nodes.iter().filter(|node| slab.meets(node.bounds()) && self.clips.left(node.bounds()) != Left::Nothing).collect();
+        let mut points = Vec::new();
+        self.look_at(gpu, &met, |node, words| {
+            let whole = self.clips.left(node.bounds()) == Left::Everything;
+            let found = (0..node.count).into_par_iter().filter_map(|i| {
+                let place = slab.place(position(node, words, i))?;
+                let point = self.point_of(node, words, i);
+                let is_there = (whole || self.clips.keep(point.position)) && point.kind.is_none_or(opaque);
+                is_there.then(|| Found { point, shown: words[(node.planes * POINTS_PER_PAGE + i) as usize], place })
+            });
+            points.par_extend(found);
+        })?;
+        Ok(Section { points, resident: self.nodes.iter().map(|node| node.count as u64).sum(), all: self.points })
     }
 }
 

@@ -117,7 +117,7 @@ fn error(gpu: &mut Gpu, view: &View, resident: &Resident, configuration: &Config
     let marks: &[u8] = frame.read(&counts);
     let ids = resident.nodes.iter().flat_map(|node| (0..node.count).map(|i| (node.number * POINTS_PER_PAGE + i) as usize));
     let (mut squares, mut half_shadows, mut off, mut all) = (0.0, 0.0f64, 0.0, 0.0f64);
-    for (p, id) in resident.positions().zip(ids) {
+    for (p, id) in resident.positions(gpu)?.into_iter().zip(ids) {
         // The ends of the edge are no line.
         if p.x.abs() > 1.5 || p.y.abs() > 1.5 {
             continue;

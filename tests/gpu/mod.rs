@@ -24,14 +24,16 @@ use std::sync::{Mutex, OnceLock};
 pub enum Way {
     Compute64,
     Compute32,
+    /// As `Compute64`, on a device most of whose memory the CPU cannot write to.
+    Unmapped,
 }
 
 pub const WAYS: [Way; 2] = [Way::Compute64, Way::Compute32];
 
 /// Runs `work` on the process's device. Without a Vulkan device, or without its validation layers, the test fails.
 pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
-    static DEVICES: [OnceLock<Mutex<Gpu>>; 2] = [const { OnceLock::new() }; 2];
-    let wish = Wish { validate: true, no_int64_atomics: way == Way::Compute32, ..Wish::default() };
+    static DEVICES: [OnceLock<Mutex<Gpu>>; 3] = [const { OnceLock::new() }; 3];
+    let wish = Wish { validate: true, no_int64_atomics: way == Way::Compute32, unmapped: way == Way::Unmapped, ..Wish::default() };
     let device =
         DEVICES[way as usize].get_or_init(|| Mutex::new(Gpu::open(&wish).expect("tests need a Vulkan 1.3 device with validation layers")));
     // A test that failed while holding the device left nothing half done on it: submissions are waited for.

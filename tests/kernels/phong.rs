@@ -78,7 +78,7 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
         shown.further.normal = true;
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
         let steps = |world: DVec3| (world / lattice.step).round().to_array().map(|v| v as i32);
-        let words: Vec<u32> = resident.positions().map(|world| of_place[&steps(world)]).collect();
+        let words: Vec<u32> = resident.positions(gpu).unwrap().into_iter().map(|world| of_place[&steps(world)]).collect();
         for size in SIZES {
             for view in views(size) {
                 let light = Light::Direction(DVec3::new(1.0, 2.0, -1.5));

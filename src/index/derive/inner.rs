@@ -6,23 +6,23 @@
 //! luminance   mean in linear light, as of other colours
 //! ```
 
-use super::super::file::Plane;
+use super::super::file::{NodeRecord, Plane};
 use super::super::forest::Forest;
 use super::super::merge::{self, Runs};
 use super::super::normals::eigen;
-use super::super::samples::{Derived, Samples};
+use super::super::samples::Derived;
 use super::super::strokes;
 use crate::cloud::octahedral;
 use crate::error::Result;
 use glam::DVec3;
 use std::ops::Range;
 
-/// `corner` is where the tree's lattice starts, in steps of the file's.
-pub fn node(forest: &Forest, node: usize, corner: [i64; 3], planes: &[Plane], oriented: bool) -> Result<Derived> {
-    let record = &forest.directory.nodes[node];
+/// `corners`: of every lattice where its tree starts, steps.
+pub fn node(forest: &Forest, node: usize, corners: &[[i64; 3]], planes: &[Plane], oriented: bool) -> Result<Derived> {
     let wanted: Vec<Plane> = planes.iter().copied().chain([Plane::Weight]).collect();
-    let parts = record.children().map(|child| forest.samples(child, corner, &wanted)).collect::<Result<Vec<_>>>()?;
-    let below = Samples::concatenated(&parts);
+    let corner_of = |record: &NodeRecord| corners[record.lattice as usize];
+    let below = forest.below(node, &corner_of, &wanted, &|_, _| Ok(()))?;
+    let corner = corner_of(&forest.directory.nodes[node]);
     let runs = merge::runs(&below);
     let own = forest.samples(node, corner, &[])?;
     let facing = below.derived.facing.as_deref().map(|below| {

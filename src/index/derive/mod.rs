@@ -152,7 +152,7 @@ impl Work<'_> {
         let oriented = forest.directory.contents.oriented;
         let of_node = |&node: &usize| {
             let record = &nodes[node];
-            let derived = inner::node(forest, node, self.corners[record.lattice as usize], &self.planes(record), oriented)?;
+            let derived = inner::node(forest, node, self.corners, &self.planes(record), oriented)?;
             self.put_all(record, node, &derived)
         };
         let crcs = at_level.par_iter().map(of_node).collect::<Result<Vec<_>>>()?;

@@ -1,0 +1,43 @@
+//! What goes wrong for whoever reads an index on a thread of its own, so that tests can force what follows.
+
+use std::str::FromStr;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum How {
+    /// While a node is read.
+    Panic,
+    /// The node is never read to its end.
+    Hang,
+    /// The thread ends, between two nodes.
+    End,
+}
+
+/// `panic:3`: at the third node that a thread reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fault {
+    how: How,
+    node: u64,
+}
+
+impl Fault {
+    /// What goes wrong at this node, counted from 1.
+    pub fn at(&self, node: u64) -> Option<How> {
+        (self.node == node).then_some(self.how)
+    }
+}
+
+impl FromStr for Fault {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Fault, String> {
+        let (how, node) = text.split_once(':').unwrap_or_default();
+        let how = match how {
+            "panic" => Some(How::Panic),
+            "hang" => Some(How::Hang),
+            "end" => Some(How::End),
+            _ => None,
+        };
+        let fault = how.and_then(|how| Some(Fault { how, node: node.parse().ok()? }));
+        fault.ok_or(format!("{text:?} is not panic:N, hang:N or end:N"))
+    }
+}

@@ -1,0 +1,66 @@
+//! Trees on lattices of their own in, what stands above them out: one lattice for all, and which of them get a parent together.
+//!
+//! Leaves stay on the lattices of their files, to the last bit. Above the trees nothing is exact: samples are means of many points. So there a lattice will do that spans all of
+//! the cloud in 2^30 steps, finer than anything that is drawn from so far away, and whatever stands above the trees is made as inner nodes are. Without it a view of a thousand files
+//! that were each given an offset of their own shows a thousand roots, however small it is.
+//!
+//! ```text
+//! roots in the Morton order of the middles of their boxes; as many of them, one after the other, as hold G samples get a parent; the same of those parents, until there is one
+//! ```
+
+use super::file::{self, Contents, NodeRecord, Plane};
+use super::grow::{self, Kind, Open};
+use super::morton;
+use super::samples::{Cell, Derive};
+use crate::cloud::{Lattice, Wanted};
+use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
+use glam::DVec3;
+
+/// Steps of the common lattice, as a power of two: samples of all of the cloud fit their planes.
+const BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
+
+/// What nodes above these roots are like, but for the number of their lattice, and the order of the roots; none where there is one root, or where no lattice of finite numbers holds them all.
+pub fn over(roots: &[&NodeRecord], contents: &Contents, derive: Derive) -> Option<(Kind, Vec<usize>)> {
+    let [low, high] = contents.bounds.filter(|_| roots.len() > 1)?;
+    let widest = contents.lattices.iter().map(|[step, _]| step.abs().max_element()).fold(0.0, f64::max);
+    // Without an extent of its own a cloud has at least a step of its files.
+    let side = (high - low).max_element().max(widest);
+    // A step more than the cloud is wide, so that what is rounded up is still below 2^30.
+    let step = side / ((1u64 << BITS) - 2) as f64;
+    if !step.is_normal() || !(low.abs().max(high.abs()) + side).is_finite() {
+        return None;
+    }
+    let lattice = Lattice { step: DVec3::splat(step), offset: low };
+    let middle = |root: &NodeRecord| -> Cell {
+        let (a, b) = file::bounds(root, &contents.lattices);
+        (((a / 2.0 + b / 2.0) - low) / step).to_array().map(|v| v as u32)
+    };
+    let middles: Vec<Cell> = roots.iter().map(|root| middle(root)).collect();
+    let mut order: Vec<usize> = (0..roots.len()).collect();
+    order.sort_by(|&a, &b| morton::order(middles[a], middles[b]).then(a.cmp(&b)));
+    let some = |plane: Plane| roots.iter().any(|root| root.has(plane));
+    let has = Wanted {
+        rgb: some(Plane::Rgb),
+        intensity: some(Plane::Intensity),
+        class: some(Plane::Class),
+        returns: some(Plane::Returns),
+        source: some(Plane::Source),
+        normal: some(Plane::Normal),
+        gps_time: some(Plane::GpsTime),
+    };
+    // Nobody knows the luminance of what has no colours.
+    let derive = Derive { luminance: derive.luminance && roots.iter().all(|root| root.has(Plane::Corrected)), ..derive };
+    Some((Kind { has, derive, corner: [0; 3], bits: BITS, lattice, lattice_number: 0 }, order))
+}
+
+/// Open nodes, in their order, that are to get a parent together.
+pub fn lists(open: Vec<Open>) -> Vec<Vec<Open>> {
+    let mut lists: Vec<Vec<Open>> = vec![Vec::new()];
+    for open in open {
+        if grow::gathered(lists.last().expect("one is open")) {
+            lists.push(Vec::new());
+        }
+        lists.last_mut().expect("one is open").push(open);
+    }
+    lists
+}

@@ -1,0 +1,112 @@
+//! STAGING RING: where the CPU writes pages of a pool that it cannot map, and from where the device copies them to their places.
+//!
+//!   open: as many slots, side by side, as a run has pages; whoever writes has them
+//!   close: nobody writes there any more; what was written waits for the next submission
+//!   land: one submission copies all that wait. Frames follow it in the same queue, so they find the pages written, and nobody waits
+//! Slots are free again when the device has passed that submission. There are twice as many as the loader may have under way, so that it writes while the device copies.
+
+use super::pool::{PAGE_BYTES, Pages};
+use crate::config::{PAGES_PER_BLOCK, UPLOAD_BYTES};
+use crate::error::Result;
+use crate::gpu::memory::RawBuffer;
+use crate::gpu::{BufferDesc, Place};
+use crate::graph::{Gpu, Graph, Handle};
+use std::collections::{BTreeMap, HashMap};
+
+const SLOTS: u32 = (2 * UPLOAD_BYTES / PAGE_BYTES) as u32;
+
+/// Slots side by side, and the page that the first of them is for.
+#[derive(Clone, Copy)]
+struct Run {
+    page: u32,
+    slot: u32,
+    count: u32,
+}
+
+pub struct Ring {
+    slots: Pages,
+    /// One buffer, once somebody has written.
+    memory: Vec<RawBuffer>,
+    /// By their first page.
+    open: HashMap<u32, Run>,
+    written: Vec<Run>,
+    /// With the submission that copies them.
+    landing: Vec<(Run, u64)>,
+}
+
+impl Default for Ring {
+    fn default() -> Ring {
+        Ring { slots: Pages::new(SLOTS), memory: Vec::new(), open: HashMap::new(), written: Vec::new(), landing: Vec::new() }
+    }
+}
+
+impl Ring {
+    pub fn open(&mut self, gpu: &mut Gpu, page: u32, count: u32) -> Result<bool> {
+        if self.memory.is_empty() {
+            let desc = BufferDesc { bytes: PAGE_BYTES * SLOTS as u64, place: Place::Upload };
+            self.memory.push(gpu.memory.buffer(&gpu.device, desc, "ring")?);
+        }
+        if self.is_landing() {
+            let passed = gpu.passed.value()?;
+            self.landing.retain(|(run, submission)| {
+                let landed = *submission <= passed;
+                if landed {
+                    self.slots.give(run.slot, run.count);
+                }
+                !landed
+            });
+        }
+        let slot = self.slots.take(count);
+        self.open.extend(slot.map(|slot| (page, Run { page, slot, count })));
+        Ok(slot.is_some())
+    }
+
+    /// Where an open run is written to: the memory, and the first of its slots.
+    pub fn place(&self, page: u32) -> (&RawBuffer, u32) {
+        (&self.memory[0], self.open[&page].slot)
+    }
+
+    pub fn memory_mut(&mut self) -> &mut [RawBuffer] {
+        &mut self.memory
+    }
+
+    pub fn close(&mut self, page: u32, written: bool) {
+        let run = self.open.remove(&page).expect("closed once, after it was opened");
+        if written {
+            self.written.push(run);
+        } else {
+            self.slots.give(run.slot, run.count);
+        }
+    }
+
+    /// Copies all that has been written to its pages in `blocks`.
+    pub fn land(&mut self, gpu: &mut Gpu, blocks: &[RawBuffer]) -> Result<()> {
+        if self.written.is_empty() {
+            return Ok(());
+        }
+        let mut parts = BTreeMap::<u32, Vec<[u64; 3]>>::new();
+        for run in &self.written {
+            let [from, to, bytes] = [run.slot, run.page % PAGES_PER_BLOCK, run.count].map(|pages| PAGE_BYTES * pages as u64);
+            parts.entry(run.page / PAGES_PER_BLOCK).or_default().push([from, to, bytes]);
+        }
+        let mut g = Graph::new(gpu);
+        let ring = g.import("ring", &self.memory[0]);
+        let mut reached = Vec::new();
+        for (block, parts) in parts {
+            let mut block = g.import("pages", &blocks[block as usize]);
+            g.copy_parts("land pages", &ring, &mut block, parts);
+            reached.push(block.resource());
+        }
+        let submission = g.leave(&reached)?;
+        self.landing.extend(self.written.drain(..).map(|run| (run, submission)));
+        Ok(())
+    }
+
+    pub fn is_landing(&self) -> bool {
+        !self.landing.is_empty()
+    }
+
+    pub fn into_memory(self) -> Vec<RawBuffer> {
+        self.memory
+    }
+}
