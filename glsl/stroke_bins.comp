@@ -5,7 +5,7 @@
 // A stroke lies within the box around its square's corners on the screen. Points are looked for beyond the picture's edges, too: the view has a margin.
 //
 // A stroke is three texels of four words, as a pixel looks at it: with `off` from its centre, pixels, w = 1 + dot(turning, off), (u, v) = (dot(across, off), dot(along, off)) / w
-//   centre, turning      across, along      depth; point; roots of colour and number of the brush; whether it has a second layer
+//   centre, turning      across, along      depth; point; roots of colour and number of the brush; how opaque its point is, less than 0 where it has a second layer
 // They lie in the list once for every tile, so that tiles read them one after the other.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
@@ -20,6 +20,9 @@
 
 layout(constant_id = 5) const uint STEP = 0u;
 layout(constant_id = 7) const uint MODE = 0u;
+// Not all points are opaque; and whether it takes their kinds to tell.
+layout(constant_id = 8) const bool TRANSPARENT = false;
+layout(constant_id = 9) const bool BY_KIND = false;
 
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
 
@@ -44,6 +47,7 @@ layout(rgba32ui) readonly uniform uimageBuffer table;
 
 #include "project.glsl"
 #include "paint.glsl"
+#include "kind.glsl"
 
 // As pixels look at it: the point `i` of node `n`.
 uvec4[3] stroke_of(Canvas canvas, Home home, uint n, uint i, uint facing, uint brush) {
@@ -51,6 +55,8 @@ uvec4[3] stroke_of(Canvas canvas, Home home, uint n, uint i, uint facing, uint b
     ivec3 cells = ivec3(0);
     for (uint p = 0u; p < home.planes; ++p) cells = (cells << 10) | unpack_cells(plane.word[p * POINTS_PER_PAGE + i]);
     uint shown = MODE == CONSTANT ? 0u : plane.word[home.planes * POINTS_PER_PAGE + i];
+    uint kind = BY_KIND ? plane.word[(home.planes + canvas.kind) * POINTS_PER_PAGE + i] : 0u;
+    float opacity = TRANSPARENT ? opacity_of(kind) : 1.0;
     vec3 d = vec3(cells - nodes.node[n].nearest);
     float depth = row(nodes.node[n].row_z, d);
     float deep = PERSPECTIVE ? depth : 1.0;
@@ -71,7 +77,7 @@ uvec4[3] stroke_of(Canvas canvas, Home home, uint n, uint i, uint facing, uint b
     vec2 across = (t.xy - turning * vec2(dot_of(t, ray))) * vec2(sides.x);
     vec2 along = (b.xy - turning * vec2(dot_of(b, ray))) * vec2(sides.y);
     vec3 roots = sqrt(max(painted(shown, canvas.lo, canvas.ramp).rgb, vec3(0.0)));
-    uvec4 rest = uvec4(floatBitsToUint(depth), nodes.node[n].first_point + i, pack_roots(roots, facing >> 24), brush & SMALL_CLUSTER);
+    uvec4 rest = uvec4(floatBitsToUint(depth), nodes.node[n].first_point + i, pack_roots(roots, facing >> 24), floatBitsToUint((brush & SMALL_CLUSTER) == 0u ? opacity : -opacity));
     return uvec4[3](floatBitsToUint(vec4(off + canvas.middle, turning)), floatBitsToUint(vec4(across, along)), rest);
 }
 

@@ -1,8 +1,6 @@
-// Fragments of a pixel -> its colour: the nearest over those behind it, linear (HARD_CASES 17).
+// Fragments of a pixel -> its colour: the nearest over those behind it.
 //
-//   EXACT      the nearest that has not been blended is looked for, until there is none
-//   otherwise  they have been brought into order, as many as are to be blended
-// Either stops where what is left of the light can change nothing.
+// The nearest that has not been blended is looked for, until there is none, or what is left of the light can change nothing.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -11,8 +9,6 @@
 #include "canvas.glsl"
 
 layout(local_size_x = 64) in;
-
-layout(constant_id = 0) const bool EXACT = true;
 
 layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
 // The first tile, and the one after the last.
@@ -24,22 +20,8 @@ layout(scalar) readonly buffer Fragments { uvec2 fragment[]; } fragments;
 layout(rgba32f) writeonly uniform image2D color;
 
 layout(push_constant, scalar) uniform Push {
-    uint top;  // first row of the band in the picture
-    uint most; // fragments that are blended
+    uint top; // first row of the band in the picture
 } push;
-
-// Of 1: what is behind changes no 8-bit colour.
-const float LEAST = 0.001953125;
-
-bool shows(vec4 sum) {
-    return 1.0 - sum.a >= LEAST;
-}
-
-vec4 over(vec4 sum, uint fragment) {
-    float light = (1.0 - sum.a) * coverage_of(fragment);
-    vec3 roots = roots_of(fragment);
-    return vec4(sum.rgb + roots * roots * vec3(light), sum.a + light);
-}
 
 void main() {
     Canvas canvas = canvases.canvas[0];
@@ -52,28 +34,22 @@ void main() {
     uint start = starts.word[place * 64u + lane];
     uint end = starts.word[place * 64u + lane + 1u];
     vec4 sum = vec4(0.0);
-
-    if (EXACT) {
-        uvec2 last = uvec2(0u);
-        uint left = end - start;
-        while (left > 0u && shows(sum)) {
-            uvec2 next = uvec2(0xFFFFFFFFu);
-            // How often it is there: strokes may coincide.
-            uint times = 0u;
-            for (uint k = start; k < end; ++k) {
-                uvec2 own = fragments.fragment[k];
-                bool later = before(last, own);
-                bool nearer = later && before(own, next);
-                times = nearer ? 1u : times + (later && own == next ? 1u : 0u);
-                next = nearer ? own : next;
-            }
-            for (uint k = 0u; k < times && shows(sum); ++k) sum = over(sum, next.x);
-            last = next;
-            left -= times;
+    uvec2 last = uvec2(0u);
+    uint left = end - start;
+    while (left > 0u && shows(sum)) {
+        uvec2 next = uvec2(0xFFFFFFFFu);
+        // How often it is there: strokes may coincide.
+        uint times = 0u;
+        for (uint k = start; k < end; ++k) {
+            uvec2 own = fragments.fragment[k];
+            bool later = before(last, own);
+            bool nearer = later && before(own, next);
+            times = nearer ? 1u : times + (later && own == next ? 1u : 0u);
+            next = nearer ? own : next;
         }
-    } else {
-        uint last = start + min(push.most, end - start);
-        for (uint k = start; k < last && shows(sum); ++k) sum = over(sum, fragments.fragment[k].x);
+        for (uint k = 0u; k < times && shows(sum); ++k) sum = over(sum, next.x);
+        last = next;
+        left -= times;
     }
     imageStore(color, ivec2(pixel.x, pixel.y + push.top), sum);
 }

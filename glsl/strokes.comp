@@ -4,8 +4,8 @@
 //     a stroke is a square in the plane of its point's normal; a pixel's ray meets it at (u, v) of it, at a depth
 //     how much it covers there, its brush says (stroke_brush)
 //
-//   keys       of what covers enough, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
-//   fragments  colour and coverage, depth, of everything that covers a pixel at all; or, while COUNTED, how many
+//   keys       of what covers enough, however opaque, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
+//   fragments  colour, coverage times the point's opacity, and depth, of everything that covers a pixel at all; or, while COUNTED, how many
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -98,7 +98,7 @@ void main() {
             float alpha = coverage(uv, brush);
             vec3 roots = roots_of(rest.z);
             // Detail in two layers: a smaller stroke across the first, a little lighter or darker.
-            for (bool second = rest.w != 0u; second; second = false) {
+            for (bool second = rest.w >> 31 != 0u; second; second = false) {
                 float upper = coverage(vec2(-uv.y, uv.x) * vec2(1.5), brush ^ 0xA5u);
                 float shade = (brush & 1u) == 0u ? 1.08 : 0.92;
                 roots = roots * vec3(1.0 - upper) + min(roots * vec3(shade), vec3(1.0)) * vec3(upper);
@@ -108,10 +108,10 @@ void main() {
             bool seen = z > 0.0;
             front = seen && alpha >= hides && nearer(key, front) ? key : front;
             if (FRAGMENTS != 0u) {
-                uint opacity = uint(alpha * 255.0 + 0.5);
-                seen = seen && opacity > 0u;
+                uint covers = uint(alpha * abs(uintBitsToFloat(rest.w)) * 255.0 + 0.5);
+                seen = seen && covers > 0u;
                 veil = seen && nearer(key, veil) ? key : veil;
-                if (FRAGMENTS == KEPT && seen) fragments.fragment[start + count] = uvec2(pack_roots(roots, opacity), BY_STROKE ? rest.x : key.y);
+                if (FRAGMENTS == KEPT && seen) fragments.fragment[start + count] = uvec2(pack_roots(roots, covers), BY_STROKE ? rest.x : key.y);
                 count += seen ? 1u : 0u;
             }
         }

@@ -112,9 +112,11 @@ mod painted {
     use pointillist::cloud::attribute::Shown;
     use pointillist::cloud::{self, ReadOptions};
     use pointillist::frame;
-    use pointillist::graph::Graph;
-    use pointillist::look::{self, Style, Wishes};
+    use pointillist::graph::{Gpu, Graph};
+    use pointillist::look::{self, Look, Style, Wishes};
+    use pointillist::opacity::Opacities;
     use pointillist::passes::Effects;
+    use pointillist::passes::resolve::linear_to_srgb;
     use pointillist::passes::strokes::Facts;
     use pointillist::resident::Resident;
     use pointillist::study::mesh::Mesh;
@@ -127,20 +129,34 @@ mod painted {
         facts: Facts,
     }
 
+    fn resident(gpu: &mut Gpu, cloud: &Cloud) -> Resident {
+        let (mut shown, _) = Shown::automatic(cloud);
+        (shown.further.strokes, shown.further.kind) = (true, true);
+        Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap()
+    }
+
+    fn look(view: &View, resident: &Resident, effect: &str) -> Look {
+        let mut wishes = Wishes { effects: Effects::of(Style::Strokes), background: [0; 3], ..Wishes::default() };
+        [effect, "edl=off"].iter().for_each(|effect| wishes.effects.set(effect).unwrap());
+        look::decide(&wishes, view, resident)
+    }
+
     fn paint(cloud: &Cloud, view: &View, effect: &str) -> Painted {
+        paint_through(cloud, view, effect, &[])
+    }
+
+    /// Where some points are not opaque.
+    fn paint_through(cloud: &Cloud, view: &View, effect: &str, opacities: &[&str]) -> Painted {
         gpu::with(gpu::Way::Compute64, |gpu| {
-            let (mut shown, _) = Shown::automatic(cloud);
-            shown.further.strokes = true;
-            let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
-            let mut wishes = Wishes { effects: Effects::of(Style::Strokes), background: [0; 3], ..Wishes::default() };
-            [effect, "edl=off"].iter().for_each(|effect| wishes.effects.set(effect).unwrap());
-            let look = look::decide(&wishes, view, &resident);
+            let mut resident = resident(gpu, cloud);
+            resident.opacities = Opacities(opacities.iter().map(|rule| rule.parse().unwrap()).collect());
+            let look = look(view, &resident, effect);
             let mut g = Graph::new(gpu);
             let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
             let [picture, depth] = [&outcome.picture, &outcome.layers.depth].map(|image| g.download(image));
             let frame = g.submit(&[]).expect("drawn, and no validation message");
             let painted =
-                Painted { picture: frame.read(&picture).to_vec(), depth: frame.read(&depth).to_vec(), facts: outcome.strokes.unwrap() };
+                Painted { picture: frame.read(&picture).to_vec(), depth: frame.read(&depth).to_vec(), facts: outcome.strokes.unwrap().facts };
             frame.shelve(gpu);
             resident.free(gpu);
             painted
@@ -180,6 +196,110 @@ mod painted {
         }
         let settled = paint(&cloud, &view, "strokes=on,blend=abuffer,sort=bubble");
         assert!(bits(&settled.picture) == bits(&exact.picture), "a sorted picture is the sorted picture");
+    }
+
+    /// A frame of a picture at rest.
+    struct Frame {
+        picture: Vec<[f32; 4]>,
+        /// Strokes were looked for, and their fragments counted and made.
+        painted: bool,
+        /// More frames would change nothing.
+        settled: bool,
+        facts: Facts,
+    }
+
+    fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, effect: &str, at_once: Option<u32>) -> Frame {
+        let look = Look { strokes_at_once: at_once, ..look(view, resident, effect) };
+        let mut g = Graph::new(gpu);
+        let outcome = frame::record(&mut g, view, resident, &look).unwrap();
+        let (picture, strokes) = (g.download(&outcome.picture), outcome.strokes.unwrap());
+        let frame = g.submit(&[]).expect("drawn, and no validation message");
+        let drawn = Frame {
+            picture: frame.read(&picture).to_vec(),
+            painted: frame.passes.iter().any(|(name, _)| name == "strokes"),
+            settled: strokes.unordered.is_none_or(|unordered| frame.read::<u32>(&unordered)[0] == 0),
+            facts: strokes.facts,
+        };
+        frame.shelve(gpu);
+        drawn
+    }
+
+    /// As a window draws them, until one is settled.
+    fn rest(gpu: &mut Gpu, view: &View, resident: &Resident, effect: &str, at_once: u32) -> Vec<Frame> {
+        let mut frames: Vec<Frame> = Vec::new();
+        while frames.last().is_none_or(|frame| !frame.settled) {
+            assert!(frames.len() < 1000, "frames never stop");
+            frames.push(draw(gpu, view, resident, effect, Some(at_once)));
+        }
+        frames
+    }
+
+    #[test]
+    fn hard_16_at_rest_every_frame_is_nearer_to_the_exact_sort_and_the_last_one_is_it() {
+        let (cloud, view) = torus(6000);
+        gpu::with(gpu::Way::Compute64, |gpu| {
+            let resident = resident(gpu, &cloud);
+            for effect in ["strokes=on", "strokes=on,order=stroke,brush=bristles", "strokes=on,sort=bubble,passes=5"] {
+                let exact = draw(gpu, &view, &resident, effect, None);
+                for at_once in [1, 4] {
+                    let frames = rest(gpu, &view, &resident, effect, at_once);
+                    let errors: Vec<f64> = frames.iter().map(|frame| error(&frame.picture, &exact.picture)).collect();
+                    println!("{effect}, {at_once} a frame, {} fragments in a pixel at most: {errors:.5?}", exact.facts.deepest);
+                    assert!(errors.windows(2).all(|pair| pair[1] < pair[0]), "{effect}: {errors:?}");
+                    assert!(frames.len() > 1 && frames.len() <= exact.facts.deepest.div_ceil(at_once) as usize);
+                    assert!(bits(&frames.last().unwrap().picture) == bits(&exact.picture), "{effect}, {at_once}");
+                    // Counted and painted once, and known from then on.
+                    assert!(frames.iter().enumerate().all(|(number, frame)| frame.painted == (number == 0)), "{effect}, {at_once}");
+                    let counts = |facts: &Facts| (facts.listed, facts.fragments, facts.deepest, facts.parts);
+                    assert!(frames.iter().all(|frame| counts(&frame.facts) == counts(&exact.facts)), "{effect}, {at_once}");
+                    // A frame more, for another panel's sake, changes nothing; what follows begins anew.
+                    let more = draw(gpu, &view, &resident, effect, Some(at_once));
+                    assert!(!more.painted && more.settled && bits(&more.picture) == bits(&exact.picture), "{effect}, {at_once}");
+                    assert!(draw(gpu, &view, &resident, "strokes=on,noise=7", Some(1)).painted);
+                }
+            }
+            resident.free(gpu);
+        });
+    }
+
+    #[test]
+    fn an_a_buffer_is_kept_while_view_points_and_settings_stay() {
+        let (cloud, view) = torus(6000);
+        gpu::with(gpu::Way::Compute64, |gpu| {
+            let mut resident = resident(gpu, &cloud);
+            let other = View::new(Camera { eye: view.camera.eye + DVec3::new(0.1, 0.0, 0.0), ..view.camera }, view.size).unwrap();
+            let smaller = View::new(view.camera, [80, 60]).unwrap();
+            let effect = "strokes=on";
+            let settled = |gpu: &mut Gpu, resident: &Resident, view: &View, effect: &str| {
+                let frames = rest(gpu, view, resident, effect, 6);
+                assert!(bits(&frames.last().unwrap().picture) == bits(&draw(gpu, view, resident, effect, None).picture), "{effect}");
+                frames[0].painted
+            };
+            assert!(settled(gpu, &resident, &view, effect), "the first time");
+            assert!(!settled(gpu, &resident, &view, effect), "nothing has changed");
+            // What does not change a fragment.
+            assert!(!settled(gpu, &resident, &view, "strokes=on,radius=5,memory=600"));
+            // Strokes that hide each other, as while the camera moves, leave what is kept alone.
+            draw(gpu, &other, &resident, "strokes=on,blend=blur", Some(6));
+            assert!(!settled(gpu, &resident, &view, effect));
+            for view in [&other, &smaller, &view] {
+                assert!(settled(gpu, &resident, view, effect), "another view");
+            }
+            for effect in ["strokes=on,size=2", "strokes=on,order=stroke", "strokes=on,tangents=eberly", effect] {
+                assert!(settled(gpu, &resident, &view, effect), "{effect}");
+            }
+            resident.opacities = Opacities(vec!["0.5".parse().unwrap()]);
+            assert!(settled(gpu, &resident, &view, effect), "other opacities");
+            resident.opacities = Opacities::default();
+            assert!(settled(gpu, &resident, &view, effect), "and back");
+            resident.nodes[0].count -= 1;
+            assert!(settled(gpu, &resident, &view, effect), "a point less");
+            // More than the memory allowed is not kept, but painted whole, part by part.
+            let parts = draw(gpu, &view, &resident, "strokes=on,size=6,memory=1", Some(1));
+            assert!(parts.facts.parts > 1 && parts.settled, "{:?}", parts.facts);
+            assert!(bits(&parts.picture) == bits(&draw(gpu, &view, &resident, "strokes=on,size=6", None).picture));
+            resident.free(gpu);
+        });
     }
 
     #[test]
@@ -285,10 +405,61 @@ mod painted {
                 let mut effects = Effects::default();
                 effects.set(&effect).unwrap();
                 let painted = paint(&cloud, &view, &effect);
-                let truth = oracle::paint(&view, &effects.strokes.settings, part, &found);
+                let truth = oracle::paint(&view, &effects.strokes.settings, part, &found, &|_| 1.0);
                 let agreement = oracle::compare(&truth, &painted.picture, &painted.depth);
                 println!("{effect} {:?}: {agreement:?}", camera.projection);
                 assert!(agreement.pixels > 500 && agreement.color_off == 0 && agreement.depth_off == 0, "{effect}: {agreement:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn strokes_that_let_light_through_agree_with_f64() {
+        let cloud = scene(Scene::NestedTori, 1500, 0.0);
+        let part = &cloud.parts[0];
+        let (found, class) = (strokes(&part.columns, &part.lattice, &Silent).unwrap(), part.columns.class.as_ref().unwrap());
+        let size = [67, 53];
+        let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), size), size).unwrap();
+        let effect = "strokes=on,blend=abuffer,size=1.5";
+        let mut effects = Effects::default();
+        effects.set(effect).unwrap();
+        let opaque = paint(&cloud, &view, effect);
+        for (rules, opacity) in [
+            (&["0.5"][..], (|_| 0.5) as fn(u8) -> f64),
+            (&["class:3=0.3", "class:2=0.6"], |class| [1.0, 1.0, 0.6, 0.3][class as usize]),
+            (&["class:3=0", "0.25"], |class| if class == 3 { 0.0 } else { 0.25 }),
+        ] {
+            let painted = paint_through(&cloud, &view, effect, rules);
+            let truth = oracle::paint(&view, &effects.strokes.settings, part, &found, &|i| opacity(class[i]));
+            let agreement = oracle::compare(&truth, &painted.picture, &painted.depth);
+            println!("{rules:?}: {agreement:?}");
+            assert!(agreement.pixels > 500 && agreement.color_off == 0 && agreement.depth_off == 0, "{rules:?}: {agreement:?}");
+            assert!(error(&painted.picture, &opaque.picture) > 0.05, "{rules:?} shows");
+        }
+    }
+
+    /// Half black over white is 188 of 255, and of strokes behind each other each lets through what those before it leave; coverages have 8 bits.
+    #[test]
+    fn hard_17_strokes_let_light_through_linearly() {
+        // Sheets of points, one behind the other, all black, painted with strokes too small to touch.
+        let sheets = |count: i32| {
+            let mut cloud = scene(Scene::Plane, 2000, 0.0);
+            let axis = |of: fn(i32) -> i32| (0..400 * count).map(of).collect::<Vec<i32>>();
+            let (x, y, z) = (axis(|k| 1000 * (k % 20)), axis(|k| 1000 * (k / 20 % 20)), axis(|k| 20_000 * (k / 400)));
+            cloud.parts[0].columns = Columns { rgb: Some(vec![[0; 3]; x.len()]), x, y, z, ..Columns::default() };
+            cloud
+        };
+        for (count, opacity) in [(1, 0.5f64), (4, 0.5), (7, 0.1), (40, 0.02)] {
+            let cloud = sheets(count);
+            let view = View::new(Camera::framing(Preset::Top, &cloud.core_points(), [200, 200]), [200, 200]).unwrap();
+            let painted = paint_through(&cloud, &view, "strokes=on,size=0.3,noise=0", &[&opacity.to_string()]);
+            let most = painted.picture.iter().map(|pixel| pixel[3] as f64).fold(0.0, f64::max);
+            let truth = 1.0 - (1.0 - opacity).powi(count);
+            println!("{count} strokes of {opacity}: {most:.4} of the light taken, {truth:.4} is true");
+            assert!((most - truth).abs() <= count as f64 / 510.0 + 1.0 / 512.0, "{count} strokes of {opacity}: {most}, not {truth}");
+            if count == 1 {
+                let white = 255.0 * linear_to_srgb(1.0 - most);
+                assert!((white - 188.0).abs() <= 1.0, "{white} of 255");
             }
         }
     }

@@ -15,6 +15,7 @@ struct Canvas {
     float lengthen;   // how much of a cluster's length its strokes take on
     vec2 reach;       // where a brush ends, from its middle, parts of a side
     uint word;        // the first of the point's two, counted after the position planes
+    uint kind;        // the one of its kind, where points bring it
     uint tangents;
     float hides;      // coverage that hides what is behind
     float lo;         // attribute words at the ends of the ramp

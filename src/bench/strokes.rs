@@ -140,7 +140,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, style: Style, effect: &
     let picture = g.download(&outcome.picture);
     let frame = g.submit(&[])?;
     assert!(!frame.read::<f32>(&picture).is_empty());
-    let facts = outcome.strokes.unwrap_or_default();
+    let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();
     let ms = frame.ms("") + facts.counting_ms;
     frame.shelve(gpu);
     Ok((ms, facts.fragments))

@@ -29,9 +29,9 @@ pub fn layers(g: &mut Graph, view: &View) -> Resolved {
 pub struct Paint {
     pub(super) shown: Buffer,
     /// Where points say of what kind they are.
-    kinds: Option<Buffer>,
+    pub(super) kinds: Option<Buffer>,
     /// Where not all points are opaque.
-    opacities: Option<Buffer>,
+    pub(super) opacities: Option<Buffer>,
     pub(super) table: Buffer,
     /// Of its rows ([`exposure::gains`]).
     pub(super) gains: Vec<f64>,

@@ -10,12 +10,13 @@
 //!   blend=abuffer:
 //!     strokes        how many fragments each pixel has; read back
 //!     strokes        the fragments
-//!     stroke_sort    brings one more of them into order, a pass; or
-//!     stroke_blend   fragments -> color, sorted there and then
+//!     stroke_blend   fragments -> color, sorted there and then; or
+//!     stroke_sort    the same step by step, a fragment of each pixel at a time; over several frames, where the A-buffer is kept
 //! ```
 //! No list has a fixed size: each is as long as was counted, and where that is more than the memory allowed the picture is painted in parts, which changes no pixel. Points are looked for around the picture,
 //! too, as far as strokes reach: a wider view of the same camera is walked over, and the picture is its middle.
 
+mod abuffer;
 pub mod brush;
 
 use super::project::{self, Band, Drawn, Precision};
@@ -25,7 +26,8 @@ use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::resident::Resident;
 use crate::shader::{self, Canvas, Home, stroke_bins, stroke_blend, stroke_blur, stroke_brush, stroke_sort};
-use crate::view::{Projection, View};
+use crate::view::{Camera, Projection, View};
+use abuffer::Abuffer;
 use brush::{Bristles, Brush};
 use std::ops::Range;
 
@@ -196,6 +198,17 @@ pub struct Facts {
     pub counting_ms: f64,
 }
 
+impl Facts {
+    /// Of an A-buffer that is kept, what later frames say of it.
+    fn notes(&self) -> [u64; 4] {
+        [self.listed, self.fragments, self.deepest as u64, self.bytes]
+    }
+
+    fn of([listed, fragments, deepest, bytes]: [u64; 4]) -> Facts {
+        Facts { listed, fragments, deepest: deepest as u32, parts: 1, bytes, counting_ms: 0.0 }
+    }
+}
+
 impl std::fmt::Display for Facts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
@@ -213,6 +226,13 @@ impl std::fmt::Display for Facts {
     }
 }
 
+/// A painted picture.
+pub struct Painted {
+    pub facts: Facts,
+    /// Where its strokes are brought into order over several frames, and these are not all of them: a word to be read after the frame, not 0 where order would still change a pixel.
+    pub unordered: Option<Buffer>,
+}
+
 /// A frame whose points are painted.
 pub struct Painting<'f> {
     /// Wider than the picture by the margin, on all sides.
@@ -221,13 +241,23 @@ pub struct Painting<'f> {
     resident: &'f Resident,
     decided: &'f Decided,
     settings: Settings,
+    /// Fragments of a pixel that this frame brings into order beside those that are.
+    at_once: Option<u32>,
     /// Blended colours of the whole picture.
     blended: Option<Image>,
+    unordered: Option<Buffer>,
     facts: Facts,
 }
 
-/// None where points are not painted.
-pub fn begin<'f>(g: &mut Graph, view: &'f View, resident: &'f Resident, effects: &Effects, decided: &'f Decided) -> Result<Option<Painting<'f>>> {
+/// None where points are not painted. Of each pixel's fragments `at_once` at most are brought into order beside those that frames before this one have; all, where nothing is said.
+pub fn begin<'f>(
+    g: &mut Graph,
+    view: &'f View,
+    resident: &'f Resident,
+    effects: &Effects,
+    decided: &'f Decided,
+    at_once: Option<u32>,
+) -> Result<Option<Painting<'f>>> {
     if !decided.runs("strokes") {
         return Ok(None);
     }
@@ -237,7 +267,7 @@ pub fn begin<'f>(g: &mut Graph, view: &'f View, resident: &'f Resident, effects:
     let settings = effects.strokes.settings;
     let blended = (settings.blend == Blend::Abuffer).then(|| g.image("blended", view.size, Kind::Rgba32f));
     let wide = widened(view, margin(&settings));
-    Ok(Some(Painting { wide, view, resident, decided, settings, blended, facts: Facts::default() }))
+    Ok(Some(Painting { wide, view, resident, decided, settings, at_once, blended, unordered: None, facts: Facts::default() }))
 }
 
 fn margin(settings: &Settings) -> u32 {
@@ -250,15 +280,21 @@ fn widened(view: &View, margin: u32) -> View {
 }
 
 /// What the passes of one submission share.
-struct Desk {
+struct Desk<'p> {
     drawn: Drawn,
     homes: Buffer,
     canvas: Buffer,
-    paint: Paint,
+    paint: &'p Paint,
     turns: Buffer,
     brushes: Buffer,
     band: Band,
     tiles: [u32; 2],
+}
+
+/// Tiles in a row that are painted at once, and of an A-buffer, tile by tile, how many fragments each of their pixels has.
+struct Part {
+    tiles: Range<u32>,
+    fragments: Vec<u32>,
 }
 
 /// Tiles in a row, the list of their strokes, and how long it is.
@@ -268,50 +304,128 @@ struct Bins {
     tiles: Range<u32>,
 }
 
-impl Bins {
-    fn groups(&self) -> Tiles<'static> {
-        groups(self.tiles.len() as u32)
-    }
-}
-
 fn groups(tiles: u32) -> Tiles<'static> {
     Tiles::Groups([tiles.min(GROUPS_A_ROW), tiles.div_ceil(GROUPS_A_ROW), 1])
 }
 
 impl Painting<'_> {
     /// Keys of a band, as those of [`project::record`]; and its part of the blended colours.
-    pub fn record(&mut self, g: &mut Graph, band: Band) -> Result<Buffer> {
-        let listed = self.tally(g, band)?;
-        self.facts.listed += listed.iter().map(|&count| count as u64).sum::<u64>();
-        let room = ((self.settings.memory * 1048576.0) as u64 / 2).min(g.binding_limit());
-        let desk = self.lay(g, band)?;
-        let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
-        for tiles in parts(&listed, room / PLACE_BYTES, 0) {
-            if self.settings.blend == Blend::Abuffer {
-                let fragments = self.count(g, band, &listed, tiles.clone())?;
-                let per_tile: Vec<u32> = fragments.chunks(TILE_PIXELS).map(|tile| tile.iter().sum()).collect();
-                for part in parts(&per_tile, room / FRAGMENT_BYTES, tiles.start) {
-                    let first = (part.start - tiles.start) as usize * TILE_PIXELS;
-                    let fragments = &fragments[first..first + part.len() * TILE_PIXELS];
-                    let bins = self.bins(g, &desk, &listed, part)?;
-                    self.blend(g, &desk, &bins, fragments, &mut keys)?;
-                }
-            } else {
-                let bins = self.bins(g, &desk, &listed, tiles)?;
-                let (starts, mut counts, mut fragments) = (g.upload("starts", &[0u32])?, g.buffer("counts", 4), g.buffer("fragments", 8));
-                self.strokes(g, &desk, &bins, &starts, Kept::Nothing, [&mut keys, &mut counts, &mut fragments]);
-                self.note(bins.strokes.desc.bytes);
-            }
+    pub fn record(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Buffer> {
+        let made_of = self.at_once.filter(|_| self.blended.is_some() && band.size == self.view.size).map(|_| self.made_of(paint));
+        if let Some(made_of) = &made_of
+            && let Some(notes) = abuffer::held(g, made_of)
+        {
+            self.facts = Facts::of(notes);
+            return self.go_on(g, paint, band, made_of);
         }
+        let listed = self.tally(g, band)?;
+        let parts = self.parts(g, band, &listed)?;
+        let desk = self.lay(g, band, paint)?;
+        self.paint(g, &desk, &listed, &parts, made_of.as_deref())
+    }
+
+    /// What is painted at once: all, unless that takes more memory than is allowed.
+    fn parts(&mut self, g: &mut Graph, band: Band, listed: &[u32]) -> Result<Vec<Part>> {
+        self.facts.listed += listed.iter().map(|&count| count as u64).sum::<u64>();
+        let room = self.room(g);
+        let mut all = Vec::new();
+        for tiles in parts(listed, room / PLACE_BYTES, 0) {
+            if self.blended.is_none() {
+                all.push(Part { tiles, fragments: Vec::new() });
+                continue;
+            }
+            let counts = self.count(g, band, listed, tiles.clone())?;
+            let per_tile: Vec<u32> = counts.chunks(TILE_PIXELS).map(|tile| tile.iter().sum()).collect();
+            all.extend(parts(&per_tile, room / FRAGMENT_BYTES, tiles.start).into_iter().map(|part| {
+                let first = (part.start - tiles.start) as usize * TILE_PIXELS;
+                Part { fragments: counts[first..first + part.len() * TILE_PIXELS].to_vec(), tiles: part }
+            }));
+        }
+        Ok(all)
+    }
+
+    /// Bytes that lists may have, and fragments.
+    fn room(&self, g: &Graph) -> u64 {
+        ((self.settings.memory * 1048576.0) as u64 / 2).min(g.binding_limit())
+    }
+
+    /// Strokes in the lists, and their fragments laid over each other. What is counted for `made_of` is kept, where all of it is painted at once.
+    fn paint(&mut self, g: &mut Graph, desk: &Desk, listed: &[u32], parts: &[Part], made_of: Option<&[u64]>) -> Result<Buffer> {
+        let room = self.room(g);
+        let kept = made_of.filter(|_| parts.len() == 1 && self.size(desk.band).fits(room));
+        let mut keys = None;
+        for part in parts {
+            let bins = self.bins(g, desk, listed, part.tiles.clone())?;
+            self.note(bins.strokes.desc.bytes + abuffer::bytes(part.fragments.iter().map(|&count| count as u64).sum()));
+            let mut abuffer = match kept {
+                Some(made_of) => {
+                    let (kept, abuffer) = self.keep(g, desk.band, made_of, Some(&part.fragments))?;
+                    keys = Some(kept);
+                    abuffer
+                }
+                None => Abuffer::new(g, &part.fragments, self.most())?,
+            };
+            let keys = keys.get_or_insert_with(|| g.buffer("keys", 8 * desk.band.size[0] as u64 * desk.band.size[1] as u64));
+            let (what, mut counts) = (if self.blended.is_some() { Kept::Fragments } else { Kept::Nothing }, g.buffer("counts", 4));
+            self.strokes(g, desk, &bins, &abuffer.starts, what, [keys, &mut counts, &mut abuffer.fragments]);
+            self.blend(g, &desk.canvas, desk.band.top, &bins.part, part.tiles.len() as u32, abuffer, kept.is_some())?;
+        }
+        Ok(keys.expect("a picture has a part"))
+    }
+
+    /// What frames before this one have painted, a few fragments more of it in order.
+    fn go_on(&mut self, g: &mut Graph, paint: &Paint, band: Band, made_of: &[u64]) -> Result<Buffer> {
+        let canvas = g.upload("canvas", &[self.canvas(band, paint)])?;
+        let [across, down] = tiles(band.size);
+        let part = g.upload("part", &[0, across * down])?;
+        let (keys, abuffer) = self.keep(g, band, made_of, None)?;
+        self.blend(g, &canvas, band.top, &part, across * down, abuffer, true)?;
         Ok(keys)
     }
 
-    /// Blended colours in place of those of the nearest points; what painting took.
-    pub fn cover(self, resolved: &mut Resolved) -> Facts {
+    fn keep(&self, g: &mut Graph, band: Band, made_of: &[u64], counted: Option<&[u32]>) -> Result<(Buffer, Abuffer)> {
+        let made_of = [made_of, &self.facts.notes()].concat();
+        let last = self.most().min(self.facts.deepest).max(1);
+        let more = self.at_once.unwrap_or(last).max(1);
+        abuffer::keep(g, &made_of, &self.size(band), counted, |ordered| ordered.saturating_add(more).min(last))
+    }
+
+    fn size(&self, band: Band) -> abuffer::Size {
+        let ([width, height], [across, down]) = (band.size.map(u64::from), tiles(band.size).map(u64::from));
+        abuffer::Size { pixels: width * height, in_tiles: across * down * TILE_PIXELS as u64, fragments: self.facts.fragments }
+    }
+
+    /// Fragments of a pixel that are brought into order before the rest is left out.
+    fn most(&self) -> u32 {
+        match (self.settings.sort, self.settings.passes as u32) {
+            (Sort::Exact, _) | (Sort::Bubble, 0) => u32::MAX,
+            (Sort::Bubble, passes) => passes,
+        }
+    }
+
+    /// All that fragments depend on.
+    fn made_of(&self, paint: &Paint) -> Vec<u64> {
+        let Settings { brush: _, blend, sort: _, order, tangents, size: _, amplitude: _, gamma: _, sigma_x: _, sigma_y: _, dev: _, gaussians: _, noise, long, largest, passes: _, memory: _, radius: _ } =
+            self.settings;
+        let Bristles { size, amplitude, gamma, sigma_x, sigma_y, dev, gaussians } = Bristles::of(&self.settings);
+        let View { camera, size: pixels, whole, corner, basis: _ } = self.view;
+        let Camera { eye, target, up, fov_y, projection, ortho_height } = camera;
+        let numbers = [size, amplitude, gamma, sigma_x, sigma_y, dev, noise, long, largest, *fov_y, ortho_height.unwrap_or(0.0)];
+        let places = [eye, target, up].map(|place| place.to_array()).concat();
+        let of_points = self.resident.opacities.table(&self.resident.stations).into_iter().map(f64::from).chain(paint.gains.iter().copied());
+        let factors: Vec<u64> = of_points.chain(paint.ramp.map(f64::from)).map(f64::to_bits).collect();
+        let choices = [blend as u64, order as u64, tangents as u64, gaussians as u64, *projection as u64, paint.mode as u64, factors.len() as u64];
+        let shape = [*pixels, *whole, corner.map(|at| at as u32)].concat();
+        let numbers = numbers.into_iter().chain(places).map(f64::to_bits);
+        choices.into_iter().chain(shape.into_iter().map(u64::from)).chain(numbers).chain(factors).chain(self.resident.identity()).collect()
+    }
+
+    /// Blended colours in place of those of the nearest points.
+    pub fn cover(self, resolved: &mut Resolved) -> Painted {
         if let Some(blended) = self.blended {
             resolved.color = blended;
         }
-        self.facts
+        Painted { facts: self.facts, unordered: self.unordered }
     }
 
     fn note(&mut self, bytes: u64) {
@@ -319,13 +433,12 @@ impl Painting<'_> {
         self.facts.bytes = self.facts.bytes.max(bytes);
     }
 
-    fn lay(&self, g: &mut Graph, band: Band) -> Result<Desk> {
+    fn lay<'p>(&self, g: &mut Graph, band: Band, paint: &'p Paint) -> Result<Desk<'p>> {
         // All planes: positions are read by two passes, which have to agree.
         let drawn = project::draw(g, &self.wide, self.resident, Precision::Planes(crate::config::POSITION_PLANES))?;
         let homes: Vec<Home> = self.resident.homes().into_iter().map(|(page, planes)| Home { page, planes }).collect();
         let homes = g.upload("homes", &homes)?;
-        let paint = resolve::paint(g, self.resident, self.decided)?;
-        let canvas = g.upload("canvas", &[self.canvas(band, &paint)])?;
+        let canvas = g.upload("canvas", &[self.canvas(band, paint)])?;
         let turns = g.upload("turns", &brush::turns(self.settings.noise))?;
         let brushes = self.brushes(g, &turns)?;
         Ok(Desk { drawn, homes, canvas, paint, turns, brushes, band, tiles: tiles(band.size) })
@@ -352,6 +465,7 @@ impl Painting<'_> {
             lengthen: long as f32,
             reach: bristles.reach(least, noise).map(|reach| reach as f32),
             word: self.resident.shown.strokes().expect("begin has looked"),
+            kind: self.resident.shown.kind().unwrap_or(0),
             tangents: tangents as u32,
             hides: HIDES,
             lo: paint.ramp[0],
@@ -382,8 +496,9 @@ impl Painting<'_> {
 
     /// Of every tile of a band, how many strokes may touch it.
     fn tally(&mut self, g: &mut Graph, band: Band) -> Result<Vec<u32>> {
-        let mut counting = Graph::new(g.gpu);
-        let desk = self.lay(&mut counting, band)?;
+        let mut counting = g.before();
+        let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
+        let desk = self.lay(&mut counting, band, &paint)?;
         let count = desk.tiles[0] * desk.tiles[1];
         let part = counting.upload("part", &[0, count])?;
         let (mut tallies, mut strokes) = (counting.buffer("tallies", 4 * count as u64), counting.buffer("stroke list", PLACE_BYTES));
@@ -399,8 +514,9 @@ impl Painting<'_> {
 
     /// Of every pixel of some tiles, tile by tile, how many fragments it has.
     fn count(&mut self, g: &mut Graph, band: Band, listed: &[u32], tiles: Range<u32>) -> Result<Vec<u32>> {
-        let mut counting = Graph::new(g.gpu);
-        let desk = self.lay(&mut counting, band)?;
+        let mut counting = g.before();
+        let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
+        let desk = self.lay(&mut counting, band, &paint)?;
         let bins = self.bins(&mut counting, &desk, listed, tiles.clone())?;
         let starts = counting.upload("starts", &[0u32])?;
         let mut counts = counting.buffer("counts", 4 * tiles.len() as u64 * TILE_PIXELS as u64);
@@ -418,7 +534,7 @@ impl Painting<'_> {
 
     /// Which strokes may touch each of some tiles.
     fn bins(&self, g: &mut Graph, desk: &Desk, listed: &[u32], tiles: Range<u32>) -> Result<Bins> {
-        let starts = sums(&listed[tiles.start as usize..tiles.end as usize]);
+        let starts = abuffer::sums(&listed[tiles.start as usize..tiles.end as usize]);
         let part = g.upload("part", &[&[tiles.start, tiles.end], &starts[..]].concat())?;
         let mut cursors = g.upload("cursors", &starts)?;
         let mut strokes = g.buffer("stroke list", PLACE_BYTES * starts[tiles.len()].max(1) as u64);
@@ -432,14 +548,15 @@ impl Painting<'_> {
         for group in &desk.drawn.groups {
             let project::Group { block, planes, filtered, first_chunk, chunk_count } = *group;
             let push = stroke_bins::Push { centre, corner, size, near, first_chunk, chunk_count };
-            let spec = stroke_bins::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, step, mode: desk.paint.mode };
-            let Desk { drawn, homes, canvas, turns, .. } = desk;
+            let Desk { drawn, homes, canvas, turns, paint, .. } = desk;
+            let (mode, transparent, by_kind) = (paint.mode, paint.opacities.is_some(), paint.kinds.is_some());
+            let spec = stroke_bins::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, step, mode, transparent, by_kind };
             let pages = &drawn.pages[block];
             g.run(
                 shader::StrokeBins {
                     nodes: &drawn.nodes,
                     chunks: &drawn.chunks,
-                    opacities: drawn.opacities(),
+                    opacities: paint.opacities.as_ref().unwrap_or(drawn.opacities()),
                     within: drawn.within(),
                     pages,
                     page_words: pages,
@@ -449,7 +566,7 @@ impl Painting<'_> {
                     part,
                     tallies,
                     strokes,
-                    table: &desk.paint.table,
+                    table: &paint.table,
                     push,
                     spec,
                 },
@@ -477,32 +594,28 @@ impl Painting<'_> {
                 fragments,
                 spec,
             },
-            bins.groups(),
+            groups(bins.tiles.len() as u32),
         );
     }
 
-    /// Fragments of some tiles, and the colours that they blend to.
-    fn blend(&mut self, g: &mut Graph, desk: &Desk, bins: &Bins, per_pixel: &[u32], keys: &mut Buffer) -> Result<()> {
-        let starts = sums(per_pixel);
-        let count = starts[per_pixel.len()];
-        let starts = g.upload("starts", &starts)?;
-        let (mut counts, mut fragments) = (g.buffer("counts", 4), g.buffer("fragments", FRAGMENT_BYTES * count.max(1) as u64));
-        self.strokes(g, desk, bins, &starts, Kept::Fragments, [keys, &mut counts, &mut fragments]);
-        self.note(bins.strokes.desc.bytes + fragments.desc.bytes);
-        let deepest = per_pixel.iter().copied().max().unwrap_or(0);
-        let (exact, most) = match (self.settings.sort, self.settings.passes as u32) {
-            (Sort::Exact, _) => (true, deepest),
-            (Sort::Bubble, 0) => (false, deepest),
-            (Sort::Bubble, passes) => (false, passes.min(deepest)),
-        };
-        for pass_ in 0..if exact { 0 } else { most } {
-            let push = stroke_sort::Push { pass_ };
-            g.run(shader::StrokeSort { part: &bins.part, starts: &starts, fragments: &mut fragments, push }, bins.groups());
+    /// Fragments of some tiles -> the colours that they blend to: at once, or as many more of them as shall be in order.
+    fn blend(&mut self, g: &mut Graph, canvases: &Buffer, top: u32, part: &Buffer, tiles: u32, abuffer: Abuffer, over_frames: bool) -> Result<()> {
+        let last = self.most().min(self.facts.deepest);
+        let Some(color) = &mut self.blended else { return Ok(()) };
+        let Abuffer { starts, mut fragments, ordered } = abuffer;
+        let starts = &starts;
+        if self.settings.sort == Sort::Exact && !over_frames {
+            let push = stroke_blend::Push { top };
+            g.run(shader::StrokeBlend { canvases, part, starts, fragments: &fragments, color, push }, groups(tiles));
+            return Ok(());
         }
-        let color = self.blended.as_mut().expect("made at the beginning, to be blended into");
-        let (push, spec) = (stroke_blend::Push { top: desk.band.top, most }, stroke_blend::Spec { exact });
-        let (canvases, part) = (&desk.canvas, &bins.part);
-        g.run(shader::StrokeBlend { canvases, part, starts: &starts, fragments: &fragments, color, push, spec }, bins.groups());
+        // Where all of them shall be, nobody asks whether they are.
+        let is_last = !over_frames || ordered.end >= last;
+        let mut unordered = if is_last { g.buffer("unordered", 4) } else { g.answer("unordered", 4) };
+        g.fill(&mut unordered, 0);
+        let push = stroke_sort::Push { top, ordered: ordered.start, wanted: ordered.end };
+        g.run(shader::StrokeSort { canvases, part, starts, fragments: &mut fragments, color, unordered: &mut unordered, push }, groups(tiles));
+        self.unordered = (!is_last).then_some(unordered);
         Ok(())
     }
 
@@ -519,15 +632,6 @@ enum Kept {
     Nothing,
     Counts,
     Fragments,
-}
-
-/// Of every one the sum of those before it; then that of all.
-fn sums(counts: &[u32]) -> Vec<u32> {
-    let before = counts.iter().scan(0, |sum, count| {
-        *sum += count;
-        Some(*sum)
-    });
-    [0].into_iter().chain(before).collect()
 }
 
 /// Tiles in rows whose counts stay within the most; one tile at least. They are numbered from `first`.
