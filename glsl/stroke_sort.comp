@@ -1,9 +1,11 @@
-// Fragments of a pixel -> a few more of them in order, and the colour that those in order give: a bubble sort that goes on from frame to frame (dos Anjos et al. 2018, algorithm 2).
+// Fragments of a pixel -> a few more of them in order, and the colour that those in order give, the nearest over those behind it (dos Anjos et al. 2018, sec. 3.3.3).
 //
-//   of those in order, each over the next
-//   a pass a fragment: from the farthest place forwards the nearer of two neighbours moves on, until the nearest of those that are not in order is behind those that are; and they over it
-// After n - 1 passes n fragments are in order; a pixel is done before, where what is left of the light can change nothing. Keys are integers: depth, then colour and coverage, so that equally near
-// fragments have an order, too, and no NaN stands in the way (HARD_CASES 16).
+//   those in order, each over the next
+//   the nearest of the others is brought behind them, and they are laid over it; as often as is wanted
+//     BUBBLE     from the farthest place forwards the nearer of two neighbours moves on (algorithm 2)
+//     otherwise  it is looked for, and changes places with the first of them
+// After n - 1 times n fragments are in order; a pixel is done before, where what is left of the light can change nothing. It goes on from frame to frame, and from pass to pass: lavapipe ends all loops
+// of an invocation together after 65,535 rounds. Keys are integers: depth, then colour and coverage, so that equally near fragments have an order, too, and no NaN stands in the way (HARD_CASES 16).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -12,6 +14,8 @@
 #include "canvas.glsl"
 
 layout(local_size_x = 64) in;
+
+layout(constant_id = 0) const bool BUBBLE = false;
 
 layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
 // The first tile, and the one after the last.
@@ -46,15 +50,27 @@ void main() {
     for (; next < ordered && shows(sum); ++next) sum = over(sum, fragments.fragment[next].x);
     uint wanted = start + min(push.wanted, end - start);
     for (; next < wanted && shows(sum); ++next) {
-        uvec2 moving = fragments.fragment[end - 1u];
-        for (uint k = end - 1u; k > next; --k) {
-            uvec2 ahead = fragments.fragment[k - 1u];
-            bool swap = before(moving, ahead);
-            fragments.fragment[k] = swap ? ahead : moving;
-            moving = swap ? moving : ahead;
+        uvec2 nearest = fragments.fragment[BUBBLE ? end - 1u : next];
+        if (BUBBLE) {
+            for (uint k = end - 1u; k > next; --k) {
+                uvec2 ahead = fragments.fragment[k - 1u];
+                bool swap = before(nearest, ahead);
+                fragments.fragment[k] = swap ? ahead : nearest;
+                nearest = swap ? nearest : ahead;
+            }
+        } else {
+            uvec2 first = nearest;
+            uint found = next;
+            for (uint k = next + 1u; k < end; ++k) {
+                uvec2 other = fragments.fragment[k];
+                bool swap = before(other, nearest);
+                nearest = swap ? other : nearest;
+                found = swap ? k : found;
+            }
+            fragments.fragment[found] = first;
         }
-        fragments.fragment[next] = moving;
-        sum = over(sum, moving.x);
+        fragments.fragment[next] = nearest;
+        sum = over(sum, nearest.x);
     }
     imageStore(color, ivec2(pixel.x, pixel.y + push.top), sum);
     // One is enough: an atomic for every pixel would be most of this pass.

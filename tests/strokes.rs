@@ -155,8 +155,11 @@ mod painted {
             let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
             let [picture, depth] = [&outcome.picture, &outcome.layers.depth].map(|image| g.download(image));
             let frame = g.submit(&[]).expect("drawn, and no validation message");
-            let painted =
-                Painted { picture: frame.read(&picture).to_vec(), depth: frame.read(&depth).to_vec(), facts: outcome.strokes.unwrap().facts };
+            let painted = Painted {
+                picture: frame.read(&picture).to_vec(),
+                depth: frame.read(&depth).to_vec(),
+                facts: outcome.strokes.unwrap().facts,
+            };
             frame.shelve(gpu);
             resident.free(gpu);
             painted
@@ -250,7 +253,7 @@ mod painted {
                     assert!(bits(&frames.last().unwrap().picture) == bits(&exact.picture), "{effect}, {at_once}");
                     // Counted and painted once, and known from then on.
                     assert!(frames.iter().enumerate().all(|(number, frame)| frame.painted == (number == 0)), "{effect}, {at_once}");
-                    let counts = |facts: &Facts| (facts.listed, facts.fragments, facts.deepest, facts.parts);
+                    let counts = |facts: &Facts| (facts.listed, facts.fragments, facts.hidden, facts.deepest, facts.parts);
                     assert!(frames.iter().all(|frame| counts(&frame.facts) == counts(&exact.facts)), "{effect}, {at_once}");
                     // A frame more, for another panel's sake, changes nothing; what follows begins anew.
                     let more = draw(gpu, &view, &resident, effect, Some(at_once));
@@ -300,6 +303,41 @@ mod painted {
             assert!(bits(&parts.picture) == bits(&draw(gpu, &view, &resident, "strokes=on,size=6", None).picture));
             resident.free(gpu);
         });
+    }
+
+    /// Strokes of a few hundred points a pixel, and strokes that each touch every tile: lavapipe ends all loops of an invocation together after 65,535 rounds, which has lost some of both.
+    #[test]
+    fn hard_16_no_stroke_of_a_crowded_tile_is_lost_and_none_that_touches_many() {
+        let cloud = scene(Scene::NestedTori, 60_000, 0.0);
+        let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [17, 13]), [17, 13]).unwrap();
+        let part = &cloud.parts[0];
+        let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
+        for effect in ["strokes=on", "strokes=on,order=stroke,sort=bubble"] {
+            let mut effects = Effects::default();
+            effects.set(effect).unwrap();
+            let painted = paint(&cloud, &view, effect);
+            let truth = oracle::paint(&view, &effects.strokes.settings, part, &found, &|_| 1.0);
+            let agreement = oracle::compare(&truth, &painted.picture, &painted.depth);
+            println!("{effect}: {agreement:?}; {}", painted.facts);
+            assert!(painted.facts.listed > 6 * 8192 && painted.facts.hidden > 0);
+            assert!(agreement.pixels > 20 && agreement.color_off == 0 && agreement.depth_off == 0, "{effect}: {agreement:?}");
+            // Of points that hide nothing wholly all are laid over each other, but for traces that are even less of one.
+            let through = paint_through(&cloud, &view, effect, &["0.9"]);
+            let (laid, all) = (through.facts.fragments, painted.facts.fragments + painted.facts.hidden);
+            assert!(through.facts.hidden == 0 && laid <= all && 100 * laid > 99 * all, "{}; {}", through.facts, painted.facts);
+            let truth = oracle::paint(&view, &effects.strokes.settings, part, &found, &|_| 0.9);
+            let agreement = oracle::compare(&truth, &through.picture, &through.depth);
+            assert!(agreement.pixels > 20 && agreement.color_off == 0, "{effect}: {agreement:?}");
+        }
+
+        // As many as in small windows of the picture, but for roundings.
+        let cloud = scene(Scene::Plane, 5000, 0.0);
+        let view = View::new(Camera::framing(Preset::Top, &cloud.core_points(), [320, 256]), [320, 256]).unwrap();
+        let listed = |view: &View| paint(&cloud, view, "strokes=on,blend=opaque,size=32,largest=512").facts.listed;
+        let corners = (0..4).flat_map(|y| (0..4).map(move |x| [80 * x, 64 * y]));
+        let [whole, windows] = [listed(&view), corners.map(|corner| listed(&view.window(corner, [80, 64]))).sum()];
+        println!("{whole} in the lists of tiles, {windows} in those of windows");
+        assert!(whole > 5000 * 100 && whole.abs_diff(windows) < whole / 1000, "{whole}, {windows}");
     }
 
     #[test]

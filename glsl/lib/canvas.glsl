@@ -4,7 +4,6 @@ struct Canvas {
     uvec2 size;       // pixels, of the band
     uvec2 tiles;      // across and down
     vec2 middle;      // of the whole picture, from the band's corner, pixels
-    float margin;     // around the picture, where points are looked for, too; pixels
     float focal;      // pixels; orthographic: pixels per metre
     vec3 right;       // world to view, down as rows go
     vec3 down;

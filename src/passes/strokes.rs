@@ -4,14 +4,13 @@
 //!     stroke_brush   settings -> 256 brushes, kept
 //!     stroke_bins    points -> how many strokes may touch each tile; read back, since only then is it known how much room they need
 //!     stroke_bins    points -> which
-//!     strokes        strokes of a tile -> keys, in place of those that project makes: z-buffered strokes
+//!     strokes        strokes of a tile -> keys, in place of those that project makes: z-buffered strokes; so many of each tile at a time
 //!   blend=blur:
 //!     stroke_blur    color -> color, across and down
 //!   blend=abuffer:
-//!     strokes        how many fragments each pixel has; read back
+//!     strokes        how many fragments each pixel has; read back; where they are many, again without those that others hide
 //!     strokes        the fragments
-//!     stroke_blend   fragments -> color, sorted there and then; or
-//!     stroke_sort    the same step by step, a fragment of each pixel at a time; over several frames, where the A-buffer is kept
+//!     stroke_sort    fragments -> color, in order; over several frames, where the A-buffer is kept
 //! ```
 //! No list has a fixed size: each is as long as was counted, and where that is more than the memory allowed the picture is painted in parts, which changes no pixel. Points are looked for around the picture,
 //! too, as far as strokes reach: a wider view of the same camera is walked over, and the picture is its middle.
@@ -25,7 +24,7 @@ use super::{Decided, Effects, Layers, Reason, Scene, Setting, TILE_PX, Value, ti
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::resident::Resident;
-use crate::shader::{self, Canvas, Home, stroke_bins, stroke_blend, stroke_blur, stroke_brush, stroke_sort};
+use crate::shader::{self, Canvas, Home, stroke_bins, stroke_blur, stroke_brush, stroke_sort};
 use crate::view::{Camera, Projection, View};
 use abuffer::Abuffer;
 use brush::{Bristles, Brush};
@@ -177,6 +176,13 @@ const MARGIN: f64 = 4.0;
 /// As glsl/stroke_brush.comp: 256 brushes of 32 x 32 words.
 const BRUSH_WORDS: u32 = 256 * 32 * 32;
 const GROUPS_A_ROW: u32 = 65_535;
+/// Strokes of each tile that a pass looks at, as in glsl/strokes.comp; and how often all loops of an invocation together may go round on lavapipe, less a margin.
+const STROKES_AT_ONCE: usize = 8192;
+const ROUNDS: u32 = 60_000;
+/// Workgroups that share a chunk there, so that 16 points one after the other may touch thousands of tiles each.
+const SLICES: u32 = 32;
+/// Where more fragments than this lie over each other, it pays to look for those that nothing can be seen of: to look at all strokes once more.
+const MANY: u32 = 512;
 /// Bytes of a stroke in a list, and of a fragment.
 const PLACE_BYTES: u64 = 48;
 const FRAGMENT_BYTES: u64 = 8;
@@ -186,8 +192,10 @@ const FRAGMENT_BYTES: u64 = 8;
 pub struct Facts {
     /// Strokes in the lists of tiles; one that touches two tiles counts twice.
     pub listed: u64,
-    /// Of the A-buffer; none is left out.
+    /// Of the A-buffer.
     pub fragments: u64,
+    /// That are not in it, because they lie behind one that covers its pixel wholly; no others are left out.
+    pub hidden: u64,
     /// In one pixel, at most.
     pub deepest: u32,
     /// In which the picture was painted, because all lists together would have been larger than the memory allowed.
@@ -200,12 +208,12 @@ pub struct Facts {
 
 impl Facts {
     /// Of an A-buffer that is kept, what later frames say of it.
-    fn notes(&self) -> [u64; 4] {
-        [self.listed, self.fragments, self.deepest as u64, self.bytes]
+    fn notes(&self) -> [u64; 5] {
+        [self.listed, self.fragments, self.hidden, self.deepest as u64, self.bytes]
     }
 
-    fn of([listed, fragments, deepest, bytes]: [u64; 4]) -> Facts {
-        Facts { listed, fragments, deepest: deepest as u32, parts: 1, bytes, counting_ms: 0.0 }
+    fn of([listed, fragments, hidden, deepest, bytes]: [u64; 5]) -> Facts {
+        Facts { listed, fragments, hidden, deepest: deepest as u32, parts: 1, bytes, counting_ms: 0.0 }
     }
 }
 
@@ -213,10 +221,11 @@ impl std::fmt::Display for Facts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
-            "{} in the lists of tiles; {} fragments, {} in a pixel at most, none left out; {} MiB, {}",
+            "{} in the lists of tiles; {} fragments, {} in a pixel at most, none left out but {} wholly behind others; {} MiB, {}",
             self.listed,
             self.fragments,
             self.deepest,
+            self.hidden,
             self.bytes.div_ceil(1 << 20),
             match self.parts {
                 0 | 1 => "all at once".to_string(),
@@ -295,6 +304,8 @@ struct Desk<'p> {
 struct Part {
     tiles: Range<u32>,
     fragments: Vec<u32>,
+    /// Where there are many, how deep the nearest lies that covers a pixel wholly: those behind it are none of them.
+    hiders: Option<Vec<u32>>,
 }
 
 /// Tiles in a row, the list of their strokes, and how long it is.
@@ -302,6 +313,8 @@ struct Bins {
     part: Buffer,
     strokes: Buffer,
     tiles: Range<u32>,
+    /// Strokes of one of the tiles, at most.
+    longest: u32,
 }
 
 fn groups(tiles: u32) -> Tiles<'static> {
@@ -331,14 +344,24 @@ impl Painting<'_> {
         let mut all = Vec::new();
         for tiles in parts(listed, room / PLACE_BYTES, 0) {
             if self.blended.is_none() {
-                all.push(Part { tiles, fragments: Vec::new() });
+                all.push(Part { tiles, fragments: Vec::new(), hiders: None });
                 continue;
             }
-            let counts = self.count(g, band, listed, tiles.clone())?;
+            let (mut counts, hiders) = self.count(g, band, listed, tiles.clone(), None)?;
+            let all_of_them = sum(&counts);
+            let hiders = counts.iter().any(|&count| count > MANY).then_some(hiders);
+            if hiders.is_some() {
+                (counts, _) = self.count(g, band, listed, tiles.clone(), hiders.as_deref())?;
+            }
+            self.facts.fragments += sum(&counts);
+            self.facts.hidden += all_of_them - sum(&counts);
+            self.facts.deepest = self.facts.deepest.max(counts.iter().copied().max().unwrap_or(0));
             let per_tile: Vec<u32> = counts.chunks(TILE_PIXELS).map(|tile| tile.iter().sum()).collect();
             all.extend(parts(&per_tile, room / FRAGMENT_BYTES, tiles.start).into_iter().map(|part| {
                 let first = (part.start - tiles.start) as usize * TILE_PIXELS;
-                Part { fragments: counts[first..first + part.len() * TILE_PIXELS].to_vec(), tiles: part }
+                let pixels = first..first + part.len() * TILE_PIXELS;
+                let hiders = hiders.as_ref().map(|hiders| hiders[pixels.clone()].to_vec());
+                Part { tiles: part, fragments: counts[pixels].to_vec(), hiders }
             }));
         }
         Ok(all)
@@ -356,19 +379,27 @@ impl Painting<'_> {
         let mut keys = None;
         for part in parts {
             let bins = self.bins(g, desk, listed, part.tiles.clone())?;
-            self.note(bins.strokes.desc.bytes + abuffer::bytes(part.fragments.iter().map(|&count| count as u64).sum()));
+            self.note(bins.strokes.desc.bytes + abuffer::bytes(sum(&part.fragments)));
             let mut abuffer = match kept {
                 Some(made_of) => {
-                    let (kept, abuffer) = self.keep(g, desk.band, made_of, Some(&part.fragments))?;
+                    let (mut kept, abuffer) = self.keep(g, desk.band, made_of, Some(&part.fragments))?;
+                    g.fill(&mut kept, u32::MAX);
                     keys = Some(kept);
                     abuffer
                 }
-                None => Abuffer::new(g, &part.fragments, self.most())?,
+                None => Abuffer::new(g, &part.fragments, last(&self.settings))?,
             };
-            let keys = keys.get_or_insert_with(|| g.buffer("keys", 8 * desk.band.size[0] as u64 * desk.band.size[1] as u64));
-            let (what, mut counts) = (if self.blended.is_some() { Kept::Fragments } else { Kept::Nothing }, g.buffer("counts", 4));
-            self.strokes(g, desk, &bins, &abuffer.starts, what, [keys, &mut counts, &mut abuffer.fragments]);
-            self.blend(g, &desk.canvas, desk.band.top, &bins.part, part.tiles.len() as u32, abuffer, kept.is_some())?;
+            let keys = match &mut keys {
+                Some(keys) => keys,
+                None => keys.insert(self.keys(g, desk.band)),
+            };
+            let what = if self.blended.is_some() { Kept::Fragments } else { Kept::Nothing };
+            let mut counts = g.buffer("counts", 4 * part.tiles.len() as u64 * TILE_PIXELS as u64);
+            g.fill(&mut counts, 0);
+            let mut hiders = g.upload("hiders", part.hiders.as_deref().unwrap_or(&[0]))?;
+            self.strokes(g, desk, &bins, &abuffer.starts, (what, part.hiders.is_some()), [keys, &mut counts, &mut abuffer.fragments, &mut hiders]);
+            let deepest = part.fragments.iter().copied().max().unwrap_or(0);
+            self.blend(g, [&desk.canvas, &bins.part], desk.band, part.tiles.len() as u32, abuffer, deepest)?;
         }
         Ok(keys.expect("a picture has a part"))
     }
@@ -379,28 +410,27 @@ impl Painting<'_> {
         let [across, down] = tiles(band.size);
         let part = g.upload("part", &[0, across * down])?;
         let (keys, abuffer) = self.keep(g, band, made_of, None)?;
-        self.blend(g, &canvas, band.top, &part, across * down, abuffer, true)?;
+        self.blend(g, [&canvas, &part], band, across * down, abuffer, self.facts.deepest)?;
         Ok(keys)
     }
 
     fn keep(&self, g: &mut Graph, band: Band, made_of: &[u64], counted: Option<&[u32]>) -> Result<(Buffer, Abuffer)> {
         let made_of = [made_of, &self.facts.notes()].concat();
-        let last = self.most().min(self.facts.deepest).max(1);
+        let last = last(&self.settings).min(self.facts.deepest).max(1);
         let more = self.at_once.unwrap_or(last).max(1);
         abuffer::keep(g, &made_of, &self.size(band), counted, |ordered| ordered.saturating_add(more).min(last))
+    }
+
+    /// Of a band, none so far.
+    fn keys(&self, g: &mut Graph, band: Band) -> Buffer {
+        let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
+        g.fill(&mut keys, u32::MAX);
+        keys
     }
 
     fn size(&self, band: Band) -> abuffer::Size {
         let ([width, height], [across, down]) = (band.size.map(u64::from), tiles(band.size).map(u64::from));
         abuffer::Size { pixels: width * height, in_tiles: across * down * TILE_PIXELS as u64, fragments: self.facts.fragments }
-    }
-
-    /// Fragments of a pixel that are brought into order before the rest is left out.
-    fn most(&self) -> u32 {
-        match (self.settings.sort, self.settings.passes as u32) {
-            (Sort::Exact, _) | (Sort::Bubble, 0) => u32::MAX,
-            (Sort::Bubble, passes) => passes,
-        }
     }
 
     /// All that fragments depend on.
@@ -454,7 +484,6 @@ impl Painting<'_> {
             size: band.size,
             tiles: tiles(band.size),
             middle: [self.view.centre()[0] as f32, (self.view.centre()[1] - band.top as f64) as f32],
-            margin: margin(&self.settings) as f32,
             focal: self.wide.focal_px() as f32,
             right: basis.right.as_vec3().to_array(),
             down: (-basis.up).as_vec3().to_array(),
@@ -512,24 +541,32 @@ impl Painting<'_> {
         Ok(counts)
     }
 
-    /// Of every pixel of some tiles, tile by tile, how many fragments it has.
-    fn count(&mut self, g: &mut Graph, band: Band, listed: &[u32], tiles: Range<u32>) -> Result<Vec<u32>> {
+    /// Of every pixel of some tiles, tile by tile, how many fragments it has, before hiders that are known; and how deep the nearest of them lies that covers it wholly.
+    fn count(&mut self, g: &mut Graph, band: Band, listed: &[u32], tiles: Range<u32>, hiders: Option<&[u32]>) -> Result<(Vec<u32>, Vec<u32>)> {
         let mut counting = g.before();
         let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
         let desk = self.lay(&mut counting, band, &paint)?;
         let bins = self.bins(&mut counting, &desk, listed, tiles.clone())?;
         let starts = counting.upload("starts", &[0u32])?;
-        let mut counts = counting.buffer("counts", 4 * tiles.len() as u64 * TILE_PIXELS as u64);
-        let (mut keys, mut fragments) = (counting.buffer("keys", 8), counting.buffer("fragments", 8));
-        self.strokes(&mut counting, &desk, &bins, &starts, Kept::Counts, [&mut keys, &mut counts, &mut fragments]);
-        let counts = counting.download_buffer(&counts);
+        let bytes = 4 * tiles.len() as u64 * TILE_PIXELS as u64;
+        let (mut keys, mut fragments, mut counts) = (counting.buffer("keys", 8), counting.buffer("fragments", 8), counting.buffer("counts", bytes));
+        [&mut keys, &mut counts].into_iter().for_each(|words| counting.fill(words, 0));
+        let what = (Kept::Counts, hiders.is_some());
+        let mut hiders = match hiders {
+            Some(hiders) => counting.upload("hiders", hiders)?,
+            None => {
+                let mut hiders = counting.buffer("hiders", bytes);
+                counting.fill(&mut hiders, u32::MAX);
+                hiders
+            }
+        };
+        self.strokes(&mut counting, &desk, &bins, &starts, what, [&mut keys, &mut counts, &mut fragments, &mut hiders]);
+        let found = [&counts, &hiders].map(|words| counting.download_buffer(words));
         let frame = counting.submit(&[])?;
         self.facts.counting_ms += frame.ms("");
-        let counts = frame.read::<u32>(&counts).to_vec();
+        let [counts, hiders] = found.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());
         frame.shelve(g.gpu);
-        self.facts.fragments += counts.iter().map(|&count| count as u64).sum::<u64>();
-        self.facts.deepest = self.facts.deepest.max(counts.iter().copied().max().unwrap_or(0));
-        Ok(counts)
+        Ok((counts, hiders))
     }
 
     /// Which strokes may touch each of some tiles.
@@ -539,18 +576,19 @@ impl Painting<'_> {
         let mut cursors = g.upload("cursors", &starts)?;
         let mut strokes = g.buffer("stroke list", PLACE_BYTES * starts[tiles.len()].max(1) as u64);
         self.walk(g, desk, &part, &mut cursors, &mut strokes, 1);
-        Ok(Bins { part, strokes, tiles })
+        Ok(Bins { part, strokes, longest: starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0), tiles })
     }
 
     fn walk(&self, g: &mut Graph, desk: &Desk, part: &Buffer, tallies: &mut Buffer, strokes: &mut Buffer, step: u32) {
         let wide = Band { top: desk.band.top, size: desk.band.size.map(|side| side + 2 * margin(&self.settings)) };
         let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = project::Walk::new(g, &self.wide, wide);
+        let slices_of_chunk = if g.gpu.device.is_cpu { SLICES } else { 1 };
         for group in &desk.drawn.groups {
             let project::Group { block, planes, filtered, first_chunk, chunk_count } = *group;
             let push = stroke_bins::Push { centre, corner, size, near, first_chunk, chunk_count };
             let Desk { drawn, homes, canvas, turns, paint, .. } = desk;
             let (mode, transparent, by_kind) = (paint.mode, paint.opacities.is_some(), paint.kinds.is_some());
-            let spec = stroke_bins::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, step, mode, transparent, by_kind };
+            let spec = stroke_bins::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, step, mode, transparent, by_kind, slices_of_chunk };
             let pages = &drawn.pages[block];
             g.run(
                 shader::StrokeBins {
@@ -570,51 +608,54 @@ impl Painting<'_> {
                     push,
                     spec,
                 },
-                group.tiles(),
+                group.slices(slices_of_chunk),
             );
         }
     }
 
-    fn strokes(&self, g: &mut Graph, desk: &Desk, bins: &Bins, starts: &Buffer, kept: Kept, to: [&mut Buffer; 3]) {
-        let [keys, counts, fragments] = to;
-        let by_stroke = self.settings.order == Order::Stroke;
-        let spec = shader::strokes::Spec { perspective: self.is_perspective(), fragments: kept as u32, texels: g.gpu.device.texels, by_stroke };
+    fn strokes(&self, g: &mut Graph, desk: &Desk, bins: &Bins, starts: &Buffer, (kept, before_hiders): (Kept, bool), to: [&mut Buffer; 4]) {
+        let [keys, counts, fragments, hiders] = to;
+        let (perspective, by_stroke, texels) = (self.is_perspective(), self.settings.order == Order::Stroke, g.gpu.device.texels);
+        let spec = shader::strokes::Spec { perspective, fragments: kept as u32, texels, by_stroke, before_hiders };
         let (part, strokes, brushes) = (&bins.part, &bins.strokes, &desk.brushes);
-        g.run(
-            shader::Strokes {
-                canvases: &desk.canvas,
-                part,
-                strokes,
-                stroke_words: strokes,
-                brushes,
-                brush_words: brushes,
-                starts,
-                keys,
-                counts,
-                fragments,
-                spec,
-            },
-            groups(bins.tiles.len() as u32),
-        );
+        for before in (0..bins.longest.max(1)).step_by(STROKES_AT_ONCE) {
+            let (keys, counts, fragments, hiders) = (&mut *keys, &mut *counts, &mut *fragments, &mut *hiders);
+            g.run(
+                shader::Strokes {
+                    canvases: &desk.canvas,
+                    part,
+                    strokes,
+                    stroke_words: strokes,
+                    brushes,
+                    brush_words: brushes,
+                    starts,
+                    keys,
+                    counts,
+                    fragments,
+                    hiders,
+                    push: shader::strokes::Push { before },
+                    spec,
+                },
+                groups(bins.tiles.len() as u32),
+            );
+        }
     }
 
-    /// Fragments of some tiles -> the colours that they blend to: at once, or as many more of them as shall be in order.
-    fn blend(&mut self, g: &mut Graph, canvases: &Buffer, top: u32, part: &Buffer, tiles: u32, abuffer: Abuffer, over_frames: bool) -> Result<()> {
-        let last = self.most().min(self.facts.deepest);
+    /// Fragments of some tiles, so many in a pixel at most -> the colours that they give when as many are in order as shall be.
+    fn blend(&mut self, g: &mut Graph, [canvases, part]: [&Buffer; 2], band: Band, tiles: u32, abuffer: Abuffer, deepest: u32) -> Result<()> {
         let Some(color) = &mut self.blended else { return Ok(()) };
-        let Abuffer { starts, mut fragments, ordered } = abuffer;
-        let starts = &starts;
-        if self.settings.sort == Sort::Exact && !over_frames {
-            let push = stroke_blend::Push { top };
-            g.run(shader::StrokeBlend { canvases, part, starts, fragments: &fragments, color, push }, groups(tiles));
-            return Ok(());
-        }
-        // Where all of them shall be, nobody asks whether they are.
-        let is_last = !over_frames || ordered.end >= last;
+        let Abuffer { starts, mut fragments, ordered, kept } = abuffer;
+        let wanted = ordered.end.min(deepest);
+        // Where there are no more nobody asks whether they are in order.
+        let is_last = !kept || wanted == last(&self.settings).min(deepest);
         let mut unordered = if is_last { g.buffer("unordered", 4) } else { g.answer("unordered", 4) };
         g.fill(&mut unordered, 0);
-        let push = stroke_sort::Push { top, ordered: ordered.start, wanted: ordered.end };
-        g.run(shader::StrokeSort { canvases, part, starts, fragments: &mut fragments, color, unordered: &mut unordered, push }, groups(tiles));
+        let spec = stroke_sort::Spec { bubble: kept || self.settings.sort == Sort::Bubble };
+        for ordered in steps(ordered.start.min(wanted)..wanted, deepest, g.gpu.device.is_cpu)? {
+            let (fragments, unordered) = (&mut fragments, &mut unordered);
+            let push = stroke_sort::Push { top: band.top, ordered: ordered.start, wanted: ordered.end };
+            g.run(shader::StrokeSort { canvases, part, starts: &starts, fragments, color, unordered, push, spec }, groups(tiles));
+        }
         self.unordered = (!is_last).then_some(unordered);
         Ok(())
     }
@@ -625,6 +666,43 @@ impl Painting<'_> {
 }
 
 const TILE_PIXELS: usize = (TILE_PX * TILE_PX) as usize;
+
+/// Fragments of a pixel that are brought into order before the rest is left out.
+fn last(settings: &Settings) -> u32 {
+    match (settings.sort, settings.passes as u32) {
+        (Sort::Exact, _) | (Sort::Bubble, 0) => u32::MAX,
+        (Sort::Bubble, passes) => passes,
+    }
+}
+
+/// Fragments of a pixel that each pass brings into order, of so many at most: all of them, but on lavapipe, where a pass ends too early that would walk over them too often.
+fn steps(wanted: Range<u32>, deepest: u32, is_cpu: bool) -> Result<Vec<Range<u32>>> {
+    if !is_cpu {
+        return Ok(vec![wanted]);
+    }
+    if deepest > ROUNDS - 2 {
+        return Err(Error::Request(format!(
+            "{deepest} strokes lie over each other in one pixel, and a software device brings {} into order at most; look at them from nearer, or with --effect strokes=blend=opaque",
+            ROUNDS - 2
+        )));
+    }
+    let mut steps = Vec::new();
+    let mut start = wanted.start;
+    loop {
+        // Those in order are walked over once, the others once for each, and a round more.
+        let more = ROUNDS.saturating_sub(start) / (deepest.saturating_sub(start) + 2);
+        let end = start.saturating_add(more.max(1)).min(wanted.end);
+        steps.push(start..end);
+        if end >= wanted.end {
+            return Ok(steps);
+        }
+        start = end;
+    }
+}
+
+fn sum(counts: &[u32]) -> u64 {
+    counts.iter().map(|&count| count as u64).sum()
+}
 
 /// What of the fragments is kept.
 #[derive(Clone, Copy)]

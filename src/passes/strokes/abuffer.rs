@@ -15,6 +15,8 @@ pub struct Abuffer {
     pub fragments: Buffer,
     /// How many of each pixel's, from the nearest on, are in order, and how many shall be.
     pub ordered: Range<u32>,
+    /// Later frames go on with it.
+    pub kept: bool,
 }
 
 impl Abuffer {
@@ -22,7 +24,7 @@ impl Abuffer {
     pub fn new(g: &mut Graph, per_pixel: &[u32], most: u32) -> Result<Abuffer> {
         let starts = sums(per_pixel);
         let fragments = g.buffer("fragments", bytes(starts[per_pixel.len()] as u64));
-        Ok(Abuffer { starts: g.upload("starts", &starts)?, fragments, ordered: 0..most })
+        Ok(Abuffer { starts: g.upload("starts", &starts)?, fragments, ordered: 0..most, kept: false })
     }
 }
 
@@ -72,7 +74,7 @@ pub fn keep(g: &mut Graph, made_of: &[u64], size: &Size, counted: Option<&[u32]>
         let counted = g.upload("starts", &sums(per_pixel))?;
         g.copy_parts("keep starts", &counted, &mut starts, vec![[0, 0, of_starts]]);
     }
-    Ok((keys, Abuffer { starts, fragments, ordered: ordered..next(ordered) }))
+    Ok((keys, Abuffer { starts, fragments, ordered: ordered..next(ordered), kept: true }))
 }
 
 /// Of every one the sum of those before it; then that of all.

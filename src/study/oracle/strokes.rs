@@ -261,7 +261,16 @@ fn seen(
     let radius = f32::from_bits(brush & 0xFFFF_0000) as f64;
     let side = 2.0 * (bristles.size * radius * px_per_m).clamp(LEAST_PX as f64, settings.largest) / px_per_m;
     let length = 1.0 + settings.long * ((brush & 31) as f64 / 8.0).min(1.0);
-    Some(Painted { at, normal, tangent, bitangent: normal.cross(tangent), sides: DVec2::new(side * length, side), words, color, opacity: 1.0 })
+    Some(Painted {
+        at,
+        normal,
+        tangent,
+        bitangent: normal.cross(tangent),
+        sides: DVec2::new(side * length, side),
+        words,
+        color,
+        opacity: 1.0,
+    })
 }
 
 /// Squares of a brush, along a side.
