@@ -12,7 +12,7 @@ fn scene(scene: Scene, points: u64, noise: f64) -> Cloud {
     synth::collect("scene", &synth::build(scene, 1, 0.1), points, 3, noise, &Silent).unwrap()
 }
 
-fn world(part: &Part, i: usize) -> DVec3 {
+fn world_of(part: &Part, i: usize) -> DVec3 {
     part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from))
 }
 
@@ -25,7 +25,7 @@ fn angles(part: &Part, strokes: &[Stroke], center: DVec3) -> (Vec<f64>, usize) {
     };
     let known = strokes.iter().enumerate().filter_map(|(i, stroke)| Some((i, stroke.plane?)));
     let mut angles: Vec<f64> =
-        known.map(|(i, plane)| plane.normal.cross(truth(world(part, i))).length().min(1.0).asin().to_degrees()).collect();
+        known.map(|(i, plane)| plane.normal.cross(truth(world_of(part, i))).length().min(1.0).asin().to_degrees()).collect();
     angles.sort_by(f64::total_cmp);
     let unknown = strokes.len() - angles.len();
     (angles, unknown)
@@ -48,6 +48,35 @@ fn normals_of_a_torus_are_within_a_degree_and_with_noise_within_five() {
         let mut radii: Vec<f64> = found.iter().map(|stroke| stroke.radius_m).collect();
         radii.sort_by(f64::total_cmp);
         println!("radius: median {:.5}, largest {:.5}", radii[radii.len() / 2], radii[radii.len() - 1]);
+    }
+}
+
+/// Against the surfaces that rays of the scanners hit, with those of leaves, bars and corners among them.
+#[test]
+fn normals_of_a_street_are_within_a_degree_and_with_noise_within_five() {
+    let world = synth::build(Scene::Street, 1, 0.1);
+    let mut spacing = 0.0;
+    for (share, most) in [(0.0, 1.0), (0.25, 5.0)] {
+        let noise = share * spacing;
+        let cloud = scene(Scene::Street, 300_000, noise);
+        let part = &cloud.parts[0];
+        let (sources, stations) = (part.columns.source.as_ref().unwrap(), world.stations());
+        // Noise is along the rays.
+        let truth = |i: usize| {
+            let eye = stations[sources[i] as usize - 1].position;
+            let to = world_of(part, i) - world.offset - eye;
+            world.trace(eye, to).filter(|hit| ((hit.t - 1.0) * to.length()).abs() < 0.001 + 6.0 * noise).map(|hit| hit.normal)
+        };
+        let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
+        let known = found.iter().enumerate().filter_map(|(i, stroke)| Some((stroke.plane?.normal, truth(i)?)));
+        let mut angles: Vec<f64> = known.map(|(found, truth)| found.cross(truth).length().min(1.0).asin().to_degrees()).collect();
+        angles.sort_by(f64::total_cmp);
+        let (median, undefined) = (angles[angles.len() / 2], found.iter().filter(|stroke| stroke.plane.is_none()).count());
+        println!("noise of {noise:.4} m: median {median:.3} degrees, of {} points; {undefined} have no normal", angles.len());
+        assert!(10 * angles.len() > 9 * found.len() && median < most, "{median} degrees, of {} points", angles.len());
+        let mut radii: Vec<f64> = found.iter().map(|stroke| stroke.radius_m).collect();
+        radii.sort_by(f64::total_cmp);
+        spacing = radii[radii.len() / 2];
     }
 }
 

@@ -137,6 +137,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g, &outcome.layers));
     let frame = g.submit(&[])?;
     stages.done("draw");
+    facts.strokes.iter().filter_map(strokes::Facts::note).for_each(|note| eprintln!("pointillist: note: {note}"));
     downloads.write(&frame, view.size, arguments.output.as_deref(), arguments.exr.as_deref())?;
     stages.done("write");
 

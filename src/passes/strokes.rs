@@ -212,6 +212,12 @@ impl Facts {
         [self.listed, self.fragments, self.hidden, self.deepest as u64, self.bytes]
     }
 
+    /// Where the memory allowed was reached.
+    pub fn note(&self) -> Option<String> {
+        let parts = self.parts;
+        (parts > 1).then(|| format!("painted in {parts} parts, because the memory allowed was reached; more, and fewer parts, with --effect strokes=memory=; the picture is the same"))
+    }
+
     fn of([listed, fragments, hidden, deepest, bytes]: [u64; 5]) -> Facts {
         Facts { listed, fragments, hidden, deepest: deepest as u32, parts: 1, bytes, counting_ms: 0.0 }
     }
@@ -227,10 +233,7 @@ impl std::fmt::Display for Facts {
             self.deepest,
             self.hidden,
             self.bytes.div_ceil(1 << 20),
-            match self.parts {
-                0 | 1 => "all at once".to_string(),
-                parts => format!("in {parts} parts, because the memory allowed was reached; more, and fewer parts, with strokes=memory="),
-            }
+            self.note().unwrap_or("all at once".into())
         )
     }
 }
