@@ -337,26 +337,27 @@ mod painted {
     /// Strokes of a few hundred points a pixel, and strokes that each touch every tile: lavapipe ends all loops of an invocation together after 65,535 rounds, which has lost some of both.
     #[test]
     fn hard_16_no_stroke_of_a_crowded_tile_is_lost_and_none_that_touches_many() {
-        let cloud = scene(Scene::NestedTori, 60_000, 0.0);
+        let cloud = scene(Scene::NestedTori, 80_000, 0.0);
         let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [17, 13]), [17, 13]).unwrap();
         let part = &cloud.parts[0];
         let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
         for effect in ["strokes=on", "strokes=on,order=stroke,sort=bubble"] {
             let mut effects = Effects::default();
             effects.set(effect).unwrap();
-            let painted = paint(&cloud, &view, effect);
-            let truth = oracle::paint(&view, &effects.strokes.settings, part, &found, &|_| 1.0);
-            let agreement = oracle::compare(&truth, &painted.picture, &painted.depth);
-            println!("{effect}: {agreement:?}; {}", painted.facts);
-            assert!(painted.facts.listed > 6 * 8192 && painted.facts.hidden > 0);
-            assert!(agreement.pixels > 20 && agreement.color_off == 0 && agreement.depth_off == 0, "{effect}: {agreement:?}");
-            // Of points that hide nothing wholly all are laid over each other, but for traces that are even less of one.
-            let through = paint_through(&cloud, &view, effect, &["0.9"]);
-            let (laid, all) = (through.facts.fragments, painted.facts.fragments + painted.facts.hidden);
-            assert!(through.facts.hidden == 0 && laid <= all && 100 * laid > 99 * all, "{}; {}", through.facts, painted.facts);
-            let truth = oracle::paint(&view, &effects.strokes.settings, part, &found, &|_| 0.9);
-            let agreement = oracle::compare(&truth, &through.picture, &through.depth);
-            assert!(agreement.pixels > 20 && agreement.color_off == 0, "{effect}: {agreement:?}");
+            let settings = &effects.strokes.settings;
+            // Of points that are not opaque none hide others wholly.
+            for (rules, opacity) in [(&[][..], 1.0), (&["0.9"], 0.9)] {
+                let painted = paint_through(&cloud, &view, effect, rules);
+                let facts = painted.facts;
+                let counted = oracle::fragments(&view, settings, part, &found, &|_| opacity);
+                println!("{effect}, opacity {opacity}: {counted} fragments; {facts}");
+                assert!(facts.listed > 8 * 8192 && (facts.hidden > 0) == (opacity == 1.0));
+                // Traces on the verge of none may be rounded the other way.
+                assert!((facts.fragments + facts.hidden).abs_diff(counted) < counted / 1000, "{counted}: {facts}");
+                let agreement =
+                    oracle::compare(&oracle::paint(&view, settings, part, &found, &|_| opacity), &painted.picture, &painted.depth);
+                assert!(agreement.pixels > 20 && agreement.color_off == 0, "{effect}: {agreement:?}");
+            }
         }
 
         // As many as in small windows of the picture, but for roundings.

@@ -182,7 +182,7 @@ const ROUNDS: u32 = 60_000;
 /// Workgroups that share a chunk there, so that 16 points one after the other may touch thousands of tiles each.
 const SLICES: u32 = 32;
 /// Where more fragments than this lie over each other, it pays to look for those that nothing can be seen of: to look at all strokes once more.
-const MANY: u32 = 512;
+const MANY: u32 = 2048;
 /// Bytes of a stroke in a list, and of a fragment.
 const PLACE_BYTES: u64 = 48;
 const FRAGMENT_BYTES: u64 = 8;

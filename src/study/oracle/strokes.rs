@@ -106,6 +106,13 @@ pub fn paint(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke], 
     (0..width * height).map(|k| easel.pixel((k % width) as f64 + 0.5, (k / width) as f64 + 0.5)).collect()
 }
 
+/// How many fragments all pixels have together.
+pub fn fragments(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke], opacity: Opacity) -> u64 {
+    let easel = Easel::new(view, settings, part, strokes, opacity);
+    let [width, height] = view.size;
+    (0..width * height).map(|k| easel.fragments((k % width) as f64 + 0.5, (k / width) as f64 + 0.5).0.len() as u64).sum()
+}
+
 /// Pairs of strokes, one next to the other in a pixel, that meet in the pixel right of it or below, too; and how many of them lie there the other way round: strokes that run through each other.
 pub fn crossings(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke]) -> [u64; 2] {
     let easel = Easel::new(view, settings, part, strokes, &|_| 1.0);
