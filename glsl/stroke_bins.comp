@@ -41,7 +41,7 @@ layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
 layout(scalar) readonly buffer Homes { Home home[]; } homes;
 layout(scalar) readonly buffer Turns { vec2 turn[]; } turns;
 layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
-// The first tile, and the one after the last.
+// The first tile, and the one after the last; which turn this is, and of how many, each of which takes as many of a node's points.
 layout(scalar) readonly buffer Part { uint tile[]; } part;
 // Of every tile the number of strokes, or where the next one goes.
 layout(scalar) buffer Tallies { uint word[]; } tallies;
@@ -144,7 +144,7 @@ void four(uint pixel[4], float depth[4], uint first) {
     for (uint k = 0u; k < 4u; ++k) {
         uint facing = Plane(home.page).word[page + k];
         uint brush = Plane(home.page).word[page + POINTS_PER_PAGE + k];
-        if (pixel[k] != NO_PIXEL) touch(home, chunk / CHUNKS_PER_PAGE, i + k, facing, brush);
+        if (pixel[k] != NO_PIXEL && (i + k) % part.tile[3] == part.tile[2]) touch(home, chunk / CHUNKS_PER_PAGE, i + k, facing, brush);
     }
 }
 

@@ -29,7 +29,7 @@ layout(constant_id = 3) const bool BY_STROKE = false;
 layout(constant_id = 4) const bool BEFORE_HIDERS = false;
 
 layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
-// The first tile, and the one after the last; then of every tile the first stroke, and the one after the last of all.
+// The first tile, and the one after the last, and two words more; then of every tile the first stroke, and the one after the last of all.
 layout(scalar) readonly buffer Part { uint tile[]; } part;
 // Strokes as stroke_bins leaves them. As texels, and for devices whose texel buffers are too small; brushes, too.
 layout(rgba32ui) readonly uniform uimageBuffer strokes;
@@ -51,7 +51,7 @@ layout(push_constant, scalar) uniform Push {
 
 const uint STROKES_AT_ONCE = 8192u;
 const uint HIDING = 1u << 31;
-const uint PARTS = 2u;
+const uint PARTS = 4u;
 const uint NO_POINT = 0xFFFFFFFFu;
 
 uvec4 texel(uint i) {

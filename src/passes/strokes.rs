@@ -12,7 +12,7 @@
 //!     strokes        the fragments
 //!     stroke_sort    fragments -> color, in order; over several frames, where the A-buffer is kept
 //! ```
-//! No list has a fixed size: each is as long as was counted, and where that is more than the memory allowed the picture is painted in parts, which changes no pixel. Points are looked for around the picture,
+//! No list has a fixed size: each is as long as was counted, and where that is more than the memory allowed the picture is painted in parts, of tiles, and where a single tile has too many, of points; which changes no pixel. Points are looked for around the picture,
 //! too, as far as strokes reach: a wider view of the same camera is walked over, and the picture is its middle.
 
 mod abuffer;
@@ -311,11 +311,10 @@ struct Part {
     hiders: Option<Vec<u32>>,
 }
 
-/// Tiles in a row, the list of their strokes, and how long it is.
+/// Tiles in a row, and the list of their strokes.
 struct Bins {
     part: Buffer,
     strokes: Buffer,
-    tiles: Range<u32>,
     /// Strokes of one of the tiles, at most.
     longest: u32,
 }
@@ -334,18 +333,19 @@ impl Painting<'_> {
             self.facts = Facts::of(notes);
             return self.go_on(g, paint, band, made_of);
         }
-        let listed = self.tally(g, band)?;
+        let listed = self.listed(g, band)?;
         let parts = self.parts(g, band, &listed)?;
         let desk = self.lay(g, band, paint)?;
         self.paint(g, &desk, &listed, &parts, made_of.as_deref())
     }
 
     /// What is painted at once: all, unless that takes more memory than is allowed.
-    fn parts(&mut self, g: &mut Graph, band: Band, listed: &[u32]) -> Result<Vec<Part>> {
-        self.facts.listed += listed.iter().map(|&count| count as u64).sum::<u64>();
+    fn parts(&mut self, g: &mut Graph, band: Band, listed: &[Vec<u32>]) -> Result<Vec<Part>> {
+        self.facts.listed += listed.iter().map(|listed| sum(listed)).sum::<u64>();
         let room = self.room(g);
         let mut all = Vec::new();
-        for tiles in parts(listed, room / PLACE_BYTES, 0) {
+        let most: Vec<u32> = (0..listed[0].len()).map(|tile| listed.iter().map(|listed| listed[tile]).max().unwrap_or(0)).collect();
+        for tiles in parts(&most, room / PLACE_BYTES, 0) {
             if self.blended.is_none() {
                 all.push(Part { tiles, fragments: Vec::new(), hiders: None });
                 continue;
@@ -376,13 +376,14 @@ impl Painting<'_> {
     }
 
     /// Strokes in the lists, and their fragments laid over each other. What is counted for `made_of` is kept, where all of it is painted at once.
-    fn paint(&mut self, g: &mut Graph, desk: &Desk, listed: &[u32], parts: &[Part], made_of: Option<&[u64]>) -> Result<Buffer> {
+    fn paint(&mut self, g: &mut Graph, desk: &Desk, listed: &[Vec<u32>], parts: &[Part], made_of: Option<&[u64]>) -> Result<Buffer> {
         let room = self.room(g);
         let kept = made_of.filter(|_| parts.len() == 1 && self.size(desk.band).fits(room));
         let mut keys = None;
         for part in parts {
-            let bins = self.bins(g, desk, listed, part.tiles.clone())?;
-            self.note(bins.strokes.desc.bytes + abuffer::bytes(sum(&part.fragments)));
+            let of_tiles = |listed: &Vec<u32>| PLACE_BYTES * sum(&listed[part.tiles.start as usize..part.tiles.end as usize]);
+            self.facts.parts += listed.len() as u32;
+            self.facts.bytes = self.facts.bytes.max(listed.iter().map(of_tiles).max().unwrap_or(0) + abuffer::bytes(sum(&part.fragments)));
             let mut abuffer = match kept {
                 Some(made_of) => {
                     let (mut kept, abuffer) = self.keep(g, desk.band, made_of, Some(&part.fragments))?;
@@ -400,9 +401,11 @@ impl Painting<'_> {
             let mut counts = g.buffer("counts", 4 * part.tiles.len() as u64 * TILE_PIXELS as u64);
             g.fill(&mut counts, 0);
             let mut hiders = g.upload("hiders", part.hiders.as_deref().unwrap_or(&[0]))?;
-            self.strokes(g, desk, &bins, &abuffer.starts, (what, part.hiders.is_some()), [keys, &mut counts, &mut abuffer.fragments, &mut hiders]);
+            let to = [keys, &mut counts, &mut abuffer.fragments, &mut hiders];
+            self.strokes(g, desk, (listed, &part.tiles), &abuffer.starts, (what, part.hiders.is_some()), to)?;
             let deepest = part.fragments.iter().copied().max().unwrap_or(0);
-            self.blend(g, [&desk.canvas, &bins.part], desk.band, part.tiles.len() as u32, abuffer, deepest)?;
+            let tiles = g.upload("part", &[part.tiles.start, part.tiles.end])?;
+            self.blend(g, [&desk.canvas, &tiles], desk.band, part.tiles.len() as u32, abuffer, deepest)?;
         }
         Ok(keys.expect("a picture has a part"))
     }
@@ -459,11 +462,6 @@ impl Painting<'_> {
             resolved.color = blended;
         }
         Painted { facts: self.facts, unordered: self.unordered }
-    }
-
-    fn note(&mut self, bytes: u64) {
-        self.facts.parts += 1;
-        self.facts.bytes = self.facts.bytes.max(bytes);
     }
 
     fn lay<'p>(&self, g: &mut Graph, band: Band, paint: &'p Paint) -> Result<Desk<'p>> {
@@ -526,13 +524,28 @@ impl Painting<'_> {
         Ok(brushes)
     }
 
+    /// Of every tile of a band, how many strokes may touch it; in several turns, each of some of the points, where those of a single tile are more than a list may hold.
+    fn listed(&mut self, g: &mut Graph, band: Band) -> Result<Vec<Vec<u32>>> {
+        let room = self.room(g) / PLACE_BYTES;
+        let mut turns = 1;
+        loop {
+            let listed = (0..turns).map(|turn| self.tally(g, band, [turn, turns])).collect::<Result<Vec<_>>>()?;
+            let most = listed.iter().flatten().copied().max().unwrap_or(0) as u64;
+            if most <= room || turns as u64 > most {
+                return Ok(listed);
+            }
+            // Turns are about as long as each other.
+            turns = (turns + 1).max((turns as u64 * most * 9 / 8).div_ceil(room) as u32);
+        }
+    }
+
     /// Of every tile of a band, how many strokes may touch it.
-    fn tally(&mut self, g: &mut Graph, band: Band) -> Result<Vec<u32>> {
+    fn tally(&mut self, g: &mut Graph, band: Band, turn: [u32; 2]) -> Result<Vec<u32>> {
         let mut counting = g.before();
         let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
         let desk = self.lay(&mut counting, band, &paint)?;
         let count = desk.tiles[0] * desk.tiles[1];
-        let part = counting.upload("part", &[0, count])?;
+        let part = counting.upload("part", &[0, count, turn[0], turn[1]])?;
         let (mut tallies, mut strokes) = (counting.buffer("tallies", 4 * count as u64), counting.buffer("stroke list", PLACE_BYTES));
         counting.fill(&mut tallies, 0);
         self.walk(&mut counting, &desk, &part, &mut tallies, &mut strokes, 0);
@@ -545,11 +558,10 @@ impl Painting<'_> {
     }
 
     /// Of every pixel of some tiles, tile by tile, how many fragments it has, before hiders that are known; and how deep the nearest of them lies that covers it wholly.
-    fn count(&mut self, g: &mut Graph, band: Band, listed: &[u32], tiles: Range<u32>, hiders: Option<&[u32]>) -> Result<(Vec<u32>, Vec<u32>)> {
+    fn count(&mut self, g: &mut Graph, band: Band, listed: &[Vec<u32>], tiles: Range<u32>, hiders: Option<&[u32]>) -> Result<(Vec<u32>, Vec<u32>)> {
         let mut counting = g.before();
         let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
         let desk = self.lay(&mut counting, band, &paint)?;
-        let bins = self.bins(&mut counting, &desk, listed, tiles.clone())?;
         let starts = counting.upload("starts", &[0u32])?;
         let bytes = 4 * tiles.len() as u64 * TILE_PIXELS as u64;
         let (mut keys, mut fragments, mut counts) = (counting.buffer("keys", 8), counting.buffer("fragments", 8), counting.buffer("counts", bytes));
@@ -563,7 +575,7 @@ impl Painting<'_> {
                 hiders
             }
         };
-        self.strokes(&mut counting, &desk, &bins, &starts, what, [&mut keys, &mut counts, &mut fragments, &mut hiders]);
+        self.strokes(&mut counting, &desk, (listed, &tiles), &starts, what, [&mut keys, &mut counts, &mut fragments, &mut hiders])?;
         let found = [&counts, &hiders].map(|words| counting.download_buffer(words));
         let frame = counting.submit(&[])?;
         self.facts.counting_ms += frame.ms("");
@@ -572,14 +584,14 @@ impl Painting<'_> {
         Ok((counts, hiders))
     }
 
-    /// Which strokes may touch each of some tiles.
-    fn bins(&self, g: &mut Graph, desk: &Desk, listed: &[u32], tiles: Range<u32>) -> Result<Bins> {
+    /// Which strokes may touch each of some tiles, of a turn.
+    fn bins(&self, g: &mut Graph, desk: &Desk, listed: &[u32], tiles: &Range<u32>, turn: [u32; 2]) -> Result<Bins> {
         let starts = abuffer::sums(&listed[tiles.start as usize..tiles.end as usize]);
-        let part = g.upload("part", &[&[tiles.start, tiles.end], &starts[..]].concat())?;
+        let part = g.upload("part", &[&[tiles.start, tiles.end], &turn[..], &starts[..]].concat())?;
         let mut cursors = g.upload("cursors", &starts)?;
         let mut strokes = g.buffer("stroke list", PLACE_BYTES * starts[tiles.len()].max(1) as u64);
         self.walk(g, desk, &part, &mut cursors, &mut strokes, 1);
-        Ok(Bins { part, strokes, longest: starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0), tiles })
+        Ok(Bins { part, strokes, longest: starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0) })
     }
 
     fn walk(&self, g: &mut Graph, desk: &Desk, part: &Buffer, tallies: &mut Buffer, strokes: &mut Buffer, step: u32) {
@@ -616,32 +628,43 @@ impl Painting<'_> {
         }
     }
 
-    fn strokes(&self, g: &mut Graph, desk: &Desk, bins: &Bins, starts: &Buffer, (kept, before_hiders): (Kept, bool), to: [&mut Buffer; 4]) {
-        let [keys, counts, fragments, hiders] = to;
+    /// Strokes of some tiles, turn by turn, and of a turn so many of each tile at a time.
+    fn strokes(
+        &self,
+        g: &mut Graph,
+        desk: &Desk,
+        (listed, tiles): (&[Vec<u32>], &Range<u32>),
+        starts: &Buffer,
+        (kept, before_hiders): (Kept, bool),
+        [keys, counts, fragments, hiders]: [&mut Buffer; 4],
+    ) -> Result<()> {
         let (perspective, by_stroke, texels) = (self.is_perspective(), self.settings.order == Order::Stroke, g.gpu.device.texels);
         let spec = shader::strokes::Spec { perspective, fragments: kept as u32, texels, by_stroke, before_hiders };
-        let (part, strokes, brushes) = (&bins.part, &bins.strokes, &desk.brushes);
-        for before in (0..bins.longest.max(1)).step_by(STROKES_AT_ONCE) {
-            let (keys, counts, fragments, hiders) = (&mut *keys, &mut *counts, &mut *fragments, &mut *hiders);
-            g.run(
-                shader::Strokes {
-                    canvases: &desk.canvas,
-                    part,
-                    strokes,
-                    stroke_words: strokes,
-                    brushes,
-                    brush_words: brushes,
-                    starts,
-                    keys,
-                    counts,
-                    fragments,
-                    hiders,
-                    push: shader::strokes::Push { before },
-                    spec,
-                },
-                groups(bins.tiles.len() as u32),
-            );
+        for (turn, of_turn) in listed.iter().enumerate() {
+            let Bins { part, strokes, longest } = &self.bins(g, desk, of_turn, tiles, [turn as u32, listed.len() as u32])?;
+            for before in (0..(*longest).max(1)).step_by(STROKES_AT_ONCE) {
+                let (keys, counts, fragments, hiders) = (&mut *keys, &mut *counts, &mut *fragments, &mut *hiders);
+                g.run(
+                    shader::Strokes {
+                        canvases: &desk.canvas,
+                        part,
+                        strokes,
+                        stroke_words: strokes,
+                        brushes: &desk.brushes,
+                        brush_words: &desk.brushes,
+                        starts,
+                        keys,
+                        counts,
+                        fragments,
+                        hiders,
+                        push: shader::strokes::Push { before },
+                        spec,
+                    },
+                    groups(tiles.len() as u32),
+                );
+            }
         }
+        Ok(())
     }
 
     /// Fragments of some tiles, so many in a pixel at most -> the colours that they give when as many are in order as shall be.
