@@ -20,15 +20,15 @@ void main() {
     ivec2 size = ivec2(push.size);
     if (pixel.x >= size.x || pixel.y >= size.y) return;
     vec4 own = imageLoad(color, pixel);
-    vec3 sum = vec3(0.0);
+    vec4 sum = vec4(0.0);
     float weights = 0.0;
     [[dont_unroll]] for (int k = -push.radius_px; k <= push.radius_px; ++k) {
         ivec2 at = pixel + k * push.along;
         bool within = at.x >= 0 && at.y >= 0 && at.x < size.x && at.y < size.y;
         vec4 other = imageLoad(color, clamp(at, ivec2(0), size - 1));
         float weight = within && other.a > 0.0 ? push.weights[abs(k)] : 0.0;
-        sum += other.rgb * vec3(weight);
+        sum += other * vec4(weight);
         weights += weight;
     }
-    imageStore(blurred, pixel, own.a > 0.0 ? vec4(sum / vec3(weights), own.a) : own);
+    imageStore(blurred, pixel, own.a > 0.0 ? sum / vec4(weights) : own);
 }

@@ -1,11 +1,12 @@
 // Strokes of a tile -> its pixels (dos Anjos et al. 2018, sec. 3.3.2).
 //
+//   as often as the longest list wants: so many strokes of each tile, beside those before them; lavapipe ends all loops of an invocation together after 65,535 rounds
 //   a workgroup takes a tile of 8 x 8 pixels, a lane a pixel, which looks at all strokes of the tile
 //     a stroke is a square in the plane of its point's normal; a pixel's ray meets it at (u, v) of it, at a depth
 //     how much it covers there, its brush says (stroke_brush)
 //
-//   keys       of what covers enough, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
-//   fragments  colour and coverage, depth, of everything that covers a pixel at all; or, while COUNTED, how many
+//   keys       of what covers enough, however opaque, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
+//   fragments  colour, coverage times the point's opacity, and depth, of everything that covers a pixel at all; or, while COUNTED, how many
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -24,9 +25,11 @@ const uint KEPT = 2u;
 layout(constant_id = 2) const bool TEXELS = true;
 // Fragments are ordered by the depths of their strokes' points, not by their own.
 layout(constant_id = 3) const bool BY_STROKE = false;
+// Fragments behind one that covers its pixel wholly are left out.
+layout(constant_id = 4) const bool BEFORE_HIDERS = false;
 
 layout(scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
-// The first tile, and the one after the last; then of every tile the first stroke, and the one after the last of all.
+// The first tile, and the one after the last, and two words more; then of every tile the first stroke, and the one after the last of all.
 layout(scalar) readonly buffer Part { uint tile[]; } part;
 // Strokes as stroke_bins leaves them. As texels, and for devices whose texel buffers are too small; brushes, too.
 layout(rgba32ui) readonly uniform uimageBuffer strokes;
@@ -35,11 +38,20 @@ layout(r32ui) readonly uniform uimageBuffer brushes;
 layout(scalar) readonly buffer BrushWords { uint word[]; } brush_words;
 // Of every pixel, tile by tile, the first fragment.
 layout(scalar) readonly buffer Starts { uint word[]; } starts;
-layout(scalar) writeonly buffer Keys { uvec2 key[]; } keys;
-layout(scalar) writeonly buffer Counts { uint word[]; } counts;
+layout(scalar) buffer Keys { uvec2 key[]; } keys;
+// Of every pixel, tile by tile, its fragments so far; and whether its key is that of a stroke that hides what is behind.
+layout(scalar) buffer Counts { uint word[]; } counts;
 layout(scalar) writeonly buffer Fragments { uvec2 fragment[]; } fragments;
+// Of every pixel, tile by tile, where the nearest fragment lies that covers it wholly: found while all are counted.
+layout(scalar) buffer Hiders { uint depth[]; } hiders;
 
-const uint PARTS = 2u;
+layout(push_constant, scalar) uniform Push {
+    uint before; // strokes of each tile
+} push;
+
+const uint STROKES_AT_ONCE = 8192u;
+const uint HIDING = 1u << 31;
+const uint PARTS = 4u;
 const uint NO_POINT = 0xFFFFFFFFu;
 
 uvec4 texel(uint i) {
@@ -72,14 +84,19 @@ void main() {
     vec2 at = vec2(pixel) + vec2(0.5);
     vec2 reach = canvas.reach;
     float hides = canvas.hides;
-    uint stroke = part.tile[PARTS + place];
-    uint end = part.tile[PARTS + place + 1u];
+    uint stroke = part.tile[PARTS + place] + push.before;
+    uint end = min(part.tile[PARTS + place + 1u], stroke + STROKES_AT_ONCE);
+    if (stroke >= end) return;
     uint start = FRAGMENTS == KEPT ? starts.word[place * 64u + lane] : 0u;
-    uvec2 front = uvec2(NO_POINT);
-    uvec2 veil = uvec2(NO_POINT);
-    uint count = 0u;
+    uint count = counts.word[place * 64u + lane];
+    uint at_key = inside ? pixel.y * canvas.size.x + pixel.x : 0u;
+    uvec2 key_before = FRAGMENTS == COUNTED ? uvec2(NO_POINT) : keys.key[at_key];
+    uvec2 front = count >= HIDING ? key_before : uvec2(NO_POINT);
+    uvec2 veil = count >= HIDING ? uvec2(NO_POINT) : key_before;
+    count &= ~HIDING;
+    uint hider = FRAGMENTS == 0u ? 0u : hiders.depth[place * 64u + lane];
 
-    if (stroke < end) for (;;) {
+    for (;;) {
         vec4 centre_turning = uintBitsToFloat(texel(3u * stroke));
         vec4 axes = uintBitsToFloat(texel(3u * stroke + 1u));
         vec2 off = at - centre_turning.xy;
@@ -98,7 +115,7 @@ void main() {
             float alpha = coverage(uv, brush);
             vec3 roots = roots_of(rest.z);
             // Detail in two layers: a smaller stroke across the first, a little lighter or darker.
-            for (bool second = rest.w != 0u; second; second = false) {
+            for (bool second = rest.w >> 31 != 0u; second; second = false) {
                 float upper = coverage(vec2(-uv.y, uv.x) * vec2(1.5), brush ^ 0xA5u);
                 float shade = (brush & 1u) == 0u ? 1.08 : 0.92;
                 roots = roots * vec3(1.0 - upper) + min(roots * vec3(shade), vec3(1.0)) * vec3(upper);
@@ -108,16 +125,20 @@ void main() {
             bool seen = z > 0.0;
             front = seen && alpha >= hides && nearer(key, front) ? key : front;
             if (FRAGMENTS != 0u) {
-                uint opacity = uint(alpha * 255.0 + 0.5);
-                seen = seen && opacity > 0u;
+                uint covers = uint(alpha * abs(uintBitsToFloat(rest.w)) * 255.0 + 0.5);
+                seen = seen && covers > 0u;
                 veil = seen && nearer(key, veil) ? key : veil;
-                if (FRAGMENTS == KEPT && seen) fragments.fragment[start + count] = uvec2(pack_roots(roots, opacity), BY_STROKE ? rest.x : key.y);
+                uint order = BY_STROKE ? rest.x : key.y;
+                if (!BEFORE_HIDERS) hider = seen && covers == 255u ? min(hider, order) : hider;
+                seen = seen && (!BEFORE_HIDERS || order <= hider);
+                if (FRAGMENTS == KEPT && seen) fragments.fragment[start + count] = uvec2(pack_roots(roots, covers), order);
                 count += seen ? 1u : 0u;
             }
         }
         if (++stroke == end) break;
     }
-    if (FRAGMENTS == COUNTED) counts.word[place * 64u + lane] = count;
+    if (FRAGMENTS == COUNTED && !BEFORE_HIDERS) hiders.depth[place * 64u + lane] = hider;
+    counts.word[place * 64u + lane] = count | (FRAGMENTS != COUNTED && front.x != NO_POINT ? HIDING : 0u);
     // What nothing hides behind shows the nearest of what there is.
-    if (FRAGMENTS != COUNTED && inside) keys.key[pixel.y * canvas.size.x + pixel.x] = front.x == NO_POINT ? veil : front;
+    if (FRAGMENTS != COUNTED && inside) keys.key[at_key] = front.x == NO_POINT ? veil : front;
 }

@@ -21,7 +21,7 @@ pub struct Outcome {
     pub layers: Layers,
     pub statistics: project::Statistics,
     /// Where points are painted.
-    pub strokes: Option<strokes::Facts>,
+    pub strokes: Option<strokes::Painted>,
 }
 
 pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
@@ -33,7 +33,7 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
     let marks = shadows::marks(g, &scene, resident, &look.effects, &look.decided, look.light_at_once)?;
     let mut images = Again::default();
     let (layers, strokes) = g.again(&mut images, |g| {
-        let (nearest, strokes) = match strokes::begin(g, view, resident, &look.effects, &look.decided)? {
+        let (nearest, strokes) = match strokes::begin(g, view, resident, &look.effects, &look.decided, look.strokes_at_once)? {
             Some(painting) => points.painted(g, painting)?,
             None => (points.nearest(g, None)?, None),
         };
@@ -135,13 +135,13 @@ impl Points<'_> {
     }
 
     /// All points, as strokes.
-    fn painted(&self, g: &mut Graph, mut painting: Painting) -> Result<(Layers, Option<strokes::Facts>)> {
+    fn painted(&self, g: &mut Graph, mut painting: Painting) -> Result<(Layers, Option<strokes::Painted>)> {
         let mut resolved = resolve::layers(g, self.scene.view);
         for &band in self.bands {
-            let keys = painting.record(g, band)?;
+            let keys = painting.record(g, self.paint, band)?;
             resolved = resolve::record(g, &keys, self.paint, band, resolved);
         }
-        let facts = painting.cover(&mut resolved);
-        Ok((resolved.layers(g, self.scene.view, self.resident)?, Some(facts)))
+        let painted = painting.cover(&mut resolved);
+        Ok((resolved.layers(g, self.scene.view, self.resident)?, Some(painted)))
     }
 }

@@ -29,8 +29,6 @@ impl Effects {
         }
         if style == Style::Strokes {
             effects.strokes.switch = Switch::On;
-            // What is seen through strokes are strokes.
-            effects.transparency.switch = Switch::Off;
         }
         effects
     }
@@ -75,6 +73,9 @@ impl Wishes {
     }
 }
 
+/// Strokes of a pixel that one more frame brings into order: behind so many little of the light is left (`study strokes`), so that already the first of these frames shows nearly the whole picture.
+const STROKES_AT_ONCE: u32 = 8;
+
 /// Of occlusion: enough for corners to stay dark.
 const HURRIED_DIRECTIONS: f64 = 2.0;
 
@@ -95,6 +96,8 @@ pub struct Look {
     pub precision: Precision,
     /// Samples of the light that this frame adds at most to those that shadows are made of already; all where nothing is said.
     pub light_at_once: Option<u32>,
+    /// Of the strokes that lie over each other in a pixel, those that this frame brings into order at most beside those that are; all where nothing is said.
+    pub strokes_at_once: Option<u32>,
     /// As [`Scene`] has them, of the whole picture: parts of it go by the same.
     pub spacing_m: f64,
     pub pixel_m: f64,
@@ -121,10 +124,15 @@ impl Look {
         if self.decided.runs("transparency") { self.effects.transparency.settings.layers as u32 } else { 1 }
     }
 
-    /// What is drawn while the camera moves; the picture that follows at rest has everything. Of strokes over each other only the nearest, softened (dos Anjos et al. 2018, sec. 3.3.2); less
-    /// occlusion; and of a light that is new one sample (Dobrev et al. 2010, sec. 6).
+    /// What is drawn at rest, a frame after the other, until nothing is left to add: of a light that is new one sample (Dobrev et al. 2010, sec. 6), to which others are added beside the frames; of strokes
+    /// over each other the nearest few, and a few more every frame (dos Anjos et al. 2018, sec. 3.3.3).
+    pub fn gradual(&self) -> Look {
+        Look { light_at_once: Some(0), strokes_at_once: Some(STROKES_AT_ONCE), ..self.clone() }
+    }
+
+    /// What is drawn while the camera moves; the pictures that follow at rest have everything. Of strokes over each other only the nearest, softened; and less occlusion.
     pub fn hurried(&self) -> Look {
-        let mut hurried = Look { light_at_once: Some(0), ..self.clone() };
+        let mut hurried = self.gradual();
         let Effects { strokes, ao, .. } = &mut hurried.effects;
         if self.decided.runs("strokes") && strokes.settings.blend == strokes::Blend::Abuffer {
             strokes.settings.blend = strokes::Blend::Blur;
@@ -147,6 +155,7 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
         background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
         precision: wishes.precision,
         light_at_once: None,
+        strokes_at_once: None,
     }
 }
 
@@ -166,6 +175,7 @@ mod tests {
             background: [0.0; 3],
             precision: Precision::Auto,
             light_at_once: None,
+            strokes_at_once: None,
             spacing_m: 0.0,
             pixel_m: 0.0,
         };

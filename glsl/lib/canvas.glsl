@@ -4,7 +4,6 @@ struct Canvas {
     uvec2 size;       // pixels, of the band
     uvec2 tiles;      // across and down
     vec2 middle;      // of the whole picture, from the band's corner, pixels
-    float margin;     // around the picture, where points are looked for, too; pixels
     float focal;      // pixels; orthographic: pixels per metre
     vec3 right;       // world to view, down as rows go
     vec3 down;
@@ -15,6 +14,7 @@ struct Canvas {
     float lengthen;   // how much of a cluster's length its strokes take on
     vec2 reach;       // where a brush ends, from its middle, parts of a side
     uint word;        // the first of the point's two, counted after the position planes
+    uint kind;        // the one of its kind, where points bring it
     uint tangents;
     float hides;      // coverage that hides what is behind
     float lo;         // attribute words at the ends of the ramp

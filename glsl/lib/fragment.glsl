@@ -17,3 +17,17 @@ vec3 roots_of(uint word) {
 float coverage_of(uint word) {
     return float(word >> 24) / 255.0;
 }
+
+// Of 1: what is behind changes no 8-bit colour.
+const float LEAST = 0.001953125;
+
+bool shows(vec4 sum) {
+    return 1.0 - sum.a >= LEAST;
+}
+
+// Colour times coverage, and coverage, over what a fragment shows: linear (HARD_CASES 17).
+vec4 over(vec4 sum, uint fragment) {
+    float light = (1.0 - sum.a) * coverage_of(fragment);
+    vec3 roots = roots_of(fragment);
+    return vec4(sum.rgb + roots * roots * vec3(light), sum.a + light);
+}

@@ -25,6 +25,11 @@ ivec3 cells_of(uint coarse, uint fine, uint finest) {
 #define CHUNKS_TO_WALK push.chunk_count
 #endif
 
+// Workgroups that share a chunk, side by side in z.
+#ifndef SLICES
+#define SLICES 1u
+#endif
+
 // By its place in the list.
 #ifndef IS_TO_BE_WALKED
 #define IS_TO_BE_WALKED(at) true
@@ -38,8 +43,8 @@ void main() {
     if (!IS_TO_BE_WALKED(at)) return;
     uint chunk = chunks.chunk[at];
     uint n = chunk / CHUNKS_PER_PAGE;
-    uint first = chunk % CHUNKS_PER_PAGE * POINTS_PER_CHUNK;
-    uint end = min(nodes.node[n].count, first + POINTS_PER_CHUNK);
+    uint first = chunk % CHUNKS_PER_PAGE * POINTS_PER_CHUNK + gl_WorkGroupID.z * (POINTS_PER_CHUNK / SLICES);
+    uint end = min(nodes.node[n].count, first + POINTS_PER_CHUNK / SLICES);
     vec4 row_x = nodes.node[n].row_x;
     vec4 row_y = nodes.node[n].row_y;
     vec4 row_z = nodes.node[n].row_z;

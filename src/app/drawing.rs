@@ -2,7 +2,7 @@
 //!
 //! The window's thread never waits for the device: it posts what it wants, and goes on. This one drains what was posted, keeps the newest, and
 //!   draws where that is another picture than the last: smaller while it keeps changing (pace.rs), and once as large as the window when it has stopped;
-//!   draws again while nodes of an index arrive; then sleeps until something is posted. A picture that nobody looks at any more is not drawn twice.
+//!   draws again while nodes of an index arrive, and while a picture at rest is refined ([`Look::gradual`]); then sleeps until something is posted. A picture that nobody looks at any more is not drawn twice.
 //! One picture at a time is on the device. As soon as it is there the window's thread is told, which moves the camera on: where that is by then is drawn next. So whatever hands do is on
 //! the screen after what is left of one picture and one more; a second one waiting on the device would show where the camera was before.
 //!
@@ -411,7 +411,7 @@ impl Thread {
         let gives_way = self.wanted != Wanted::Now;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
         let look = look::decide(&scene.wishes, &View::new(scene.camera, present.size())?, resident);
-        let drawn = if gives_way { Look { light_at_once: Some(0), ..look.clone() } } else { look.hurried() };
+        let drawn = if gives_way { look.gradual() } else { look.hurried() };
         if gives_way {
             refine_shadows(&mut self.gpu, &view, resident, &look, &newer)?;
         }
@@ -421,6 +421,11 @@ impl Thread {
         }
         let outcome = match frame::record(&mut g, &view, resident, &drawn) {
             Ok(outcome) => outcome,
+            // Something newer is wanted, which is heard next.
+            Err(Error::Interrupted) => {
+                g.abandon();
+                return Ok(true);
+            }
             // What was asked for cannot be drawn; the picture that is there stays until something else is asked for.
             Err(error @ Error::Request(_)) => {
                 g.abandon();
@@ -446,11 +451,13 @@ impl Thread {
         present.holds(&mut self.gpu, size)?;
         let seen = Arc::new(Seen { view, depth: frame.read(&depth).to_vec(), index: frame.read(&index).to_vec() });
         let passes = frame.passes.clone();
+        let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
+        let ordered = unordered.is_none_or(|unordered| frame.read::<u32>(unordered)[0] == 0);
         frame.shelve(&mut self.gpu);
         self.pace = self.pace.after(divisor, took);
         self.last_drawn = identity;
-        let refined = outcome.layers.marks.as_ref().is_none_or(|marks| marks.facts.cast == marks.facts.samples);
-        let finest = divisor == 1 && drawn.effects == look.effects && refined;
+        let lit = outcome.layers.marks.as_ref().is_none_or(|marks| marks.facts.cast == marks.facts.samples);
+        let finest = divisor == 1 && drawn.effects == look.effects && lit && ordered;
         self.wanted = match (finest, complete) {
             (true, true) => Wanted::Nothing,
             (true, false) => Wanted::More,

@@ -1,7 +1,7 @@
 //! `bench strokes`: what a painting costs, beside plain points of the same cloud (dos Anjos et al. 2018, table 2).
 //!
-//! A torus without colour, three tori and streets with it, and files. First what is found out once: neighbours, radii, normals, clusters; wall-clock time. Then pictures, all ways interleaved round by round on the same device:
-//! `points`, each a pixel; `opaque`, z-buffered strokes; `blur`, the same softened; `abuffer`, all strokes blended. Times are of all passes of the device, those that only count included.
+//! A torus without colour, three tori and streets with it, and files. First what is found out once: neighbours, radii, normals, clusters; and brought to the device; wall-clock time. Then pictures, all ways interleaved
+//! round by round on the same device: `points`, each a pixel; `opaque`, z-buffered strokes; `blur`, the same softened; `abuffer`, all strokes blended. Times are of all passes of the device, those that only count included.
 
 use super::quartiles;
 use crate::cloud::attribute::{Attribute, Shown};
@@ -10,7 +10,6 @@ use crate::error::Result;
 use crate::frame;
 use crate::gpu::Wish;
 use crate::graph::{Gpu, Graph};
-use crate::index::strokes;
 use crate::look::{self, Style, Wishes};
 use crate::passes::Effects;
 use crate::progress::Progress;
@@ -35,6 +34,9 @@ pub struct Plan {
 const TORUS_POINTS: u64 = 437_645;
 const TORI_POINTS: u64 = 1_500_000;
 
+/// Of clouds of so many points a round takes minutes on a software device: there is one, after none that warms up. Its kernels are warm from smaller clouds.
+const LARGE: u64 = 10_000_000;
+
 /// One way's time.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
@@ -46,6 +48,8 @@ pub struct Row {
     pub ms_median: f64,
     pub ms_q1: f64,
     pub ms_q3: f64,
+    /// Rounds that it was taken in.
+    pub rounds: usize,
     /// Multiples of plain points, between medians; 0 of what is no picture.
     pub of_points: f64,
     /// Of the A-buffer.
@@ -84,27 +88,29 @@ fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, plan: &Plan, progress: &dyn Progr
     let (points, sample) = (cloud.len(), cloud.core_points());
     let [device, driver] = [gpu.device.name.clone(), gpu.device.driver.clone()];
     let row = |way, size: &str, mut times: Vec<f64>, plain: Option<f64>, fragments| {
+        let rounds = times.len();
         let [ms_q1, ms_median, ms_q3] = quartiles(&mut times);
         let of_points = plain.map_or(0.0, |plain| ms_median / plain);
         let (scene, size, device, driver) = (name.to_string(), size.to_string(), device.clone(), driver.clone());
-        Row { bench: "strokes", scene, points, way, size, ms_median, ms_q1, ms_q3, of_points, fragments, device, driver }
+        Row { bench: "strokes", scene, points, way, size, ms_median, ms_q1, ms_q3, rounds, of_points, fragments, device, driver }
     };
-    let mut rows = vec![row("prepare", "-", vec![prepare(&cloud, progress)?], None, 0)];
     let attribute = if Attribute::Rgb.is_in(&cloud) { Attribute::Rgb } else { Attribute::White };
     let mut shown = Shown::new(attribute, &cloud);
     shown.further.strokes = true;
+    let start = Instant::now();
     let resident = Resident::fill(gpu, cloud, shown, progress)?;
+    let mut rows = vec![row("prepare", "-", vec![start.elapsed().as_secs_f64() * 1e3], None, 0)];
+    let (warming, rounds) = if points < LARGE { (1, plan.repeat) } else { (0, 1) };
     for &size in &plan.sizes {
         let view = View::new(Camera::framing(Preset::Fit, &sample, size), size)?;
         let mut times = vec![Vec::new(); WAYS.len()];
         let mut fragments = vec![0; WAYS.len()];
-        // One round more, which warms up.
-        for round in 0..=plan.repeat {
-            progress.tick(&format!("bench strokes {name}"), round as u64, plan.repeat as u64)?;
+        for round in 0..warming + rounds {
+            progress.tick(&format!("bench strokes {name}"), round as u64, (warming + rounds) as u64)?;
             for (k, (_, style, effect)) in WAYS.iter().enumerate() {
                 let (ms, count) = draw(gpu, &view, &resident, *style, effect)?;
                 fragments[k] = count;
-                if round > 0 {
+                if round >= warming {
                     times[k].push(ms);
                 }
             }
@@ -119,15 +125,6 @@ fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, plan: &Plan, progress: &dyn Progr
     Ok(rows)
 }
 
-/// Milliseconds until all strokes of a cloud are known.
-fn prepare(cloud: &Cloud, progress: &dyn Progress) -> Result<f64> {
-    let start = Instant::now();
-    for part in &cloud.parts {
-        std::hint::black_box(strokes::strokes(&part.columns, &part.lattice, progress)?);
-    }
-    Ok(start.elapsed().as_secs_f64() * 1e3)
-}
-
 /// Milliseconds of all passes, and fragments of the A-buffer.
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, style: Style, effect: &str) -> Result<(f64, u64)> {
     let mut wishes = Wishes { effects: Effects::of(style), ..Wishes::default() };
@@ -140,7 +137,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, style: Style, effect: &
     let picture = g.download(&outcome.picture);
     let frame = g.submit(&[])?;
     assert!(!frame.read::<f32>(&picture).is_empty());
-    let facts = outcome.strokes.unwrap_or_default();
+    let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();
     let ms = frame.ms("") + facts.counting_ms;
     frame.shelve(gpu);
     Ok((ms, facts.fragments))
@@ -148,15 +145,15 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, style: Style, effect: &
 
 pub fn table(rows: &[Row]) -> String {
     let mut text = format!(
-        "{:<24} {:>10}  {:<8} {:>10} {:>10} {:>10} {:>10} {:>10} {:>12}\n",
-        "scene", "points", "way", "size", "ms", "q1", "q3", "x points", "fragments"
+        "{:<24} {:>10}  {:<8} {:>10} {:>10} {:>10} {:>10} {:>6} {:>10} {:>12}\n",
+        "scene", "points", "way", "size", "ms", "q1", "q3", "rounds", "x points", "fragments"
     );
     for row in rows {
         let times = if row.of_points > 0.0 { format!("{:.2}", row.of_points) } else { "-".to_string() };
         writeln!(
             text,
-            "{:<24} {:>10}  {:<8} {:>10} {:>10.1} {:>10.1} {:>10.1} {:>10} {:>12}",
-            row.scene, row.points, row.way, row.size, row.ms_median, row.ms_q1, row.ms_q3, times, row.fragments
+            "{:<24} {:>10}  {:<8} {:>10} {:>10.1} {:>10.1} {:>10.1} {:>6} {:>10} {:>12}",
+            row.scene, row.points, row.way, row.size, row.ms_median, row.ms_q1, row.ms_q3, row.rounds, times, row.fragments
         )
         .expect("writing to a string");
     }

@@ -131,12 +131,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 
     let mut g = Graph::new(&mut gpu).watched(progress);
     let outcome = frame::record(&mut g, &view, resident, &look)?;
-    facts.strokes = outcome.strokes;
+    facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
     facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
     let downloads = Downloads::ask(&mut g, &outcome, arguments.output.is_some(), arguments.exr.is_some())?;
     let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g, &outcome.layers));
     let frame = g.submit(&[])?;
     stages.done("draw");
+    facts.strokes.iter().filter_map(strokes::Facts::note).for_each(|note| eprintln!("pointillist: note: {note}"));
     downloads.write(&frame, view.size, arguments.output.as_deref(), arguments.exr.as_deref())?;
     stages.done("write");
 

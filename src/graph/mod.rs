@@ -248,6 +248,11 @@ impl<'g> Graph<'g> {
         Graph { progress: Some(progress), ..self }
     }
 
+    /// Another submission, which is to be done before this one, with the same listener.
+    pub fn before(&mut self) -> Graph<'_> {
+        Graph { progress: self.progress, ..Graph::new(self.gpu) }
+    }
+
     /// A transient image; its contents are undefined until a pass writes them.
     pub fn image(&mut self, name: &str, size: [u32; 2], kind: Kind) -> Image {
         let format = kind.format().unwrap_or_else(|| panic!("{name} is an image, not a buffer"));

@@ -45,8 +45,13 @@ pub(super) struct Group {
 impl Group {
     /// Exact up to 65,535 workgroups, and beyond that with less than one row too many.
     pub fn tiles(&self) -> Tiles<'static> {
+        self.slices(1)
+    }
+
+    /// The same, where so many workgroups share a chunk.
+    pub fn slices(&self, slices: u32) -> Tiles<'static> {
         let rows = self.chunk_count.div_ceil(65_535);
-        Tiles::Groups([self.chunk_count.div_ceil(rows), rows, 1])
+        Tiles::Groups([self.chunk_count.div_ceil(rows), rows, slices])
     }
 }
 

@@ -29,10 +29,12 @@ pub fn layers(g: &mut Graph, view: &View) -> Resolved {
 pub struct Paint {
     pub(super) shown: Buffer,
     /// Where points say of what kind they are.
-    kinds: Option<Buffer>,
+    pub(super) kinds: Option<Buffer>,
     /// Where not all points are opaque.
-    opacities: Option<Buffer>,
+    pub(super) opacities: Option<Buffer>,
     pub(super) table: Buffer,
+    /// Of its rows ([`exposure::gains`]).
+    pub(super) gains: Vec<f64>,
     /// Where colours are to be averaged: values of 8 bits with one exposure, row by row as in the table. Colours are such values then, until [`luminance`] makes them linear.
     pub(super) levels: Option<Buffer>,
     pub(super) mode: u32,
@@ -68,7 +70,7 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Pa
     let table = g.upload("table", &table(attribute, &gains))?;
     let levels =
         luminance::averages(resident.shown.attribute, decided).then(|| g.upload("levels", &exposure::levels(&gains))).transpose()?;
-    Ok(Paint { shown, kinds, opacities, table, levels, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
+    Ok(Paint { shown, kinds, opacities, table, gains, levels, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
 }
 
 pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {

@@ -60,7 +60,10 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(0)
 }
 
-pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+    if before.runs("strokes") {
+        return Reason { runs: false, why: "strokes lie over each other by themselves, each as opaque as its point".into() };
+    }
     if !scene.transparent {
         return Reason { runs: false, why: "all points are opaque; --opacity says otherwise".into() };
     }

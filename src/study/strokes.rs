@@ -120,7 +120,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, configuration: &Configu
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look::decide(&configuration.wishes, view, resident))?;
     let picture = g.download(&outcome.picture);
-    let facts = outcome.strokes.unwrap_or_default();
+    let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();
     let frame = g.submit(&[])?;
     let drawing = Drawing {
         picture: frame.read(&picture).to_vec(),

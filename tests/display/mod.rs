@@ -193,6 +193,16 @@ impl<'d> Viewer<'d> {
         [11, 12].map(|at| fields[at].parse::<u64>().unwrap()).iter().sum()
     }
 
+    /// That nothing is drawn, and nothing else done, while nobody touches anything.
+    #[track_caller]
+    pub fn rests(&self) {
+        std::thread::sleep(Duration::from_secs(1));
+        let before = self.ticks();
+        std::thread::sleep(Duration::from_secs(2));
+        let worked = self.ticks() - before;
+        assert!(worked <= 2, "{worked} hundredths of a second of work within two seconds of rest");
+    }
+
     /// As `kill -NAME` does.
     pub fn signal(&self, name: &str) {
         let sent = Command::new("kill").args(["-s", name, &self.program.as_ref().unwrap().id().to_string()]).status();

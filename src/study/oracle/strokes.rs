@@ -1,6 +1,6 @@
 //! The f64 twin of the strokes: every stroke against every pixel, in world coordinates, by the formulas of the paper as they stand.
 //!
-//! In: points, what was found out about them, a view, settings. Out: of every pixel the colour that all strokes over each other give, and the depths that may hide what is behind.
+//! In: points, what was found out about them, how opaque they are, a view, settings. Out: of every pixel the colour that all strokes over each other give, and the depths that may hide what is behind.
 //! The kernel rounds colours and coverages to 8 bits and its depths to f32: colours may be off by a few hundredths where many strokes lie over each other. Where two strokes are so near that
 //! roundings may swap them, or a stroke's edge runs through the pixel, the pixel is not sure, and is not compared.
 
@@ -77,6 +77,8 @@ struct Fragment {
     depth: f64,
     /// What it is ordered by.
     order: f64,
+    /// How much of the pixel is behind it, by its brush, and how much of the light it takes there.
+    coverage: f64,
     alpha: f64,
     color: DVec3,
 }
@@ -91,18 +93,29 @@ struct Painted {
     sides: DVec2,
     words: [u32; 2],
     color: DVec3,
+    opacity: f64,
 }
 
+/// Of a point by its number, how opaque it is.
+pub type Opacity<'o> = &'o dyn Fn(usize) -> f64;
+
 /// All strokes of a part with colours, blended.
-pub fn paint(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke]) -> Vec<Pixel> {
-    let easel = Easel::new(view, settings, part, strokes);
+pub fn paint(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke], opacity: Opacity) -> Vec<Pixel> {
+    let easel = Easel::new(view, settings, part, strokes, opacity);
     let [width, height] = view.size;
     (0..width * height).map(|k| easel.pixel((k % width) as f64 + 0.5, (k / width) as f64 + 0.5)).collect()
 }
 
+/// How many fragments all pixels have together.
+pub fn fragments(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke], opacity: Opacity) -> u64 {
+    let easel = Easel::new(view, settings, part, strokes, opacity);
+    let [width, height] = view.size;
+    (0..width * height).map(|k| easel.fragments((k % width) as f64 + 0.5, (k / width) as f64 + 0.5).0.len() as u64).sum()
+}
+
 /// Pairs of strokes, one next to the other in a pixel, that meet in the pixel right of it or below, too; and how many of them lie there the other way round: strokes that run through each other.
 pub fn crossings(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke]) -> [u64; 2] {
-    let easel = Easel::new(view, settings, part, strokes);
+    let easel = Easel::new(view, settings, part, strokes, &|_| 1.0);
     let [width, height] = view.size;
     let visible = |k: u32| -> Vec<usize> {
         let (mut fragments, _) = easel.fragments((k % width) as f64 + 0.5, (k / width) as f64 + 0.5);
@@ -142,14 +155,16 @@ struct Easel<'v> {
 }
 
 impl<'v> Easel<'v> {
-    fn new(view: &'v View, settings: &Settings, part: &Part, strokes: &[Stroke]) -> Easel<'v> {
+    fn new(view: &'v View, settings: &Settings, part: &Part, strokes: &[Stroke], opacity: Opacity) -> Easel<'v> {
         let columns = &part.columns;
         let turns: Vec<DVec2> = turns(settings.noise).into_iter().map(|[c, s]| DVec2::new(c as f64, s as f64)).collect();
         let bristles = Bristles::of(settings);
         let seen = |(i, stroke): (usize, &Stroke)| {
             let steps = [columns.x[i], columns.y[i], columns.z[i]];
             let color = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]).map(|c| srgb_to_linear(c as f64 / 255.0));
-            seen(view, settings, &bristles, &turns, part.lattice.world(steps.map(i64::from)), stroke.words(steps), DVec3::from_array(color))
+            let at = part.lattice.world(steps.map(i64::from));
+            let painted = seen(view, settings, &bristles, &turns, at, stroke.words(steps), DVec3::from_array(color))?;
+            Some(Painted { opacity: opacity(i), ..painted })
         };
         let painted = strokes.iter().enumerate().filter_map(seen).collect();
         Easel { view, order: settings.order, bristles, turns, painted }
@@ -174,7 +189,7 @@ impl<'v> Easel<'v> {
                 continue;
             }
             let seed = stroke.words[0] >> 24;
-            let (mut alpha, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
+            let (mut covers, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
             if stroke.words[1] & 1 << 7 != 0 {
                 let upper = coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5);
                 // Mixed as the kernel keeps colours: by their square roots.
@@ -182,12 +197,13 @@ impl<'v> Easel<'v> {
                 let root = DVec3::from_array(color.to_array().map(f64::sqrt));
                 let mixed = root * (1.0 - upper) + (root * shade).min(DVec3::ONE) * upper;
                 color = mixed * mixed;
-                alpha = alpha.max(upper);
+                covers = covers.max(upper);
             }
+            let alpha = covers * stroke.opacity;
             // A corner may be rounded the other way.
             // Along a stroke a small error of the angle is a large one of the depth.
             sure &= -steep > GRAZING * direction.length()
-                && (alpha - 0.5).abs() > 0.01
+                && (covers - 0.5).abs() > 0.01
                 && (alpha * 255.0 - 0.5).abs() > 0.05
                 && (edge - 0.5).abs() > EDGE;
             if edge <= 0.5 && alpha * 255.0 >= 0.5 {
@@ -195,7 +211,7 @@ impl<'v> Easel<'v> {
                     Order::Pixel => depth,
                     Order::Stroke => (stroke.at - view.camera.eye).dot(view.basis.forward),
                 };
-                fragments.push(Fragment { stroke: number, depth, order, alpha, color });
+                fragments.push(Fragment { stroke: number, depth, order, coverage: covers, alpha, color });
             }
         }
         (fragments, sure)
@@ -203,7 +219,7 @@ impl<'v> Easel<'v> {
 
     fn pixel(&self, x: f64, y: f64) -> Pixel {
         let (mut fragments, mut sure) = self.fragments(x, y);
-        let hides = fragments.iter().filter(|fragment| fragment.alpha >= 0.5).map(|fragment| fragment.depth).reduce(f64::min);
+        let hides = fragments.iter().filter(|fragment| fragment.coverage >= 0.5).map(|fragment| fragment.depth).reduce(f64::min);
         let nearest = fragments.iter().map(|fragment| fragment.depth).fold(f64::INFINITY, f64::min);
         fragments.sort_by(|a, b| a.order.total_cmp(&b.order));
         // Strokes that are hardly there, or hidden, may come in either order.
@@ -252,7 +268,16 @@ fn seen(
     let radius = f32::from_bits(brush & 0xFFFF_0000) as f64;
     let side = 2.0 * (bristles.size * radius * px_per_m).clamp(LEAST_PX as f64, settings.largest) / px_per_m;
     let length = 1.0 + settings.long * ((brush & 31) as f64 / 8.0).min(1.0);
-    Some(Painted { at, normal, tangent, bitangent: normal.cross(tangent), sides: DVec2::new(side * length, side), words, color })
+    Some(Painted {
+        at,
+        normal,
+        tangent,
+        bitangent: normal.cross(tangent),
+        sides: DVec2::new(side * length, side),
+        words,
+        color,
+        opacity: 1.0,
+    })
 }
 
 /// Squares of a brush, along a side.
