@@ -409,3 +409,18 @@ fn interrupted_work_leaves_nothing_half_written() {
         }
     }
 }
+
+#[test]
+fn a_painting_that_needs_more_memory_than_allowed_is_the_same_and_says_so() {
+    let place = Place::new();
+    let cloud = place.scan("torus.las", Scene::Torus, 60_000);
+    let drawn = [("ample.png", "512MiB"), ("scarce.png", "1MiB")].map(|(name, bytes)| {
+        let output = place.render(&cloud, &format!("-o @{name} --style strokes --size 320x240 --abuffer-memory {bytes}"));
+        succeeded(&output);
+        (fs::read(place.at(name)).unwrap(), text(&output.stderr))
+    });
+    assert!(drawn[0].0 == drawn[1].0);
+    let [ample, scarce] = drawn.map(|(_, said)| said);
+    assert!(!ample.contains("memory allowed") && scarce.contains("because the memory allowed was reached"), "{ample}{scarce}");
+    failed(&place.render(&cloud, "-o @out.png --style strokes --abuffer-memory 1KiB"), 2);
+}

@@ -20,6 +20,8 @@ use crate::source::{Opening, Source};
 use crate::view::{Camera, Preset, View};
 use std::path::{Path, PathBuf};
 
+const MIB: u64 = 1 << 20;
+
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Picture")]
 pub struct PictureOptions {
@@ -56,6 +58,9 @@ pub struct PictureOptions {
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
+    /// Memory for lists and fragments of strokes [default: 512MiB, or as --effect strokes=memory= says]; a painting that needs more is made in parts, and says so
+    #[arg(long, value_name = "BYTES", value_parser = abuffer)]
+    pub abuffer_memory: Option<Bytes>,
     #[command(flatten)]
     pub detail: DetailOptions,
     /// That of --scene.
@@ -106,6 +111,12 @@ impl DetailOptions {
         };
         Opening { read, index, place, shadows: self.shadows.clone().map(|path| (path, light)), fault: None }
     }
+}
+
+/// Of the setting's own limits.
+fn abuffer(text: &str) -> std::result::Result<Bytes, String> {
+    let bytes = text.parse::<Bytes>().map_err(|error| error.to_string())?;
+    if (MIB..=65_536 * MIB).contains(&bytes.0) { Ok(bytes) } else { Err("from 1MiB to 64GiB".into()) }
 }
 
 fn pixels(text: &str) -> std::result::Result<f64, String> {
@@ -164,6 +175,9 @@ impl PictureOptions {
         let mut effects = Effects::of(self.style);
         for text in &self.effect {
             effects.set(text).map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
+        }
+        if let Some(Bytes(bytes)) = self.abuffer_memory {
+            effects.strokes.settings.memory = bytes as f64 / MIB as f64;
         }
         Ok(Wishes { effects, light: self.light, background: self.background.0, precision: Precision::Auto })
     }

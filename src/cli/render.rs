@@ -227,8 +227,9 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
     );
     if resident.clips.active() > 0 {
         text += &format!(
-            "clip: {} boxes; nothing is left of {} nodes, and {} points of others were compared with the boxes one by one\n",
+            "clip: {} box{}; nothing is left of {} nodes, and {} points of others were compared with the boxes one by one\n",
             resident.clips.active(),
+            if resident.clips.active() == 1 { "" } else { "es" },
             drawn.nodes_clipped + facts.taken.as_ref().map_or(0, |taken| taken.nodes_clipped),
             drawn.points_compared
         );

@@ -215,7 +215,7 @@ impl Facts {
     /// Where the memory allowed was reached.
     pub fn note(&self) -> Option<String> {
         let parts = self.parts;
-        (parts > 1).then(|| format!("painted in {parts} parts, because the memory allowed was reached; more, and fewer parts, with --effect strokes=memory=; the picture is the same"))
+        (parts > 1).then(|| format!("painted in {parts} parts, because the memory allowed was reached; more, and fewer parts, with --abuffer-memory; the picture is the same"))
     }
 
     fn of([listed, fragments, hidden, deepest, bytes]: [u64; 5]) -> Facts {
