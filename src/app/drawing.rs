@@ -27,6 +27,7 @@ use crate::scene::Scene;
 use crate::source::Brought;
 use crate::tiled;
 use crate::view::View;
+use glam::DVec2;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -53,6 +54,7 @@ pub enum Message {
     /// The point of an id in the last picture.
     Pick {
         id: u32,
+        at: DVec2,
         adds: bool,
     },
     /// The points of a slab.
@@ -78,6 +80,11 @@ pub enum Report {
     Brought,
     Picked {
         point: Point,
+        adds: bool,
+    },
+    /// Nodes have come since the picture that was picked from; the next one shows what is there.
+    PickLater {
+        at: DVec2,
         adds: bool,
     },
     Profile(Box<Profile>),
@@ -325,13 +332,15 @@ impl Thread {
                     Err(error) => (self.report)(Report::Failed(error)),
                 }
             }
-            Message::Pick { id, adds } => {
+            Message::Pick { id, at, adds } => {
                 // Ids are of the picture that was drawn last; where nodes have come since, they are others.
                 let resident = self.cloud.as_ref().map(Brought::resident).filter(|resident| resident.identity() == self.last_drawn);
-                if let Some(resident) = resident
-                    && let Some(point) = resident.point(&mut self.gpu, id)?
-                {
-                    (self.report)(Report::Picked { point, adds });
+                match resident {
+                    Some(resident) => {
+                        let point = resident.point(&mut self.gpu, id)?;
+                        point.into_iter().for_each(|point| (self.report)(Report::Picked { point, adds }));
+                    }
+                    None => (self.report)(Report::PickLater { at, adds }),
                 }
             }
             Message::Section(slab) => {

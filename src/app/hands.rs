@@ -5,6 +5,7 @@ use super::drawing::Message;
 use super::keys::{self, Act};
 use super::navigation::{Button, Input};
 use crate::view::View;
+use glam::DVec2;
 use std::time::{Duration, Instant};
 use winit::event::{ElementState, MouseButton};
 use winit::event_loop::ActiveEventLoop;
@@ -27,9 +28,11 @@ impl App {
     }
 
     /// With shift one more point, without it another one.
-    pub(super) fn pick(&self) {
-        if let Some(id) = self.seen.as_ref().and_then(|seen| seen.point(self.cursor, self.size())) {
-            self.post(Message::Pick { id, adds: self.modifiers.shift });
+    pub(super) fn pick(&mut self, at: DVec2, adds: bool) {
+        match &self.seen {
+            Some(seen) => seen.point(at, self.size()).into_iter().for_each(|id| self.post(Message::Pick { id, at, adds })),
+            // On a window that shows nothing yet: of its first picture.
+            None => self.picks_later = Some((at, adds)),
         }
     }
 
@@ -60,7 +63,7 @@ impl App {
         if state == ElementState::Released {
             let still = self.pressed.take().is_some_and(|at| at.distance(self.cursor) < CLICK_PX);
             if button == Button::Left && still {
-                self.pick();
+                self.pick(self.cursor, self.modifiers.shift);
             }
             return self.navigate(Input::Release { button });
         }

@@ -91,6 +91,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         cursor: DVec2::ZERO,
         modifiers: Modifiers::default(),
         clicked: None,
+        picks_later: None,
         pressed: None,
         flight: options.flight.map(Flight::new),
         moved: options.began,
@@ -139,6 +140,8 @@ struct App {
     cursor: DVec2,
     modifiers: Modifiers,
     clicked: Option<(Instant, DVec2)>,
+    /// A click that the next picture answers, and whether it adds a point.
+    picks_later: Option<(DVec2, bool)>,
     /// Where the first button went down.
     pressed: Option<DVec2>,
     flight: Option<Flight>,

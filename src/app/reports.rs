@@ -21,6 +21,7 @@ impl App {
             Report::Brought if self.waits => {}
             Report::Brought => self.facts.doing = None,
             Report::Picked { point, adds } => self.picked(point, adds),
+            Report::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             Report::Profile(profile) => {
                 // To be copied from the terminal.
                 println!("{}", profile.says());
@@ -44,6 +45,9 @@ impl App {
         let rests = drawn.whole && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
         let hands = self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
         self.seen = Some(drawn.seen);
+        if let Some((at, adds)) = self.picks_later.take() {
+            self.pick(at, adds);
+        }
         self.facts.drawn = drawn.statistics.points_drawn;
         (self.facts.latency, self.facts.took) = (drawn.latency, drawn.took);
         self.facts.passes = drawn.passes;
