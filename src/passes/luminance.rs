@@ -139,6 +139,7 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, sh
     let ramp = scene.shown == Attribute::Intensity;
     let channels = if settings.space == Space::Rgb && !ramp { 3 } else { 1 };
     let mut sums = Sums { bands: Vec::new(), table: paint.table.again(), channels, epsilon: shallow.epsilon };
+    let again = Again { scene, drawn, shallow, paint, front, channels };
     let [width, height] = scene.view.size;
     // Two rows are left for the neighbours of a band.
     let limit = g.binding_limit().saturating_sub(16 * channels as u64 * width as u64);
@@ -147,13 +148,24 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, sh
         let band = Band { top: top.saturating_sub(1), size: [width, (rows[1] + 1).min(height) - top.saturating_sub(1)] };
         let mut words = g.buffer("sums", 8 * channels as u64 * width as u64 * band.size[1] as u64);
         g.fill(&mut words, 0);
-        walk(g, scene, drawn, shallow, paint, channels, band, front, &mut words);
+        walk(g, &again, band, &mut words);
         sums.bands.push(Summed { rows, band, sums: words });
     }
     Ok(sums)
 }
 
-fn walk(g: &mut Graph, scene: &Scene, drawn: &Drawn, shallow: &Shallow, paint: &Paint, channels: u32, band: Band, front: &Image, sums: &mut Buffer) {
+/// The second walk over points.
+struct Again<'w> {
+    scene: &'w Scene<'w>,
+    drawn: &'w Drawn,
+    shallow: &'w Shallow,
+    paint: &'w Paint,
+    front: &'w Image,
+    channels: u32,
+}
+
+fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
+    let &Again { scene, drawn, shallow, paint, front, channels } = again;
     let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, scene.view, band);
     let (ramp, levels, [lo, scale]) = (scene.shown == Attribute::Intensity, paint.levels.as_ref().unwrap_or(&paint.table), paint.ramp);
     let Shallow { chunks: shallow, epsilon } = shallow;
