@@ -10,7 +10,7 @@
 pub mod overlay;
 
 use crate::error::{Error, Result};
-use crate::gpu::memory::{ImageDesc, RawBuffer, RawImage};
+use crate::gpu::memory::{Block, ImageDesc, RawBuffer, RawImage};
 use crate::gpu::{BufferDesc, Device, Place, failed};
 use crate::graph::Gpu;
 use ash::{khr, vk};
@@ -50,8 +50,8 @@ struct Swapchain {
     screen: RawBuffer,
     /// What is on the screen, pixels.
     picture: [u32; 2],
-    /// Where a picture that is smaller than the window is scaled from.
-    small: Option<RawImage>,
+    /// Where a picture that is smaller than the window is scaled from, and what it lies in.
+    small: Option<(RawImage, Block)>,
     /// The window has changed since.
     stale: bool,
 }
@@ -144,10 +144,10 @@ impl Present {
     pub fn holds(&mut self, gpu: &mut Gpu, picture: [u32; 2]) -> Result<()> {
         let swapchain = self.swapchain.as_mut().expect("fit says that it is there");
         let desc = (picture != swapchain.size).then_some(ImageDesc { size: picture, format: self.format.format });
-        if swapchain.small.as_ref().map(|small| small.desc) != desc {
+        if swapchain.small.as_ref().map(|(small, _)| small.desc) != desc {
             // Whoever gets it next begins after what is under way.
-            swapchain.small.take().into_iter().for_each(|small| gpu.memory.shelve_image(small));
-            swapchain.small = desc.map(|desc| gpu.memory.image(&gpu.device, desc, "small picture")).transpose()?;
+            swapchain.small.take().into_iter().for_each(|(_, block)| gpu.memory.shelve_block(block));
+            swapchain.small = desc.map(|desc| gpu.memory.image_alone(&gpu.device, desc, "small picture")).transpose()?;
         }
         swapchain.picture = picture;
         Ok(())
@@ -326,7 +326,7 @@ impl Present {
     fn drop_swapchain(&mut self, gpu: &mut Gpu) {
         let Some(swapchain) = self.swapchain.take() else { return };
         gpu.memory.destroy_buffer(swapchain.screen);
-        swapchain.small.into_iter().for_each(|small| gpu.memory.shelve_image(small));
+        swapchain.small.into_iter().for_each(|(_, block)| gpu.memory.shelve_block(block));
         // SAFETY: see above.
         unsafe {
             for target in &swapchain.targets {
@@ -391,7 +391,7 @@ unsafe fn copy(device: &ash::Device, commands: vk::CommandBuffer, swapchain: &Sw
         turn(device, commands, image, vk::ImageLayout::UNDEFINED, written);
         match &swapchain.small {
             None => device.cmd_copy_buffer_to_image(commands, swapchain.screen.raw, image, written, &[region]),
-            Some(small) => {
+            Some((small, _)) => {
                 turn(device, commands, small.raw, vk::ImageLayout::UNDEFINED, written);
                 device.cmd_copy_buffer_to_image(commands, swapchain.screen.raw, small.raw, written, &[region]);
                 turn(device, commands, small.raw, written, written);

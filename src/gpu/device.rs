@@ -47,6 +47,8 @@ pub struct Device {
     pub texels: bool,
     /// Workgroups of a pass that goes through a list of which most may need nothing: on a CPU few, since there every workgroup walks through its code once even if nothing is to be done.
     pub most_groups: u32,
+    /// Bytes of one allocation.
+    pub most_memory: u64,
     pub labels: Option<ext::debug_utils::Device>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     // Boxed: the messenger holds its address.
@@ -100,7 +102,7 @@ impl Device {
         // SAFETY: the family and its queue 0 were asked for in open_device.
         let queue = unsafe { raw.get_device_queue(family, 0) };
         let labels = debug.as_ref().map(|_| ext::debug_utils::Device::new(&instance, &raw));
-        let driver = driver(&instance, physical);
+        let (driver, most_memory) = driver(&instance, physical);
         // SAFETY: a plain query of a live instance.
         let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
         Ok(Device {
@@ -119,6 +121,7 @@ impl Device {
                 vk::PhysicalDeviceType::CPU => 8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32),
                 _ => properties.limits.max_compute_work_group_count[0],
             },
+            most_memory,
             labels,
             messenger: debug.zip(messenger),
             messages,
@@ -359,12 +362,15 @@ fn queue_family(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Optio
     families.iter().position(|family| family.queue_flags.contains(needed)).map(|index| index as u32)
 }
 
-fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice) -> String {
+/// Its name and version, and how many bytes one allocation may have.
+fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice) -> (String, u64) {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
-    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver);
-    // SAFETY: the structure belongs to Vulkan 1.2, which every chosen device has.
+    let mut limits = vk::PhysicalDeviceMaintenance3Properties::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver).push_next(&mut limits);
+    // SAFETY: the structures belong to Vulkan 1.2, which every chosen device has.
     unsafe { instance.get_physical_device_properties2(physical, &mut properties) };
-    format!("{} {}", text(&driver.driver_name), text(&driver.driver_info)).trim().to_string()
+    let name = format!("{} {}", text(&driver.driver_name), text(&driver.driver_info)).trim().to_string();
+    (name, limits.max_memory_allocation_size)
 }
 
 fn text(characters: &[c_char]) -> String {

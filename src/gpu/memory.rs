@@ -1,7 +1,7 @@
 //! Descriptions in, named buffers and images out.
 //!
-//! Memory comes from gpu-allocator. What a frame is done with goes to a shelf and is handed out again to whoever asks for the same description,
-//! because fresh pages cost seconds per GiB to touch on a software device (PROBE.md) and allocations are slow on every other.
+//! Memory comes from gpu-allocator. What a frame is done with goes to a shelf and is handed out again: buffers to whoever asks for the same description, blocks, in which images and
+//! buffers of a frame lie, to a frame of about the same size; because fresh pages cost seconds per GiB to touch on a software device (PROBE.md) and allocations are slow on every other.
 
 use super::{Device, failed};
 use crate::error::{Error, Result};
@@ -52,6 +52,12 @@ impl ImageDesc {
 
     pub fn bytes(&self) -> u64 {
         self.size[0] as u64 * self.size[1] as u64 * self.bytes_per_pixel()
+    }
+
+    /// All of such an image.
+    pub fn whole(&self) -> vk::ImageSubresourceRange {
+        let aspect = if self.format == vk::Format::D32_SFLOAT { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
+        vk::ImageSubresourceRange { aspect_mask: aspect, level_count: 1, layer_count: 1, ..Default::default() }
     }
 }
 
@@ -147,12 +153,38 @@ impl Window {
     }
 }
 
+/// An image somewhere in a block.
+#[derive(Clone, Copy)]
 pub struct RawImage {
     pub raw: vk::Image,
     pub view: vk::ImageView,
     pub desc: ImageDesc,
-    allocation: Allocation,
 }
+
+/// What something needs of the memory that it lies in: a place that is a multiple of `align`, in memory of one of these types.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Room {
+    pub bytes: u64,
+    pub align: u64,
+    pub types: u32,
+}
+
+/// Memory on the device, and images and buffers that lie in it, over one another as its owner says.
+pub struct Block {
+    room: Room,
+    allocation: Allocation,
+    images: HashMap<(ImageDesc, u64), RawImage>,
+    buffers: HashMap<(BufferDesc, u64), (vk::Buffer, Texels)>,
+    /// When it was shelved, in blocks that had been asked for.
+    shelved: u64,
+}
+
+/// A block that nobody has taken while so many were asked for is given back: a picture was larger once, or a window.
+const BLOCKS_TO_WAIT: u64 = 64;
+/// Nobody takes a block so many times larger than wanted: who needs it may come next.
+const ROOMY: u64 = 4;
+/// Images and buffers of a block: more than any few plans have, and no more of windows that change their size.
+const MOST_PLACED: usize = 4096;
 
 /// A buffer that outlives the frame, what its contents were made of, and how many steps of that have been made; nothing until a frame has made some.
 struct Kept {
@@ -164,7 +196,10 @@ struct Kept {
 pub struct Memory {
     allocator: ManuallyDrop<Allocator>,
     buffers: HashMap<BufferDesc, Vec<RawBuffer>>,
-    images: HashMap<ImageDesc, Vec<RawImage>>,
+    blocks: Vec<Block>,
+    blocks_asked: u64,
+    image_rooms: HashMap<ImageDesc, Room>,
+    buffer_rooms: HashMap<u64, Room>,
     kept: HashMap<String, Kept>,
     device: ash::Device,
     /// Bytes in buffers and images, on the shelf or in use.
@@ -186,7 +221,10 @@ impl Memory {
         Ok(Memory {
             allocator: ManuallyDrop::new(allocator),
             buffers: HashMap::new(),
-            images: HashMap::new(),
+            blocks: Vec::new(),
+            blocks_asked: 0,
+            image_rooms: HashMap::new(),
+            buffer_rooms: HashMap::new(),
             kept: HashMap::new(),
             device: device.raw.clone(),
             allocated: 0,
@@ -199,18 +237,9 @@ impl Memory {
             device.name(buffer.raw, name);
             return Ok(buffer);
         }
-        use vk::BufferUsageFlags as Usage;
-        let usage = Usage::STORAGE_BUFFER
-            | Usage::TRANSFER_SRC
-            | Usage::TRANSFER_DST
-            | Usage::SHADER_DEVICE_ADDRESS
-            | Usage::VERTEX_BUFFER
-            | Usage::INDIRECT_BUFFER
-            | Usage::STORAGE_TEXEL_BUFFER;
-        let info = vk::BufferCreateInfo::default().size(desc.bytes.max(4)).usage(usage);
         // SAFETY: a plain creation on a live device; memory of the asked requirements is bound before anyone sees the buffer.
         let (raw, requirements) = unsafe {
-            let raw = self.device.create_buffer(&info, None).map_err(failed("vkCreateBuffer"))?;
+            let raw = self.device.create_buffer(&buffer_info(desc.bytes), None).map_err(failed("vkCreateBuffer"))?;
             (raw, self.device.get_buffer_memory_requirements(raw))
         };
         let location = match desc.place {
@@ -228,20 +257,20 @@ impl Memory {
             self.device.get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
         };
         device.name(raw, name);
-        let texels = if desc.place == Place::Download {
-            Texels::default()
-        } else {
-            // Where a device's texel buffers are too small the view ends early, and large buffers are read otherwise (Device::texels).
-            Texels {
-                words: self.texels(device, raw, desc.bytes, vk::Format::R32_UINT)?,
-                fours: self.texels(device, raw, desc.bytes, vk::Format::R32G32B32A32_UINT)?,
-            }
-        };
+        let texels = if desc.place == Place::Download { Texels::default() } else { self.texels(device, raw, desc.bytes)? };
         Ok(RawBuffer { raw, desc, address, texels, allocation })
     }
 
+    /// Where a device's texel buffers are too small the views end early, and large buffers are read otherwise (Device::texels).
+    fn texels(&self, device: &Device, buffer: vk::Buffer, bytes: u64) -> Result<Texels> {
+        Ok(Texels {
+            words: self.texels_of(device, buffer, bytes, vk::Format::R32_UINT)?,
+            fours: self.texels_of(device, buffer, bytes, vk::Format::R32G32B32A32_UINT)?,
+        })
+    }
+
     /// As many whole texels of a buffer as it has and as a view may have; null where that is none.
-    fn texels(&self, device: &Device, buffer: vk::Buffer, bytes: u64, format: vk::Format) -> Result<vk::BufferView> {
+    fn texels_of(&self, device: &Device, buffer: vk::Buffer, bytes: u64, format: vk::Format) -> Result<vk::BufferView> {
         let texel = if format == vk::Format::R32_UINT { 4 } else { 16 };
         let texels = (bytes / texel).min(device.limits.max_texel_buffer_elements as u64);
         if texels == 0 {
@@ -252,51 +281,149 @@ impl Memory {
         unsafe { self.device.create_buffer_view(&view, None) }.map_err(failed("vkCreateBufferView"))
     }
 
-    pub fn image(&mut self, device: &Device, desc: ImageDesc, name: &str) -> Result<RawImage> {
-        if let Some(image) = self.images.get_mut(&desc).and_then(Vec::pop) {
-            device.name(image.raw, name);
-            return Ok(image);
+    /// What an image of this description needs.
+    pub fn image_room(&mut self, device: &Device, desc: ImageDesc) -> Room {
+        *self.image_rooms.entry(desc).or_insert_with(|| {
+            let info = image_info(desc);
+            let mut needs = vk::MemoryRequirements2::default();
+            // SAFETY: asks about an image that is not made.
+            unsafe {
+                self.device
+                    .get_device_image_memory_requirements(&vk::DeviceImageMemoryRequirements::default().create_info(&info), &mut needs)
+            };
+            room(device, needs.memory_requirements)
+        })
+    }
+
+    /// What a buffer of so many bytes on the device needs.
+    pub fn buffer_room(&mut self, device: &Device, bytes: u64) -> Room {
+        *self.buffer_rooms.entry(bytes).or_insert_with(|| {
+            let info = buffer_info(bytes);
+            let mut needs = vk::MemoryRequirements2::default();
+            // SAFETY: asks about a buffer that is not made.
+            unsafe {
+                self.device
+                    .get_device_buffer_memory_requirements(&vk::DeviceBufferMemoryRequirements::default().create_info(&info), &mut needs)
+            };
+            room(device, needs.memory_requirements)
+        })
+    }
+
+    /// A block with at least this room. One that is too small for whoever asks now goes.
+    pub fn block(&mut self, wanted: Room) -> Result<Block> {
+        self.blocks_asked += 1;
+        let asked = self.blocks_asked;
+        let (old, kept) = std::mem::take(&mut self.blocks).into_iter().partition(|block: &Block| block.shelved + BLOCKS_TO_WAIT < asked);
+        self.blocks = kept;
+        let old: Vec<Block> = old;
+        old.into_iter().for_each(|block| self.destroy_block(block));
+
+        let alike = |block: &Block| block.room.types == wanted.types && block.room.align >= wanted.align;
+        let sizes = || self.blocks.iter().enumerate().filter(|(_, block)| alike(block)).map(|(i, block)| (block.room.bytes, i));
+        if let Some((_, place)) = sizes().filter(|(bytes, _)| (wanted.bytes..=ROOMY * wanted.bytes).contains(bytes)).min() {
+            return Ok(self.blocks.swap_remove(place));
         }
-        use vk::ImageUsageFlags as Usage;
-        let attachment = match desc.format {
-            vk::Format::D32_SFLOAT => Usage::DEPTH_STENCIL_ATTACHMENT,
-            // Not all devices write these as storage.
-            vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM => Usage::COLOR_ATTACHMENT,
-            _ => Usage::STORAGE | Usage::COLOR_ATTACHMENT,
-        };
-        let info = vk::ImageCreateInfo::default()
-            .image_type(vk::ImageType::TYPE_2D)
-            .format(desc.format)
-            .extent(vk::Extent3D { width: desc.size[0], height: desc.size[1], depth: 1 })
-            .mip_levels(1)
-            .array_layers(1)
-            .samples(vk::SampleCountFlags::TYPE_1)
-            .tiling(vk::ImageTiling::OPTIMAL)
-            .usage(attachment | Usage::TRANSFER_SRC | Usage::TRANSFER_DST);
-        // SAFETY: as in `buffer`.
-        let (raw, requirements) = unsafe {
-            let raw = self.device.create_image(&info, None).map_err(failed("vkCreateImage"))?;
-            (raw, self.device.get_image_memory_requirements(raw))
-        };
-        let allocation = self.allocate(name, requirements, MemoryLocation::GpuOnly, false).inspect_err(|_| {
-            // SAFETY: nobody has seen the image.
-            unsafe { self.device.destroy_image(raw, None) }
-        })?;
-        let aspect = if desc.format == vk::Format::D32_SFLOAT { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
-        let whole = vk::ImageSubresourceRange { aspect_mask: aspect, level_count: 1, layer_count: 1, ..Default::default() };
+        if let Some((_, place)) = sizes().filter(|(bytes, _)| *bytes < wanted.bytes).max() {
+            let small = self.blocks.swap_remove(place);
+            self.destroy_block(small);
+        }
+        let requirements = vk::MemoryRequirements { size: wanted.bytes, alignment: wanted.align, memory_type_bits: wanted.types };
+        let allocation = self.allocate("a frame", requirements, MemoryLocation::GpuOnly, false)?;
+        Ok(Block { room: wanted, allocation, images: HashMap::new(), buffers: HashMap::new(), shelved: 0 })
+    }
+
+    /// An image from this byte of a block on.
+    pub fn image(&mut self, device: &Device, block: &mut Block, at: u64, desc: ImageDesc, name: &str) -> Result<RawImage> {
+        if let Some(image) = block.images.get(&(desc, at)) {
+            device.name(image.raw, name);
+            return Ok(*image);
+        }
+        // SAFETY: a plain creation on a live device; memory is bound before anyone sees the image.
+        let raw = unsafe { self.device.create_image(&image_info(desc), None) }.map_err(failed("vkCreateImage"))?;
         let view_info = vk::ImageViewCreateInfo::default()
             .image(raw)
             .view_type(vk::ImageViewType::TYPE_2D)
             .format(desc.format)
-            .subresource_range(whole);
-        // SAFETY: the view is of the image just bound.
+            .subresource_range(desc.whole());
+        // SAFETY: the block has room for it there, as its owner says; the view is of the image just bound.
         let view = unsafe {
-            self.device.bind_image_memory(raw, allocation.memory(), allocation.offset()).map_err(failed("vkBindImageMemory"))?;
-            self.device.create_image_view(&view_info, None).map_err(failed("vkCreateImageView"))?
+            (self
+                .device
+                .bind_image_memory(raw, block.allocation.memory(), block.allocation.offset() + at)
+                .map_err(failed("vkBindImageMemory")))
+            .and_then(|()| self.device.create_image_view(&view_info, None).map_err(failed("vkCreateImageView")))
+            .inspect_err(|_| self.device.destroy_image(raw, None))?
         };
         device.name(raw, name);
         device.name(view, name);
-        Ok(RawImage { raw, view, desc, allocation })
+        let image = RawImage { raw, view, desc };
+        block.images.insert((desc, at), image);
+        Ok(image)
+    }
+
+    /// An image in a block of its own.
+    pub fn image_alone(&mut self, device: &Device, desc: ImageDesc, name: &str) -> Result<(RawImage, Block)> {
+        let room = self.image_room(device, desc);
+        let mut block = self.block(room)?;
+        match self.image(device, &mut block, 0, desc, name) {
+            Ok(image) => Ok((image, block)),
+            Err(error) => {
+                self.shelve_block(block);
+                Err(error)
+            }
+        }
+    }
+
+    /// A buffer on the device from this byte of a block on.
+    pub fn buffer_in(&mut self, device: &Device, block: &mut Block, at: u64, desc: BufferDesc, name: &str) -> Result<(vk::Buffer, Texels)> {
+        if let Some(&(raw, texels)) = block.buffers.get(&(desc, at)) {
+            device.name(raw, name);
+            return Ok((raw, texels));
+        }
+        // SAFETY: as in `image`.
+        let raw = unsafe { self.device.create_buffer(&buffer_info(desc.bytes), None) }.map_err(failed("vkCreateBuffer"))?;
+        // SAFETY: the block has room for it there, as its owner says.
+        let texels = unsafe { self.device.bind_buffer_memory(raw, block.allocation.memory(), block.allocation.offset() + at) }
+            .map_err(failed("vkBindBufferMemory"))
+            .and_then(|()| self.texels(device, raw, desc.bytes))
+            // SAFETY: nobody has seen the buffer.
+            .inspect_err(|_| unsafe { self.device.destroy_buffer(raw, None) })?;
+        device.name(raw, name);
+        block.buffers.insert((desc, at), (raw, texels));
+        Ok((raw, texels))
+    }
+
+    /// Gives a block back; whoever gets it next begins after what is under way.
+    pub fn shelve_block(&mut self, mut block: Block) {
+        if block.images.len() + block.buffers.len() > MOST_PLACED {
+            // SAFETY: as in `destroy_block`.
+            let _ = unsafe { self.device.device_wait_idle() };
+            self.empty(&mut block);
+        }
+        self.blocks.push(Block { shelved: self.blocks_asked, ..block });
+    }
+
+    fn empty(&self, block: &mut Block) {
+        // SAFETY: nobody has the block but the caller, who is done with it.
+        unsafe {
+            for (_, image) in block.images.drain() {
+                self.device.destroy_image_view(image.view, None);
+                self.device.destroy_image(image.raw, None);
+            }
+            for (_, (buffer, texels)) in block.buffers.drain() {
+                self.device.destroy_buffer_view(texels.words, None);
+                self.device.destroy_buffer_view(texels.fours, None);
+                self.device.destroy_buffer(buffer, None);
+            }
+        }
+    }
+
+    fn destroy_block(&mut self, mut block: Block) {
+        // Who shows a picture may not be done with a block that it has given back: rare enough to wait for.
+        // SAFETY: one thread submits, and it is this one.
+        let _ = unsafe { self.device.device_wait_idle() };
+        self.empty(&mut block);
+        self.free(block.allocation);
     }
 
     /// The buffer of this name, at least so large, and how many steps of what is made of `made_of` it holds; where that is none, whatever it holds is void.
@@ -339,11 +466,6 @@ impl Memory {
         self.buffers.entry(buffer.desc).or_default().push(buffer);
     }
 
-    /// Gives an image back; the GPU must be done with it.
-    pub fn shelve_image(&mut self, image: RawImage) {
-        self.images.entry(image.desc).or_default().push(image);
-    }
-
     pub fn destroy_buffer(&mut self, buffer: RawBuffer) {
         // SAFETY: the caller owned the buffer and the GPU is done with it.
         unsafe {
@@ -379,15 +501,47 @@ impl Drop for Memory {
         for buffer in std::mem::take(&mut self.buffers).into_values().flatten().chain(kept) {
             self.destroy_buffer(buffer);
         }
-        for image in std::mem::take(&mut self.images).into_values().flatten() {
-            // SAFETY: shelved images are not in use.
-            unsafe {
-                self.device.destroy_image_view(image.view, None);
-                self.device.destroy_image(image.raw, None);
-            }
-            self.free(image.allocation);
+        for block in std::mem::take(&mut self.blocks) {
+            self.destroy_block(block);
         }
         // SAFETY: dropped once, here, while the device is still alive.
         unsafe { ManuallyDrop::drop(&mut self.allocator) };
     }
+}
+
+fn buffer_info(bytes: u64) -> vk::BufferCreateInfo<'static> {
+    use vk::BufferUsageFlags as Usage;
+    let usage = Usage::STORAGE_BUFFER
+        | Usage::TRANSFER_SRC
+        | Usage::TRANSFER_DST
+        | Usage::SHADER_DEVICE_ADDRESS
+        | Usage::VERTEX_BUFFER
+        | Usage::INDIRECT_BUFFER
+        | Usage::STORAGE_TEXEL_BUFFER;
+    vk::BufferCreateInfo::default().size(bytes.max(4)).usage(usage)
+}
+
+fn image_info(desc: ImageDesc) -> vk::ImageCreateInfo<'static> {
+    use vk::ImageUsageFlags as Usage;
+    let attachment = match desc.format {
+        vk::Format::D32_SFLOAT => Usage::DEPTH_STENCIL_ATTACHMENT,
+        // Not all devices write these as storage.
+        vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM => Usage::COLOR_ATTACHMENT,
+        _ => Usage::STORAGE | Usage::COLOR_ATTACHMENT,
+    };
+    vk::ImageCreateInfo::default()
+        .image_type(vk::ImageType::TYPE_2D)
+        .format(desc.format)
+        .extent(vk::Extent3D { width: desc.size[0], height: desc.size[1], depth: 1 })
+        .mip_levels(1)
+        .array_layers(1)
+        .samples(vk::SampleCountFlags::TYPE_1)
+        .tiling(vk::ImageTiling::OPTIMAL)
+        .usage(attachment | Usage::TRANSFER_SRC | Usage::TRANSFER_DST)
+}
+
+/// With whole pages of a device that must not find images and buffers on one.
+fn room(device: &Device, needs: vk::MemoryRequirements) -> Room {
+    let align = needs.alignment.max(device.limits.buffer_image_granularity);
+    Room { bytes: needs.size.next_multiple_of(align), align, types: needs.memory_type_bits }
 }

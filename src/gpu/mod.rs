@@ -14,7 +14,7 @@ pub mod trail;
 
 pub use device::{Device, Wish};
 pub use kernel::{Access, Binding, Code, Kind};
-pub use memory::{BufferDesc, ImageDesc, Memory, Place};
+pub use memory::{BufferDesc, ImageDesc, Memory, Place, Room};
 
 use crate::error::Error;
 use ash::vk;

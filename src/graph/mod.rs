@@ -334,7 +334,13 @@ impl<'g> Graph<'g> {
     }
 
     fn add(&mut self, name: &str, shape: Shape) -> ResourceId {
-        self.resources.push(Resource { name: name.to_string(), shape });
+        let Gpu { memory, device, .. } = &mut *self.gpu;
+        let room = match shape {
+            Shape::Image(desc) => Some(memory.image_room(device, desc)),
+            Shape::Buffer(BufferDesc { bytes, place: Place::Device }) => Some(memory.buffer_room(device, bytes)),
+            Shape::Buffer(_) => None,
+        };
+        self.resources.push(Resource { name: name.to_string(), shape, room });
         ResourceId(self.resources.len() - 1)
     }
 
@@ -497,7 +503,7 @@ impl<'g> Graph<'g> {
 
     /// The plan of what has been recorded so far, if nothing but `wanted` is asked of it. Pure; `--explain` prints it.
     pub fn plan(&self, wanted: &[ResourceId]) -> Plan {
-        plan::plan(&self.passes, &self.resources, wanted)
+        plan::plan(&self.passes, &self.resources, wanted, self.gpu.device.most_memory)
     }
 
     /// Plans, records and submits. What is in a download buffer, or `wanted`, is what the frame is for; passes that serve neither are dropped.
@@ -528,7 +534,7 @@ impl<'g> Graph<'g> {
             Shape::Buffer(BufferDesc { place: Place::Download, .. }) => Some(ResourceId(i)),
             _ => None,
         }));
-        let plan = plan::plan(&self.passes, &self.resources, &wanted);
+        let plan = plan::plan(&self.passes, &self.resources, &wanted, self.gpu.device.most_memory);
         record::launch(self, plan)
     }
 }

@@ -2,12 +2,12 @@
 //!
 //! Every pass is a debug label, a timestamp pair and a breadcrumb.
 
-use super::plan::{Plan, Shape};
-use super::{Frame, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place, ResourceId, Work, too_large};
+use super::plan::{Memory, Plan, Shape};
+use super::{BufferDesc, Frame, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place, ResourceId, Work, too_large};
 use crate::error::{Error, Result};
 use crate::gpu::failed;
 use crate::gpu::kernel::descriptor_type;
-use crate::gpu::memory::{RawBuffer, RawImage, Texels};
+use crate::gpu::memory::{Block, RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
 use crate::gpu::trail::Trail;
 use crate::progress::Progress;
@@ -16,15 +16,25 @@ use std::collections::HashMap;
 
 enum Physical {
     Image(RawImage),
+    /// Its own.
     Buffer(RawBuffer),
-    Imported(Import),
+    /// Somebody else's, or a block's.
+    Lent(Import),
+}
+
+/// All that a submission uses.
+#[derive(Default)]
+struct Realised {
+    blocks: Vec<Block>,
+    /// By number of the plan's memory.
+    physical: HashMap<usize, Physical>,
 }
 
 impl Physical {
     fn buffer(&self) -> (vk::Buffer, Texels) {
         match self {
             Physical::Buffer(buffer) => (buffer.raw, buffer.texels),
-            Physical::Imported(import) => (import.raw, import.texels),
+            Physical::Lent(import) => (import.raw, import.texels),
             Physical::Image(_) => unreachable!("the handle's type says that it is a buffer"),
         }
     }
@@ -42,7 +52,7 @@ impl Physical {
 pub struct Running {
     plan: Plan,
     names: Vec<String>,
-    physical: HashMap<usize, Physical>,
+    realised: Realised,
     timing: Timing,
     scratch: Scratch,
     trail: Trail,
@@ -51,20 +61,20 @@ pub struct Running {
 pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g mut Gpu)> {
     let Graph { gpu, passes, work, resources, uploads, imports, keeps, progress, gate: _, within: _, again: _, without_barriers } = graph;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
-    let mut physical = HashMap::new();
-    let begun = realise(gpu, &plan, &resources, uploads, &imports, &mut physical)
-        .and_then(|()| execute(gpu, &plan, &names, &work, &physical, progress, !without_barriers));
+    let mut realised = Realised::default();
+    let begun = realise(gpu, &plan, &resources, uploads, &imports, &mut realised)
+        .and_then(|()| execute(gpu, &plan, &names, &work, &realised.physical, progress, !without_barriers));
     let (timing, scratch, trail) = match begun {
         Ok(begun) => begun,
         Err(error) => {
-            drop(shelve(gpu, &plan, physical, false));
+            drop(shelve(gpu, &plan, realised, false));
             return Err(error);
         }
     };
     // Those that no pass of the plan touches have not been filled. Later submissions begin when this one is done.
     let filled = keeps.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
     filled.for_each(|(_, name, made_of, steps)| gpu.memory.kept(&name, Some((made_of, steps))));
-    Ok((Running { plan, names, physical, timing, scratch, trail }, gpu))
+    Ok((Running { plan, names, realised, timing, scratch, trail }, gpu))
 }
 
 impl Running {
@@ -75,14 +85,14 @@ impl Running {
 
     /// Waits until the device is done.
     pub fn finish(self, gpu: &mut Gpu) -> Result<Frame> {
-        let Running { plan, names, physical, timing, scratch, trail } = self;
+        let Running { plan, names, realised, timing, scratch, trail } = self;
         let done = scratch
             .wait(&trail)
             .and_then(|()| gpu.found(&trail))
             .and_then(|()| timing.read())
             .and_then(|times| gpu.device.objections().map(|()| times));
         trail.shelve(&mut gpu.memory);
-        let downloads = shelve(gpu, &plan, physical, done.is_ok());
+        let downloads = shelve(gpu, &plan, realised, done.is_ok());
         Ok(Frame { passes: names.into_iter().zip(done?).collect(), plan, downloads })
     }
 }
@@ -106,15 +116,15 @@ impl Graph<'_> {
 }
 
 /// Memory goes back to the shelf whatever happened, but for what a good frame brings home.
-fn shelve(gpu: &mut Gpu, plan: &Plan, physical: HashMap<usize, Physical>, bring: bool) -> Vec<(ResourceId, RawBuffer)> {
+fn shelve(gpu: &mut Gpu, plan: &Plan, realised: Realised, bring: bool) -> Vec<(ResourceId, RawBuffer)> {
     let mut downloads = Vec::new();
-    for (memory, item) in physical {
+    realised.blocks.into_iter().for_each(|block| gpu.memory.shelve_block(block));
+    for (memory, item) in realised.physical {
         let owner = plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
         match item {
             Physical::Buffer(buffer) if buffer.desc.place == Place::Download && bring => downloads.push((ResourceId(owner), buffer)),
             Physical::Buffer(buffer) => gpu.memory.shelve_buffer(buffer),
-            Physical::Image(image) => gpu.memory.shelve_image(image),
-            Physical::Imported(_) => {}
+            Physical::Image(_) | Physical::Lent(_) => {}
         }
     }
     downloads
@@ -140,7 +150,6 @@ fn execute(
     let recorded = (|| {
         scratch.begin()?;
         timing.reset(commands);
-        begin_with(gpu, commands, physical.values());
         for (order, step) in plan.steps.iter().enumerate() {
             let pause = gpu.device.is_cpu && order > 0 && order % STEPS_AT_ONCE == 0;
             if let Some(progress) = progress.filter(|_| pause) {
@@ -153,8 +162,9 @@ fn execute(
                 unsafe { labels.cmd_begin_debug_utils_label(commands, &vk::DebugUtilsLabelEXT::default().label_name(&label)) };
             }
             trail.drop_crumb(&gpu.device, commands, order);
-            if step.barrier && barriers {
-                barrier(gpu, commands);
+            // Submissions share kept buffers and shelved memory: the first step follows whatever was submitted before.
+            if order == 0 || (step.barrier && barriers) {
+                barrier(gpu, commands, step.born.iter().map(|memory| physical[memory].image()));
             }
             timing.mark(commands, order, false);
             let at = |id: &ResourceId| &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")];
@@ -183,10 +193,11 @@ fn realise(
     resources: &[super::plan::Resource],
     uploads: Vec<(ResourceId, RawBuffer)>,
     imports: &[(ResourceId, Import)],
-    physical: &mut HashMap<usize, Physical>,
+    realised: &mut Realised,
 ) -> Result<()> {
+    let Realised { blocks, physical } = realised;
     for (id, import) in imports {
-        plan.memory[id.0].map(|memory| physical.insert(memory, Physical::Imported(*import)));
+        plan.memory[id.0].map(|memory| physical.insert(memory, Physical::Lent(*import)));
     }
     for (id, raw) in uploads {
         match plan.memory[id.0] {
@@ -194,62 +205,51 @@ fn realise(
             None => gpu.memory.shelve_buffer(raw),
         }
     }
-    for (memory, shape) in plan.shapes.iter().enumerate() {
-        if physical.contains_key(&memory) {
-            continue;
-        }
+    let name = |memory| {
         let owner = plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
-        let name = &resources[owner].name;
-        let item = match shape {
-            Shape::Image(desc) => {
-                let limit = gpu.device.limits.max_image_dimension2_d;
-                if desc.size.iter().any(|&side| side > limit) {
-                    let [width, height] = desc.size;
-                    return Err(Error::Request(format!(
-                        "a picture of {width} x {height} pixels is beyond this device's {limit} a side; ask for a smaller --size"
-                    )));
-                }
-                Physical::Image(gpu.memory.image(&gpu.device, *desc, name)?)
+        &resources[owner].name
+    };
+    for (memory, Memory { shape, .. }) in plan.memories.iter().enumerate() {
+        within_limits(gpu, name(memory), shape)?;
+    }
+    for room in &plan.blocks {
+        blocks.push(gpu.memory.block(*room)?);
+    }
+    for (memory, Memory { shape, within }) in plan.memories.iter().enumerate() {
+        let Gpu { memory: of_device, device, .. } = &mut *gpu;
+        let item = match (shape, within) {
+            (Shape::Image(desc), Some((block, bytes))) => {
+                Physical::Image(of_device.image(device, &mut blocks[*block], bytes.start, *desc, name(memory))?)
             }
-            Shape::Buffer(desc) => {
-                let limit = gpu.device.limits.max_storage_buffer_range as u64;
-                if desc.place == Place::Device && desc.bytes > limit {
-                    return Err(too_large(name, desc.bytes, limit));
-                }
-                Physical::Buffer(gpu.memory.buffer(&gpu.device, *desc, name)?)
+            (Shape::Buffer(desc), Some((block, bytes))) => {
+                let (raw, texels) = of_device.buffer_in(device, &mut blocks[*block], bytes.start, *desc, name(memory))?;
+                Physical::Lent(Import { raw, texels })
             }
+            (Shape::Buffer(desc), None) if !physical.contains_key(&memory) => {
+                Physical::Buffer(of_device.buffer(device, *desc, name(memory))?)
+            }
+            _ => continue,
         };
         physical.insert(memory, item);
     }
     Ok(())
 }
 
-/// Whatever was submitted before is done and seen, since submissions share kept buffers and shelved memory. Every image goes to GENERAL once, before the first pass, and stays there.
-fn begin_with<'a>(gpu: &Gpu, commands: vk::CommandBuffer, physical: impl Iterator<Item = &'a Physical>) {
-    let images: Vec<_> = physical
-        .filter_map(|item| match item {
-            Physical::Image(image) => Some(image),
-            _ => None,
-        })
-        .map(|image| {
-            let depth = image.desc.format == vk::Format::D32_SFLOAT;
-            let aspect = if depth { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
-            vk::ImageMemoryBarrier2::default()
-                .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
-                .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
-                .dst_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
-                .dst_access_mask(vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE)
-                .old_layout(vk::ImageLayout::UNDEFINED)
-                .new_layout(LAYOUT)
-                .image(image.raw)
-                .subresource_range(vk::ImageSubresourceRange { aspect_mask: aspect, level_count: 1, layer_count: 1, ..Default::default() })
-        })
-        .collect();
-    let all = [everything()];
-    // SAFETY: the images live until the submission has been waited for.
-    unsafe {
-        gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&all).image_memory_barriers(&images))
-    };
+/// Before anything is made of it.
+fn within_limits(gpu: &Gpu, name: &str, shape: &Shape) -> Result<()> {
+    let limits = &gpu.device.limits;
+    match shape {
+        Shape::Image(desc) if desc.size.iter().any(|&side| side > limits.max_image_dimension2_d) => {
+            let ([width, height], limit) = (desc.size, limits.max_image_dimension2_d);
+            Err(Error::Request(format!(
+                "a picture of {width} x {height} pixels is beyond this device's {limit} a side; ask for a smaller --size"
+            )))
+        }
+        Shape::Buffer(BufferDesc { place: Place::Device, bytes }) if *bytes > limits.max_storage_buffer_range as u64 => {
+            Err(too_large(name, *bytes, limits.max_storage_buffer_range as u64))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn everything() -> vk::MemoryBarrier2<'static> {
@@ -260,9 +260,27 @@ fn everything() -> vk::MemoryBarrier2<'static> {
         .dst_access_mask(vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE)
 }
 
-fn barrier(gpu: &Gpu, commands: vk::CommandBuffer) {
-    // SAFETY: recorded between passes, outside of rendering.
-    unsafe { gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&[everything()])) };
+/// After all that was recorded before. Images whose contents are void go to GENERAL, where they stay.
+fn barrier<'a>(gpu: &Gpu, commands: vk::CommandBuffer, born: impl Iterator<Item = &'a RawImage>) {
+    let all = everything();
+    let images: Vec<_> = born
+        .map(|image| {
+            vk::ImageMemoryBarrier2::default()
+                .src_stage_mask(all.src_stage_mask)
+                .src_access_mask(all.src_access_mask)
+                .dst_stage_mask(all.dst_stage_mask)
+                .dst_access_mask(all.dst_access_mask)
+                .old_layout(vk::ImageLayout::UNDEFINED)
+                .new_layout(LAYOUT)
+                .image(image.raw)
+                .subresource_range(image.desc.whole())
+        })
+        .collect();
+    let all = [all];
+    // SAFETY: recorded between passes, outside of rendering; the images live until the submission has been waited for.
+    unsafe {
+        gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&all).image_memory_barriers(&images))
+    };
 }
 
 /// What one submission needs and destroys again: command pool, descriptor pool, fence.

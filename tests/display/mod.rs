@@ -136,9 +136,26 @@ impl<'d> Viewer<'d> {
             if let Some(status) = self.program.as_mut().unwrap().try_wait().unwrap() {
                 panic!("no {what}: the program has ended, {status}: {}", String::from_utf8_lossy(&self.end(status).stderr));
             }
-            assert!(began.elapsed() < Duration::from_secs(60), "no {what} within a minute; it said {:?}", self.said());
+            assert!(began.elapsed() < Duration::from_secs(60), "no {what} within a minute; {}", self.so_far());
             std::thread::sleep(Duration::from_millis(50));
         }
+    }
+
+    /// For whoever has to find out why something did not come: what it said, and a photograph that outlives the test's own folder.
+    fn so_far(&self) -> String {
+        let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("missed-{}.png", std::process::id()));
+        self.photograph();
+        std::fs::copy(self.folder.join("photograph.png"), &kept).unwrap();
+        let mouse = self.display.xdotool("getmouselocation");
+        let focus = self.display.command("xdotool").arg("getwindowfocus").output().unwrap();
+        let focus = String::from_utf8_lossy(&focus.stdout).trim().to_string();
+        format!(
+            "it said {:?} and printed {:?}; the window is {}, the focus on {focus}, the mouse at {mouse}; photograph: {}",
+            self.said(),
+            self.printed(),
+            self.window,
+            kept.display()
+        )
     }
 
     /// Lines on standard output until now.
