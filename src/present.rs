@@ -7,6 +7,7 @@
 //! A swapchain that no longer fits its window is replaced before the next picture; so is a surface that was lost. [`Present::show`] says whether it came to
 //! showing anything, and never waits for a window that nobody sees longer than a tenth of a second.
 
+mod display;
 pub mod overlay;
 
 use crate::error::{Error, Result};
@@ -14,9 +15,9 @@ use crate::gpu::memory::{Block, ImageDesc, RawBuffer, RawImage};
 use crate::gpu::{BufferDesc, Device, Place, failed};
 use crate::graph::Gpu;
 use ash::{khr, vk};
+use display::Display;
 use overlay::{Overlay, Painter};
 use std::sync::Arc;
-use winit::raw_window_handle::{HasDisplayHandle, HasWindowHandle};
 use winit::window::Window;
 
 /// Presentations that may be under way: one is shown while the next is drawn. More would only be further behind the hand that moves the camera.
@@ -68,6 +69,7 @@ pub struct Present {
     next: usize,
     painter: Option<Painter>,
     // After the surface.
+    display: Display,
     window: Arc<Window>,
 }
 
@@ -76,7 +78,8 @@ impl Present {
     pub fn open(gpu: &Gpu, window: Arc<Window>) -> Result<Present> {
         let device = &gpu.device;
         let surfaces = khr::surface::Instance::new(&device.entry, &device.instance);
-        let surface = surface(device, &window)?;
+        let display = Display::of(&window)?;
+        let surface = display.surface(device, &window)?;
         let mut present = Present {
             device: device.raw.clone(),
             swapchains: khr::swapchain::Device::new(&device.instance, &device.raw),
@@ -87,6 +90,7 @@ impl Present {
             slots: Vec::new(),
             next: 0,
             painter: None,
+            display,
             window,
         };
         // SAFETY: a live surface and a queue family of the device.
@@ -268,7 +272,7 @@ impl Present {
         // SAFETY: its swapchain is gone.
         unsafe { self.surfaces.destroy_surface(self.surface, None) };
         self.surface = vk::SurfaceKHR::null();
-        self.surface = surface(&gpu.device, &self.window)?;
+        self.surface = self.display.surface(&gpu.device, &self.window)?;
         self.format = self.format(&gpu.device)?;
         Ok(())
     }
@@ -336,14 +340,6 @@ impl Present {
             self.swapchains.destroy_swapchain(swapchain.raw, None);
         }
     }
-}
-
-fn surface(device: &Device, window: &Window) -> Result<vk::SurfaceKHR> {
-    let gone = |error| Error::Device(format!("the window has no handle ({error})"));
-    let (display, handle) = (window.display_handle().map_err(gone)?, window.window_handle().map_err(gone)?);
-    // SAFETY: `Present` keeps the window longer than the surface, and the device keeps the instance.
-    unsafe { ash_window::create_surface(&device.entry, &device.instance, display.as_raw(), handle.as_raw(), None) }
-        .map_err(failed("vkCreateSurfaceKHR"))
 }
 
 fn semaphore(device: &Device, name: &str) -> Result<vk::Semaphore> {
