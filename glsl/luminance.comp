@@ -1,13 +1,19 @@
-// Sums -> colours whose luminance is the mean of all points of the front layer (Kanzok, Linsen and Rosenthal 2012, sec. 5; papers/README.md).
+// Sums and the points of the front -> colours whose luminance is the mean of all points of the front layer (Kanzok, Linsen and Rosenthal 2012, sec. 5; papers/README.md).
 //
 //   V'  = sum / count          over the pixel, or over its 3 x 3 with the weights of a Gaussian, neighbours whose front is at most epsilon from the pixel's
 //   rgb = RGB * (V' / V)       which is HSV with V' in place of V: no hue, no branch (HARD_CASES 22); grey V' where V = 0
 //   or, with three channels, rgb = sums / count
-// All in the values that points have, which are not linear; they are looked up in the table of linear colours, between whose entries the way is straight. A pixel without a count stays as it is.
+// All in the values that points have, which are not linear; they are looked up in the table of linear colours, between whose entries the way is straight. They are multiplied by the point's opacity, which is their alpha.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
+
+#include "node.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -16,21 +22,40 @@ layout(r32ui) readonly uniform uimageBuffer sums;
 layout(scalar) readonly buffer SumWords { uvec2 sum[]; } sum_words;
 // 256 colours, four words of f32 bits each.
 layout(rgba32ui) readonly uniform uimageBuffer table;
+// What the 256 values of every station are with one exposure for all.
+layout(r32ui) readonly uniform uimageBuffer levels;
+// Of every node of the frame, the two words of the address of the page that says what its points show; and of the page that says of what kind they are.
+layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
+layout(scalar) readonly buffer Kinds { uvec2 page[]; } kinds;
+// Factors that make up a point's opacity.
+layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 layout(r32f) readonly uniform image2D front;
-// Values of the front point, beside its opacity -> linear, multiplied by it.
-layout(rgba32f) uniform image2D color;
+layout(r32ui) readonly uniform uimage2D index;
+layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const uint CHANNELS = 1u;
 // Pixels around one that count: 0, or 1 for its 3 x 3.
 layout(constant_id = 2) const uint AROUND = 0u;
 layout(constant_id = 3) const bool TEXELS = true;
+// As in resolve.comp.
+layout(constant_id = 4) const bool TRANSPARENT = false;
+layout(constant_id = 5) const bool BY_KIND = false;
+// Points show a number on a grey ramp.
+layout(constant_id = 6) const bool RAMP = false;
 
 layout(push_constant, scalar) uniform Push {
     uint width;    // pixels
     uvec2 rows;    // of the picture: the first to correct, and the one after the last
     uvec2 summed;  // rows that there are sums of, in the same way
     float epsilon;
+    float lo;      // attribute words at the ends of the ramp
+    float scale;   // 255 / (hi - lo)
 } push;
+
+const uint NO_POINT = 0xFFFFFFFFu;
+
+#include "shown.glsl"
+#include "luminance.glsl"
 
 uvec2 sum_at(uint i) {
     return TEXELS ? uvec2(imageLoad(sums, int(2u * i)).r, imageLoad(sums, int(2u * i + 1u)).r) : sum_words.sum[i];
@@ -65,8 +90,15 @@ float linear(float value, int channel) {
 }
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.x, gl_GlobalInvocationID.y + push.rows.x);
-    if (pixel.x >= int(push.width) || pixel.y >= int(push.rows.y)) return;
+    ivec2 pixel = own_pixel(push.width);
+    // Listed pixels are those of the whole picture.
+    if (!LISTED) pixel.y += int(push.rows.x);
+    if (pixel.x >= int(push.width) || pixel.y < int(push.rows.x) || pixel.y >= int(push.rows.y)) return;
+    uint id = imageLoad(index, pixel).r;
+    if (id == NO_POINT) {
+        imageStore(color, pixel, vec4(0.0));
+        return;
+    }
     float z = imageLoad(front, pixel).r;
     Total total[3] = Total[3](Total(uvec2(0u), uvec2(0u)), Total(uvec2(0u), uvec2(0u)), Total(uvec2(0u), uvec2(0u)));
     [[unroll]] for (int dy = -int(AROUND); dy <= int(AROUND); ++dy) {
@@ -81,13 +113,11 @@ void main() {
             for (uint c = 0u; c < CHANNELS; ++c) add(total[c], sum_at(first + c), weight);
         }
     }
-    // Without a point, or of a layer that is not drawn here.
-    if (total[0].count == uvec2(0u)) return;
-    vec4 own = imageLoad(color, pixel);
-    ivec3 values = ivec3(own.rgb * vec3(255.0) + 0.5);
+    ivec3 values = ivec3(levels_of(shown_word(id), RAMP, push.lo, push.scale));
     int value = max(max(values.r, values.g), values.b);
     float ratio = mean(total[0]) / float(max(value, 1));
     vec3 corrected = value == 0 ? vec3(mean(total[0])) : min(vec3(values) * vec3(ratio), vec3(255.0));
     if (CHANNELS == 3u) corrected = vec3(mean(total[0]), mean(total[1]), mean(total[2]));
-    imageStore(color, pixel, vec4(vec3(linear(corrected.r, 0), linear(corrected.g, 1), linear(corrected.b, 2)) * vec3(own.a), own.a));
+    float opacity = own_opacity(id);
+    imageStore(color, pixel, vec4(vec3(linear(corrected.r, 0), linear(corrected.g, 1), linear(corrected.b, 2)) * vec3(opacity), opacity));
 }

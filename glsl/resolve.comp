@@ -13,9 +13,6 @@
 #include "tile.glsl"
 #include "area.glsl"
 
-// What the points of one node show: a page of 32-bit words.
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Plane { uint word[]; };
-
 layout(local_size_x = 64) in;
 
 // Two words a key: point, depth bits. As texels, and for devices whose texel buffers are too small as a storage buffer.
@@ -29,8 +26,6 @@ layout(scalar) readonly buffer Kinds { uvec2 page[]; } kinds;
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 // 256 colours, four words of f32 bits each.
 layout(rgba32ui) readonly uniform uimageBuffer table;
-// What the 256 values of every station are with one exposure for all.
-layout(r32ui) readonly uniform uimageBuffer levels;
 layout(r32f) writeonly uniform image2D depth;
 layout(r32ui) writeonly uniform uimage2D index;
 layout(rgba32f) writeonly uniform image2D color;
@@ -40,8 +35,8 @@ layout(constant_id = 1) const bool TEXELS = true;
 // Not all points are opaque; and whether it takes their kinds to tell.
 layout(constant_id = 2) const bool TRANSPARENT = false;
 layout(constant_id = 3) const bool BY_KIND = false;
-// Colours are values as points have them, 0 to 1, not linear and beside their opacity: another pass is to find other values for them (luminance.comp).
-layout(constant_id = 4) const bool VALUES = false;
+// Colours are left to another pass (luminance.comp).
+layout(constant_id = 4) const bool COLORLESS = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;  // pixels of this band
@@ -53,9 +48,8 @@ layout(push_constant, scalar) uniform Push {
 const uint NO_POINT = 0xFFFFFFFFu;
 const uint INFINITY_BITS = 0x7F800000u;
 
-#include "kind.glsl"
+#include "shown.glsl"
 #include "paint.glsl"
-#include "luminance.glsl"
 
 void main() {
     ivec2 at = own_pixel(push.size.x);
@@ -66,19 +60,10 @@ void main() {
     uvec2 key = TEXELS ? uvec2(imageLoad(keys, 2 * k).r, imageLoad(keys, 2 * k + 1).r) : key_words.key[k];
     ivec2 pixel = ivec2(at.x, at.y + int(push.top));
     bool empty = key.x == NO_POINT;
-    vec4 c = vec4(0.0);
-    if (!empty) {
-        uint word = 0u;
-        if (MODE != CONSTANT) {
-            word = Plane(shown.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & (POINTS_PER_PAGE - 1u)];
-        }
-        c = VALUES ? vec4(vec3(ivec3(levels_of(word, MODE == RAMP, push.lo, push.scale))) / vec3(255.0), 1.0) : painted(word, push.lo, push.scale);
-        if (TRANSPARENT) {
-            uint kind = BY_KIND ? Plane(kinds.page[key.x >> POINTS_PER_PAGE_LOG2]).word[key.x & (POINTS_PER_PAGE - 1u)] : 0u;
-            c *= vec4(vec3(VALUES ? 1.0 : opacity_of(kind)), opacity_of(kind));
-        }
-    }
     imageStore(depth, pixel, vec4(uintBitsToFloat(empty ? INFINITY_BITS : key.y)));
     imageStore(index, pixel, uvec4(key.x));
+    if (COLORLESS) return;
+    vec4 c = vec4(0.0);
+    if (!empty) c = painted(MODE == CONSTANT ? 0u : shown_word(key.x), push.lo, push.scale) * vec4(own_opacity(key.x));
     imageStore(color, pixel, c);
 }

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph};
 use crate::look::{self, Look, Wishes};
-use crate::passes::{TILE_PX, encode};
+use crate::passes::{TILE_PX, encode, visibility};
 use crate::picture;
 use crate::progress::{Progress, Whole};
 use crate::source::{Brought, Taken};
@@ -46,7 +46,7 @@ pub struct Piece {
 
 /// Whether a picture has to be drawn in pieces; `asked`: of at most so many pixels a side.
 pub fn needs_pieces(gpu: &Gpu, size: [u32; 2], asked: Option<u32>) -> bool {
-    let largest = asked.map_or(gpu.device.limits.max_image_dimension2_d, |asked| asked.max(TILE_PX));
+    let largest = asked.map_or(gpu.device.limits.max_image_dimension2_d - visibility::BEYOND_PX, |asked| asked.max(TILE_PX));
     let too_many = asked.is_none() && size[0] as u64 * size[1] as u64 > WHOLE_PIXELS;
     too_many || size.iter().any(|&side| side > largest)
 }

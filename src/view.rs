@@ -55,10 +55,9 @@ pub struct Basis {
 impl Camera {
     /// The camera's axes. An `up` parallel to the view direction is replaced by the world axis farthest from it.
     pub fn basis(&self) -> Result<Basis> {
-        let forward = (self.target - self.eye).try_normalize();
-        let Some(forward) = forward.filter(|_| self.eye.is_finite() && self.target.is_finite()) else {
+        let Some(forward) = (self.target - self.eye).try_normalize().filter(|forward| forward.is_finite()) else {
             return Err(Error::Request(format!(
-                "the camera has no direction: eye {} and target {} must be finite and apart",
+                "the camera has no direction: eye {} and target {} must be two places, and no farther apart than numbers go",
                 self.eye, self.target
             )));
         };
@@ -84,15 +83,13 @@ pub struct View {
 
 impl View {
     pub fn new(camera: Camera, size: [u32; 2]) -> Result<View> {
-        let valid = match camera.projection {
-            Projection::Perspective => camera.fov_y > 0.0 && camera.fov_y < 180.0,
-            Projection::Orthographic => camera.ortho_height.is_some_and(|height| height > 0.0 && height.is_finite()),
-        };
-        if !valid {
-            return Err(Error::Request(format!(
-                "the camera needs 0 < fov_y < 180 degrees (perspective) or ortho_height > 0 metres (orthographic); it has fov_y {} and ortho_height {:?}",
-                camera.fov_y, camera.ortho_height
-            )));
+        let needs = |what: &str| Err(Error::Request(format!("the camera needs {what}")));
+        match (camera.projection, camera.ortho_height) {
+            (Projection::Perspective, _) if camera.fov_y > 0.0 && camera.fov_y < 180.0 => {}
+            (Projection::Perspective, _) => return needs(&format!("a fov_y above 0 and below 180 degrees; it has {}", camera.fov_y)),
+            (Projection::Orthographic, Some(height)) if height > 0.0 && height.is_finite() => {}
+            (Projection::Orthographic, Some(height)) => return needs(&format!("an ortho_height above 0 metres; it has {height}")),
+            (Projection::Orthographic, None) => return needs("an ortho_height, metres, as it is orthographic; it has none"),
         }
         Ok(View { camera, size, whole: size, corner: [0, 0], basis: camera.basis()? })
     }

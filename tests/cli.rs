@@ -284,6 +284,49 @@ fn small_and_degenerate_clouds_are_drawn() {
             let lost = ["1 points with NaN", "2 points with NaN"];
             assert!(lost.iter().any(|count| said.contains(count)), "{name}: {said}");
         }
+        for style in ["points", "strokes"] {
+            succeeded(&place.render(&cloud, &format!("--size 64x48 -o @a.png --style {style}")));
+        }
+    }
+}
+
+/// Where nothing of a cloud is seen, in every style.
+#[test]
+fn a_camera_that_looks_away_and_a_clip_that_leaves_nothing_show_the_background() {
+    let place = Place::new();
+    let cloud = place.scan("scan.las", Scene::Torus, 2000);
+    place.write("away.json", r#"{"eye": [0, 0, 100], "target": [0, 0, 200]}"#);
+    for style in ["surface", "points", "strokes"] {
+        for unseen in ["--camera @away.json", "--clip box:9,9,9,9.5,9.5,9.5"] {
+            succeeded(&place.render(&cloud, &format!("--size 64x48 -o @a.png --style {style} {unseen}")));
+            let picture = read_png(&place.at("a.png"));
+            assert!(picture.pixels.iter().all(|&pixel| pixel == pointillist::config::BACKGROUND), "{style} {unseen}");
+        }
+    }
+}
+
+#[test]
+fn a_file_that_is_to_be_written_does_not_say_that_it_is_something_else() {
+    let place = Place::new();
+    let cloud = place.scan("scan.las", Scene::Torus, 100);
+    for line in ["-o @a.jpg", "-o @a.png --exr @b.png"] {
+        let said = failed(&place.render(&cloud, line), 1);
+        assert!(said.contains("would say otherwise"), "{said}");
+    }
+    let synth = |line: &str| pointillist().arg("synth").arg("plane").args(["--points", "10", "-o"]).arg(place.at(line)).output().unwrap();
+    failed(&synth("a.ply"), 1);
+    failed(&synth("a.exr"), 1);
+    succeeded(&synth("a.laz"));
+}
+
+/// Images of some effects are larger than the picture.
+#[test]
+fn pictures_are_as_large_as_images_of_the_device_and_larger_in_the_default_style() {
+    let place = Place::new();
+    let cloud = place.scan("scan.las", Scene::Torus, 1000);
+    for width in [16_340, 16_384] {
+        succeeded(&place.render(&cloud, &format!("-o @wide.png --size {width}x1")));
+        assert_eq!(read_png(&place.at("wide.png")).size, [width, 1]);
     }
 }
 

@@ -29,12 +29,22 @@ void four(uint pixel[4], float depth[4], uvec4 words) {
         value[k] += together ? value[k - 1u] : uvec3(0u);
         pixel[k - 1u] = together ? NO_PIXEL : pixel[k - 1u];
     }
-    for (uint k = 0u; k < 4u; ++k) {
-        if (pixel[k] == NO_PIXEL) continue;
-        add_to(CHANNELS * pixel[k], value[k].r, count[k]);
+    // As many rounds as the lane takes that has most pixels: atomics cost a software device their time whether a lane wants one or not.
+    for (;;) {
+        uint at = NO_PIXEL, points = 0u;
+        uvec3 sum = uvec3(0u);
+        for (uint k = 0u; k < 4u; ++k) {
+            bool next = at == NO_PIXEL && pixel[k] != NO_PIXEL;
+            at = next ? pixel[k] : at;
+            points = next ? count[k] : points;
+            sum = next ? value[k] : sum;
+            pixel[k] = next ? NO_PIXEL : pixel[k];
+        }
+        if (at == NO_PIXEL) break;
+        add_to(CHANNELS * at, sum.r, points);
         if (CHANNELS == 3u) {
-            add_to(3u * pixel[k] + 1u, value[k].g, count[k]);
-            add_to(3u * pixel[k] + 2u, value[k].b, count[k]);
+            add_to(3u * at + 1u, sum.g, points);
+            add_to(3u * at + 2u, sum.b, points);
         }
     }
 }

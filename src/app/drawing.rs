@@ -28,6 +28,7 @@ use crate::source::Brought;
 use crate::tiled;
 use crate::view::View;
 use glam::DVec2;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -256,7 +257,14 @@ fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, 
 
 impl Thread {
     fn run(mut self) {
-        let ended = self.serve();
+        let ended = match catch_unwind(AssertUnwindSafe(|| self.serve())) {
+            Ok(ended) => ended,
+            // It has been printed where it happened. What the device may still be at work with stays.
+            Err(_panic) => {
+                (self.report)(Report::Ended(Error::Device("drawing has ended by a mistake in this program, which is said above".into())));
+                return std::mem::forget(self);
+            }
+        };
         let present = self.present.take().expect("taken here only");
         present.free(&mut self.gpu);
         if let Some(cloud) = self.cloud.take() {

@@ -1,5 +1,6 @@
 //! `pointillist index`: files in, one index out, complete or absent.
 
+use super::options::ends_in;
 use super::render::refuse_to_overwrite;
 use crate::cloud::Wanted;
 use crate::config;
@@ -104,6 +105,7 @@ impl Arguments {
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     refuse_to_overwrite(&arguments.output, &arguments.files)?;
+    ends_in(&arguments.output, &["pnti"])?;
     let summary = build::build(&arguments.files, &arguments.output, &arguments.options()?, progress)?;
     summary.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     if arguments.json {

@@ -265,7 +265,7 @@ impl<'a> PartReport<'a> {
         if let Some([min, max]) = self.header.bounds {
             line("header", words(&Some(Bounds { min: min.into(), max: max.into() })));
         }
-        line("lattice", format!("steps of {}, from {}", triple(self.step), triple(self.offset)));
+        line("lattice", format!("steps of {}, from {}", self.step.to_array().map(significant).join(" "), triple(self.offset)));
         self.attributes.write(&mut line);
         for (what, value) in &self.header.facts {
             line(what, value.clone());
@@ -359,6 +359,12 @@ pub fn words(bounds: &Option<Bounds>) -> String {
 }
 
 /// Nine decimals say more than any scanner, and hide the last bit of `f64`.
+/// A step may be far less than a nanometre.
+fn significant(step: f64) -> String {
+    let rounded: f64 = format!("{step:.8e}").parse().expect("a number as it was written");
+    rounded.to_string()
+}
+
 fn triple(v: DVec3) -> String {
     v.to_array().map(|v| ((v * 1e9).round() / 1e9).to_string()).join(" ")
 }

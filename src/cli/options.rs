@@ -22,6 +22,16 @@ use std::path::{Path, PathBuf};
 
 const MIB: u64 = 1 << 20;
 
+/// Refuses to write something to a file whose name says that it is something else: it ends in none of these. A name without an ending says nothing.
+pub fn ends_in(path: &Path, endings: &[&str]) -> Result<()> {
+    match path.extension() {
+        Some(other) if endings.iter().all(|ending| !other.eq_ignore_ascii_case(ending)) => {
+            Err(Error::Request(format!("what is written is .{}, and {} would say otherwise", endings.join(" or ."), path.display())))
+        }
+        _ => Ok(()),
+    }
+}
+
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Picture")]
 pub struct PictureOptions {

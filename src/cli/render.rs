@@ -2,7 +2,7 @@
 
 use super::frames;
 use super::layers::Downloads;
-use super::options::{DeviceOptions, PictureOptions};
+use super::options::{DeviceOptions, PictureOptions, ends_in};
 use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Frame, Gpu, Graph};
@@ -84,8 +84,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         return frames::run(arguments, path, progress);
     }
     let picture = arguments.picture.with_scene()?;
-    for output in arguments.output.iter().chain(&arguments.exr) {
+    for (output, ending) in [(&arguments.output, "png"), (&arguments.exr, "exr")] {
+        let Some(output) = output else { continue };
         refuse_to_overwrite(output, &arguments.files)?;
+        ends_in(output, &[ending])?;
         // A folder that cannot be written to is said before the work is done.
         drop(WholeFile::create(output)?);
     }

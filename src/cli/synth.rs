@@ -1,6 +1,6 @@
 //! `pointillist synth`: a simulated scan of an analytic scene into a LAS file, or its truth for a camera into an EXR picture.
 
-use super::options::{Size, read_camera};
+use super::options::{Size, ends_in, read_camera};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::picture::{Samples, write_exr};
@@ -81,6 +81,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if let Some(path) = &arguments.camera_out {
         let text = serde_json::to_string_pretty(&camera(world.camera())).expect("a camera is plain numbers");
         whole_file(path, |partial| std::fs::write(partial, text + "\n").map_err(|e| Error::io("write", path, e)))?;
+    }
+    if let Some(output) = &arguments.output {
+        ends_in(output, if arguments.truth.is_some() { &["exr"] } else { &["las", "laz"] })?;
     }
     match (&arguments.output, &arguments.truth) {
         (Some(output), Some(camera)) => {

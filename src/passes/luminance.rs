@@ -97,8 +97,9 @@ pub fn averages(shown: Attribute, decided: &Decided) -> bool {
 /// What every pixel's points add up to.
 pub struct Sums {
     bands: Vec<Summed>,
-    /// Of the trunk's paint.
-    table: Buffer,
+    /// The trunk's.
+    paint: Paint,
+    ramp: bool,
     channels: u32,
     /// Metres.
     pub epsilon: f32,
@@ -138,7 +139,7 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, sh
     }
     let ramp = scene.shown == Attribute::Intensity;
     let channels = if settings.space == Space::Rgb && !ramp { 3 } else { 1 };
-    let mut sums = Sums { bands: Vec::new(), table: paint.table.again(), channels, epsilon: shallow.epsilon };
+    let mut sums = Sums { bands: Vec::new(), paint: paint.again(), ramp, channels, epsilon: shallow.epsilon };
     let again = Again { scene, drawn, shallow, paint, front, channels };
     let [width, height] = scene.view.size;
     // Two rows are left for the neighbours of a band.
@@ -188,14 +189,29 @@ fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let Layers { mut color, sums, .. } = layers;
-    if let Some(Sums { bands, table, channels, epsilon }) = &sums {
+    if let Some(Sums { bands, paint, ramp, channels, epsilon }) = &sums {
         let width = scene.view.size[0];
         let around = (settings.neighbourhood >= 2.0) as u32;
+        let (transparent, by_kind, texels) = (paint.opacities.is_some(), paint.kinds.is_some(), g.gpu.device.texels);
+        let spec = kernel::Spec { channels: *channels, around, texels, transparent, by_kind, ramp: *ramp };
         for Summed { rows, band, sums } in bands {
-            let push = kernel::Push { width, rows: *rows, summed: [band.top, band.top + band.size[1]], epsilon: *epsilon };
-            let spec = kernel::Spec { channels: *channels, around, texels: g.gpu.device.texels };
+            let [lo, scale] = paint.ramp;
+            let push = kernel::Push { width, rows: *rows, summed: [band.top, band.top + band.size[1]], epsilon: *epsilon, lo, scale };
             g.run(
-                shader::Luminance { sums, sum_words: sums, table, front: &layers.raw, color: &mut color, push, spec },
+                shader::Luminance {
+                    sums,
+                    sum_words: sums,
+                    table: &paint.table,
+                    levels: paint.levels.as_ref().expect("there are sums"),
+                    shown: &paint.shown,
+                    kinds: paint.kinds(),
+                    opacities: paint.opacities(),
+                    front: &layers.raw,
+                    index: &layers.index,
+                    color: &mut color,
+                    push,
+                    spec,
+                },
                 Tiles::Groups([width.div_ceil(64), rows[1] - rows[0], 1]),
             );
         }

@@ -35,11 +35,36 @@ pub struct Paint {
     pub(super) table: Buffer,
     /// Of its rows ([`exposure::gains`]).
     pub(super) gains: Vec<f64>,
-    /// Where colours are to be averaged: values of 8 bits with one exposure, row by row as in the table. Colours are such values then, until [`luminance`] makes them linear.
+    /// Where colours are to be averaged: values of 8 bits with one exposure, row by row as in the table. Colours are left to [`luminance`] then.
     pub(super) levels: Option<Buffer>,
     pub(super) mode: u32,
     /// The word at the low end of the ramp, and how much of a table of 256 a word more is.
     pub(super) ramp: [f32; 2],
+}
+
+impl Paint {
+    /// What is not looked at wants a binding all the same.
+    pub(super) fn kinds(&self) -> &Buffer {
+        self.kinds.as_ref().unwrap_or(&self.shown)
+    }
+
+    pub(super) fn opacities(&self) -> &Buffer {
+        self.opacities.as_ref().unwrap_or(&self.shown)
+    }
+
+    /// For a later pass.
+    pub(super) fn again(&self) -> Paint {
+        let again = |buffer: &Option<Buffer>| buffer.as_ref().map(Buffer::again);
+        Paint {
+            shown: self.shown.again(),
+            kinds: again(&self.kinds),
+            opacities: again(&self.opacities),
+            table: self.table.again(),
+            gains: self.gains.clone(),
+            levels: again(&self.levels),
+            ..*self
+        }
+    }
 }
 
 /// How words become colours, as glsl/lib/paint.glsl numbers it.
@@ -76,19 +101,17 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Pa
 pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {
     let Resolved { mut depth, mut index, mut color } = resolved;
     let push = Push { size: band.size, top: band.top, lo: paint.ramp[0], scale: paint.ramp[1] };
-    let (transparent, by_kind, values) = (paint.opacities.is_some(), paint.kinds.is_some(), paint.levels.is_some());
-    let spec = Spec { mode: paint.mode, texels: g.gpu.device.texels, transparent, by_kind, values };
+    let (transparent, by_kind, colorless) = (paint.opacities.is_some(), paint.kinds.is_some(), paint.levels.is_some());
+    let spec = Spec { mode: paint.mode, texels: g.gpu.device.texels, transparent, by_kind, colorless };
     let groups = [band.size[0].div_ceil(64), band.size[1], 1];
     g.run(
         shader::Resolve {
             keys,
             key_words: keys,
             shown: &paint.shown,
-            // What is not looked at wants a binding all the same.
-            kinds: paint.kinds.as_ref().unwrap_or(&paint.shown),
-            opacities: paint.opacities.as_ref().unwrap_or(&paint.shown),
+            kinds: paint.kinds(),
+            opacities: paint.opacities(),
             table: &paint.table,
-            levels: paint.levels.as_ref().unwrap_or(&paint.table),
             depth: &mut depth,
             index: &mut index,
             color: &mut color,

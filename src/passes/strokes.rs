@@ -590,6 +590,10 @@ impl Painting<'_> {
         let part = g.upload("part", &[&[tiles.start, tiles.end], &turn[..], &starts[..]].concat())?;
         let mut cursors = g.upload("cursors", &starts)?;
         let mut strokes = g.buffer("stroke list", PLACE_BYTES * starts[tiles.len()].max(1) as u64);
+        if desk.drawn.groups.is_empty() {
+            // Nobody else writes it.
+            g.fill(&mut strokes, 0);
+        }
         self.walk(g, desk, &part, &mut cursors, &mut strokes, 1);
         Ok(Bins { part, strokes, longest: starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0) })
     }

@@ -77,6 +77,8 @@ const KERNELS: u32 = WIDTHS.len() as u32;
 const FINE: u32 = 6;
 /// As in glsl/lib/tile.glsl.
 const MARGIN_PX: u32 = 16;
+/// By how much images are larger than the picture at most: whole tiles, and margins.
+pub const BEYOND_PX: u32 = 2 * MARGIN_PX + TILE_PX;
 
 /// As [`super::Effects::reach_px`]. Of the widest kernel; and which one it is, tiles decide with those around them.
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {

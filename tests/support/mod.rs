@@ -125,6 +125,7 @@ pub fn read_exr(path: &Path) -> Exr {
 /// What a run cost.
 pub struct Cost {
     pub output: Output,
+    /// That processors worked for it: on a busy machine it waits for them, too.
     pub time: Duration,
     /// The most memory that was resident, bytes; none where the system does not say.
     pub peak: Option<u64>,
@@ -138,26 +139,35 @@ pub fn watch(mut command: Command, limit: Duration) -> Cost {
     command.stdout(out.try_clone().unwrap()).stderr(err.try_clone().unwrap());
     let began = Instant::now();
     let mut child = command.spawn().expect("start the program");
-    let memory = format!("/proc/{}/status", child.id());
-    let mut peak = None;
+    let [memory, worked] = ["status", "stat"].map(|file| format!("/proc/{}/{file}", child.id()));
+    let (mut peak, mut time) = (None, Duration::ZERO);
     let status = loop {
         if let Some(done) = child.try_wait().expect("wait for the program") {
             break done;
         }
         peak = peak.max(high_water(&memory));
+        time = time.max(processor_time(&worked).unwrap_or_default());
         if began.elapsed() > limit {
             child.kill().expect("end the program");
             panic!("{command:?} still ran after {limit:?}");
         }
         std::thread::sleep(Duration::from_millis(1));
     };
-    let time = began.elapsed();
     let contents = |file: &mut std::fs::File| {
         let mut bytes = Vec::new();
         file.rewind().and_then(|()| file.read_to_end(&mut bytes)).expect("its output");
         bytes
     };
     Cost { output: Output { status, stdout: contents(&mut out), stderr: contents(&mut err) }, time, peak }
+}
+
+/// Of user and system, which the kernel counts in hundredths of a second.
+fn processor_time(stat: &str) -> Option<Duration> {
+    let stat = std::fs::read_to_string(stat).ok()?;
+    // The name in parentheses may hold anything.
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let ticks: u64 = [11, 12].iter().map(|&at| fields.get(at)?.parse::<u64>().ok()).sum::<Option<u64>>()?;
+    Some(Duration::from_millis(10 * ticks))
 }
 
 fn high_water(status: &str) -> Option<u64> {
