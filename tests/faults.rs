@@ -290,7 +290,9 @@ fn a_write_that_never_reached_the_disk_is_found() {
                 break;
             }
             orderly(&output, "a lost write");
-            assert!(!is_readable(&place.output()), "{points} points: lost write {k} was not found");
+            // Where the file had the same bytes before, nothing is lost: radii that need no bound are written as they were.
+            let is_whole = fs::read(place.output()).is_ok_and(|bytes| bytes == place.new);
+            assert!(is_whole || !is_readable(&place.output()), "{points} points: lost write {k} was not found");
         }
         place.recovers("after lost writes");
         assert!(is_readable(&place.output()));

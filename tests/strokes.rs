@@ -150,6 +150,7 @@ mod painted {
     use pointillist::resident::Resident;
     use pointillist::study::mesh::Mesh;
     use pointillist::study::oracle::strokes as oracle;
+    use pointillist::study::truth::{Surface, Truth};
     use pointillist::view::{Camera, Preset, Projection, View};
 
     struct Painted {
@@ -435,18 +436,24 @@ mod painted {
         }
     }
 
-    #[test]
-    fn a_tenth_of_a_dragon_is_covered_within_its_silhouette_and_three_pixels_beyond() {
+    /// The Stanford dragon's every so many points, and its surface.
+    fn dragon(every: usize) -> Option<(Cloud, Mesh)> {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/objects/stanford_dragon_437k.ply");
         if !path.exists() {
             println!("skipped: {} is not there", path.display());
-            return;
+            return None;
         }
         let mesh = Mesh::read(&path, |p| p).unwrap();
         let mut cloud = cloud::read(&[path], &ReadOptions::default(), &Silent).unwrap();
         let columns = &mut cloud.parts[0].columns;
-        let tenth = |values: &[i32]| values.iter().step_by(10).copied().collect();
-        *columns = Columns { x: tenth(&columns.x), y: tenth(&columns.y), z: tenth(&columns.z), ..Columns::default() };
+        let some = |values: &[i32]| values.iter().step_by(every).copied().collect();
+        *columns = Columns { x: some(&columns.x), y: some(&columns.y), z: some(&columns.z), ..Columns::default() };
+        Some((cloud, mesh))
+    }
+
+    #[test]
+    fn a_tenth_of_a_dragon_is_covered_within_its_silhouette_and_three_pixels_beyond() {
+        let Some((cloud, mesh)) = dragon(10) else { return };
         let size = [400, 300];
         let view = View::new(Camera::framing(Preset::Iso, &cloud.core_points(), size), size).unwrap();
         for brush in ["dabs", "bristles", "ribbons"] {
@@ -456,6 +463,81 @@ mod painted {
             assert!(found.surface > 10_000 && 1000 * found.holes <= found.surface, "{brush}: {found:?}");
             // The other brushes are square to their ends, which stand out from crests and claws: by design, and by little.
             assert!(found.beyond == 0 || brush != "dabs" && 50 * found.beyond <= found.surface, "{brush}: {found:?}");
+        }
+    }
+
+    /// A surface that rays meet.
+    struct Met<F>(F);
+
+    impl<F: Fn(DVec3, DVec3) -> Option<f64> + Sync> Surface for Met<F> {
+        fn first(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
+            self.0(origin, direction)
+        }
+    }
+
+    /// Pixels more than two from every edge of the surface; in how many the depth is that of what lies behind it, and in how many a tenth of the light.
+    #[derive(Debug)]
+    struct Seen {
+        pixels: usize,
+        behind: usize,
+        light: usize,
+    }
+
+    /// Of a depth, as in `truth`.
+    const BEHIND: f64 = 0.005;
+
+    fn seen(cloud: &Cloud, view: &View, effect: &str, first: impl Fn(DVec3, DVec3) -> Option<f64> + Sync) -> Seen {
+        let (mut cloud, eye, forward) = (cloud.clone(), view.camera.eye, view.basis.forward);
+        let part = &cloud.parts[0];
+        // What is seen is red, what is hidden blue.
+        let color = |i: usize| {
+            let p = world_of(part, i);
+            let from = match view.camera.projection {
+                Projection::Perspective => eye,
+                Projection::Orthographic => p - forward * (p - eye).dot(forward),
+            };
+            if first(from, p - from).is_some_and(|t| t < 1.0 - BEHIND) { [0, 0, 255] } else { [255, 0, 0] }
+        };
+        let colors = (0..part.columns.len()).map(color).collect();
+        cloud.parts[0].columns.rgb = Some(colors);
+        // Colours make clusters, which are of no matter here.
+        let painted = paint(&cloud, view, &format!("{effect},long=0"));
+        let truth = Truth::cast(view, &Met(first));
+        let mut seen = Seen { pixels: 0, behind: 0, light: 0 };
+        for i in (0..truth.depth.len()).filter(|&i| truth.interior[i]) {
+            let [red, _, blue, _] = painted.picture[i];
+            let depth = painted.depth[i] as f64;
+            seen.pixels += 1;
+            seen.behind += (depth > truth.within[i][1] + BEHIND * truth.depth[i]) as usize;
+            seen.light += (blue > 0.1 * (red + blue)) as usize;
+        }
+        seen
+    }
+
+    #[test]
+    fn no_surface_shows_what_lies_behind_it() {
+        let torus = |points: u64, size: [u32; 2]| {
+            let (world, cloud) = (synth::build(Scene::Torus, 1, 0.1), scene(Scene::Torus, points, 0.0));
+            let view = View::new(Camera::framing(Preset::Iso, &cloud.core_points(), size), size).unwrap();
+            seen(&cloud, &view, "strokes=on", |origin, direction| world.first(origin, direction))
+        };
+        let dragon = |every: usize, size: [u32; 2]| {
+            let (cloud, mesh) = dragon(every)?;
+            let view = View::new(Camera::framing(Preset::Iso, &cloud.core_points(), size), size).unwrap();
+            Some(seen(&cloud, &view, "strokes=on", |origin, direction| mesh.first(origin, direction)))
+        };
+        // Parts of a thousand. Where a tenth of the dragon's points lie no stroke knows how crests and hollows run between them.
+        let all = [
+            ("torus", 1, Some(torus(437_645, [960, 600]))),
+            ("a tenth of its points", 1, Some(torus(43_765, [400, 300]))),
+            ("a tenth of its points, near", 1, Some(torus(43_765, [960, 600]))),
+            ("dragon", 1, dragon(1, [960, 600])),
+            ("a tenth of its points", 8, dragon(10, [400, 300])),
+        ];
+        for (name, most, seen) in all.into_iter().filter_map(|(name, most, seen)| Some((name, most, seen?))) {
+            println!("{name}: {seen:?}");
+            assert!(seen.pixels > 10_000 && 1000 * seen.behind <= most * seen.pixels, "{name}: {seen:?}");
+            assert!(1000 * seen.light <= most * seen.pixels, "{name}: {seen:?}");
         }
     }
 

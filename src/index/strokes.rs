@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! of every point, in parallel:
-//!     radius   mean distance to the nearest eight others + its standard deviation: what closes the surface, larger where points are sparse
+//!     radius   mean distance to the nearest eight others + its standard deviation, or what closes the gap to those around: larger where points are sparse
 //!     normal   of the plane through all points within three radii (`normals`)
 //! clusters of like colour, where there are colours: small ones hold detail, long ones are painted along
 //! ```
@@ -21,8 +21,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// No radius is larger than that of all but this share of the points: a bird far from everything is no barn door (HARD_CASES 21).
+/// No radius of a lonely point is larger than that of all but this share of the points: a bird far from everything is no barn door (HARD_CASES 21).
 const LONELY: f64 = 0.01;
+/// Times as large as that may be those of others, which lie as sparsely as their neighbours do. A power of two, so that radii and the upper halves of f32 are bounded alike.
+const EVEN: f64 = (1 << EVEN_POWER) as f64;
+const EVEN_POWER: u32 = 1;
 /// Clusters of fewer points hold detail, and are painted in two layers.
 const SMALL: u64 = 48;
 
@@ -30,6 +33,8 @@ const SMALL: u64 = 48;
 #[derive(Clone, Copy, Debug)]
 pub struct Stroke {
     pub radius_m: f64,
+    /// As [`Patch::lonely`].
+    pub lonely: bool,
     /// None where the neighbours determine no plane.
     pub plane: Option<Plane>,
     pub cluster: Cluster,
@@ -72,8 +77,9 @@ pub fn strokes(columns: &Columns, lattice: &Lattice, progress: &dyn Progress) ->
     let mut places = vec![0; tree.len()];
     (0..tree.len()).for_each(|place| places[tree.number(place)] = place);
     let stroke = |&place: &usize| {
-        let (Patch { radius_m, plane }, _) = known[place];
-        Stroke { radius_m: radius_m.min(largest), plane, cluster: cluster(place) }
+        let (Patch { radius_m, lonely, plane }, _) = known[place];
+        let most = if lonely { largest } else { EVEN * largest };
+        Stroke { radius_m: radius_m.min(most), lonely, plane, cluster: cluster(place) }
     };
     Ok(places.par_iter().map(stroke).collect())
 }
@@ -124,8 +130,11 @@ fn cap(mut radii: Vec<f64>) -> f64 {
 /// Of the words' parts, as in glsl/lib/stroke.glsl.
 const SEED_SHIFT: u32 = 24;
 const RADIUS_BITS: u32 = 0xFFFF_0000;
+/// Of an f32's upper half.
+const EXPONENT_SHIFT: u32 = 7;
 const ANGLE_SHIFT: u32 = 8;
 const SMALL_BIT: u32 = 1 << 7;
+const LONELY_BIT: u32 = 1 << 6;
 /// Elongations beyond 1, in steps of an eighth.
 const ELONGATION_STEPS: f64 = 8.0;
 const LONGEST: u32 = 31;
@@ -133,7 +142,7 @@ const LONGEST: u32 = 31;
 impl Stroke {
     /// What a point at these lattice steps brings to the device:
     ///   facing   the normal on an octahedron, in 24 bits (`octahedral`); eight bits that look random, for the brush
-    ///   brush    radius, the upper half of an f32; where the points spread most, 256ths of a half turn from the normal's own tangent; the cluster: small or not, and how long
+    ///   brush    radius, the upper half of an f32; where the points spread most, 256ths of a half turn from the normal's own tangent; the cluster: small or not, and how long; whether the point is lonely
     pub fn words(&self, at: [i32; 3]) -> [u32; 2] {
         let normal = self.plane.map_or(octahedral::UNKNOWN, |plane| octahedral::pack(plane.normal));
         [seeded(normal, at), self.brush(normal)]
@@ -144,7 +153,7 @@ impl Stroke {
         let (small, long) = (self.cluster.points < SMALL, (self.cluster.elongation - 1.0) * ELONGATION_STEPS);
         let cluster = if small { SMALL_BIT } else { 0 } | (long.round() as u32).min(LONGEST);
         let angle = octahedral::unpack(normal).zip(self.plane).map_or(0, |(normal, plane)| angle(normal, plane.along));
-        radius_bits(self.radius_m) | angle << ANGLE_SHIFT | cluster
+        radius_bits(self.radius_m) | angle << ANGLE_SHIFT | cluster | if self.lonely { LONELY_BIT } else { 0 }
     }
 }
 
@@ -158,9 +167,10 @@ pub fn radius_m(brush: u32) -> f32 {
     f32::from_bits(brush & RADIUS_BITS)
 }
 
-/// The same brush with a radius of at most so much, in its upper half's own numbers.
+/// The same brush with a radius of at most so much where its point is lonely, and of a few times as much where it is not, in its upper half's own numbers.
 pub fn capped(brush: u32, largest: u32) -> u32 {
-    (brush >> 16).min(largest) << 16 | brush & !RADIUS_BITS
+    let most = if brush & LONELY_BIT == 0 { largest + (EVEN_POWER << EXPONENT_SHIFT) } else { largest };
+    (brush >> 16).min(most) << 16 | brush & !RADIUS_BITS
 }
 
 /// From the tangent of a normal as it is stored, 256ths of a half turn.

@@ -102,8 +102,8 @@ impl<'s> Surroundings<'s> {
         Ok(found.iter().map(|neighbour| neighbour.squared).fold(0.0, f64::max))
     }
 
-    /// Every point within a radius of a point but for those where it is, in no order; within a half of it, or less, where they are too many.
-    pub fn within(&mut self, place: usize, mut radius: f64, found: &mut Vec<Neighbour>) -> Result<()> {
+    /// Every point within a radius of a point but for those where it is, in no order; within a half of it, or less, where they are too many: within which, is the answer.
+    pub fn within(&mut self, place: usize, mut radius: f64, found: &mut Vec<Neighbour>) -> Result<f64> {
         loop {
             found.clear();
             let squared = radius * radius;
@@ -112,7 +112,7 @@ impl<'s> Surroundings<'s> {
             };
             self.search(place, found, &search, &|_| squared)?;
             if found.len() <= MOST_WITHIN {
-                return Ok(());
+                return Ok(radius);
             }
             radius /= 2.0;
         }

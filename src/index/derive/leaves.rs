@@ -46,8 +46,8 @@ pub fn leaf(forest: &Forest, node: usize, derive: Derive, found: &(dyn Fn(u64) -
             let normal = if of_file[number] == octahedral::UNKNOWN { fitted } else { of_file[number] };
             let at = [0, 1, 2].map(|axis| (own.origin[axis] + steps[axis] as i64) as i32);
             facing[number] = strokes::seeded(normal, at);
-            if let (Some(brush), Some(Patch { radius_m, plane }), Some(clusters)) = (&mut derived.brush, patch, &clusters) {
-                brush[number] = Stroke { radius_m, plane, cluster: clusters[place] }.brush(normal);
+            if let (Some(brush), Some(Patch { radius_m, lonely, plane }), Some(clusters)) = (&mut derived.brush, patch, &clusters) {
+                brush[number] = Stroke { radius_m, lonely, plane, cluster: clusters[place] }.brush(normal);
             }
         }
     }

@@ -131,7 +131,7 @@ impl Work<'_> {
         Ok(all)
     }
 
-    /// No stroke of a leaf is larger than that of all but some of its tree's points.
+    /// As [`strokes::capped`]: by the radius of all but some of a tree's points.
     fn cap(&self, forest: &Forest, radii: &BTreeMap<u16, Vec<u64>>) -> Result<Vec<Crc>> {
         let nodes = &forest.directory.nodes;
         let largest: BTreeMap<u16, u32> = radii.iter().map(|(&lattice, counts)| (lattice, leaves::largest(counts))).collect();
