@@ -10,7 +10,7 @@
 //! behind a folder, may hang for as long as it likes. Dropping the [`Loader`] lets the thread finish its node, and joins it; where that hangs the thread is left
 //! behind, and whoever made the destinations closes them to it.
 
-use crate::cloud::attribute::{Attribute, STATION_SHIFT, Shown};
+use crate::cloud::attribute::{Attribute, CODE_SHIFT, STATION_SHIFT, Shown, station_code};
 use crate::cloud::octahedral;
 use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
@@ -239,6 +239,13 @@ impl<P: FnMut()> Thread<P> {
                     words
                         .iter_mut()
                         .for_each(|word| *word = stations.get(*word as usize).and_then(|station| station.source).unwrap_or(0) as u32);
+                }
+                if self.shown.coded && record.has(Plane::Source) {
+                    self.bytes.resize(record.range(Plane::Source).1 as usize, 0);
+                    index.read(node, Plane::Source, &mut self.bytes)?;
+                    read.bytes += self.bytes.len() as u64;
+                    let stations = self.bytes.as_chunks().0.iter().map(|&station| u16::from_le_bytes(station) as usize);
+                    words.iter_mut().zip(stations).for_each(|(word, station)| *word |= (station_code(station) as u32) << CODE_SHIFT);
                 }
             }
             None if elevation => {

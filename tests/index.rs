@@ -386,7 +386,10 @@ fn sums(index: &Index, number: usize, from: DVec3) -> Sums {
         assert!(weight > 0.0);
         sums.weight += weight;
         sums.position += weight * (world(index, node, decoded.q[i]) - from);
-        sums.color += weight * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([255; 3]).map(linear));
+        // With one exposure for all stations, where that is known.
+        let station = decoded.get(Plane::Source, i).map_or(0, u16::from_le_bytes) as usize;
+        let gain = index.directory.contents.balance.as_ref().map_or(1.0, |balance| balance.gains[station]);
+        sums.color += weight * gain * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([255; 3]).map(linear));
         sums.intensity += weight * decoded.get(Plane::Intensity, i).map_or(0, u16::from_le_bytes) as f64;
     }
     sums
@@ -729,6 +732,34 @@ fn threads_and_the_order_of_the_file_change_no_byte() {
 }
 
 // ---- inner nodes
+
+#[test]
+fn samples_of_several_stations_are_means_of_what_all_have_with_one_exposure() {
+    let place = Place::new();
+    let file = place.at("street.las");
+    scan(&file, Scene::Street, 500_000);
+    let index = place.faithful(&[file], &OPTIONS);
+    assert!(index.directory.contents.balance.is_some() && index.nodes().iter().any(|node| !node.is_leaf()));
+    // Of an index that does not know them, nobody says any.
+    place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
+    let first = Index::open(&place.at("first.pnti")).unwrap();
+    assert_eq!(first.directory.contents, Contents { balance: None, ..index.directory.contents.clone() });
+    // Too few, too many, and none that there can be.
+    let bytes = fs::read(place.at("a.pnti")).unwrap();
+    let json = number(&bytes, 24) as usize + index.nodes().len() * field::BYTES;
+    let contents: serde_json::Value = serde_json::from_slice(&bytes[json..]).unwrap();
+    for gains in [&[1.0; 4][..], &[1.0; 6], &[1.0, 1.0, 1.0, 1.0, 0.0], &[1.0, 1.0, 1.0, 1.0, -1.0], &[1.0, 1.0, 17.0, 1.0, 1.0]] {
+        let mut contents = contents.clone();
+        contents["balance"]["gains"] = gains.into();
+        let contents = serde_json::to_vec(&contents).unwrap();
+        let mut crafted = [&bytes[..json], &contents].concat();
+        let length = crafted.len() as u64;
+        crafted[16..24].copy_from_slice(&length.to_le_bytes());
+        crafted[32..40].copy_from_slice(&(contents.len() as u64).to_le_bytes());
+        let error = Index::open(&place.write("crafted.pnti", &signed(crafted))).err().expect("impossible exposures were taken").to_string();
+        assert!(error.contains("exposures"), "{error}");
+    }
+}
 
 #[test]
 fn the_heaviest_class_of_a_cell_is_its_class() {
@@ -1193,7 +1224,7 @@ fn first_version(bytes: &[u8]) -> Vec<u8> {
         bytes[directory_at..][..nodes * record].chunks(record).flat_map(|record| [&record[..108], &record[record.len() - 20..]].concat());
     let records: Vec<u8> = records.collect();
     let mut known: serde_json::Value = serde_json::from_slice(&bytes[directory_at + nodes * record..][..contents]).unwrap();
-    known.as_object_mut().unwrap().remove("oriented");
+    ["oriented", "balance"].into_iter().for_each(|unknown| drop(known.as_object_mut().unwrap().remove(unknown)));
     let directory = [records, serde_json::to_vec(&known).unwrap()].concat();
     let mut first = [&bytes[..directory_at], &directory].concat();
     let length = first.len() as u64;
@@ -1214,8 +1245,10 @@ fn an_index_of_the_first_version_is_read_as_it_was() {
     let now = place.faithful(&[place.las("a.las", &points, MILLIMETRES)], &OPTIONS);
     place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
     let first = Index::open(&place.at("first.pnti")).unwrap();
-    assert_eq!(first.bytes() + 16 * now.nodes().len() as u64 + ",\"oriented\":false".len() as u64, now.bytes());
-    assert_eq!(first.directory.contents, now.directory.contents);
+    let length = |contents: &Contents| serde_json::to_vec(contents).unwrap().len() as u64;
+    let unknown = length(&now.directory.contents) - length(&first.directory.contents) + ",\"oriented\":false".len() as u64;
+    assert_eq!(first.bytes() + 16 * now.nodes().len() as u64 + unknown, now.bytes());
+    assert_eq!(first.directory.contents, Contents { balance: None, ..now.directory.contents.clone() });
     assert!(first.nodes() == now.nodes());
     assert!(contents_of_nodes(&first) == contents_of_nodes(&now));
 }

@@ -8,6 +8,7 @@
 //! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
 //! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
 
+use super::exposure::Balance;
 use super::fault::Fault;
 use super::map::Map;
 use super::marks::Marks;
@@ -240,6 +241,9 @@ pub struct Contents {
     /// Normals that were derived are those of the files, all of them, and say which side of a surface is outside.
     #[serde(default)]
     pub oriented: bool,
+    /// What gives all stations one exposure. A sample that is merged of several stations has the light of the one that it names. Indexes that were made before anybody looked for it have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub balance: Option<Balance>,
 }
 
 /// Nodes and contents.
@@ -572,6 +576,10 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
     }
     if next != nodes.len() {
         return Err(format!("has {} nodes that belong to no parent", nodes.len() - next.min(nodes.len())));
+    }
+    let stations = directory.contents.stations.len();
+    if directory.contents.balance.as_ref().is_some_and(|balance| balance.gains.len() != stations || !balance.is_possible()) {
+        return Err("has impossible exposures".into());
     }
     let total = nodes[..directory.roots as usize].iter().fold(0u64, |sum, root| sum.saturating_add(root.points));
     if total != directory.contents.points {
