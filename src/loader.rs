@@ -233,19 +233,18 @@ impl<P: FnMut()> Thread<P> {
                 index.read(node, plane, &mut self.bytes)?;
                 read.bytes += self.bytes.len() as u64;
                 widen(plane, &self.bytes, words);
-                if plane == Plane::Source {
+                if Plane::STATIONS.contains(&plane) {
                     // The file's own number of the station; nodes hold its place in the list.
                     let stations = &index.directory.contents.stations;
                     words
                         .iter_mut()
                         .for_each(|word| *word = stations.get(*word as usize).and_then(|station| station.source).unwrap_or(0) as u32);
                 }
-                if self.shown.coded && record.has(Plane::Source) {
-                    self.bytes.resize(record.range(Plane::Source).1 as usize, 0);
-                    index.read(node, Plane::Source, &mut self.bytes)?;
-                    read.bytes += self.bytes.len() as u64;
-                    let stations = self.bytes.as_chunks().0.iter().map(|&station| u16::from_le_bytes(station) as usize);
-                    words.iter_mut().zip(stations).for_each(|(word, station)| *word |= (station_code(station) as u32) << CODE_SHIFT);
+                if self.shown.coded && Plane::STATIONS.into_iter().any(|plane| record.has(plane)) {
+                    let mut stations = vec![0; count];
+                    read.bytes += gather(&index, node, &Plane::STATIONS.map(|plane| (plane, 0)), &mut self.bytes, &mut stations)?;
+                    let codes = stations.into_iter().map(|station| station_code(station as usize) as u32);
+                    words.iter_mut().zip(codes).for_each(|(word, code)| *word |= code << CODE_SHIFT);
                 }
             }
             None if elevation => {
@@ -256,7 +255,8 @@ impl<P: FnMut()> Thread<P> {
         }
         destination.put(planes, words);
         if let Some(word) = self.shown.kind() {
-            let parts = [(Plane::Class, 0), (Plane::Returns, 8), (Plane::Source, STATION_SHIFT)];
+            let [station, source] = Plane::STATIONS.map(|plane| (plane, STATION_SHIFT));
+            let parts = [(Plane::Class, 0), (Plane::Returns, 8), station, source];
             words.fill(0);
             read.bytes += gather(&index, node, &parts, &mut self.bytes, words)?;
             destination.put(planes + word, words);

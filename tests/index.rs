@@ -213,6 +213,12 @@ impl Decoded {
     fn weight(&self, i: usize) -> u32 {
         self.get(Plane::Weight, i).map_or(1, u32::from_le_bytes)
     }
+
+    /// Its number, in 8 bits or in 16.
+    fn station(&self, i: usize) -> usize {
+        let narrow = self.get(Plane::Station, i).map(|[station]| station as usize);
+        narrow.or(self.get(Plane::Source, i).map(|station| u16::from_le_bytes(station) as usize)).unwrap_or(0)
+    }
 }
 
 fn decode(index: &Index, number: usize) -> Result<Decoded> {
@@ -264,8 +270,7 @@ fn leaf_rows(index: &Index, cloud: &Cloud) -> Vec<u64> {
         let decoded = decode(index, number).unwrap_or_else(|error| panic!("{error}"));
         let (mut part, mut moved) = (usize::MAX, [0; 3]);
         for i in 0..node.count as usize {
-            let station = decoded.get(Plane::Source, i).map_or(0, u16::from_le_bytes);
-            let station = &contents.stations[station as usize];
+            let station = &contents.stations[decoded.station(i)];
             if station.part != part {
                 part = station.part;
                 moved = shift(Lattice { step, offset }, cloud.parts[part].lattice).expect("on a lattice of its own");
@@ -338,10 +343,13 @@ fn check_contents(index: &Index, cloud: &Cloud) {
     if let [part] = &cloud.parts[..] {
         let c = &part.columns;
         let expected = [(Plane::Rgb, c.rgb.is_some()), (Plane::Intensity, c.intensity.is_some()), (Plane::Class, c.class.is_some())];
-        let more = [(Plane::Returns, c.returns.is_some()), (Plane::Source, c.source.is_some()), (Plane::Normal, c.normal.is_some())];
+        let more = [(Plane::Returns, c.returns.is_some()), (Plane::Normal, c.normal.is_some())];
         for (plane, there) in expected.into_iter().chain(more) {
             assert!(index.nodes().iter().all(|node| node.has(plane) == there), "{plane:?}: {there}");
         }
+        let stations = |node: &NodeRecord| node.has(Plane::Source) as u32 + node.has(Plane::Station) as u32;
+        assert!(index.nodes().iter().all(|node| stations(node) == c.source.is_some() as u32));
+        assert!(cloud.stations.len() > 256 || !index.has(Plane::Source));
     }
     assert_eq!(contents.notes, cloud.notes);
 }
@@ -387,8 +395,7 @@ fn sums(index: &Index, number: usize, from: DVec3) -> Sums {
         sums.weight += weight;
         sums.position += weight * (world(index, node, decoded.q[i]) - from);
         // With one exposure for all stations, where that is known.
-        let station = decoded.get(Plane::Source, i).map_or(0, u16::from_le_bytes) as usize;
-        let gain = index.directory.contents.balance.as_ref().map_or(1.0, |balance| balance.gains[station]);
+        let gain = index.directory.contents.balance.as_ref().map_or(1.0, |balance| balance.gains[decoded.station(i)]);
         sums.color += weight * gain * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([255; 3]).map(linear));
         sums.intensity += weight * decoded.get(Plane::Intensity, i).map_or(0, u16::from_le_bytes) as f64;
     }
@@ -1241,8 +1248,11 @@ fn first_version(bytes: &[u8]) -> Vec<u8> {
 #[test]
 fn an_index_of_the_first_version_is_read_as_it_was() {
     let place = Place::new();
-    let points = shape(Shape::Plane, 200_000, [0; 3], [100_000; 3], 3);
+    let mut points = shape(Shape::Plane, 200_000, [0; 3], [100_000; 3], 3);
+    // So many stations that no node numbers its own in 8 bits, which that version could not.
+    points.iter_mut().enumerate().for_each(|(i, point)| point.source = (i % 1000) as u16);
     let now = place.faithful(&[place.las("a.las", &points, MILLIMETRES)], &OPTIONS);
+    assert!(!now.has(Plane::Station));
     place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
     let first = Index::open(&place.at("first.pnti")).unwrap();
     let length = |contents: &Contents| serde_json::to_vec(contents).unwrap().len() as u64;

@@ -90,8 +90,8 @@ fn from_afar_stations_of_an_index_have_one_exposure_and_no_sample_shows_another(
         let psnr = 10.0 * (255.0 * 255.0 * 3.0 * pairs.len() as f64 / squares.sum::<f64>()).log10();
         let specks = pairs.iter().filter(|(a, b)| (light(**a) / light(**b)).log2().abs() > 0.25).count() as f64 / pairs.len() as f64;
         println!("{view}: {} pixels, {psnr:.1} dB, {:.2} % are off by more than a quarter of a stop", pairs.len(), 100.0 * specks);
-        // Of samples with the means of what their stations have, each as it is: 35 dB and 8 %.
-        assert!(pairs.len() > 10_000 && psnr > 45.0 && specks < 0.002, "{view}: {psnr} {specks}");
+        // Of samples with the means of what their stations have, each as it is: 34.8 and 36.1 dB, 11.7 and 10.3 %.
+        assert!(pairs.len() > 5_000 && psnr > 50.0 && specks < 0.001, "{view}: {psnr} {specks}");
     }
 }
 

@@ -24,8 +24,8 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"pnti\r\n\x1a\n";
-/// The second has room for planes that are derived; the first is read all the same.
-const VERSION: u32 = 2;
+/// The second has room for planes that are derived, the third numbers stations in 8 bits; those before are read all the same.
+const VERSION: u32 = 3;
 const HEADER_BYTES: u64 = 4096;
 
 /// What a plane holds, in the order in which a node's planes follow each other.
@@ -42,7 +42,7 @@ pub enum Plane {
     Class,
     /// Return number (low four bits) and number of returns.
     Returns,
-    /// Number of the station, in [`Contents::stations`].
+    /// Number of the station, in [`Contents::stations`], of nodes whose numbers are not all below 256.
     Source,
     /// Unit normal, 127 = 1.0.
     Normal,
@@ -55,9 +55,11 @@ pub enum Plane {
     Brush,
     /// Derived: colour whose luminance is the mean of the neighbourhood, as [`Plane::Rgb`].
     Corrected,
+    /// Number of the station of nodes whose numbers all are: half of what pictures with one exposure would read otherwise.
+    Station,
 }
 
-pub const PLANES: [(Plane, u64); 14] = [
+pub const PLANES: [(Plane, u64); 15] = [
     (Plane::Coarse, 4),
     (Plane::Fine, 4),
     (Plane::Finest, 4),
@@ -72,12 +74,16 @@ pub const PLANES: [(Plane, u64); 14] = [
     (Plane::Facing, 4),
     (Plane::Brush, 4),
     (Plane::Corrected, 3),
+    (Plane::Station, 1),
 ];
 
 /// Checksums that a record has room for: an odd number, so that it has no gaps.
-pub const CHECKSUMS: usize = PLANES.len() + 1;
+pub const CHECKSUMS: usize = PLANES.len();
 
 impl Plane {
+    /// Those of which a node has one where it says which stations its points are of.
+    pub const STATIONS: [Plane; 2] = [Plane::Station, Plane::Source];
+
     pub fn bytes_per_point(self) -> u64 {
         PLANES[self as usize].1
     }
@@ -88,7 +94,7 @@ impl Plane {
             Attribute::Rgb => &[Plane::Rgb],
             Attribute::Intensity => &[Plane::Intensity],
             Attribute::Class => &[Plane::Class],
-            Attribute::Source => &[Plane::Source],
+            Attribute::Source => &Plane::STATIONS,
             Attribute::Return => &[Plane::Returns],
             Attribute::Normal => &[Plane::Normal, Plane::Facing],
             Attribute::Corrected => &[Plane::Corrected],

@@ -44,7 +44,7 @@ pub fn over(roots: &[&NodeRecord], contents: &Contents, derive: Derive) -> Optio
         intensity: some(Plane::Intensity),
         class: some(Plane::Class),
         returns: some(Plane::Returns),
-        source: some(Plane::Source),
+        source: Plane::STATIONS.into_iter().any(some),
         normal: some(Plane::Normal),
         gps_time: some(Plane::GpsTime),
     };

@@ -73,10 +73,12 @@ impl Sample {
     /// Of so many points within a box.
     pub fn new(bounds: (DVec3, DVec3), points: u64) -> Sample {
         let most = most_of(points);
+        // Bits of a number as a code has them, x lowest.
+        let spread: [u64; 1 << BLOCK_BITS] = std::array::from_fn(|axis| morton::code_63([axis as u32, 0, 0]));
         let word = |word: usize| {
-            let block =
-                |bit: u32| [2 * BLOCK_BITS, BLOCK_BITS, 0].map(|shift| ((word as u32) << 6 | bit) >> shift & ((1 << BLOCK_BITS) - 1));
-            (0..64).fold(0, |bits, bit| bits | ((scattered(morton::code_63(block(bit))) <= most) as u64) << bit)
+            let axis = |number: usize, axis: u32| spread[number >> (axis * BLOCK_BITS) & ((1 << BLOCK_BITS) - 1)];
+            let block = |number: usize| axis(number, 2) | axis(number, 1) << 1 | axis(number, 0) << 2;
+            (0..64).fold(0, |bits, bit| bits | ((scattered(block(word << 6 | bit)) <= most) as u64) << bit)
         };
         let wanted = (most < u64::MAX).then(|| (0..1usize << (3 * BLOCK_BITS - 6)).into_par_iter().map(word).collect());
         Sample { cells: Cells::over(bounds), wanted, kept: Mutex::new(Kept { most, points: Vec::new() }) }
