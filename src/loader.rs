@@ -10,7 +10,7 @@
 //! behind a folder, may hang for as long as it likes. Dropping the [`Loader`] lets the thread finish its node, and joins it; where that hangs the thread is left
 //! behind, and whoever made the destinations closes them to it.
 
-use crate::cloud::attribute::{Attribute, STATION_SHIFT, Shown};
+use crate::cloud::attribute::{Attribute, CODE_SHIFT, STATION_SHIFT, Shown, station_code};
 use crate::cloud::octahedral;
 use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
@@ -233,12 +233,18 @@ impl<P: FnMut()> Thread<P> {
                 index.read(node, plane, &mut self.bytes)?;
                 read.bytes += self.bytes.len() as u64;
                 widen(plane, &self.bytes, words);
-                if plane == Plane::Source {
+                if Plane::STATIONS.contains(&plane) {
                     // The file's own number of the station; nodes hold its place in the list.
                     let stations = &index.directory.contents.stations;
                     words
                         .iter_mut()
                         .for_each(|word| *word = stations.get(*word as usize).and_then(|station| station.source).unwrap_or(0) as u32);
+                }
+                if self.shown.coded && Plane::STATIONS.into_iter().any(|plane| record.has(plane)) {
+                    let mut stations = vec![0; count];
+                    read.bytes += gather(&index, node, &Plane::STATIONS.map(|plane| (plane, 0)), &mut self.bytes, &mut stations)?;
+                    let codes = stations.into_iter().map(|station| station_code(station as usize) as u32);
+                    words.iter_mut().zip(codes).for_each(|(word, code)| *word |= code << CODE_SHIFT);
                 }
             }
             None if elevation => {
@@ -249,7 +255,8 @@ impl<P: FnMut()> Thread<P> {
         }
         destination.put(planes, words);
         if let Some(word) = self.shown.kind() {
-            let parts = [(Plane::Class, 0), (Plane::Returns, 8), (Plane::Source, STATION_SHIFT)];
+            let [station, source] = Plane::STATIONS.map(|plane| (plane, STATION_SHIFT));
+            let parts = [(Plane::Class, 0), (Plane::Returns, 8), station, source];
             words.fill(0);
             read.bytes += gather(&index, node, &parts, &mut self.bytes, words)?;
             destination.put(planes + word, words);

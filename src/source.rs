@@ -177,7 +177,7 @@ impl Source {
         }
         let shown = match self {
             Source::Files(cloud) => Shown::new(attribute, cloud),
-            Source::Index(index) => indexed(index, attribute),
+            Source::Index(index) => shown(index, attribute),
         };
         Ok((shown, format!("asked for with --color {}", attribute.name())))
     }
@@ -233,13 +233,13 @@ impl Source {
             Source::Index(index) => index,
         };
         if self.has(Attribute::Rgb) {
-            return (indexed(index, Attribute::Rgb), "the points have colours");
+            return (shown(index, Attribute::Rgb), "the points have colours");
         }
-        let intensity = indexed(index, Attribute::Intensity);
+        let intensity = shown(index, Attribute::Intensity);
         if index.nodes().iter().all(|node| node.has(Plane::Intensity)) && intensity.stretch[1] > intensity.stretch[0] {
             return (intensity, "no colours, but an intensity that varies");
         }
-        (indexed(index, Attribute::Elevation), "no colours, and no intensity that varies")
+        (shown(index, Attribute::Elevation), "no colours, and no intensity that varies")
     }
 
     /// Files go there whole; of an index nothing yet.
@@ -262,14 +262,18 @@ fn kept(place: &cache::Place) -> String {
     }
 }
 
-fn indexed(index: &Index, attribute: Attribute) -> Shown {
+/// What the points of an index show.
+pub fn shown(index: &Index, attribute: Attribute) -> Shown {
     let contents = &index.directory.contents;
     let stretch = match attribute {
         Attribute::Intensity => contents.intensity_stretch,
         Attribute::Elevation => contents.elevation_stretch,
         _ => [0, 255],
     };
-    Shown::indexed(attribute, contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]), stretch)
+    let mut shown = Shown::indexed(attribute, contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]), stretch);
+    // Who knows no exposures need not read which station points are of.
+    shown.coded = attribute == Attribute::Rgb && contents.balance.is_some();
+    shown
 }
 
 /// As [`Cloud::core_points`], of the roots' samples, each as often as the points that it stands for.

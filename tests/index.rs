@@ -213,6 +213,12 @@ impl Decoded {
     fn weight(&self, i: usize) -> u32 {
         self.get(Plane::Weight, i).map_or(1, u32::from_le_bytes)
     }
+
+    /// Its number, in 8 bits or in 16.
+    fn station(&self, i: usize) -> usize {
+        let narrow = self.get(Plane::Station, i).map(|[station]| station as usize);
+        narrow.or(self.get(Plane::Source, i).map(|station| u16::from_le_bytes(station) as usize)).unwrap_or(0)
+    }
 }
 
 fn decode(index: &Index, number: usize) -> Result<Decoded> {
@@ -264,8 +270,7 @@ fn leaf_rows(index: &Index, cloud: &Cloud) -> Vec<u64> {
         let decoded = decode(index, number).unwrap_or_else(|error| panic!("{error}"));
         let (mut part, mut moved) = (usize::MAX, [0; 3]);
         for i in 0..node.count as usize {
-            let station = decoded.get(Plane::Source, i).map_or(0, u16::from_le_bytes);
-            let station = &contents.stations[station as usize];
+            let station = &contents.stations[decoded.station(i)];
             if station.part != part {
                 part = station.part;
                 moved = shift(Lattice { step, offset }, cloud.parts[part].lattice).expect("on a lattice of its own");
@@ -338,10 +343,13 @@ fn check_contents(index: &Index, cloud: &Cloud) {
     if let [part] = &cloud.parts[..] {
         let c = &part.columns;
         let expected = [(Plane::Rgb, c.rgb.is_some()), (Plane::Intensity, c.intensity.is_some()), (Plane::Class, c.class.is_some())];
-        let more = [(Plane::Returns, c.returns.is_some()), (Plane::Source, c.source.is_some()), (Plane::Normal, c.normal.is_some())];
+        let more = [(Plane::Returns, c.returns.is_some()), (Plane::Normal, c.normal.is_some())];
         for (plane, there) in expected.into_iter().chain(more) {
             assert!(index.nodes().iter().all(|node| node.has(plane) == there), "{plane:?}: {there}");
         }
+        let stations = |node: &NodeRecord| node.has(Plane::Source) as u32 + node.has(Plane::Station) as u32;
+        assert!(index.nodes().iter().all(|node| stations(node) == c.source.is_some() as u32));
+        assert!(cloud.stations.len() > 256 || !index.has(Plane::Source));
     }
     assert_eq!(contents.notes, cloud.notes);
 }
@@ -386,7 +394,9 @@ fn sums(index: &Index, number: usize, from: DVec3) -> Sums {
         assert!(weight > 0.0);
         sums.weight += weight;
         sums.position += weight * (world(index, node, decoded.q[i]) - from);
-        sums.color += weight * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([255; 3]).map(linear));
+        // With one exposure for all stations, where that is known.
+        let gain = index.directory.contents.balance.as_ref().map_or(1.0, |balance| balance.gains[decoded.station(i)]);
+        sums.color += weight * gain * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([255; 3]).map(linear));
         sums.intensity += weight * decoded.get(Plane::Intensity, i).map_or(0, u16::from_le_bytes) as f64;
     }
     sums
@@ -729,6 +739,34 @@ fn threads_and_the_order_of_the_file_change_no_byte() {
 }
 
 // ---- inner nodes
+
+#[test]
+fn samples_of_several_stations_are_means_of_what_all_have_with_one_exposure() {
+    let place = Place::new();
+    let file = place.at("street.las");
+    scan(&file, Scene::Street, 500_000);
+    let index = place.faithful(&[file], &OPTIONS);
+    assert!(index.directory.contents.balance.is_some() && index.nodes().iter().any(|node| !node.is_leaf()));
+    // Of an index that does not know them, nobody says any.
+    place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
+    let first = Index::open(&place.at("first.pnti")).unwrap();
+    assert_eq!(first.directory.contents, Contents { balance: None, ..index.directory.contents.clone() });
+    // Too few, too many, and none that there can be.
+    let bytes = fs::read(place.at("a.pnti")).unwrap();
+    let json = number(&bytes, 24) as usize + index.nodes().len() * field::BYTES;
+    let contents: serde_json::Value = serde_json::from_slice(&bytes[json..]).unwrap();
+    for gains in [&[1.0; 4][..], &[1.0; 6], &[1.0, 1.0, 1.0, 1.0, 0.0], &[1.0, 1.0, 1.0, 1.0, -1.0], &[1.0, 1.0, 17.0, 1.0, 1.0]] {
+        let mut contents = contents.clone();
+        contents["balance"]["gains"] = gains.into();
+        let contents = serde_json::to_vec(&contents).unwrap();
+        let mut crafted = [&bytes[..json], &contents].concat();
+        let length = crafted.len() as u64;
+        crafted[16..24].copy_from_slice(&length.to_le_bytes());
+        crafted[32..40].copy_from_slice(&(contents.len() as u64).to_le_bytes());
+        let error = Index::open(&place.write("crafted.pnti", &signed(crafted))).err().expect("impossible exposures were taken").to_string();
+        assert!(error.contains("exposures"), "{error}");
+    }
+}
 
 #[test]
 fn the_heaviest_class_of_a_cell_is_its_class() {
@@ -1193,7 +1231,7 @@ fn first_version(bytes: &[u8]) -> Vec<u8> {
         bytes[directory_at..][..nodes * record].chunks(record).flat_map(|record| [&record[..108], &record[record.len() - 20..]].concat());
     let records: Vec<u8> = records.collect();
     let mut known: serde_json::Value = serde_json::from_slice(&bytes[directory_at + nodes * record..][..contents]).unwrap();
-    known.as_object_mut().unwrap().remove("oriented");
+    ["oriented", "balance"].into_iter().for_each(|unknown| drop(known.as_object_mut().unwrap().remove(unknown)));
     let directory = [records, serde_json::to_vec(&known).unwrap()].concat();
     let mut first = [&bytes[..directory_at], &directory].concat();
     let length = first.len() as u64;
@@ -1210,12 +1248,17 @@ fn first_version(bytes: &[u8]) -> Vec<u8> {
 #[test]
 fn an_index_of_the_first_version_is_read_as_it_was() {
     let place = Place::new();
-    let points = shape(Shape::Plane, 200_000, [0; 3], [100_000; 3], 3);
+    let mut points = shape(Shape::Plane, 200_000, [0; 3], [100_000; 3], 3);
+    // So many stations that no node numbers its own in 8 bits, which that version could not.
+    points.iter_mut().enumerate().for_each(|(i, point)| point.source = (i % 1000) as u16);
     let now = place.faithful(&[place.las("a.las", &points, MILLIMETRES)], &OPTIONS);
+    assert!(!now.has(Plane::Station));
     place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
     let first = Index::open(&place.at("first.pnti")).unwrap();
-    assert_eq!(first.bytes() + 16 * now.nodes().len() as u64 + ",\"oriented\":false".len() as u64, now.bytes());
-    assert_eq!(first.directory.contents, now.directory.contents);
+    let length = |contents: &Contents| serde_json::to_vec(contents).unwrap().len() as u64;
+    let unknown = length(&now.directory.contents) - length(&first.directory.contents) + ",\"oriented\":false".len() as u64;
+    assert_eq!(first.bytes() + 16 * now.nodes().len() as u64 + unknown, now.bytes());
+    assert_eq!(first.directory.contents, Contents { balance: None, ..now.directory.contents.clone() });
     assert!(first.nodes() == now.nodes());
     assert!(contents_of_nodes(&first) == contents_of_nodes(&now));
 }

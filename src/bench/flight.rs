@@ -4,7 +4,7 @@
 //! Of every frame: how long `Residency::update` took, and the whole frame; nodes of the cut that were not resident; holes. That a hole could have been
 //! filled is found here by walking up and down the tree, on purpose not by the code that decides what is drawn.
 
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::Attribute;
 use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::frame;
@@ -15,6 +15,7 @@ use crate::look::{self, Wishes};
 use crate::progress::Progress;
 use crate::resident::pool::PAGE_BYTES;
 use crate::resident::{Residency, residency::Update};
+use crate::source;
 use crate::view::{Camera, Preset, View};
 use glam::DVec3;
 use serde::Serialize;
@@ -89,11 +90,7 @@ fn fly(gpu: &mut Gpu, index: &Arc<Index>, plan: &Plan, size: [u32; 2], progress:
     let pool_bytes = plan.pool_bytes.unwrap_or(whole_bytes / 4).max(PAGE_BYTES);
     let contents = &index.directory.contents;
     let colored = index.nodes().iter().any(|node| node.has(Plane::Rgb));
-    let heights = contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]);
-    let shown = match colored {
-        true => Shown::indexed(Attribute::Rgb, heights, [0, 255]),
-        false => Shown::indexed(Attribute::Elevation, heights, contents.elevation_stretch),
-    };
+    let shown = source::shown(index, if colored { Attribute::Rgb } else { Attribute::Elevation });
     let path = Path::over(index, size)?;
     let mut residency = Residency::open(gpu, index.clone(), shown, pool_bytes)?;
     let [mut frames, mut updates, mut points] = [(); 3].map(|()| Vec::with_capacity(plan.frames));

@@ -1,12 +1,13 @@
 //! `pointillist info cloud.pnti`: what went into an index, and the tree.
 //!
 //! The JSON object has `points`, `bounds`, `spacing`, `parts`, `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would
-//! need every point), and `index` {`bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
+//! need every point), of `exposures` the `balance` where it was found, and `index` {`bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
 //! `spacing`}], `planes` {name: bytes}, `leaf_points` {`least`, `median`, `most`}}.
 
-use super::info::{Bounds, LISTED, Spacing, words};
+use super::info::{Bounds, LISTED, Spacing, gain, uneven, words};
 use crate::cloud::Station;
 use crate::error::{Error, Result};
+use crate::index::exposure::Balance;
 use crate::index::file::{Index, IndexedPart, PLANES};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -23,7 +24,14 @@ struct Report<'a> {
     index: Tree,
     parts: &'a [IndexedPart],
     stations: &'a [Station],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    exposures: Option<Exposures<'a>>,
     notes: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Exposures<'a> {
+    balance: &'a Balance,
 }
 
 #[derive(Serialize)]
@@ -67,6 +75,7 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
         index: Tree::new(&index),
         parts: &contents.parts,
         stations: &contents.stations,
+        exposures: contents.balance.as_ref().map(|balance| Exposures { balance }),
         notes: &contents.notes,
     };
     if json {
@@ -142,9 +151,11 @@ impl Report<'_> {
             line("from", format!("{}{name}: {}, {} points", part.path.display(), part.header.format, part.points));
         }
         line("stations", self.stations.len().to_string());
-        for station in self.stations.iter().take(LISTED) {
-            line("", format!("{}: {} points", station.name, station.points));
+        let balance = self.exposures.as_ref().map(|exposures| exposures.balance);
+        for (number, station) in self.stations.iter().enumerate().take(LISTED) {
+            line("", format!("{}: {} points{}", station.name, station.points, gain(balance, number)));
         }
+        balance.into_iter().for_each(|balance| line("balance", uneven(balance)));
         if self.stations.len() > LISTED {
             line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));
         }

@@ -13,7 +13,7 @@
 use super::indexed_info;
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
-use crate::index::exposure::{Exposures, exposures};
+use crate::index::exposure::{Balance, Exposures, exposures};
 use crate::index::file::Index;
 use crate::progress::Progress;
 use glam::DVec3;
@@ -204,17 +204,11 @@ impl<'a> Report<'a> {
                 .and_then(|exposures| exposures.values[number])
                 .map_or(String::new(), |value| format!(", luminance {value:.1} of 255"));
             let balance = exposures.and_then(|exposures| exposures.balance.as_ref());
-            let gain = balance.map_or(String::new(), |balance| format!(", gain {:.3}", balance.gains[number]));
+            let gain = gain(balance, number);
             line("", format!("{}: {} points{value}{gain}", station.name, station.points));
         }
         if let Some(balance) = exposures.and_then(|exposures| exposures.balance.as_ref()) {
-            line(
-                "balance",
-                format!(
-                    "with these gains stations differ by more than a quarter of a stop in {:.1} % of the cells that they share",
-                    100.0 * balance.uneven
-                ),
-            );
+            line("balance", uneven(balance));
         }
         if self.stations.len() > LISTED {
             line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));
@@ -235,6 +229,18 @@ impl<'a> Report<'a> {
         out.truncate(out.trim_end().len());
         out
     }
+}
+
+/// What the light of a station is multiplied by, as a line about it ends.
+pub fn gain(balance: Option<&Balance>, station: usize) -> String {
+    balance.map_or(String::new(), |balance| format!(", gain {:.3}", balance.gains[station]))
+}
+
+pub fn uneven(balance: &Balance) -> String {
+    format!(
+        "with these gains stations differ by more than a quarter of a stop in {:.1} % of the cells that they share",
+        100.0 * balance.uneven
+    )
 }
 
 /// Stations and classes beyond this many are counted, not listed, in text.

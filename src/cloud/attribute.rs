@@ -113,7 +113,7 @@ pub fn station_code(station: usize) -> u8 {
 }
 
 /// Bits of a colour's word below that.
-const CODE_SHIFT: u32 = 24;
+pub const CODE_SHIFT: u32 = 24;
 
 /// What a point of a file brings at most: what it shows, and all that is further but saved light, which indexes have.
 pub type Words = [u32; 5];

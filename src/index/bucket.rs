@@ -59,10 +59,15 @@ impl Spill {
         Ok(Spill { path, file, end: AtomicU64::new(0), used: AtomicU64::new(0), limit })
     }
 
-    /// Forgets everything, once no bucket is left.
-    pub fn reset(&self) {
-        self.used.store(0, Relaxed);
-        self.end.store(0, Relaxed);
+    /// What is taken of the disk and of memory.
+    pub fn taken(&self) -> [u64; 2] {
+        [&self.end, &self.used].map(|taken| taken.load(Relaxed))
+    }
+
+    /// Forgets what was taken since then, once no bucket is left that took it.
+    pub fn forget(&self, [end, used]: [u64; 2]) {
+        self.end.store(end, Relaxed);
+        self.used.store(used, Relaxed);
     }
 
     pub fn bytes_on_disk(&self) -> u64 {
@@ -78,11 +83,19 @@ impl Spill {
         if !self.is_full() {
             return Ok(Block::Memory(std::mem::take(tail)));
         }
-        let bytes = tail.len();
-        let at = self.end.fetch_add(bytes as u64, Relaxed);
-        self.file.write_all_at(tail, at).map_err(|error| Error::io("write", &self.path, error))?;
+        let block = self.write(tail)?;
         tail.clear();
-        Ok(Block::Disk { at, bytes: bytes as u32 })
+        Ok(block)
+    }
+
+    fn write(&self, records: &[u8]) -> Result<Block> {
+        let at = self.end.fetch_add(records.len() as u64, Relaxed);
+        self.file.write_all_at(records, at).map_err(|error| Error::io("write", &self.path, error))?;
+        Ok(Block::Disk { at, bytes: records.len() as u32 })
+    }
+
+    fn read(&self, at: u64, into: &mut [u8]) -> Result<()> {
+        self.file.read_exact_at(into, at).map_err(|error| Error::io("read", &self.path, error))
     }
 }
 
@@ -110,6 +123,33 @@ impl Bucket {
         Ok(())
     }
 
+    /// Gets no more points: where memory is full, leaves nothing in it, so that grids that wait for others take none.
+    pub fn close(&mut self, spill: &Spill) -> Result<()> {
+        if spill.is_full() && !self.tail.is_empty() {
+            let tail = std::mem::take(&mut self.tail);
+            self.blocks.push(spill.write(&tail)?);
+            spill.used.fetch_sub(tail.capacity() as u64, Relaxed);
+        }
+        Ok(())
+    }
+
+    /// Shows every block's records to `look`.
+    pub fn look(&self, spill: &Spill, look: &mut dyn FnMut(&[u8])) -> Result<()> {
+        let mut read = Vec::new();
+        for block in &self.blocks {
+            match block {
+                Block::Memory(bytes) => look(bytes),
+                &Block::Disk { at, bytes } => {
+                    read.resize(bytes as usize, 0);
+                    spill.read(at, &mut read)?;
+                    look(&read);
+                }
+            }
+        }
+        look(&self.tail);
+        Ok(())
+    }
+
     /// Hands every block's records to `take`, and forgets them.
     pub fn drain(self, spill: &Spill, take: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let mut read = Vec::new();
@@ -121,7 +161,7 @@ impl Bucket {
                 }
                 Block::Disk { at, bytes } => {
                     read.resize(bytes as usize, 0);
-                    spill.file.read_exact_at(&mut read, at).map_err(|error| Error::io("read", &spill.path, error))?;
+                    spill.read(at, &mut read)?;
                     take(&read)?;
                 }
             }

@@ -2,9 +2,11 @@
 //!
 //! ```text
 //! files whose lattices agree become one tree; others become trees of their own: no point is moved
-//! a tree:
+//! of every tree:
 //!   distribute the points to a grid of buckets over the stated box        (`bucket`; a header that lies about its box costs a second pass)
 //!   cut the grid into chunks, the largest kd-cells with at most C points
+//! number the stations; what gives all of them one exposure, from some of the points          (`exposure`), before any colours of several stations are merged
+//! of every tree:
 //!   grow every chunk, on all cores: leaves and inner nodes                (`grow`); write in the order of the chunks
 //!   above the chunks, from the deepest kd-level up: bring open nodes of sibling cells together, give them parents, read samples back from the file
 //! above the trees, where there are several: what they have in common, on a lattice of their own                                              (`unite`)
@@ -15,25 +17,29 @@
 //! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
 //! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
 
-use super::bucket::{self, Bucket, Grid, Sorter, Spill};
+mod ingest;
+
+use super::bucket::Spill;
 use super::derive;
 use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
 use super::grow::{self, Built, Grown, Kind, Open, Tree, Worker};
-use super::record::{Batch, Colors, Layout};
+use super::merge::Gains;
+use super::record::Colors;
 pub use super::samples::Derive;
-use super::samples::{self, Cell, Samples};
+use super::samples::{self, Samples};
 use super::unite;
 use crate::cloud::attribute::STRETCH;
 use crate::cloud::stream::{self, Source};
-use crate::cloud::{Lattice, ReadOptions, Station, Wanted};
+use crate::cloud::{ReadOptions, Wanted};
 use crate::config::INDEX_MEMORY;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use ingest::{Chunk, Ingested, group};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
-use std::sync::{Condvar, Mutex};
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::{Arc, Condvar, Mutex};
 use std::time::Instant;
 
 /// How to build.
@@ -126,18 +132,23 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
             spill: &spill,
             contents,
             parts: vec![None; sources.len()],
+            colors: vec![Colors::Bytes; sources.len()],
             intensities: vec![0; 1 << 16],
             end: Writer::START,
             nodes: Vec::new(),
             roots: Vec::new(),
-            read_seconds: 0.0,
             corners: Vec::new(),
+            numbers: BTreeMap::new(),
+            gains: None,
         };
-        for group in group(&sources) {
-            builder.tree(group)?;
-        }
+        let trees = group(&sources).into_iter().map(|group| builder.ingest(group)).collect::<Result<Vec<_>>>()?;
+        let read_seconds = began.elapsed().as_secs_f64();
+        builder.stations(&trees)?;
+        builder.contents.balance = builder.balance(&trees)?;
+        builder.gains = builder.contents.balance.as_ref().map(|balance| Arc::new(Gains::new(balance)));
+        trees.into_iter().try_for_each(|tree| builder.tree(tree))?;
         builder.unite()?;
-        let Builder { mut contents, parts, nodes, roots, end, read_seconds, intensities, corners, .. } = builder;
+        let Builder { mut contents, parts, nodes, roots, end, intensities, corners, .. } = builder;
         contents.intensity_stretch = percentiles(&intensities);
         contents.parts = parts.into_iter().flatten().collect();
         let (nodes, roots) = number(nodes, &roots);
@@ -179,33 +190,6 @@ fn core_bytes(node: &NodeRecord) -> u64 {
     planes.into_iter().filter(|&plane| node.has(plane)).map(|plane| node.range(plane).1).sum()
 }
 
-/// Sources on one lattice.
-struct Group {
-    lattice: Lattice,
-    /// Number of the source, and what to add to its coordinates.
-    members: Vec<(usize, [i64; 3])>,
-}
-
-/// Sources go together where steps are equal and offsets differ by whole steps, to a thousandth of one.
-fn group(sources: &[Source]) -> Vec<Group> {
-    let mut groups: Vec<Group> = Vec::new();
-    for (number, source) in sources.iter().enumerate() {
-        let own = source.lattice();
-        let shift = |group: &Group| {
-            let steps = (own.offset - group.lattice.offset) / own.step;
-            let whole = steps.round();
-            let agrees =
-                own.step == group.lattice.step && (steps - whole).abs().max_element() < 1e-3 && whole.abs().max_element() < 2f64.powi(31);
-            agrees.then(|| whole.to_array().map(|v| v as i64))
-        };
-        match groups.iter_mut().find_map(|group| shift(group).map(|shift| (group, shift))) {
-            Some((group, shift)) => group.members.push((number, shift)),
-            None => groups.push(Group { lattice: own, members: vec![(number, [0; 3])] }),
-        }
-    }
-    groups
-}
-
 struct Builder<'a> {
     sources: &'a [Source],
     options: &'a Options,
@@ -215,223 +199,34 @@ struct Builder<'a> {
     contents: Contents,
     /// By the numbers of their sources.
     parts: Vec<Option<IndexedPart>>,
+    colors: Vec<Colors>,
     intensities: Vec<u64>,
     /// Of the planes written so far.
     end: u64,
     nodes: Vec<Built>,
     roots: Vec<u32>,
-    read_seconds: f64,
     /// Of every lattice, where its tree starts, steps.
     corners: Vec<[i64; 3]>,
-}
-
-/// What distributing a group found.
-struct Ingested {
-    grid: Grid,
-    tree: Tree,
-    points: u64,
-    /// Points of every part and source.
-    stations: BTreeMap<(u16, u16), u64>,
-}
-
-/// Points of one kd-cell, few enough to be grown at once.
-struct Chunk {
-    /// Bits of the code that the cell decides, and their value.
-    depth: u32,
-    prefix: u128,
-    buckets: Vec<Bucket>,
+    /// Of the stations, by part and source.
+    numbers: BTreeMap<(u16, u16), u16>,
+    gains: Option<Arc<Gains>>,
 }
 
 impl Builder<'_> {
-    /// Reads, grows and writes one group's tree.
-    fn tree(&mut self, group: Group) -> Result<()> {
-        let began = Instant::now();
-        let Ingested { grid, tree, points, stations } = self.ingest(&group)?;
-        self.read_seconds += began.elapsed().as_secs_f64();
+    /// Grows and writes one group's tree.
+    fn tree(&mut self, Ingested { mut tree, chunks, points, .. }: Ingested) -> Result<()> {
         if points == 0 {
             return Ok(());
         }
-        let first_station = self.contents.stations.len();
-        if first_station + stations.len() > 1 << 16 {
-            return Err(Error::Request(format!(
-                "{} stations are more than the 65,536 that one index takes",
-                first_station + stations.len()
-            )));
-        }
-        let mut numbers = BTreeMap::new();
-        for (number, (&(part, source), &points)) in stations.iter().enumerate() {
-            numbers.insert((part, source), (first_station + number) as u16);
-            let from = &self.sources[part as usize];
-            let has_sources = from.available().source;
-            let name = if has_sources { format!("{} source {source}", from.title()) } else { from.title() };
-            self.contents.stations.push(Station { part: part as usize, source: has_sources.then_some(source), name, points });
-        }
-        let mut chunks = Vec::new();
-        cut(grid, 0, 0, self.options.chunk_points(), &mut chunks);
-        let open = self.grow(&tree, chunks, points, &numbers)?;
+        tree.kind.gains = self.gains.clone();
+        let open = self.grow(&tree, chunks, points)?;
         let root = self.join(&tree.kind, open)?;
         self.roots.push(root);
-        self.contents.points += points;
         Ok(())
     }
 
-    /// All points of a group into a grid of buckets, within the stated box; where points lie outside of it, again within their own.
-    fn ingest(&mut self, group: &Group) -> Result<Ingested> {
-        let union = |boxes: &mut dyn Iterator<Item = ([[i32; 3]; 2], [i64; 3])>| {
-            boxes.fold(([i64::MAX; 3], [i64::MIN; 3]), |(low, high), (own, shift)| {
-                let at = |corner: [i32; 3], axis: usize| corner[axis] as i64 + shift[axis];
-                ([0, 1, 2].map(|axis| low[axis].min(at(own[0], axis))), [0, 1, 2].map(|axis| high[axis].max(at(own[1], axis))))
-            })
-        };
-        let stated = union(&mut group.members.iter().filter_map(|&(number, shift)| Some((self.sources[number].stated_bounds()?, shift))));
-        let has = group.members.iter().fold(Wanted::default(), |has, &(number, _)| either(has, self.sources[number].available()));
-        // Several stations need a number a point, even where no file names them.
-        let has = Wanted { source: has.source || group.members.len() > 1 || self.sources.len() > 1, ..has };
-        let parts: Vec<u16> = group.members.iter().map(|&(number, _)| number as u16).collect();
-        let (mut cube, mut is_true) = (stated, false);
-        loop {
-            let extent = (0..3).map(|axis| (cube.1[axis].saturating_sub(cube.0[axis])).max(0)).max().unwrap_or(0) as u64;
-            let bits = (64 - extent.leading_zeros()).max(1);
-            if bits > 32 && !is_true {
-                // Headers that lie: no box, which all points lie outside of, until their own is known.
-                cube = union(&mut std::iter::empty());
-                continue;
-            }
-            if bits > 32 {
-                return Err(Error::Request(format!(
-                    "the files lie {extent} steps of their lattice apart, more than 2^32; index them separately"
-                )));
-            }
-            let corner = if cube.0[0] == i64::MAX { [0; 3] } else { cube.0 };
-            let layout = Layout::new(has, bits, &parts);
-            let grid = Grid::new(bits, layout, self.options.chunk_points());
-            let outside = AtomicBool::new(false);
-            let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
-            let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
-            let mut points = 0;
-            let mut own = Vec::new();
-            let mut colors = vec![Colors::Bytes; self.sources.len()];
-            let mut notes = Vec::new();
-            let mut found = Wanted::default();
-            for &(number, shift) in &group.members {
-                let part = number as u16;
-                let streamed = self.sources[number].stream(self.progress, &|batch| {
-                    if outside.load(Relaxed) {
-                        return Ok(());
-                    }
-                    let (mut sorter, mut cells) = lock(&sorters).pop().unwrap_or_default();
-                    cells.clear();
-                    let columns = batch.columns;
-                    let at = |v: i32, axis: usize| (v as i64 + shift[axis] - corner[axis]) as u64;
-                    let mut highest = 0;
-                    for ((&x, &y), &z) in columns.x.iter().zip(&columns.y).zip(&columns.z) {
-                        let q = [at(x, 0), at(y, 1), at(z, 2)];
-                        highest |= q[0] | q[1] | q[2];
-                        cells.push(q.map(|v| v as u32));
-                    }
-                    if highest >> bits != 0 {
-                        outside.store(true, Relaxed);
-                        return Ok(());
-                    }
-                    let batch = Batch { cells: &cells, columns, wide: batch.depth.is_wide(), part };
-                    grid.add(&batch, &mut sorter, self.spill)?;
-                    let mut counts = BTreeMap::new();
-                    match &columns.source {
-                        Some(source) => {
-                            source.chunk_by(|a, b| a == b).for_each(|run| *counts.entry((part, run[0])).or_insert(0) += run.len() as u64)
-                        }
-                        None => drop(counts.insert((part, 0), columns.x.len() as u64)),
-                    }
-                    let mut all = lock(&stations);
-                    counts.into_iter().for_each(|(station, points)| *all.entry(station).or_insert(0) += points);
-                    drop(all);
-                    lock(&sorters).push((sorter, cells));
-                    Ok(())
-                })?;
-                points += streamed.points;
-                colors[number] = match (streamed.depth.is_wide(), streamed.available.rgb) {
-                    (true, _) => Colors::Wide,
-                    (false, false) => Colors::Black,
-                    (false, true) => Colors::Bytes,
-                };
-                found = either(found, streamed.available);
-                notes.extend(streamed.notes.clone());
-                own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
-                self.part(number, group, &streamed);
-            }
-            let true_box = union(&mut own.into_iter());
-            if outside.into_inner() {
-                drop(grid);
-                self.spill.reset();
-                if cube == true_box {
-                    return Err(Error::Request(format!("{} changed while it was read", self.sources[group.members[0].0].path().display())));
-                }
-                (cube, is_true) = (true_box, true);
-                continue;
-            }
-            self.contents.notes.extend(notes);
-            self.widen(&group.lattice, true_box, points);
-            let lattice_number = self.lattice(&group.lattice, corner)?;
-            // Colours that are all black are none, which only the points can tell.
-            let has = Wanted { rgb: found.rgb, ..has };
-            // Without colours there is no luminance.
-            let derive = Derive { luminance: self.options.derive.luminance && has.rgb, ..self.options.derive };
-            let kind = Kind { has, derive, corner, bits, lattice: group.lattice, lattice_number };
-            return Ok(Ingested {
-                grid,
-                tree: Tree { kind, layout, colors },
-                points,
-                stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()),
-            });
-        }
-    }
-
-    /// Numbers the lattice of a tree that starts at a corner, and the next one, which starts there.
-    fn lattice(&mut self, lattice: &Lattice, corner: [i64; 3]) -> Result<u16> {
-        let number = self.contents.lattices.len();
-        // Two more are for what trees have in common.
-        if number + 4 > 1 << 16 {
-            return Err(Error::Request(format!("files on more than {} different lattices are more than one index takes", number / 2)));
-        }
-        self.contents.lattices.extend([[lattice.step, lattice.offset], [lattice.step, lattice.world(corner)]]);
-        self.corners.extend([corner; 2]);
-        Ok(number as u16)
-    }
-
-    fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
-        let source = &self.sources[number];
-        let mut header = source.header().clone();
-        // A note has said what is wrong about bounds that are no numbers.
-        header.bounds.take_if(|corners| !corners.as_flattened().iter().all(|v| v.is_finite()));
-        self.parts[number] = Some(IndexedPart {
-            path: source.path().to_owned(),
-            name: source.name().map(str::to_owned),
-            header,
-            step: group.lattice.step,
-            offset: source.lattice().offset,
-            points: streamed.points,
-            intensity_range: source.intensity_range(),
-            rgb_bits: streamed.depth.bits(),
-        });
-    }
-
-    fn widen(&mut self, lattice: &Lattice, (low, high): ([i64; 3], [i64; 3]), points: u64) {
-        if points == 0 {
-            return;
-        }
-        let (a, b) = (lattice.world(low), lattice.world(high));
-        let own = [a.min(b), a.max(b)];
-        self.contents.bounds = Some(self.contents.bounds.map_or(own, |[low, high]| [low.min(own[0]), high.max(own[1])]));
-    }
-
     /// Grows the chunks on all threads and writes their planes in the chunks' order; the open nodes of each chunk's cell.
-    fn grow(
-        &mut self,
-        tree: &Tree,
-        chunks: Vec<Chunk>,
-        points: u64,
-        stations: &BTreeMap<(u16, u16), u16>,
-    ) -> Result<BTreeMap<(u32, u128), Vec<Open>>> {
+    fn grow(&mut self, tree: &Tree, chunks: Vec<Chunk>, points: u64) -> Result<BTreeMap<(u32, u128), Vec<Open>>> {
         let count = chunks.len();
         let chunks: Vec<Mutex<Option<Chunk>>> = chunks.into_iter().map(|chunk| Mutex::new(Some(chunk))).collect();
         let next = AtomicUsize::new(0);
@@ -441,13 +236,7 @@ impl Builder<'_> {
         let threads = self.options.threads;
         let work = || -> Result<Vec<u64>> {
             let mut worker = Worker::default();
-            let last = std::cell::Cell::new(((u16::MAX, u16::MAX), 0));
-            let station = |part: u16, source: u16| {
-                if last.get().0 != (part, source) {
-                    last.set(((part, source), stations[&(part, source)]));
-                }
-                last.get().1
-            };
+            let station = this.numbered();
             loop {
                 let number = next.fetch_add(1, Relaxed);
                 if number >= count {
@@ -455,7 +244,7 @@ impl Builder<'_> {
                 }
                 let chunk = lock(&chunks[number]).take().expect("each chunk is taken once");
                 let (depth, prefix) = (chunk.depth, chunk.prefix);
-                let grown = worker.grow(tree, chunk.depth, chunk.buckets, &station, this.spill)?;
+                let grown = worker.grow(tree, &this.colors, chunk.depth, chunk.buckets, &station, this.spill)?;
                 // Chunks that are ready before their turn wait here, not many of them.
                 let mut state = lock(&placing);
                 while state.next != number && state.waiting.len() > 2 * threads && !state.failed {
@@ -550,6 +339,7 @@ impl Builder<'_> {
         let records: Vec<_> = self.roots.iter().map(|&root| &self.nodes[root as usize].record).collect();
         let Some((mut kind, order)) = unite::over(&records, &self.contents, self.options.derive) else { return Ok(()) };
         kind.lattice_number = self.lattice(&kind.lattice, kind.corner)?;
+        kind.gains = self.gains.clone();
         let open = |&place: &usize| {
             let node = self.roots[place];
             Open { node, count: self.nodes[node as usize].record.count, samples: None }
@@ -641,48 +431,6 @@ impl Placing {
     }
 }
 
-/// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell that `depth` bits of the code with the value `prefix` decide.
-fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>) {
-    let levels = grid.levels;
-    let (points, buckets): (Vec<u64>, Vec<bucket::Contents>) = grid.into_buckets().into_iter().unzip();
-    let mut starts = vec![0u64];
-    starts.extend(points.iter().scan(0, |sum, points| {
-        *sum += points;
-        Some(*sum)
-    }));
-    let mut ranges = Vec::new();
-    largest(&starts, 0..buckets.len(), limit, &mut ranges);
-    let mut buckets = buckets.into_iter().enumerate();
-    for range in ranges {
-        let open = range.len().trailing_zeros();
-        let (depth, prefix) = (depth + 3 * levels - open, prefix << (3 * levels - open) | (range.start >> open) as u128);
-        let mut own = Vec::new();
-        for (_, contents) in buckets.by_ref().skip_while(|(i, _)| *i < range.start).take(range.len()) {
-            match contents {
-                bucket::Contents::Points(bucket) => own.push(bucket),
-                bucket::Contents::Finer(finer) => cut(finer, depth, prefix, limit, chunks),
-            }
-        }
-        if !own.is_empty() {
-            chunks.push(Chunk { depth, prefix, buckets: own });
-        }
-    }
-}
-
-/// The largest runs of cells with at most `limit` points, or single cells, that cover all occupied ones.
-fn largest(starts: &[u64], cells: std::ops::Range<usize>, limit: u64, ranges: &mut Vec<std::ops::Range<usize>>) {
-    let points = starts[cells.end] - starts[cells.start];
-    if points == 0 {
-        return;
-    }
-    if cells.len() == 1 || points <= limit {
-        return ranges.push(cells);
-    }
-    let middle = cells.start + cells.len() / 2;
-    largest(starts, cells.start..middle, limit, ranges);
-    largest(starts, middle..cells.end, limit, ranges);
-}
-
 /// Numbers nodes so that roots come first and siblings lie side by side behind them.
 fn number(built: Vec<Built>, roots: &[u32]) -> (Vec<NodeRecord>, u32) {
     let mut order: Vec<u32> = roots.to_vec();
@@ -730,18 +478,6 @@ fn elevations(directory: &Directory, writer: &Writer) -> Result<[u32; 2]> {
         }
     }
     Ok(percentiles(&counts))
-}
-
-fn either(a: Wanted, b: Wanted) -> Wanted {
-    Wanted {
-        rgb: a.rgb || b.rgb,
-        intensity: a.intensity || b.intensity,
-        class: a.class || b.class,
-        returns: a.returns || b.returns,
-        source: a.source || b.source,
-        normal: a.normal || b.normal,
-        gps_time: a.gps_time || b.gps_time,
-    }
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {

@@ -5,14 +5,14 @@
 //! out those that a shadow, a passer-by or a wall's other side made different (after Kanzok, Linsen and Rosenthal 2012, sec. 1 and 6; factors that best agree with all overlaps, as panoramas are
 //! stitched: Brown and Lowe 2007, sec. 6).
 
-use super::morton;
+mod sample;
+
 use crate::cloud::color::srgb_to_linear;
-use crate::cloud::{Cloud, Part, Station};
-use glam::DVec3;
-use rayon::prelude::*;
-use serde::Serialize;
+use crate::cloud::{Cloud, Station};
+pub use sample::Sample;
+use sample::{AXIS_BITS, Point};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Exposures {
@@ -36,12 +36,19 @@ pub struct Overlap {
 }
 
 /// What gives all stations one exposure.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Balance {
     /// By number of the station, the factor on its light, 2^-4 to 2^4; 1 of one that overlaps with none.
     pub gains: Vec<f64>,
     /// Of the cells that stations share, the part where they surely differ by more than a quarter of a stop all the same: shadows, the time of day, what moves.
     pub uneven: f64,
+}
+
+impl Balance {
+    /// Whether it may have been found.
+    pub fn is_possible(&self) -> bool {
+        self.gains.iter().all(|gain| gain.log2().abs() <= MOST_STOPS) && (0.0..=1.0).contains(&self.uneven)
+    }
 }
 
 /// Points that occupied cells have in the mean: of a station that sees a cell well, dozens. In larger ones stations see other parts of what differs in itself.
@@ -52,13 +59,6 @@ const WIDER: u32 = 4;
 const ENOUGH: u32 = 4;
 /// Cells that say by how much two stations differ.
 const ENOUGH_CELLS: usize = 16;
-/// Points that one task looks at.
-const RUN: usize = 1 << 16;
-/// Finest cells a side: a code has room for so many.
-const AXIS_BITS: u32 = 21;
-/// Points that a balance is found from; of more, whole blocks are left out, of which there are 2^7 a side.
-const SAMPLE: u64 = 1 << 20;
-const BLOCK_BITS: u32 = 7;
 /// No exposures differ by more.
 const MOST_STOPS: f64 = 4.0;
 /// What eyes see of a step, stops; and how many standard errors a mean may be off.
@@ -116,7 +116,7 @@ type Pairs = BTreeMap<[usize; 2], Vec<Shared>>;
 
 /// Of all points. None where fewer than two stations have colours.
 pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
-    let points = points(cloud, u64::MAX)?;
+    let points = sample::all(cloud)?;
     let (totals, pairs) = compare(&points, dropped(&points), cloud.stations.len());
     let values: Vec<_> = totals.iter().map(|total| (total.count > 0).then(|| total.value / total.count as f64)).collect();
     let overlap = |(stations, cells): (&[usize; 2], &Vec<Shared>)| {
@@ -129,8 +129,7 @@ pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
 
 /// Of some of the points, so many that a moment is enough; which ones, their order does not tell. None where no two stations overlap.
 pub fn balance(cloud: &Cloud) -> Option<Balance> {
-    let most = (cloud.stations.len() > 1).then(|| most_of(cloud.len()))?;
-    of_points(&points(cloud, most)?, &cloud.stations)
+    (cloud.stations.len() > 1).then(|| of_points(&sample::some(cloud)?, &cloud.stations))?
 }
 
 fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {
@@ -166,75 +165,6 @@ fn median(cells: &[Shared]) -> f64 {
     let mut stops: Vec<f64> = cells.iter().map(|shared| shared.stops).collect();
     stops.sort_by(f64::total_cmp);
     stops[stops.len() / 2]
-}
-
-/// A coloured point: the Morton code of its finest cell, its station and its V.
-type Point = (u64, u16, u8);
-
-/// All coloured points of the blocks whose number, scattered, is at most `most`, in order.
-fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
-    let (lo, hi) = cloud.bounds()?;
-    let side = side(lo, hi);
-    let of = |number: usize, run: Range<usize>| coloured(cloud, number, run, lo, side).filter(|point| is_wanted(point.0, most));
-    let runs: Vec<(usize, Range<usize>)> = (0..cloud.parts.len())
-        .flat_map(|number| {
-            let points = cloud.parts[number].columns.len();
-            (0..points).step_by(RUN).map(move |start| (number, start..points.min(start + RUN)))
-        })
-        .collect();
-    // Counted first, so that there is one piece of memory for all, and nothing left of it.
-    let counts: Vec<usize> = runs.par_iter().map(|(number, run)| of(*number, run.clone()).count()).collect();
-    let mut points: Vec<Point> = vec![(0, 0, 0); counts.iter().sum()];
-    let mut rest = points.as_mut_slice();
-    let places: Vec<&mut [Point]> = counts.iter().map(|&count| rest.split_off_mut(..count).expect("as many as were counted")).collect();
-    runs.into_par_iter().zip(places).for_each(|((number, run), places)| {
-        places.iter_mut().zip(of(number, run)).for_each(|(place, point)| *place = point);
-    });
-    points.par_sort_unstable();
-    Some(points)
-}
-
-/// The coloured points of a part among these.
-fn coloured(cloud: &Cloud, number: usize, run: Range<usize>, lo: DVec3, side: f64) -> impl Iterator<Item = Point> {
-    let Part { columns, lattice, .. } = &cloud.parts[number];
-    let first = cloud.stations.partition_point(|station| station.part < number);
-    let stations = &cloud.stations[first..cloud.stations.partition_point(|station| station.part <= number)];
-    run.filter_map(move |i| {
-        let value = value(columns.rgb.as_ref()?[i])?;
-        let source = columns.source.as_ref().map(|column| column[i]);
-        let station = first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0);
-        Some((code(lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from)), lo, side), station as u16, value))
-    })
-}
-
-/// Of the finest cells: a little more than the box, so that its far sides are within.
-fn side(lo: DVec3, hi: DVec3) -> f64 {
-    ((hi - lo).max_element() / (1u64 << AXIS_BITS) as f64 * 1.001).max(f64::MIN_POSITIVE)
-}
-
-fn code(place: DVec3, lo: DVec3, side: f64) -> u64 {
-    morton::code_63(((place - lo) / side).to_array().map(|axis| axis as u32))
-}
-
-/// White is what a part without colours shows, and says nothing of any exposure.
-fn value(rgb: [u8; 3]) -> Option<u8> {
-    (rgb != [255; 3]).then(|| rgb[0].max(rgb[1]).max(rgb[2]))
-}
-
-/// The highest number of a block whose points are wanted, of so many.
-fn most_of(points: u64) -> u64 {
-    ((SAMPLE as f64 / points as f64).min(1.0) * u64::MAX as f64) as u64
-}
-
-fn is_wanted(code: u64, most: u64) -> bool {
-    scattered(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most
-}
-
-/// All numbers are as likely, whatever the block (the mixing step of SplitMix64, Steele, Lea and Flood 2014).
-fn scattered(block: u64) -> u64 {
-    let block = (block ^ block >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let block = (block ^ block >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-    block ^ block >> 31
 }
 
 /// Bits of the codes that cells drop so that occupied ones have enough points.
@@ -345,7 +275,8 @@ fn gains(pairs: &Pairs, groups: &mut Groups, points: &[u64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cloud::{Columns, Header, Lattice};
+    use crate::cloud::{Columns, Header, Lattice, Part};
+    use glam::DVec3;
 
     /// Two stations of two square metres each, 0.8 of them the same, the second with half the light. Fewer than half of all points have one of the other station beside them, so that the spacing is a station's own.
     #[test]

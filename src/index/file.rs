@@ -8,6 +8,7 @@
 //! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
 //! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
 
+use super::exposure::Balance;
 use super::fault::Fault;
 use super::map::Map;
 use super::marks::Marks;
@@ -23,8 +24,8 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"pnti\r\n\x1a\n";
-/// The second has room for planes that are derived; the first is read all the same.
-const VERSION: u32 = 2;
+/// The second has room for planes that are derived, the third numbers stations in 8 bits; those before are read all the same.
+const VERSION: u32 = 3;
 const HEADER_BYTES: u64 = 4096;
 
 /// What a plane holds, in the order in which a node's planes follow each other.
@@ -41,7 +42,7 @@ pub enum Plane {
     Class,
     /// Return number (low four bits) and number of returns.
     Returns,
-    /// Number of the station, in [`Contents::stations`].
+    /// Number of the station, in [`Contents::stations`], of nodes whose numbers are not all below 256.
     Source,
     /// Unit normal, 127 = 1.0.
     Normal,
@@ -54,9 +55,11 @@ pub enum Plane {
     Brush,
     /// Derived: colour whose luminance is the mean of the neighbourhood, as [`Plane::Rgb`].
     Corrected,
+    /// Number of the station of nodes whose numbers all are: half of what pictures with one exposure would read otherwise.
+    Station,
 }
 
-pub const PLANES: [(Plane, u64); 14] = [
+pub const PLANES: [(Plane, u64); 15] = [
     (Plane::Coarse, 4),
     (Plane::Fine, 4),
     (Plane::Finest, 4),
@@ -71,12 +74,16 @@ pub const PLANES: [(Plane, u64); 14] = [
     (Plane::Facing, 4),
     (Plane::Brush, 4),
     (Plane::Corrected, 3),
+    (Plane::Station, 1),
 ];
 
 /// Checksums that a record has room for: an odd number, so that it has no gaps.
-pub const CHECKSUMS: usize = PLANES.len() + 1;
+pub const CHECKSUMS: usize = PLANES.len();
 
 impl Plane {
+    /// Those of which a node has one where it says which stations its points are of.
+    pub const STATIONS: [Plane; 2] = [Plane::Station, Plane::Source];
+
     pub fn bytes_per_point(self) -> u64 {
         PLANES[self as usize].1
     }
@@ -87,7 +94,7 @@ impl Plane {
             Attribute::Rgb => &[Plane::Rgb],
             Attribute::Intensity => &[Plane::Intensity],
             Attribute::Class => &[Plane::Class],
-            Attribute::Source => &[Plane::Source],
+            Attribute::Source => &Plane::STATIONS,
             Attribute::Return => &[Plane::Returns],
             Attribute::Normal => &[Plane::Normal, Plane::Facing],
             Attribute::Corrected => &[Plane::Corrected],
@@ -240,6 +247,9 @@ pub struct Contents {
     /// Normals that were derived are those of the files, all of them, and say which side of a surface is outside.
     #[serde(default)]
     pub oriented: bool,
+    /// What gives all stations one exposure. A sample that is merged of several stations has the light of the one that it names. Indexes that were made before anybody looked for it have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub balance: Option<Balance>,
 }
 
 /// Nodes and contents.
@@ -572,6 +582,10 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
     }
     if next != nodes.len() {
         return Err(format!("has {} nodes that belong to no parent", nodes.len() - next.min(nodes.len())));
+    }
+    let stations = directory.contents.stations.len();
+    if directory.contents.balance.as_ref().is_some_and(|balance| balance.gains.len() != stations || !balance.is_possible()) {
+        return Err("has impossible exposures".into());
     }
     let total = nodes[..directory.roots as usize].iter().fold(0u64, |sum, root| sum.saturating_add(root.points));
     if total != directory.contents.points {

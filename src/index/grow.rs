@@ -12,7 +12,7 @@
 
 use super::bucket::{Bucket, Spill};
 use super::file::NodeRecord;
-use super::merge::{Merged, merge};
+use super::merge::{Gains, Merged, merge};
 use super::morton;
 use super::record::{Colors, Layout};
 use super::samples::{Derive, Derived, Samples};
@@ -20,6 +20,7 @@ use super::sort::RadixSorter;
 use crate::cloud::{Lattice, Wanted};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
+use std::sync::Arc;
 
 /// Open nodes with so many samples between them get a parent.
 const GATHERED: u64 = 4 * POINTS_PER_PAGE as u64;
@@ -37,14 +38,14 @@ pub struct Kind {
     pub lattice: Lattice,
     /// Of the file's lattice; the next is the one that rounded positions lie on.
     pub lattice_number: u16,
+    /// Of the stations, where they are known.
+    pub gains: Option<Arc<Gains>>,
 }
 
 /// And what its points come as.
 pub struct Tree {
     pub kind: Kind,
     pub layout: Layout,
-    /// Of every part.
-    pub colors: Vec<Colors>,
 }
 
 /// A node with the numbers of its children.
@@ -87,10 +88,11 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Grows one chunk: `depth` bits of the code are decided, and the buckets' points lie in that cell, in Morton order of the buckets.
+    /// Grows one chunk: `depth` bits of the code are decided, and the buckets' points lie in that cell, in Morton order of the buckets. `colors` are those of every part.
     pub fn grow(
         &mut self,
         tree: &Tree,
+        colors: &[Colors],
         depth: u32,
         buckets: Vec<Bucket>,
         station: &impl Fn(u16, u16) -> u16,
@@ -106,7 +108,7 @@ impl Worker {
                 Ok(())
             })?;
             let own = &mut self.records[start..];
-            layout.settle(own, &tree.colors);
+            layout.settle(own, colors);
             self.sorter.sort(layout, own, (start / layout.bytes) as u32, &mut self.order)?;
         }
         let mut planes = std::mem::take(&mut self.planes);
@@ -178,7 +180,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
 /// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them. `spacing` is that of
 /// a node.
 pub fn parent(kind: &Kind, open: &[Open], spacing: impl Fn(u32) -> f64, parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
-    let Merged { mut samples, dropped, coarser } = merge(&Samples::together(&parts), kind.has);
+    let Merged { mut samples, dropped, coarser } = merge(&Samples::together(&parts), kind.has, kind.gains.as_deref());
     let mut record = pack(kind, &mut samples, coarser, planes);
     record.points = parts.iter().map(Samples::points).sum();
     let widest = |axis: usize| kind.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32);

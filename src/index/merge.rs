@@ -6,9 +6,13 @@
 //!   drop as few low bits of the codes as leave at most M different ones: those are the grid's cells
 //!   one sample a cell: mean position, mean colour in linear light, mean intensity, kinds by majority; weight = the sum of the weights
 //! ```
+//! Where several stations meet in a cell and factors on their light are known that give all of them one exposure, the colour is the mean of what all have then, in the light of the station that the sample
+//! names: Sum w g c / (Sum w) / g', g of each and g' of that one. The factor of the station that it names then shows the mean of all.
+//!
 //! A grid of M cells over the box would hold few samples of a surface (M^(2/3)); this one is as fine as M samples allow, whatever the shape of the
 //! data. All sums are integers, so the result does not depend on any order of execution.
 
+use super::exposure::Balance;
 use super::morton;
 use super::samples::{Cell, Derived, Samples};
 use crate::cloud::Wanted;
@@ -27,18 +31,41 @@ pub struct Merged {
     pub coarser: u32,
 }
 
+/// Of every station by its number, the factor on its light that gives all of them one exposure.
+pub struct Gains(Vec<u32>);
+
+impl Gains {
+    /// Least and greatest factors, 2^-4 and 2^4, are 2^8 and 2^16: what 16 bits of light come to fits 32.
+    const BITS: i32 = 12;
+
+    pub fn new(balance: &Balance) -> Gains {
+        Gains(balance.gains.iter().map(|gain| (gain * 2f64.powi(Gains::BITS)).round() as u32).collect())
+    }
+
+    fn of(&self, station: u16) -> u32 {
+        self.0[station as usize]
+    }
+}
+
 /// `samples` in Morton order.
-pub fn merge(samples: &Samples, has: Wanted) -> Merged {
+pub fn merge(samples: &Samples, has: Wanted, gains: Option<&Gains>) -> Merged {
     let (runs, dropped) = cut(samples);
     let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
     let weights = runs.sums();
+    let rgb = samples.rgb.as_deref().unwrap_or_default();
+    let source = has.source.then(|| runs.majorities(samples.source.as_deref().unwrap_or_default()));
+    let stations = samples.source.as_deref().zip(source.as_deref());
+    let colors = || match gains.zip(stations) {
+        Some((gains, (of, named))) => runs.balanced_colors(rgb, &weights, of, named, gains),
+        None => runs.colors(rgb, &weights),
+    };
     let merged = Samples {
         q: runs.positions(&weights, dropped, coarser),
-        rgb: has.rgb.then(|| runs.colors(samples.rgb.as_deref().unwrap_or_default(), &weights)),
+        rgb: has.rgb.then(colors),
         intensity: has.intensity.then(|| runs.means(samples.intensity.as_deref().unwrap_or_default(), &weights)),
         class: has.class.then(|| runs.majorities(samples.class.as_deref().unwrap_or_default())),
         returns: has.returns.then(|| runs.majorities(samples.returns.as_deref().unwrap_or_default())),
-        source: has.source.then(|| runs.majorities(samples.source.as_deref().unwrap_or_default())),
+        source,
         normal: has.normal.then(|| runs.normals(samples.normal.as_deref().unwrap_or_default())),
         gps_time: has.gps_time.then(|| runs.times(samples.gps_time.as_deref().unwrap_or_default())),
         weight: Some(weights.iter().map(|&weight| weight.min(u32::MAX as u64) as u32).collect()),
@@ -113,7 +140,7 @@ impl Runs<'_> {
         self.starts.windows(2).map(|ends| ends[0]..ends[1]).map(one).collect()
     }
 
-    fn weighted<T>(&self, weights: &[u64], one: impl Fn(Range<usize>, u64) -> T) -> Vec<T> {
+    fn weighted<T>(&self, weights: &[u64], mut one: impl FnMut(Range<usize>, u64) -> T) -> Vec<T> {
         self.starts.windows(2).zip(weights).map(|(ends, &weight)| one(ends[0]..ends[1], weight)).collect()
     }
 
@@ -155,6 +182,33 @@ impl Runs<'_> {
         let (decode, encode) = (&*DECODE, &**ENCODE);
         let linear = |i: usize| rgb[i].map(|v| decode[v as usize] as u32);
         self.weighted(weights, |run, total| self.mean(run, total, linear).map(|mean| encode[mean as usize]))
+    }
+
+    /// In the light of the station that is `named` for each run, `of` those of the samples.
+    fn balanced_colors(&self, rgb: &[[u8; 3]], weights: &[u64], of: &[u16], named: &[u16], gains: &Gains) -> Vec<[u8; 3]> {
+        let (decode, encode) = (&*DECODE, &**ENCODE);
+        let linear = |i: usize| rgb[i].map(|v| decode[v as usize] as u32);
+        let mut named = named.iter();
+        self.weighted(weights, |run, total| {
+            let named = *named.next().expect("a station for every run");
+            if of[run.clone()].iter().all(|&station| station == named) {
+                return self.mean(run, total, linear).map(|mean| encode[mean as usize]);
+            }
+            let balanced = |i: usize| linear(i).map(|v| v * gains.of(of[i]));
+            let own = gains.of(named) as u64;
+            // Rounded once; what is brighter than this station can show is as bright as it can.
+            let shown = |mean: u64| encode[mean.min(u16::MAX as u64) as usize];
+            // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the weights fits 32.
+            if total >> 32 == 0 {
+                let mut sum = [total * own / 2; 3];
+                run.for_each(|i| sum.iter_mut().zip(balanced(i)).for_each(|(sum, v)| *sum += self.weights[i] as u64 * v as u64));
+                return sum.map(|sum| shown(quotient(sum, total * own)));
+            }
+            let total = total as u128 * own as u128;
+            let mut sum = [total / 2; 3];
+            run.for_each(|i| sum.iter_mut().zip(balanced(i)).for_each(|(sum, v)| *sum += self.weights[i] as u128 * v as u128));
+            sum.map(|sum| shown((sum / total) as u64))
+        })
     }
 
     fn means(&self, values: &[u16], weights: &[u64]) -> Vec<u16> {
@@ -252,7 +306,7 @@ mod tests {
             q in prop::collection::vec(prop::array::uniform3(any::<u32>()), 1..300), scale in 0u32..31,
         ) {
             let samples = weighted(q.into_iter().map(|q| q.map(|v| v >> scale)).collect());
-            let merged = merge(&samples, HAS);
+            let merged = merge(&samples, HAS, None);
             prop_assert_eq!(merged.samples.points(), samples.len() as u64);
             let cells: Vec<_> = merged.samples.q.iter().map(|&q| morton::code_96(q) >> merged.dropped).collect();
             prop_assert!(cells.windows(2).all(|pair| pair[0] < pair[1]), "in order, each cell once");
@@ -264,21 +318,21 @@ mod tests {
     fn a_surface_fills_the_page() {
         // 512 x 512 points of a plane: a grid of M cells over its box would keep 40 x 40.
         let samples = weighted((0..1 << 18).map(|i| [(i % 512) * 8, (i / 512) * 8, 77]).collect());
-        let merged = merge(&samples, HAS);
+        let merged = merge(&samples, HAS, None);
         assert!(merged.samples.len() > 30_000 && merged.samples.len() <= 65_536, "{}", merged.samples.len());
         assert!(merged.samples.weight.unwrap().iter().all(|&w| w >= 4));
     }
 
     #[test]
     fn samples_all_over_32_bits_are_rounded_into_the_planes() {
-        let merged = merge(&weighted(vec![[0; 3], [u32::MAX; 3], [1 << 31, 5, 7]]), HAS);
+        let merged = merge(&weighted(vec![[0; 3], [u32::MAX; 3], [1 << 31, 5, 7]]), HAS, None);
         assert_eq!((merged.samples.len(), merged.coarser), (3, 2));
         assert!(merged.samples.q.iter().all(|q| q.iter().all(|v| v % 4 == 2)));
     }
 
     #[test]
     fn a_million_coincident_points_are_one_sample() {
-        let merged = merge(&weighted(vec![[5, 6, 7]; 1_000_000]), HAS);
+        let merged = merge(&weighted(vec![[5, 6, 7]; 1_000_000]), HAS, None);
         assert_eq!((merged.samples.len(), merged.samples.points(), merged.samples.q[0]), (1, 1_000_000, [5, 6, 7]));
     }
 
@@ -287,7 +341,7 @@ mod tests {
         let ends = [0, 1, 15, 1 << 30, (1 << 30) + 1, (1 << 31) - 1, 1 << 31, u32::MAX - 1, u32::MAX];
         for (i, &low) in ends.iter().enumerate() {
             for &high in &ends[i..] {
-                let merged = merge(&weighted(vec![[low, 7, low], [high, 7, low]]), HAS);
+                let merged = merge(&weighted(vec![[low, 7, low], [high, 7, low]]), HAS, None);
                 let at = |q: &Cell| q[0] >> merged.coarser;
                 let sides = merged.samples.q.iter().map(|q| at(q) - at(&merged.samples.q[0]));
                 assert!(sides.max() < Some(1 << 30), "{low} {high}");
@@ -306,11 +360,39 @@ mod tests {
         }
     }
 
+    /// Three stations that see the same, one with half the light of the second and a quarter of that of the third, and one that sees what is brighter than another can show.
+    #[test]
+    fn stations_meet_in_the_light_of_the_one_that_most_samples_are_of() {
+        let has = Wanted { rgb: true, source: true, ..Wanted::default() };
+        let gains = Gains::new(&Balance { gains: vec![2.0, 1.0, 0.5, 0.25], uneven: 0.0 });
+        let light = |part: u32| encode(part * 65_535 / 32);
+        let merged = |all: &[(u16, u8)], gains| {
+            let samples = Samples {
+                q: vec![[9; 3]; all.len()],
+                rgb: Some(all.iter().map(|(_, v)| [*v, 0, *v]).collect()),
+                source: Some(all.iter().map(|(station, _)| *station).collect()),
+                ..Samples::default()
+            };
+            let Samples { rgb, source, .. } = merge(&samples, has, gains).samples;
+            (rgb.unwrap()[0], source.unwrap()[0])
+        };
+        let same = [(0, light(4)), (1, light(8)), (2, light(16)), (1, light(8))];
+        assert_eq!(merged(&same, Some(&gains)), ([light(8), 0, light(8)], 1));
+        assert_eq!(merged(&same, None), ([light(9), 0, light(9)], 1));
+        let bright = [(3, 255), (3, 255), (0, 200)];
+        assert_eq!(merged(&bright, Some(&gains)), ([255, 0, 255], 3));
+        // Of one alone nothing is multiplied.
+        assert_eq!(merged(&same[..1], Some(&gains)), ([light(4), 0, light(4)], 0));
+        fn encode(linear: u32) -> u8 {
+            ENCODE[linear as usize]
+        }
+    }
+
     #[test]
     fn black_and_white_meet_in_linear_light() {
         let samples =
             Samples { q: vec![[0; 3]; 70_000], rgb: Some((0..70_000).map(|i| [(i % 2) as u8 * 255; 3]).collect()), ..Samples::default() };
-        let merged = merge(&samples, Wanted { rgb: true, ..Wanted::default() });
+        let merged = merge(&samples, Wanted { rgb: true, ..Wanted::default() }, None);
         assert_eq!(merged.samples.rgb.unwrap(), [[188; 3]]);
     }
 }

@@ -115,8 +115,20 @@ impl Layout {
         &record[self.at.rest..]
     }
 
-    fn part(&self, record: &[u8]) -> u16 {
+    #[inline]
+    pub fn part(&self, record: &[u8]) -> u16 {
         self.at.part.map_or(self.part, |at| u16::from_le_bytes(first(&record[at..])))
+    }
+
+    /// As the file names it; 0 where it does not.
+    pub fn source(&self, record: &[u8]) -> u16 {
+        self.at.source.map_or(0, |at| u16::from_le_bytes(first(&record[at..])))
+    }
+
+    /// As [`Layout::settle`] would leave it.
+    pub fn color(&self, record: &[u8], found: &[Colors]) -> [u8; 3] {
+        let color = self.at.rgb.map_or([255; 4], |at| first(&record[at..]));
+        found[self.part(record) as usize].settled(color)
     }
 
     /// Brings the colours of records to what those of their whole part turned out to be. Which batch a point came in shows no longer then, so that records
@@ -124,15 +136,8 @@ impl Layout {
     pub fn settle(&self, records: &mut [u8], found: &[Colors]) {
         let Some(at) = self.at.rgb.filter(|_| found.iter().any(|&colors| colors != Colors::Bytes)) else { return };
         for row in records.chunks_exact_mut(self.bytes) {
-            let colors = found[self.part(row) as usize];
-            let (color, wide) = row[at..at + 4].split_at_mut(3);
-            match colors {
-                // As if the file had no such field.
-                Colors::Black => color.fill(255),
-                Colors::Wide if wide[0] == 0 => color.iter_mut().for_each(|v| *v = to_8_bits(*v as u16)),
-                Colors::Wide | Colors::Bytes => {}
-            }
-            wide[0] = 0;
+            let [r, g, b] = found[self.part(row) as usize].settled(first(&row[at..]));
+            row[at..at + 4].copy_from_slice(&[r, g, b, 0]);
         }
     }
 
@@ -192,6 +197,18 @@ pub enum Colors {
     Wide,
     /// All 0, which is none.
     Black,
+}
+
+impl Colors {
+    /// Of a colour and whether it is rounded already.
+    fn settled(self, [r, g, b, wide]: [u8; 4]) -> [u8; 3] {
+        match self {
+            // As if the file had no such field.
+            Colors::Black => [255; 3],
+            Colors::Wide if wide == 0 => [r, g, b].map(|v| to_8_bits(v as u16)),
+            Colors::Wide | Colors::Bytes => [r, g, b],
+        }
+    }
 }
 
 /// Records that a batch's points are written to.

@@ -208,17 +208,20 @@ impl Samples {
                 self.q.iter().map(|q| axis(q, 0) | axis(q, 1) << BITS_PER_PLANE | axis(q, 2) << (2 * BITS_PER_PLANE)).collect();
             planes.keep(PLANES[k as usize].0, &Some(words));
         }
+        let narrow: Option<Vec<u8>> =
+            self.source.as_ref().and_then(|source| source.iter().map(|&station| u8::try_from(station).ok()).collect());
         planes.keep(Plane::Rgb, &self.rgb);
         planes.keep(Plane::Intensity, &self.intensity);
         planes.keep(Plane::Class, &self.class);
         planes.keep(Plane::Returns, &self.returns);
-        planes.keep(Plane::Source, &self.source);
+        planes.keep(Plane::Source, if narrow.is_some() { &None } else { &self.source });
         planes.keep(Plane::Normal, &self.normal);
         planes.keep(Plane::GpsTime, &self.gps_time);
         planes.keep(Plane::Weight, &self.weight);
         planes.keep(Plane::Facing, &self.derived.facing);
         planes.keep(Plane::Brush, &self.derived.brush);
         planes.keep(Plane::Corrected, &self.derived.corrected);
+        planes.keep(Plane::Station, &narrow);
         record
     }
 
@@ -247,7 +250,7 @@ impl Samples {
             intensity: column(bytes(Plane::Intensity)),
             class: column(bytes(Plane::Class)),
             returns: column(bytes(Plane::Returns)),
-            source: column(bytes(Plane::Source)),
+            source: column(bytes(Plane::Source)).or_else(|| Some(bytes(Plane::Station)?.iter().map(|&station| station as u16).collect())),
             normal: column(bytes(Plane::Normal)),
             gps_time: column(bytes(Plane::GpsTime)),
             weight: column(bytes(Plane::Weight)),

@@ -19,7 +19,7 @@ use glam::DVec3;
 /// Steps of the common lattice, as a power of two: samples of all of the cloud fit their planes.
 const BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
 
-/// What nodes above these roots are like, but for the number of their lattice, and the order of the roots; none where there is one root, or where no lattice of finite numbers holds them all.
+/// What nodes above these roots are like, but for the number of their lattice and what their stations have in common, and the order of the roots; none where there is one root, or where no lattice of finite numbers holds them all.
 pub fn over(roots: &[&NodeRecord], contents: &Contents, derive: Derive) -> Option<(Kind, Vec<usize>)> {
     let [low, high] = contents.bounds.filter(|_| roots.len() > 1)?;
     let widest = contents.lattices.iter().map(|[step, _]| step.abs().max_element()).fold(0.0, f64::max);
@@ -44,13 +44,13 @@ pub fn over(roots: &[&NodeRecord], contents: &Contents, derive: Derive) -> Optio
         intensity: some(Plane::Intensity),
         class: some(Plane::Class),
         returns: some(Plane::Returns),
-        source: some(Plane::Source),
+        source: Plane::STATIONS.into_iter().any(some),
         normal: some(Plane::Normal),
         gps_time: some(Plane::GpsTime),
     };
     // Nobody knows the luminance of what has no colours.
     let derive = Derive { luminance: derive.luminance && roots.iter().all(|root| root.has(Plane::Corrected)), ..derive };
-    Some((Kind { has, derive, corner: [0; 3], bits: BITS, lattice, lattice_number: 0 }, order))
+    Some((Kind { has, derive, corner: [0; 3], bits: BITS, lattice, lattice_number: 0, gains: None }, order))
 }
 
 /// Open nodes, in their order, that are to get a parent together.

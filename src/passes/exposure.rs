@@ -40,7 +40,7 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
     let (runs, why) = match scene.balance {
         _ if scene.shown != Attribute::Rgb => (false, "points do not show their colours".to_string()),
         _ if stations < 2 => (false, "there is one station, and with it one exposure".to_string()),
-        None => (false, "nobody knows by how much stations differ: none overlap, or they are those of an index".to_string()),
+        None => (false, "nobody knows by how much stations differ: none overlap, or their index is of an earlier version".to_string()),
         Some(balance) if stops(balance) < SEEN => (false, format!("{stations} stations have the same exposure, to {:.2} stops", stops(balance))),
         Some(balance) => {
             let uneven = super::significant(100.0 * balance.uneven);

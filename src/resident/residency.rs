@@ -156,7 +156,7 @@ impl Residency {
             shown,
             points: index.directory.contents.points,
             stations: index.directory.contents.stations.clone(),
-            balance: None,
+            balance: index.directory.contents.balance.clone().filter(|_| shown.coded),
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             opacities: Opacities::default(),
             comes_and_goes: true,

@@ -9,7 +9,7 @@ use super::popping::{self, Popping};
 use super::report::{Figure, Section, Table};
 use super::scan::Scan;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::Attribute;
 use crate::cut::{Detail, Precision};
 use crate::error::Result;
 use crate::frame;
@@ -20,6 +20,7 @@ use crate::passes::resolve::linear_to_srgb;
 use crate::passes::Switch;
 use crate::progress::Progress;
 use crate::resident::{Residency, Resident};
+use crate::source;
 use crate::synth::{Scene, World};
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
@@ -166,7 +167,7 @@ pub fn full(size: [u32; 2]) -> Detail {
 }
 
 fn open(gpu: &mut Gpu, scan: &Scan) -> Result<Residency> {
-    Residency::open(gpu, scan.index.clone(), Shown::indexed(Attribute::Rgb, [0.0, 1.0], [0, 255]), u64::MAX)
+    Residency::open(gpu, scan.index.clone(), source::shown(&scan.index, Attribute::Rgb), u64::MAX)
 }
 
 struct Taken {

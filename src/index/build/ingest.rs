@@ -1,0 +1,327 @@
+//! Files in, chunks of points that lie together out, the stations that they are of, and what gives those one exposure: all that is known before the first node is grown.
+
+use super::super::bucket::{self, Bucket, Grid, Sorter};
+use super::super::exposure::{self, Balance};
+use super::super::file::{Contents, IndexedPart};
+use super::super::grow::{Kind, Tree};
+use super::super::record::{Batch, Colors, Layout};
+use super::super::samples::Cell;
+use super::{Builder, Derive, lock};
+use crate::cloud::stream::{self, Source};
+use crate::cloud::{Lattice, Station, Wanted};
+use crate::error::{Error, Result};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+/// Sources on one lattice.
+pub struct Group {
+    lattice: Lattice,
+    /// Number of the source, and what to add to its coordinates.
+    members: Vec<(usize, [i64; 3])>,
+}
+
+/// Sources go together where steps are equal and offsets differ by whole steps, to a thousandth of one.
+pub fn group(sources: &[Source]) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for (number, source) in sources.iter().enumerate() {
+        let own = source.lattice();
+        let shift = |group: &Group| {
+            let steps = (own.offset - group.lattice.offset) / own.step;
+            let whole = steps.round();
+            let agrees =
+                own.step == group.lattice.step && (steps - whole).abs().max_element() < 1e-3 && whole.abs().max_element() < 2f64.powi(31);
+            agrees.then(|| whole.to_array().map(|v| v as i64))
+        };
+        match groups.iter_mut().find_map(|group| shift(group).map(|shift| (group, shift))) {
+            Some((group, shift)) => group.members.push((number, shift)),
+            None => groups.push(Group { lattice: own, members: vec![(number, [0; 3])] }),
+        }
+    }
+    groups
+}
+
+/// What distributing a group found.
+pub struct Ingested {
+    group: Group,
+    pub tree: Tree,
+    pub chunks: Vec<Chunk>,
+    pub points: u64,
+    /// Points of every part and source.
+    stations: BTreeMap<(u16, u16), u64>,
+}
+
+/// Points of one kd-cell, few enough to be grown at once.
+pub struct Chunk {
+    /// Bits of the code that the cell decides, and their value.
+    pub depth: u32,
+    pub prefix: u128,
+    pub buckets: Vec<Bucket>,
+}
+
+impl Builder<'_> {
+    /// All points of a group into a grid of buckets, within the stated box; where points lie outside of it, again within their own.
+    pub fn ingest(&mut self, group: Group) -> Result<Ingested> {
+        let union = |boxes: &mut dyn Iterator<Item = ([[i32; 3]; 2], [i64; 3])>| {
+            boxes.fold(([i64::MAX; 3], [i64::MIN; 3]), |(low, high), (own, shift)| {
+                let at = |corner: [i32; 3], axis: usize| corner[axis] as i64 + shift[axis];
+                ([0, 1, 2].map(|axis| low[axis].min(at(own[0], axis))), [0, 1, 2].map(|axis| high[axis].max(at(own[1], axis))))
+            })
+        };
+        let stated = union(&mut group.members.iter().filter_map(|&(number, shift)| Some((self.sources[number].stated_bounds()?, shift))));
+        let has = group.members.iter().fold(Wanted::default(), |has, &(number, _)| either(has, self.sources[number].available()));
+        // Several stations need a number a point, even where no file names them.
+        let has = Wanted { source: has.source || group.members.len() > 1 || self.sources.len() > 1, ..has };
+        let parts: Vec<u16> = group.members.iter().map(|&(number, _)| number as u16).collect();
+        let (mut cube, mut is_true) = (stated, false);
+        let taken = self.spill.taken();
+        loop {
+            let extent = (0..3).map(|axis| (cube.1[axis].saturating_sub(cube.0[axis])).max(0)).max().unwrap_or(0) as u64;
+            let bits = (64 - extent.leading_zeros()).max(1);
+            if bits > 32 && !is_true {
+                // Headers that lie: no box, which all points lie outside of, until their own is known.
+                cube = union(&mut std::iter::empty());
+                continue;
+            }
+            if bits > 32 {
+                return Err(Error::Request(format!(
+                    "the files lie {extent} steps of their lattice apart, more than 2^32; index them separately"
+                )));
+            }
+            let corner = if cube.0[0] == i64::MAX { [0; 3] } else { cube.0 };
+            let layout = Layout::new(has, bits, &parts);
+            let grid = Grid::new(bits, layout, self.options.chunk_points());
+            let outside = AtomicBool::new(false);
+            let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
+            let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
+            let mut points = 0;
+            let (mut own, mut worlds) = (Vec::new(), Vec::new());
+            let mut notes = Vec::new();
+            let mut found = Wanted::default();
+            for &(number, shift) in &group.members {
+                let part = number as u16;
+                let streamed = self.sources[number].stream(self.progress, &|batch| {
+                    if outside.load(Relaxed) {
+                        return Ok(());
+                    }
+                    let (mut sorter, mut cells) = lock(&sorters).pop().unwrap_or_default();
+                    cells.clear();
+                    let columns = batch.columns;
+                    let at = |v: i32, axis: usize| (v as i64 + shift[axis] - corner[axis]) as u64;
+                    let mut highest = 0;
+                    for ((&x, &y), &z) in columns.x.iter().zip(&columns.y).zip(&columns.z) {
+                        let q = [at(x, 0), at(y, 1), at(z, 2)];
+                        highest |= q[0] | q[1] | q[2];
+                        cells.push(q.map(|v| v as u32));
+                    }
+                    if highest >> bits != 0 {
+                        outside.store(true, Relaxed);
+                        return Ok(());
+                    }
+                    let batch = Batch { cells: &cells, columns, wide: batch.depth.is_wide(), part };
+                    grid.add(&batch, &mut sorter, self.spill)?;
+                    let mut counts = BTreeMap::new();
+                    match &columns.source {
+                        Some(source) => {
+                            source.chunk_by(|a, b| a == b).for_each(|run| *counts.entry((part, run[0])).or_insert(0) += run.len() as u64)
+                        }
+                        None => drop(counts.insert((part, 0), columns.x.len() as u64)),
+                    }
+                    let mut all = lock(&stations);
+                    counts.into_iter().for_each(|(station, points)| *all.entry(station).or_insert(0) += points);
+                    drop(all);
+                    lock(&sorters).push((sorter, cells));
+                    Ok(())
+                })?;
+                points += streamed.points;
+                self.colors[number] = match (streamed.depth.is_wide(), streamed.available.rgb) {
+                    (true, _) => Colors::Wide,
+                    (false, false) => Colors::Black,
+                    (false, true) => Colors::Bytes,
+                };
+                found = either(found, streamed.available);
+                notes.extend(streamed.notes.clone());
+                own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
+                worlds.extend(streamed.bounds.map(|bounds| self.sources[number].lattice().world_box(bounds)));
+                self.part(number, &group, &streamed);
+            }
+            let true_box = union(&mut own.into_iter());
+            if outside.into_inner() {
+                drop(grid);
+                self.spill.forget(taken);
+                if cube == true_box {
+                    return Err(Error::Request(format!("{} changed while it was read", self.sources[group.members[0].0].path().display())));
+                }
+                (cube, is_true) = (true_box, true);
+                continue;
+            }
+            self.contents.notes.extend(notes);
+            self.contents.points += points;
+            worlds.into_iter().for_each(|own| self.widen(own));
+            let lattice_number = self.lattice(&group.lattice, corner)?;
+            // Colours that are all black are none, which only the points can tell.
+            let has = Wanted { rgb: found.rgb, ..has };
+            // Without colours there is no luminance.
+            let derive = Derive { luminance: self.options.derive.luminance && has.rgb, ..self.options.derive };
+            let kind = Kind { has, derive, corner, bits, lattice: group.lattice, lattice_number, gains: None };
+            let mut chunks = Vec::new();
+            cut(grid, 0, 0, self.options.chunk_points(), &mut chunks);
+            chunks.par_iter_mut().flat_map(|chunk| &mut chunk.buckets).try_for_each(|bucket| bucket.close(self.spill))?;
+            return Ok(Ingested {
+                group,
+                chunks,
+                tree: Tree { kind, layout },
+                points,
+                stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()),
+            });
+        }
+    }
+
+    /// Numbers the lattice of a tree that starts at a corner, and the next one, which starts there.
+    pub fn lattice(&mut self, lattice: &Lattice, corner: [i64; 3]) -> Result<u16> {
+        let number = self.contents.lattices.len();
+        // Two more are for what trees have in common.
+        if number + 4 > 1 << 16 {
+            return Err(Error::Request(format!("files on more than {} different lattices are more than one index takes", number / 2)));
+        }
+        self.contents.lattices.extend([[lattice.step, lattice.offset], [lattice.step, lattice.world(corner)]]);
+        self.corners.extend([corner; 2]);
+        Ok(number as u16)
+    }
+
+    fn part(&mut self, number: usize, group: &Group, streamed: &stream::Streamed) {
+        let source = &self.sources[number];
+        let mut header = source.header().clone();
+        // A note has said what is wrong about bounds that are no numbers.
+        header.bounds.take_if(|corners| !corners.as_flattened().iter().all(|v| v.is_finite()));
+        self.parts[number] = Some(IndexedPart {
+            path: source.path().to_owned(),
+            name: source.name().map(str::to_owned),
+            header,
+            step: group.lattice.step,
+            offset: source.lattice().offset,
+            points: streamed.points,
+            intensity_range: source.intensity_range(),
+            rgb_bits: streamed.depth.bits(),
+        });
+    }
+
+    fn widen(&mut self, own: (DVec3, DVec3)) {
+        let own = [own.0.min(own.1), own.0.max(own.1)];
+        self.contents.bounds = Some(self.contents.bounds.map_or(own, |[low, high]| [low.min(own[0]), high.max(own[1])]));
+    }
+
+    /// Numbers the stations, those of one part after those of the other.
+    pub fn stations(&mut self, trees: &[Ingested]) -> Result<()> {
+        let all: BTreeMap<(u16, u16), u64> =
+            trees.iter().flat_map(|tree| &tree.stations).map(|(station, points)| (*station, *points)).collect();
+        if all.len() > 1 << 16 {
+            return Err(Error::Request(format!("{} stations are more than the 65,536 that one index takes", all.len())));
+        }
+        for (number, ((part, source), points)) in all.into_iter().enumerate() {
+            self.numbers.insert((part, source), number as u16);
+            let from = &self.sources[part as usize];
+            let has_sources = from.available().source;
+            let name = if has_sources { format!("{} source {source}", from.title()) } else { from.title() };
+            self.contents.stations.push(Station { part: part as usize, source: has_sources.then_some(source), name, points });
+        }
+        Ok(())
+    }
+
+    /// The number of the station of a part and a source; who asks for many asks for the same one again and again.
+    pub fn numbered(&self) -> impl Fn(u16, u16) -> u16 {
+        let last = std::cell::Cell::new(((u16::MAX, u16::MAX), 0));
+        move |part: u16, source: u16| {
+            if last.get().0 != (part, source) {
+                last.set(((part, source), self.numbers[&(part, source)]));
+            }
+            last.get().1
+        }
+    }
+
+    /// What gives all stations one exposure, where that can be known.
+    pub fn balance(&self, trees: &[Ingested]) -> Result<Option<Balance>> {
+        let Contents { stations, points, bounds, .. } = &self.contents;
+        let Some([low, high]) = bounds.filter(|_| stations.len() > 1) else { return Ok(None) };
+        let sample = exposure::Sample::new((low, high), *points);
+        // As files count, so that points are where they are in a cloud in memory, to the last bit.
+        let mut own: Vec<_> = self.sources.iter().map(|source| (source.lattice(), [0; 3])).collect();
+        for Ingested { group, tree: Tree { kind, layout }, chunks, .. } in trees.iter().filter(|tree| tree.tree.kind.has.rgb) {
+            for &(number, shift) in &group.members {
+                own[number].1 = [0, 1, 2].map(|axis| kind.corner[axis] - shift[axis]);
+            }
+            chunks.par_iter().try_for_each(|chunk| -> Result<()> {
+                self.progress.tick("comparing stations", 0, 1)?;
+                let (number, mut found) = (self.numbered(), Vec::new());
+                let mut look = |records: &[u8]| {
+                    found.extend(records.chunks_exact(layout.bytes).filter_map(|record| {
+                        let (q, part) = (layout.cell(record), layout.part(record));
+                        let (lattice, from) = &own[part as usize];
+                        let place = lattice.world([0, 1, 2].map(|axis| q[axis] as i64 + from[axis]));
+                        sample.point(place, || (number(part, layout.source(record)), layout.color(record, &self.colors)))
+                    }));
+                };
+                chunk.buckets.iter().try_for_each(|bucket| bucket.look(self.spill, &mut look))?;
+                sample.keep(found);
+                Ok(())
+            })?;
+        }
+        Ok(sample.balance(stations))
+    }
+}
+
+/// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell that `depth` bits of the code with the value `prefix` decide.
+fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>) {
+    let levels = grid.levels;
+    let (points, buckets): (Vec<u64>, Vec<bucket::Contents>) = grid.into_buckets().into_iter().unzip();
+    let mut starts = vec![0u64];
+    starts.extend(points.iter().scan(0, |sum, points| {
+        *sum += points;
+        Some(*sum)
+    }));
+    let mut ranges = Vec::new();
+    largest(&starts, 0..buckets.len(), limit, &mut ranges);
+    let mut buckets = buckets.into_iter().enumerate();
+    for range in ranges {
+        let open = range.len().trailing_zeros();
+        let (depth, prefix) = (depth + 3 * levels - open, prefix << (3 * levels - open) | (range.start >> open) as u128);
+        let mut own = Vec::new();
+        for (_, contents) in buckets.by_ref().skip_while(|(i, _)| *i < range.start).take(range.len()) {
+            match contents {
+                bucket::Contents::Points(bucket) => own.push(bucket),
+                bucket::Contents::Finer(finer) => cut(finer, depth, prefix, limit, chunks),
+            }
+        }
+        if !own.is_empty() {
+            chunks.push(Chunk { depth, prefix, buckets: own });
+        }
+    }
+}
+
+/// The largest runs of cells with at most `limit` points, or single cells, that cover all occupied ones.
+fn largest(starts: &[u64], cells: std::ops::Range<usize>, limit: u64, ranges: &mut Vec<std::ops::Range<usize>>) {
+    let points = starts[cells.end] - starts[cells.start];
+    if points == 0 {
+        return;
+    }
+    if cells.len() == 1 || points <= limit {
+        return ranges.push(cells);
+    }
+    let middle = cells.start + cells.len() / 2;
+    largest(starts, cells.start..middle, limit, ranges);
+    largest(starts, middle..cells.end, limit, ranges);
+}
+
+fn either(a: Wanted, b: Wanted) -> Wanted {
+    Wanted {
+        rgb: a.rgb || b.rgb,
+        intensity: a.intensity || b.intensity,
+        class: a.class || b.class,
+        returns: a.returns || b.returns,
+        source: a.source || b.source,
+        normal: a.normal || b.normal,
+        gps_time: a.gps_time || b.gps_time,
+    }
+}

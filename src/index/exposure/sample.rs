@@ -1,0 +1,191 @@
+//! Points in any order in, those that exposures are found from out: all, or where they are many those of some blocks of space, whole, so that what stations share stays together.
+//!
+//! Which ones depends on where the cloud lies and how many points it has, and on nothing else: an index that is being made finds those that are found of its files in memory.
+
+use super::{Balance, of_points};
+use crate::cloud::{Cloud, Part, Station};
+use crate::index::morton;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+/// Points that one task looks at.
+const RUN: usize = 1 << 16;
+/// Finest cells a side: a code has room for so many.
+pub const AXIS_BITS: u32 = 21;
+/// Points that a balance is found from; of more, whole blocks are left out, of which there are 2^7 a side.
+const SAMPLE: u64 = 1 << 20;
+const BLOCK_BITS: u32 = 7;
+/// Where blocks beside a scanner hold many more than others, half of the blocks are left out again, until there are no more points than this.
+const MOST: usize = 2 * SAMPLE as usize;
+
+/// A coloured point: the Morton code of its finest cell, its station and its V.
+pub type Point = (u64, u16, u8);
+
+/// The finest cells over a cloud.
+#[derive(Clone, Copy)]
+struct Cells {
+    lo: DVec3,
+    /// A product is found sooner than a quotient.
+    per_metre: f64,
+}
+
+impl Cells {
+    /// A little more than the box, so that its far sides are within.
+    fn over((lo, hi): (DVec3, DVec3)) -> Cells {
+        Cells { lo, per_metre: (1u64 << AXIS_BITS) as f64 / (1.001 * (hi - lo).max_element()).max(f64::MIN_POSITIVE) }
+    }
+
+    /// The nearest one. A number that 2^52 is added to has no other bits than those of a whole number, and needs no conversion.
+    fn of(self, place: DVec3) -> [u32; 3] {
+        const WHOLE: f64 = (1u64 << 52) as f64;
+        ((place - self.lo) * self.per_metre + WHOLE).to_array().map(|axis| axis.to_bits() as u32)
+    }
+
+    fn code(self, place: DVec3) -> u64 {
+        morton::code_63(self.of(place))
+    }
+}
+
+/// All coloured points, in order.
+pub fn all(cloud: &Cloud) -> Option<Vec<Point>> {
+    points(cloud, u64::MAX)
+}
+
+/// Those that a balance is found from, in order.
+pub fn some(cloud: &Cloud) -> Option<Vec<Point>> {
+    let most = most_of(cloud.len());
+    let mut kept = Kept { most, points: points(cloud, most)? };
+    kept.thin();
+    Some(kept.points)
+}
+
+/// The same of points that come in any order, from any thread.
+pub struct Sample {
+    cells: Cells,
+    /// A bit for every block, x highest; none where all are wanted.
+    wanted: Option<Vec<u64>>,
+    kept: Mutex<Kept>,
+}
+
+impl Sample {
+    /// Of so many points within a box.
+    pub fn new(bounds: (DVec3, DVec3), points: u64) -> Sample {
+        let most = most_of(points);
+        // Bits of a number as a code has them, x lowest.
+        let spread: [u64; 1 << BLOCK_BITS] = std::array::from_fn(|axis| morton::code_63([axis as u32, 0, 0]));
+        let word = |word: usize| {
+            let axis = |number: usize, axis: u32| spread[number >> (axis * BLOCK_BITS) & ((1 << BLOCK_BITS) - 1)];
+            let block = |number: usize| axis(number, 2) | axis(number, 1) << 1 | axis(number, 0) << 2;
+            (0..64).fold(0, |bits, bit| bits | ((scattered(block(word << 6 | bit)) <= most) as u64) << bit)
+        };
+        let wanted = (most < u64::MAX).then(|| (0..1usize << (3 * BLOCK_BITS - 6)).into_par_iter().map(word).collect());
+        Sample { cells: Cells::over(bounds), wanted, kept: Mutex::new(Kept { most, points: Vec::new() }) }
+    }
+
+    /// A point, where it is wanted; only then anybody asks for its station and its colour.
+    #[inline]
+    pub fn point(&self, place: DVec3, seen: impl FnOnce() -> (u16, [u8; 3])) -> Option<Point> {
+        let cell = self.cells.of(place);
+        if let Some(wanted) = &self.wanted {
+            let block = cell
+                .into_iter()
+                .fold(0, |block, axis| block << BLOCK_BITS | (axis >> (AXIS_BITS - BLOCK_BITS)) as usize & ((1 << BLOCK_BITS) - 1));
+            if wanted[block >> 6] >> (block & 63) & 1 == 0 {
+                return None;
+            }
+        }
+        let (station, rgb) = seen();
+        Some((morton::code_63(cell), station, value(rgb)?))
+    }
+
+    /// Takes some of these points.
+    pub fn keep(&self, points: Vec<Point>) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let most = kept.most;
+        kept.points.extend(points.into_iter().filter(|point| is_wanted(point.0, most)));
+        kept.thin();
+    }
+
+    pub fn balance(self, stations: &[Station]) -> Option<Balance> {
+        let Kept { mut points, .. } = self.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
+        sort(&mut points);
+        of_points(&points, stations)
+    }
+}
+
+/// Points of the blocks whose number, scattered, is at most `most`.
+struct Kept {
+    most: u64,
+    points: Vec<Point>,
+}
+
+impl Kept {
+    fn thin(&mut self) {
+        while self.points.len() > MOST && self.most > 0 {
+            self.most /= 2;
+            self.points.retain(|point| is_wanted(point.0, self.most));
+        }
+    }
+}
+
+fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
+    let cells = Cells::over(cloud.bounds()?);
+    let of = |number: usize, run: Range<usize>| coloured(cloud, number, run, cells).filter(|point| is_wanted(point.0, most));
+    let runs: Vec<(usize, Range<usize>)> = (0..cloud.parts.len())
+        .flat_map(|number| {
+            let points = cloud.parts[number].columns.len();
+            (0..points).step_by(RUN).map(move |start| (number, start..points.min(start + RUN)))
+        })
+        .collect();
+    // Counted first, so that there is one piece of memory for all, and nothing left of it.
+    let counts: Vec<usize> = runs.par_iter().map(|(number, run)| of(*number, run.clone()).count()).collect();
+    let mut points: Vec<Point> = vec![(0, 0, 0); counts.iter().sum()];
+    let mut rest = points.as_mut_slice();
+    let places: Vec<&mut [Point]> = counts.iter().map(|&count| rest.split_off_mut(..count).expect("as many as were counted")).collect();
+    runs.into_par_iter().zip(places).for_each(|((number, run), places)| {
+        places.iter_mut().zip(of(number, run)).for_each(|(place, point)| *place = point);
+    });
+    sort(&mut points);
+    Some(points)
+}
+
+/// By code, then by station, then by V; compared as one number, without branches.
+fn sort(points: &mut [Point]) {
+    points.par_sort_unstable_by_key(|&(code, station, value)| (code as u128) << 24 | (station as u128) << 8 | value as u128);
+}
+
+/// The coloured points of a part among these.
+fn coloured(cloud: &Cloud, number: usize, run: Range<usize>, cells: Cells) -> impl Iterator<Item = Point> {
+    let Part { columns, lattice, .. } = &cloud.parts[number];
+    let first = cloud.stations.partition_point(|station| station.part < number);
+    let stations = &cloud.stations[first..cloud.stations.partition_point(|station| station.part <= number)];
+    run.filter_map(move |i| {
+        let value = value(columns.rgb.as_ref()?[i])?;
+        let source = columns.source.as_ref().map(|column| column[i]);
+        let station = first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0);
+        Some((cells.code(lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))), station as u16, value))
+    })
+}
+
+/// White is what a part without colours shows, and says nothing of any exposure.
+fn value(rgb: [u8; 3]) -> Option<u8> {
+    (rgb != [255; 3]).then(|| rgb[0].max(rgb[1]).max(rgb[2]))
+}
+
+/// The highest number of a block whose points are wanted, of so many.
+fn most_of(points: u64) -> u64 {
+    ((SAMPLE as f64 / points as f64).min(1.0) * u64::MAX as f64) as u64
+}
+
+fn is_wanted(code: u64, most: u64) -> bool {
+    scattered(code >> (3 * (AXIS_BITS - BLOCK_BITS))) <= most
+}
+
+/// All numbers are as likely, whatever the block (the mixing step of SplitMix64, Steele, Lea and Flood 2014).
+fn scattered(block: u64) -> u64 {
+    let block = (block ^ block >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let block = (block ^ block >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    block ^ block >> 31
+}

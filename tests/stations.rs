@@ -1,0 +1,107 @@
+//! An index knows the exposures of its stations: those that are found of its files in memory, to the last bit, however many files those are, and on whatever lattices.
+
+mod support;
+
+use pointillist::cloud::{self, ReadOptions, Wanted};
+use pointillist::index::build::{self, Derive, Options};
+use pointillist::index::exposure;
+use pointillist::index::file::Index;
+use pointillist::progress::Silent;
+use pointillist::synth::Scene;
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use support::scan;
+
+const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, derive: Derive::NONE };
+const READ: ReadOptions = ReadOptions { wanted: Wanted::ALL, strict: false };
+
+/// Of LAS 1.2, point format 3, as `synth` writes it: bytes before the points, of a point, and before its source.
+const HEAD: usize = 227;
+const RECORD: usize = 34;
+const SOURCE: usize = 18;
+
+/// A file for every station; each `apart` metres beside where it was, which is no whole number of steps.
+fn split(file: &Path, apart: f64) -> Vec<PathBuf> {
+    let bytes = fs::read(file).unwrap();
+    let (head, records) = bytes.split_at(HEAD);
+    let source = |record: &[u8]| u16::from_le_bytes([record[SOURCE], record[SOURCE + 1]]);
+    let stations: BTreeSet<u16> = records.chunks_exact(RECORD).map(source).collect();
+    let write = |(number, station): (usize, u16)| {
+        let own: Vec<u8> = records.chunks_exact(RECORD).filter(|record| source(record) == station).flatten().copied().collect();
+        let mut head = head.to_vec();
+        head[107..111].copy_from_slice(&((own.len() / RECORD) as u32).to_le_bytes());
+        // Offset, highest and lowest along x.
+        for at in [155, 179, 187] {
+            let moved = f64::from_le_bytes(head[at..at + 8].try_into().unwrap()) + apart * number as f64;
+            head[at..at + 8].copy_from_slice(&moved.to_le_bytes());
+        }
+        let path = file.with_file_name(format!("{station}.las"));
+        fs::write(&path, [head, own].concat()).unwrap();
+        path
+    };
+    stations.into_iter().enumerate().map(write).collect()
+}
+
+/// Of an index, and of the files that it is made of.
+fn same(files: &[PathBuf], options: &Options) -> (Index, Vec<f64>) {
+    let path = files[0].with_file_name("a.pnti");
+    build::build(files, &path, options, &Silent).unwrap_or_else(|error| panic!("{error}"));
+    let index = Index::open(&path).unwrap();
+    let cloud = cloud::read(files, &READ, &Silent).unwrap();
+    let found = exposure::balance(&cloud).unwrap();
+    assert_eq!(index.directory.contents.balance, Some(found.clone()), "{} files", files.len());
+    assert_eq!(index.directory.contents.stations, cloud.stations);
+    (index, found.gains)
+}
+
+#[test]
+fn exposures_of_an_index_are_those_of_its_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let street = folder.path().join("street.las");
+    scan(&street, Scene::Street, 300_000);
+    let (index, one) = same(std::slice::from_ref(&street), &OPTIONS);
+    assert!(one.len() == 5 && one.iter().any(|gain| (gain - 1.0).abs() > 0.1), "{one:?}");
+    let bytes = fs::read(index.path()).unwrap();
+    for threads in [1, 3] {
+        same(std::slice::from_ref(&street), &Options { threads, ..OPTIONS });
+        assert!(fs::read(index.path()).unwrap() == bytes, "{threads} threads");
+    }
+    let lattices =
+        |index: &Index| index.nodes().iter().filter(|node| node.is_leaf()).map(|node| node.lattice).collect::<BTreeSet<_>>().len();
+    for (apart, trees) in [(0.0, 1), (0.00037, 5)] {
+        let files = split(&street, apart);
+        let (index, several) = same(&files, &OPTIONS);
+        assert_eq!((lattices(&index), index.directory.roots), (trees, 1));
+        assert!(one.iter().zip(&several).all(|(a, b)| (a - b).abs() < 0.02), "{one:?} {several:?}");
+        // Not in the order of their stations, and with one that says nothing.
+        let mixed = [&files[3], &files[1], &files[4], &files[1]].map(Clone::clone);
+        same(&mixed, &OPTIONS);
+    }
+}
+
+#[test]
+fn of_more_points_than_are_looked_at_an_index_takes_the_same_as_a_cloud_in_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let street = folder.path().join("street.las");
+    scan(&street, Scene::Street, 3_000_000);
+    let (_, one) = same(std::slice::from_ref(&street), &Options { memory: 24 << 20, ..OPTIONS });
+    let (_, several) = same(&split(&street, 0.00037), &Options { memory: 24 << 20, threads: 3, ..OPTIONS });
+    assert!(one.iter().zip(&several).all(|(a, b)| (a - b).abs() < 0.02), "{one:?} {several:?}");
+}
+
+#[test]
+fn one_station_has_no_exposures_and_those_of_an_index_without_any_are_not_evened() {
+    let folder = tempfile::tempdir().unwrap();
+    let street = folder.path().join("street.las");
+    scan(&street, Scene::Street, 100_000);
+    let alone = split(&street, 0.0).swap_remove(2);
+    let path = folder.path().join("a.pnti");
+    build::build(&[alone], &path, &OPTIONS, &Silent).unwrap();
+    let index = Index::open(&path).unwrap();
+    assert_eq!((index.directory.contents.stations.len(), &index.directory.contents.balance), (1, &None));
+    let without = Options { wanted: Wanted { rgb: false, ..Wanted::ALL }, ..OPTIONS };
+    build::build(&[street], &path, &without, &Silent).unwrap();
+    let index = Index::open(&path).unwrap();
+    assert_eq!((index.directory.contents.stations.len(), &index.directory.contents.balance), (5, &None));
+}
