@@ -959,7 +959,7 @@ fn an_index_from_the_future_is_refused_with_a_sentence() {
     bytes[8] += 1;
     for bytes in [bytes.clone(), signed(bytes)] {
         let error = Index::open(&place.write("new.pnti", &bytes)).err().unwrap().to_string();
-        assert!(error.contains("version 3") && error.contains("newer"), "{error}");
+        assert!(error.contains("version 4") && error.contains("newer"), "{error}");
     }
     for bytes in [&b"something else"[..], &[0; 5000], b"pnti\r\n\x1a\n"] {
         let path = place.write("none.pnti", bytes);
