@@ -229,9 +229,9 @@ impl<P: FnMut()> Thread<P> {
         let planes_of = Plane::of(self.shown.attribute);
         match planes_of.iter().copied().find(|&plane| record.has(plane)) {
             Some(plane) => {
-                self.bytes.resize(record.range(plane).1 as usize, 0);
+                self.bytes.resize(record.unpacked(plane) as usize, 0);
                 index.read(node, plane, &mut self.bytes)?;
-                read.bytes += self.bytes.len() as u64;
+                read.bytes += record.range(plane).1;
                 widen(plane, &self.bytes, words);
                 if Plane::STATIONS.contains(&plane) {
                     // The file's own number of the station; nodes hold its place in the list.
@@ -299,9 +299,9 @@ fn gather(index: &Index, node: usize, parts: &[(Plane, u32)], bytes: &mut Vec<u8
     let record = &index.nodes()[node];
     let (mut read, mut own) = (0, vec![0; words.len()]);
     for &(plane, shift) in parts.iter().filter(|(plane, _)| record.has(*plane)) {
-        bytes.resize(record.range(plane).1 as usize, 0);
+        bytes.resize(record.unpacked(plane) as usize, 0);
         index.read(node, plane, bytes)?;
-        read += bytes.len() as u64;
+        read += record.range(plane).1;
         widen(plane, bytes, &mut own);
         words.iter_mut().zip(&own).for_each(|(word, own)| *word |= own << shift);
     }

@@ -5,7 +5,7 @@ mod support;
 use pointillist::cloud::{self, ReadOptions, Wanted};
 use pointillist::index::build::{self, Derive, Options};
 use pointillist::index::exposure;
-use pointillist::index::file::Index;
+use pointillist::index::file::{Index, Plane};
 use pointillist::progress::Silent;
 use pointillist::synth::Scene;
 use std::collections::BTreeSet;
@@ -104,4 +104,38 @@ fn one_station_has_no_exposures_and_those_of_an_index_without_any_are_not_evened
     build::build(&[street], &path, &without, &Silent).unwrap();
     let index = Index::open(&path).unwrap();
     assert_eq!((index.directory.contents.stations.len(), &index.directory.contents.balance), (5, &None));
+}
+
+/// Tiles that lie apart, as most files of a site do.
+#[test]
+fn a_node_that_one_station_has_seen_takes_no_bytes_to_say_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let street = folder.path().join("street.las");
+    scan(&street, Scene::Street, 600_000);
+    let (files, path) = (split(&street, 1000.0), folder.path().join("tiles.pnti"));
+    build::build(&files, &path, &OPTIONS, &Silent).unwrap();
+    let index = Index::open(&path).unwrap();
+    let mut seen = [0; 5];
+    for (node, record) in index.nodes().iter().enumerate().filter(|(_, record)| record.is_leaf()) {
+        let mut stations = vec![255; record.unpacked(Plane::Station) as usize];
+        index.read(node, Plane::Station, &mut stations).unwrap();
+        stations.iter().for_each(|&station| seen[station as usize] += 1);
+        let one = stations.iter().all(|station| *station == stations[0]);
+        assert_eq!(record.one_station().is_some(), one);
+        assert_eq!(record.range(Plane::Station).1, if one { 0 } else { record.count as u64 });
+    }
+    let read = cloud::read(&files, &READ, &Silent).unwrap();
+    assert_eq!(seen.to_vec(), read.parts.iter().map(|part| part.columns.len()).collect::<Vec<_>>());
+    assert!(index.nodes().iter().filter(|record| record.one_station().is_some()).count() >= 5);
+
+    // What is shown of stations is the same.
+    let picture = |name: &str, cloud: &[PathBuf]| {
+        let to = folder.path().join(name);
+        let line = ["--color", "source", "--style", "points", "--view", "top", "--size", "320x180", "--lod", "0.01", "-o"];
+        support::succeeded(&support::pointillist().arg("render").args(cloud).args(line).arg(&to).output().unwrap());
+        support::read_png(&to).pixels
+    };
+    let [of_files, of_index] = [picture("files.png", &files), picture("index.png", std::slice::from_ref(&path))];
+    let other = of_files.iter().zip(&of_index).filter(|(a, b)| a != b).count();
+    assert!(other <= 3, "{other} pixels");
 }

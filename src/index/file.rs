@@ -55,7 +55,7 @@ pub enum Plane {
     Brush,
     /// Derived: colour whose luminance is the mean of the neighbourhood, as [`Plane::Rgb`].
     Corrected,
-    /// Number of the station of nodes whose numbers all are: half of what pictures with one exposure would read otherwise.
+    /// Number of the station of nodes whose numbers all are: half of what pictures with one exposure would read otherwise. Of a node that one station has seen the record says which, and it takes nothing.
     Station,
 }
 
@@ -124,7 +124,7 @@ pub struct NodeRecord {
     pub children: u32,
     /// Of itself for a root.
     pub parent: u32,
-    /// Bit `k`: it has `PLANES[k]`.
+    /// Bit `k`: it has `PLANES[k]`; [`ONE_STATION`].
     pub planes: u16,
     pub lattice: u16,
     /// Bits that the longest side needs.
@@ -132,8 +132,12 @@ pub struct NodeRecord {
     /// Inner nodes keep positions to 2^`coarser` lattice steps.
     pub coarser: u8,
     pub level: u8,
-    pub spare: u8,
+    /// All of its points are of, where `planes` says so.
+    pub station: u8,
 }
+
+/// Of [`NodeRecord::planes`], beside the bit of [`Plane::Station`].
+pub const ONE_STATION: u16 = 1 << PLANES.len();
 
 /// Bytes of a record of the first version before its checksums, of these, and after them. Only there are fewer of them.
 const FIRST_VERSION: [usize; 3] = [64, 4 * 11, 20];
@@ -165,16 +169,26 @@ impl NodeRecord {
         self.planes >> plane as u16 & 1 == 1
     }
 
-    /// Where a plane lies in the file, and how many bytes it has.
-    pub fn range(&self, plane: Plane) -> (u64, u64) {
-        let before = PLANES[..plane as usize].iter().filter(|(p, _)| self.has(*p));
-        let at = self.at + before.map(|(_, bytes)| bytes * self.count as u64).sum::<u64>();
-        (at, plane.bytes_per_point() * self.count as u64)
+    /// The station of all of its points, where it has been one.
+    pub fn one_station(&self) -> Option<u8> {
+        (self.planes & ONE_STATION != 0).then_some(self.station)
     }
 
-    /// Of all its planes.
+    /// Bytes of a plane once it is read.
+    pub fn unpacked(&self, plane: Plane) -> u64 {
+        plane.bytes_per_point() * self.count as u64
+    }
+
+    /// Where a plane lies in the file, and how many bytes it has there.
+    pub fn range(&self, plane: Plane) -> (u64, u64) {
+        let stored = |plane| if plane == Plane::Station && self.one_station().is_some() { 0 } else { self.unpacked(plane) };
+        let before = PLANES[..plane as usize].iter().filter(|(p, _)| self.has(*p));
+        (self.at + before.map(|(p, _)| stored(*p)).sum::<u64>(), stored(plane))
+    }
+
+    /// Of all its planes in the file.
     pub fn bytes(&self) -> u64 {
-        PLANES.iter().filter(|(plane, _)| self.has(*plane)).map(|(_, bytes)| bytes * self.count as u64).sum()
+        PLANES.iter().filter(|(plane, _)| self.has(*plane)).map(|(plane, _)| self.range(*plane).1).sum()
     }
 }
 
@@ -474,7 +488,11 @@ impl Index {
     pub fn read(&self, node: usize, plane: Plane, into: &mut [u8]) -> Result<()> {
         let record = &self.directory.nodes[node];
         let (at, bytes) = record.range(plane);
-        assert_eq!((into.len() as u64, record.has(plane)), (bytes, true), "node {node} has no such plane {plane:?}");
+        assert_eq!((into.len() as u64, record.has(plane)), (record.unpacked(plane), true), "node {node} has no such plane {plane:?}");
+        if let Some(station) = record.one_station().filter(|_| plane == Plane::Station) {
+            into.fill(station);
+            return Ok(());
+        }
         self.map.copy(at, into)?;
         if crc32c::crc32c(into) != record.crc[plane as usize] {
             let what = format!("is damaged: the checksum of node {node}'s {plane:?} plane (bytes {at} to {}) is wrong", at + bytes);
@@ -554,7 +572,9 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         if node.origin.iter().any(|origin| origin.unsigned_abs() > 1 << 60) {
             return wrong("beyond any coordinate");
         }
-        if (0..3).any(|plane| node.has(PLANES[plane].0) != ((plane as u32) < node.position_planes())) || node.planes >> PLANES.len() != 0 {
+        if (0..3).any(|plane| node.has(PLANES[plane].0) != ((plane as u32) < node.position_planes()))
+            || (node.one_station().is_some() && !node.has(Plane::Station))
+        {
             return wrong("with the wrong planes");
         }
         if node.at < HEADER_BYTES || node.at.checked_add(node.bytes()).is_none_or(|last| last > end) {

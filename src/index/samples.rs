@@ -1,6 +1,6 @@
 //! Points, or samples that stand for several, as columns on a tree's lattice, in Morton order; and the planes that a node keeps of them.
 
-use super::file::{NodeRecord, PLANES, Plane};
+use super::file::{NodeRecord, ONE_STATION, PLANES, Plane};
 use super::morton;
 use crate::cloud::{Lattice, Wanted};
 use crate::config::BITS_PER_PLANE;
@@ -221,7 +221,10 @@ impl Samples {
         planes.keep(Plane::Facing, &self.derived.facing);
         planes.keep(Plane::Brush, &self.derived.brush);
         planes.keep(Plane::Corrected, &self.derived.corrected);
-        planes.keep(Plane::Station, &narrow);
+        match narrow.as_deref() {
+            Some([station, rest @ ..]) if rest.iter().all(|other| other == station) => planes.one_station(*station),
+            _ => planes.keep(Plane::Station, &narrow),
+        }
         record
     }
 
@@ -250,7 +253,13 @@ impl Samples {
             intensity: column(bytes(Plane::Intensity)),
             class: column(bytes(Plane::Class)),
             returns: column(bytes(Plane::Returns)),
-            source: column(bytes(Plane::Source)).or_else(|| Some(bytes(Plane::Station)?.iter().map(|&station| station as u16).collect())),
+            source: column(bytes(Plane::Source)).or_else(|| {
+                let stations = bytes(Plane::Station)?;
+                Some(match record.one_station() {
+                    Some(station) => vec![station as u16; record.count as usize],
+                    None => stations.iter().map(|&station| station as u16).collect(),
+                })
+            }),
             normal: column(bytes(Plane::Normal)),
             gps_time: column(bytes(Plane::GpsTime)),
             weight: column(bytes(Plane::Weight)),
@@ -279,6 +288,12 @@ struct Planes<'a> {
 }
 
 impl Planes<'_> {
+    /// Says so in the record, and takes nothing.
+    fn one_station(&mut self, station: u8) {
+        self.record.station = station;
+        self.record.planes |= 1 << Plane::Station as u16 | ONE_STATION;
+    }
+
     /// Appends a column, if it is there, and says so in the record.
     fn keep<T: bytemuck::NoUninit>(&mut self, plane: Plane, column: &Option<Vec<T>>) {
         let Some(column) = column else { return };

@@ -117,7 +117,7 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
                 bits: frame.bits as u8,
                 coarser: 0,
                 level: depth,
-                spare: 0,
+                station: 0,
             };
             let mut put = |plane: Plane, bytes: &[u8]| {
                 writer.put(end, bytes).unwrap();
