@@ -131,7 +131,7 @@ fn contents(index: &Index) -> Vec<Vec<u8>> {
     let planes = [Plane::Coarse, Plane::Facing, Plane::Brush, Plane::Corrected];
     let all = (0..index.nodes().len()).flat_map(|node| planes.map(|plane| (node, plane)));
     let bytes = |(node, plane): (usize, Plane)| {
-        let mut bytes = vec![0; index.nodes()[node].range(plane).1 as usize];
+        let mut bytes = vec![0; index.nodes()[node].unpacked(plane) as usize];
         index.read(node, plane, &mut bytes).unwrap();
         bytes
     };

@@ -55,7 +55,7 @@ pub enum Plane {
     Brush,
     /// Derived: colour whose luminance is the mean of the neighbourhood, as [`Plane::Rgb`].
     Corrected,
-    /// Number of the station of nodes whose numbers all are: half of what pictures with one exposure would read otherwise. Of a node that one station has seen the record says which, and it takes nothing.
+    /// Number of the station of nodes whose numbers all are: half of what pictures with one exposure would read otherwise. Of few stations two numbers share a byte, and of one the record says which it is.
     Station,
 }
 
@@ -132,12 +132,14 @@ pub struct NodeRecord {
     /// Inner nodes keep positions to 2^`coarser` lattice steps.
     pub coarser: u8,
     pub level: u8,
-    /// All of its points are of, where `planes` says so.
+    /// With [`ONE_STATION`] that station; else [`HALVES`] where two numbers share a byte.
     pub station: u8,
 }
 
 /// Of [`NodeRecord::planes`], beside the bit of [`Plane::Station`].
 pub const ONE_STATION: u16 = 1 << PLANES.len();
+/// Numbers of stations below 16, the first of two in the lower half.
+pub const HALVES: u8 = 2;
 
 /// Bytes of a record of the first version before its checksums, of these, and after them. Only there are fewer of them.
 const FIRST_VERSION: [usize; 3] = [64, 4 * 11, 20];
@@ -174,6 +176,15 @@ impl NodeRecord {
         (self.planes & ONE_STATION != 0).then_some(self.station)
     }
 
+    /// Numbers of the points' stations, from what [`Plane::Station`] has in the file.
+    pub fn stations(&self, stored: &[u8]) -> Vec<u8> {
+        match self.one_station() {
+            Some(station) => vec![station; self.count as usize],
+            None if self.station == HALVES => stored.iter().flat_map(|both| [both & 15, both >> 4]).take(self.count as usize).collect(),
+            None => stored.to_vec(),
+        }
+    }
+
     /// Bytes of a plane once it is read.
     pub fn unpacked(&self, plane: Plane) -> u64 {
         plane.bytes_per_point() * self.count as u64
@@ -181,7 +192,11 @@ impl NodeRecord {
 
     /// Where a plane lies in the file, and how many bytes it has there.
     pub fn range(&self, plane: Plane) -> (u64, u64) {
-        let stored = |plane| if plane == Plane::Station && self.one_station().is_some() { 0 } else { self.unpacked(plane) };
+        let stored = |plane| match plane {
+            Plane::Station if self.one_station().is_some() => 0,
+            Plane::Station if self.station == HALVES => self.unpacked(plane).div_ceil(2),
+            _ => self.unpacked(plane),
+        };
         let before = PLANES[..plane as usize].iter().filter(|(p, _)| self.has(*p));
         (self.at + before.map(|(p, _)| stored(*p)).sum::<u64>(), stored(plane))
     }
@@ -489,14 +504,24 @@ impl Index {
         let record = &self.directory.nodes[node];
         let (at, bytes) = record.range(plane);
         assert_eq!((into.len() as u64, record.has(plane)), (record.unpacked(plane), true), "node {node} has no such plane {plane:?}");
-        if let Some(station) = record.one_station().filter(|_| plane == Plane::Station) {
-            into.fill(station);
-            return Ok(());
+        if plane != Plane::Station {
+            return self.stored(node, plane, at, into);
         }
+        let mut stored = vec![0; bytes as usize];
+        self.stored(node, plane, at, &mut stored)?;
+        into.copy_from_slice(&record.stations(&stored));
+        Ok(())
+    }
+
+    /// As it is in the file, from this byte on.
+    fn stored(&self, node: usize, plane: Plane, at: u64, into: &mut [u8]) -> Result<()> {
         self.map.copy(at, into)?;
-        if crc32c::crc32c(into) != record.crc[plane as usize] {
-            let what = format!("is damaged: the checksum of node {node}'s {plane:?} plane (bytes {at} to {}) is wrong", at + bytes);
-            return Err(Error::format(self.path(), what));
+        if crc32c::crc32c(into) != self.directory.nodes[node].crc[plane as usize] {
+            let end = at + into.len() as u64;
+            return Err(Error::format(
+                self.path(),
+                format!("is damaged: the checksum of node {node}'s {plane:?} plane (bytes {at} to {end}) is wrong"),
+            ));
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! Points, or samples that stand for several, as columns on a tree's lattice, in Morton order; and the planes that a node keeps of them.
 
-use super::file::{NodeRecord, ONE_STATION, PLANES, Plane};
+use super::file::{HALVES, NodeRecord, ONE_STATION, PLANES, Plane};
 use super::morton;
 use crate::cloud::{Lattice, Wanted};
 use crate::config::BITS_PER_PLANE;
@@ -223,6 +223,11 @@ impl Samples {
         planes.keep(Plane::Corrected, &self.derived.corrected);
         match narrow.as_deref() {
             Some([station, rest @ ..]) if rest.iter().all(|other| other == station) => planes.one_station(*station),
+            Some(stations) if stations.iter().all(|&station| station < 16) => {
+                planes.record.station = HALVES;
+                let both = |pair: &[u8]| pair[0] | pair.get(1).map_or(0, |second| second << 4);
+                planes.keep(Plane::Station, &Some(stations.chunks(2).map(both).collect::<Vec<u8>>()));
+            }
             _ => planes.keep(Plane::Station, &narrow),
         }
         record
@@ -254,11 +259,8 @@ impl Samples {
             class: column(bytes(Plane::Class)),
             returns: column(bytes(Plane::Returns)),
             source: column(bytes(Plane::Source)).or_else(|| {
-                let stations = bytes(Plane::Station)?;
-                Some(match record.one_station() {
-                    Some(station) => vec![station as u16; record.count as usize],
-                    None => stations.iter().map(|&station| station as u16).collect(),
-                })
+                let stations = record.stations(bytes(Plane::Station)?);
+                Some(stations.into_iter().map(u16::from).collect())
             }),
             normal: column(bytes(Plane::Normal)),
             gps_time: column(bytes(Plane::GpsTime)),
