@@ -410,11 +410,7 @@ impl Memory {
                 self.device.destroy_image_view(image.view, None);
                 self.device.destroy_image(image.raw, None);
             }
-            for (_, (buffer, texels)) in block.buffers.drain() {
-                self.device.destroy_buffer_view(texels.words, None);
-                self.device.destroy_buffer_view(texels.fours, None);
-                self.device.destroy_buffer(buffer, None);
-            }
+            block.buffers.drain().for_each(|(_, (buffer, texels))| self.destroy_with_views(buffer, texels));
         }
     }
 
@@ -468,12 +464,21 @@ impl Memory {
 
     pub fn destroy_buffer(&mut self, buffer: RawBuffer) {
         // SAFETY: the caller owned the buffer and the GPU is done with it.
-        unsafe {
-            self.device.destroy_buffer_view(buffer.texels.words, None);
-            self.device.destroy_buffer_view(buffer.texels.fours, None);
-            self.device.destroy_buffer(buffer.raw, None);
-        }
+        unsafe { self.destroy_with_views(buffer.raw, buffer.texels) };
         self.free(buffer.allocation);
+    }
+
+    /// Destroys a buffer, and its views before it.
+    ///
+    /// # Safety
+    /// The GPU is done with them, and nobody else has them.
+    unsafe fn destroy_with_views(&self, buffer: vk::Buffer, texels: Texels) {
+        // SAFETY: the caller's.
+        unsafe {
+            self.device.destroy_buffer_view(texels.words, None);
+            self.device.destroy_buffer_view(texels.fours, None);
+            self.device.destroy_buffer(buffer, None);
+        }
     }
 
     fn allocate(&mut self, name: &str, requirements: vk::MemoryRequirements, location: MemoryLocation, linear: bool) -> Result<Allocation> {

@@ -71,7 +71,7 @@ impl Builder<'_> {
             })
         };
         let stated = union(&mut group.members.iter().filter_map(|&(number, shift)| Some((self.sources[number].stated_bounds()?, shift))));
-        let has = group.members.iter().fold(Wanted::default(), |has, &(number, _)| either(has, self.sources[number].available()));
+        let has = group.members.iter().fold(Wanted::default(), |has, &(number, _)| has.and(self.sources[number].available()));
         // Several stations need a number a point, even where no file names them.
         let has = Wanted { source: has.source || group.members.len() > 1 || self.sources.len() > 1, ..has };
         let parts: Vec<u16> = group.members.iter().map(|&(number, _)| number as u16).collect();
@@ -141,7 +141,7 @@ impl Builder<'_> {
                     (false, false) => Colors::Black,
                     (false, true) => Colors::Bytes,
                 };
-                found = either(found, streamed.available);
+                found = found.and(streamed.available);
                 notes.extend(streamed.notes.clone());
                 own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
                 worlds.extend(streamed.bounds.map(|bounds| self.sources[number].lattice().world_box(bounds)));
@@ -312,16 +312,4 @@ fn largest(starts: &[u64], cells: std::ops::Range<usize>, limit: u64, ranges: &m
     let middle = cells.start + cells.len() / 2;
     largest(starts, cells.start..middle, limit, ranges);
     largest(starts, middle..cells.end, limit, ranges);
-}
-
-fn either(a: Wanted, b: Wanted) -> Wanted {
-    Wanted {
-        rgb: a.rgb || b.rgb,
-        intensity: a.intensity || b.intensity,
-        class: a.class || b.class,
-        returns: a.returns || b.returns,
-        source: a.source || b.source,
-        normal: a.normal || b.normal,
-        gps_time: a.gps_time || b.gps_time,
-    }
 }
