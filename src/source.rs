@@ -2,6 +2,7 @@
 
 use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::core::without_strays;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
 use crate::cut::Detail;
@@ -276,10 +277,8 @@ pub fn shown(index: &Index, attribute: Attribute) -> Shown {
     shown
 }
 
-/// As [`Cloud::core_points`], of the roots' samples, each as often as the points that it stands for.
+/// As [`Cloud::core_points`], of the roots' samples.
 fn core_samples(index: &Index) -> Vec<DVec3> {
-    /// Share of the points that may lie beyond each side.
-    const BEYOND: f64 = 0.002;
     let mut samples = Vec::new();
     for root in 0..index.directory.roots as usize {
         // A root that cannot be read is said when it is drawn; until then its box will do.
@@ -288,23 +287,7 @@ fn core_samples(index: &Index) -> Vec<DVec3> {
             vec![(lo, 1), (hi, 1)]
         }));
     }
-    let beyond = BEYOND * samples.iter().map(|&(_, weight)| weight as f64).sum::<f64>();
-    let [mut low, mut high] = [DVec3::NEG_INFINITY, DVec3::INFINITY];
-    for axis in 0..3 {
-        samples.sort_unstable_by(|(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
-        low[axis] = within(samples.iter(), axis, beyond).unwrap_or(low[axis]);
-        high[axis] = within(samples.iter().rev(), axis, beyond).unwrap_or(high[axis]);
-    }
-    samples.into_iter().map(|(p, _)| p).filter(|p| p.cmpge(low).all() && p.cmple(high).all()).collect()
-}
-
-/// The first coordinate that has more than `beyond` points up to it.
-fn within<'s>(samples: impl Iterator<Item = &'s (DVec3, u32)>, axis: usize, beyond: f64) -> Option<f64> {
-    let mut sums = samples.scan(0.0, |sum, (p, weight)| {
-        *sum += *weight as f64;
-        Some((*sum, p[axis]))
-    });
-    sums.find(|(sum, _)| *sum > beyond).map(|(_, at)| at)
+    without_strays(samples)
 }
 
 /// A source on the device.

@@ -402,15 +402,21 @@ mod painted {
 
     fn coverage(view: &View, painted: &Painted, hits: impl Fn(DVec3, DVec3) -> bool + Sync) -> Coverage {
         let [width, height] = view.size.map(i64::from);
-        let hit = |k: i64| {
-            let (origin, direction) = view.ray((k % width) as f64 + 0.5, (k / width) as f64 + 0.5);
+        let hit = |x: f64, y: f64| {
+            let (origin, direction) = view.ray(x, y);
             hits(origin, direction)
         };
-        let inside: Vec<bool> = (0..width * height).map(hit).collect();
+        let middle = |k: i64| [(k % width) as f64 + 0.5, (k / width) as f64 + 0.5];
+        let inside: Vec<bool> = (0..width * height).map(middle).map(|[x, y]| hit(x, y)).collect();
+        // Of pixels nearby the middles, and where those miss, as they do the tip of a claw, all around in quarters of a pixel.
         let near = |k: i64| {
-            let around = (-3..=3i64).flat_map(|dy| (-3..=3i64).map(move |dx| [dx, dy])).filter(|[dx, dy]| dx * dx + dy * dy <= 9);
-            let mut around = around.map(|[dx, dy]| [k % width + dx, k / width + dy]);
-            around.any(|[x, y]| (0..width).contains(&x) && (0..height).contains(&y) && inside[(y * width + x) as usize])
+            let around = |steps: i64| (-3 * steps..=3 * steps).flat_map(move |dy| (-3 * steps..=3 * steps).map(move |dx| [dx, dy]));
+            let within = |[dx, dy]: &[i64; 2], steps: i64| dx * dx + dy * dy <= 9 * steps * steps;
+            let pixel = |[dx, dy]: [i64; 2]| [k % width + dx, k / width + dy];
+            let is_inside = |[x, y]: [i64; 2]| (0..width).contains(&x) && (0..height).contains(&y) && inside[(y * width + x) as usize];
+            let [x, y] = middle(k);
+            around(1).filter(|at| within(at, 1)).map(pixel).any(is_inside)
+                || around(4).filter(|at| within(at, 4)).any(|[dx, dy]| hit(x + 0.25 * dx as f64, y + 0.25 * dy as f64))
         };
         let covered = |k: i64| painted.picture[k as usize][3] >= 0.5;
         Coverage {

@@ -1,4 +1,4 @@
-//! The points that a camera should frame: almost all, since one stray return would push the rest into a corner.
+//! The points that a camera should frame: all but strays, since one return from a bird would push the rest into a corner.
 
 use super::Cloud;
 use glam::DVec3;
@@ -6,35 +6,56 @@ use rayon::prelude::*;
 
 /// About as many points are looked at. Which ones their coordinates decide, not their place in the file, so that the camera does not depend on the order.
 const SAMPLES: u64 = 100_000;
-/// Share of the points that may lie beyond each side.
+/// Share of the points that may lie beyond each side of a box that is certainly no stray's doing.
 const BEYOND: f64 = 0.002;
+/// What lies beyond the box and is no stray: steps from point to point, and all of them together, as parts of the box's longest side.
+const STEP: f64 = 1.0 / 50.0;
+const WAY: f64 = 0.25;
 
 impl Cloud {
-    /// A sample of the points, without those beyond the 0.2nd and 99.8th percentile of an axis; all of a small cloud. World.
+    /// A sample of the points, without strays; all points of a small cloud. World.
     pub fn core_points(&self) -> Vec<DVec3> {
         let every = self.len() / SAMPLES + 1;
         let mut points = Vec::new();
         for part in &self.parts {
             let columns = &part.columns;
-            let at = |i: usize| part.lattice.world([columns.x[i] as i64, columns.y[i] as i64, columns.z[i] as i64]);
+            let at = |i: usize| (part.lattice.world([columns.x[i] as i64, columns.y[i] as i64, columns.z[i] as i64]), 1);
             let chosen = |&i: &usize| scatter([columns.x[i], columns.y[i], columns.z[i]]).is_multiple_of(every);
             points.par_extend((0..columns.len()).into_par_iter().filter(chosen).map(at));
         }
-        let beyond = (points.len() as f64 * BEYOND) as usize;
-        if beyond > 0 {
-            let last = points.len() - 1;
-            let mut values: Vec<f64> = Vec::new();
-            let [mut low, mut high] = [DVec3::ZERO; 2];
-            for axis in 0..3 {
-                values.clear();
-                values.extend(points.iter().map(|p| p[axis]));
-                low[axis] = *values.select_nth_unstable_by(beyond, f64::total_cmp).1;
-                high[axis] = *values.select_nth_unstable_by(last - beyond, f64::total_cmp).1;
-            }
-            points.retain(|p| p.cmpge(low).all() && p.cmple(high).all());
-        }
-        points
+        without_strays(points)
     }
+}
+
+/// Samples, each as often as the points that it stands for, without strays. All that lies between the 0.2nd and the 99.8th percentile of every axis is kept, and what hangs together with that: a spire or an outstretched
+/// arm may hold fewer points than strays do, but no gap parts it from the rest.
+pub fn without_strays(mut samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
+    let beyond = BEYOND * samples.iter().map(|&(_, weight)| weight as f64).sum::<f64>();
+    let [mut low, mut high] = [DVec3::NEG_INFINITY, DVec3::INFINITY];
+    for axis in 0..3 {
+        samples.par_sort_unstable_by(|(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
+        low[axis] = within(samples.iter(), axis, beyond).unwrap_or(low[axis]);
+        high[axis] = within(samples.iter().rev(), axis, beyond).unwrap_or(high[axis]);
+    }
+    let size = (high - low).max_element();
+    let from_box = |p: DVec3| (p - p.clamp(low, high)).abs().max_element();
+    let (mut core, mut outside): (Vec<DVec3>, Vec<DVec3>) = samples.into_iter().map(|(p, _)| p).partition(|&p| from_box(p) == 0.0);
+    outside.retain(|&p| from_box(p) <= WAY * size);
+    let mut reached: Vec<DVec3> = outside.extract_if(.., |p| from_box(*p) <= STEP * size).collect();
+    while let Some(at) = reached.pop() {
+        core.push(at);
+        reached.extend(outside.extract_if(.., |p| p.distance(at) <= STEP * size));
+    }
+    core
+}
+
+/// The first coordinate that has more than `beyond` points up to it.
+fn within<'s>(samples: impl Iterator<Item = &'s (DVec3, u32)>, axis: usize, beyond: f64) -> Option<f64> {
+    let mut sums = samples.scan(0.0, |sum, (p, weight)| {
+        *sum += *weight as f64;
+        Some((*sum, p[axis]))
+    });
+    sums.find(|(sum, _)| *sum > beyond).map(|(_, at)| at)
 }
 
 /// A number that looks random and depends on a point's lattice coordinates alone (the finaliser of SplitMix64, Steele et al. 2014).
@@ -43,4 +64,49 @@ fn scatter(q: [i32; 3]) -> u64 {
     h = (h ^ h >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     h = (h ^ h >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
     h ^ h >> 31
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall of 200 x 200 points over 10 x 10 m.
+    fn wall() -> Vec<(DVec3, u32)> {
+        (0..40_000).map(|i| (DVec3::new((i % 200) as f64 * 0.05, 0.0, (i / 200) as f64 * 0.05), 1)).collect()
+    }
+
+    fn top(points: &[DVec3]) -> f64 {
+        points.iter().map(|p| p.z).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    #[test]
+    fn a_spire_of_few_points_is_kept_and_strays_are_not() {
+        let spire = (0..20).map(|i| (DVec3::new(5.0, 0.0, 10.0 + 0.1 * i as f64), 1));
+        let strays = (1..20).map(|i| (DVec3::new(5.0, 0.0, 12.5 * i as f64), 1));
+        let points = without_strays(wall().into_iter().chain(spire).chain(strays).collect());
+        assert_eq!(top(&points), 11.9);
+        assert_eq!(points.len(), 40_020);
+    }
+
+    #[test]
+    fn what_leads_on_and_on_is_followed_for_a_quarter_of_the_size() {
+        let road = (0..60).map(|i| (DVec3::new(5.0, 0.0, 10.0 + 0.1 * i as f64), 1));
+        let reached = top(&without_strays(wall().into_iter().chain(road).collect()));
+        assert!((12.3..=12.5).contains(&reached), "{reached}");
+    }
+
+    #[test]
+    fn a_sample_counts_as_often_as_it_stands_for_points() {
+        let far = DVec3::new(0.0, 0.0, 100.0);
+        let with = |weight| without_strays(wall().into_iter().chain([(far, weight)]).collect());
+        assert!(top(&with(1)) < 10.0);
+        assert_eq!(top(&with(100)), 100.0);
+    }
+
+    #[test]
+    fn few_points_are_all_kept() {
+        assert_eq!(without_strays(vec![]), []);
+        let points = [DVec3::ZERO, DVec3::splat(1e6)];
+        assert_eq!(without_strays(points.map(|p| (p, 1)).to_vec()), points);
+    }
 }

@@ -9,7 +9,7 @@
 pub mod attribute;
 mod axis;
 pub mod color;
-mod core;
+pub mod core;
 pub mod e57;
 pub mod find;
 mod floats;

@@ -80,7 +80,7 @@ pub fn table(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Tabl
             let exposure: Vec<Option<f64>> = (0..values.len())
                 .map(|i| (depth[i].is_finite() && truth[i] >= 8.0).then(|| (values[i].max(1.0) / truth[i]).log2()))
                 .collect();
-            let numbers = judged(&exposure, plan.size[0] as usize).map(|number| format!("{number:.3}"));
+            let numbers = judged(&exposure, plan.size[0] as usize).map(|number| format!("{number:.4}"));
             rows.push([region, way].map(String::from).into_iter().chain(numbers).collect());
         }
     }
