@@ -372,5 +372,6 @@ fn significant(step: f64) -> String {
 }
 
 fn triple(v: DVec3) -> String {
-    v.to_array().map(|v| ((v * 1e9).round() / 1e9).to_string()).join(" ")
+    // No zero is below zero.
+    v.to_array().map(|v| ((v * 1e9).round() / 1e9 + 0.0).to_string()).join(" ")
 }
