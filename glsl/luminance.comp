@@ -31,6 +31,8 @@ layout(scalar) readonly buffer Kinds { uvec2 page[]; } kinds;
 layout(scalar) readonly buffer Opacities { float factor[]; } opacities;
 layout(r32f) readonly uniform image2D front;
 layout(r32ui) readonly uniform uimage2D index;
+// Of every tile of the whole picture, row by row, whether it shows several stations.
+layout(r32ui) readonly uniform uimageBuffer several;
 layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const uint CHANNELS = 1u;
@@ -40,8 +42,10 @@ layout(constant_id = 3) const bool TEXELS = true;
 // As in resolve.comp.
 layout(constant_id = 4) const bool TRANSPARENT = false;
 layout(constant_id = 5) const bool BY_KIND = false;
-// Points show a number on a grey ramp.
-layout(constant_id = 6) const bool RAMP = false;
+// Not all tiles show several stations.
+layout(constant_id = 6) const bool PARTLY = false;
+// As in resolve.comp.
+layout(constant_id = 7) const uint MODE = 0u;
 
 layout(push_constant, scalar) uniform Push {
     uint width;    // pixels
@@ -50,12 +54,18 @@ layout(push_constant, scalar) uniform Push {
     float epsilon;
     float lo;      // attribute words at the ends of the ramp
     float scale;   // 255 / (hi - lo)
+    ivec2 corner;  // of the picture in the whole, pixels
+    uint tiles_across;
 } push;
 
 const uint NO_POINT = 0xFFFFFFFFu;
 
 #include "shown.glsl"
 #include "luminance.glsl"
+#include "paint.glsl"
+
+// As in overlap.rs.
+const uint OVERLAP_PX = 64u;
 
 uvec2 sum_at(uint i) {
     return TEXELS ? uvec2(imageLoad(sums, int(2u * i)).r, imageLoad(sums, int(2u * i + 1u)).r) : sum_words.sum[i];
@@ -99,6 +109,15 @@ void main() {
         imageStore(color, pixel, vec4(0.0));
         return;
     }
+    uint word = shown_word(id);
+    float opacity = own_opacity(id);
+    if (PARTLY) {
+        uvec2 tile = uvec2(pixel + push.corner) / OVERLAP_PX;
+        if (imageLoad(several, int(tile.y * push.tiles_across + tile.x)).r == 0u) {
+            imageStore(color, pixel, painted(word, push.lo, push.scale) * vec4(opacity));
+            return;
+        }
+    }
     float z = imageLoad(front, pixel).r;
     Total total[3] = Total[3](Total(uvec2(0u), uvec2(0u)), Total(uvec2(0u), uvec2(0u)), Total(uvec2(0u), uvec2(0u)));
     [[unroll]] for (int dy = -int(AROUND); dy <= int(AROUND); ++dy) {
@@ -113,11 +132,10 @@ void main() {
             for (uint c = 0u; c < CHANNELS; ++c) add(total[c], sum_at(first + c), weight);
         }
     }
-    ivec3 values = ivec3(levels_of(shown_word(id), RAMP, push.lo, push.scale));
+    ivec3 values = ivec3(levels_of(word, MODE == RAMP, push.lo, push.scale));
     int value = max(max(values.r, values.g), values.b);
     float ratio = mean(total[0]) / float(max(value, 1));
     vec3 corrected = value == 0 ? vec3(mean(total[0])) : min(vec3(values) * vec3(ratio), vec3(255.0));
     if (CHANNELS == 3u) corrected = vec3(mean(total[0]), mean(total[1]), mean(total[2]));
-    float opacity = own_opacity(id);
     imageStore(color, pixel, vec4(vec3(linear(corrected.r, 0), linear(corrected.g, 1), linear(corrected.b, 2)) * vec3(opacity), opacity));
 }

@@ -26,7 +26,8 @@ pub struct Outcome {
 
 pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
     let bands = project::bands(view.size, g.binding_limit());
-    let drawn = project::draw(g, view, resident, look.precision)?.one_sided(look.drops_back_faces(resident));
+    let drawn = project::draw_again(g, view, resident, look.precision, |node| look.overlap.touches(view, node))?;
+    let drawn = drawn.one_sided(look.drops_back_faces(resident));
     let paint = resolve::paint(g, resident, &look.decided)?;
     let scene = look.scene(view, resident);
     let points = Points { scene: &scene, look, resident, bands: &bands, drawn: &drawn, paint: &paint };

@@ -4,8 +4,9 @@ use crate::light::Light;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{Decided, Effects, Scene, Switch, resolve, strokes};
-use crate::resident::Resident;
+use crate::resident::{Overlap, Resident};
 use crate::view::View;
+use std::sync::Arc;
 
 /// How points become a picture: which effects may run when nothing is said of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -101,12 +102,14 @@ pub struct Look {
     /// As [`Scene`] has them, of the whole picture: parts of it go by the same.
     pub spacing_m: f64,
     pub pixel_m: f64,
+    /// Where luminance is corrected.
+    pub overlap: Arc<Overlap>,
 }
 
 impl Look {
     /// What effects work on in a picture, or in a part of it.
     pub fn scene<'v>(&self, view: &'v View, resident: &'v Resident) -> Scene<'v> {
-        Scene { spacing_m: self.spacing_m, pixel_m: self.pixel_m, ..Scene::of(view, resident, self.light) }
+        Scene { spacing_m: self.spacing_m, pixel_m: self.pixel_m, overlap: self.overlap.clone(), ..Scene::of(view, resident, self.light) }
     }
 
     /// As [`Effects::reach_px`]: every layer depends on those before it.
@@ -146,11 +149,15 @@ impl Look {
 
 pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
     let scene = Scene::of(view, resident, wishes.light);
+    let decided = wishes.effects.decide(&scene);
+    // Who asks for means gets them everywhere.
+    let partly = decided.runs("luminance") && wishes.effects.luminance.switch == Switch::Auto;
     Look {
         effects: wishes.effects.clone(),
-        decided: wishes.effects.decide(&scene),
+        decided,
         spacing_m: scene.spacing_m,
         pixel_m: scene.pixel_m,
+        overlap: if partly { scene.overlap } else { Arc::new(Overlap::everywhere(view.whole)) },
         light: wishes.light,
         background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
         precision: wishes.precision,
@@ -178,6 +185,7 @@ mod tests {
             strokes_at_once: None,
             spacing_m: 0.0,
             pixel_m: 0.0,
+            overlap: Arc::new(Overlap::everywhere([1, 1])),
         };
         assert_eq!(look(&["phong"]).hurried().effects, look(&["phong"]).effects);
         let all = look(&["strokes", "shadows"]);

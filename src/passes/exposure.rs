@@ -50,6 +50,11 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
     Reason { runs, why }
 }
 
+/// Whether stations are shown with one exposure: their own, or that which this has given them.
+pub fn is_one(scene: &Scene, decided: &Decided) -> bool {
+    decided.runs("exposure") || scene.balance.is_some_and(|balance| stops(balance) < SEEN)
+}
+
 fn stops(balance: &Balance) -> f64 {
     let (least, most) = balance.gains.iter().fold((f64::INFINITY, 0.0f64), |(least, most), &gain| (least.min(gain), most.max(gain)));
     (most / least).log2()

@@ -5,9 +5,11 @@
 //!     luminance_sum   points, front depth -> sums     a second walk, over those chunks: points at most epsilon behind the front count, value and number
 //!     luminance       sums, color -> color            hue and saturation of the front point, the mean of all values
 //! ```
+//! Where one station alone has seen what is there (`resident::overlap`), there is nothing to correct: points that lie there only are not walked again, and pixels keep their own colours.
 //! Sums are whole numbers, so that neither the order of points nor that of threads shows. The walk finds depths by the very function that the first one found them by, so that the front point is always
 //! in its own sum (HARD_CASES 25). Colours come as the values that front points have, and are made linear here. It runs before hidden points are taken out and holes are filled, so that filling fills with corrected colours.
 
+use super::exposure;
 use super::project::{self, Band, Drawn, Group, Shallow, Walk};
 use super::resolve::Paint;
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
@@ -78,13 +80,17 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
         _ if !scene.shown.has_luminance() => (false, "what points show has no luminance: neither their colours nor an intensity".to_string()),
         _ if scene.shown == Attribute::Corrected => (false, "the colours that are shown are corrected already".to_string()),
         _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
+        _ if scene.overlap.count() == 0 => (false, format!("{stations} stations, of which no part of the picture shows more than one")),
         _ if scene.density < ENOUGH => {
             (false, format!("{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"))
         }
-        _ if before.runs("exposure") && scene.balance.is_some_and(|balance| balance.uneven <= FEW) => {
-            (false, "with one exposure stations hardly differ any more; --effect luminance=on".to_string())
+        _ if exposure::is_one(scene, before) && scene.balance.is_some_and(|balance| balance.uneven <= FEW) => {
+            (false, "with one exposure stations hardly differ; --effect luminance=on".to_string())
         }
-        _ => (true, format!("{stations} stations, and half of the points in view lie at {density} a pixel or more, where {ENOUGH} tell what they have in common")),
+        _ => {
+            let shared = super::significant(100.0 * scene.overlap.count() as f64 / scene.overlap.seen as f64);
+            (true, format!("{stations} stations, several in {shared} % of what the picture shows; half of the points in view lie at {density} a pixel or more, where {ENOUGH} tell what they have in common"))
+        }
     };
     Reason { runs, why }
 }
@@ -99,10 +105,11 @@ pub struct Sums {
     bands: Vec<Summed>,
     /// The trunk's.
     paint: Paint,
-    ramp: bool,
     channels: u32,
     /// Metres.
     pub epsilon: f32,
+    /// Of every tile, whether it is corrected; all are where there is none.
+    several: Option<Buffer>,
 }
 
 /// Of the rows of one band.
@@ -139,7 +146,9 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, sh
     }
     let ramp = scene.shown == Attribute::Intensity;
     let channels = if settings.space == Space::Rgb && !ramp { 3 } else { 1 };
-    let mut sums = Sums { bands: Vec::new(), paint: paint.again(), ramp, channels, epsilon: shallow.epsilon };
+    let words: Vec<u32> = scene.overlap.several.iter().map(|&several| several as u32).collect();
+    let several = (!scene.overlap.is_everywhere()).then(|| g.upload("several", &words)).transpose()?;
+    let mut sums = Sums { bands: Vec::new(), paint: paint.again(), channels, epsilon: shallow.epsilon, several };
     let again = Again { scene, drawn, shallow, paint, front, channels };
     let [width, height] = scene.view.size;
     // Two rows are left for the neighbours of a band.
@@ -171,8 +180,8 @@ fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
     let (ramp, levels, [lo, scale]) = (scene.shown == Attribute::Intensity, paint.levels.as_ref().unwrap_or(&paint.table), paint.ramp);
     let Shallow { chunks: shallow, epsilon } = shallow;
     let top = band.top;
-    for group in &drawn.groups {
-        let &Group { block, planes, filtered, first_chunk, chunk_count } = group;
+    for group in drawn.groups.iter().filter(|group| group.again) {
+        let &Group { block, planes, filtered, first_chunk, chunk_count, .. } = group;
         let (nodes, chunks, opacities, within) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), drawn.within());
         let (pages, tiles) = (&drawn.pages[block], group.tiles());
         if g.gpu.device.int64_atomics {
@@ -189,14 +198,15 @@ fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let Layers { mut color, sums, .. } = layers;
-    if let Some(Sums { bands, paint, ramp, channels, epsilon }) = &sums {
-        let width = scene.view.size[0];
+    if let Some(Sums { bands, paint, channels, epsilon, several }) = &sums {
+        let (width, corner) = (scene.view.size[0], scene.view.corner);
         let around = (settings.neighbourhood >= 2.0) as u32;
         let (transparent, by_kind, texels) = (paint.opacities.is_some(), paint.kinds.is_some(), g.gpu.device.texels);
-        let spec = kernel::Spec { channels: *channels, around, texels, transparent, by_kind, ramp: *ramp };
+        let (partly, mode) = (several.is_some(), paint.mode);
+        let spec = kernel::Spec { channels: *channels, around, texels, transparent, by_kind, partly, mode };
         for Summed { rows, band, sums } in bands {
             let [lo, scale] = paint.ramp;
-            let push = kernel::Push { width, rows: *rows, summed: [band.top, band.top + band.size[1]], epsilon: *epsilon, lo, scale };
+            let push = kernel::Push { width, rows: *rows, summed: [band.top, band.top + band.size[1]], epsilon: *epsilon, lo, scale, corner, tiles_across: scene.overlap.size[0] };
             g.run(
                 shader::Luminance {
                     sums,
@@ -208,6 +218,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
                     opacities: paint.opacities(),
                     front: &layers.raw,
                     index: &layers.index,
+                    several: several.as_ref().unwrap_or(&paint.table),
                     color: &mut color,
                     push,
                     spec,

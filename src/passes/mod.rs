@@ -12,8 +12,9 @@ use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
 use crate::index::exposure::Balance;
 use crate::light::Light;
-use crate::resident::Resident;
+use crate::resident::{Overlap, Resident};
 use crate::view::View;
+use std::sync::Arc;
 
 /// What the screen-space passes hand on.
 pub struct Layers {
@@ -98,6 +99,8 @@ pub struct Scene<'s> {
     pub lit: bool,
     /// What gives all stations one exposure, where that is known.
     pub balance: Option<&'s Balance>,
+    /// Where in the picture several stations have seen something.
+    pub overlap: Arc<Overlap>,
 }
 
 impl<'s> Scene<'s> {
@@ -115,6 +118,7 @@ impl<'s> Scene<'s> {
             normals: resident.shown.normal().is_some(),
             lit: resident.light.as_ref().is_some_and(|saved| saved.light == light.to_string()),
             balance: resident.balance.as_ref(),
+            overlap: Arc::new(resident.overlap(view)),
         }
     }
 

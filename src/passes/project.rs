@@ -33,11 +33,13 @@ const BY_OPACITY: u32 = 1;
 const ONE_SIDED: u32 = 2;
 const CLIPPED: u32 = 4;
 
-/// Chunks that one dispatch walks: of nodes in the same block, drawn from the same number of planes, of which points are left out for the same reasons.
+/// Chunks that one dispatch walks: of nodes in the same block, drawn from the same number of planes, of which points are left out for the same reasons, and that all are walked again, or none.
 pub(super) struct Group {
     pub block: usize,
     pub planes: u32,
     pub filtered: u32,
+    /// Whether another walk, over what lies at the front, takes them too.
+    pub again: bool,
     pub first_chunk: u32,
     pub chunk_count: u32,
 }
@@ -115,15 +117,37 @@ pub fn bands(size: [u32; 2], limit: u64) -> Vec<Band> {
 
 /// Chooses nodes and planes for a view and brings the list to the GPU.
 pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precision) -> Result<Drawn> {
-    draw_some(g, view, resident, &resident.nodes.iter().collect::<Vec<_>>(), precision)
+    draw_again(g, view, resident, precision, |_| true)
+}
+
+/// The same, where another walk over what lies at the front ([`Shallow`]) is to take these nodes alone.
+pub fn draw_again(
+    g: &mut Graph,
+    view: &View,
+    resident: &Resident,
+    precision: Precision,
+    again: impl Fn(&ResidentNode) -> bool,
+) -> Result<Drawn> {
+    list(g, view, resident, &resident.nodes.iter().collect::<Vec<_>>(), precision, again)
 }
 
 /// The same of some of the nodes.
 pub fn draw_some(g: &mut Graph, view: &View, resident: &Resident, nodes: &[&ResidentNode], precision: Precision) -> Result<Drawn> {
+    list(g, view, resident, nodes, precision, |_| true)
+}
+
+fn list(
+    g: &mut Graph,
+    view: &View,
+    resident: &Resident,
+    nodes: &[&ResidentNode],
+    precision: Precision,
+    again: impl Fn(&ResidentNode) -> bool,
+) -> Result<Drawn> {
     let mut statistics = Statistics::default();
     let mut records = Vec::new();
     let mut within: Vec<Within> = Vec::new();
-    let mut chunks: BTreeMap<(usize, u32, u32), Vec<u32>> = BTreeMap::new();
+    let mut chunks: BTreeMap<(usize, u32, u32, bool), Vec<u32>> = BTreeMap::new();
     let mut seen: Vec<_> = resident.seen_of(nodes.iter().copied(), view).map(|((nearest, _), node)| (nearest, node)).collect();
     statistics.nodes_clipped = nodes.iter().filter(|node| resident.clips.left(node.bounds()) == Left::Nothing).count();
     statistics.nodes_outside = nodes.len() - statistics.nodes_clipped - seen.len();
@@ -149,14 +173,14 @@ pub fn draw_some(g: &mut Graph, view: &View, resident: &Resident, nodes: &[&Resi
         }
         records.push(record);
         let filtered = if opacities { BY_OPACITY } else { 0 } | if is_clipped { CLIPPED } else { 0 };
-        let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes, filtered);
+        let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes, filtered, again(node));
         chunks.entry(group).or_default().extend((0..node.count.div_ceil(POINTS_PER_CHUNK)).map(|chunk| number * CHUNKS_PER_PAGE + chunk));
     }
     let mut groups = Vec::new();
     let mut first_chunk = 0;
-    for (&(block, planes, filtered), chunks) in &chunks {
+    for (&(block, planes, filtered, again), chunks) in &chunks {
         let chunk_count = chunks.len() as u32;
-        groups.push(Group { block, planes, filtered, first_chunk, chunk_count });
+        groups.push(Group { block, planes, filtered, again, first_chunk, chunk_count });
         first_chunk += chunk_count;
     }
     let opacities = opacities.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
@@ -252,13 +276,13 @@ pub fn add(
     let int64 = g.gpu.device.int64_atomics;
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
     for (&step, group) in steps.iter().flat_map(|step| drawn.groups.iter().map(move |group| (step, group))) {
-        let (tiles, &Group { block, planes, filtered, first_chunk, chunk_count }) = (group.tiles(), group);
+        let (tiles, &Group { block, planes, filtered, again, first_chunk, chunk_count }) = (group.tiles(), group);
         let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
         // Both kernels bind the same and are told the same.
         macro_rules! run {
             ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
                 let push = $module::Push { centre, corner, size, near, first_chunk, chunk_count, layer, epsilon };
-                let spec = $module::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind, shallow: is_shallow $(, $step)? };
+                let spec = $module::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind, shallow: is_shallow && again $(, $step)? };
                 let (page_words, behind, behind_words, keys, alive, shallow) = (pages, depths, depths, &mut *keys, &mut *alive, &mut *shallow);
                 g.run(
                     $($kernel)::+ { nodes, chunks, opacities, within, pages, page_words, front, behind, behind_words, alive, shallow, keys, push, spec },

@@ -603,7 +603,7 @@ impl Painting<'_> {
         let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = project::Walk::new(g, &self.wide, wide);
         let slices_of_chunk = if g.gpu.device.is_cpu { SLICES } else { 1 };
         for group in &desk.drawn.groups {
-            let project::Group { block, planes, filtered, first_chunk, chunk_count } = *group;
+            let project::Group { block, planes, filtered, first_chunk, chunk_count, .. } = *group;
             let push = stroke_bins::Push { centre, corner, size, near, first_chunk, chunk_count };
             let Desk { drawn, homes, canvas, turns, paint, .. } = desk;
             let (mode, transparent, by_kind) = (paint.mode, paint.opacities.is_some(), paint.kinds.is_some());

@@ -82,6 +82,7 @@ impl Resident {
                 first_page,
                 planes,
                 spacing: 0.0,
+                station: None,
             });
         }
         let runs = self.nodes.iter_mut().zip(nodes).map(|(held, &node)| (held.first_page, held.planes, (held, node))).collect();

@@ -8,11 +8,13 @@
 //! which node, nor on which pages were free when a node arrived.
 
 mod leaves;
+pub mod overlap;
 pub mod pool;
 pub mod residency;
 mod ring;
 pub mod section;
 
+pub use overlap::Overlap;
 pub use residency::Residency;
 
 use crate::clip::{Clips, Left};
@@ -46,6 +48,8 @@ pub struct ResidentNode {
     pub planes: u32,
     /// How far apart its points are, metres.
     pub spacing: f64,
+    /// The one that all of its points are of, where there is one and somebody knows.
+    pub station: Option<u32>,
 }
 
 impl ResidentNode {
@@ -192,16 +196,26 @@ impl Resident {
         let first_station = self.stations.partition_point(|station| station.part < number);
         let stations = &self.stations[first_station..self.stations.partition_point(|station| station.part <= number)];
         let strokes = if shown.further.strokes { index::strokes::strokes(&part.columns, &part.lattice, progress)? } else { Vec::new() };
-        let frames: Vec<Frame> =
-            organised.nodes.par_iter().map(|node| pack::frame(&part.columns, &organised.order[node.points.clone()])).collect();
+        let one_station = |order: &[u32]| match (stations, &part.columns.source) {
+            ([_], _) => Some(first_station as u32),
+            (_, Some(column)) => {
+                let source = column[order[0] as usize];
+                let number = stations.partition_point(|station| station.source < Some(source));
+                order.iter().all(|&i| column[i as usize] == source).then_some((first_station + number) as u32)
+            }
+            (_, None) => None,
+        };
+        let of_node = |order: &[u32]| (pack::frame(&part.columns, order), one_station(order));
+        let framed: Vec<_> = organised.nodes.par_iter().map(|node| of_node(&organised.order[node.points.clone()])).collect();
         let first = self.nodes.len();
         if (first + organised.nodes.len()) as u64 > MOST_NODES {
             return Err(Error::Request(format!("{total} points are more than the 4,294,901,760 that can be resident at once")));
         }
-        for (node, &frame) in organised.nodes.iter().zip(&frames) {
+        for (node, &(frame, station)) in organised.nodes.iter().zip(&framed) {
             let first_page = self.pool.take(gpu, frame.planes + shown.words())?.expect("a pool without a budget is never full");
             let (count, number) = (node.points.len() as u32, self.nodes.len() as u32);
-            self.nodes.push(ResidentNode { lattice: part.lattice, frame, count, number, first_page, planes: frame.planes, spacing: 0.0 });
+            let (lattice, planes) = (part.lattice, frame.planes);
+            self.nodes.push(ResidentNode { lattice, frame, count, number, first_page, planes, spacing: 0.0, station });
         }
 
         let runs = self.nodes[first..]

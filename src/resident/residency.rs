@@ -538,7 +538,8 @@ impl Residency {
             let record = &self.index.nodes()[node];
             let (lattice, frame) = (self.index.lattice(record), self.frame(node));
             let spacing = in_metres(self.entries[&node].spacing, &lattice, &frame);
-            ResidentNode { lattice, frame, count: record.count, number: number as u32, first_page, planes, spacing }
+            let station = record.one_station().map(u32::from);
+            ResidentNode { lattice, frame, count: record.count, number: number as u32, first_page, planes, spacing, station }
         });
         self.resident.nodes = nodes.collect();
         holes

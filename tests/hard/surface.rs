@@ -7,6 +7,7 @@ use pointillist::light::Light;
 use pointillist::look::Wishes;
 use pointillist::passes::{Scene, fill, shape, visibility};
 use pointillist::progress::Silent;
+use pointillist::resident::Overlap;
 use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
 use pointillist::study::oracle::visibility::{Depths, sector};
 use pointillist::study::oracle::{Bounded, shape as shape_oracle};
@@ -283,6 +284,7 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         shown: Attribute::White,
         density: 1.0,
         pixel_m: 0.0,
+        overlap: Overlap::everywhere([16, 16]).into(),
         transparent: false,
         normals: false,
         lit: false,

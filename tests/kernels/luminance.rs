@@ -1,12 +1,20 @@
 //! Luminance correction against its f64 twin: random points, both spaces, both neighbourhoods, both ways of adding; and a picture in more than one band.
 
-use crate::gpu::{Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective};
+use crate::gpu::{Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, with};
 use glam::DVec3;
-use pointillist::cloud::{Cloud, Lattice};
+use pointillist::cloud::attribute::Shown;
+use pointillist::cloud::{self, Cloud, Lattice};
+use pointillist::frame;
+use pointillist::graph::{Gpu, Graph};
+use pointillist::look::{self, Look};
 use pointillist::passes::project::Precision;
 use pointillist::passes::{Switch, luminance};
+use pointillist::progress::Silent;
+use pointillist::resident::Resident;
+use pointillist::resident::overlap::OVERLAP_PX;
 use pointillist::study::oracle::{luminance as oracle, project};
 use pointillist::view::{Camera, View};
+use std::sync::Arc;
 
 const LATTICE: Lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
 
@@ -81,4 +89,65 @@ fn luminance_of_a_large_picture_is_corrected_band_by_band() {
     let settings = luminance::Settings { space: luminance::Space::Rgb, neighbourhood: 3.0, epsilon: 0.5 };
     let [_, changed, doubtful] = check(&cloud, &view, settings, &[Way::Compute64]);
     assert!(changed > 10_000 && doubtful < changed, "{changed} changed, {doubtful} doubtful");
+}
+
+/// Colours of a part of the picture, drawn as the whole is.
+fn colors(gpu: &mut Gpu, resident: &Resident, look: &Look, part: &View) -> Vec<[f32; 4]> {
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, part, resident, look).unwrap();
+    let color = g.download(&outcome.layers.color);
+    let frame = g.submit(&[]).unwrap();
+    let colors = frame.read(&color).to_vec();
+    frame.shelve(gpu);
+    colors
+}
+
+/// Four stations side by side, of which the second and the third meet: where they may, means, and elsewhere what was there.
+#[test]
+fn what_one_station_alone_has_seen_keeps_its_colours() {
+    let mut random = Random(0x51DE);
+    let stations = [-14_000, -5_000, 1_000, 12_000].map(|x| {
+        let (points, colors) = bumpy(40_000, 8_000, &mut random);
+        part(LATTICE, &points.iter().map(|p| [p[0] + x, p[1], p[2]]).collect::<Vec<_>>(), Some(colors))
+    });
+    let mut cloud = cloud(stations.to_vec());
+    cloud.stations = cloud.parts.iter().enumerate().flat_map(|(number, part)| cloud::stations(part, number)).collect();
+    let camera = orthographic(LATTICE.offset + DVec3::new(0.0, 0.0, 30.0), LATTICE.offset, 10.0);
+    let view = View::new(camera, [900, 260]).unwrap();
+    let [off, on] = [Switch::Off, Switch::On].map(|switch| {
+        let mut wishes = bare();
+        wishes.effects.exposure.switch = Switch::Off;
+        wishes.effects.luminance.switch = switch;
+        wishes
+    });
+    for way in WAYS {
+        with(way, |gpu| {
+            let (shown, _) = Shown::automatic(&cloud);
+            let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
+            let overlap = resident.overlap(&view);
+            assert!(overlap.count() > 0 && overlap.count() < overlap.seen, "{overlap:?}");
+            let walked: Vec<bool> = resident.nodes.iter().map(|node| overlap.touches(&view, node)).collect();
+            assert_eq!(walked, [false, true, true, false]);
+            let [off, on] = [&off, &on].map(|wishes| look::decide(wishes, &view, &resident));
+            let auto = Look { overlap: Arc::new(overlap.clone()), ..on.clone() };
+            let [plain, means, partly] = [&off, &on, &auto].map(|look| colors(gpu, &resident, look, &view));
+            let mut differ = 0;
+            for (i, partly) in partly.iter().enumerate() {
+                let [x, y] = [i as u32 % 900, i as u32 / 900];
+                let several = overlap.several[(y / OVERLAP_PX * overlap.size[0] + x / OVERLAP_PX) as usize];
+                assert_eq!(partly, if several { &means[i] } else { &plain[i] }, "{way:?} pixel {x} {y}");
+                differ += (means[i] != plain[i]) as usize;
+            }
+            assert!(differ > 10_000, "{differ}");
+            let window = view.window([312, 64], [264, 128]);
+            let piece = colors(gpu, &resident, &auto, &window);
+            // Means look at a neighbour.
+            for (i, color) in piece.iter().enumerate() {
+                let [x, y] = [i % 264, i / 264];
+                let is_inside = (1..263).contains(&x) && (1..127).contains(&y);
+                assert!(!is_inside || *color == partly[(y + 64) * 900 + x + 312], "{way:?} pixel {x} {y} of a piece");
+            }
+            resident.free(gpu);
+        });
+    }
 }

@@ -24,7 +24,7 @@ pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, most: 
     for peel in 1..=most {
         for step in [0, 1] {
             for group in &drawn.groups {
-                let &Group { block, planes, filtered, first_chunk, chunk_count } = group;
+                let &Group { block, planes, filtered, first_chunk, chunk_count, .. } = group;
                 let push = shadow_peel::Push { centre, corner, size: across, near, first_chunk, chunk_count };
                 let spec = shadow_peel::Spec { lanes, planes, perspective, texels, points_per_chunk, step, filtered };
                 let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
