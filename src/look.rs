@@ -102,6 +102,7 @@ pub struct Look {
     /// As [`Scene`] has them, of the whole picture: parts of it go by the same.
     pub spacing_m: f64,
     pub pixel_m: f64,
+    pub density: f64,
     /// Where luminance is corrected.
     pub overlap: Arc<Overlap>,
 }
@@ -109,7 +110,13 @@ pub struct Look {
 impl Look {
     /// What effects work on in a picture, or in a part of it.
     pub fn scene<'v>(&self, view: &'v View, resident: &'v Resident) -> Scene<'v> {
-        Scene { spacing_m: self.spacing_m, pixel_m: self.pixel_m, overlap: self.overlap.clone(), ..Scene::of(view, resident, self.light) }
+        Scene {
+            spacing_m: self.spacing_m,
+            pixel_m: self.pixel_m,
+            density: self.density,
+            overlap: self.overlap.clone(),
+            ..Scene::of(view, resident, self.light)
+        }
     }
 
     /// As [`Effects::reach_px`]: every layer depends on those before it.
@@ -157,6 +164,7 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
         decided,
         spacing_m: scene.spacing_m,
         pixel_m: scene.pixel_m,
+        density: scene.density,
         overlap: if partly { scene.overlap } else { Arc::new(Overlap::everywhere(view.whole)) },
         light: wishes.light,
         background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
@@ -185,6 +193,7 @@ mod tests {
             strokes_at_once: None,
             spacing_m: 0.0,
             pixel_m: 0.0,
+            density: 0.0,
             overlap: Arc::new(Overlap::everywhere([1, 1])),
         };
         assert_eq!(look(&["phong"]).hurried().effects, look(&["phong"]).effects);

@@ -24,7 +24,7 @@ pub const SUMMARY: &str = "one luminance for all stations: the mean of all point
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub space: Space,
-    /// Side of the square of pixels whose points are averaged, with the weights of a Gaussian: 1 or 3.
+    /// Side of the square of pixels whose points are averaged, with the weights of a Gaussian: 1 or 3; 0: as many as hold enough points.
     pub neighbourhood: f64,
     /// How far behind the front a point is still of its surface, metres; 0: three spacings of the points.
     pub epsilon: f64,
@@ -43,7 +43,7 @@ pub enum Space {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { space: Space::Hsv, neighbourhood: 3.0, epsilon: 0.0 }
+        Settings { space: Space::Hsv, neighbourhood: 0.0, epsilon: 0.0 }
     }
 }
 
@@ -51,7 +51,7 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
             Setting { name: "space", about: "what is averaged: V, with hue and saturation of the front point, or all of the colour", value: Value::Choice(&mut self.space) },
-            Setting { name: "neighbourhood", about: "pixels across whose points are averaged, 1 or 3", value: Value::Number(&mut self.neighbourhood, 1.0..=3.0) },
+            Setting { name: "neighbourhood", about: "pixels across whose points are averaged, 1 or 3; 0: as many as hold enough points", value: Value::Number(&mut self.neighbourhood, 0.0..=3.0) },
             Setting { name: "epsilon", about: "depth of a surface, metres; 0: three spacings of the points", value: Value::Number(&mut self.epsilon, 0.0..=1e9) },
         ]
     }
@@ -67,7 +67,8 @@ const ENOUGH: f64 = 7.0;
 
 /// As [`super::Effects::reach_px`].
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
-    Some(settings.neighbourhood as u32)
+    let of_one = (1.0..2.0).contains(&settings.neighbourhood);
+    Some(!of_one as u32)
 }
 
 /// Of the places that stations share, the part that may differ once all have one exposure.
@@ -126,6 +127,12 @@ pub const MOST_POINTS: u64 = (1 << 28) - 1;
 
 /// In spacings of the points: of one to eight, as many as leave no greater steps than the offline reference and a tenth, and lose no more details (`study luminance`).
 const SPACINGS: f64 = 3.0;
+
+/// Pixels around one whose points count with its own. The 3 x 3 weigh as much as four pixels: where four times as many points as are enough lie in one, that one will do.
+fn around(scene: &Scene, settings: &Settings) -> u32 {
+    let asked = settings.neighbourhood;
+    (if asked == 0.0 { scene.density < 4.0 * ENOUGH } else { asked >= 2.0 }) as u32
+}
 
 fn epsilon(scene: &Scene, settings: &Settings) -> f64 {
     if settings.epsilon == 0.0 { SPACINGS * scene.spacing_m } else { settings.epsilon }
@@ -200,7 +207,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let Layers { mut color, sums, .. } = layers;
     if let Some(Sums { bands, paint, channels, epsilon, several }) = &sums {
         let (width, corner) = (scene.view.size[0], scene.view.corner);
-        let around = (settings.neighbourhood >= 2.0) as u32;
+        let around = around(scene, settings);
         let (transparent, by_kind, texels) = (paint.opacities.is_some(), paint.kinds.is_some(), g.gpu.device.texels);
         let (partly, mode) = (several.is_some(), paint.mode);
         let spec = kernel::Spec { channels: *channels, around, texels, transparent, by_kind, partly, mode };

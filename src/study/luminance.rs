@@ -34,7 +34,7 @@ const SIZES: [u32; 3] = [1, 2, 4];
 const LEAST_SIDE: u32 = 16;
 
 /// What `luminance` is asked for, and behind it what else. Epsilon is in spacings of the points here.
-const CONFIGURATIONS: [(&str, &str, &str); 15] = [
+const CONFIGURATIONS: [(&str, &str, &str); 16] = [
     ("none", "uncorrected", "off"),
     ("none", REFERENCE, "off"),
     (AUTO, AUTO, "auto exposure=auto"),
@@ -47,6 +47,7 @@ const CONFIGURATIONS: [(&str, &str, &str); 15] = [
     ("epsilon", "8", "on"),
     ("epsilon", "32", "on"),
     ("neighbourhood", "1", "on,neighbourhood=1"),
+    ("neighbourhood", "3", "on,neighbourhood=3"),
     ("space", "rgb", "on,space=rgb"),
     ("space", "rgb 1", "on,space=rgb,neighbourhood=1"),
     ("epsilon", "1000", "on"),
