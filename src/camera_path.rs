@@ -35,6 +35,8 @@ fn frames_per_second() -> f64 {
 /// Between two keys for which nobody has said a time, seconds.
 pub const STEP: f64 = 2.0;
 
+const MIXED: &str = "a camera path is with perspective or without, not both";
+
 impl Default for CameraPath {
     fn default() -> CameraPath {
         CameraPath { frames_per_second: frames_per_second(), keys: Vec::new() }
@@ -66,7 +68,7 @@ impl CameraPath {
                 return wrong("its time is not after the one before");
             }
             if key.camera.projection != first.camera.projection {
-                return wrong("a path is with perspective or without, not both");
+                return wrong(MIXED);
             }
             if let Err(error) = View::new(key.camera, [1, 1]) {
                 return wrong(&error.to_string());
@@ -75,10 +77,14 @@ impl CameraPath {
         Ok(())
     }
 
-    /// One more key, after the last; what the camera looks at from there on.
-    pub fn add(&mut self, camera: Camera) {
+    /// One more key, after the last; what the camera looks at from there on. All are with perspective, or all without.
+    pub fn add(&mut self, camera: Camera) -> Result<()> {
+        if self.keys.last().is_some_and(|last| last.camera.projection != camera.projection) {
+            return Err(Error::Request(MIXED.into()));
+        }
         let time = self.keys.last().map_or(0.0, |last| last.time + STEP);
         self.keys.push(Key { time, camera });
+        Ok(())
     }
 
     /// From the first key to the last, seconds.
@@ -171,7 +177,10 @@ mod tests {
 
     fn path(cameras: &[Camera]) -> CameraPath {
         let mut path = CameraPath::default();
-        cameras.iter().for_each(|&camera| path.add(camera));
+        cameras.iter().for_each(|&camera| path.add(camera).unwrap());
+        let mut other = path.clone();
+        let added = other.add(Camera { projection: Projection::Orthographic, ..cameras[0] });
+        assert!(added.is_err() && other == path);
         path.check().unwrap();
         path
     }

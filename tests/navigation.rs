@@ -189,3 +189,28 @@ proptest! {
         }
     }
 }
+
+/// From near by the cursor is over a gap, and what is seen there is the street behind the wall.
+#[test]
+fn the_wheel_does_not_lead_through_the_gaps_of_a_surface() {
+    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    let (wall, behind) = (ORIGIN + DVec3::new(11.0, 7.0, 4.0), 25.0);
+    let (at, far) = seen(&navigation.camera, wall);
+    let way = (wall - navigation.camera.eye).normalize();
+    for notch in 0..60 {
+        let trembling = DVec2::new((notch % 3) as f64, 0.0);
+        let under = [Some(wall), Some(wall + way * behind), None][notch.min(notch % 7 % 3)];
+        navigation.handle(Input::Wheel { notches: 1.0, at: at + trembling, under });
+        assert!(seen(&navigation.camera, wall).1 > 0.0, "notch {notch}: behind the wall");
+    }
+    assert!(seen(&navigation.camera, wall).1 < 1e-3 * far);
+    // Something nearer takes its place, and so does what is under the cursor elsewhere.
+    let (near, aside) = (navigation.camera.eye + way * 1e-4, at + DVec2::new(100.0, 0.0));
+    let depth = seen(&navigation.camera, near).1;
+    navigation.handle(Input::Wheel { notches: 1.0, at, under: Some(near) });
+    assert!((seen(&navigation.camera, near).1 / depth - 0.8).abs() < 1e-3);
+    let other = navigation.camera.eye + way * 30.0;
+    let depth = seen(&navigation.camera, other).1;
+    navigation.handle(Input::Wheel { notches: 1.0, at: aside, under: Some(other) });
+    assert!((seen(&navigation.camera, other).1 / depth - 0.8).abs() < 1e-6);
+}

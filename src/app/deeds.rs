@@ -74,7 +74,9 @@ impl App {
             },
             Deed::SavePath => self.save(&unused_name("path.json"), |app, path| app.facts.path.write(path)),
             Deed::Export(extension) => {
-                self.save_profile();
+                if extension == "csv" {
+                    self.save_profile();
+                }
                 self.save(&unused_name(extension), |app, path| app.export(extension, path));
             }
             Deed::Profile => self.profile(),
@@ -85,7 +87,11 @@ impl App {
                 self.scene.clips.0.push(boxes::around(&self.facts.measure, &self.navigation.camera));
                 self.post_scene();
             }
-            Deed::AddKey => self.facts.path.add(self.navigation.camera),
+            Deed::AddKey => {
+                if let Err(error) = self.facts.path.add(self.navigation.camera) {
+                    self.trouble(&error);
+                }
+            }
             Deed::ForgetPath => self.facts.path.keys.clear(),
             Deed::Play => self.play(),
             Deed::FullScreen => self.full_screen(),

@@ -83,10 +83,7 @@ impl ApplicationHandler<Event> for App {
             Event::Opened(Ok(opened)) => self.opened(*opened),
             // Another opening has taken its place.
             Event::Opened(Err(Error::Interrupted)) => {}
-            Event::Opened(Err(error)) => {
-                self.facts.doing = None;
-                self.trouble(&error);
-            }
+            Event::Opened(Err(error)) => self.not_opened(&error),
             Event::LookedUp(place, looked) => self.looked_up(place, looked),
             Event::Report(report) => return self.report(events, report),
             Event::Interrupted => {

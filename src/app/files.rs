@@ -4,7 +4,7 @@ use super::drawing::Message;
 use super::navigation::Input;
 use super::opening::{self, Opened, Watch};
 use super::{App, Event};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::passes::Switch;
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -17,6 +17,8 @@ impl App {
         let is_scene = file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         let taken = if is_scene {
             self.load(&file)
+        } else if self.files.contains(&file) {
+            Err(Error::Request(format!("{} is open already", file.display())))
         } else {
             self.files.push(file);
             self.open()
@@ -75,8 +77,27 @@ impl App {
         Ok(())
     }
 
+    /// What cannot be opened, or cannot show what is asked for, leaves what was open as it was.
+    pub(super) fn not_opened(&mut self, error: &Error) {
+        self.facts.doing = None;
+        if let Some((files, color)) = self.last_opened.clone() {
+            (self.files, self.scene.color) = (files, color);
+        }
+        // A sample of what cannot be opened may be on the screen.
+        if self.waits
+            && self.last_opened.is_some()
+            && let Err(error) = self.open()
+        {
+            self.trouble(&error);
+        }
+        self.trouble(error);
+    }
+
     pub(super) fn opened(&mut self, opened: Opened) {
-        let Opened { source, shown, subject, kinds, is_whole } = opened;
+        let Opened { source, shown, subject, kinds, is_whole, files, color } = opened;
+        if is_whole {
+            self.last_opened = Some((files, color));
+        }
         self.facts.points = source.points();
         (self.origins, self.stations) = (source.files(), source.stations().to_vec());
         self.facts.shows = Some(shown.attribute);

@@ -30,7 +30,15 @@ impl App {
     /// With shift one more point, without it another one.
     pub(super) fn pick(&mut self, at: DVec2, adds: bool) {
         match &self.seen {
-            Some(seen) => seen.point(at, self.size()).into_iter().for_each(|id| self.post(Message::Pick { id, at, adds })),
+            Some(seen) => match seen.point(at, self.size()) {
+                Some(id) => self.post(Message::Pick { id, at, adds }),
+                // Who wants one more is told that there is none; other clicks may be meant for nothing.
+                None if adds => {
+                    self.facts.doing = Some("there is no point to pick".into());
+                    self.title();
+                }
+                None => {}
+            },
             // On a window that shows nothing yet: of its first picture.
             None => self.picks_later = Some((at, adds)),
         }

@@ -30,6 +30,7 @@ pub mod seen;
 pub mod statistics;
 
 use crate::cloud::Station;
+use crate::cloud::attribute::Attribute;
 use crate::cloud::find::Record;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -78,6 +79,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         origins: Vec::new(),
         stations: Vec::new(),
         files: options.files.clone(),
+        last_opened: None,
         facts: Facts { path: options.path.clone(), ..Facts::default() },
         titled: String::new(),
         panel: None,
@@ -125,6 +127,8 @@ struct App {
     stations: Vec<Station>,
     /// All that are open, or are being opened.
     files: Vec<PathBuf>,
+    /// Those that were, as a whole, and what they were to show.
+    last_opened: Option<(Vec<PathBuf>, Option<Attribute>)>,
     facts: Facts,
     /// What the window's title says.
     titled: String,

@@ -155,9 +155,15 @@ struct Drag {
 /// A share of the distance that a notch of the wheel leaves.
 const NOTCH: f64 = 0.8;
 
+/// A hand on a wheel moves the mouse no farther, pixels.
+const STAYS_PX: f64 = 8.0;
+
 /// As near as the wheel goes, and as far, in radii of the subject.
 const NEAREST: f64 = 1e-6;
 const FARTHEST: f64 = 1e6;
+
+/// A flight's at the start, radii of the subject a second: a fifth of its diagonal.
+const SPEED: f64 = 0.4;
 
 /// The slowest and the fastest flight, radii of the subject a second.
 const SPEEDS: [f64; 2] = [1e-5, 1e2];
@@ -176,18 +182,30 @@ pub struct Navigation {
     size: [u32; 2],
     drag: Option<Drag>,
     held: Vec<Way>,
+    /// What the wheel goes towards, and where the cursor was at its first notch.
+    wheeled: Option<(DVec2, DVec3)>,
 }
 
 impl Navigation {
     pub fn new(habit: Habit, size: [u32; 2]) -> Navigation {
         let subject = Subject::of(Vec::new());
         let camera = Camera::framing(Preset::Fit, &[], size);
-        Navigation { camera, mode: Mode::default(), habit, speed: 1.0, subject, size, drag: None, held: Vec::new() }
+        Navigation {
+            camera,
+            mode: Mode::default(),
+            habit,
+            speed: SPEED * subject.radius,
+            subject,
+            size,
+            drag: None,
+            held: Vec::new(),
+            wheeled: None,
+        }
     }
 
-    /// Something else is there to look at. The camera stays.
+    /// Something else is there to look at. The camera stays, and speeds are as many times its size as before.
     pub fn set_subject(&mut self, subject: Subject) {
-        self.speed = 2.0 * subject.radius / 5.0;
+        self.speed *= subject.radius / self.subject.radius;
         self.subject = subject;
     }
 
@@ -210,6 +228,9 @@ impl Navigation {
     }
 
     pub fn handle(&mut self, input: Input) {
+        if !matches!(input, Input::Wheel { .. } | Input::Move { .. } | Input::Release { .. }) {
+            self.wheeled = None;
+        }
         match input {
             Input::Press { button, modifiers, at, under } => {
                 let point = self.point(at, under);
@@ -223,7 +244,10 @@ impl Navigation {
                 let [slowest, fastest] = SPEEDS.map(|speed| speed * self.subject.radius);
                 self.speed = (self.speed * NOTCH.powf(-notches)).clamp(slowest, fastest);
             }
-            Input::Wheel { notches, at, under } => self.nearer(self.point(at, under), NOTCH.powf(notches)),
+            Input::Wheel { notches, at, under } => {
+                let point = self.towards(at, under);
+                self.nearer(point, NOTCH.powf(notches));
+            }
             Input::Centre { on } => self.shift(on - self.camera.eye - self.basis().forward * self.depth(on)),
             Input::Fly { way, pressed } => {
                 self.held.retain(|&held| held != way);
@@ -316,6 +340,17 @@ impl Navigation {
             let (origin, direction) = self.view().ray(at.x, at.y);
             origin + direction * self.depth(self.camera.target)
         })
+    }
+
+    /// The point that the wheel goes towards: from its first notch on the same, unless a nearer one comes into view, for as long as the cursor stays. From near by, what lies behind is seen through the gaps of a
+    /// surface, and would lead through it.
+    fn towards(&mut self, at: DVec2, under: Option<DVec3>) -> DVec3 {
+        let point = self.point(at, under);
+        let kept =
+            self.wheeled.filter(|(from, kept)| from.distance(at) < STAYS_PX && (0.0..=self.depth(point)).contains(&self.depth(*kept)));
+        let (from, point) = kept.unwrap_or((at, point));
+        self.wheeled = Some((from, point));
+        point
     }
 
     fn view(&self) -> View {

@@ -21,6 +21,9 @@ pub struct Opened {
     pub kinds: Kinds,
     /// Not a sample, before the whole.
     pub is_whole: bool,
+    /// What was to be opened, and to show.
+    pub files: Vec<PathBuf>,
+    pub color: Option<Attribute>,
 }
 
 /// What points can be told apart by, each with how many points are of it, where that is known.
@@ -88,12 +91,13 @@ pub fn start(
     let further = Further { kind: true, normal: true, ..further };
     let shown = asked.map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
     let opening = Opening { read: ReadOptions { wanted: shown.and(further.wanted()), ..opening.read }, ..opening };
+    let wanted = files.clone();
     let ready = move |mut source: Source, is_whole: bool, progress: &dyn Progress| -> Result<Opened> {
         source.find(asked, progress)?;
         let (mut shown, _) = source.shown(asked)?;
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
         shown.further = Further { normal: source.has_normals(), light: source.has_light(), ..further };
-        Ok(Opened { source, shown, subject, kinds, is_whole })
+        Ok(Opened { source, shown, subject, kinds, is_whole, files: wanted.clone(), color: asked })
     };
     let work = move || {
         // What is wrong with the files is said once, of the whole.

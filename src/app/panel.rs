@@ -20,6 +20,7 @@ use egui::{CollapsingHeader, Color32, ComboBox, DragValue, ProgressBar, RichText
 use glam::DVec3;
 use std::time::Duration;
 use winit::event::{ElementState, WindowEvent};
+use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::Window;
 
 /// What the panel says.
@@ -102,6 +103,8 @@ pub struct Panel {
     input: egui_winit::State,
     /// Where the cursor is, pixels.
     cursor: egui::Pos2,
+    /// A list to choose from is open, as it was laid out last.
+    unfolded: bool,
 }
 
 /// Points; passes that took less are too many to show.
@@ -115,7 +118,7 @@ impl Panel {
     pub fn new(window: &Window) -> Panel {
         let context = egui::Context::default();
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, window, None, window.theme(), None);
-        Panel { input, cursor: egui::Pos2::ZERO }
+        Panel { input, cursor: egui::Pos2::ZERO, unfolded: false }
     }
 
     /// The same for a device that has none of its textures: what is open where in it stays.
@@ -137,6 +140,10 @@ impl Panel {
             WindowEvent::MouseInput { state: ElementState::Released, .. } => false,
             // Who clicks as soon as the cursor is there clicks before the panel has been laid out with the cursor over it.
             WindowEvent::MouseInput { .. } | WindowEvent::MouseWheel { .. } => response.consumed || self.is_over(),
+            // It closes what is unfolded, and not the window.
+            WindowEvent::KeyboardInput { event, .. } if event.physical_key == PhysicalKey::Code(KeyCode::Escape) => {
+                response.consumed || self.unfolded
+            }
             _ => response.consumed,
         };
         Heard { taken, repaint: response.repaint }
@@ -169,10 +176,12 @@ impl Panel {
             if let Some(profile) = &mut facts.profile {
                 egui::Window::new("profile").default_pos([WIDTH + 60.0, 60.0]).show(ui.ctx(), |ui| profile.show(ui, &mut deeds));
             }
+            trouble(ui.ctx(), facts);
             if facts.help {
                 egui::Window::new("keys").default_pos([WIDTH + 60.0, 8.0]).show(ui.ctx(), keys);
             }
         });
+        self.unfolded = egui::Popup::is_any_open(&context);
         self.input.handle_platform_output(window, output.platform_output);
         let again_in = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
         let overlay = Overlay {
@@ -185,9 +194,6 @@ impl Panel {
 }
 
 fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut Scene, deeds: &mut Vec<Deed>) {
-    if let Some(trouble) = &facts.trouble {
-        ui.label(RichText::new(trouble).color(Color32::LIGHT_RED));
-    }
     if let Some(doing) = &facts.doing {
         ui.label(RichText::new(doing).color(Color32::LIGHT_BLUE));
     }
@@ -230,6 +236,17 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
             deeds.push(Deed::LoadScene);
         }
     });
+}
+
+/// The last thing that went wrong, until somebody has read it.
+fn trouble(context: &egui::Context, facts: &mut Facts) {
+    let Some(text) = &facts.trouble else { return };
+    let mut unread = true;
+    let above = egui::Window::new("trouble").open(&mut unread).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -20.0]).collapsible(false);
+    above.show(context, |ui| ui.label(RichText::new(text).color(Color32::LIGHT_RED)));
+    if !unread {
+        facts.trouble = None;
+    }
 }
 
 /// How large pictures are saved: as the window, or of any size, drawn in pieces.
@@ -416,8 +433,9 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
                 if ui.button("profile").on_hover_text("X: of the points along the line").clicked() {
                     deeds.push(Deed::Profile);
                 }
-                let unit = if *width == 0.0 { " m wide: by its length" } else { " m wide" };
-                ui.add(DragValue::new(width).range(0.0..=f64::INFINITY).speed(0.01).max_decimals(4).suffix(unit));
+                let said = |width: f64, _| if width == 0.0 { "wide by its length".into() } else { format!("{width:.4} m wide") };
+                let read = |text: &str| text.split_whitespace().next().and_then(|number| number.parse().ok());
+                ui.add(DragValue::new(width).range(0.0..=f64::INFINITY).speed(0.01).custom_formatter(said).custom_parser(read));
             });
         }
         ui.label(RichText::new("shift and click for one more").weak());

@@ -85,7 +85,7 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         for &size in &plan.sizes {
             let mut path = CameraPath::default();
-            flight::stops(&index, size)?.into_iter().for_each(|camera| path.add(camera));
+            flight::stops(&index, size)?.into_iter().try_for_each(|camera| path.add(camera))?;
             let written = folder.join("path.json");
             path.write(&written)?;
             fly(&name, index.directory.contents.points, file, Some(&written), size)?;
