@@ -35,6 +35,21 @@ impl Detail {
     }
 }
 
+/// What is asked of that; the rest follows the picture's size.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Fineness {
+    pub budget: Option<u64>,
+    pub lod_px: Option<f64>,
+}
+
+impl Fineness {
+    /// For a picture of this size.
+    pub fn of(self, size: [u32; 2]) -> Detail {
+        let usual = Detail::of(size);
+        Detail { budget: self.budget.unwrap_or(usual.budget), lod_px: self.lod_px.unwrap_or(usual.lod_px), ..usual }
+    }
+}
+
 /// A node of a cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wanted {

@@ -140,10 +140,14 @@ impl Look {
         Look { light_at_once: Some(0), strokes_at_once: Some(STROKES_AT_ONCE), ..self.clone() }
     }
 
-    /// What is drawn while the camera moves; the pictures that follow at rest have everything. Of strokes over each other only the nearest, softened; and less occlusion.
-    pub fn hurried(&self) -> Look {
+    /// What is drawn while the camera moves, so many times smaller; the pictures that follow at rest have everything. Of strokes over each other only the nearest, softened; less occlusion, and fewer levels of shape.
+    pub fn hurried(&self, smaller: u32) -> Look {
         let mut hurried = self.gradual();
-        let Effects { strokes, ao, .. } = &mut hurried.effects;
+        let Effects { strokes, ao, shape, .. } = &mut hurried.effects;
+        // A level looks a pixel farther, and pixels are wider.
+        if self.decided.runs("shape") {
+            shape.settings.levels = (shape.settings.levels / smaller as f64).ceil();
+        }
         if self.decided.runs("strokes") && strokes.settings.blend == strokes::Blend::Abuffer {
             strokes.settings.blend = strokes::Blend::Blur;
         }
@@ -196,11 +200,13 @@ mod tests {
             density: 0.0,
             overlap: Arc::new(Overlap::everywhere([1, 1])),
         };
-        assert_eq!(look(&["phong"]).hurried().effects, look(&["phong"]).effects);
+        assert_eq!(look(&["phong"]).hurried(1).effects, look(&["phong"]).effects);
         let all = look(&["strokes", "shadows"]);
-        let hurried = all.hurried();
+        let hurried = all.hurried(1);
         assert_eq!((hurried.light_at_once, &hurried.effects.shadows), (Some(0), &all.effects.shadows));
         assert_eq!(hurried.effects.strokes.settings.blend, strokes::Blend::Blur);
-        assert_eq!(hurried.hurried(), hurried);
+        assert_eq!(hurried.hurried(1), hurried);
+        let levels = |smaller| look(&["shape"]).hurried(smaller).effects.shape.settings.levels;
+        assert_eq!([1, 2, 4].map(levels), [8.0, 4.0, 2.0]);
     }
 }

@@ -58,10 +58,19 @@ impl std::fmt::Display for Rule {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match &self.what {
             What::All => write!(f, "{}", self.opacity),
-            What::Class(class) => write!(f, "class:{class}={}", self.opacity),
-            What::Return(number) => write!(f, "return:{number}={}", self.opacity),
-            What::Station(name) => write!(f, "station:{name}={}", self.opacity),
-            What::File(name) => write!(f, "file:{name}={}", self.opacity),
+            what => write!(f, "{what}={}", self.opacity),
+        }
+    }
+}
+
+impl std::fmt::Display for What {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            What::All => write!(f, "all"),
+            What::Class(class) => write!(f, "class:{class}"),
+            What::Return(number) => write!(f, "return:{number}"),
+            What::Station(name) => write!(f, "station:{name}"),
+            What::File(name) => write!(f, "file:{name}"),
         }
     }
 }

@@ -4,6 +4,7 @@
 
 use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::Attribute;
+use crate::cut::Fineness;
 use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::look::{Background, Wishes};
@@ -22,6 +23,8 @@ pub struct Scene {
     pub wishes: Wishes,
     pub opacities: Opacities,
     pub clips: Clips,
+    /// Of an index.
+    pub fineness: Fineness,
 }
 
 /// `scene.json`.
@@ -39,6 +42,11 @@ struct Words {
     /// As after `--clip`.
     #[serde(default)]
     clip: Vec<String>,
+    /// As after `--budget` and `--lod`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    budget: Option<u64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lod: Option<f64>,
     #[serde(default)]
     light: Option<String>,
     #[serde(default)]
@@ -53,6 +61,8 @@ impl Scene {
             effects: self.wishes.effects.clone().list().iter().map(ToString::to_string).collect(),
             opacity: self.opacities.0.iter().map(ToString::to_string).collect(),
             clip: self.clips.0.iter().map(ToString::to_string).collect(),
+            budget: self.fineness.budget,
+            lod: self.fineness.lod_px,
             light: Some(self.wishes.light.to_string()),
             background: Some(Background(self.wishes.background).to_string()),
         };
@@ -82,7 +92,11 @@ impl Scene {
             .map(|name| <Attribute as clap::ValueEnum>::from_str(&name, false).map_err(|_| format!("there is no color {name:?}")));
         let rules = words.opacity.iter().map(|rule| rule.parse::<Rule>()).collect::<std::result::Result<_, _>>()?;
         let clips = words.clip.iter().map(|clip| clip.parse::<Clip>()).collect::<std::result::Result<_, _>>()?;
-        Ok(Scene { camera: words.camera, color: color.transpose()?, wishes, opacities: Opacities(rules), clips: Clips(clips) })
+        if words.lod.is_some_and(|lod| !(lod.is_finite() && lod >= 0.0)) {
+            return Err("lod is no number of pixels".into());
+        }
+        let fineness = Fineness { budget: words.budget, lod_px: words.lod };
+        Ok(Scene { camera: words.camera, color: color.transpose()?, wishes, opacities: Opacities(rules), clips: Clips(clips), fineness })
     }
 }
 
@@ -99,9 +113,16 @@ mod tests {
         }
         let opacities = Opacities(["class:6=0.5", "0.25", "station:north=0"].map(|rule| rule.parse().unwrap()).into());
         let clips = Clips(["box:500000.1,-1,0.30000000000000004,500010,inf,5", "off:0,0,0,1,1,1"].map(|clip| clip.parse().unwrap()).into());
+        let fineness = Fineness { budget: Some(123_456), lod_px: Some(1.5) };
         let corners = [glam::DVec3::splat(5e6), glam::DVec3::new(5e6 + 0.1, 5e6 + 1.0 / 3.0, 5e6 + 7.0)];
-        let scene =
-            Scene { camera: Camera::framing(Preset::Fit, &corners, [640, 480]), color: Some(Attribute::Class), wishes, opacities, clips };
+        let scene = Scene {
+            camera: Camera::framing(Preset::Fit, &corners, [640, 480]),
+            color: Some(Attribute::Class),
+            wishes,
+            opacities,
+            clips,
+            fineness,
+        };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.json");
         scene.write(&path).unwrap();

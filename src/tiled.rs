@@ -6,7 +6,7 @@
 //! Points fall into the pixels of the whole picture, whichever part of it is drawn, and effects are decided for the whole. So where a border is as wide as effects look (`Look::reach_px`), pieces meet
 //! without a seam, bit by bit (`tests/tiled.rs`). One row of pieces is in memory at a time.
 
-use crate::cut::Detail;
+use crate::cut::Fineness;
 use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph};
@@ -93,15 +93,14 @@ impl Pieces {
 pub struct Wanted<'w> {
     pub view: &'w View,
     pub wishes: &'w Wishes,
-    /// Of a picture of this size.
-    pub detail: &'w dyn Fn([u32; 2]) -> Detail,
+    pub fineness: Fineness,
     /// Pieces of at most so many pixels a side.
     pub piece: Option<u32>,
 }
 
 /// Draws a picture into a file. What could not be read is said in the end.
 pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, progress: &dyn Progress) -> Result<Vec<String>> {
-    let Wanted { view, wishes, detail, piece } = *wanted;
+    let Wanted { view, wishes, fineness, piece } = *wanted;
     // Of a picture in pieces effects are decided by as much of the cloud as shows it whole on a screen.
     let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
     let mut notes = Vec::new();
@@ -109,7 +108,7 @@ pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, p
         let new = taken.into_iter().flat_map(|taken| taken.notes).filter(|note: &String| !notes.contains(note)).collect::<Vec<_>>();
         notes.extend(new);
     };
-    note(cloud.settle(gpu, view, &detail(overview), progress)?);
+    note(cloud.settle(gpu, view, &fineness.of(overview), progress)?);
     let look = look::decide(wishes, view, cloud.resident());
     let pieces = Pieces::of(gpu, view, &look, piece)?;
     let total = pieces.rows().map(|row| row.len() as u64).sum();
@@ -122,7 +121,7 @@ pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, p
                 let progress = Whole { progress, doing: "drawing pieces", done, total };
                 let window = view.window(piece.window_corner.map(|at| at as i32), piece.window_size);
                 if total > 1 {
-                    note(cloud.settle(gpu, &window, &detail(window.size), &progress)?);
+                    note(cloud.settle(gpu, &window, &fineness.of(window.size), &progress)?);
                 }
                 draw(gpu, cloud, &window, &look, &progress, |bytes| cut_out(bytes, &piece, view.size[0] as usize, &mut pixels))?;
                 done += 1;

@@ -11,7 +11,6 @@
 use super::pace::{Pace, divided};
 use super::profile::Profile;
 use super::seen::Seen;
-use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
@@ -21,6 +20,7 @@ use crate::passes::{self, Decided, project::Statistics, shadows};
 use crate::present::Present;
 use crate::present::overlay::Overlay;
 use crate::progress::Progress;
+use crate::resident::residency::Update;
 use crate::resident::section::Slab;
 use crate::resident::{Point, Resident};
 use crate::scene::Scene;
@@ -107,8 +107,8 @@ pub struct Drawn {
     pub passes: Vec<(String, f64)>,
     /// As large as the window, and all that the view shows of the cloud.
     pub whole: bool,
-    /// Nodes are still on their way.
-    pub loading: bool,
+    /// Of an index.
+    pub loading: Option<Loading>,
     /// Before drawing it, taking in those that had come.
     pub took_in: Duration,
     /// From when it was wanted to when it was there.
@@ -119,6 +119,24 @@ pub struct Drawn {
     pub heard: u64,
 }
 
+/// What a picture of an index waited for, and did not wait for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Loading {
+    /// Points of a cut at most; fewer than were asked for where the device has too little memory.
+    pub budget: u64,
+    /// Nodes on their way, or on their way with more planes.
+    pub awaited: usize,
+    /// Read since the picture before.
+    pub bytes_read: u64,
+}
+
+impl Drawn {
+    /// Whether nodes are still on their way.
+    pub fn is_loading(&self) -> bool {
+        self.loading.is_some_and(|loading| loading.awaited > 0)
+    }
+}
+
 /// The thread, as the window's thread has it.
 pub struct Drawing {
     posts: Sender<Message>,
@@ -127,13 +145,12 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    pub fn start(gpu: Gpu, present: Present, detail: DetailOf, report: impl Fn(Report) + Send + Sync + 'static) -> Result<Drawing> {
+    pub fn start(gpu: Gpu, present: Present, report: impl Fn(Report) + Send + Sync + 'static) -> Result<Drawing> {
         let (posts, posted) = channel();
         let count = Arc::new(AtomicU64::new(0));
         let thread = Thread {
             gpu,
             present: Some(present),
-            detail,
             posted,
             count: count.clone(),
             heard: 0,
@@ -173,9 +190,6 @@ impl Drawing {
     }
 }
 
-/// How fine a picture of a size is to be.
-pub type DetailOf = Box<dyn Fn([u32; 2]) -> Detail + Send>;
-
 /// What is still to be drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Wanted {
@@ -198,7 +212,6 @@ struct Thread {
     gpu: Gpu,
     /// Taken at the end.
     present: Option<Present>,
-    detail: DetailOf,
     posted: Receiver<Message>,
     /// Messages posted that want another picture, and those heard.
     count: Arc<AtomicU64>,
@@ -411,13 +424,14 @@ impl Thread {
         let divisor = if self.wanted == Wanted::Now { self.pace.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
-        let (mut complete, taking_in) = (true, Instant::now());
+        let (mut loading, taking_in) = (None, Instant::now());
         if let Brought::Parts(residency) = cloud {
-            let update = residency.update(&mut self.gpu, &view, &(self.detail)(size))?;
-            complete = update.is_complete();
+            let update = residency.update(&mut self.gpu, &view, &scene.fineness.of(size))?;
+            let Update { budget, missing, coarse, bytes_read, .. } = update;
+            loading = Some(Loading { budget, awaited: missing + coarse, bytes_read });
             update.errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
-        let took_in = taking_in.elapsed();
+        let (complete, took_in) = (loading.is_none_or(|loading| loading.awaited == 0), taking_in.elapsed());
         let resident = cloud.resident();
         let identity = resident.identity();
         if self.wanted == Wanted::More && identity == self.last_drawn && !complete {
@@ -428,7 +442,7 @@ impl Thread {
         let gives_way = self.wanted != Wanted::Now;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
         let look = look::decide(&scene.wishes, &View::new(scene.camera, present.size())?, resident);
-        let drawn = if gives_way { look.gradual() } else { look.hurried() };
+        let drawn = if gives_way { look.gradual() } else { look.hurried(divisor) };
         if gives_way {
             refine_shadows(&mut self.gpu, &view, resident, &look, &newer)?;
         }
@@ -485,7 +499,7 @@ impl Thread {
             self.wanted = Wanted::Now;
         }
         let (decided, statistics, latency) = (look.decided, outcome.statistics, self.asked.elapsed());
-        let (whole, loading) = (finest && complete, !complete);
+        let whole = finest && complete;
         (self.report)(Report::Drawn(Box::new(Drawn { seen, decided, statistics, passes, whole, loading, took_in, latency, took, heard })));
         Ok(true)
     }
@@ -512,7 +526,7 @@ impl Thread {
         let (Some(scene), Some(cloud)) = (&self.scene, &mut self.cloud) else { return Ok(()) };
         cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
         let view = View::new(scene.camera, size)?;
-        let wanted = tiled::Wanted { view: &view, wishes: &scene.wishes, detail: &self.detail, piece: None };
+        let wanted = tiled::Wanted { view: &view, wishes: &scene.wishes, fineness: scene.fineness, piece: None };
         let says = Says(&self.report);
         match tiled::write(&mut self.gpu, cloud, &wanted, &path, &says) {
             Ok(notes) => {

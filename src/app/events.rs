@@ -41,7 +41,7 @@ impl App {
         let proxy = self.events.clone();
         // A window that is gone needs no reports.
         let report = move |report| drop(proxy.send_event(Event::Report(report)));
-        self.drawing = Some(Drawing::start(gpu, present, self.options.detail(), report)?);
+        self.drawing = Some(Drawing::start(gpu, present, report)?);
         self.resized();
         self.open()
     }

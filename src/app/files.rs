@@ -100,7 +100,8 @@ impl App {
         }
         self.facts.points = source.points();
         (self.origins, self.stations) = (source.files(), source.stations().to_vec());
-        self.facts.shows = Some(shown.attribute);
+        self.facts.shown = Some(shown);
+        (self.facts.loading, self.facts.bytes_read) = (None, 0);
         self.facts.kinds = kinds;
         self.navigation.set_subject(subject);
         if !self.framed {

@@ -16,6 +16,8 @@ mod files;
 pub mod flight;
 mod hands;
 pub mod keys;
+mod lamp;
+mod legend;
 mod looking_up;
 pub mod measure;
 mod motion;

@@ -1,17 +1,18 @@
 //! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. Facts and a scene in, triangles and deeds out.
 
-use super::boxes;
 use super::deeds::Deed;
+use super::drawing::Loading;
 use super::keys::KEYS;
 use super::measure::{self, Looked, Measure};
 use super::navigation::{Input, Mode};
 use super::opening::Kinds;
 use super::profile::Profile;
+use super::{boxes, lamp, legend};
 use crate::camera_path::CameraPath;
-use crate::cloud::attribute::Attribute;
-use crate::light::Light;
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::cut::Fineness;
 use crate::opacity::{Opacities, Rule, What};
-use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value, resolve};
+use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value};
 use crate::present::overlay::Overlay;
 use crate::scene::Scene;
 use crate::view::View;
@@ -41,7 +42,10 @@ pub struct Facts {
     /// Milliseconds on the device of every pass.
     pub passes: Vec<(String, f64)>,
     pub decided: Decided,
-    pub shows: Option<Attribute>,
+    pub shown: Option<Shown>,
+    /// Of an index, and all that has been read of it.
+    pub loading: Option<Loading>,
+    pub bytes_read: u64,
     pub kinds: Kinds,
     pub mode: Mode,
     /// All that was picked.
@@ -110,9 +114,6 @@ pub struct Panel {
 /// Points; passes that took less are too many to show.
 const WIDTH: f32 = 250.0;
 const LEAST_SHARE: f64 = 0.01;
-
-/// Of a colour in a legend, points.
-const SWATCH: f32 = 12.0;
 
 impl Panel {
     pub fn new(window: &Window) -> Panel {
@@ -197,7 +198,10 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
     if let Some(doing) = &facts.doing {
         ui.label(RichText::new(doing).color(Color32::LIGHT_BLUE));
     }
-    ui.label(format!("{}\n{} of {} points", facts.title, grouped(facts.drawn), grouped(facts.points)));
+    let hidden = scene.opacities.0.iter().filter(|rule| rule.opacity == 0.0).map(|rule| rule.what.to_string());
+    let without = hidden.reduce(|all, one| format!("{all}, {one}")).map_or(String::new(), |hidden| format!(", but for those of {hidden}"));
+    ui.label(format!("{}\n{} of {} points{without}", facts.title, grouped(facts.drawn), grouped(facts.points)));
+    loading(ui, facts, view, &mut scene.fineness);
     ui.horizontal(|ui| {
         for mode in Mode::ALL {
             if ui.selectable_label(facts.mode == mode, mode.name()).clicked() && facts.mode != mode {
@@ -216,7 +220,7 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
     if added {
         deeds.push(Deed::AddBox);
     }
-    light(ui, scene);
+    lamp::choose(ui, &mut scene.wishes.light, scene.camera.eye);
     CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
         for listed in scene.wishes.effects.list() {
             effect(ui, listed, &facts.decided);
@@ -269,38 +273,41 @@ fn enlarged(ui: &mut Ui, enlarged: &mut Enlarged, view: Option<&View>) {
 }
 
 fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
-    let now = scene.color.or(facts.shows).map_or(String::new(), Attribute::name);
+    let now = scene.color.or(facts.shown.map(|shown| shown.attribute)).map_or(String::new(), Attribute::name);
     ComboBox::from_label("color").selected_text(now).show_ui(ui, |ui| {
         for &attribute in Attribute::value_variants() {
             ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
         }
     });
+    if let Some(shown) = &facts.shown {
+        legend::ramp(ui, shown);
+    }
     ui.horizontal(|ui| {
         ui.color_edit_button_srgb(&mut scene.wishes.background);
         ui.label("background");
     });
 }
 
-/// Far away lights are turned by two angles, degrees.
-fn light(ui: &mut Ui, scene: &mut Scene) {
-    let light = &mut scene.wishes.light;
+/// How much of an index is drawn, and what is being read of it.
+fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Fineness) {
+    let (Some(Loading { budget, awaited, .. }), Some(view)) = (facts.loading, view) else { return };
+    let reading = if awaited > 0 { format!("{awaited} nodes to come") } else { "all there".into() };
+    ui.label(format!("index: {reading}, {:.1} MB read", facts.bytes_read as f64 / 1e6));
+    let asked = fineness.of(view.size);
+    let (mut most, mut lod) = (asked.budget, asked.lod_px);
     ui.horizontal(|ui| {
-        if ui.selectable_label(*light == Light::Headlight, "headlight").clicked() {
-            *light = Light::Headlight;
+        if ui.add(DragValue::new(&mut most).range(1_000..=u32::MAX as u64).speed(10_000.0).suffix(" points at most")).changed() {
+            fineness.budget = Some(most);
         }
-        if ui.selectable_label(matches!(light, Light::Direction(_)), "sun").clicked() {
-            *light = Light::Direction(crate::config::SUN);
+        if ui.add(DragValue::new(&mut lod).range(0.0..=64.0).speed(0.02).max_decimals(2).suffix(" px apart")).changed() {
+            fineness.lod_px = Some(lod);
+        }
+        if *fineness != Fineness::default() && ui.small_button("auto").clicked() {
+            *fineness = Fineness::default();
         }
     });
-    if let Light::Direction(way) = light {
-        let from = -way.normalize();
-        let (mut azimuth, mut height) = (from.x.atan2(from.y).to_degrees(), from.z.clamp(-1.0, 1.0).asin().to_degrees());
-        let turned = ui.add(Slider::new(&mut azimuth, -180.0..=180.0).suffix("°").text("from")).changed()
-            | ui.add(Slider::new(&mut height, -89.0..=89.0).suffix("°").text("high")).changed();
-        if turned {
-            let (around, up) = (azimuth.to_radians(), height.to_radians());
-            *way = -DVec3::new(around.sin() * up.cos(), around.cos() * up.cos(), up.sin());
-        }
+    if budget < asked.budget {
+        ui.label(RichText::new(format!("{} points fit the device's memory", grouped(budget))).weak());
     }
 }
 
@@ -360,16 +367,14 @@ fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
         ("stations", None, stations),
     ];
     for (title, attribute, list) in lists.into_iter().filter(|(.., list)| list.len() > 1) {
-        let legend = attribute.filter(|_| facts.shows == attribute);
+        let legend = attribute.filter(|&attribute| facts.shown.is_some_and(|shown| shown.attribute == attribute));
         CollapsingHeader::new(title).default_open(legend.is_some()).show(ui, |ui| {
             for (what, number, text) in list {
                 let hides = |rule: &Rule| rule.what == what && rule.opacity == 0.0;
                 let mut drawn = !opacities.0.iter().any(hides);
                 let changed = ui.horizontal(|ui| {
                     if let Some(attribute) = legend {
-                        let [r, g, b] = resolve::code_color(attribute, number);
-                        let (square, _) = ui.allocate_exact_size(egui::Vec2::splat(SWATCH), egui::Sense::hover());
-                        ui.painter().rect_filled(square, 0.0, Color32::from_rgb(r, g, b));
+                        legend::swatch(ui, attribute, number);
                     }
                     ui.checkbox(&mut drawn, text).changed()
                 });
@@ -452,20 +457,39 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
     });
 }
 
-/// Picked points and the line through them, over the picture.
+/// Picked points and the line through them, over the picture, with lengths, the last angle and the area.
 fn marks(ui: &Ui, measure: &Measure, view: &View) {
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
     let per_point = ui.ctx().pixels_per_point();
-    let places: Vec<Option<egui::Pos2>> =
-        measure.places().into_iter().map(|place| view.pixel(place).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point)).collect();
+    let seen = |place: DVec3| view.pixel(place).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point);
+    /// Of a line or a point, points; what is said of all of them stands below.
+    const ABOVE: f32 = 14.0;
     let stroke = egui::Stroke::new(2.0, Color32::YELLOW);
+    let say = |place: DVec3, above: f32, text: String| {
+        let Some(at) = seen(place) else { return };
+        let text = painter.layout_no_wrap(text, egui::FontId::proportional(13.0), Color32::WHITE);
+        let rect = egui::Rect::from_center_size(at - egui::vec2(0.0, above), text.size());
+        painter.rect_filled(rect.expand(2.0), 2.0, Color32::from_black_alpha(160));
+        painter.galley(rect.min, text, Color32::WHITE);
+    };
+    let places = measure.places();
     for pair in places.windows(2) {
-        if let [Some(a), Some(b)] = pair {
-            painter.line_segment([*a, *b], stroke);
+        if let [Some(a), Some(b)] = [seen(pair[0]), seen(pair[1])] {
+            painter.line_segment([a, b], stroke);
         }
     }
-    for place in places.into_iter().flatten() {
-        painter.circle_stroke(place, 5.0, stroke);
+    for at in places.iter().filter_map(|&place| seen(place)) {
+        painter.circle_stroke(at, 5.0, stroke);
+    }
+    for pair in places.windows(2) {
+        say(pair[0].midpoint(pair[1]), ABOVE, format!("{:.3} m", pair[0].distance(pair[1])));
+    }
+    if let (Some(angle), &[.., corner, _]) = (measure.angle(), &places[..]) {
+        say(corner, ABOVE, format!("{angle:.2}°"));
+    }
+    if let (Some(area), Some(&first)) = (measure.area(), places.first()) {
+        let from_first: DVec3 = places.iter().map(|&place| place - first).sum();
+        say(first + from_first / places.len() as f64, -ABOVE, format!("{area:.3} m²"));
     }
 }
 
@@ -480,6 +504,11 @@ fn passes(ui: &mut Ui, facts: &Facts) {
     }
     for (name, ms) in by_name.into_iter().filter(|(_, ms)| *ms >= LEAST_SHARE * total) {
         ui.add(ProgressBar::new((ms / total) as f32).text(format!("{name} {ms:.2} ms")));
+    }
+    if total < 0.5 * facts.took.as_secs_f64() * 1e3 {
+        ui.label(
+            RichText::new("a device that is software times no passes under a panel; render tells them with its option timings").weak(),
+        );
     }
     ui.label(format!("from change to picture: {:.1} ms", facts.latency.as_secs_f64() * 1e3));
 }

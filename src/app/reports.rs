@@ -49,6 +49,8 @@ impl App {
             self.pick(at, adds);
         }
         self.facts.drawn = drawn.statistics.points_drawn;
+        self.facts.loading = drawn.loading;
+        self.facts.bytes_read += drawn.loading.map_or(0, |loading| loading.bytes_read);
         (self.facts.latency, self.facts.took) = (drawn.latency, drawn.took);
         self.facts.passes = drawn.passes;
         self.facts.decided = drawn.decided;

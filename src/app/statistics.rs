@@ -37,7 +37,7 @@ pub struct Picture {
 
 impl Picture {
     pub fn of(drawn: &Drawn, at: Instant) -> Picture {
-        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.loading, took_in: drawn.took_in }
+        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.is_loading(), took_in: drawn.took_in }
     }
 }
 

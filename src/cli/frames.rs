@@ -57,7 +57,8 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
         let view = View::new(path.frame(number), size).map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
-        for note in brought.settle(&mut gpu, &view, &options.detail.of(size), &frames)?.into_iter().flat_map(|taken| taken.notes) {
+        for note in brought.settle(&mut gpu, &view, &options.detail.fineness().of(size), &frames)?.into_iter().flat_map(|taken| taken.notes)
+        {
             if arguments.strict {
                 return Err(Error::Request(note));
             }

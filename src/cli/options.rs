@@ -5,7 +5,7 @@ use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config;
-use crate::cut::Detail;
+use crate::cut::Fineness;
 use crate::error::{Error, Result};
 use crate::gpu::Wish;
 use crate::index::cache;
@@ -103,9 +103,8 @@ pub struct DetailOptions {
 }
 
 impl DetailOptions {
-    pub fn of(&self, size: [u32; 2]) -> Detail {
-        let usual = Detail::of(size);
-        Detail { budget: self.budget.unwrap_or(usual.budget), lod_px: self.lod.unwrap_or(usual.lod_px), ..usual }
+    pub fn fineness(&self) -> Fineness {
+        Fineness { budget: self.budget, lod_px: self.lod }
     }
 
     pub fn pool_bytes(&self) -> u64 {
@@ -174,11 +173,13 @@ impl PictureOptions {
     /// The same with what a scene's file says in its place.
     pub fn with_scene(&self) -> Result<PictureOptions> {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
-        let Scene { camera, color, wishes, opacities, clips } = Scene::read(path)?;
+        let Scene { camera, color, wishes, opacities, clips, fineness } = Scene::read(path)?;
         let effect = wishes.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background) = (wishes.light, Background(wishes.background));
         let (opacity, clip) = (opacities.0, clips.0);
-        Ok(PictureOptions { saved_camera: Some(camera), color, effect, light, background, opacity, clip, ..self.clone() })
+        let own = &self.detail;
+        let detail = DetailOptions { budget: own.budget.or(fineness.budget), lod: own.lod.or(fineness.lod_px), ..own.clone() };
+        Ok(PictureOptions { saved_camera: Some(camera), color, effect, light, background, opacity, clip, detail, ..self.clone() })
     }
 
     pub fn wishes(&self) -> Result<Wishes> {

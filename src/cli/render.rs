@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if tiled::needs_pieces(&gpu, view.size, arguments.piece) {
         return in_pieces(arguments, &picture, &view, &mut gpu, brought, progress);
     }
-    facts.taken = brought.settle(&mut gpu, &view, &picture.detail.of(view.size), progress)?;
+    facts.taken = brought.settle(&mut gpu, &view, &picture.detail.fineness().of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
             return Err(Error::Request(note.clone()));
@@ -173,8 +173,7 @@ fn in_pieces(
             view.size[0], view.size[1]
         )));
     };
-    let detail = |size| picture.detail.of(size);
-    let wanted = Wanted { view, wishes: &picture.wishes()?, detail: &detail, piece: arguments.piece };
+    let wanted = Wanted { view, wishes: &picture.wishes()?, fineness: picture.detail.fineness(), piece: arguments.piece };
     for note in tiled::write(gpu, &mut brought, &wanted, output, progress)? {
         eprintln!("pointillist: note: {note}");
     }

@@ -63,8 +63,14 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let picture = arguments.picture.with_scene()?;
     let camera = picture.camera()?;
     let here = camera.unwrap_or(Camera::framing(picture.view, &[], picture.size.0));
-    let scene =
-        Scene { camera: here, color: picture.color, wishes: picture.wishes()?, opacities: picture.opacities(), clips: picture.clips() };
+    let scene = Scene {
+        camera: here,
+        color: picture.color,
+        wishes: picture.wishes()?,
+        opacities: picture.opacities(),
+        clips: picture.clips(),
+        fineness: picture.detail.fineness(),
+    };
     let options = Options {
         files: arguments.files.clone(),
         opening: Opening { fault: arguments.fail_reading, ..picture.detail.opening(picture.read_options(arguments.strict), picture.light) },
@@ -76,8 +82,6 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         habit: arguments.navigation,
         wish: Wish { lost_after: arguments.lose_device, ..arguments.device.wish() },
         pool_bytes: picture.detail.pool_bytes(),
-        budget: picture.detail.budget,
-        lod_px: picture.detail.lod,
         path: arguments.path.as_deref().map(CameraPath::read).transpose()?.unwrap_or_default(),
         flight: arguments.flight.map(|seconds| Duration::from_secs(seconds as u64)),
         began,

@@ -213,6 +213,16 @@ impl Shown {
         }
     }
 
+    /// The numbers at the ends of a ramp, where points show one: heights in metres, intensities of 16 bits.
+    pub fn ends(&self) -> Option<[f64; 2]> {
+        let [bottom, top] = self.heights;
+        match self.attribute {
+            Attribute::Elevation => Some(self.stretch.map(|word| bottom + (top - bottom) * word as f64 / ELEVATION_LEVELS)),
+            Attribute::Intensity => Some(self.stretch.map(f64::from)),
+            _ => None,
+        }
+    }
+
     /// The word of a world height.
     pub fn elevation(&self, height: f64) -> u32 {
         let [lo, hi] = self.heights;

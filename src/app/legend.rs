@@ -1,0 +1,36 @@
+//! What colours mean: a ramp with its two ends, and swatches.
+
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::passes::resolve;
+use egui::{Color32, Rect, Sense, Ui, pos2, vec2};
+
+/// Of a colour in a list, and a ramp's height, points.
+const SIDE: f32 = 12.0;
+/// Parts that a ramp is drawn in.
+const PARTS: u32 = 64;
+
+/// Of what points show, where that is a number.
+pub fn ramp(ui: &mut Ui, shown: &Shown) {
+    let Some(ends) = shown.ends() else { return };
+    let (all, _) = ui.allocate_exact_size(vec2(ui.available_width(), SIDE), Sense::hover());
+    let [lo, hi] = shown.stretch;
+    let x = |part: u32| all.left() + all.width() * part as f32 / PARTS as f32;
+    for part in 0..PARTS {
+        let word = lo + ((hi - lo) as u64 * part as u64 / (PARTS - 1) as u64) as u32;
+        let [r, g, b] = resolve::color_of(shown, word);
+        let rect = Rect::from_min_max(pos2(x(part), all.top()), pos2(x(part + 1), all.bottom()));
+        ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(r, g, b));
+    }
+    let unit = if shown.attribute == Attribute::Elevation { " m" } else { "" };
+    ui.horizontal(|ui| {
+        ui.label(format!("{:.2}{unit}", ends[0]));
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| ui.label(format!("{:.2}{unit}", ends[1])));
+    });
+}
+
+/// What points of this number are drawn in.
+pub fn swatch(ui: &mut Ui, attribute: Attribute, number: u8) {
+    let [r, g, b] = resolve::code_color(attribute, number);
+    let (square, _) = ui.allocate_exact_size(egui::Vec2::splat(SIDE), Sense::hover());
+    ui.painter().rect_filled(square, 0.0, Color32::from_rgb(r, g, b));
+}
