@@ -179,7 +179,11 @@ mod tests {
         let mut path = CameraPath::default();
         cameras.iter().for_each(|&camera| path.add(camera).unwrap());
         let mut other = path.clone();
-        let added = other.add(Camera { projection: Projection::Orthographic, ..cameras[0] });
+        let otherwise = match cameras[0].projection {
+            Projection::Perspective => Projection::Orthographic,
+            Projection::Orthographic => Projection::Perspective,
+        };
+        let added = other.add(Camera { projection: otherwise, ..cameras[0] });
         assert!(added.is_err() && other == path);
         path.check().unwrap();
         path

@@ -205,10 +205,12 @@ fn the_wheel_does_not_lead_through_the_gaps_of_a_surface() {
     }
     assert!(seen(&navigation.camera, wall).1 < 1e-3 * far);
     // Something nearer takes its place, and so does what is under the cursor elsewhere.
-    let (near, aside) = (navigation.camera.eye + way * 1e-4, at + DVec2::new(100.0, 0.0));
+    navigation = self::navigation(Habit::default(), Preset::Fit);
+    navigation.handle(Input::Wheel { notches: 1.0, at, under: Some(wall) });
+    let (near, aside) = (navigation.camera.eye + way, at + DVec2::new(100.0, 0.0));
     let depth = seen(&navigation.camera, near).1;
     navigation.handle(Input::Wheel { notches: 1.0, at, under: Some(near) });
-    assert!((seen(&navigation.camera, near).1 / depth - 0.8).abs() < 1e-3);
+    assert!((seen(&navigation.camera, near).1 / depth - 0.8).abs() < 1e-6);
     let other = navigation.camera.eye + way * 30.0;
     let depth = seen(&navigation.camera, other).1;
     navigation.handle(Input::Wheel { notches: 1.0, at: aside, under: Some(other) });

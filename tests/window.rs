@@ -10,6 +10,7 @@ use display::{Display, SIZE, Viewer};
 use glam::DVec3;
 use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::{self, ReadOptions, Wanted};
+use pointillist::passes::EFFECTS;
 use pointillist::passes::resolve::code_color;
 use pointillist::progress::Silent;
 use pointillist::resident::section::Slab;
@@ -176,13 +177,62 @@ fn what_cannot_be_opened_is_said_in_the_window_which_stays() {
     let bad = place.at("bad.las");
     std::fs::write(&bad, b"LASF, or so it says").unwrap();
     let mut viewer = place.view(&[&bad], "");
-    // A photograph taken before the panel is hidden would show it, and the panel that comes back would be no change.
-    let background = pointillist::config::BACKGROUND;
-    viewer.until("bare window", |viewer| viewer.photograph().pixels.iter().all(|pixel| *pixel == background));
-    viewer.key("n");
-    viewer.until("panel", |viewer| viewer.photograph().pixels.iter().any(|pixel| *pixel != background));
+    put_away(&mut viewer);
     let said = viewer.close();
     assert!(said.contains("bad.las"), "{said}");
+}
+
+/// Something is said in red, with the panel or without.
+fn is_in_trouble(viewer: &mut Viewer) -> bool {
+    viewer.photograph().pixels.contains(&[255, 128, 128])
+}
+
+fn put_away(viewer: &mut Viewer) {
+    viewer.until("trouble", is_in_trouble);
+    viewer.key("Escape");
+    viewer.until("peace", |viewer| !is_in_trouble(viewer));
+}
+
+#[test]
+fn what_is_dropped_and_cannot_be_opened_leaves_the_window_as_it_was() {
+    let place = Place::new();
+    let (torus, street) = (place.scan("torus.las", Scene::Torus, 10_000), place.street(30_000));
+    let bad = place.at("bad.las");
+    std::fs::write(&bad, b"LASF, or so it says").unwrap();
+    let view = "--view top";
+    let mut viewer = place.view(&[&torus], view);
+    let one = place.picture(&[&torus], "one.png", view);
+    viewer.shows(&one);
+    drop_file(&place.display, &viewer.window, &bad);
+    viewer.until("trouble", is_in_trouble);
+    drop_file(&place.display, &viewer.window, &torus);
+    viewer.until("said twice", |viewer| viewer.said().iter().any(|line| line.contains("torus.las is open already")));
+    drop_file(&place.display, &viewer.window, &street);
+    let both = place.picture(&[&torus, &street], "both.png", view);
+    viewer.until("both", |viewer| {
+        viewer.key("7");
+        std::thread::sleep(Duration::from_millis(500));
+        viewer.photograph().pixels == read_png(&both).pixels
+    });
+    viewer.close();
+}
+
+/// As a scene that is dropped says, one after the other.
+#[test]
+fn every_effect_is_switched_on_as_render_does() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let camera = r#""camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105], "up": [0, 0, 1], "fov_y": 45}"#;
+    let mut viewer = place.view(&[&cloud], "");
+    for on in EFFECTS {
+        let effects: Vec<String> =
+            EFFECTS.iter().map(|effect| format!("\"{effect}={}\"", if effect == on { "on" } else { "off" })).collect();
+        let scene = place.at(&format!("{on}.json"));
+        std::fs::write(&scene, format!("{{{camera}, \"opacity\": [\"class:6=0.5\"], \"effects\": [{}]}}", effects.join(", "))).unwrap();
+        drop_file(&place.display, &viewer.window, &scene);
+        viewer.shows(&place.picture(&[&cloud], &format!("{on}.png"), &format!("--scene {}", scene.display())));
+    }
+    viewer.close();
 }
 
 #[test]
@@ -456,6 +506,7 @@ fn a_profile_has_the_points_of_the_file_that_lie_along_its_line() {
     viewer.shows(&place.picture(&[&cloud], "top.png", "--view top"));
     viewer.key("x");
     viewer.until("word of what is missing", |viewer| viewer.said().iter().any(|line| line.contains("two picked points")));
+    put_away(&mut viewer);
     pick(&place, &mut viewer, &[[195, 150], [202, 260]]);
     viewer.key("x");
     viewer.until("profile", |viewer| viewer.printed().iter().any(|line| line.starts_with("profile: ")));
@@ -517,6 +568,7 @@ fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
     std::fs::write(&scene, "{}").unwrap();
     viewer.key("F6");
     viewer.until("word of it", |viewer| viewer.said().iter().any(|line| line.contains("no scene")));
+    put_away(&mut viewer);
     viewer.shows(&above);
     viewer.close();
 }
@@ -534,6 +586,7 @@ fn after_a_lost_device_the_window_shows_what_it_did_and_has_what_was_picked() {
         place.display.xdotool("click 4 click 5");
         viewer.said().iter().any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
     });
+    put_away(&mut viewer);
     let table = place.saved(&mut viewer, "c", "pointillist-1.csv");
     assert_eq!(std::fs::read_to_string(table).unwrap().lines().count(), 2);
     // The mark of what was picked lies over the picture.
@@ -556,6 +609,7 @@ fn where_the_disk_hangs_the_window_says_so_within_a_second_and_shows_what_it_has
         std::fs::remove_file(scene).unwrap();
         let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
         std::fs::remove_file(scene).unwrap();
+        put_away(&mut viewer);
         viewer.key("Escape");
         // It says what panicked, and of the device nothing.
         let ended = viewer.ended();

@@ -35,6 +35,7 @@ impl App {
         self.framed = true;
         self.options.camera = Some(self.scene.camera);
         self.navigation.camera = self.scene.camera;
+        self.facts.trouble = None;
         self.scene_changed(&before)?;
         self.facts.doing = Some(format!("loaded {}", file.display()));
         Ok(())

@@ -91,7 +91,11 @@ impl App {
         match keys::find(code) {
             Some(Act::Fly(way)) => self.fly(way, pressed),
             Some(Act::Do(deed)) if pressed && !repeated => self.deed(deed),
-            Some(Act::Close) if pressed => events.exit(),
+            // What has gone wrong is put away first.
+            Some(Act::Close) if pressed => match self.facts.put_away() {
+                true => self.title(),
+                false => events.exit(),
+            },
             _ => {}
         }
     }

@@ -44,8 +44,8 @@ pub const KEYS: &[Key] = &[
     key(&[KeyCode::KeyS, KeyCode::ArrowDown], "S", Act::Fly(Way::Back), "back"),
     key(&[KeyCode::KeyA, KeyCode::ArrowLeft], "A", Act::Fly(Way::Left), "left"),
     key(&[KeyCode::KeyD, KeyCode::ArrowRight], "D", Act::Fly(Way::Right), "right"),
-    key(&[KeyCode::KeyE, KeyCode::KeyR, KeyCode::PageUp], "E", Act::Fly(Way::Up), "up"),
-    key(&[KeyCode::KeyQ, KeyCode::KeyF, KeyCode::PageDown], "Q", Act::Fly(Way::Down), "down"),
+    key(&[KeyCode::KeyE, KeyCode::KeyR, KeyCode::PageUp], "E", Act::Fly(Way::Up), "up; R too"),
+    key(&[KeyCode::KeyQ, KeyCode::KeyF, KeyCode::PageDown], "Q", Act::Fly(Way::Down), "down; F too"),
     key(&[KeyCode::KeyM], "M", Act::Do(Deed::Navigate(Input::NextMode)), "the mouse orbits, looks around in flight, or grabs the ground"),
     key(&[KeyCode::KeyX], "X", Act::Do(Deed::Profile), "a profile along what was picked"),
     key(&[KeyCode::KeyC], "C", Act::Do(Deed::Export("csv")), "save what was picked, as a table, and the profile"),
@@ -61,7 +61,7 @@ pub const KEYS: &[Key] = &[
     key(&[KeyCode::F11], "F11", Act::Do(Deed::FullScreen), "full screen"),
     key(&[KeyCode::KeyH, KeyCode::F1], "H", Act::Do(Deed::Help), "these keys"),
     key(&[KeyCode::KeyN], "N", Act::Do(Deed::Panel), "without the panel, or with it"),
-    key(&[KeyCode::Escape], "Esc", Act::Close, "close"),
+    key(&[KeyCode::Escape], "Esc", Act::Close, "put away what went wrong, or close"),
 ];
 
 pub fn find(code: KeyCode) -> Option<Act> {

@@ -31,8 +31,9 @@ pub struct Facts {
     pub title: String,
     /// What is going on besides.
     pub doing: Option<String>,
-    /// The last thing that went wrong.
+    /// The last thing that went wrong, until somebody puts it away; and that.
     pub trouble: Option<String>,
+    pub put_away: Option<String>,
     /// Of the whole cloud.
     pub points: u64,
     /// Of the last picture.
@@ -62,6 +63,16 @@ pub struct Facts {
     pub help: bool,
     /// Nothing but the picture is shown.
     pub hidden: bool,
+}
+
+impl Facts {
+    /// Whether there was anything to put away.
+    pub fn put_away(&mut self) -> bool {
+        let was = self.trouble.take();
+        let any = was.is_some();
+        self.put_away = was.or(self.put_away.take());
+        any
+    }
 }
 
 /// The size of a picture that is saved.
@@ -249,7 +260,7 @@ fn trouble(context: &egui::Context, facts: &mut Facts) {
     let above = egui::Window::new("trouble").open(&mut unread).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -20.0]).collapsible(false);
     above.show(context, |ui| ui.label(RichText::new(text).color(Color32::LIGHT_RED)));
     if !unread {
-        facts.trouble = None;
+        facts.put_away();
     }
 }
 

@@ -29,6 +29,8 @@ impl App {
             }
             Report::Doing(text) => self.facts.doing = Some(text),
             Report::Saved(path) => self.facts.doing = Some(format!("saved {}", path.display())),
+            // What goes wrong with every picture is read once.
+            Report::Failed(error) if self.facts.put_away.as_ref() == Some(&error.to_string()) => {}
             Report::Failed(error) => self.trouble(&error),
             Report::Ended(error) => {
                 if let Err(error) = self.rebuild(error) {
