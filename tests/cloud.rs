@@ -3,6 +3,7 @@
 //! Real and bad files lie in `../shared`; where that folder is missing, the tests that need it say so and pass.
 
 use glam::DVec3;
+use pointillist::cloud::find::{self, Extras, Sought};
 use pointillist::cloud::{self, Cloud, ReadOptions, Wanted, spacing};
 use pointillist::error::{Error, Result};
 use pointillist::progress::{Progress, Silent};
@@ -340,7 +341,7 @@ fn every_lying_header_field_is_survived() {
         (247, 8),
     ];
     for name in ["las1.2_pf2.las", "las1.2_pf2.laz", "las1.4_pf6_rand.laz", "las1.4_pf9.las"] {
-        let Some(path) = shared(&format!("data/formats/{name}")) else { return };
+        let Some(path) = shared(&format!("data/{name}")) else { return };
         let bytes = fs::read(path).unwrap();
         let mut places: Vec<(usize, usize)> = fields.into_iter().filter(|(at, _)| *at < 111 || bytes[25] >= 4 || *at < 227).collect();
         // The laszip record: compressor, chunk size, items.
@@ -745,4 +746,37 @@ proptest! {
             prop_assert!((*back - DVec3::from_array(*point)).abs().max_element() <= half * (1.0 + 1e-9));
         }
     }
+}
+
+/// All that the file has of a point, as the crate `las` reads it from the first record to the last.
+#[test]
+fn a_point_that_is_looked_up_comes_with_every_attribute_of_its_file() {
+    let [mut colours, mut extras] = [0; 2];
+    for name in
+        ["formats/las1.4_pf3_extrabytes.las", "formats/las1.2_pf3.copc.laz", "formats/las1.4_pf9.laz", "aerial/ign_rgb16_nir_697k.laz"]
+    {
+        let Some(path) = shared(&format!("data/{name}")) else { return };
+        let all = las::Reader::from_path(&path).unwrap().read_points(u64::MAX).unwrap();
+        let records: Vec<las::Point> = all.points().map(std::result::Result::unwrap).collect();
+        let part = &read(&path).unwrap().parts[0];
+        let position = |i: usize| part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from));
+        for i in [0, part.columns.len() / 2, part.columns.len() - 1] {
+            let sought = Sought { position: position(i), ..Sought::default() };
+            let found = find::find(std::slice::from_ref(&path), &sought, &Silent).unwrap().unwrap();
+            let record = &records[found.point as usize];
+            assert_eq!(
+                [record.x, record.y, record.z].map(|c| (c * 1e3).round()),
+                position(i).to_array().map(|c| (c * 1e3).round()),
+                "{name}"
+            );
+            let colour = record.color.map(|color| [color.red, color.green, color.blue]);
+            assert!(found.rgb.is_none() || found.rgb == colour, "{name}: {found:?}");
+            let Extras { near_infrared, scan_angle_deg, user_data, extra_bytes, .. } = found.extras;
+            assert_eq!((near_infrared, scan_angle_deg, user_data), (record.nir, Some(record.scan_angle), Some(record.user_data)), "{name}");
+            assert_eq!((extra_bytes, found.intensity), (record.extra_bytes.clone(), Some(record.intensity as f64)), "{name}");
+            colours += found.rgb.is_some_and(|rgb| rgb.iter().any(|&channel| channel > 255)) as usize;
+            extras += (!record.extra_bytes.is_empty()) as usize;
+        }
+    }
+    assert!(colours > 0 && extras > 0, "{colours} wide colours, {extras} with extra bytes");
 }

@@ -331,7 +331,10 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
     let json = place.saved(&mut viewer, "g", "pointillist-1.geojson");
     let table = std::fs::read_to_string(&table).unwrap();
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
-    assert_eq!(rows[0].join(" "), "x y z class return station returns source intensity red green blue gps_time point file");
+    assert_eq!(
+        rows[0].join(" "),
+        "x y z class return station returns source intensity red green blue gps_time point file near_infrared scan_angle user_data marks extra_bytes"
+    );
     for (row, picked) in rows[1..].iter().zip(&picked) {
         let numbers: Vec<f64> = row[..14].iter().map(|number| number.parse().unwrap_or(f64::NAN)).collect();
         assert_eq!(DVec3::from_slice(&numbers), *picked);
@@ -344,7 +347,9 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
             [whole(&columns.class), (columns.returns.as_ref().unwrap()[i] & 15) as f64, (columns.returns.as_ref().unwrap()[i] >> 4) as f64]
         );
         assert_eq!([numbers[7], numbers[8]], [columns.source.as_ref().unwrap()[i], columns.intensity.as_ref().unwrap()[i]].map(f64::from));
-        assert_eq!(numbers[9..12], columns.rgb.as_ref().unwrap()[i].map(f64::from));
+        // In the file's own 16 bits.
+        assert_eq!([0, 1, 2].map(|c| (numbers[9 + c] / 257.0).round()), columns.rgb.as_ref().unwrap()[i].map(f64::from));
+        assert_eq!((row[16], row[17]), ("0", "0"));
         let time = columns.gps_time.as_ref().map(|times| times[i]);
         assert!(time.is_none() || time == Some(numbers[12]), "{time:?} {row:?}");
         assert_eq!(row[14], "scan.las");

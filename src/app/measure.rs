@@ -1,7 +1,7 @@
 //! Picked points in, what they are and what lies between them out: lengths, heights, angles, areas. Pure, f64.
 
 use crate::cloud::attribute::STATION_SHIFT;
-use crate::cloud::find::Record;
+use crate::cloud::find::{Extras, Record, hex};
 use crate::resident::Point;
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -120,9 +120,14 @@ impl Measure {
             let (intensity, time) = (word(record.intensity), word(record.gps_time));
             let (point, file) = (word(picked.record().map(|record| record.point)), record.file.replace('"', "\"\""));
             let file = if file.contains([',', '"']) { format!("\"{file}\"") } else { file };
-            format!("{x},{y},{z},{kind},{returns},{source},{intensity},{r},{g},{b},{time},{point},{file}\n")
+            let Extras { near_infrared, scan_angle_deg, user_data, marks, extra_bytes } = record.extras;
+            let (infrared, angle, data) = (word(near_infrared), word(scan_angle_deg), word(user_data));
+            let (marks, extra) = (marks.join(" and "), hex(&extra_bytes));
+            format!(
+                "{x},{y},{z},{kind},{returns},{source},{intensity},{r},{g},{b},{time},{point},{file},{infrared},{angle},{data},{marks},{extra}\n"
+            )
         };
-        let head = "x,y,z,class,return,station,returns,source,intensity,red,green,blue,gps_time,point,file\n";
+        let head = "x,y,z,class,return,station,returns,source,intensity,red,green,blue,gps_time,point,file,near_infrared,scan_angle,user_data,marks,extra_bytes\n";
         std::iter::once(head.to_string()).chain(self.points.iter().map(line)).collect()
     }
 
@@ -217,7 +222,7 @@ mod tests {
         let row = csv.lines().nth(1).unwrap();
         let read: Vec<f64> = row.split(',').take(6).map(|number| number.parse().unwrap()).collect();
         assert_eq!((DVec3::from_slice(&read), &read[3..]), (points.place(0), &[6.0, 2.0, 2.0][..]));
-        assert!(row.ends_with(",,,,1,2,3,0.30000000000000004,41,\"a, b.las\""), "{row}");
+        assert!(row.ends_with(",,,,1,2,3,0.30000000000000004,41,\"a, b.las\",,,,,"), "{row}");
         assert!(points.to_string().contains("class 6 return 2 station 2\ndistance"), "{points}");
         let json = points.geojson();
         assert_eq!(json["features"][0]["geometry"]["coordinates"][0][0].as_f64().unwrap(), points.place(0).x);

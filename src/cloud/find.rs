@@ -1,5 +1,6 @@
 //! PLACE -> RECORD: all that a file says of the point at a place. Files are streamed again for it, since nobody keeps every attribute of every point in memory.
 
+use super::las::single;
 use super::stream::{self, Batch, Source};
 use super::{Lattice, ReadOptions, Wanted};
 use crate::error::Result;
@@ -20,14 +21,14 @@ pub struct Sought {
     pub station: Option<(usize, Option<u16>)>,
 }
 
-/// What a file has of one point, in its own numbers; colours in 8 bits a channel. What it lacks is none.
+/// What a file has of one point, in its own numbers: colours of 16 bits a channel in LAS, of 8 in other files. What it lacks is none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Record {
     /// The scan's name, or the file's.
     pub file: String,
     /// Which of its points, counted from 0.
     pub point: u64,
-    pub rgb: Option<[u8; 3]>,
+    pub rgb: Option<[u16; 3]>,
     pub intensity: Option<f64>,
     pub class: Option<u8>,
     pub return_number: Option<u8>,
@@ -38,16 +39,29 @@ pub struct Record {
     pub normal: Option<[f64; 3]>,
     /// Seconds, as in the file.
     pub gps_time: Option<f64>,
+    /// What only LAS has.
+    pub extras: Extras,
     /// Other points that lie in the same place.
     pub others: u64,
+}
+
+/// What a LAS record holds that no picture shows.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Extras {
+    pub near_infrared: Option<u16>,
+    pub scan_angle_deg: Option<f32>,
+    pub user_data: Option<u8>,
+    /// Such as synthetic, or withheld.
+    pub marks: Vec<&'static str>,
+    /// As they stand in the file.
+    pub extra_bytes: Vec<u8>,
 }
 
 /// A candidate, and how little it is like what is sought; the first of the most alike counts.
 struct Candidate {
     unlike: (bool, bool, u64),
     record: Record,
-    /// Its colour is of a batch of wide ones.
-    is_wide: bool,
+    part: usize,
 }
 
 /// The record of a point, or none where no point of these files lies in its place.
@@ -55,7 +69,8 @@ pub fn find(paths: &[PathBuf], sought: &Sought, progress: &dyn Progress) -> Resu
     let options = ReadOptions { wanted: Wanted::ALL, strict: false };
     let mut best: Option<Candidate> = None;
     let mut found = 0;
-    for (part, source) in stream::open(paths, &options, progress, &mut Vec::new())?.iter().enumerate() {
+    let sources = stream::open(paths, &options, progress, &mut Vec::new())?;
+    for (part, source) in sources.iter().enumerate() {
         let Some(steps) = steps_at(&source.lattice(), sought.position) else { continue };
         let candidates = Mutex::new(Vec::new());
         let streamed = source.stream(progress, &|batch| {
@@ -68,16 +83,21 @@ pub fn find(paths: &[PathBuf], sought: &Sought, progress: &dyn Progress) -> Resu
         let candidates = candidates.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         found += candidates.len() as u64;
         for mut candidate in candidates {
-            if streamed.depth.is_wide() && !candidate.is_wide {
-                candidate.record.rgb.iter_mut().for_each(|rgb| super::color::narrow(std::slice::from_mut(rgb)));
-            }
             candidate.record.rgb.take_if(|_| !streamed.available.rgb);
             if best.as_ref().is_none_or(|best| candidate.unlike < best.unlike) {
                 best = Some(candidate);
             }
         }
     }
-    Ok(best.map(|best| Record { others: found - 1, ..best.record }))
+    Ok(best.map(|Candidate { mut record, part, .. }| {
+        // Batches do not know yet how wide the colours of a whole file are.
+        if sources[part].is_las() {
+            let (rgb, extras) =
+                single::record(sources[part].path(), record.point, sought.position, sources[part].lattice().step).unwrap_or_default();
+            (record.rgb, record.extras) = (rgb.filter(|_| record.rgb.is_some()), extras);
+        }
+        Record { others: found - 1, ..record }
+    }))
 }
 
 /// The steps whose place this is, bit by bit.
@@ -95,7 +115,7 @@ fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: us
     let record = Record {
         file: source.title(),
         point: batch.first + i as u64,
-        rgb: columns.rgb.as_ref().map(|column| column[i]),
+        rgb: columns.rgb.as_ref().map(|column| column[i].map(u16::from)),
         intensity: columns.intensity.as_ref().map(|column| lo + (hi - lo) * column[i] as f64 / 65535.0),
         class: columns.class.as_ref().map(|column| column[i]),
         return_number: returns.map(|returns| returns & 15),
@@ -103,12 +123,13 @@ fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: us
         source: columns.source.as_ref().map(|column| column[i]),
         normal: columns.normal.as_ref().map(|column| column[i].map(|component| component as f64 / 127.0)),
         gps_time: columns.gps_time.as_ref().map(|column| column[i]),
+        extras: Extras::default(),
         others: 0,
     };
     let kind = [record.class.unwrap_or(0), record.return_number.unwrap_or(0)];
     let is_elsewhere = sought.station.is_some_and(|(other, id)| other != part || (id.is_some() && id != record.source));
     let unlike = (is_elsewhere, sought.kind.is_some_and(|other| other != kind), record.point);
-    Candidate { unlike, record, is_wide: batch.depth.is_wide() }
+    Candidate { unlike, record, part }
 }
 
 /// In words, but for the position.
@@ -136,9 +157,33 @@ impl std::fmt::Display for Record {
         if let Some(time) = self.gps_time {
             write!(f, ", time {time}")?;
         }
+        write!(f, "{}", self.extras)?;
         if self.others > 0 {
             write!(f, "; {} more in the same place", self.others)?;
         }
         Ok(())
     }
+}
+
+impl std::fmt::Display for Extras {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if let Some(near_infrared) = self.near_infrared {
+            write!(f, ", near infrared {near_infrared}")?;
+        }
+        if let Some(angle) = self.scan_angle_deg {
+            write!(f, ", scan angle {angle}°")?;
+        }
+        if let Some(data) = self.user_data {
+            write!(f, ", user data {data}")?;
+        }
+        self.marks.iter().try_for_each(|mark| write!(f, ", {mark}"))?;
+        if !self.extra_bytes.is_empty() {
+            write!(f, ", extra bytes {}", hex(&self.extra_bytes))?;
+        }
+        Ok(())
+    }
+}
+
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

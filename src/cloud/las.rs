@@ -9,6 +9,7 @@
 pub mod header;
 mod laz;
 pub mod records;
+pub mod single;
 
 use super::input::{Input, Meter};
 use super::{Part, ReadOptions, Wanted, color};

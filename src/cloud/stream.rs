@@ -92,6 +92,10 @@ impl Source {
         &self.path
     }
 
+    pub fn is_las(&self) -> bool {
+        matches!(self.contents, Contents::Las { .. })
+    }
+
     /// The scan's own name within its file, where it has one.
     pub fn name(&self) -> Option<&str> {
         match &self.contents {
