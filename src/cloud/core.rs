@@ -3,50 +3,95 @@
 use super::Cloud;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// About as many points are looked at. Which ones their coordinates decide, not their place in the file, so that the camera does not depend on the order.
 const SAMPLES: u64 = 100_000;
 /// Share of the points that may lie beyond each side of a box that is certainly no stray's doing.
 const BEYOND: f64 = 0.002;
-/// What lies beyond the box and is no stray: steps from point to point, and all of them together, as parts of the box's longest side.
+/// What lies beyond the box and is no stray: cells side by side with points in each, and how far they lead, as parts of the box's longest side.
 const STEP: f64 = 1.0 / 50.0;
 const WAY: f64 = 0.25;
 
 impl Cloud {
-    /// A sample of the points, without strays; all points of a small cloud. World.
+    /// A sample of the points, and whatever hangs together with most of them; no strays. World.
     pub fn core_points(&self) -> Vec<DVec3> {
         let every = self.len() / SAMPLES + 1;
-        let mut points = Vec::new();
+        let samples: Vec<_> = self.places(|q| scatter(q).is_multiple_of(every), |_| true).into_iter().map(|p| (p, 1)).collect();
+        let certain = Certain::of(samples.clone());
+        let mut core: Vec<DVec3> = samples.into_iter().map(|(p, _)| p).filter(|&p| certain.beyond(p) == 0.0).collect();
+        // Of a spire's tip a sample would have nothing.
+        core.extend(certain.tied(self.places(|_| true, |p| certain.beyond(p) > 0.0)));
+        core
+    }
+
+    /// Where those points are of which both steps and place are as wanted.
+    fn places(&self, wants: impl Fn([i32; 3]) -> bool + Sync, wants_at: impl Fn(DVec3) -> bool + Sync) -> Vec<DVec3> {
+        let mut places = Vec::new();
         for part in &self.parts {
             let columns = &part.columns;
-            let at = |i: usize| (part.lattice.world([columns.x[i] as i64, columns.y[i] as i64, columns.z[i] as i64]), 1);
-            let chosen = |&i: &usize| scatter([columns.x[i], columns.y[i], columns.z[i]]).is_multiple_of(every);
-            points.par_extend((0..columns.len()).into_par_iter().filter(chosen).map(at));
+            let steps = |i: usize| [columns.x[i], columns.y[i], columns.z[i]];
+            let wanted = (0..columns.len()).into_par_iter().map(steps).filter(|&q| wants(q));
+            places.par_extend(wanted.map(|q| part.lattice.world(q.map(i64::from))).filter(|&p| wants_at(p)));
         }
-        without_strays(points)
+        places
     }
 }
 
-/// Samples, each as often as the points that it stands for, without strays. All that lies between the 0.2nd and the 99.8th percentile of every axis is kept, and what hangs together with that: a spire or an outstretched
-/// arm may hold fewer points than strays do, but no gap parts it from the rest.
-pub fn without_strays(mut samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
-    let beyond = BEYOND * samples.iter().map(|&(_, weight)| weight as f64).sum::<f64>();
-    let [mut low, mut high] = [DVec3::NEG_INFINITY, DVec3::INFINITY];
-    for axis in 0..3 {
-        samples.par_sort_unstable_by(|(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
-        low[axis] = within(samples.iter(), axis, beyond).unwrap_or(low[axis]);
-        high[axis] = within(samples.iter().rev(), axis, beyond).unwrap_or(high[axis]);
-    }
-    let size = (high - low).max_element();
-    let from_box = |p: DVec3| (p - p.clamp(low, high)).abs().max_element();
-    let (mut core, mut outside): (Vec<DVec3>, Vec<DVec3>) = samples.into_iter().map(|(p, _)| p).partition(|&p| from_box(p) == 0.0);
-    outside.retain(|&p| from_box(p) <= WAY * size);
-    let mut reached: Vec<DVec3> = outside.extract_if(.., |p| from_box(*p) <= STEP * size).collect();
-    while let Some(at) = reached.pop() {
-        core.push(at);
-        reached.extend(outside.extract_if(.., |p| p.distance(at) <= STEP * size));
-    }
+/// Samples, each as often as the points that it stands for, without strays.
+pub fn without_strays(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
+    let certain = Certain::of(samples.clone());
+    let (mut core, outside): (Vec<DVec3>, Vec<DVec3>) = samples.into_iter().map(|(p, _)| p).partition(|&p| certain.beyond(p) == 0.0);
+    core.extend(certain.tied(outside));
     core
+}
+
+/// The box between the 0.2nd and the 99.8th percentile of every axis, which no stray has made.
+struct Certain {
+    low: DVec3,
+    high: DVec3,
+    /// The longest side.
+    size: f64,
+}
+
+impl Certain {
+    fn of(mut samples: Vec<(DVec3, u32)>) -> Certain {
+        let few = BEYOND * samples.iter().map(|&(_, weight)| weight as f64).sum::<f64>();
+        let [mut low, mut high] = [DVec3::NEG_INFINITY, DVec3::INFINITY];
+        for axis in 0..3 {
+            samples.par_sort_unstable_by(|(a, _), (b, _)| a[axis].total_cmp(&b[axis]));
+            low[axis] = within(samples.iter(), axis, few).unwrap_or(low[axis]);
+            high[axis] = within(samples.iter().rev(), axis, few).unwrap_or(high[axis]);
+        }
+        Certain { low, high, size: (high - low).max_element() }
+    }
+
+    /// How far outside a point lies along the axis where that is most, metres.
+    fn beyond(&self, p: DVec3) -> f64 {
+        (p - p.clamp(self.low, self.high)).abs().max_element()
+    }
+
+    /// Points outside that hang together with what is inside: a spire or an outstretched arm may hold fewer points than strays do, but no gap parts it from the rest.
+    fn tied(&self, outside: Vec<DVec3>) -> Vec<DVec3> {
+        let step = STEP * self.size;
+        let mut cells: HashMap<[i64; 3], Vec<DVec3>> = HashMap::new();
+        let mut reached = Vec::new();
+        for p in outside.into_iter().filter(|&p| self.beyond(p) <= WAY * self.size) {
+            let cell = ((p - self.low) / step).floor().to_array().map(|c| c as i64);
+            cells.entry(cell).or_default().push(p);
+            if self.beyond(p) <= step {
+                reached.push(cell);
+            }
+        }
+        let mut tied = Vec::new();
+        while let Some([x, y, z]) = reached.pop() {
+            if let Some(points) = cells.remove(&[x, y, z]) {
+                tied.extend(points);
+                reached.extend((0..27).map(|k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1]));
+            }
+        }
+        tied
+    }
 }
 
 /// The first coordinate that has more than `beyond` points up to it.
