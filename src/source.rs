@@ -3,6 +3,7 @@
 use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::core::without_strays;
+use crate::cloud::counts::Counts;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
 use crate::cut::Detail;
@@ -147,6 +148,14 @@ impl Source {
         match self {
             Source::Files(cloud) => &cloud.stations,
             Source::Index(index) => &index.directory.contents.stations,
+        }
+    }
+
+    /// Points of every class and return number, where they are known.
+    pub fn counts(&self) -> Option<Counts> {
+        match self {
+            Source::Files(cloud) => Some(Counts::of(cloud.parts.iter().map(|part| &part.columns))),
+            Source::Index(index) => index.directory.contents.counts.clone(),
         }
     }
 

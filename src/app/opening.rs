@@ -2,7 +2,8 @@
 
 use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, Further, Shown};
-use crate::cloud::{Columns, ReadOptions, Wanted};
+use crate::cloud::counts::Counts;
+use crate::cloud::{ReadOptions, Wanted};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::source::{Opening, Source};
@@ -28,20 +29,15 @@ pub struct Opened {
 pub struct Kinds {
     pub classes: Vec<(u8, u64)>,
     pub returns: Vec<(u8, u64)>,
-    /// Names.
-    pub stations: Vec<String>,
+    /// By their names.
+    pub stations: Vec<(String, u64)>,
 }
 
 impl Kinds {
     fn of(source: &Source) -> Kinds {
-        let stations = source.stations().iter().map(|station| station.name.clone()).collect();
-        let Source::Files(cloud) = source else { return Kinds { stations, ..Kinds::default() } };
-        let count = |column: fn(&Columns) -> Option<&Vec<u8>>| {
-            let mut counts = [0u64; 256];
-            cloud.parts.iter().filter_map(|part| column(&part.columns)).flatten().for_each(|&kind| counts[kind as usize] += 1);
-            (0..=255).zip(counts).filter(|&(_, count)| count > 0).collect()
-        };
-        Kinds { classes: count(|columns| columns.class.as_ref()), returns: count(|columns| columns.returns.as_ref()), stations }
+        let Counts { classes, returns } = source.counts().unwrap_or_default();
+        let stations = source.stations().iter().map(|station| (station.name.clone(), station.points)).collect();
+        Kinds { classes, returns, stations }
     }
 }
 

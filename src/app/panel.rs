@@ -336,7 +336,7 @@ fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
     let counted = |what: fn(u8) -> What, kinds: &[(u8, u64)]| -> Vec<_> {
         kinds.iter().map(|&(number, count)| (what(number), number, format!("{number}: {}", grouped(count)))).collect()
     };
-    let stations = stations.iter().map(|name| (What::Station(name.clone()), 0, name.clone())).collect();
+    let stations = stations.iter().map(|(name, count)| (What::Station(name.clone()), 0, format!("{name}: {}", grouped(*count)))).collect();
     let lists = [
         ("classes", Some(Attribute::Class), counted(What::Class, classes)),
         ("returns", Some(Attribute::Return), counted(What::Return, returns)),
