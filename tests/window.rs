@@ -128,6 +128,18 @@ fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
     assert!(said.contains("first picture after"), "{said}");
 }
 
+/// What is shown before is seen from where that fits, but the whole from where `render` sees it.
+#[test]
+fn a_file_that_takes_long_to_be_read_ends_as_the_picture_of_render() {
+    let place = Place::new();
+    let cloud = place.scan("scan.laz", Scene::Street, 2_100_000);
+    let fit = place.picture(&[&cloud], "fit.png", "");
+    let mut viewer = place.view(&[&cloud], "");
+    viewer.shows(&fit);
+    viewer.rests();
+    viewer.close();
+}
+
 /// Of a light that is new a moving picture casts one sample; at rest the others follow, the picture becomes that of `render`, and then nothing is done any more.
 #[test]
 fn samples_of_the_light_follow_when_the_window_rests() {

@@ -82,12 +82,14 @@ impl App {
         self.facts.shows = Some(shown.attribute);
         self.facts.kinds = kinds;
         self.navigation.set_subject(subject);
-        if !self.framed {
+        // Whoever has not moved since sees the whole from where `render` does.
+        if !self.framed || self.glimpsed.take() == Some(self.navigation.camera) {
             self.framed = true;
             match self.options.camera {
                 Some(camera) => self.navigation.camera = camera,
                 None => self.navigation.handle(Input::Look { from: self.options.preset }),
             }
+            self.glimpsed = (!is_whole).then_some(self.navigation.camera);
         }
         self.waits = !is_whole;
         let pool_bytes = self.options.pool_bytes;

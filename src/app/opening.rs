@@ -71,7 +71,7 @@ impl Progress for Watch {
     }
 }
 
-/// Opens files on a thread of their own. Of files that have to be indexed first a sample comes before.
+/// Opens files on a thread of their own. Of files that have to be indexed first, or take long to be read, a sample comes before.
 pub fn start(
     files: Vec<PathBuf>,
     opening: Opening,
@@ -94,10 +94,13 @@ pub fn start(
     let work = move || {
         // What is wrong with the files is said once, of the whole.
         if let Ok(Some(preview)) = Source::preview(&files, &opening, &watch) {
-            opened(ready(preview, false, &watch));
+            opened(ready(preview.source, false, &watch));
         }
         opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, true, &watch)));
     };
-    let thread = std::thread::Builder::new().name("opening".into()).spawn(work);
-    thread.map_err(|error| Error::Request(format!("cannot start a thread to read files: {error}")))
+    let failed = |error: &dyn std::fmt::Display| Error::Request(format!("cannot start a thread to read files: {error}"));
+    // Who draws what has been read so far would otherwise wait in one queue with all that is still to be read.
+    let pool = rayon::ThreadPoolBuilder::new().build().map_err(|error| failed(&error))?;
+    let thread = std::thread::Builder::new().name("opening".into()).spawn(move || pool.install(work));
+    thread.map_err(|error| failed(&error))
 }
