@@ -76,8 +76,8 @@ impl App {
     }
 
     pub(super) fn opened(&mut self, opened: Opened) {
-        let Opened { source, shown, subject, kinds, is_whole } = opened;
-        self.facts.points = source.points();
+        let Opened { source, shown, subject, kinds, points, is_whole } = opened;
+        self.facts.points = points;
         (self.origins, self.stations) = (source.files(), source.stations().to_vec());
         self.facts.shows = Some(shown.attribute);
         self.facts.kinds = kinds;

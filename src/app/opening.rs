@@ -6,7 +6,7 @@ use crate::cloud::counts::Counts;
 use crate::cloud::{ReadOptions, Wanted};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::source::{Opening, Source};
+use crate::source::{Opening, Preview, Source};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::Mutex;
@@ -20,6 +20,8 @@ pub struct Opened {
     pub shown: Shown,
     pub subject: Subject,
     pub kinds: Kinds,
+    /// Of the files, as their headers say while only a sample is there.
+    pub points: u64,
     /// Not a sample, before the whole.
     pub is_whole: bool,
 }
@@ -84,19 +86,19 @@ pub fn start(
     let further = Further { kind: true, normal: true, ..further };
     let shown = asked.map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
     let opening = Opening { read: ReadOptions { wanted: shown.and(further.wanted()), ..opening.read }, ..opening };
-    let ready = move |mut source: Source, is_whole: bool, progress: &dyn Progress| -> Result<Opened> {
+    let ready = move |mut source: Source, sample_of: Option<u64>, progress: &dyn Progress| -> Result<Opened> {
         source.find(asked, progress)?;
         let (mut shown, _) = source.shown(asked)?;
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
         shown.further = Further { normal: source.has_normals(), light: source.has_light(), ..further };
-        Ok(Opened { source, shown, subject, kinds, is_whole })
+        Ok(Opened { points: sample_of.unwrap_or(source.points()), source, shown, subject, kinds, is_whole: sample_of.is_none() })
     };
     let work = move || {
         // What is wrong with the files is said once, of the whole.
-        if let Ok(Some(preview)) = Source::preview(&files, &opening, &watch) {
-            opened(ready(preview.source, false, &watch));
+        if let Ok(Some(Preview { source, points })) = Source::preview(&files, &opening, &watch) {
+            opened(ready(source, Some(points), &watch));
         }
-        opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, true, &watch)));
+        opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, None, &watch)));
     };
     let failed = |error: &dyn std::fmt::Display| Error::Request(format!("cannot start a thread to read files: {error}"));
     // Who draws what has been read so far would otherwise wait in one queue with all that is still to be read.
