@@ -46,8 +46,17 @@ pub const POOL_BYTES: u64 = 1 << 30;
 /// Files with more points than this are indexed before they are drawn: whole clouds take 60 bytes a point.
 pub const WHOLE_POINTS: u64 = 20_000_000;
 
-/// Points of a file that are shown while it is being indexed: read within a second, and enough to see what it is.
+/// Points of a file that are shown while it is being read or indexed: read within a second, and enough to see what it is.
 pub const PREVIEW_POINTS: u64 = 1_000_000;
+
+/// And of one that is only read at most one point in so many, so that whoever waits for the whole waits little longer.
+pub const PREVIEW_SHARE: u64 = 8;
+
+/// Files take about a second to be read from so many points on, and are shown in part before.
+pub const SLOW_POINTS: u64 = 8_000_000;
+
+/// A compressed point takes as long to be read as so many others.
+pub const DECOMPRESSION: u64 = 4;
 
 /// Memory for points on their way into an index: a tenth of a billion points then take one pass through a temporary file.
 pub const INDEX_MEMORY: u64 = 2 << 30;

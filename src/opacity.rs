@@ -1,6 +1,7 @@
 //! How opaque points are: rules of the user, and what they come to for every class, return and station.
 
 use crate::cloud::Station;
+use crate::cloud::counts::{CLASSES, RETURNS};
 use serde::Serialize;
 
 /// What a rule is about.
@@ -27,10 +28,6 @@ pub struct Rule {
 /// All rules; the opacities of those that are about a point are multiplied.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Opacities(pub Vec<Rule>);
-
-/// Return numbers have four bits.
-const RETURNS: usize = 16;
-const CLASSES: usize = 256;
 
 impl std::str::FromStr for Rule {
     type Err = String;

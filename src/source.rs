@@ -3,6 +3,8 @@
 use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::core::without_strays;
+use crate::cloud::counts::Counts;
+use crate::cloud::stream::About;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
 use crate::cut::Detail;
@@ -43,7 +45,7 @@ impl Opening {
         if let Some(why) = self.index {
             return Ok(Some(why.into()));
         }
-        let points = cloud::stream::about(files)?;
+        let points = cloud::stream::about(files)?.points;
         let many = points > config::WHOLE_POINTS;
         Ok(many.then(|| format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)))
     }
@@ -68,6 +70,13 @@ impl Opening {
     fn place(&self) -> Result<cache::Place> {
         self.place.clone().map_or_else(cache::Place::usual, Ok)
     }
+}
+
+/// Some points of files.
+pub struct Preview {
+    pub source: Source,
+    /// That the files have, as their headers say.
+    pub points: u64,
 }
 
 pub enum Source {
@@ -106,16 +115,22 @@ impl Source {
         opening.equipped(index)
     }
 
-    /// Some of the points, for as long as files are being indexed; none where they are drawn whole, or their index is found.
-    pub fn preview(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Option<Source>> {
-        if paths.iter().any(|path| Index::is_one(path)) || opening.needs_index(paths)?.is_none() {
+    /// Some of the points, for as long as files are being indexed or slowly read; none where they are there soon.
+    pub fn preview(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Option<Preview>> {
+        if paths.iter().any(|path| Index::is_one(path)) {
             return Ok(None);
         }
-        let build = build::Options::usual(opening.read.strict);
-        if cache::is_there(paths, &opening.place()?, &build)? {
+        let About { points, compressed } = cloud::stream::about(paths)?;
+        let (soon, some) = match opening.needs_index(paths)? {
+            Some(_) => (cache::is_there(paths, &opening.place()?, &build::Options::usual(opening.read.strict))?, points),
+            None => (points + compressed * (config::DECOMPRESSION - 1) < config::SLOW_POINTS, points / config::PREVIEW_SHARE),
+        };
+        if soon {
             return Ok(None);
         }
-        Ok(cloud::sample(paths, opening.read.wanted, config::PREVIEW_POINTS, progress)?.map(Source::Files))
+        let some = some.min(config::PREVIEW_POINTS);
+        let sample = cloud::sample(paths, opening.read.wanted, some, progress)?;
+        Ok(sample.map(|cloud| Preview { source: Source::Files(cloud), points }))
     }
 
     pub fn notes(&self) -> &[String] {
@@ -147,6 +162,14 @@ impl Source {
         match self {
             Source::Files(cloud) => &cloud.stations,
             Source::Index(index) => &index.directory.contents.stations,
+        }
+    }
+
+    /// Points of every class and return number, where they are known.
+    pub fn counts(&self) -> Option<Counts> {
+        match self {
+            Source::Files(cloud) => Some(Counts::of(cloud.parts.iter().map(|part| &part.columns))),
+            Source::Index(index) => index.directory.contents.counts.clone(),
         }
     }
 

@@ -390,6 +390,17 @@ fn info_counts_what_it_reads() {
     assert!(report["stations"].as_array().unwrap().len() > 1);
     let output = pointillist().arg("info").arg(&cloud).output().unwrap();
     assert!(text(&output.stdout).contains("5000"));
+    let classes = text(&output.stdout).lines().find(|line| line.trim().starts_with("classes")).unwrap().to_string();
+
+    // An index knows as much of classes.
+    let index = place.at("street.pnti");
+    succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
+    let output = pointillist().args(["info", "--json"]).arg(&index).output().unwrap();
+    let indexed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(indexed["classes"], report["parts"][0]["attributes"]["class"]);
+    assert_eq!(indexed["returns"], serde_json::json!([{ "return": 1, "points": 5000 }]));
+    let output = pointillist().arg("info").arg(&index).output().unwrap();
+    assert!(text(&output.stdout).lines().any(|line| line == classes), "{}", text(&output.stdout));
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod support;
 
 use glam::DVec3;
 use pointillist::clip::Clips;
+use pointillist::cloud::counts::Counts;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions, Wanted};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::cut::{self, Detail};
@@ -331,6 +332,13 @@ fn check_contents(index: &Index, cloud: &Cloud) {
     };
     assert_eq!(sorted(&contents.stations), sorted(&cloud.stations));
     assert_eq!(contents.points, cloud.len());
+    let counted = |column: fn(&cloud::Columns) -> Option<&Vec<u8>>, mask: u8| {
+        let mut counts = BTreeMap::<u8, u64>::new();
+        cloud.parts.iter().filter_map(|part| column(&part.columns)).flatten().for_each(|kind| *counts.entry(kind & mask).or_default() += 1);
+        counts.into_iter().collect::<Vec<_>>()
+    };
+    let counts = Counts { classes: counted(|c| c.class.as_ref(), 255), returns: counted(|c| c.returns.as_ref(), 15) };
+    assert_eq!(contents.counts, Some(counts));
     match (contents.bounds, cloud.bounds()) {
         (Some([low, high]), Some((true_low, true_high))) => {
             // One lattice for several files moves corners by a thousandth of a step at most.
@@ -970,6 +978,15 @@ fn an_index_from_the_future_is_refused_with_a_sentence() {
     assert!(Index::open(place.folder.path()).is_err() && Index::open(&place.at("nowhere")).is_err());
 }
 
+/// An index with other contents, which begin at this byte.
+fn with_contents(bytes: &[u8], at: usize, contents: &[u8]) -> Vec<u8> {
+    let mut crafted = [&bytes[..at], contents].concat();
+    let length = crafted.len() as u64;
+    crafted[16..24].copy_from_slice(&length.to_le_bytes());
+    crafted[32..40].copy_from_slice(&(contents.len() as u64).to_le_bytes());
+    crafted
+}
+
 #[test]
 fn crafted_directories_are_refused() {
     let place = Place::new();
@@ -1060,14 +1077,19 @@ fn crafted_directories_are_refused() {
         let path = place.write("crafted.pnti", &signed(crafted));
         assert!(Index::open(&path).is_err(), "{what}");
     }
-    // Contents that are no JSON, not these, or nested without end.
     let json = directory + nodes.len() * field::BYTES;
+    // More points of a class than there are, no class, and one twice.
+    let told: serde_json::Value = serde_json::from_slice(&bytes[json..]).unwrap();
+    for (kinds, counts) in [("classes", "[[2,18446744073709551615]]"), ("returns", "[[16,1]]"), ("returns", "[[1,1],[1,1]]")] {
+        let mut told = told.clone();
+        told["counts"][kinds] = serde_json::from_str(counts).unwrap();
+        let crafted = with_contents(&bytes, json, &serde_json::to_vec(&told).unwrap());
+        let error = Index::open(&place.write("crafted.pnti", &signed(crafted))).err().unwrap().to_string();
+        assert!(error.contains("impossible numbers of points"), "{error}");
+    }
+    // Contents that are no JSON, not these, or nested without end.
     for contents in [&b"{}"[..], b"", b"\xff", &[b'['; 100_000], b"{\"points\": 1e999}"] {
-        let mut crafted = [&bytes[..json], contents].concat();
-        let length = crafted.len() as u64;
-        crafted[16..24].copy_from_slice(&long(length));
-        crafted[32..40].copy_from_slice(&long(contents.len() as u64));
-        assert!(Index::open(&place.write("crafted.pnti", &signed(crafted))).is_err());
+        assert!(Index::open(&place.write("crafted.pnti", &signed(with_contents(&bytes, json, contents)))).is_err());
     }
 }
 
@@ -1231,7 +1253,7 @@ fn first_version(bytes: &[u8]) -> Vec<u8> {
         bytes[directory_at..][..nodes * record].chunks(record).flat_map(|record| [&record[..108], &record[record.len() - 20..]].concat());
     let records: Vec<u8> = records.collect();
     let mut known: serde_json::Value = serde_json::from_slice(&bytes[directory_at + nodes * record..][..contents]).unwrap();
-    ["oriented", "balance"].into_iter().for_each(|unknown| drop(known.as_object_mut().unwrap().remove(unknown)));
+    ["oriented", "balance", "counts"].into_iter().for_each(|unknown| drop(known.as_object_mut().unwrap().remove(unknown)));
     let directory = [records, serde_json::to_vec(&known).unwrap()].concat();
     let mut first = [&bytes[..directory_at], &directory].concat();
     let length = first.len() as u64;
@@ -1258,7 +1280,7 @@ fn an_index_of_the_first_version_is_read_as_it_was() {
     let length = |contents: &Contents| serde_json::to_vec(contents).unwrap().len() as u64;
     let unknown = length(&now.directory.contents) - length(&first.directory.contents) + ",\"oriented\":false".len() as u64;
     assert_eq!(first.bytes() + 16 * now.nodes().len() as u64 + unknown, now.bytes());
-    assert_eq!(first.directory.contents, Contents { balance: None, ..now.directory.contents.clone() });
+    assert_eq!(first.directory.contents, Contents { balance: None, counts: None, ..now.directory.contents.clone() });
     assert!(first.nodes() == now.nodes());
     assert!(contents_of_nodes(&first) == contents_of_nodes(&now));
 }

@@ -410,3 +410,50 @@ fn a_sample_is_points_of_the_file_from_all_over_it() {
         assert!(size(&sample) > 0.5 * size(&whole), "{name}: {} of {} metres", size(&sample), size(&whole));
     }
 }
+
+/// Whatever is large enough to be seen in the whole is seen in a sample: no part of the scene is left out between the places that it is taken from.
+#[test]
+fn a_sample_is_coarse_and_has_no_gaps() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, least) in [("scan.las", 0.99), ("scan.laz", 0.7)] {
+        let path = folder.path().join(name);
+        support::scan(&path, pointillist::synth::Scene::Street, 2_000_000);
+        let wanted = Wanted::default();
+        let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions { wanted, strict: true }, &Silent).unwrap();
+        let sample = cloud::sample(std::slice::from_ref(&path), wanted, 200_000, &Silent).unwrap().expect("a sample");
+        // Cells of two metres.
+        let cells = |cloud: &pointillist::cloud::Cloud| {
+            let part = &cloud.parts[0];
+            let mut cells = std::collections::HashMap::<[i64; 3], u32>::new();
+            for i in 0..part.columns.len() {
+                let place = part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from));
+                *cells.entry((place / 2.0).floor().to_array().map(|v| v as i64)).or_default() += 1;
+            }
+            cells
+        };
+        let (all, some) = (cells(&whole), cells(&sample));
+        let seen: Vec<_> = all.iter().filter(|(_, points)| **points >= 500).map(|(cell, _)| some.contains_key(cell)).collect();
+        let share = seen.iter().filter(|seen| **seen).count() as f64 / seen.len() as f64;
+        println!("{name}: {share:.3} of {} cells", seen.len());
+        assert!(share >= least, "{name}: {share:.3} of {} cells", seen.len());
+    }
+}
+
+#[test]
+fn a_sample_of_odd_files_is_what_they_have() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scan.las");
+    support::scan(&path, pointillist::synth::Scene::Street, 1000);
+    let bytes = std::fs::read(&path).unwrap();
+    let sampled = |points: u64| cloud::sample(std::slice::from_ref(&path), Wanted::ALL, points, &Silent).unwrap().unwrap().len();
+    assert_eq!([0, 1, 63, 65, 1000, 1001, u64::MAX].map(sampled), [0, 64, 64, 125, 1000, 1000, 1000]);
+    // Cut off, and without any point.
+    std::fs::write(&path, &bytes[..227 + 34 * 500 + 7]).unwrap();
+    assert_eq!([10, 500, 5000].map(sampled), [62, 500, 500]);
+    std::fs::write(&path, &bytes[..227]).unwrap();
+    assert_eq!([0, 5000].map(sampled), [0, 0]);
+    let path = folder.path().join("scan.laz");
+    support::scan(&path, pointillist::synth::Scene::Street, 120_000);
+    let sampled = |points: u64| cloud::sample(std::slice::from_ref(&path), Wanted::ALL, points, &Silent).unwrap().unwrap().len();
+    assert_eq!([0, 3, 120_000, u64::MAX].map(sampled), [0, 5, 120_000, 120_000]);
+}

@@ -129,6 +129,18 @@ fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
     assert!(said.contains("first picture after"), "{said}");
 }
 
+/// What is shown before is seen from where that fits, but the whole from where `render` sees it.
+#[test]
+fn a_file_that_takes_long_to_be_read_ends_as_the_picture_of_render() {
+    let place = Place::new();
+    let cloud = place.scan("scan.laz", Scene::Street, 2_100_000);
+    let fit = place.picture(&[&cloud], "fit.png", "");
+    let mut viewer = place.view(&[&cloud], "");
+    viewer.shows(&fit);
+    viewer.rests();
+    viewer.close();
+}
+
 /// Of a light that is new a moving picture casts one sample; at rest the others follow, the picture becomes that of `render`, and then nothing is done any more.
 #[test]
 fn samples_of_the_light_follow_when_the_window_rests() {
@@ -420,26 +432,31 @@ fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
     viewer.close();
 }
 
+/// An index lists what it counted when it was made.
 #[test]
 fn a_class_that_is_unticked_is_not_drawn_and_one_that_is_ticked_again_is() {
     let place = Place::new();
-    let cloud = place.street(60_000);
+    let file = place.street(60_000);
+    let index = place.at("scan.pnti");
+    succeeded(&pointillist().arg("index").arg(&file).arg("-o").arg(&index).output().unwrap());
     // Buildings, and what else there is.
     const CLASS: u8 = 6;
     let size = "--size 640x700 --color class";
-    let mut viewer = place.view_with_panel(&[&cloud], [640, 700], "--color class --effect shape=off --effect edl=off");
-    let [all, without] = [("all.png", ""), ("without.png", "--opacity class:6=0")]
-        .map(|(name, rule)| place.picture(&[&cloud], name, &format!("{size} --effect shape=off --effect edl=off {rule}")));
-    // The legend shows each class's colour beside its box.
-    viewer.until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
-    for wanted in [without, all] {
-        let [x, y] = find(&viewer, code_color(Attribute::Class, CLASS)).expect("the legend stays");
-        place.display.xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x + 20));
-        viewer.shows(&wanted);
-        viewer.key("n");
+    for cloud in [&file, &index] {
+        let mut viewer = place.view_with_panel(&[cloud], [640, 700], "--color class --effect shape=off --effect edl=off");
+        let [all, without] = [("all.png", ""), ("without.png", "--opacity class:6=0")]
+            .map(|(name, rule)| place.picture(&[cloud], name, &format!("{size} --effect shape=off --effect edl=off {rule}")));
+        // The legend shows each class's colour beside its box.
         viewer.until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
+        for wanted in [without, all] {
+            let [x, y] = find(&viewer, code_color(Attribute::Class, CLASS)).expect("the legend stays");
+            place.display.xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x + 20));
+            viewer.shows(&wanted);
+            viewer.key("n");
+            viewer.until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
+        }
+        viewer.close();
     }
-    viewer.close();
 }
 
 /// A box's faces, as the scene's file has them.

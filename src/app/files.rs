@@ -95,22 +95,24 @@ impl App {
     }
 
     pub(super) fn opened(&mut self, opened: Opened) {
-        let Opened { source, shown, subject, kinds, is_whole, files, color } = opened;
+        let Opened { source, shown, subject, kinds, points, is_whole, files, color } = opened;
         if is_whole {
             self.last_opened = Some((files, color));
         }
-        self.facts.points = source.points();
+        self.facts.points = points;
         (self.origins, self.stations) = (source.files(), source.stations().to_vec());
         self.facts.shown = Some(shown);
         (self.facts.loading, self.facts.bytes_read) = (None, 0);
         self.facts.kinds = kinds;
         self.navigation.set_subject(subject);
-        if !self.framed {
+        // Whoever has not moved since sees the whole from where `render` does.
+        if !self.framed || self.glimpsed.take() == Some(self.navigation.camera) {
             self.framed = true;
             match self.options.camera {
                 Some(camera) => self.navigation.camera = camera,
                 None => self.navigation.handle(Input::Look { from: self.options.preset }),
             }
+            self.glimpsed = (!is_whole).then_some(self.navigation.camera);
         }
         self.waits = !is_whole;
         let pool_bytes = self.options.pool_bytes;

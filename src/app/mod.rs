@@ -37,6 +37,7 @@ use crate::cloud::find::Record;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::view::Camera;
 use drawing::{Drawing, Message, Report};
 use flight::Flight;
 use glam::{DVec2, DVec3};
@@ -91,6 +92,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         drawing: None,
         waits: false,
         framed: false,
+        glimpsed: None,
         seen: None,
         cursor: DVec2::ZERO,
         modifiers: Modifiers::default(),
@@ -142,6 +144,8 @@ struct App {
     waits: bool,
     /// Somebody has chosen where to look from.
     framed: bool,
+    /// From where a sample of what is being opened is seen, where nobody has chosen that.
+    glimpsed: Option<Camera>,
     seen: Option<Arc<Seen>>,
     cursor: DVec2,
     modifiers: Modifiers,

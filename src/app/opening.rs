@@ -2,10 +2,11 @@
 
 use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, Further, Shown};
-use crate::cloud::{Columns, ReadOptions, Wanted};
+use crate::cloud::counts::Counts;
+use crate::cloud::{ReadOptions, Station, Wanted};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::source::{Opening, Source};
+use crate::source::{Opening, Preview, Source};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::Mutex;
@@ -19,6 +20,8 @@ pub struct Opened {
     pub shown: Shown,
     pub subject: Subject,
     pub kinds: Kinds,
+    /// Of the files, as their headers say while only a sample is there.
+    pub points: u64,
     /// Not a sample, before the whole.
     pub is_whole: bool,
     /// What was to be opened, and to show.
@@ -31,20 +34,13 @@ pub struct Opened {
 pub struct Kinds {
     pub classes: Vec<(u8, u64)>,
     pub returns: Vec<(u8, u64)>,
-    /// Names.
-    pub stations: Vec<String>,
+    pub stations: Vec<Station>,
 }
 
 impl Kinds {
     fn of(source: &Source) -> Kinds {
-        let stations = source.stations().iter().map(|station| station.name.clone()).collect();
-        let Source::Files(cloud) = source else { return Kinds { stations, ..Kinds::default() } };
-        let count = |column: fn(&Columns) -> Option<&Vec<u8>>| {
-            let mut counts = [0u64; 256];
-            cloud.parts.iter().filter_map(|part| column(&part.columns)).flatten().for_each(|&kind| counts[kind as usize] += 1);
-            (0..=255).zip(counts).filter(|&(_, count)| count > 0).collect()
-        };
-        Kinds { classes: count(|columns| columns.class.as_ref()), returns: count(|columns| columns.returns.as_ref()), stations }
+        let Counts { classes, returns } = source.counts().unwrap_or_default();
+        Kinds { classes, returns, stations: source.stations().to_vec() }
     }
 }
 
@@ -78,7 +74,7 @@ impl Progress for Watch {
     }
 }
 
-/// Opens files on a thread of their own. Of files that have to be indexed first a sample comes before.
+/// Opens files on a thread of their own. Of files that have to be indexed first, or take long to be read, a sample comes before.
 pub fn start(
     files: Vec<PathBuf>,
     opening: Opening,
@@ -92,20 +88,24 @@ pub fn start(
     let shown = asked.map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
     let opening = Opening { read: ReadOptions { wanted: shown.and(further.wanted()), ..opening.read }, ..opening };
     let wanted = files.clone();
-    let ready = move |mut source: Source, is_whole: bool, progress: &dyn Progress| -> Result<Opened> {
+    let ready = move |mut source: Source, sample_of: Option<u64>, progress: &dyn Progress| -> Result<Opened> {
         source.find(asked, progress)?;
         let (mut shown, _) = source.shown(asked)?;
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
         shown.further = Further { normal: source.has_normals(), light: source.has_light(), ..further };
-        Ok(Opened { source, shown, subject, kinds, is_whole, files: wanted.clone(), color: asked })
+        let (points, is_whole) = (sample_of.unwrap_or(source.points()), sample_of.is_none());
+        Ok(Opened { source, shown, subject, kinds, points, is_whole, files: wanted.clone(), color: asked })
     };
     let work = move || {
         // What is wrong with the files is said once, of the whole.
-        if let Ok(Some(preview)) = Source::preview(&files, &opening, &watch) {
-            opened(ready(preview, false, &watch));
+        if let Ok(Some(Preview { source, points })) = Source::preview(&files, &opening, &watch) {
+            opened(ready(source, Some(points), &watch));
         }
-        opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, true, &watch)));
+        opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, None, &watch)));
     };
-    let thread = std::thread::Builder::new().name("opening".into()).spawn(work);
-    thread.map_err(|error| Error::Request(format!("cannot start a thread to read files: {error}")))
+    let failed = |error: &dyn std::fmt::Display| Error::Request(format!("cannot start a thread to read files: {error}"));
+    // Who draws what has been read so far would otherwise wait in one queue with all that is still to be read.
+    let pool = rayon::ThreadPoolBuilder::new().build().map_err(|error| failed(&error))?;
+    let thread = std::thread::Builder::new().name("opening".into()).spawn(move || pool.install(work));
+    thread.map_err(|error| failed(&error))
 }

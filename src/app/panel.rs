@@ -9,7 +9,8 @@ use super::opening::Kinds;
 use super::profile::Profile;
 use super::{boxes, lamp, legend};
 use crate::camera_path::CameraPath;
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::Station;
+use crate::cloud::attribute::{Attribute, Shown, class_name};
 use crate::cut::Fineness;
 use crate::opacity::{Opacities, Rule, What};
 use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value};
@@ -368,23 +369,28 @@ fn setting(ui: &mut Ui, setting: Setting) {
 /// What is not ticked is not drawn: a rule of opacity 0. Beside it the colour that it is drawn in.
 fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
     let Kinds { classes, returns, stations } = &facts.kinds;
-    let counted = |what: fn(u8) -> What, kinds: &[(u8, u64)]| -> Vec<_> {
-        kinds.iter().map(|&(number, count)| (what(number), number, format!("{number}: {}", grouped(count)))).collect()
+    let class = |&(number, count): &(u8, u64)| {
+        let name = class_name(number).map_or(String::new(), |name| format!(" {name}"));
+        (What::Class(number), number, format!("{number}{name}: {}", grouped(count)))
     };
-    let stations = stations.iter().map(|name| (What::Station(name.clone()), 0, name.clone())).collect();
+    let returned = |&(number, count): &(u8, u64)| (What::Return(number), number, format!("{number}: {}", grouped(count)));
+    // Points show the lower byte of their source.
+    let station = |Station { name, source, points, .. }: &Station| {
+        (What::Station(name.clone()), source.unwrap_or(0) as u8, format!("{name}: {}", grouped(*points)))
+    };
     let lists = [
-        ("classes", Some(Attribute::Class), counted(What::Class, classes)),
-        ("returns", Some(Attribute::Return), counted(What::Return, returns)),
-        ("stations", None, stations),
+        ("classes", Attribute::Class, classes.iter().map(class).collect::<Vec<_>>()),
+        ("returns", Attribute::Return, returns.iter().map(returned).collect()),
+        ("stations", Attribute::Source, stations.iter().map(station).collect()),
     ];
     for (title, attribute, list) in lists.into_iter().filter(|(.., list)| list.len() > 1) {
-        let legend = attribute.filter(|&attribute| facts.shown.is_some_and(|shown| shown.attribute == attribute));
-        CollapsingHeader::new(title).default_open(legend.is_some()).show(ui, |ui| {
+        let is_legend = facts.shown.is_some_and(|shown| shown.attribute == attribute);
+        CollapsingHeader::new(title).default_open(is_legend).show(ui, |ui| {
             for (what, number, text) in list {
                 let hides = |rule: &Rule| rule.what == what && rule.opacity == 0.0;
                 let mut drawn = !opacities.0.iter().any(hides);
                 let changed = ui.horizontal(|ui| {
-                    if let Some(attribute) = legend {
+                    if is_legend {
                         legend::swatch(ui, attribute, number);
                     }
                     ui.checkbox(&mut drawn, text).changed()

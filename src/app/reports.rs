@@ -43,8 +43,9 @@ impl App {
     }
 
     pub(super) fn drawn(&mut self, drawn: Drawn) {
-        self.statistics.drawn(&drawn);
-        let rests = drawn.whole && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
+        // Nothing more comes, of the cloud or of the picture.
+        let rests = drawn.whole && !self.waits && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
+        self.statistics.drawn(&drawn, rests);
         let hands = self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
         self.seen = Some(drawn.seen);
         if let Some((at, adds)) = self.picks_later.take() {

@@ -134,14 +134,17 @@ impl Statistics {
         Statistics { began, device: String::new(), first: None, first_whole: None, moving: Vec::new(), whole: 0 }
     }
 
-    pub fn drawn(&mut self, drawn: &Drawn) {
+    /// `rests`: nothing of the cloud is missing in it.
+    pub fn drawn(&mut self, drawn: &Drawn, rests: bool) {
         let since = self.began.elapsed();
         self.first.get_or_insert(since);
         if drawn.whole {
             self.whole += 1;
-            self.first_whole.get_or_insert(since);
         } else {
             self.moving.push(drawn.latency);
+        }
+        if rests {
+            self.first_whole.get_or_insert(since);
         }
     }
 

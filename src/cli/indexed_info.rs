@@ -1,11 +1,12 @@
 //! `pointillist info cloud.pnti`: what went into an index, and the tree.
 //!
 //! The JSON object has `points`, `bounds`, `spacing`, `parts`, `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would
-//! need every point), of `exposures` the `balance` where it was found, and `index` {`bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
+//! need every point), of `exposures` the `balance` where it was found, where they were counted `classes` [{`class`, `points`}] and `returns` [{`return`, `points`}], and `index` {`bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
 //! `spacing`}], `planes` {name: bytes}, `leaf_points` {`least`, `median`, `most`}}.
 
-use super::info::{Bounds, LISTED, Spacing, gain, uneven, words};
+use super::info::{Bounds, Class, LISTED, Spacing, gain, listed, uneven, words};
 use crate::cloud::Station;
+use crate::cloud::counts::Counts;
 use crate::error::{Error, Result};
 use crate::index::exposure::Balance;
 use crate::index::file::{Index, IndexedPart, PLANES};
@@ -25,8 +26,26 @@ struct Report<'a> {
     parts: &'a [IndexedPart],
     stations: &'a [Station],
     #[serde(skip_serializing_if = "Option::is_none")]
+    classes: Option<Vec<Class>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    returns: Option<Vec<Returned>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     exposures: Option<Exposures<'a>>,
     notes: &'a [String],
+}
+
+/// Points with one return number.
+#[derive(Serialize)]
+struct Returned {
+    #[serde(rename = "return")]
+    number: u8,
+    points: u64,
+}
+
+impl Returned {
+    fn list(counts: &Counts) -> Vec<Returned> {
+        counts.returns.iter().map(|&(number, points)| Returned { number, points }).collect()
+    }
 }
 
 #[derive(Serialize)]
@@ -75,6 +94,8 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
         index: Tree::new(&index),
         parts: &contents.parts,
         stations: &contents.stations,
+        classes: contents.counts.as_ref().map(Class::list),
+        returns: contents.counts.as_ref().map(Returned::list),
         exposures: contents.balance.as_ref().map(|balance| Exposures { balance }),
         notes: &contents.notes,
     };
@@ -149,6 +170,12 @@ impl Report<'_> {
         for part in self.parts {
             let name = part.name.as_ref().map(|name| format!(", {name}")).unwrap_or_default();
             line("from", format!("{}{name}: {}, {} points", part.path.display(), part.header.format, part.points));
+        }
+        if let Some(classes) = self.classes.as_ref().filter(|classes| !classes.is_empty()) {
+            line("classes", listed(classes.iter().map(|class| (class.class, class.points))));
+        }
+        if let Some(returns) = self.returns.as_ref().filter(|returns| !returns.is_empty()) {
+            line("returns", listed(returns.iter().map(|returned| (returned.number, returned.points))));
         }
         line("stations", self.stations.len().to_string());
         let balance = self.exposures.as_ref().map(|exposures| exposures.balance);

@@ -11,6 +11,7 @@
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use super::indexed_info;
+use crate::cloud::counts::Counts;
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
 use crate::index::exposure::{Balance, Exposures, exposures};
@@ -142,9 +143,15 @@ struct Range {
 }
 
 #[derive(Serialize)]
-struct Class {
-    class: u8,
-    points: u64,
+pub struct Class {
+    pub class: u8,
+    pub points: u64,
+}
+
+impl Class {
+    pub fn list(counts: &Counts) -> Vec<Class> {
+        counts.classes.iter().map(|&(class, points)| Class { class, points }).collect()
+    }
 }
 
 #[derive(Serialize)]
@@ -243,6 +250,13 @@ pub fn uneven(balance: &Balance) -> String {
     )
 }
 
+/// How many kinds there are, and how many points of each.
+pub fn listed(counts: impl ExactSizeIterator<Item = (u8, u64)>) -> String {
+    let (kinds, more) = (counts.len(), if counts.len() > LISTED { ", ..." } else { "" });
+    let listed: Vec<String> = counts.take(LISTED).map(|(kind, points)| format!("{kind} ({points})")).collect();
+    format!("{kinds}: {}{more}", listed.join(", "))
+}
+
 /// Stations and classes beyond this many are counted, not listed, in text.
 pub const LISTED: usize = 16;
 
@@ -296,11 +310,7 @@ impl Attributes {
                 let value = |stored: u16| lo + (hi - lo) * stored as f64 / 65535.0;
                 Range { min: value(min), max: value(max) }
             }),
-            class: columns.class.as_ref().map(|column| {
-                let mut counts = [0; 256];
-                column.iter().for_each(|&class| counts[class as usize] += 1);
-                (0..=255).zip(counts).filter(|&(_, points)| points > 0).map(|(class, points)| Class { class, points }).collect()
-            }),
+            class: columns.class.as_ref().map(|_| Class::list(&Counts::of([columns]))),
             returns: columns.returns.as_ref().map(|column| Returns {
                 most: column.iter().map(|packed| packed >> 4).max().unwrap_or(0),
                 impossible: column.iter().filter(|&packed| packed & 15 == 0 || packed & 15 > packed >> 4).count() as u64,
@@ -329,9 +339,7 @@ impl Attributes {
             line("intensity", format!("{min}..{max}"));
         }
         if let Some(classes) = &self.class {
-            let listed: Vec<String> = classes.iter().take(LISTED).map(|class| format!("{} ({})", class.class, class.points)).collect();
-            let more = if classes.len() > LISTED { ", ..." } else { "" };
-            line("classes", format!("{}: {}{more}", classes.len(), listed.join(", ")));
+            line("classes", listed(classes.iter().map(|class| (class.class, class.points))));
         }
         if let Some(Returns { most, impossible }) = &self.returns {
             let odd = if *impossible > 0 { format!("; {impossible} points with an impossible return number") } else { String::new() };

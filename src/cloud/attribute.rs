@@ -104,6 +104,36 @@ pub fn kind(class: u8, returns: u8, station: u16) -> u32 {
     class as u32 | (returns as u32 & 15) << 8 | (station as u32) << 16
 }
 
+/// What the ASPRS standard classes are (LAS 1.4 R15, table 17); none of those that it leaves open.
+pub fn class_name(class: u8) -> Option<&'static str> {
+    let names = [
+        "never classified",
+        "unclassified",
+        "ground",
+        "low vegetation",
+        "medium vegetation",
+        "high vegetation",
+        "building",
+        "low point",
+        "model key point",
+        "water",
+        "rail",
+        "road surface",
+        "overlap",
+        "wire guard",
+        "wire conductor",
+        "transmission tower",
+        "wire connector",
+        "bridge deck",
+        "high noise",
+        "overhead structure",
+        "ignored ground",
+        "snow",
+        "temporal exclusion",
+    ];
+    names.get(class as usize).copied()
+}
+
 /// Bits of a word that number the station.
 pub const STATION_SHIFT: u32 = 16;
 

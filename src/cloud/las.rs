@@ -9,6 +9,7 @@
 pub mod header;
 mod laz;
 pub mod records;
+mod sample;
 pub mod single;
 
 use super::input::{Input, Meter};
@@ -19,6 +20,7 @@ use color::Depth;
 use header::Layout;
 use rayon::prelude::*;
 use records::{BLOCK, Fields, Lane, Pile, Window};
+pub use sample::sample;
 
 /// What a file begins with.
 pub const MAGIC: &[u8] = b"LASF";
@@ -68,24 +70,6 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let (part, depth, why) = las.read(input, progress)?;
     notes.extend(las.verdict(input, part.columns.len() as u64, depth, why, options.strict)?);
     Ok(vec![part])
-}
-
-/// About so many points from all over the file, for a first look; none where what stands in the middle is not found without reading what is before.
-pub fn sample(input: &Input, wanted: Wanted, points: u64, progress: &dyn Progress) -> Result<Option<Part>> {
-    let mut las = Las::open(input, wanted, &mut Vec::new())?;
-    let (all, record) = (las.points().max(1), las.layout.record_bytes as u64);
-    let Places::Known(stretches) = &mut las.places else { return Ok(None) };
-    if las.coding.is_some() {
-        // A chunk is decoded whole, or from its beginning.
-        let every = all.div_ceil(points.max(1)).max(1) as usize;
-        *stretches = stretches.iter().copied().step_by(every).collect();
-    } else {
-        for stretch in stretches {
-            stretch.points = ((stretch.points as u128 * points as u128).div_ceil(all as u128) as u64).min(stretch.points);
-            stretch.bytes = stretch.points * record;
-        }
-    }
-    Ok(Some(las.read(input, progress)?.0))
 }
 
 pub const INTENSITY_RANGE: [f64; 2] = [0.0, 65535.0];

@@ -10,6 +10,7 @@ pub mod attribute;
 mod axis;
 pub mod color;
 pub mod core;
+pub mod counts;
 pub mod e57;
 pub mod find;
 mod floats;

@@ -74,17 +74,30 @@ pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, n
     Ok(sources)
 }
 
+/// What files hold, before they are read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct About {
+    pub points: u64,
+    /// Of them, those that have to be decompressed.
+    pub compressed: u64,
+}
+
 /// About how many points files hold, from their headers, or for formats that must be read to know from their lengths.
-pub fn about(paths: &[PathBuf]) -> Result<u64> {
+pub fn about(paths: &[PathBuf]) -> Result<About> {
     /// Of a record of position and colour; text takes more.
     const BYTES_PER_POINT: u64 = 16;
-    let mut points = 0u64;
+    let mut about = About::default();
     for path in paths {
         let input = Input::open(path)?;
-        let is_las = input.take(0, las::MAGIC.len() as u64)? == las::MAGIC;
-        points += if is_las { Las::open(&input, Wanted::default(), &mut Vec::new())?.points() } else { input.length / BYTES_PER_POINT };
+        if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
+            about.points += input.length / BYTES_PER_POINT;
+            continue;
+        }
+        let las = Las::open(&input, Wanted::default(), &mut Vec::new())?;
+        about.points += las.points();
+        about.compressed += if las.layout.compressed { las.points() } else { 0 };
     }
-    Ok(points)
+    Ok(about)
 }
 
 impl Source {

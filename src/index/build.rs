@@ -29,6 +29,7 @@ pub use super::samples::Derive;
 use super::samples::{self, Samples};
 use super::unite;
 use crate::cloud::attribute::STRETCH;
+use crate::cloud::counts::Tally;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config::INDEX_MEMORY;
@@ -134,6 +135,7 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
             parts: vec![None; sources.len()],
             colors: vec![Colors::Bytes; sources.len()],
             intensities: vec![0; 1 << 16],
+            tally: Tally::default(),
             end: Writer::START,
             nodes: Vec::new(),
             roots: Vec::new(),
@@ -148,8 +150,9 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
         builder.gains = builder.contents.balance.as_ref().map(|balance| Arc::new(Gains::new(balance)));
         trees.into_iter().try_for_each(|tree| builder.tree(tree))?;
         builder.unite()?;
-        let Builder { mut contents, parts, nodes, roots, end, intensities, corners, .. } = builder;
+        let Builder { mut contents, parts, nodes, roots, end, intensities, tally, corners, .. } = builder;
         contents.intensity_stretch = percentiles(&intensities);
+        contents.counts = Some(tally.counts());
         contents.parts = parts.into_iter().flatten().collect();
         let (nodes, roots) = number(nodes, &roots);
         let mut summary = Summary {
@@ -201,6 +204,7 @@ struct Builder<'a> {
     parts: Vec<Option<IndexedPart>>,
     colors: Vec<Colors>,
     intensities: Vec<u64>,
+    tally: Tally,
     /// Of the planes written so far.
     end: u64,
     nodes: Vec<Built>,

@@ -13,6 +13,7 @@ use super::fault::Fault;
 use super::map::Map;
 use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
+use crate::cloud::counts::Counts;
 use crate::cloud::{Header, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::{Error, Result};
@@ -279,6 +280,9 @@ pub struct Contents {
     /// What gives all stations one exposure. A sample that is merged of several stations has the light of the one that it names. Indexes that were made before anybody looked for it have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub balance: Option<Balance>,
+    /// Points of the files, not samples. Indexes that were made before anybody counted have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub counts: Option<Counts>,
 }
 
 /// Nodes and contents.
@@ -631,6 +635,9 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
     let stations = directory.contents.stations.len();
     if directory.contents.balance.as_ref().is_some_and(|balance| balance.gains.len() != stations || !balance.is_possible()) {
         return Err("has impossible exposures".into());
+    }
+    if directory.contents.counts.as_ref().is_some_and(|counts| !counts.are_possible(directory.contents.points)) {
+        return Err("has impossible numbers of points of some class or return number".into());
     }
     let total = nodes[..directory.roots as usize].iter().fold(0u64, |sum, root| sum.saturating_add(root.points));
     if total != directory.contents.points {

@@ -57,7 +57,7 @@ pub fn open(input: &Input, layout: &Layout, available: Wanted) -> Result<(Coding
     } else {
         match (table(input, layout, chunk_points), chunk_points) {
             (Ok(chunks), _) => (Places::Known(chunks), String::new()),
-            (Err(lost), _) if coding.layers > 0 => (Places::Known(walk(input, layout, &coding, chunk_points)?), lost),
+            (Err(lost), _) if coding.is_layered() => (Places::Known(walk(input, layout, &coding, chunk_points)?), lost),
             (Err(lost), Some(points)) => (sequence(layout.points_at + 8, points), lost),
             (Err(lost), None) => return Err(input.wrong(format!("{lost}, and chunks of varying size cannot be found without it"))),
         }
@@ -108,6 +108,10 @@ impl Coding {
             );
         }
         Ok(Self { items: vlr.items().clone(), record_bytes: bytes, layers, selection: selection(available) })
+    }
+
+    pub fn is_layered(&self) -> bool {
+        self.layers > 0
     }
 
     /// Bytes of a layered chunk before its layers: first point, count, layer sizes.
@@ -222,7 +226,7 @@ pub fn chunk(
     meter: &Meter,
 ) -> Result<Outcome> {
     let source = Cursor::new(bytes);
-    if coding.layers == 0 {
+    if !coding.is_layered() {
         return match guard(|| coding.sequential(source).map_err(|error| error.to_string())).flatten() {
             Ok(mut decoder) => decode(&mut decoder, points, fields, block, lane, meter),
             Err(why) => Ok(Some(why)),

@@ -7,6 +7,7 @@ use super::super::grow::{Kind, Tree};
 use super::super::record::{Batch, Colors, Layout};
 use super::super::samples::Cell;
 use super::{Builder, Derive, lock};
+use crate::cloud::counts::Tally;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::{Lattice, Station, Wanted};
 use crate::error::{Error, Result};
@@ -95,6 +96,7 @@ impl Builder<'_> {
             let grid = Grid::new(bits, layout, self.options.chunk_points());
             let outside = AtomicBool::new(false);
             let stations = Mutex::new(BTreeMap::<(u16, u16), u64>::new());
+            let tally = Mutex::new(Tally::default());
             let sorters = Mutex::new(Vec::<(Sorter, Vec<Cell>)>::new());
             let mut points = 0;
             let (mut own, mut worlds) = (Vec::new(), Vec::new());
@@ -132,6 +134,9 @@ impl Builder<'_> {
                     let mut all = lock(&stations);
                     counts.into_iter().for_each(|(station, points)| *all.entry(station).or_insert(0) += points);
                     drop(all);
+                    let mut own = Tally::default();
+                    own.add(columns);
+                    lock(&tally).join(&own);
                     lock(&sorters).push((sorter, cells));
                     Ok(())
                 })?;
@@ -159,6 +164,7 @@ impl Builder<'_> {
             }
             self.contents.notes.extend(notes);
             self.contents.points += points;
+            self.tally.join(&lock(&tally));
             worlds.into_iter().for_each(|own| self.widen(own));
             let lattice_number = self.lattice(&group.lattice, corner)?;
             // Colours that are all black are none, which only the points can tell.

@@ -1,0 +1,61 @@
+//! Some of a file's points, from all over it, for a first look: in as many pieces as reading them quickly allows, since what scanners write one after another
+//! lies side by side, and a few long pieces would look like slices of the scene.
+
+use super::{Las, Places, Stretch};
+use crate::cloud::input::Input;
+use crate::cloud::{Part, Wanted};
+use crate::error::Result;
+use crate::progress::Progress;
+
+/// Points of an uncompressed file that are read together: fewer would take more reads than a disk does in a second.
+const RUN: u64 = 64;
+
+/// Of a run one point in so many is kept, so that it reaches further; a disk reads about as long for it.
+const STRIDE: u64 = 8;
+
+/// LAZ chunks whose beginnings are decoded, at most: a layered one has to be read whole for that, and usually has a third of a megabyte.
+const CHUNKS: usize = 256;
+
+/// Bytes of a chunk that hold more than its first point takes, however it is coded.
+const SLACK: u64 = 1 << 16;
+
+/// About so many points; none where what stands in the middle is not found without reading what is before.
+pub fn sample(input: &Input, wanted: Wanted, points: u64, progress: &dyn Progress) -> Result<Option<Part>> {
+    let mut las = Las::open(input, wanted, &mut Vec::new())?;
+    let all = las.points();
+    let Places::Known(stretches) = &las.places else { return Ok(None) };
+    las.places = Places::Known(match &las.coding {
+        Some(coding) => beginnings(stretches, points, coding.is_layered()),
+        None => {
+            // Of records so wide only the first bytes are looked at.
+            let every = (all / points.max(1)).clamp(1, STRIDE);
+            las.fields.record_bytes *= every as usize;
+            runs(las.layout.points_at, all / every, las.fields.record_bytes as u64, points)
+        }
+    });
+    Ok(Some(las.read(input, progress)?.0))
+}
+
+/// Runs of records, evenly spread over all of them.
+fn runs(at: u64, all: u64, record_bytes: u64, points: u64) -> Vec<Stretch> {
+    let count = points.min(all).div_ceil(RUN);
+    let first = |run: u64| (run as u128 * all as u128 / count as u128) as u64;
+    let run = |number| {
+        let points = RUN.min(first(number + 1) - first(number));
+        Stretch { at: at + first(number) * record_bytes, bytes: points * record_bytes, points }
+    };
+    (0..count).map(run).collect()
+}
+
+/// The first points of chunks: a chunk is decoded from its beginning on.
+fn beginnings(chunks: &[Stretch], points: u64, layered: bool) -> Vec<Stretch> {
+    let chosen = || chunks.iter().step_by(chunks.len().div_ceil(CHUNKS).max(1));
+    let all = chosen().map(|chunk| chunk.points).sum::<u64>().max(1);
+    let beginning = |chunk: &Stretch| {
+        let share = |of: u64| (of as u128 * points as u128).div_ceil(all as u128).min(of as u128) as u64;
+        // Where the beginning takes more bytes than its share twice over, its last points are missing.
+        let bytes = if layered { chunk.bytes } else { chunk.bytes.min(2 * share(chunk.bytes) + SLACK) };
+        Stretch { bytes, points: share(chunk.points), ..*chunk }
+    };
+    chosen().map(beginning).collect()
+}
