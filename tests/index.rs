@@ -758,7 +758,7 @@ fn samples_of_several_stations_are_means_of_what_all_have_with_one_exposure() {
     // Of an index that does not know them, nobody says any.
     place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
     let first = Index::open(&place.at("first.pnti")).unwrap();
-    assert_eq!(first.directory.contents, Contents { balance: None, ..index.directory.contents.clone() });
+    assert_eq!(first.directory.contents, Contents { balance: None, counts: None, ..index.directory.contents.clone() });
     // Too few, too many, and none that there can be.
     let bytes = fs::read(place.at("a.pnti")).unwrap();
     let json = number(&bytes, 24) as usize + index.nodes().len() * field::BYTES;
@@ -767,11 +767,8 @@ fn samples_of_several_stations_are_means_of_what_all_have_with_one_exposure() {
         let mut contents = contents.clone();
         contents["balance"]["gains"] = gains.into();
         let contents = serde_json::to_vec(&contents).unwrap();
-        let mut crafted = [&bytes[..json], &contents].concat();
-        let length = crafted.len() as u64;
-        crafted[16..24].copy_from_slice(&length.to_le_bytes());
-        crafted[32..40].copy_from_slice(&(contents.len() as u64).to_le_bytes());
-        let error = Index::open(&place.write("crafted.pnti", &signed(crafted))).err().expect("impossible exposures were taken").to_string();
+        let crafted = signed(with_contents(&bytes, json, &contents));
+        let error = Index::open(&place.write("crafted.pnti", &crafted)).err().expect("impossible exposures were taken").to_string();
         assert!(error.contains("exposures"), "{error}");
     }
 }
