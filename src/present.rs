@@ -107,15 +107,12 @@ impl Present {
 
     /// Makes the swapchain fit the window, where it does not. False where there is nothing to see, as of a minimised window.
     pub fn fit(&mut self, gpu: &mut Gpu) -> Result<bool> {
-        // SAFETY: a live surface.
-        let asked = unsafe { self.surfaces.get_physical_device_surface_capabilities(gpu.device.physical, self.surface) };
-        let can = match asked {
-            Err(vk::Result::ERROR_SURFACE_LOST_KHR) => {
-                self.renew(gpu)?;
-                return Ok(false);
-            }
-            asked => asked.map_err(failed("vkGetPhysicalDeviceSurfaceCapabilitiesKHR"))?,
-        };
+        let mut asked = self.capabilities(gpu);
+        if matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {
+            self.renew(gpu)?;
+            asked = self.capabilities(gpu);
+        }
+        let can = asked.map_err(failed("vkGetPhysicalDeviceSurfaceCapabilitiesKHR"))?;
         let inner = self.window.inner_size();
         let size = match can.current_extent {
             // The swapchain decides.
@@ -132,6 +129,11 @@ impl Present {
             self.replace(gpu, &can, size)?;
         }
         Ok(true)
+    }
+
+    fn capabilities(&self, gpu: &Gpu) -> ash::prelude::VkResult<vk::SurfaceCapabilitiesKHR> {
+        // SAFETY: a live surface.
+        unsafe { self.surfaces.get_physical_device_surface_capabilities(gpu.device.physical, self.surface) }
     }
 
     /// Pixels; none before it fits.
