@@ -1,9 +1,10 @@
 //! The points that a camera should frame: all but strays, since one return from a bird would push the rest into a corner.
 
-use super::Cloud;
+use super::{Cloud, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::ops::RangeInclusive;
 
 /// About as many points are looked at. Which ones their coordinates decide, not their place in the file, so that the camera does not depend on the order.
 const SAMPLES: u64 = 100_000;
@@ -17,22 +18,27 @@ impl Cloud {
     /// A sample of the points, and whatever hangs together with most of them; no strays. World.
     pub fn core_points(&self) -> Vec<DVec3> {
         let every = self.len() / SAMPLES + 1;
-        let samples: Vec<_> = self.places(|q| scatter(q).is_multiple_of(every), |_| true).into_iter().map(|p| (p, 1)).collect();
+        let samples: Vec<_> = self.places(|_| |q| scatter(q).is_multiple_of(every)).into_iter().map(|p| (p, 1)).collect();
         let certain = Certain::of(samples.clone());
         let mut core: Vec<DVec3> = samples.into_iter().map(|(p, _)| p).filter(|&p| certain.beyond(p) == 0.0).collect();
         // Of a spire's tip a sample would have nothing.
-        core.extend(certain.tied(self.places(|_| true, |p| certain.beyond(p) > 0.0)));
+        let outside = self.places(|part| {
+            let inside = certain.steps(&part.lattice);
+            move |q| (0..3).any(|axis| !inside[axis].contains(&q[axis]))
+        });
+        core.extend(certain.tied(outside));
         core
     }
 
-    /// Where those points are of which both steps and place are as wanted.
-    fn places(&self, wants: impl Fn([i32; 3]) -> bool + Sync, wants_at: impl Fn(DVec3) -> bool + Sync) -> Vec<DVec3> {
+    /// Where those points of each part are whose steps are wanted.
+    fn places<W: Fn([i32; 3]) -> bool + Sync>(&self, wants: impl Fn(&Part) -> W) -> Vec<DVec3> {
         let mut places = Vec::new();
         for part in &self.parts {
             let columns = &part.columns;
             let steps = |i: usize| [columns.x[i], columns.y[i], columns.z[i]];
+            let wants = wants(part);
             let wanted = (0..columns.len()).into_par_iter().map(steps).filter(|&q| wants(q));
-            places.par_extend(wanted.map(|q| part.lattice.world(q.map(i64::from))).filter(|&p| wants_at(p)));
+            places.par_extend(wanted.map(|q| part.lattice.world(q.map(i64::from))));
         }
         places
     }
@@ -71,12 +77,19 @@ impl Certain {
         (p - p.clamp(self.low, self.high)).abs().max_element()
     }
 
+    /// Steps of a lattice that are certainly inside, whatever is rounded.
+    fn steps(&self, lattice: &Lattice) -> [RangeInclusive<i32>; 3] {
+        let [a, b] = [self.low, self.high].map(|corner| (corner - lattice.offset) / lattice.step);
+        let (least, most) = (a.min(b).ceil() + 1.0, a.max(b).floor() - 1.0);
+        [0, 1, 2].map(|axis| least[axis] as i32..=most[axis] as i32)
+    }
+
     /// Points outside that hang together with what is inside: a spire or an outstretched arm may hold fewer points than strays do, but no gap parts it from the rest.
     fn tied(&self, outside: Vec<DVec3>) -> Vec<DVec3> {
         let step = STEP * self.size;
         let mut cells: HashMap<[i64; 3], Vec<DVec3>> = HashMap::new();
         let mut reached = Vec::new();
-        for p in outside.into_iter().filter(|&p| self.beyond(p) <= WAY * self.size) {
+        for p in outside.into_iter().filter(|&p| self.beyond(p) > 0.0 && self.beyond(p) <= WAY * self.size) {
             let cell = ((p - self.low) / step).floor().to_array().map(|c| c as i64);
             cells.entry(cell).or_default().push(p);
             if self.beyond(p) <= step {
