@@ -1,16 +1,19 @@
 //! The studies, tiny: what their files promise to whoever reads them.
 
 mod gpu;
+mod support;
 
 use glam::DVec3;
 use gpu::Way;
+use pointillist::cloud::{self, Cloud, ReadOptions, Wanted};
+use pointillist::index;
 use pointillist::progress::Silent;
 use pointillist::study::cases::{self, Case, Options, Sampling};
 use pointillist::study::mesh::Mesh;
 use pointillist::study::truth::{Errors, Surface, Truth};
 use pointillist::study::{self, Plan, Row, report};
 use pointillist::synth::{self, Scene, World};
-use pointillist::view::View;
+use pointillist::view::{Camera, Preset, View};
 use std::collections::{BTreeMap, HashMap};
 
 const PLAN: Plan = Plan { points: 20_000, seed: 1, repeat: 3, size: [64, 64], scenes: Vec::new() };
@@ -472,6 +475,68 @@ fn where_stations_meet_on_a_wall_the_correction_leaves_less_than_the_reference()
         // A factor a station mends all but a shadow, and does no harm to that.
         assert!(region[0][0] == "shadowing" || (0..3).all(|k| even[k] < 0.1 * before[k]), "{}: {even:?}", region[0][0]);
         assert!((0..3).all(|k| even[k] <= 1.01 * before[k] && both[k] <= 1.1 * reference[k]), "{}: {even:?} {both:?}", region[0][0]);
+    }
+}
+
+/// Two strips of an airborne scan, which see the same roofs and trees from two sides, in their intensities; nobody knows the truth of it, but the offline reference may be compared with.
+#[test]
+fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
+    let Some(path) = support::shared("data/aerial/ign_2strips.laz") else { return };
+    let mut strips = cloud::read(&[path], &ReadOptions { wanted: Wanted::ALL, strict: false }, &Silent).unwrap();
+    // The reference is one of colours.
+    let columns = &mut strips.parts[0].columns;
+    let intensity = columns.intensity.take().unwrap();
+    let most = *intensity.iter().max().unwrap() as f64;
+    columns.rgb = Some(intensity.iter().map(|&value| [(255.0 * (value as f64 / most).sqrt()).round().max(1.0) as u8; 3]).collect());
+    let (mut offline, mut marked) = (strips.clone(), strips.clone());
+    index::luminance::correct(&mut offline, index::luminance::NEIGHBOURS, &Silent).unwrap();
+    let sources = strips.parts[0].columns.source.as_ref().unwrap();
+    marked.parts[0].columns.rgb =
+        Some(sources.iter().map(|&source| if source == sources[0] { [255, 1, 1] } else { [1, 1, 255] }).collect());
+    let plain = gpu::bare();
+    let mut averaged = plain.clone();
+    averaged.effects.set("luminance=on").unwrap();
+    for side in [56, 104] {
+        let size = [side, side];
+        let view = View::new(Camera::framing(Preset::Top, &strips.core_points(), size), size).unwrap();
+        let draw = |cloud: &Cloud, wishes| gpu::draw(Way::Compute64, cloud, &view, wishes);
+        let station: Vec<bool> = draw(&marked, &plain).color.iter().map(|color| color[0] > color[2]).collect();
+        // What neighbours on one surface differ by, stops: the mean between stations, from the second to the first, beside which what there is to see adds up to nothing; and the mean square within one; and the first one's standard error.
+        let judged = |cloud: &Cloud, wishes| {
+            let drawn = draw(cloud, wishes);
+            let (mut between, mut within) = (Vec::new(), Vec::new());
+            for i in 0..drawn.depth.len() {
+                for k in [(i % side as usize + 1 < side as usize).then_some(i + 1), Some(i + side as usize)].into_iter().flatten() {
+                    let is_one = k < drawn.depth.len() && (drawn.depth[i] - drawn.depth[k]).abs() < 0.5;
+                    if !is_one {
+                        continue;
+                    }
+                    let step = (drawn.color[i][0] as f64 / drawn.color[k][0] as f64).log2();
+                    match (station[i], station[k]) {
+                        (true, false) => between.push(step),
+                        (false, true) => between.push(-step),
+                        _ => within.push(step * step),
+                    }
+                }
+            }
+            let mean = |steps: &[f64]| steps.iter().sum::<f64>() / steps.len() as f64;
+            assert!(between.len() > 500 && within.len() > 500);
+            let spread = mean(&between.iter().map(|step| step * step).collect::<Vec<_>>()).sqrt();
+            [mean(&between).abs(), mean(&within), spread / (between.len() as f64).sqrt()]
+        };
+        let [before, after, reference] = [judged(&strips, &plain), judged(&strips, &averaged), judged(&offline, &plain)];
+        let lost = |judged: [f64; 3]| 1.0 - judged[1] / before[1];
+        println!(
+            "{side}: steps of {:.3} stops become {:.3}, offline {:.3}; details lost {:.2}, offline {:.2}",
+            before[0],
+            after[0],
+            reference[0],
+            lost(after),
+            lost(reference)
+        );
+        // Both are near nothing, and a mean of so many steps is known to its standard error.
+        assert!(after[0] <= 1.1 * reference[0] + 2.0 * after[2] && after[0] < 0.02 * before[0], "{after:?} {reference:?}");
+        assert!(lost(after) <= lost(reference) + 0.05, "{after:?} {reference:?}");
     }
 }
 
