@@ -394,6 +394,10 @@ fn a_file_dropped_on_the_window_is_drawn_with_the_one_that_is_open() {
 /// Pixels of the panel, which is on the left, of a colour that only what is looked for has there: the middle of the lowest group, or of the highest.
 fn find(viewer: &Viewer, color: [u8; 3]) -> Option<[usize; 2]> {
     let seen = viewer.photograph();
+    // Where the panel is not there yet, the picture may have the colour.
+    if seen.pixels[16 * seen.size[0] as usize + 16] == pointillist::config::BACKGROUND {
+        return None;
+    }
     let near = |pixel: &[u8; 3]| pixel.iter().zip(color).all(|(&a, b)| a.abs_diff(b) <= 3);
     let places: Vec<[usize; 2]> = (0..seen.pixels.len())
         .map(|at| [at % seen.size[0] as usize, at / seen.size[0] as usize])
@@ -404,6 +408,17 @@ fn find(viewer: &Viewer, color: [u8; 3]) -> Option<[usize; 2]> {
     let row: Vec<_> = places.into_iter().filter(|[_, y]| *y < top + 12).collect();
     let middle = |axis: usize| row.iter().map(|place| place[axis]).sum::<usize>() / row.len();
     Some([middle(0), middle(1)])
+}
+
+/// The same once the panel has unfolded, and says all that it has to say.
+fn find_at_rest(viewer: &mut Viewer, color: [u8; 3]) -> [usize; 2] {
+    let mut last = None;
+    viewer.until("panel at rest", |viewer| {
+        std::thread::sleep(Duration::from_millis(400));
+        let before = std::mem::replace(&mut last, find(viewer, color));
+        last.is_some() && last == before
+    });
+    last.expect("it was found")
 }
 
 /// As wide as the panel is at least, pixels.
@@ -422,7 +437,7 @@ fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
     // Effects that run are named in green, and one runs; its switch begins with `off`, at the left.
     let green = [0x90, 0xEE, 0x90];
     viewer.until("effect that runs", |viewer| find(viewer, green).is_some());
-    let [_, row] = find(&viewer, green).unwrap();
+    let [_, row] = find_at_rest(&mut viewer, green);
     place.display.xdotool(&format!("mousemove 28 {row} click 1"));
     viewer.until("effect that stops", |viewer| find(viewer, green).is_none());
     place.display.xdotool("mousemove 600 800 key n");
@@ -449,7 +464,7 @@ fn a_class_that_is_unticked_is_not_drawn_and_one_that_is_ticked_again_is() {
         // The legend shows each class's colour beside its box.
         viewer.until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
         for wanted in [without, all] {
-            let [x, y] = find(&viewer, code_color(Attribute::Class, CLASS)).expect("the legend stays");
+            let [x, y] = find_at_rest(&mut viewer, code_color(Attribute::Class, CLASS));
             place.display.xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x + 20));
             viewer.shows(&wanted);
             viewer.key("n");

@@ -62,6 +62,8 @@ impl App {
     }
 
     pub(super) fn deed(&mut self, deed: Deed) {
+        // Who does something again is told again.
+        self.facts.put_away = None;
         match deed {
             Deed::Navigate(input) => self.navigate(input),
             Deed::SavePicture => self.post(Message::Save(unused_name("png"), self.facts.enlarged.of(self.size()))),

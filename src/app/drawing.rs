@@ -122,8 +122,8 @@ pub struct Drawn {
 /// What a picture of an index waited for, and did not wait for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Loading {
-    /// Points of a cut at most; fewer than were asked for where the device has too little memory.
-    pub budget: u64,
+    /// Points of a cut at most, where the device has too little memory for what was asked for.
+    pub fitting: Option<u64>,
     /// Nodes on their way, or on their way with more planes.
     pub awaited: usize,
     /// Read since the picture before.
@@ -428,7 +428,8 @@ impl Thread {
         if let Brought::Parts(residency) = cloud {
             let update = residency.update(&mut self.gpu, &view, &scene.fineness.of(size))?;
             let Update { budget, missing, coarse, bytes_read, .. } = update;
-            loading = Some(Loading { budget, awaited: missing + coarse, bytes_read });
+            let fitting = (budget < scene.fineness.of(size).budget).then_some(budget);
+            loading = Some(Loading { fitting, awaited: missing + coarse, bytes_read });
             update.errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
         let (complete, took_in) = (loading.is_none_or(|loading| loading.awaited == 0), taking_in.elapsed());
@@ -442,7 +443,10 @@ impl Thread {
         let gives_way = self.wanted != Wanted::Now;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
         let look = look::decide(&scene.wishes, &View::new(scene.camera, present.size())?, resident);
-        let drawn = if gives_way { look.gradual() } else { look.hurried(divisor) };
+        let mut drawn = if gives_way { look.gradual() } else { look.hurried(divisor) };
+        if divisor > 1 && !drawn.overlap.is_everywhere() {
+            drawn.overlap = Arc::new(resident.overlap(&view));
+        }
         if gives_way {
             refine_shadows(&mut self.gpu, &view, resident, &look, &newer)?;
         }

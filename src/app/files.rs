@@ -81,17 +81,20 @@ impl App {
     /// What cannot be opened, or cannot show what is asked for, leaves what was open as it was.
     pub(super) fn not_opened(&mut self, error: &Error) {
         self.facts.doing = None;
-        if let Some((files, color)) = self.last_opened.clone() {
-            (self.files, self.scene.color) = (files, color);
+        let files = std::mem::take(&mut self.files);
+        if let Some((last, color)) = self.last_opened.clone() {
+            (self.files, self.scene.color) = (last, color);
+        } else if let [first @ .., _] = &files[..] {
+            // Whatever was dropped last may be what is wrong.
+            self.files = first.to_vec();
         }
-        // A sample of what cannot be opened may be on the screen.
-        if self.waits
-            && self.last_opened.is_some()
-            && let Err(error) = self.open()
-        {
+        // A sample of what cannot be opened may be on the screen, or what came before has never been.
+        let again = std::mem::take(&mut self.waits) || self.last_opened.is_none();
+        let reopened = if again { self.open() } else { Ok(()) };
+        self.trouble(error);
+        if let Err(error) = reopened {
             self.trouble(&error);
         }
-        self.trouble(error);
     }
 
     pub(super) fn opened(&mut self, opened: Opened) {

@@ -182,8 +182,8 @@ pub struct Navigation {
     size: [u32; 2],
     drag: Option<Drag>,
     held: Vec<Way>,
-    /// What the wheel goes towards, and where the cursor was at its first notch.
-    wheeled: Option<(DVec2, DVec3)>,
+    /// What the wheel goes towards, where the cursor was at its first notch, and the camera as the last one left it.
+    wheeled: Option<(DVec2, DVec3, Camera)>,
 }
 
 impl Navigation {
@@ -247,6 +247,8 @@ impl Navigation {
             Input::Wheel { notches, at, under } => {
                 let point = self.towards(at, under);
                 self.nearer(point, NOTCH.powf(notches));
+                self.keep_in_front();
+                self.wheeled = self.wheeled.map(|(from, point, _)| (from, point, self.camera));
             }
             Input::Centre { on } => self.shift(on - self.camera.eye - self.basis().forward * self.depth(on)),
             Input::Fly { way, pressed } => {
@@ -346,10 +348,11 @@ impl Navigation {
     /// surface, and would lead through it.
     fn towards(&mut self, at: DVec2, under: Option<DVec3>) -> DVec3 {
         let point = self.point(at, under);
-        let kept =
-            self.wheeled.filter(|(from, kept)| from.distance(at) < STAYS_PX && (0.0..=self.depth(point)).contains(&self.depth(*kept)));
-        let (from, point) = kept.unwrap_or((at, point));
-        self.wheeled = Some((from, point));
+        let stays = |(from, _, camera): &(DVec2, DVec3, Camera)| from.distance(at) < STAYS_PX && *camera == self.camera;
+        let is_nearer = |(_, kept, _): &(DVec2, DVec3, Camera)| (0.0..=self.depth(point)).contains(&self.depth(*kept));
+        let kept = self.wheeled.filter(|kept| stays(kept) && is_nearer(kept));
+        let (from, point, camera) = kept.unwrap_or((at, point, self.camera));
+        self.wheeled = Some((from, point, camera));
         point
     }
 

@@ -302,24 +302,36 @@ fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
 
 /// How much of an index is drawn, and what is being read of it.
 fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Fineness) {
-    let (Some(Loading { budget, awaited, .. }), Some(view)) = (facts.loading, view) else { return };
+    let (Some(Loading { fitting, awaited, .. }), Some(view)) = (facts.loading, view) else { return };
     let reading = if awaited > 0 { format!("{awaited} nodes to come") } else { "all there".into() };
     ui.label(format!("index: {reading}, {:.1} MB read", facts.bytes_read as f64 / 1e6));
     let asked = fineness.of(view.size);
     let (mut most, mut lod) = (asked.budget, asked.lod_px);
     ui.horizontal(|ui| {
-        if ui.add(DragValue::new(&mut most).range(1_000..=u32::MAX as u64).speed(10_000.0).suffix(" points at most")).changed() {
+        if ui
+            .add(
+                DragValue::new(&mut most)
+                    .range(1_000..=u32::MAX as u64)
+                    .clamp_existing_to_range(false)
+                    .speed(10_000.0)
+                    .suffix(" points at most"),
+            )
+            .changed()
+        {
             fineness.budget = Some(most);
         }
-        if ui.add(DragValue::new(&mut lod).range(0.0..=64.0).speed(0.02).max_decimals(2).suffix(" px apart")).changed() {
+        if ui
+            .add(DragValue::new(&mut lod).range(0.0..=64.0).clamp_existing_to_range(false).speed(0.02).max_decimals(2).suffix(" px apart"))
+            .changed()
+        {
             fineness.lod_px = Some(lod);
         }
         if *fineness != Fineness::default() && ui.small_button("auto").clicked() {
             *fineness = Fineness::default();
         }
     });
-    if budget < asked.budget {
-        ui.label(RichText::new(format!("{} points fit the device's memory", grouped(budget))).weak());
+    if let Some(fitting) = fitting {
+        ui.label(RichText::new(format!("{} points fit the device's memory", grouped(fitting))).weak());
     }
 }
 

@@ -81,7 +81,7 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
         _ if !scene.shown.has_luminance() => (false, "what points show has no luminance: neither their colours nor an intensity".to_string()),
         _ if scene.shown == Attribute::Corrected => (false, "the colours that are shown are corrected already".to_string()),
         _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
-        _ if scene.overlap.count() == 0 => (false, format!("{stations} stations, of which no part of the picture shows more than one")),
+        _ if scene.overlap.count == 0 => (false, format!("{stations} stations, of which no part of the picture shows more than one")),
         _ if scene.density < ENOUGH => {
             (false, format!("{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"))
         }
@@ -89,7 +89,7 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
             (false, "with one exposure stations hardly differ; --effect luminance=on".to_string())
         }
         _ => {
-            let shared = super::significant(100.0 * scene.overlap.count() as f64 / scene.overlap.seen as f64);
+            let shared = super::significant(100.0 * scene.overlap.count as f64 / scene.overlap.seen as f64);
             (true, format!("{stations} stations, several in {shared} % of what the picture shows; half of the points in view lie at {density} a pixel or more, where {ENOUGH} tell what they have in common"))
         }
     };

@@ -15,6 +15,8 @@ pub struct Overlap {
     pub size: [u32; 2],
     /// Row by row.
     pub several: Vec<bool>,
+    /// Of them, those of several.
+    pub count: usize,
     /// Tiles with any point.
     pub seen: usize,
 }
@@ -31,7 +33,8 @@ impl Resident {
             }
         }
         let several: Vec<bool> = stations.iter().map(|own| *own == Some(None)).collect();
-        Overlap { size, several, seen: stations.iter().flatten().count() }
+        let count = several.iter().filter(|several| **several).count();
+        Overlap { size, several, count, seen: stations.iter().flatten().count() }
     }
 }
 
@@ -40,17 +43,12 @@ impl Overlap {
     pub fn everywhere(size_px: [u32; 2]) -> Overlap {
         let size = tiles_of(size_px);
         let several = vec![true; (size[0] * size[1]) as usize];
-        Overlap { size, seen: several.len(), several }
+        Overlap { size, seen: several.len(), count: several.len(), several }
     }
 
     /// Whether no tile shows one station alone.
     pub fn is_everywhere(&self) -> bool {
-        self.count() == self.seen
-    }
-
-    /// Tiles of several stations.
-    pub fn count(&self) -> usize {
-        self.several.iter().filter(|several| **several).count()
+        self.count == self.seen
     }
 
     /// Whether a node may have points in a tile of several stations, or in one beside it.

@@ -125,7 +125,7 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
             let (shown, _) = Shown::automatic(&cloud);
             let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
             let overlap = resident.overlap(&view);
-            assert!(overlap.count() > 0 && overlap.count() < overlap.seen, "{overlap:?}");
+            assert!(overlap.count > 0 && overlap.count < overlap.seen, "{overlap:?}");
             let walked: Vec<bool> = resident.nodes.iter().map(|node| overlap.touches(&view, node)).collect();
             assert_eq!(walked, [false, true, true, false]);
             let [off, on] = [&off, &on].map(|wishes| look::decide(wishes, &view, &resident));
