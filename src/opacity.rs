@@ -98,6 +98,12 @@ impl Opacities {
         self.0.iter().any(|rule| rule.opacity == 0.0)
     }
 
+    /// Numbers of the stations of which points may be drawn.
+    pub fn drawn_stations(&self, stations: &[Station]) -> Vec<u32> {
+        let factors = self.table(stations).into_iter().skip(CLASSES + RETURNS).take(stations.len());
+        (0..).zip(factors).filter(|&(_, factor)| factor > 0.0).map(|(number, _)| number).collect()
+    }
+
     /// Whether it takes a point's kind to tell its opacity.
     pub fn needs_kinds(&self) -> bool {
         self.0.iter().any(|rule| rule.what != What::All)

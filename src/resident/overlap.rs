@@ -26,10 +26,17 @@ impl Resident {
         let (view, size) = (view.entire(), tiles_of(view.whole));
         // Of every tile that shows something: its station, if it is one.
         let mut stations: Vec<Option<Option<u32>>> = vec![None; (size[0] * size[1]) as usize];
+        // Points of other stations are there, and not drawn.
+        let drawn = self.opacities.drawn_stations(&self.stations);
+        let only = if let [one] = drawn[..] { Some(one) } else { None };
         for (_, node) in self.seen(&view) {
+            let station = node.station.or(only);
+            if station.is_some_and(|station| !drawn.contains(&station)) {
+                continue;
+            }
             for tile in tiles(&view, size, node).flatten() {
                 let own = &mut stations[tile];
-                *own = Some(node.station.filter(|_| own.is_none_or(|own| own == node.station)));
+                *own = Some(station.filter(|_| own.is_none_or(|own| own == station)));
             }
         }
         let several: Vec<bool> = stations.iter().map(|own| *own == Some(None)).collect();

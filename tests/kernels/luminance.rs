@@ -7,6 +7,7 @@ use pointillist::cloud::{self, Cloud, Lattice};
 use pointillist::frame;
 use pointillist::graph::{Gpu, Graph};
 use pointillist::look::{self, Look};
+use pointillist::opacity::{Opacities, Rule, What};
 use pointillist::passes::project::Precision;
 use pointillist::passes::{Switch, luminance};
 use pointillist::progress::Silent;
@@ -147,6 +148,13 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
                 let is_inside = (1..263).contains(&x) && (1..127).contains(&y);
                 assert!(!is_inside || *color == partly[(y + 64) * 900 + x + 312], "{way:?} pixel {x} {y} of a piece");
             }
+            // What is hidden disagrees with nobody.
+            let mut resident = resident;
+            let mut without = |number: &str| {
+                resident.opacities = Opacities(vec![Rule { what: What::Station(number.into()), opacity: 0.0 }]);
+                resident.overlap(&view).count
+            };
+            assert_eq!([without("2"), without("1")], [0, overlap.count]);
             resident.free(gpu);
         });
     }
