@@ -39,8 +39,7 @@ bool known(float z) {
     return has_depth(floatBitsToUint(z)) && z > 0.0;
 }
 
-void main() {
-    ivec2 pixel = own_pixel(push.size.x);
+void blend(ivec2 pixel) {
     ivec2 last = ivec2(push.size) - 1;
     if (any(greaterThan(pixel, last))) return;
     float z[5];
@@ -81,4 +80,8 @@ void main() {
     }
     imageStore(blended, pixel, mix(c0, sum * vec4(0.0625), bvec4(silhouette)));
     imageStore(left, pixel, vec4(mix(lit0, 1.0, silhouette)));
+}
+
+void main() {
+    EACH_OWN_PIXEL(push.size.x, blend)
 }

@@ -28,8 +28,7 @@ layout(push_constant, scalar) uniform Push {
     int radius_px;
 } push;
 
-void main() {
-    ivec2 pixel = own_pixel(push.size.x);
+void shade(ivec2 pixel) {
     ivec2 size = ivec2(push.size);
     if (pixel.x >= size.x || pixel.y >= size.y) return;
     float z = imageLoad(depth, pixel).r;
@@ -51,4 +50,8 @@ void main() {
     }
     float shade = exact_exp2(-push.strength * (sum / 8.0));
     imageStore(lit, pixel, vec4(c.rgb * shade, c.a));
+}
+
+void main() {
+    EACH_OWN_PIXEL(push.size.x, shade)
 }

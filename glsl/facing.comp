@@ -36,8 +36,7 @@ layout(push_constant, scalar) uniform Push {
 
 const uint NO_POINT = 0xFFFFFFFFu;
 
-void main() {
-    ivec2 pixel = own_pixel(push.size.x);
+void face(ivec2 pixel) {
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     uint id = imageLoad(index, pixel).r;
     uint word = UNKNOWN_NORMAL;
@@ -49,4 +48,8 @@ void main() {
     vec3 ray = vec3(PERSPECTIVE ? across : vec2(0.0), 1.0);
     n = dot_of(n, ray) > 0.0 ? -n : n;
     imageStore(facing, pixel, known ? vec4(n, 1.0) : vec4(0.0));
+}
+
+void main() {
+    EACH_OWN_PIXEL(push.size.x, face)
 }

@@ -24,8 +24,7 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size; // pixels
 } push;
 
-void main() {
-    ivec2 texel = own_texel(push.size.x);
+void close(ivec2 texel) {
     if (texel.x >= int(push.size.x)) return;
     vec4 depths = imageLoad(filled, texel);
     vec4 sources = imageLoad(source, texel);
@@ -41,4 +40,8 @@ void main() {
             imageStore(filled_color, pixel, has ? taken : vec4(0.0));
         }
     }
+}
+
+void main() {
+    EACH_OWN_TEXEL(push.size.x, 4, close)
 }

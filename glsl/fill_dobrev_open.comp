@@ -31,8 +31,7 @@ layout(push_constant, scalar) uniform Push {
     uint asked;        // 1: that many for all
 } push;
 
-void main() {
-    ivec2 texel = own_texel(push.texels.x);
+void open(ivec2 texel) {
     if (any(greaterThanEqual(texel, ivec2(push.texels)))) return;
     vec4 four;
     vec4 steps;
@@ -49,4 +48,8 @@ void main() {
     }
     imageStore(opened, texel, four);
     imageStore(source, texel, steps * vec4(STEP_LEFT));
+}
+
+void main() {
+    EACH_OWN_TEXEL(push.texels.x, 4, open)
 }

@@ -9,7 +9,7 @@ layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Covered { uint tile[]; } covered;
 // Starts as zeros.
-layout(scalar) buffer Listed { uint word[]; } listed;
+layout(scalar) buffer Lists { uint word[]; } lists;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
@@ -27,17 +27,5 @@ void main() {
         for (int x = first.x; x <= last.x; ++x) near |= covered.tile[uint(y) * push.tiles.x + uint(x)];
     }
     if (near == 0u) return;
-    uint place = atomicAdd(listed.word[3], 1u);
-    listed.word[AREA_HEADER + place] = number;
-    atomicMax(listed.word[1], place / AREA_ROW + 1u);
-    atomicMax(listed.word[5], place / (4u * AREA_ROW) + 1u);
-    atomicMax(listed.word[8], min(place / TILES_PER_GROUP + 1u, MOST_GROUPS));
-    if (place == 0u) {
-        listed.word[0] = AREA_ROW;
-        listed.word[2] = 1u;
-        listed.word[4] = AREA_ROW;
-        listed.word[6] = 1u;
-        listed.word[9] = 1u;
-        listed.word[10] = 1u;
-    }
+    APPEND(0u, number)
 }

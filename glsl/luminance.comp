@@ -99,8 +99,7 @@ float linear(float value, int channel) {
     return below + (above - below) * (value - float(entry));
 }
 
-void main() {
-    ivec2 pixel = own_pixel(push.width);
+void correct(ivec2 pixel) {
     // Listed pixels are those of the whole picture.
     if (!LISTED) pixel.y += int(push.rows.x);
     if (pixel.x >= int(push.width) || pixel.y < int(push.rows.x) || pixel.y >= int(push.rows.y)) return;
@@ -138,4 +137,8 @@ void main() {
     vec3 corrected = value == 0 ? vec3(mean(total[0])) : min(vec3(values) * vec3(ratio), vec3(255.0));
     if (CHANNELS == 3u) corrected = vec3(mean(total[0]), mean(total[1]), mean(total[2]));
     imageStore(color, pixel, vec4(vec3(linear(corrected.r, 0), linear(corrected.g, 1), linear(corrected.b, 2)) * vec3(opacity), opacity));
+}
+
+void main() {
+    EACH_OWN_PIXEL(push.width, correct)
 }

@@ -76,8 +76,7 @@ float power(float x, uint exponent) {
     return result;
 }
 
-void main() {
-    ivec2 pixel = own_pixel(push.size.x);
+void shade(ivec2 pixel) {
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     float z0 = imageLoad(depth, pixel).r;
     vec4 c = imageLoad(color, pixel);
@@ -101,4 +100,8 @@ void main() {
     // What faces away from the light mirrors nothing of it.
     float specular = push.specular * mix(0.0, power(clamp(mirrored, 0.0, 1.0), push.shininess), shaded && facing > 0.0);
     imageStore(lit, pixel, vec4(c.rgb * vec3(push.ambient + diffuse) + vec3(specular * c.a), c.a));
+}
+
+void main() {
+    EACH_OWN_PIXEL(push.size.x, shade)
 }

@@ -51,8 +51,7 @@ const uint INFINITY_BITS = 0x7F800000u;
 #include "shown.glsl"
 #include "paint.glsl"
 
-void main() {
-    ivec2 at = own_pixel(push.size.x);
+void resolve(ivec2 at) {
     // Listed pixels are those of the whole picture.
     if (LISTED) at.y -= int(push.top);
     if (at.y < 0 || any(greaterThanEqual(at, ivec2(push.size)))) return;
@@ -66,4 +65,8 @@ void main() {
     vec4 c = vec4(0.0);
     if (!empty) c = painted(MODE == CONSTANT ? 0u : shown_word(key.x), push.lo, push.scale) * vec4(own_opacity(key.x));
     imageStore(color, pixel, c);
+}
+
+void main() {
+    EACH_OWN_PIXEL(push.size.x, resolve)
 }

@@ -30,8 +30,7 @@ layout(push_constant, scalar) uniform Push {
     float ambient;
 } push;
 
-void main() {
-    ivec2 pixel = own_pixel(push.size.x);
+void light(ivec2 pixel) {
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     uint point = imageLoad(index, pixel).r;
     uint at = point == NO_POINT ? 0u : point;
@@ -43,4 +42,8 @@ void main() {
     float lit = min(float(count), push.full) / push.full;
     c.rgb *= push.ambient + (1.0 - push.ambient) * lit;
     imageStore(color, pixel, c);
+}
+
+void main() {
+    EACH_OWN_PIXEL(push.size.x, light)
 }

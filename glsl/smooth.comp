@@ -34,8 +34,7 @@ bool known(float z) {
     return has_depth(floatBitsToUint(z)) && z > 0.0;
 }
 
-void main() {
-    ivec2 pixel = own_pixel(push.size.x);
+void smoothen(ivec2 pixel) {
     if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
     float z0 = imageLoad(depth, pixel).r;
     vec4 c0 = imageLoad(color, pixel);
@@ -57,4 +56,8 @@ void main() {
     float share = 1.0 / weights;
     imageStore(smooth_depth, pixel, vec4(mix(z0, z0 + rise * share * LARGE, has)));
     imageStore(smooth_color, pixel, vec4(c0.rgb + change * vec3(share), c0.a));
+}
+
+void main() {
+    EACH_OWN_PIXEL(push.size.x, smoothen)
 }

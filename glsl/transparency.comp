@@ -28,6 +28,8 @@ layout(r32ui) readonly uniform uimageBuffer before;
 layout(scalar) buffer Behind { uint word[]; } behind;
 // 0 only if no pixel is left.
 layout(scalar) buffer Left { uint any[]; } left;
+// The same as a texel.
+layout(r32ui) readonly uniform uimageBuffer any_left;
 
 layout(constant_id = 0) const bool LIT_BY = false;
 // In front of this layer there is none, so that all of that is 0; behind it none is looked for.
@@ -39,14 +41,15 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size;  // pixels of this band
     uint top;    // first row of this band in the picture
     float layer; // metres
-    float slant; // how much deeper than its slope makes it a surface may be within a pixel
+    float slant; // how much deeper than its slope over the following makes it a surface may be
+    int apart_px; // how far apart two pixels are that do not show the depth of one point
 } push;
 
 const uint INFINITY_BITS = 0x7F800000u;
 const float FARTHEST = 3.402823466e38;
 const float LEAST_LIGHT = 1.0 / 512.0;
 
-// How far a surface falls from a pixel to the next along an axis: as on the flatter side, since on the other one it may end.
+// How far a surface falls from a pixel to one beside it along an axis: as on the flatter side, since on the other one it may end.
 float fall(float z, ivec2 pixel, ivec2 aside) {
     float before = imageLoad(depth, pixel - aside).r;
     float after = imageLoad(depth, pixel + aside).r;
@@ -57,8 +60,7 @@ float fall(float z, ivec2 pixel, ivec2 aside) {
     return least < FARTHEST ? least : 0.0;
 }
 
-void main() {
-    ivec2 at = own_pixel(push.size.x);
+void add(ivec2 at) {
     // Listed pixels are those of the whole picture.
     if (LISTED) at.y -= int(push.top);
     if (at.y < 0 || any(greaterThanEqual(at, ivec2(push.size)))) return;
@@ -72,16 +74,23 @@ void main() {
     imageStore(peeled, pixel, vec4(layers + (c.a > 0.0 ? 1.0 : 0.0)));
 
     float shown = imageLoad(depth, pixel).r;
+    // Loads stand outside of conditions: in a branch lavapipe loads lane by lane.
+    float projected = imageLoad(raw, pixel).r;
     // Where something is that nobody knows, behind the point that was there.
-    uint bits = floatBitsToUint(shown > 0.0 ? shown : imageLoad(raw, pixel).r);
+    uint bits = floatBitsToUint(mix(projected, shown, shown > 0.0));
     bool goes_on = bits < INFINITY_BITS && 1.0 - sum.a >= LEAST_LIGHT;
     // One is enough: an atomic for every pixel would be most of this pass.
-    if (goes_on && left.any[0] == 0u) atomicOr(left.any[0], 1u);
+    bool is_first = imageLoad(any_left, 0).r == 0u;
+    if (goes_on && is_first) atomicOr(left.any[0], 1u);
     if (LAST) return;
     float z = uintBitsToFloat(goes_on ? bits : 0u);
-    float layer = max(push.layer, push.slant * (fall(z, pixel, ivec2(1, 0)) + fall(z, pixel, ivec2(0, 1))));
+    float layer = max(push.layer, push.slant * (fall(z, pixel, ivec2(push.apart_px, 0)) + fall(z, pixel, ivec2(0, push.apart_px))));
     uint word = uint(at.y) * push.size.x + uint(at.x);
     // Positive floats order like their bits.
     uint least = FIRST ? 0u : TEXELS ? imageLoad(before, int(word)).r : behind.word[word];
     behind.word[word] = max(least, goes_on ? floatBitsToUint(z + layer) : INFINITY_BITS);
+}
+
+void main() {
+    EACH_OWN_PIXEL(push.size.x, add)
 }

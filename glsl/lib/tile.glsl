@@ -13,11 +13,6 @@ const uint LIST_HEADER = 4u;
 const uint MOST_GROUPS = 65535u;
 const uint TILES_PER_GROUP = 8u;
 
-// A list that passes keep to (lib/area.glsl), whatever they take at a time: three words of an indirect dispatch of workgroups that take a tile each, AREA_ROW of them side by side, and the number of
-// tiles; three of workgroups that take four, side by side as well, and one spare; three of workgroups that take eight, and one spare; then the tiles, in no order.
-const uint AREA_HEADER = 12u;
-const uint AREA_ROW = 64u;
-
 struct Tile {
     uint points;     // pixels that hold one
     uint continuous; // 1: every pixel does, and neighbours differ by less than a hidden layer would

@@ -1,17 +1,13 @@
 //! Where passes over the screen have anything to do: tiles that were listed on the device; and images that stay from one time to the next, so that what lies beyond need not be written again.
 
-use super::{Buffer, Groups, Image, ImageDesc, ResourceId, Tiles};
+use super::{Buffer, Groups, Image, ImageDesc, ResourceId};
 
-/// Tiles of 8 x 8 pixels, in words (glsl/lib/area.glsl): workgroups of those who take a tile each, and their number; of those who take four at a time, images with four rows a texel; and of those who
-/// take eight. Then the tiles.
+/// Tiles of 8 x 8 pixels, in words (glsl/lib/tile.glsl): workgroups that take eight each, three words, and the number of tiles; then the tiles.
 pub struct Area {
     /// The words before the tiles; those of the list itself, or of a copy that the device may have emptied.
     pub groups: Buffer,
     pub list: Buffer,
 }
-
-/// Words before the tiles, as in glsl/lib/area.glsl.
-pub const AREA_HEADER: u32 = 12;
 
 /// An area while passes are recorded.
 #[derive(Clone, Copy)]
@@ -26,13 +22,8 @@ impl Within {
     }
 
     /// Where the workgroups of such a pass stand.
-    pub fn groups(&self, tiles: &Tiles) -> Groups {
-        let word = match tiles {
-            Tiles::Packed(_) => 4,
-            Tiles::ByEight(_) => 8,
-            _ => 0,
-        };
-        Groups::Listed(self.groups, 4 * word)
+    pub fn groups(&self) -> Groups {
+        Groups::Listed(self.groups, 0)
     }
 }
 

@@ -8,7 +8,7 @@ pub mod plan;
 mod record;
 
 pub use crate::gpu::{Access, BufferDesc, Code, ImageDesc, Kind, Place};
-pub use area::{AREA_HEADER, Again, Area};
+pub use area::{Again, Area};
 pub use record::Running;
 
 use crate::error::{Error, Result};
@@ -363,7 +363,7 @@ impl<'g> Graph<'g> {
         let within = self.within.filter(|_| code.listed.is_some());
         let groups = match (tiles, within) {
             (Tiles::From(list, word), _) => Groups::Listed(list.id, 4 * word as u64),
-            (_, Some(within)) => within.groups(&tiles),
+            (_, Some(within)) => within.groups(),
             (Tiles::Groups(groups), _) => self.gate(groups),
             (Tiles::ByEight(count), _) => {
                 let groups = [count.div_ceil(8).min(self.gpu.device.most_groups), 1, 1];

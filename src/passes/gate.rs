@@ -1,8 +1,8 @@
 //! A COUNT -> whether passes run, and where: what the device finds empty costs it one look, and the CPU need not wait to hear of it.
 
-use super::{TILE_PX, tiles};
+use super::{LIST_HEADER, TILE_PX, tiles};
 use crate::error::Result;
-use crate::graph::{AREA_HEADER, Area, Buffer, Graph, Image, Tiles};
+use crate::graph::{Area, Buffer, Graph, Image, Tiles};
 use crate::shader::{self, cover, gate::Push, list};
 
 /// Passes that run only where the count, the buffer's first word, is not 0.
@@ -15,8 +15,8 @@ pub fn only_where<T>(g: &mut Graph, count: &Buffer, record: impl FnOnce(&mut Gra
 
 /// The same tiles where the count is not 0, else none.
 pub fn area_where(g: &mut Graph, count: &Buffer, area: &Area) -> Area {
-    let mut groups = g.buffer("area groups", 4 * AREA_HEADER as u64);
-    g.run(shader::Gate { count, wanted: &area.groups, groups: &mut groups, push: Push { words: AREA_HEADER } }, Tiles::Groups([1, 1, 1]));
+    let mut groups = g.buffer("area groups", 4 * LIST_HEADER as u64);
+    g.run(shader::Gate { count, wanted: &area.groups, groups: &mut groups, push: Push { words: LIST_HEADER } }, Tiles::Groups([1, 1, 1]));
     Area { groups, list: area.list.again() }
 }
 
@@ -24,11 +24,11 @@ pub fn area_where(g: &mut Graph, count: &Buffer, area: &Area) -> Area {
 pub fn covered(g: &mut Graph, raw: &Image, grows_px: f64) -> Area {
     let across = tiles(raw.desc.size);
     let count = across[0] * across[1];
-    let (mut covered, mut list) = (g.buffer("covered", 4 * count as u64), g.buffer("area", 4 * (AREA_HEADER + count) as u64));
+    let (mut covered, mut list) = (g.buffer("covered", 4 * count as u64), g.buffer("area", 4 * (LIST_HEADER + count) as u64));
     g.fill(&mut covered, 0);
     g.fill(&mut list, 0);
     g.run(shader::Cover { depth: raw, covered: &mut covered, push: cover::Push { tiles: across } }, Tiles::ByEight(count));
     let push = list::Push { tiles: across, rings: (grows_px / TILE_PX as f64).ceil() as i32 };
-    g.run(shader::List { covered: &covered, listed: &mut list, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+    g.run(shader::List { covered: &covered, lists: &mut list, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
     Area { groups: list.again(), list }
 }

@@ -143,6 +143,7 @@ impl Resolved {
             lit: None,
             spacings,
             spacing_px: spacing_px(&view.entire(), resident),
+            flat_px: 1,
             holes: None,
         })
     }

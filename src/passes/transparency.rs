@@ -13,7 +13,7 @@
 
 use super::project::{self, Band};
 use super::visibility::Looked;
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, significant};
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill, significant};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::shader::{self, transparency::Push, transparency::Spec};
 use crate::view::View;
@@ -55,9 +55,9 @@ impl super::Settings for Settings {
     }
 }
 
-/// As [`super::Effects::reach_px`].
+/// As [`super::Effects::reach_px`]: how far depths may have been carried.
 pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
-    Some(0)
+    Some(fill::WIDEST as u32)
 }
 
 pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
@@ -74,6 +74,9 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
 
 /// A surface is this much deeper within a pixel than its slope says, which curves, and has noise.
 const SLANT: f32 = 2.0;
+
+/// And this much more where depths are those of points up to some pixels away, the nearest of those around (Dobrev et al. 2010, sec. 3.2 and 3.3): without it, what is left of a steep surface is a layer of its own.
+const UPHILL: f32 = 1.0;
 
 /// All layers so far.
 pub struct Front {
@@ -111,13 +114,18 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
     let last = number + 1 == settings.layers as u32;
     let spec = Spec { lit_by: layers.lit.is_some(), first: number == 0, last, texels: g.gpu.device.texels };
-    let (layer, slant) = (scene.layer_m(settings.layer) as f32, if settings.layer == 0.0 { SLANT } else { 0.0 });
+    let slant = match (settings.layer, layers.flat_px) {
+        (0.0, 1) => SLANT,
+        (0.0, _) => SLANT + UPHILL,
+        _ => 0.0,
+    };
+    let layer = scene.layer_m(settings.layer) as f32;
     for (&Band { top, size }, behind) in bands.iter().zip(&mut behind) {
-        let push = Push { size, top, layer, slant };
+        let push = Push { size, top, layer, slant, apart_px: layers.flat_px as i32 };
         let Layers { color, depth, raw, .. } = &layers;
-        let before = &behind.racing();
+        let (before, any_left) = (&behind.racing(), &left.racing());
         g.run(
-            shader::Transparency { color, lit, depth, raw, front: &mut front, peeled: &mut peeled, before, behind, left: &mut left, push, spec },
+            shader::Transparency { color, lit, depth, raw, front: &mut front, peeled: &mut peeled, before, behind, any_left, left: &mut left, push, spec },
             Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
         );
     }

@@ -67,7 +67,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         },
         Tiles::Packed([size[0], size[1].div_ceil(4)]),
     );
-    Layers { depth, index, color, holes: None, ..layers }
+    Layers { depth, index, color, flat_px: most.min(super::WIDEST as u32), holes: None, ..layers }
 }
 
 /// Depth, and where it is from.
