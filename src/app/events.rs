@@ -61,6 +61,7 @@ impl App {
             drawing.close();
         }
         self.facts.profile.iter_mut().for_each(Profile::forget_texture);
+        self.promised.clear();
         self.options.wish.lost_after = None;
         self.draw_in(window)?;
         self.trouble(&Error::Device(format!("{error}; the device was opened again, and the files are read again")));

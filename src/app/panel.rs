@@ -269,9 +269,11 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
         if ui.button("save picture").on_hover_text("F9").clicked() {
             deeds.push(Deed::SavePicture);
         }
-        if ui.button("layers").on_hover_text("L: depth, point ids, normals and more, as EXR").clicked() {
+        if ui.button("save layers").on_hover_text("L: depth, point ids, normals and more, as EXR").clicked() {
             deeds.push(Deed::SaveLayers);
         }
+    });
+    ui.horizontal(|ui| {
         let for_render = apart(ui, "F8, for render --scene");
         if ui.button("save scene").on_hover_text(for_render).clicked() {
             deeds.push(Deed::SaveScene);
@@ -583,12 +585,16 @@ fn keys(ui: &mut Ui, facts: &Facts) {
     });
 }
 
-/// The font has one sign for two hyphens, which is a dash: what is laid out apart is not joined.
+/// The font has one sign for two hyphens, which is a dash, and without it they touch: there is a little room between them.
 fn apart(ui: &Ui, text: &str) -> LayoutJob {
+    const ROOM: f32 = 1.5;
     let format = TextFormat::simple(TextStyle::Body.resolve(ui.style()), Color32::PLACEHOLDER);
     let mut job = LayoutJob::default();
     for (number, part) in text.split("--").enumerate() {
-        ["-", "-"].iter().filter(|_| number > 0).for_each(|hyphen| job.append(hyphen, 0.0, format.clone()));
+        if number > 0 {
+            job.append("-", 0.0, format.clone());
+            job.append("-", ROOM, format.clone());
+        }
         job.append(part, 0.0, format.clone());
     }
     job

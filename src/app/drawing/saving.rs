@@ -142,7 +142,7 @@ impl Thread {
 
     pub(super) fn give_up_saving(&mut self) {
         for saving in self.saving.drain(..) {
-            eprintln!("pointillist: {} was not saved, because the window closed before it was drawn", saving.path().display());
+            eprintln!("pointillist: {} was not saved: drawing has ended before all of it was there", saving.path().display());
         }
     }
 }
