@@ -60,6 +60,39 @@ fn while_a_large_picture_is_saved_the_window_goes_on_and_closes_at_once() {
     assert!(left.is_empty(), "{left:?}");
 }
 
+/// A picture may wait for ever; the window does not.
+#[test]
+fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothing_up() {
+    let place = Place::new();
+    let (cloud, index) = (place.street(1_500_000), place.at("scan.pnti"));
+    succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
+    let mut viewer = place.view(&[&index], "--lod 0 --fail-reading hang:4");
+    viewer.until("word of it", |viewer| viewer.said().iter().any(|line| line.contains("has not come")));
+    viewer.key("F9");
+    viewer.key("7");
+    let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
+    assert!(std::fs::read_to_string(scene).unwrap().contains("orthographic"));
+    place.display.xdotool("key Escape key Escape");
+    let said = support::text(&viewer.ended().stderr);
+    assert!(said.contains("pointillist-1.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
+
+    let small = place.scan("small.las", pointillist::synth::Scene::Street, 60_000);
+    let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 30");
+    let fit = place.picture(&[&small], "fit.png", "");
+    viewer.key("F9");
+    viewer.until("lost device", |viewer| {
+        place.display.xdotool("click 4 click 5");
+        viewer.said().iter().any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
+    });
+    place.display.xdotool("key Escape key 0");
+    viewer.shows(&fit);
+    let saved = place.saved(&mut viewer, "F9", "pointillist-1.png");
+    assert!(saved.exists());
+    viewer.key("Escape");
+    let said = support::text(&viewer.ended().stderr);
+    assert!(said.contains("pointillist-1.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
+}
+
 #[test]
 fn layers_are_saved_as_render_writes_them() {
     let place = Place::new();

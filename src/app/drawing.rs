@@ -464,7 +464,12 @@ impl Thread {
         let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &self.cloud, &self.present) else { return Ok(()) };
         let view = View::new(scene.camera, present.size())?;
         let mut g = Graph::new(&mut self.gpu);
-        let points = project::draw(&mut g, &view, cloud.resident(), scene.wishes.precision)?.one_sided(one_sided);
+        let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.wishes.precision) else {
+            // Whoever draws them says so.
+            g.abandon();
+            return Ok(());
+        };
+        let points = points.one_sided(one_sided);
         let counted = tally::record(&mut g, &view, &points);
         let frame = g.submit(&[])?;
         (self.report)(Report::Counted(counted.points(&frame)));

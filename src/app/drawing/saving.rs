@@ -1,7 +1,7 @@
 //! PICTURES -> FILES, while the window goes on: tile by tile, whenever there is nothing to draw in the window.
 //!
 //! In: what was to be seen when somebody asked, and how large. Out: the bytes that `render` writes. Between two tiles everything that is posted is heard, and on a software device, where a tile takes long,
-//! it gives way; so the window moves, fits and closes as if nothing else were done. A picture no larger than the window is there as soon as it is asked for. One that is under way when the window closes is
+//! it gives way; so the window moves, fits and closes as if nothing else were done. A picture no larger than the window is there as soon as it is asked for, unless nodes are on their way. One that is under way when the window closes is
 //! not there, which is said.
 
 use super::{Newer, Report, Thread, Wanted};
@@ -50,7 +50,9 @@ impl Thread {
             piece: None,
             tile: Some(TILE),
         };
-        let at_once = self.saving.is_empty() && size.map(u64::from).iter().product::<u64>() <= self.pixels();
+        // Of what the window shows whole, there is nothing to wait for.
+        let is_there = self.wanted == Wanted::Nothing || matches!(self.cloud, Some(Brought::Whole(_)));
+        let at_once = is_there && self.saving.is_empty() && size.map(u64::from).iter().product::<u64>() <= self.pixels();
         let asked = match layers {
             true => Ok(Asked::Layers(Box::new(wanted), path)),
             false => Tiled::begin(wanted, &path).map(|picture| Asked::Picture(Box::new(picture))),
