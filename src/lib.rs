@@ -15,7 +15,7 @@
 //! - [`loader`]: a thread that reads nodes of an index. [`resident`]: the nodes on the device, in pages of one size.
 //! - [`passes`]: one file a pass, and the registry of effects. [`look`]: which effects run, and why. [`frame`]: the whole frame, top to bottom.
 //! - [`source`]: files or an index, brought to the device. [`scene`]: what a picture is of, as a file.
-//! - [`picture`]: PNG and EXR. [`tiled`]: a picture of any size. [`present`]: a window's swapchain. [`app`]: the window: navigation, panel, picking. [`bench`](mod@bench): what passes take. [`study`]: what accuracy costs in time. [`cli`]: the
+//! - [`picture`]: PNG and EXR. [`tiled`]: a picture of any size. [`layers`]: all that a frame knows of its pixels. [`present`]: a window's swapchain. [`app`]: the window: navigation, panel, picking. [`bench`](mod@bench): what passes take. [`study`]: what accuracy costs in time. [`cli`]: the
 //!   program, one file a subcommand.
 //! - For all: [`config`] (every limit and default), [`error`], [`progress`], [`whole_file`].
 //!
@@ -59,6 +59,7 @@ pub mod frame;
 pub mod gpu;
 pub mod graph;
 pub mod index;
+pub mod layers;
 pub mod light;
 pub mod loader;
 pub mod look;

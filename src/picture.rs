@@ -1,41 +1,96 @@
 //! Finished images in, PNG and EXR files out, whole or not at all.
 
 use crate::error::{Error, Result};
-use crate::whole_file::whole_file;
+use crate::whole_file::{WholeFile, whole_file};
 use exr::prelude::{AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder};
 use exr::prelude::{SmallVec, WritableImage};
-use std::io::Write;
-use std::path::Path;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 
 /// An 8-bit sRGB picture of red, green and blue of each pixel, rows of them from the top left, in as many pieces as there are ([`crate::passes::encode`]).
 pub fn write_png(path: &Path, size: [u32; 2], pieces: &[&[u8]]) -> Result<()> {
     // Piece by piece, so that no second picture is in memory.
-    write_png_rows(path, size, |write| pieces.iter().try_for_each(|piece| write(piece)))
+    let mut rows = PngRows::create(path, size)?;
+    pieces.iter().try_for_each(|piece| rows.write(piece))?;
+    rows.finish()
 }
 
-/// The same of pixels that `draw` hands over as it comes by them, from the top left on.
-pub fn write_png_rows(
-    path: &Path,
-    [width, height]: [u32; 2],
-    draw: impl FnOnce(&mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()>,
-) -> Result<()> {
-    whole_file(path, |partial| {
-        let io = |error| Error::io("write", path, error);
-        let file = std::fs::File::create(partial).map_err(io)?;
-        let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), width, height);
+/// The same of pixels that are handed over as somebody comes by them, from the top left on. Dropped before it is finished, it leaves nothing.
+pub struct PngRows {
+    path: PathBuf,
+    whole: WholeFile,
+    rows: png::StreamWriter<'static, Watched>,
+    failed: Arc<Mutex<Option<std::io::Error>>>,
+}
+
+/// The file; and the last thing that went wrong with it, since whatever is written as the encoder is dropped, as the end of the picture, fails in silence.
+struct Watched {
+    file: BufWriter<File>,
+    failed: Arc<Mutex<Option<std::io::Error>>>,
+}
+
+impl Watched {
+    fn watch<T>(&self, done: std::io::Result<T>) -> std::io::Result<T> {
+        done.inspect_err(|error| {
+            *self.failed.lock().unwrap_or_else(|poisoned| poisoned.into_inner()) =
+                Some(std::io::Error::new(error.kind(), error.to_string()));
+        })
+    }
+}
+
+impl Write for Watched {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.file.write(bytes);
+        self.watch(written)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        let flushed = self.file.flush();
+        self.watch(flushed)
+    }
+}
+
+impl Drop for Watched {
+    fn drop(&mut self) {
+        // It is said in the end.
+        let _ = self.flush();
+    }
+}
+
+impl PngRows {
+    pub fn create(path: &Path, [width, height]: [u32; 2]) -> Result<PngRows> {
+        let whole = WholeFile::create(path)?;
+        let file = File::create(whole.partial()).map_err(|error| Error::io("write", path, error))?;
+        let failed = Arc::new(Mutex::new(None));
+        let mut encoder = png::Encoder::new(Watched { file: BufWriter::new(file), failed: failed.clone() }, width, height);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
         encoder.set_compression(png::Compression::Fast);
-        let failed = |error: png::EncodingError| match error {
-            png::EncodingError::IoError(source) => io(source),
-            other => Error::format(path, other.to_string()),
-        };
-        let mut writer = encoder.write_header().map_err(failed)?;
-        let mut rows = writer.stream_writer().map_err(failed)?;
-        draw(&mut |pixels| rows.write_all(pixels).map_err(io))?;
-        rows.finish().map_err(failed)?;
-        writer.finish().map_err(failed)
-    })
+        let rows = encoder.write_header().and_then(png::Writer::into_stream_writer).map_err(|error| encoding(path, error))?;
+        Ok(PngRows { path: path.to_owned(), whole, rows, failed })
+    }
+
+    pub fn write(&mut self, pixels: &[u8]) -> Result<()> {
+        self.rows.write_all(pixels).map_err(|error| Error::io("write", &self.path, error))
+    }
+
+    pub fn finish(self) -> Result<()> {
+        let PngRows { path, whole, rows, failed } = self;
+        rows.finish().map_err(|error| encoding(&path, error))?;
+        match failed.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).take() {
+            Some(error) => Err(Error::io("write", &path, error)),
+            None => whole.finish(),
+        }
+    }
+}
+
+fn encoding(path: &Path, error: png::EncodingError) -> Error {
+    match error {
+        png::EncodingError::IoError(source) => Error::io("write", path, source),
+        other => Error::format(path, other.to_string()),
+    }
 }
 
 /// The values of one channel, row by row from the top left.

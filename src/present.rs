@@ -105,24 +105,26 @@ impl Present {
         Ok(present)
     }
 
-    /// Makes the swapchain fit the window, where it does not. False where there is nothing to see, as of a minimised window.
-    pub fn fit(&mut self, gpu: &mut Gpu) -> Result<bool> {
+    /// Makes the swapchain fit the window, whose size the system has told, where it does not. False where there is nothing to see, as of a minimised window or one that is gone.
+    pub fn fit(&mut self, gpu: &mut Gpu, [width, height]: [u32; 2]) -> Result<bool> {
         let mut asked = self.capabilities(gpu);
         if matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {
             self.renew(gpu)?;
             asked = self.capabilities(gpu);
+            if matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {
+                return Ok(false);
+            }
         }
         let can = asked.map_err(failed("vkGetPhysicalDeviceSurfaceCapabilitiesKHR"))?;
-        let inner = self.window.inner_size();
         let size = match can.current_extent {
             // The swapchain decides.
             vk::Extent2D { width: u32::MAX, .. } => {
                 let (least, most) = (can.min_image_extent, can.max_image_extent);
-                [inner.width.clamp(least.width, most.width), inner.height.clamp(least.height, most.height)]
+                [width.clamp(least.width, most.width), height.clamp(least.height, most.height)]
             }
             extent => [extent.width, extent.height],
         };
-        if size.contains(&0) || inner.width == 0 || inner.height == 0 {
+        if size.contains(&0) || width == 0 || height == 0 {
             return Ok(false);
         }
         if self.swapchain.as_ref().is_none_or(|swapchain| swapchain.stale || swapchain.size != size) {

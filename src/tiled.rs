@@ -5,6 +5,8 @@
 //! ```
 //! Points fall into the pixels of the whole picture, whichever part of it is drawn, and effects are decided for the whole. So where a border is as wide as effects look (`Look::reach_px`), pieces meet
 //! without a seam, bit by bit (`tests/tiled.rs`). One row of pieces is in memory at a time.
+//!
+//! Who has other things to do meanwhile, as a window has, draws smaller tiles, one at a time ([`Tiled`]): nodes are loaded for whole pieces all the same, so that the picture does not depend on tiles.
 
 use crate::cut::Fineness;
 use crate::error::{Error, Result};
@@ -12,11 +14,11 @@ use crate::frame;
 use crate::graph::{Gpu, Graph};
 use crate::look::{self, Look, Wishes};
 use crate::passes::{TILE_PX, encode, visibility};
-use crate::picture;
+use crate::picture::PngRows;
 use crate::progress::{Progress, Whole};
 use crate::source::{Brought, Taken};
 use crate::view::View;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A picture of more pixels is drawn in pieces: a frame takes a hundred bytes a pixel and more.
 const WHOLE_PIXELS: u64 = 1 << 25;
@@ -81,56 +83,170 @@ impl Pieces {
 
     fn piece(&self, corner: [u32; 2]) -> Piece {
         let end = [0, 1].map(|axis| (corner[axis] + self.piece[axis]).min(self.whole[axis]));
+        Piece::around(corner, end, self.border, self.whole)
+    }
+}
+
+impl Piece {
+    /// With a border as wide as the picture has it.
+    fn around(corner: [u32; 2], end: [u32; 2], border: u32, whole: [u32; 2]) -> Piece {
         // Whole tiles, but at the picture's own edges.
-        let window_corner = corner.map(|at| at.saturating_sub(self.border));
-        let window_end = [0, 1].map(|axis| end[axis].saturating_add(self.border).min(self.whole[axis]));
+        let window_corner = corner.map(|at| at.saturating_sub(border));
+        let window_end = [0, 1].map(|axis| end[axis].saturating_add(border).min(whole[axis]));
         let size = |end: [u32; 2], corner: [u32; 2]| [0, 1].map(|axis| end[axis] - corner[axis]);
         Piece { corner, size: size(end, corner), window_corner, window_size: size(window_end, window_corner) }
     }
 }
 
 /// What a picture is of, and how fine.
-pub struct Wanted<'w> {
-    pub view: &'w View,
-    pub wishes: &'w Wishes,
+#[derive(Clone)]
+pub struct Wanted {
+    pub view: View,
+    pub wishes: Wishes,
     pub fineness: Fineness,
     /// Pieces of at most so many pixels a side.
     pub piece: Option<u32>,
+    /// Drawn in tiles of at most so many pixels a side, for whoever has other things to do between them; the picture is the same, bit by bit.
+    pub tile: Option<u32>,
+}
+
+/// A picture on its way into a file, which is there once [`Tiled::finish`] says so. Dropped before, it leaves nothing.
+pub struct Tiled {
+    wanted: Wanted,
+    path: PathBuf,
+    rows: PngRows,
+    plan: Option<Plan>,
+    /// The tiles of one row.
+    pixels: Vec<u8>,
+    /// What could not be read.
+    notes: Vec<String>,
+}
+
+/// How it is drawn.
+struct Plan {
+    look: Look,
+    tiles: Vec<Tile>,
+    done: usize,
+}
+
+/// What is drawn at a time, of a piece for which nodes are loaded.
+#[derive(Clone, Copy)]
+struct Tile {
+    part: Piece,
+    /// The window of the piece.
+    loaded: View,
+    /// The row of pixels that a row of tiles, or of pieces, begins at, and how many it has.
+    row: [u32; 2],
+    /// With this one the row is there.
+    is_last: bool,
+}
+
+impl Tiled {
+    /// Nothing is drawn yet.
+    pub fn begin(wanted: Wanted, path: &Path) -> Result<Tiled> {
+        let rows = PngRows::create(path, wanted.view.size)?;
+        Ok(Tiled { wanted, path: path.to_owned(), rows, plan: None, pixels: Vec::new(), notes: Vec::new() })
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Tiles that are drawn, of how many; none before that is known.
+    pub fn so_far(&self) -> Option<(usize, usize)> {
+        self.plan.as_ref().map(|plan| (plan.done, plan.tiles.len()))
+    }
+
+    /// One tile more; whether it was the last. Where `progress` stops it, it is as if it had not been asked for.
+    pub fn step(&mut self, gpu: &mut Gpu, cloud: &mut Brought, progress: &dyn Progress) -> Result<bool> {
+        let mut plan = match self.plan.take() {
+            Some(plan) => plan,
+            None => self.plan(gpu, cloud, progress)?,
+        };
+        let drawn = self.draw_next(&mut plan, gpu, cloud, progress);
+        let is_whole = plan.done == plan.tiles.len();
+        self.plan = Some(plan);
+        drawn.map(|()| is_whole)
+    }
+
+    /// What could not be read, now that the file is there.
+    pub fn finish(self) -> Result<Vec<String>> {
+        self.rows.finish()?;
+        Ok(self.notes)
+    }
+
+    fn plan(&mut self, gpu: &mut Gpu, cloud: &mut Brought, progress: &dyn Progress) -> Result<Plan> {
+        let Wanted { view, wishes, fineness, piece, tile } = self.wanted.clone();
+        // Of a picture in pieces effects are decided by as much of the cloud as shows it whole on a screen.
+        let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
+        self.note(cloud.settle(gpu, &view, &fineness.of(overview), progress)?);
+        let look = look::decide(&wishes, &view, cloud.resident());
+        let pieces = Pieces::of(gpu, &view, &look, piece)?;
+        // Strokes are placed from the corner of what is drawn, so that another corner rounds their rims otherwise.
+        let reach = look.reach_px(&view).filter(|_| !look.decided.runs("strokes"));
+        let side_and_border = tile.zip(reach).map(|(side, reach)| (in_tiles(side.max(1)), in_tiles(reach)));
+        let tiles = pieces.rows().flat_map(|row| row_of_tiles(&view, &row, side_and_border)).collect();
+        Ok(Plan { look, tiles, done: 0 })
+    }
+
+    fn draw_next(&mut self, plan: &mut Plan, gpu: &mut Gpu, cloud: &mut Brought, progress: &dyn Progress) -> Result<()> {
+        let Tile { part, loaded, row: [top, height], is_last } = plan.tiles[plan.done];
+        let Wanted { view, fineness, .. } = &self.wanted;
+        let (done, total, width) = (plan.done as u64, plan.tiles.len() as u64, view.size[0] as usize);
+        let whole = Whole { progress, doing: "drawing pieces", done, total };
+        let taken = cloud.settle(gpu, &loaded, &fineness.of(loaded.size), if total > 1 { &whole } else { progress })?;
+        let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
+        self.pixels.resize(3 * width * height as usize, 0);
+        draw(gpu, cloud, &window, &plan.look, &whole, |bytes| cut_out(bytes, &part, top, width, &mut self.pixels))?;
+        self.note(taken);
+        if is_last {
+            self.rows.write(&self.pixels)?;
+            self.pixels.clear();
+        }
+        plan.done += 1;
+        Ok(())
+    }
+
+    fn note(&mut self, taken: Option<Taken>) {
+        for note in taken.into_iter().flat_map(|taken| taken.notes) {
+            if !self.notes.contains(&note) {
+                self.notes.push(note);
+            }
+        }
+    }
+}
+
+/// A row of pieces as it is drawn: in tiles of this side, with borders as wide; else as it is.
+fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>) -> Vec<Tile> {
+    let loaded = |piece: &Piece| view.window(piece.window_corner.map(|at| at as i32), piece.window_size);
+    let Some(first) = row.first() else { return Vec::new() };
+    let whole_row = [first.corner[1], first.size[1]];
+    let mut tiles = Vec::new();
+    for piece in row {
+        let Some((side, border)) = side_and_border else {
+            tiles.push(Tile { part: *piece, loaded: loaded(piece), row: whole_row, is_last: false });
+            continue;
+        };
+        let [right, bottom] = [0, 1].map(|axis| piece.corner[axis] + piece.size[axis]);
+        for y in (piece.corner[1]..bottom).step_by(side as usize) {
+            // Where pieces lie side by side, their row is there with the last of them.
+            let row_of_tiles = if row.len() == 1 { [y, side.min(bottom - y)] } else { whole_row };
+            for x in (piece.corner[0]..right).step_by(side as usize) {
+                let end = [(x + side).min(right), (y + side).min(bottom)];
+                let is_last = row.len() == 1 && end[0] == right;
+                tiles.push(Tile { part: Piece::around([x, y], end, border, view.size), loaded: loaded(piece), row: row_of_tiles, is_last });
+            }
+        }
+    }
+    tiles.last_mut().into_iter().for_each(|tile| tile.is_last = true);
+    tiles
 }
 
 /// Draws a picture into a file. What could not be read is said in the end.
-pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, progress: &dyn Progress) -> Result<Vec<String>> {
-    let Wanted { view, wishes, fineness, piece } = *wanted;
-    // Of a picture in pieces effects are decided by as much of the cloud as shows it whole on a screen.
-    let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
-    let mut notes = Vec::new();
-    let mut note = |taken: Option<Taken>| {
-        let new = taken.into_iter().flat_map(|taken| taken.notes).filter(|note: &String| !notes.contains(note)).collect::<Vec<_>>();
-        notes.extend(new);
-    };
-    note(cloud.settle(gpu, view, &fineness.of(overview), progress)?);
-    let look = look::decide(wishes, view, cloud.resident());
-    let pieces = Pieces::of(gpu, view, &look, piece)?;
-    let total = pieces.rows().map(|row| row.len() as u64).sum();
-    let mut done = 0;
-    picture::write_png_rows(path, view.size, |write| {
-        for row in pieces.rows() {
-            let height = row.first().map_or(0, |piece| piece.size[1]) as usize;
-            let mut pixels = vec![0u8; 3 * view.size[0] as usize * height];
-            for piece in row {
-                let progress = Whole { progress, doing: "drawing pieces", done, total };
-                let window = view.window(piece.window_corner.map(|at| at as i32), piece.window_size);
-                if total > 1 {
-                    note(cloud.settle(gpu, &window, &fineness.of(window.size), &progress)?);
-                }
-                draw(gpu, cloud, &window, &look, &progress, |bytes| cut_out(bytes, &piece, view.size[0] as usize, &mut pixels))?;
-                done += 1;
-            }
-            write(&pixels)?;
-        }
-        Ok(())
-    })?;
-    Ok(notes)
+pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: Wanted, path: &Path, progress: &dyn Progress) -> Result<Vec<String>> {
+    let mut picture = Tiled::begin(wanted, path)?;
+    while !picture.step(gpu, cloud, progress)? {}
+    picture.finish()
 }
 
 /// A frame, and its bytes to whoever takes them.
@@ -150,13 +266,13 @@ fn draw(gpu: &mut Gpu, cloud: &Brought, view: &View, look: &Look, progress: &dyn
     Ok(())
 }
 
-/// The middle of a window's bytes, to its place in a row of pieces of this width, pixels.
-fn cut_out(bytes: &[&[u8]], piece: &Piece, width: usize, pixels: &mut [u8]) {
-    let rows = bytes.iter().flat_map(|band| band.chunks_exact(3 * piece.window_size[0] as usize));
-    let [left, top] = [0, 1].map(|axis| (piece.corner[axis] - piece.window_corner[axis]) as usize);
-    let [across, down] = piece.size.map(|side| side as usize);
+/// The middle of a window's bytes, to its place among rows of pixels from this one on, so many pixels wide.
+fn cut_out(bytes: &[&[u8]], part: &Piece, first_row: u32, width: usize, pixels: &mut [u8]) {
+    let rows = bytes.iter().flat_map(|band| band.chunks_exact(3 * part.window_size[0] as usize));
+    let [left, top] = [0, 1].map(|axis| (part.corner[axis] - part.window_corner[axis]) as usize);
+    let [across, down] = part.size.map(|side| side as usize);
     for (y, row) in rows.skip(top).take(down).enumerate() {
-        let at = 3 * (y * width + piece.corner[0] as usize);
+        let at = 3 * (((part.corner[1] - first_row) as usize + y) * width + part.corner[0] as usize);
         pixels[at..at + 3 * across].copy_from_slice(&row[3 * left..3 * (left + across)]);
     }
 }

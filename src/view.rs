@@ -200,6 +200,12 @@ impl Camera {
     /// Perspective, in the camera's axes: every point needs |x - ex| <= t (z - ez), and the same for y. With a = max(x - t z) and b = max(-x - t z) that is
     /// a - ex <= -t ez and b + ex <= -t ez, so the nearest eye is ex = (a - b) / 2, ez = -(a + b) / 2t; of the two ez the farther serves both.
     pub fn framing(preset: Preset, points: &[DVec3], size: [u32; 2]) -> Camera {
+        Camera::framing_beside(preset, points, size, 0.0)
+    }
+
+    /// The same where a part of the picture's width is covered at its left, from 0 to below 1: the points fill what is beside it. The planes to the left and to the right then have slopes of their own,
+    /// so ex = a + t_right ez = -b - t_left ez, and of what the farther ez leaves room for, the middle.
+    pub fn framing_beside(preset: Preset, points: &[DVec3], size: [u32; 2], covered: f64) -> Camera {
         let (min, max) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| (min.min(p), max.max(p)));
         let centre = if points.is_empty() { DVec3::ZERO } else { (min + max) / 2.0 };
         let half = if points.is_empty() { DVec3::ZERO } else { (max - min) / 2.0 };
@@ -227,23 +233,30 @@ impl Camera {
             return camera;
         }
         if preset == Preset::Fit {
-            let slope = (camera.fov_y.to_radians() / 2.0).tan() / MARGIN;
-            let side = |axis: DVec3, slope: f64| {
-                let (a, b) = (most(axis - forward * slope), most(-axis - forward * slope));
-                ((a - b) / 2.0, -(a + b) / (2.0 * slope))
+            let diagonal = half.length();
+            let tangent = (camera.fov_y.to_radians() / 2.0).tan();
+            let slope = tangent / MARGIN;
+            let side = |axis: DVec3, before: f64, after: f64| {
+                let (a, b) = (most(axis - forward * after), most(-axis - forward * before));
+                ((a, b), -(a + b) / (before + after))
             };
-            let ((x, z_by_width), (y, z_by_height)) = (side(right, slope * aspect), side(up, slope));
-            let z = z_by_width.min(z_by_height).min(-1e-3 * half.length());
+            // The margin is one of what is beside what is covered.
+            let (half, middle) = (slope * aspect * (1.0 - covered), tangent * aspect * covered);
+            let ((wide, z_by_width), (high, z_by_height)) = (side(right, half - middle, half + middle), side(up, slope, slope));
+            let z = z_by_width.min(z_by_height).min(-1e-3 * diagonal);
+            let x = (wide.0 - wide.1 + 2.0 * middle * z) / 2.0;
+            let y = (high.0 - high.1) / 2.0;
             camera.eye = centre + right * x + up * y + forward * z;
             camera.target = camera.eye - forward * z;
         } else {
             let (left, width) = ((most(right) - most(-right)) / 2.0, most(right) + most(-right));
             let (low, height) = ((most(up) - most(-up)) / 2.0, most(up) + most(-up));
-            camera.target = centre + right * left + up * low;
+            let fitting = height.max(width / (aspect * (1.0 - covered))) * MARGIN;
+            let fitting = if fitting > 0.0 { fitting } else { half.length() };
+            camera.target = centre + right * (left - covered / 2.0 * aspect * fitting) + up * low;
             camera.eye = camera.target - forward * (2.0 * half.length());
             camera.projection = Projection::Orthographic;
-            let fitting = height.max(width / aspect) * MARGIN;
-            camera.ortho_height = Some(if fitting > 0.0 { fitting } else { half.length() });
+            camera.ortho_height = Some(fitting);
         }
         camera
     }
@@ -273,6 +286,29 @@ mod tests {
                 assert!(fill[0] < 1.0 && fill[1] < 1.0 && fill[0].max(fill[1]) > 0.9, "{preset:?} {size:?}: {fill:?}");
             }
         }
+    }
+
+    #[test]
+    fn beside_what_is_covered_every_point_is_seen_and_little_room_is_left() {
+        let points: Vec<_> =
+            (0..500).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64 * 2.0, (i % 7) as f64) + 5e6).collect();
+        for preset in [Preset::Top, Preset::Front, Preset::Side, Preset::Iso, Preset::Fit] {
+            for (size, covered) in [([1920, 1080], 0.2), ([300, 900], 0.3), ([800, 600], 0.6)] {
+                let view = View::new(Camera::framing_beside(preset, &points, size, covered), size).unwrap();
+                let pixels: Vec<_> = points.iter().map(|&p| view.pixel(p).unwrap()).collect();
+                let free = [[covered * size[0] as f64, size[0] as f64], [0.0, size[1] as f64]];
+                let mut most = 0.0f64;
+                for axis in 0..2 {
+                    let [least, greatest] = [f64::min, f64::max].map(|of| pixels.iter().map(|pixel| pixel[axis]).reduce(of).unwrap());
+                    let [from, to] = free[axis];
+                    assert!(from < least && greatest < to, "{preset:?} {size:?} {covered}: {least} to {greatest} of {from} to {to}");
+                    most = most.max((greatest - least) / (to - from));
+                }
+                assert!(most > 0.85, "{preset:?} {size:?} {covered}: {most}");
+            }
+        }
+        let whole = [0.0, 0.2].map(|covered| Camera::framing_beside(Preset::Fit, &points, [640, 480], covered));
+        assert!(whole[0] == Camera::framing(Preset::Fit, &points, [640, 480]) && whole[0] != whole[1]);
     }
 
     #[test]

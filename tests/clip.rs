@@ -14,7 +14,8 @@ use pointillist::graph::{Gpu, Graph};
 use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::opacity::Opacities;
-use pointillist::passes::project::{Precision, Statistics};
+use pointillist::passes::project::{self, Precision, Statistics};
+use pointillist::passes::tally;
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
 use pointillist::synth::Scene;
@@ -95,6 +96,12 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
                 let kept: BTreeSet<u32> =
                     ids.zip(resident.positions(gpu).unwrap()).filter(|(_, p)| clips.keep(*p)).map(|(id, _)| id).collect();
                 assert_eq!(seen, kept, "{way:?} {words:?}");
+                let mut g = Graph::new(gpu);
+                let points = project::draw(&mut g, &view, &resident, Precision::Auto).unwrap();
+                let counted = tally::record(&mut g, &view, &points);
+                let frame = g.submit(&[]).unwrap();
+                assert_eq!(counted.points(&frame), kept.len() as u64, "{way:?} {words:?}");
+                frame.shelve(gpu);
                 sides.insert((statistics.nodes_clipped > 0, statistics.points_compared > 0, kept.is_empty()));
                 resident.free(gpu);
             });

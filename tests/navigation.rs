@@ -13,7 +13,7 @@ fn navigation(habit: Habit, from: Preset) -> Navigation {
     let corners = (0..8).map(|i| ORIGIN + DVec3::new((i & 1) as f64 * 40.0, (i >> 1 & 1) as f64 * 30.0, (i >> 2) as f64 * 10.0)).collect();
     let mut navigation = Navigation::new(habit, SIZE);
     navigation.set_subject(Subject::of(corners));
-    navigation.handle(Input::Look { from });
+    navigation.handle(Input::Look { from, covered_px: 0.0 });
     navigation
 }
 
@@ -172,7 +172,7 @@ proptest! {
                 6 | 7 => navigation.handle(Input::Wheel { notches: x / 50.0, at, under }),
                 8 => navigation.handle(Input::OtherProjection),
                 9 => navigation.handle(Input::NextMode),
-                10 => navigation.handle(Input::Look { from: Preset::Top }),
+                10 => navigation.handle(Input::Look { from: Preset::Top, covered_px: 0.0 }),
                 _ => {
                     navigation.handle(Input::Fly { way: Way::Forward, pressed: true });
                     navigation.advance(0.1);

@@ -6,7 +6,8 @@ mod display;
 mod support;
 
 use display::drop::drop_file;
-use display::{Display, SIZE, Viewer};
+use display::place::Place;
+use display::{SIZE, Viewer};
 use glam::DVec3;
 use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::{self, ReadOptions, Wanted};
@@ -16,75 +17,9 @@ use pointillist::progress::Silent;
 use pointillist::resident::section::Slab;
 use pointillist::synth::Scene;
 use pointillist::view::{Camera, View};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 use support::{names, pointillist, read_exr, read_png, render, scan, succeeded};
-
-/// A folder and a display of its own.
-struct Place {
-    folder: tempfile::TempDir,
-    display: Display,
-}
-
-impl Place {
-    fn new() -> Place {
-        Place { folder: tempfile::tempdir().unwrap(), display: Display::open() }
-    }
-
-    fn at(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    /// A scan, as a file.
-    fn scan(&self, name: &str, scene: Scene, points: u64) -> PathBuf {
-        let path = self.at(name);
-        scan(&path, scene, points);
-        path
-    }
-
-    fn street(&self, points: u64) -> PathBuf {
-        self.scan("scan.las", Scene::Street, points)
-    }
-
-    /// The window, small and without its panel.
-    fn view(&self, cloud: &[&Path], line: &str) -> Viewer<'_> {
-        Viewer::open(&self.display, self.folder.path(), cloud, line)
-    }
-
-    fn view_with_panel(&self, cloud: &[&Path], size: [u32; 2], line: &str) -> Viewer<'_> {
-        Viewer::with_panel(&self.display, self.folder.path(), cloud, size, line)
-    }
-
-    /// What `render` draws, of the window's size where the line does not say another.
-    #[track_caller]
-    fn picture(&self, cloud: &[&Path], name: &str, line: &str) -> PathBuf {
-        let path = self.at(name);
-        let mut command = pointillist();
-        let size = format!("--size {}x{} ", SIZE[0], SIZE[1]);
-        let line = if line.contains("--size") { line.to_string() } else { size + line };
-        command.arg("render").args(cloud).arg("-o").arg(&path).args(line.split_whitespace());
-        succeeded(&command.output().unwrap());
-        path
-    }
-
-    /// The file that a key saves.
-    #[track_caller]
-    fn saved(&self, viewer: &mut Viewer, key: &str, name: &str) -> PathBuf {
-        let path = self.at(name);
-        viewer.key(key);
-        viewer.until(name, |_| path.exists());
-        path
-    }
-
-    /// What hands have made of the scene, as a file, the picture that `render` draws of it, and waits until the window shows that.
-    #[track_caller]
-    fn shows_its_scene(&self, viewer: &mut Viewer, cloud: &[&Path], number: usize, line: &str) -> serde_json::Value {
-        let scene = self.saved(viewer, "F8", &format!("pointillist-{number}.json"));
-        let line = format!("--scene {} {line}", scene.display());
-        viewer.shows(&self.picture(cloud, &format!("scene-{number}.png"), &line));
-        serde_json::from_str(&std::fs::read_to_string(&scene).unwrap()).unwrap()
-    }
-}
 
 #[test]
 fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {

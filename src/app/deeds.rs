@@ -17,6 +17,8 @@ use winit::window::Fullscreen;
 pub enum Deed {
     Navigate(Input),
     SavePicture,
+    /// With all that is known of its pixels.
+    SaveLayers,
     SaveScene,
     /// The one that was saved last.
     LoadScene,
@@ -47,9 +49,8 @@ impl App {
     pub(super) fn lay_out(&mut self) {
         let (Some(window), Some(panel)) = (&self.window, &mut self.panel) else { return };
         let before = self.scene.clone();
-        self.facts.mode = self.navigation.mode;
-        let size = window.inner_size();
-        let view = View::new(self.scene.camera, [size.width.max(1), size.height.max(1)]).ok();
+        (self.facts.mode, self.facts.habit) = (self.navigation.mode, self.navigation.habit);
+        let view = View::new(self.scene.camera, self.size.map(|side| side.max(1))).ok();
         let laid_out = panel.lay_out(window, &mut self.facts, view.as_ref(), &mut self.scene);
         self.laid_out = laid_out.again_in.and_then(|wait| Instant::now().checked_add(wait));
         self.post(Message::Panel(Box::new(laid_out.overlay)));
@@ -65,8 +66,13 @@ impl App {
         // Who does something again is told again.
         self.facts.put_away = None;
         match deed {
+            Deed::Navigate(Input::Look { from, .. }) => {
+                let covered_px = self.panel.as_ref().map_or(0.0, |panel| panel.covers_px(self.facts.hidden));
+                self.navigate(Input::Look { from, covered_px });
+            }
             Deed::Navigate(input) => self.navigate(input),
-            Deed::SavePicture => self.post(Message::Save(unused_name("png"), self.facts.enlarged.of(self.size()))),
+            Deed::SavePicture => self.save_picture(false),
+            Deed::SaveLayers => self.save_picture(true),
             Deed::SaveScene => self.save(&unused_name("json"), |app, path| app.scene.write(path)),
             Deed::LoadScene => match last_name("json") {
                 Some(path) => self.take(path),
@@ -116,6 +122,13 @@ impl App {
         }
     }
 
+    /// On the drawing thread, which says when it is there.
+    fn save_picture(&mut self, layers: bool) {
+        let path = unused_names(if layers { "exr" } else { "png" }).find(|path| !self.promised.contains(path)).expect("numbers do not end");
+        self.promised.push(path.clone());
+        self.post(Message::Save { path, size: self.facts.enlarged.of(self.size()), layers });
+    }
+
     fn save_profile(&mut self) {
         if let Some(text) = self.facts.profile.as_ref().map(Profile::csv) {
             self.save(&unused_name("profile.csv"), |_, path| write(path, text));
@@ -158,5 +171,9 @@ fn last_name(extension: &str) -> Option<PathBuf> {
 
 /// A file in the folder that the program runs in, which does not exist yet.
 fn unused_name(extension: &str) -> PathBuf {
-    (1..).map(|number| PathBuf::from(format!("pointillist-{number}.{extension}"))).find(|path| !path.exists()).expect("numbers do not end")
+    unused_names(extension).next().expect("numbers do not end")
+}
+
+fn unused_names(extension: &str) -> impl Iterator<Item = PathBuf> {
+    (1..).map(move |number| PathBuf::from(format!("pointillist-{number}.{extension}"))).filter(|path| !path.exists())
 }

@@ -8,6 +8,8 @@
 //!
 //! How long a picture takes is what passes until it is there. Timestamps of passes do not tell: those of a software device are all taken at the end once anything has been rasterised, as panels are.
 
+mod saving;
+
 use super::pace::{Pace, divided};
 use super::profile::Profile;
 use super::seen::Seen;
@@ -16,7 +18,8 @@ use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::look::{self, Look};
 use crate::passes::encode::{self, Screen};
-use crate::passes::{self, Decided, project::Statistics, shadows};
+use crate::passes::project::{self, Statistics};
+use crate::passes::{self, Decided, shadows, tally};
 use crate::present::Present;
 use crate::present::overlay::Overlay;
 use crate::progress::Progress;
@@ -25,9 +28,10 @@ use crate::resident::section::Slab;
 use crate::resident::{Point, Resident};
 use crate::scene::Scene;
 use crate::source::Brought;
-use crate::tiled;
 use crate::view::View;
 use glam::DVec2;
+use saving::Saving;
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -46,8 +50,8 @@ pub enum Message {
         /// When hands wanted it.
         asked: Instant,
     },
-    /// The window has another size, or was uncovered.
-    Exposed,
+    /// The window has another size, or was uncovered; pixels.
+    Exposed([u32; 2]),
     /// What lies over the picture.
     Panel(Box<Overlay>),
     /// Work that needs the device, such as bringing an opened cloud to it; what it brings replaces what there was.
@@ -60,8 +64,12 @@ pub enum Message {
     },
     /// The points of a slab.
     Section(Slab),
-    /// The picture as it is asked for now, of so many pixels, to a file.
-    Save(PathBuf, [u32; 2]),
+    /// The picture as it is asked for now, of so many pixels, to a file: PNG, or with all its layers EXR.
+    Save {
+        path: PathBuf,
+        size: [u32; 2],
+        layers: bool,
+    },
     Close,
 }
 
@@ -77,6 +85,8 @@ pub enum Report {
     /// A picture is on its way: what moves by itself may move on.
     Begun,
     Drawn(Box<Drawn>),
+    /// Points in the last picture, where filters or clip boxes leave some out.
+    Counted(u64),
     /// A cloud is on the device.
     Brought,
     Picked {
@@ -103,14 +113,16 @@ pub struct Drawn {
     pub seen: Arc<Seen>,
     pub decided: Decided,
     pub statistics: Statistics,
+    /// Filters or clip boxes may leave some of its points out.
+    pub leaves_out: bool,
     /// Milliseconds on the device of every pass.
     pub passes: Vec<(String, f64)>,
     /// As large as the window, and all that the view shows of the cloud.
     pub whole: bool,
     /// Of an index.
     pub loading: Option<Loading>,
-    /// Before drawing it, taking in those that had come.
-    pub took_in: Duration,
+    /// What the time went into, until it was on the screen.
+    pub spent: Spent,
     /// From when it was wanted to when it was there.
     pub latency: Duration,
     /// Of that, drawing it.
@@ -128,6 +140,23 @@ pub struct Loading {
     pub awaited: usize,
     /// Read since the picture before.
     pub bytes_read: u64,
+}
+
+/// On a picture, step by step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spent {
+    /// Making the swapchain fit the window.
+    pub fitting: Duration,
+    /// Taking in nodes that had come, and asking for others: all that the loader costs whoever draws.
+    pub taking_in: Duration,
+    /// Deciding and recording what is to be drawn.
+    pub recording: Duration,
+    /// Waiting for the device.
+    pub drawing: Duration,
+    /// Copying what people point at.
+    pub reading_back: Duration,
+    /// Bringing it to the screen.
+    pub showing: Duration,
 }
 
 impl Drawn {
@@ -151,6 +180,7 @@ impl Drawing {
         let thread = Thread {
             gpu,
             present: Some(present),
+            window: [0, 0],
             posted,
             count: count.clone(),
             heard: 0,
@@ -163,6 +193,10 @@ impl Drawing {
             again: false,
             pace: Pace::default(),
             last_drawn: Vec::new(),
+            saving: VecDeque::new(),
+            held_back: Vec::new(),
+            elsewhere: false,
+            uncounted: None,
         };
         let thread = std::thread::Builder::new().name("drawing".into()).spawn(move || thread.run());
         let thread = thread.map_err(|error| Error::Device(format!("cannot start a thread to draw: {error}")))?;
@@ -212,6 +246,8 @@ struct Thread {
     gpu: Gpu,
     /// Taken at the end.
     present: Option<Present>,
+    /// The window's size, pixels, as the system has told it.
+    window: [u32; 2],
     posted: Receiver<Message>,
     /// Messages posted that want another picture, and those heard.
     count: Arc<AtomicU64>,
@@ -229,6 +265,14 @@ struct Thread {
     pace: Pace,
     /// What the last picture was drawn from ([`crate::resident::Resident::identity`]).
     last_drawn: Vec<u64>,
+    /// Pictures on their way into files, one after the other.
+    saving: VecDeque<Saving>,
+    /// What replaces the cloud once they are there.
+    held_back: Vec<Bring>,
+    /// What is to be seen is what a picture that is being saved shows, not the window's.
+    elsewhere: bool,
+    /// Filters or clip boxes leave points out of the picture on the screen, and nobody has counted the others; whether those that face away are not there.
+    uncounted: Option<bool>,
 }
 
 /// Stops a whole picture on a software device, where it takes long, when something newer is wanted.
@@ -278,6 +322,7 @@ impl Thread {
                 return std::mem::forget(self);
             }
         };
+        self.give_up_saving();
         let present = self.present.take().expect("taken here only");
         present.free(&mut self.gpu);
         if let Some(cloud) = self.cloud.take() {
@@ -321,6 +366,8 @@ impl Thread {
             Wanted::Now => Some(Duration::ZERO),
             Wanted::More => Some(LOADING),
             Wanted::Whole => Some(STILL.saturating_sub(self.changed.elapsed())),
+            Wanted::Nothing if self.uncounted.is_some() => Some(STILL.saturating_sub(self.changed.elapsed())),
+            Wanted::Nothing if !self.saving.is_empty() => Some(Duration::ZERO),
             Wanted::Nothing => None,
         };
         if self.again { Some(Duration::ZERO) } else { by_wanted }
@@ -334,26 +381,18 @@ impl Thread {
                     self.change(asked);
                 }
             }
-            Message::Exposed => self.change(Instant::now()),
+            Message::Exposed(size) => {
+                self.window = size;
+                self.change(Instant::now());
+            }
             Message::Panel(overlay) => {
                 self.present.as_mut().expect("taken at the end").lay_over(&self.gpu, *overlay)?;
                 self.again = true;
             }
-            Message::Bring(bring) => {
-                match bring(&mut self.gpu) {
-                    Ok(cloud) => {
-                        if let Some(old) = self.cloud.replace(cloud) {
-                            old.free(&mut self.gpu);
-                        }
-                        (self.report)(Report::Brought);
-                        self.change(Instant::now());
-                    }
-                    // Nobody waits for it any more.
-                    Err(Error::Interrupted) => {}
-                    Err(error) => (self.report)(Report::Failed(error)),
-                }
-            }
+            Message::Bring(bring) if self.saving.is_empty() => self.bring(bring),
+            Message::Bring(bring) => self.held_back.push(bring),
             Message::Pick { id, at, adds } => {
+                self.look_back()?;
                 // Ids are of the picture that was drawn last; where nodes have come since, they are others.
                 let resident = self.cloud.as_ref().map(Brought::resident).filter(|resident| resident.identity() == self.last_drawn);
                 match resident {
@@ -365,14 +404,30 @@ impl Thread {
                 }
             }
             Message::Section(slab) => {
+                self.look_back()?;
                 if let Some(resident) = self.cloud.as_ref().map(Brought::resident) {
                     (self.report)(Report::Profile(Box::new(Profile::new(slab, resident.section(&mut self.gpu, &slab)?, resident.shown))));
                 }
             }
-            Message::Save(path, size) => self.save(path, size)?,
+            Message::Save { path, size, layers } => self.save(path, size, layers)?,
             Message::Close => {}
         }
         Ok(())
+    }
+
+    fn bring(&mut self, bring: Bring) {
+        match bring(&mut self.gpu) {
+            Ok(cloud) => {
+                if let Some(old) = self.cloud.replace(cloud) {
+                    old.free(&mut self.gpu);
+                }
+                (self.report)(Report::Brought);
+                self.change(Instant::now());
+            }
+            // Nobody waits for it any more.
+            Err(Error::Interrupted) => {}
+            Err(error) => (self.report)(Report::Failed(error)),
+        }
     }
 
     fn change(&mut self, asked: Instant) {
@@ -394,7 +449,32 @@ impl Thread {
         if due && self.draw()? {
             return Ok(());
         }
-        if self.again { self.show_again() } else { Ok(()) }
+        match self.wanted {
+            _ if self.again => self.show_again(),
+            Wanted::Nothing if self.uncounted.is_some() && self.changed.elapsed() >= STILL => self.count(),
+            Wanted::Nothing => self.save_on(),
+            _ => Ok(()),
+        }
+    }
+
+    /// The points of the picture on the screen, once it rests: a moving one has no time for another walk over them.
+    fn count(&mut self) -> Result<()> {
+        let Some(one_sided) = self.uncounted.take() else { return Ok(()) };
+        self.look_back()?;
+        let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &self.cloud, &self.present) else { return Ok(()) };
+        let view = View::new(scene.camera, present.size())?;
+        let mut g = Graph::new(&mut self.gpu);
+        let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.wishes.precision) else {
+            // Whoever draws them says so.
+            g.abandon();
+            return Ok(());
+        };
+        let points = points.one_sided(one_sided);
+        let counted = tally::record(&mut g, &view, &points);
+        let frame = g.submit(&[])?;
+        (self.report)(Report::Counted(counted.points(&frame)));
+        frame.shelve(&mut self.gpu);
+        Ok(())
     }
 
     /// The same picture, under another panel.
@@ -402,7 +482,7 @@ impl Thread {
         self.again = false;
         let present = self.present.as_mut().expect("taken at the end");
         let before = present.size();
-        if !present.fit(&mut self.gpu)? || present.size() != before || !present.show(&self.gpu)? {
+        if !present.fit(&mut self.gpu, self.window)? || present.size() != before || !present.show(&self.gpu)? {
             self.change(Instant::now());
         }
         Ok(())
@@ -411,7 +491,8 @@ impl Thread {
     /// One picture; false where there is nothing new to show.
     fn draw(&mut self) -> Result<bool> {
         let present = self.present.as_mut().expect("taken at the end");
-        if !present.fit(&mut self.gpu)? {
+        let (mut spent, fitting) = (Spent::default(), Instant::now());
+        if !present.fit(&mut self.gpu, self.window)? {
             // Whoever uncovers the window says so.
             (self.wanted, self.again) = (Wanted::Nothing, false);
             return Ok(false);
@@ -421,6 +502,8 @@ impl Thread {
             return self.blank().map(|()| true);
         };
         cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
+        self.elsewhere = false;
+        spent.fitting = fitting.elapsed();
         let divisor = if self.wanted == Wanted::Now { self.pace.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
@@ -432,7 +515,9 @@ impl Thread {
             loading = Some(Loading { fitting, awaited: missing + coarse, bytes_read });
             update.errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
-        let (complete, took_in) = (loading.is_none_or(|loading| loading.awaited == 0), taking_in.elapsed());
+        let complete = loading.is_none_or(|loading| loading.awaited == 0);
+        spent.taking_in = taking_in.elapsed();
+        let recording = Instant::now();
         let resident = cloud.resident();
         let identity = resident.identity();
         if self.wanted == Wanted::More && identity == self.last_drawn && !complete {
@@ -473,6 +558,7 @@ impl Thread {
         let mut screen = Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
         encode::record(&mut g, &outcome.picture, &mut screen)?;
         let [depth, index] = [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
+        spent.recording = recording.elapsed();
         let (began, heard) = (Instant::now(), self.heard);
         let running = match g.launch(&[screen.words.resource()]) {
             Ok(running) => running,
@@ -483,6 +569,7 @@ impl Thread {
         (self.report)(Report::Begun);
         let frame = running.finish(&mut self.gpu)?;
         let took = began.elapsed();
+        let reading_back = Instant::now();
         present.holds(&mut self.gpu, size)?;
         let seen = Arc::new(Seen { view, depth: frame.read(&depth).to_vec(), index: frame.read(&index).to_vec() });
         let passes = frame.passes.clone();
@@ -499,12 +586,28 @@ impl Thread {
             _ => Wanted::Whole,
         };
         self.again = false;
+        self.uncounted = cloud.resident().leaves_out().then(|| look.drops_back_faces(cloud.resident()));
+        (spent.drawing, spent.reading_back) = (took, reading_back.elapsed());
+        let showing = Instant::now();
         if !present.show(&self.gpu)? {
             self.wanted = Wanted::Now;
         }
+        spent.showing = showing.elapsed();
         let (decided, statistics, latency) = (look.decided, outcome.statistics, self.asked.elapsed());
-        let whole = finest && complete;
-        (self.report)(Report::Drawn(Box::new(Drawn { seen, decided, statistics, passes, whole, loading, took_in, latency, took, heard })));
+        let (whole, leaves_out) = (finest && complete, self.uncounted.is_some());
+        (self.report)(Report::Drawn(Box::new(Drawn {
+            seen,
+            decided,
+            statistics,
+            leaves_out,
+            passes,
+            whole,
+            loading,
+            spent,
+            latency,
+            took,
+            heard,
+        })));
         Ok(true)
     }
 
@@ -521,38 +624,6 @@ impl Thread {
         self.again = false;
         if !present.show(&self.gpu)? {
             self.wanted = Wanted::Now;
-        }
-        Ok(())
-    }
-
-    /// By the same steps as `render`, so to the same bytes.
-    fn save(&mut self, path: PathBuf, size: [u32; 2]) -> Result<()> {
-        let (Some(scene), Some(cloud)) = (&self.scene, &mut self.cloud) else { return Ok(()) };
-        cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
-        let view = View::new(scene.camera, size)?;
-        let wanted = tiled::Wanted { view: &view, wishes: &scene.wishes, fineness: scene.fineness, piece: None };
-        let says = Says(&self.report);
-        match tiled::write(&mut self.gpu, cloud, &wanted, &path, &says) {
-            Ok(notes) => {
-                notes.into_iter().for_each(|note| (self.report)(Report::Failed(Error::Request(note))));
-                (self.report)(Report::Saved(path));
-            }
-            Err(error) if error.is_lost_device() => return Err(error),
-            Err(error) => (self.report)(Report::Failed(error)),
-        }
-        // What is loaded now is what that picture showed.
-        self.change(Instant::now());
-        Ok(())
-    }
-}
-
-/// Tells the window how far a large picture is.
-struct Says<'r>(&'r (dyn Fn(Report) + Send + Sync));
-
-impl Progress for Says<'_> {
-    fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()> {
-        if total > 1 {
-            (self.0)(Report::Doing(format!("{doing}: {done} of {total}")));
         }
         Ok(())
     }

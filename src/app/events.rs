@@ -37,12 +37,13 @@ impl App {
     fn draw_in(&mut self, window: Arc<Window>) -> Result<()> {
         let gpu = Gpu::open(&Wish { window: true, ..self.options.wish.clone() })?;
         self.statistics.device = format!("{} ({})", gpu.device.name, gpu.device.driver);
+        let size = window.inner_size();
         let present = Present::open(&gpu, window)?;
         let proxy = self.events.clone();
         // A window that is gone needs no reports.
         let report = move |report| drop(proxy.send_event(Event::Report(report)));
         self.drawing = Some(Drawing::start(gpu, present, report)?);
-        self.resized();
+        self.resized(size);
         self.open()
     }
 
@@ -60,6 +61,7 @@ impl App {
             drawing.close();
         }
         self.facts.profile.iter_mut().for_each(Profile::forget_texture);
+        self.promised.clear();
         self.options.wish.lost_after = None;
         self.draw_in(window)?;
         self.trouble(&Error::Device(format!("{error}; the device was opened again, and the files are read again")));
@@ -95,6 +97,11 @@ impl ApplicationHandler<Event> for App {
     }
 
     fn window_event(&mut self, events: &ActiveEventLoop, _window: WindowId, event: WindowEvent) {
+        if matches!(event, WindowEvent::Destroyed) {
+            // By somebody else: there is nothing left to close, or to ask.
+            self.window = None;
+            return events.exit();
+        }
         if let (Some(window), Some(panel)) = (&self.window, &mut self.panel) {
             let heard = panel.hear(window, &event);
             if heard.repaint && !matches!(event, WindowEvent::RedrawRequested) {
@@ -106,9 +113,13 @@ impl ApplicationHandler<Event> for App {
         }
         match event {
             WindowEvent::CloseRequested => events.exit(),
-            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => self.resized(),
+            WindowEvent::Resized(size) => self.resized(size),
+            WindowEvent::ScaleFactorChanged { .. } => {
+                let size = self.window.as_ref().map(|window| window.inner_size());
+                size.into_iter().for_each(|size| self.resized(size));
+            }
             WindowEvent::RedrawRequested => self.lay_out(),
-            WindowEvent::Occluded(false) => self.post(Message::Exposed),
+            WindowEvent::Occluded(false) => self.post(Message::Exposed(self.size)),
             WindowEvent::CursorMoved { position: PhysicalPosition { x, y }, .. } => {
                 self.cursor = DVec2::new(x, y);
                 if self.navigation.is_dragging() {

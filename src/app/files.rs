@@ -30,7 +30,11 @@ impl App {
     }
 
     fn load(&mut self, file: &Path) -> Result<()> {
-        let scene = Scene::read(file)?;
+        let mut scene = Scene::read(file)?;
+        // As `render --scene` does: what the file does not say is as it was asked for.
+        let asked = self.options.scene.fineness;
+        scene.fineness.budget = scene.fineness.budget.or(asked.budget);
+        scene.fineness.lod_px = scene.fineness.lod_px.or(asked.lod_px);
         let before = std::mem::replace(&mut self.scene, scene);
         self.framed = true;
         self.options.camera = Some(self.scene.camera);
@@ -113,7 +117,7 @@ impl App {
             self.framed = true;
             match self.options.camera {
                 Some(camera) => self.navigation.camera = camera,
-                None => self.navigation.handle(Input::Look { from: self.options.preset }),
+                None => self.navigation.handle(Input::Look { from: self.options.preset, covered_px: 0.0 }),
             }
             self.glimpsed = (!is_whole).then_some(self.navigation.camera);
         }

@@ -7,6 +7,7 @@ use super::navigation::{Button, Input};
 use crate::view::View;
 use glam::DVec2;
 use std::time::{Duration, Instant};
+use winit::dpi::PhysicalSize;
 use winit::event::{ElementState, MouseButton};
 use winit::event_loop::ActiveEventLoop;
 use winit::keyboard::KeyCode;
@@ -18,9 +19,10 @@ const DOUBLE: Duration = Duration::from_millis(400);
 const CLICK_PX: f64 = 4.0;
 
 impl App {
-    pub(super) fn resized(&mut self) {
+    pub(super) fn resized(&mut self, size: PhysicalSize<u32>) {
+        self.size = [size.width, size.height];
         self.navigation.set_size(self.size());
-        self.post(Message::Exposed);
+        self.post(Message::Exposed(self.size));
     }
 
     pub(super) fn under_cursor(&self) -> Option<glam::DVec3> {

@@ -1,7 +1,7 @@
 //! What a key does: one table, from which the window acts and the help is written.
 
 use super::deeds::Deed;
-use super::navigation::{Input, Way};
+use super::navigation::{Habit, Input, Mode, Way};
 use crate::view::{Preset, Projection};
 use winit::keyboard::KeyCode;
 
@@ -25,7 +25,7 @@ const fn key(codes: &'static [KeyCode], name: &'static str, act: Act, about: &'s
 }
 
 const fn look(from: Preset) -> Act {
-    Act::Do(Deed::Navigate(Input::Look { from }))
+    Act::Do(Deed::Navigate(Input::Look { from, covered_px: 0.0 }))
 }
 
 const fn project(onto: Projection) -> Act {
@@ -58,11 +58,31 @@ pub const KEYS: &[Key] = &[
     key(&[KeyCode::F7], "F7", Act::Do(Deed::SavePath), "save the camera path, for render --path"),
     key(&[KeyCode::F8], "F8", Act::Do(Deed::SaveScene), "save the scene, for render --scene"),
     key(&[KeyCode::F9], "F9", Act::Do(Deed::SavePicture), "save the picture"),
+    key(&[KeyCode::KeyL], "L", Act::Do(Deed::SaveLayers), "save its layers: depth, point ids, normals and more, as EXR"),
     key(&[KeyCode::F11], "F11", Act::Do(Deed::FullScreen), "full screen"),
     key(&[KeyCode::KeyH, KeyCode::F1], "H", Act::Do(Deed::Help), "these keys"),
     key(&[KeyCode::KeyN], "N", Act::Do(Deed::Panel), "without the panel, or with it"),
     key(&[KeyCode::Escape], "Esc", Act::Close, "put away what went wrong, or close"),
 ];
+
+/// What the mouse does, for the hands of each program and what a drag does.
+pub fn mouse(habit: Habit, mode: Mode) -> Vec<(&'static str, &'static str)> {
+    let turns = match mode {
+        Mode::Orbit => "turn about the point under the cursor",
+        Mode::Fly => "look around",
+        Mode::Earth => "grab the ground",
+    };
+    let moves = "move the point under the cursor along";
+    let drags = match (habit, mode) {
+        (Habit::Blender, _) => vec![("middle drag", turns), ("shift middle drag", moves), ("ctrl middle drag", "nearer and farther")],
+        (_, Mode::Earth) => vec![("left drag", turns), ("right drag", "turn about the point under the cursor"), ("middle drag", moves)],
+        _ => vec![("left drag", turns), ("right, middle drag", moves)],
+    };
+    let wheel = if mode == Mode::Fly { "fly faster or slower" } else { "towards the point under the cursor, or away" };
+    let others =
+        [("wheel", wheel), ("click", "pick the point"), ("shift click", "pick one more"), ("double click", "make the point the middle")];
+    drags.into_iter().chain(others).collect()
+}
 
 pub fn find(code: KeyCode) -> Option<Act> {
     KEYS.iter().find(|key| key.codes.contains(&code)).map(|key| key.act)

@@ -83,12 +83,14 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         stations: Vec::new(),
         files: options.files.clone(),
         last_opened: None,
-        facts: Facts { path: options.path.clone(), ..Facts::default() },
+        facts: Facts { path: options.path.clone(), enlarged: options.enlarged, ..Facts::default() },
         titled: String::new(),
+        promised: Vec::new(),
         panel: None,
         laid_out: None,
         scene: options.scene.clone(),
         window: None,
+        size: options.size,
         drawing: None,
         waits: false,
         framed: false,
@@ -118,6 +120,8 @@ struct App {
     options: Options,
     events: EventLoopProxy<Event>,
     window: Option<Arc<Window>>,
+    /// Pixels, as the system has told them: who asks a window that somebody else has destroyed ends the program.
+    size: [u32; 2],
     drawing: Option<Drawing>,
     navigation: Navigation,
     statistics: Statistics,
@@ -136,6 +140,8 @@ struct App {
     facts: Facts,
     /// What the window's title says.
     titled: String,
+    /// Pictures that are on their way into files.
+    promised: Vec<PathBuf>,
     panel: Option<Panel>,
     /// When the panel is to be laid out again by itself.
     laid_out: Option<Instant>,
@@ -185,11 +191,9 @@ impl App {
         }
     }
 
+    /// Of the window, no side of it zero.
     fn size(&self) -> [u32; 2] {
-        self.window.as_ref().map_or(self.options.size, |window| {
-            let size = window.inner_size();
-            [size.width.max(1), size.height.max(1)]
-        })
+        self.size.map(|side| side.max(1))
     }
 
     fn trouble(&mut self, error: &Error) {

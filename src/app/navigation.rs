@@ -103,6 +103,8 @@ pub enum Input {
     },
     Look {
         from: Preset,
+        /// So much at the left of the window is covered: the subject is to be seen beside it.
+        covered_px: f64,
     },
     Project {
         onto: Projection,
@@ -167,6 +169,9 @@ const SPEED: f64 = 0.4;
 
 /// The slowest and the fastest flight, radii of the subject a second.
 const SPEEDS: [f64; 2] = [1e-5, 1e2];
+
+/// Of the window's width: with less beside it than that nothing could be seen there.
+const MOST_COVERED: f64 = 0.6;
 
 /// The ground is not grabbed where it is seen at less than this slope: it would run away.
 const GRAZING: f64 = 0.05;
@@ -257,7 +262,10 @@ impl Navigation {
                     self.held.push(way);
                 }
             }
-            Input::Look { from } => self.camera = Camera::framing(from, &self.subject.core, self.size),
+            Input::Look { from, covered_px } => {
+                let covered = (covered_px / self.size[0] as f64).clamp(0.0, MOST_COVERED);
+                self.camera = Camera::framing_beside(from, &self.subject.core, self.size, covered);
+            }
             Input::Project { onto } => self.project(onto),
             Input::OtherProjection => self.project(match self.camera.projection {
                 Projection::Perspective => Projection::Orthographic,

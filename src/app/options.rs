@@ -1,6 +1,7 @@
 //! What a window is opened with.
 
 use super::navigation::Habit;
+use super::panel::Enlarged;
 use crate::camera_path::CameraPath;
 use crate::cloud::attribute::Further;
 use crate::gpu::Wish;
@@ -25,6 +26,8 @@ pub struct Options {
     /// Of the window, pixels.
     pub size: [u32; 2],
     pub habit: Habit,
+    /// How large pictures are saved.
+    pub enlarged: Enlarged,
     pub wish: Wish,
     pub pool_bytes: u64,
     /// To be played.

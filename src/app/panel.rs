@@ -2,9 +2,9 @@
 
 use super::deeds::Deed;
 use super::drawing::Loading;
-use super::keys::KEYS;
+use super::keys::{self, KEYS};
 use super::measure::{self, Looked, Measure};
-use super::navigation::{Input, Mode};
+use super::navigation::{Habit, Input, Mode};
 use super::opening::Kinds;
 use super::profile::Profile;
 use super::{boxes, lamp, legend};
@@ -18,7 +18,8 @@ use crate::present::overlay::Overlay;
 use crate::scene::Scene;
 use crate::view::View;
 use clap::ValueEnum;
-use egui::{CollapsingHeader, Color32, ComboBox, DragValue, ProgressBar, RichText, ScrollArea, Slider, Ui};
+use egui::text::{LayoutJob, TextFormat};
+use egui::{CollapsingHeader, Color32, ComboBox, DragValue, ProgressBar, RichText, ScrollArea, Slider, TextStyle, Ui};
 use glam::DVec3;
 use std::time::Duration;
 use winit::event::{ElementState, WindowEvent};
@@ -37,8 +38,9 @@ pub struct Facts {
     pub put_away: Option<String>,
     /// Of the whole cloud.
     pub points: u64,
-    /// Of the last picture.
+    /// Of the last picture; some of them may be left out.
     pub drawn: u64,
+    pub at_most: bool,
     pub latency: Duration,
     pub took: Duration,
     /// Milliseconds on the device of every pass.
@@ -50,6 +52,7 @@ pub struct Facts {
     pub bytes_read: u64,
     pub kinds: Kinds,
     pub mode: Mode,
+    pub habit: Habit,
     /// All that was picked.
     pub measure: Measure,
     /// How large pictures are saved.
@@ -121,6 +124,8 @@ pub struct Panel {
     cursor: egui::Pos2,
     /// A list to choose from is open, as it was laid out last.
     unfolded: bool,
+    /// As far to the right as it reaches from the window's left side, pixels, as it was laid out last; 0 where it lies elsewhere, or is folded.
+    reaches_px: f64,
 }
 
 /// Points; passes that took less are too many to show.
@@ -131,7 +136,7 @@ impl Panel {
     pub fn new(window: &Window) -> Panel {
         let context = egui::Context::default();
         let input = egui_winit::State::new(context, egui::ViewportId::ROOT, window, None, window.theme(), None);
-        Panel { input, cursor: egui::Pos2::ZERO, unfolded: false }
+        Panel { input, cursor: egui::Pos2::ZERO, unfolded: false, reaches_px: 0.0 }
     }
 
     /// The same for a device that has none of its textures: what is open where in it stays.
@@ -169,10 +174,15 @@ impl Panel {
         layer.is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
+    /// So much of the window's left side lies under it, pixels.
+    pub fn covers_px(&self, hidden: bool) -> f64 {
+        if hidden { 0.0 } else { self.reaches_px }
+    }
+
     pub fn lay_out(&mut self, window: &Window, facts: &mut Facts, view: Option<&View>, scene: &mut Scene) -> LaidOut {
         let input = self.input.take_egui_input(window);
         let context = self.input.egui_ctx().clone();
-        let mut deeds = Vec::new();
+        let (mut deeds, mut reaches) = (Vec::new(), 0.0);
         let output = context.run_ui(input, |ui| {
             if let Some(view) = view {
                 marks(ui, &facts.measure, view);
@@ -182,18 +192,22 @@ impl Panel {
                 boxes::handles(ui, &mut scene.clips, view);
             }
             if !facts.hidden {
-                egui::Window::new("pointillist").default_pos([8.0, 8.0]).default_size([WIDTH, tall]).show(ui.ctx(), |ui| {
+                let shown = egui::Window::new("pointillist").default_pos([8.0, 8.0]).default_size([WIDTH, tall]).show(ui.ctx(), |ui| {
                     ScrollArea::vertical().show(ui, |ui| everything(ui, facts, view, scene, &mut deeds));
                 });
+                let rect = shown.map_or(egui::Rect::NOTHING, |shown| shown.response.rect);
+                let at_the_left = rect.left() < WIDTH / 4.0 && rect.height() > tall / 2.0;
+                reaches = if at_the_left { rect.right() } else { 0.0 };
             }
             if let Some(profile) = &mut facts.profile {
                 egui::Window::new("profile").default_pos([WIDTH + 60.0, 60.0]).show(ui.ctx(), |ui| profile.show(ui, &mut deeds));
             }
             trouble(ui.ctx(), facts);
             if facts.help {
-                egui::Window::new("keys").default_pos([WIDTH + 60.0, 8.0]).show(ui.ctx(), keys);
+                egui::Window::new("keys").default_pos([WIDTH + 60.0, 8.0]).show(ui.ctx(), |ui| keys(ui, facts));
             }
         });
+        self.reaches_px = (reaches * output.pixels_per_point).into();
         self.unfolded = egui::Popup::is_any_open(&context);
         self.input.handle_platform_output(window, output.platform_output);
         let again_in = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
@@ -212,7 +226,8 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
     }
     let hidden = scene.opacities.0.iter().filter(|rule| rule.opacity == 0.0).map(|rule| rule.what.to_string());
     let without = hidden.reduce(|all, one| format!("{all}, {one}")).map_or(String::new(), |hidden| format!(", but for those of {hidden}"));
-    ui.label(format!("{}\n{} of {} points{without}", facts.title, grouped(facts.drawn), grouped(facts.points)));
+    let at_most = if facts.at_most { "at most " } else { "" };
+    ui.label(format!("{}\n{at_most}{} of {} points{without}", facts.title, grouped(facts.drawn), grouped(facts.points)));
     loading(ui, facts, view, &mut scene.fineness);
     ui.horizontal(|ui| {
         for mode in Mode::ALL {
@@ -238,6 +253,15 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
             effect(ui, listed, &facts.decided);
         }
     });
+    CollapsingHeader::new("what runs, and why").show(ui, |ui| {
+        for (name, reason) in &facts.decided.0 {
+            let title = RichText::new(format!("{name} {}:", if reason.runs { "on" } else { "off" }));
+            ui.horizontal_wrapped(|ui| {
+                ui.label(title.color(if reason.runs { Color32::LIGHT_GREEN } else { Color32::GRAY }));
+                ui.label(apart(ui, &reason.why));
+            });
+        }
+    });
     camera_path(ui, facts, deeds);
     CollapsingHeader::new(format!("picture, {:.1} ms", facts.took.as_secs_f64() * 1e3)).id_salt("passes").show(ui, |ui| passes(ui, facts));
     enlarged(ui, &mut facts.enlarged, view);
@@ -245,7 +269,13 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
         if ui.button("save picture").on_hover_text("F9").clicked() {
             deeds.push(Deed::SavePicture);
         }
-        if ui.button("save scene").on_hover_text("for render --scene").clicked() {
+        if ui.button("save layers").on_hover_text("L: depth, point ids, normals and more, as EXR").clicked() {
+            deeds.push(Deed::SaveLayers);
+        }
+    });
+    ui.horizontal(|ui| {
+        let for_render = apart(ui, "F8, for render --scene");
+        if ui.button("save scene").on_hover_text(for_render).clicked() {
             deeds.push(Deed::SaveScene);
         }
         if ui.button("load scene").on_hover_text("F6: the one saved last; others are dropped on the window").clicked() {
@@ -429,6 +459,7 @@ fn camera_path(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
                 ("save", "F7, for render --path", Deed::SavePath, keys > 0),
                 ("forget", "", Deed::ForgetPath, keys > 0),
             ] {
+                let key = apart(ui, key);
                 if ui.add_enabled(useful, egui::Button::new(name)).on_hover_text(key).clicked() {
                     deeds.push(deed);
                 }
@@ -542,14 +573,31 @@ fn passes(ui: &mut Ui, facts: &Facts) {
     ui.label(format!("from change to picture: {:.1} ms", facts.latency.as_secs_f64() * 1e3));
 }
 
-fn keys(ui: &mut Ui) {
+/// The mouse first, then every key.
+fn keys(ui: &mut Ui, facts: &Facts) {
+    let keys = KEYS.iter().map(|key| (key.name, key.about));
     egui::Grid::new("keys").show(ui, |ui| {
-        for key in KEYS {
-            ui.label(RichText::new(key.name).strong());
-            ui.label(key.about);
+        for (name, about) in keys::mouse(facts.habit, facts.mode).into_iter().chain(keys) {
+            ui.label(RichText::new(name).strong());
+            ui.label(apart(ui, about));
             ui.end_row();
         }
     });
+}
+
+/// The font has one sign for two hyphens, which is a dash, and without it they touch: there is a little room between them.
+fn apart(ui: &Ui, text: &str) -> LayoutJob {
+    const ROOM: f32 = 1.5;
+    let format = TextFormat::simple(TextStyle::Body.resolve(ui.style()), Color32::PLACEHOLDER);
+    let mut job = LayoutJob::default();
+    for (number, part) in text.split("--").enumerate() {
+        if number > 0 {
+            job.append("-", 0.0, format.clone());
+            job.append("-", ROOM, format.clone());
+        }
+        job.append(part, 0.0, format.clone());
+    }
+    job
 }
 
 /// Digits in threes.

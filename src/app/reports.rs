@@ -18,6 +18,7 @@ impl App {
             // The picture is not there yet, so there is nothing to say.
             Report::Begun => return self.move_on(),
             Report::Drawn(drawn) => return self.drawn(*drawn),
+            Report::Counted(points) => (self.facts.drawn, self.facts.at_most) = (points, false),
             Report::Brought if self.waits => {}
             Report::Brought => self.facts.doing = None,
             Report::Picked { point, adds } => self.picked(point, adds),
@@ -28,7 +29,10 @@ impl App {
                 (self.facts.profile, self.facts.trouble) = (Some(*profile), None);
             }
             Report::Doing(text) => self.facts.doing = Some(text),
-            Report::Saved(path) => self.facts.doing = Some(format!("saved {}", path.display())),
+            Report::Saved(path) => {
+                self.facts.doing = Some(format!("saved {}", path.display()));
+                self.promised.retain(|promised| *promised != path);
+            }
             // What goes wrong with every picture is read once.
             Report::Failed(error) if self.facts.put_away.as_ref() == Some(&error.to_string()) => {}
             Report::Failed(error) => self.trouble(&error),
@@ -51,7 +55,7 @@ impl App {
         if let Some((at, adds)) = self.picks_later.take() {
             self.pick(at, adds);
         }
-        self.facts.drawn = drawn.statistics.points_drawn;
+        (self.facts.drawn, self.facts.at_most) = (drawn.statistics.points_drawn, drawn.leaves_out);
         self.facts.loading = drawn.loading;
         self.facts.bytes_read += drawn.loading.map_or(0, |loading| loading.bytes_read);
         (self.facts.latency, self.facts.took) = (drawn.latency, drawn.took);

@@ -1,6 +1,6 @@
 //! How long pictures took, for `--timings` and `bench window`.
 
-use super::drawing::Drawn;
+use super::drawing::{Drawn, Spent};
 use super::flight::{Flight, REST};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
@@ -31,13 +31,12 @@ pub struct Picture {
     took: Duration,
     /// Nodes were on their way.
     loading: bool,
-    /// Taking in those that had come.
-    took_in: Duration,
+    spent: Spent,
 }
 
 impl Picture {
     pub fn of(drawn: &Drawn, at: Instant) -> Picture {
-        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.is_loading(), took_in: drawn.took_in }
+        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.is_loading(), spent: drawn.spent }
     }
 }
 
@@ -94,6 +93,8 @@ pub struct FlightSummary {
     /// Times from one picture to the next that are over twice the median, and those of them during which nodes were on their way.
     pub slow: usize,
     pub slow_loading: usize,
+    /// Of those, how many are slow by what: whatever took longest beyond its own median.
+    pub slow_by: Vec<(String, usize)>,
     /// From standing still to the whole picture.
     pub to_whole_ms: Option<f64>,
     /// Of nothing to do, then the pictures drawn and the processor time taken in it.
@@ -106,15 +107,50 @@ fn ms(time: Duration) -> f64 {
     time.as_secs_f64() * 1e3
 }
 
+/// What a frame's time may have gone into.
+const CAUSES: [&str; 7] =
+    ["fitting the window", "taking nodes in", "recording", "the device", "reading back", "showing", "what is between pictures"];
+
+impl Picture {
+    /// Of all the milliseconds since the picture before, those of each cause.
+    fn by_cause(&self, frame: f64) -> [f64; CAUSES.len()] {
+        let Spent { fitting, taking_in, recording, drawing, reading_back, showing } = self.spent;
+        let known = [fitting, taking_in, recording, drawing, reading_back, showing].map(ms);
+        let [a, b, c, d, e, f] = known;
+        [a, b, c, d, e, f, (frame - known.iter().sum::<f64>()).max(0.0)]
+    }
+}
+
+/// How many frames are slow by what, of those that took more than this; the commonest first.
+fn slow_by(frames: &[(f64, [f64; CAUSES.len()])], slow: f64) -> Vec<(String, usize)> {
+    let usual: Vec<f64> = (0..CAUSES.len()).map(|cause| Spread::of(frames.iter().map(|(_, by)| by[cause]).collect()).median).collect();
+    let mut counts = [0; CAUSES.len()];
+    for (_, by) in frames.iter().filter(|(time, _)| *time > slow) {
+        let excess = |cause: &usize| by[*cause] - usual[*cause];
+        counts[(0..CAUSES.len()).max_by(|a, b| excess(a).total_cmp(&excess(b))).expect("there are causes")] += 1;
+    }
+    let mut named: Vec<_> = CAUSES.iter().map(ToString::to_string).zip(counts).filter(|(_, count)| *count > 0).collect();
+    named.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    named
+}
+
 impl FlightSummary {
     pub fn of(flight: &Flight) -> FlightSummary {
         let frames = || flight.pictures.windows(2).map(|pair| (ms(pair[1].at - pair[0].at), pair[1].loading));
         let frame_ms = Spread::of(frames().map(|(time, _)| time).collect());
+        let by_cause: Vec<_> = flight
+            .pictures
+            .windows(2)
+            .map(|pair| ms(pair[1].at - pair[0].at))
+            .zip(&flight.pictures[1.min(flight.pictures.len())..])
+            .map(|(time, picture)| (time, picture.by_cause(time)))
+            .collect();
         let slow = || frames().filter(|(time, _)| *time > 2.0 * frame_ms.median);
         FlightSummary {
             frame_ms,
-            took_in_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.took_in)).collect()),
+            took_in_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.spent.taking_in)).collect()),
             slow: slow().count(),
+            slow_by: slow_by(&by_cause, 2.0 * frame_ms.median),
             slow_loading: slow().filter(|(_, loading)| *loading).count(),
             pictures: flight.pictures.len(),
             latency_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.latency)).collect()),
@@ -126,6 +162,13 @@ impl FlightSummary {
             rest_pictures: flight.at_rest,
             rest_cpu_ms: flight.rest_cpu.map(ms),
         }
+    }
+}
+
+impl FlightSummary {
+    /// What slow frames are slow by, in words.
+    pub fn causes(&self) -> String {
+        self.slow_by.iter().map(|(cause, count)| format!("{cause} {count}")).collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -176,6 +219,9 @@ impl std::fmt::Display for Summary {
             writeln!(f, "  {} pictures while nodes were on their way: {}", flight.loading, flight.loading_ms)?;
             writeln!(f, "  taking in what had come: {}", flight.took_in_ms)?;
         }
+        if flight.slow > 0 {
+            writeln!(f, "  {} over twice the median, by {}", flight.slow, flight.causes())?;
+        }
         writeln!(f, "from standing still to the whole picture: {}", or_never(flight.to_whole_ms))?;
         let cpu = flight.rest_cpu_ms.map_or(String::new(), |ms| format!(", {ms:.0} ms of processor time"));
         writeln!(f, "at rest, {:.0} ms: {} pictures{cpu}", flight.rest_ms, flight.rest_pictures)
@@ -194,6 +240,16 @@ pub fn processor_time() -> Option<Duration> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_slow_frame_is_slow_by_what_took_longer_than_it_mostly_does() {
+        let usual = (10.0, [0.0, 1.0, 1.0, 7.0, 0.5, 0.5, 0.0]);
+        let mut frames = vec![usual; 20];
+        frames.push((31.0, [0.0, 22.0, 1.0, 7.0, 0.5, 0.5, 0.0]));
+        frames.push((29.0, [0.0, 1.0, 1.0, 9.0, 0.5, 0.5, 17.0]));
+        frames.push((40.0, [0.0, 1.0, 1.0, 9.0, 0.5, 0.5, 28.0]));
+        assert_eq!(slow_by(&frames, 20.0), [("what is between pictures".to_string(), 2), ("taking nodes in".to_string(), 1)]);
+    }
 
     #[test]
     fn a_spread_names_times_that_were_taken() {

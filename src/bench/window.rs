@@ -133,7 +133,8 @@ pub fn table(rows: &[Row]) -> String {
         .expect("writing to a string");
         writeln!(
             text,
-            "  {loading} pictures while nodes were on their way; {slow} frames over twice the median, {slow_loading} of them then; at rest, {:.0} ms: {} pictures, {} of processor time",
+            "  {loading} pictures while nodes were on their way; {slow} frames over twice the median{}, {slow_loading} of them then; at rest, {:.0} ms: {} pictures, {} of processor time",
+            if *slow > 0 { format!(" (by {})", flight.causes()) } else { String::new() },
             flight.rest_ms,
             flight.rest_pictures,
             ms(flight.rest_cpu_ms)

@@ -2,12 +2,12 @@
 //!
 //! Frames are pictures as `render` draws them, each whole or not there. One that is there is drawn again, unless `--resume` keeps it, which is said.
 
-use super::layers::Downloads;
 use super::render::{Arguments, refuse_to_overwrite};
 use crate::camera_path::CameraPath;
 use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph};
+use crate::layers::Downloads;
 use crate::look;
 use crate::progress::{Progress, Whole};
 use crate::source::Source;

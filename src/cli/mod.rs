@@ -5,7 +5,6 @@ mod frames;
 pub mod index;
 pub mod indexed_info;
 pub mod info;
-mod layers;
 pub mod options;
 pub mod render;
 pub mod shadows;

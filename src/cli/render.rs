@@ -1,11 +1,11 @@
 //! `pointillist render`: files in, one picture out; no window system is touched.
 
 use super::frames;
-use super::layers::Downloads;
 use super::options::{DeviceOptions, PictureOptions, ends_in};
 use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Frame, Gpu, Graph};
+use crate::layers::Downloads;
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
 use crate::passes::phong::{self, Backfaces};
@@ -55,6 +55,9 @@ pub struct Arguments {
     /// Draw in pieces of at most so many pixels a side [default: whole up to 33 million pixels and the device's largest image]
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with = "path")]
     pub piece: Option<u32>,
+    /// Draw in tiles of at most so many pixels a side, as a window saves pictures; for tests
+    #[arg(long, hide = true, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(8..), conflicts_with = "path")]
+    pub tile: Option<u32>,
     #[command(flatten)]
     pub picture: PictureOptions,
     #[command(flatten)]
@@ -117,7 +120,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut brought = source.bring(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
     brought.leave_out(picture.opacities(), picture.clips());
     stages.done("organise");
-    if tiled::needs_pieces(&gpu, view.size, arguments.piece) {
+    if arguments.tile.is_some() || tiled::needs_pieces(&gpu, view.size, arguments.piece) {
         return in_pieces(arguments, &picture, &view, &mut gpu, brought, progress);
     }
     facts.taken = brought.settle(&mut gpu, &view, &picture.detail.fineness().of(view.size), progress)?;
@@ -173,8 +176,14 @@ fn in_pieces(
             view.size[0], view.size[1]
         )));
     };
-    let wanted = Wanted { view, wishes: &picture.wishes()?, fineness: picture.detail.fineness(), piece: arguments.piece };
-    for note in tiled::write(gpu, &mut brought, &wanted, output, progress)? {
+    let wanted = Wanted {
+        view: *view,
+        wishes: picture.wishes()?,
+        fineness: picture.detail.fineness(),
+        piece: arguments.piece,
+        tile: arguments.tile,
+    };
+    for note in tiled::write(gpu, &mut brought, wanted, output, progress)? {
         eprintln!("pointillist: note: {note}");
     }
     brought.free(gpu);

@@ -1,7 +1,7 @@
 //! `pointillist view`: files in a window.
 
-use super::options::{DeviceOptions, PictureOptions};
-use crate::app::{self, Options, keys, navigation::Habit};
+use super::options::{DeviceOptions, PictureOptions, Size};
+use crate::app::{self, Options, keys, navigation::Habit, panel::Enlarged};
 use crate::camera_path::CameraPath;
 use crate::error::Result;
 use crate::gpu::Wish;
@@ -39,6 +39,9 @@ pub struct Arguments {
     /// Fly for so many seconds without hands, along --path or else ahead, rest, and close; for --timings
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u16).range(1..=3600))]
     pub flight: Option<u16>,
+    /// How large pictures are that the window saves: so many times as large as it, or so many pixels
+    #[arg(long, value_name = "Nx|WxH", default_value = "1x", value_parser = enlarged)]
+    pub save_size: Enlarged,
     /// Say at the end how long pictures took, milliseconds: to standard error, or as JSON to standard output
     #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
     pub timings: Option<String>,
@@ -51,6 +54,14 @@ pub struct Arguments {
     /// Refuse a truncated, lying or damaged file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
+}
+
+fn enlarged(text: &str) -> std::result::Result<Enlarged, String> {
+    let times = text.strip_suffix('x').and_then(|times| times.parse().ok()).filter(|times| (1..=64).contains(times));
+    match times {
+        Some(times) => Ok(Enlarged::Times(times)),
+        None => text.parse().map(|Size(size)| Enlarged::To(size)).map_err(|why| format!("{why}, nor 1x to 64x")),
+    }
 }
 
 fn help() -> String {
@@ -80,6 +91,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         camera,
         size: picture.size.0,
         habit: arguments.navigation,
+        enlarged: arguments.save_size,
         wish: Wish { lost_after: arguments.lose_device, ..arguments.device.wish() },
         pool_bytes: picture.detail.pool_bytes(),
         path: arguments.path.as_deref().map(CameraPath::read).transpose()?.unwrap_or_default(),

@@ -7,6 +7,7 @@ pub mod gate;
 pub mod normal;
 pub mod project;
 pub mod resolve;
+pub mod tally;
 
 use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};

@@ -148,6 +148,11 @@ fn position(node: &ResidentNode, words: &[u32], i: u32) -> DVec3 {
 const MOST_NODES: u64 = NO_POINT as u64 / POINTS_PER_PAGE as u64;
 
 impl Resident {
+    /// Whether some points of nodes that are drawn may not be there, by what they are or by where they lie.
+    pub fn leaves_out(&self) -> bool {
+        self.opacities.hides() || self.clips.active() > 0
+    }
+
     /// Organises the cloud and puts all of it into pages. The columns of each part are dropped as soon as its nodes are packed.
     pub fn fill(gpu: &mut Gpu, cloud: Cloud, shown: Shown, progress: &dyn Progress) -> Result<Resident> {
         Resident::arrange(gpu, cloud, shown, index::organise, progress)

@@ -5,6 +5,7 @@
 #![allow(dead_code, reason = "every test file is a crate of its own and uses a part of this")]
 
 pub mod drop;
+pub mod place;
 
 use crate::support::{Png, pointillist, read_png, succeeded};
 use std::io::{BufRead, BufReader, Read};
@@ -115,7 +116,16 @@ impl<'d> Viewer<'d> {
         if !line.contains("--cache-dir") {
             command.arg("--no-cache");
         }
-        command.args(line.split_whitespace()).env("DISPLAY", &display.name).env("XDG_RUNTIME_DIR", folder).env_remove("WAYLAND_DISPLAY");
+        // Words like NAME=VALUE at the front are the environment's.
+        let is_environment = |word: &&str| word.split_once('=').is_some_and(|(name, _)| !name.starts_with('-'));
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let environment = words.iter().copied().take_while(is_environment);
+        command.envs(environment.clone().filter_map(|word| word.split_once('=')));
+        command
+            .args(&words[environment.count()..])
+            .env("DISPLAY", &display.name)
+            .env("XDG_RUNTIME_DIR", folder)
+            .env_remove("WAYLAND_DISPLAY");
         let mut program = command.current_dir(folder).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("start the program");
         let heard = [Heard::of(program.stdout.take().unwrap()), Heard::of(program.stderr.take().unwrap())];
         let mut viewer =

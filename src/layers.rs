@@ -1,10 +1,14 @@
-//! A frame in; its picture and its layers as files out, PNG and EXR: what `render` writes, of one frame or of many.
+//! A frame in; its picture and its layers as files out, PNG and EXR: what `render` writes, of one frame or of many, and a window.
 
-use crate::error::Result;
-use crate::frame::Outcome;
-use crate::graph::{Buffer, Frame, Graph};
+use crate::error::{Error, Result};
+use crate::frame::{self, Outcome};
+use crate::graph::{Buffer, Frame, Gpu, Graph};
+use crate::look;
 use crate::passes::encode::{self, Encoded};
 use crate::picture::{self, Samples};
+use crate::progress::Progress;
+use crate::source::Brought;
+use crate::tiled::{self, Wanted};
 use std::path::Path;
 
 /// The images that come back.
@@ -39,6 +43,30 @@ impl Downloads {
         }
         exr.map_or(Ok(()), |path| write_layers(path, size, frame, self))
     }
+}
+
+/// Draws layers into a file, in one piece. What could not be read is said in the end.
+pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, progress: &dyn Progress) -> Result<Vec<String>> {
+    let Wanted { view, wishes, fineness, .. } = wanted;
+    if tiled::needs_pieces(gpu, view.size, None) {
+        let [width, height] = view.size;
+        return Err(Error::Request(format!("{width}x{height} pixels are drawn in pieces, of which there are no layers; ask for fewer")));
+    }
+    let taken = cloud.settle(gpu, view, &fineness.of(view.size), progress)?;
+    let look = look::decide(wishes, view, cloud.resident());
+    let mut g = Graph::new(gpu).watched(progress);
+    let outcome = match frame::record(&mut g, view, cloud.resident(), &look) {
+        Ok(outcome) => outcome,
+        Err(error) => {
+            g.abandon();
+            return Err(error);
+        }
+    };
+    let downloads = Downloads::ask(&mut g, &outcome, false, true)?;
+    let frame = g.submit(&[])?;
+    downloads.write(&frame, view.size, None, Some(path))?;
+    frame.shelve(gpu);
+    Ok(taken.map_or(Vec::new(), |taken| taken.notes))
 }
 
 /// Linear picture (its alpha says where a surface is) and layers.

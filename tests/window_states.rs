@@ -1,0 +1,264 @@
+//! The window, as systems treat it: minimised, moved, scaled; and while it does something that takes long.
+
+mod display;
+mod support;
+
+use display::drop::drop_file;
+use display::place::Place;
+use display::{SIZE, Viewer};
+use glam::DVec3;
+use pointillist::cloud::{self, ReadOptions, Wanted};
+use pointillist::progress::Silent;
+use pointillist::view::{Camera, View};
+use std::path::Path;
+use std::time::Instant;
+use support::{names, pointillist, succeeded};
+
+/// Of a file, in the world.
+fn points(file: &Path) -> Vec<DVec3> {
+    let read = ReadOptions { wanted: Wanted::default(), strict: true };
+    let part = cloud::read(&[file.to_owned()], &read, &Silent).unwrap().parts.remove(0);
+    let columns = &part.columns;
+    (0..columns.len()).map(|i| part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))).collect()
+}
+
+fn resize(place: &Place, viewer: &mut Viewer, [width, height]: [u32; 2]) {
+    place.display.xdotool(&format!("windowsize {} {width} {height}", viewer.window));
+    viewer.until("another size", |viewer| viewer.photograph().size == [width, height]);
+}
+
+/// Eight times as wide as the window.
+#[test]
+fn while_a_large_picture_is_saved_the_window_goes_on_and_closes_at_once() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "--save-size 8x");
+    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    let size = SIZE.map(|side| 8 * side);
+    let large = place.picture(&[&cloud], "large.png", &format!("--size {}x{}", size[0], size[1]));
+    viewer.shows(&fit);
+    viewer.key("F9");
+    viewer.key("7");
+    viewer.shows(&top);
+    let saved = place.at("pointillist-1.png");
+    assert!(!saved.exists(), "the window waited for the file");
+    viewer.until("saved picture", |_| saved.exists());
+    // What was to be seen when the key was pressed.
+    assert!(std::fs::read(&saved).unwrap() == std::fs::read(&large).unwrap());
+
+    // Two of them have two names; sizes change meanwhile, and points are picked.
+    viewer.key("F9");
+    viewer.key("F9");
+    resize(&place, &mut viewer, [300, 200]);
+    place.shows_its_scene(&mut viewer, &[&cloud], 1, "--size 300x200");
+    let began = Instant::now();
+    viewer.key("Escape");
+    let said = succeeded(&viewer.ended());
+    assert!(began.elapsed().as_secs() < 5, "{:?} to close", began.elapsed());
+    assert!(said.contains("pointillist-3.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
+    let left: Vec<_> = names(place.folder.path()).into_iter().filter(|name| name.contains("partial")).collect();
+    assert!(left.is_empty(), "{left:?}");
+}
+
+/// A picture may wait for ever; the window does not.
+#[test]
+fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothing_up() {
+    let place = Place::new();
+    let (cloud, index) = (place.street(1_500_000), place.at("scan.pnti"));
+    succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
+    let mut viewer = place.view(&[&index], "--lod 0 --fail-reading hang:4");
+    viewer.until("word of it", |viewer| viewer.said().iter().any(|line| line.contains("has not come")));
+    viewer.key("F9");
+    viewer.key("7");
+    let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
+    assert!(std::fs::read_to_string(scene).unwrap().contains("orthographic"));
+    place.display.xdotool("key Escape key Escape");
+    let said = support::text(&viewer.ended().stderr);
+    assert!(said.contains("pointillist-1.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
+
+    let small = place.scan("small.las", pointillist::synth::Scene::Street, 60_000);
+    let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 30");
+    let fit = place.picture(&[&small], "fit.png", "");
+    viewer.key("F9");
+    viewer.until("lost device", |viewer| {
+        place.display.xdotool("click 4 click 5");
+        viewer.said().iter().any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
+    });
+    place.display.xdotool("key Escape key 0");
+    viewer.shows(&fit);
+    let saved = place.saved(&mut viewer, "F9", "pointillist-1.png");
+    assert!(saved.exists());
+    viewer.key("Escape");
+    let said = support::text(&viewer.ended().stderr);
+    assert!(said.contains("pointillist-1.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
+}
+
+#[test]
+fn layers_are_saved_as_render_writes_them() {
+    let place = Place::new();
+    let (cloud, layers) = (place.street(60_000), place.at("layers.exr"));
+    let mut viewer = place.view(&[&cloud], "--view top");
+    viewer.shows(&place.picture(&[&cloud], "top.png", &format!("--view top --exr {}", layers.display())));
+    let saved = place.saved(&mut viewer, "l", "pointillist-1.exr");
+    assert!(std::fs::read(saved).unwrap() == std::fs::read(layers).unwrap());
+    viewer.close();
+}
+
+/// Nodes that a picture in a file needs are others than those of the window's.
+#[test]
+fn while_a_large_picture_of_an_index_is_saved_the_window_shows_and_picks_what_it_did() {
+    let place = Place::new();
+    let (cloud, index) = (place.street(300_000), place.at("scan.pnti"));
+    succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
+    let line = "--view top --lod 3";
+    let mut viewer = place.view(&[&index], &format!("{line} --save-size 6x"));
+    let top = place.picture(&[&index], "top.png", line);
+    let large = place.picture(&[&index], "large.png", &format!("{line} --size {}x{}", 6 * SIZE[0], 6 * SIZE[1]));
+    viewer.shows(&top);
+    viewer.rests();
+    viewer.key("F9");
+    let saved = place.at("pointillist-1.png");
+    place.display.xdotool("mousemove 195 150 click 1");
+    viewer.until("picked point", |viewer| viewer.printed().iter().any(|line| line.starts_with("point 1:")));
+    assert!(!saved.exists(), "the pick waited for the file");
+    viewer.until("saved picture", |_| saved.exists());
+    assert!(std::fs::read(&saved).unwrap() == std::fs::read(&large).unwrap());
+    place.display.xdotool("key Delete key 7");
+    viewer.shows(&top);
+    viewer.close();
+}
+
+#[test]
+fn a_window_that_is_put_away_and_brought_back_draws_nothing_meanwhile_and_shows_what_it_did() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "");
+    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    viewer.shows(&fit);
+    place.display.xdotool(&format!("windowunmap --sync {}", viewer.window));
+    viewer.rests();
+    place.display.xdotool(&format!("windowmap --sync {}", viewer.window));
+    viewer.shows(&fit);
+    viewer.rests();
+    place.display.xdotool(&format!("windowfocus --sync {}", viewer.window));
+    viewer.key("7");
+    viewer.shows(&top);
+    viewer.close();
+}
+
+/// As by a window manager that has lost patience.
+#[test]
+fn a_window_that_somebody_else_destroys_ends_the_program_in_peace() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "");
+    viewer.shows(&place.picture(&[&cloud], "fit.png", ""));
+    place.display.xdotool(&format!("windowclose {}", viewer.window));
+    let said = succeeded(&viewer.ended());
+    assert!(!said.contains("panicked") && !said.to_lowercase().contains("validation"), "{said}");
+}
+
+/// As to another monitor, which may be of another size.
+#[test]
+fn a_window_that_is_moved_shows_and_picks_what_it_did() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[&cloud], "--view top");
+    let top = place.picture(&[&cloud], "top.png", "--view top");
+    viewer.shows(&top);
+    place.display.xdotool(&format!("windowmove --sync {} 700 500", viewer.window));
+    viewer.shows(&top);
+    resize(&place, &mut viewer, [500, 400]);
+    place.shows_its_scene(&mut viewer, &[&cloud], 1, "--size 500x400");
+    picks(&place, &mut viewer, &cloud, [500, 400], [700, 500], 1);
+    viewer.close();
+}
+
+/// Clicks near the middle of a window at this place of the screen, until a point is picked; that is one of the file's and is seen there.
+fn picks(place: &Place, viewer: &mut Viewer, cloud: &Path, size: [u32; 2], corner: [u32; 2], number: usize) {
+    let scene: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(place.at(&format!("pointillist-{number}.json"))).unwrap()).unwrap();
+    let view = View::new(serde_json::from_value::<Camera>(scene["camera"].clone()).unwrap(), size).unwrap();
+    let mut tried = [0; 2];
+    let mut tries = 0;
+    viewer.until("picked point", |viewer| {
+        tried = [0, 1].map(|axis| size[axis] / 2 + 7 * (tries % 5));
+        place.display.xdotool(&format!("mousemove {} {} click 1 sleep 0.6", corner[0] + tried[0], corner[1] + tried[1]));
+        tries += 1;
+        viewer.printed().iter().any(|line| line.starts_with("point 1:"))
+    });
+    let said = viewer.printed().into_iter().find(|line| line.starts_with("point 1:")).unwrap();
+    let numbers: Vec<f64> = said["point 1: ".len()..].split_whitespace().take(3).map(|number| number.parse().unwrap()).collect();
+    let point = DVec3::from_slice(&numbers);
+    assert!(points(cloud).contains(&point), "{said} is no point of the file");
+    let pixel = view.pixel(point).unwrap();
+    assert!((0..2).all(|axis| (pixel[axis] - tried[axis] as f64).abs() < 10.0), "{said} is seen at {pixel:?}, not at {tried:?}");
+}
+
+#[test]
+fn on_a_fine_monitor_the_panel_is_as_large_as_hands_need_it_and_points_lie_under_the_cursor() {
+    let place = Place::new();
+    let size = [1000, 800];
+    // Of a panel beside nothing, from the left side of the window.
+    let width = |viewer: &Viewer| {
+        let row = &viewer.photograph().pixels[400 * 1000 + 20..401 * 1000];
+        20 + row.iter().take_while(|pixel| **pixel != pointillist::config::BACKGROUND).count()
+    };
+    let widths = ["1", "2"].map(|scale| {
+        let mut viewer = place.view_with_panel(&[], size, &format!("WINIT_X11_SCALE_FACTOR={scale}"));
+        viewer.until("panel", |viewer| (200..700).contains(&width(viewer)));
+        let width = width(&viewer);
+        viewer.close();
+        width
+    });
+    assert!((3 * widths[0] / 2..5 * widths[0] / 2).contains(&widths[1]), "{widths:?}");
+
+    let cloud = place.street(60_000);
+    let mut viewer = place.view_with_panel(&[&cloud], size, "WINIT_X11_SCALE_FACTOR=2 --view top");
+    viewer.until("panel", |viewer| viewer.photograph().pixels[400 * 1000 + 20] == [27; 3]);
+    viewer.key("n");
+    viewer.shows(&place.picture(&[&cloud], "top.png", "--view top --size 1000x800"));
+    place.saved(&mut viewer, "F8", "pointillist-1.json");
+    picks(&place, &mut viewer, &cloud, size, [0, 0], 1);
+    viewer.close();
+}
+
+#[test]
+fn the_whole_cloud_is_beside_the_panel_where_there_is_one() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let size = [640, 480];
+    let mut viewer = place.view_with_panel(&[&cloud], size, "");
+    viewer.until("panel", |viewer| viewer.photograph().pixels[480 / 2 * 640 + 20] == [27; 3]);
+    let all = points(&cloud);
+    for (number, key) in ["0", "7", "1"].into_iter().enumerate() {
+        viewer.key(key);
+        let scene = place.saved(&mut viewer, "F8", &format!("pointillist-{}.json", number + 1));
+        let scene: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(scene).unwrap()).unwrap();
+        let view = View::new(serde_json::from_value::<Camera>(scene["camera"].clone()).unwrap(), size).unwrap();
+        let places: Vec<f64> = all.iter().filter_map(|&point| view.pixel(point)).map(|[x, _]| x).collect();
+        // Strays are anywhere.
+        let beside = places.iter().filter(|x| (240.0..640.0).contains(*x)).count();
+        assert!(100 * beside > 97 * all.len(), "{key}: {beside} of {}", all.len());
+    }
+    // Without it, where `render` looks from.
+    viewer.key("n");
+    viewer.key("0");
+    viewer.shows(&place.picture(&[&cloud], "fit.png", "--size 640x480"));
+    viewer.close();
+}
+
+#[test]
+fn a_scene_that_does_not_say_how_fine_leaves_that_as_it_was_asked_for() {
+    let place = Place::new();
+    let (cloud, index, scene) = (place.street(300_000), place.at("scan.pnti"), place.at("scene.json"));
+    succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
+    let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation"}"#;
+    std::fs::write(&scene, words).unwrap();
+    let line = "--lod 4 --budget 100000";
+    let mut viewer = place.view(&[&index], line);
+    viewer.shows(&place.picture(&[&index], "fit.png", line));
+    drop_file(&place.display, &viewer.window, &scene);
+    viewer.shows(&place.picture(&[&index], "scene.png", &format!("{line} --scene {}", scene.display())));
+    viewer.close();
+}
