@@ -153,7 +153,13 @@ fn hard_19_tangents_of_the_device_agree_with_f64_over_the_sphere_and_up_to_its_p
         let (t, b) = pole.any_orthonormal_pair();
         (1..=28).flat_map(move |power| {
             let far = 10f64.powf(-0.25 * power as f64);
-            (0..16).map(move |k| (pole + far * (t * (k as f64 * 0.3927 + 0.1).cos() + b * (k as f64 * 0.3927 + 0.1).sin())).normalize())
+            (0..16).map(move |k| {
+                (pole
+                    + far
+                        * (t * (k as f64 * std::f64::consts::FRAC_PI_8 + 0.1).cos()
+                            + b * (k as f64 * std::f64::consts::FRAC_PI_8 + 0.1).sin()))
+                .normalize()
+            })
         })
     });
     let normals: Vec<[f32; 3]> = sphere.chain(near).chain(poles).map(|n| n.as_vec3().to_array()).collect();

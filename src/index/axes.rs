@@ -66,7 +66,7 @@ impl Moments {
         sums
     }
 
-    pub fn add(mut self, other: Moments) -> Moments {
+    pub fn and(mut self, other: Moments) -> Moments {
         self.count += other.count;
         self.first += other.first;
         self.second.iter_mut().zip(other.second).for_each(|(sum, other)| *sum += other);
@@ -124,7 +124,7 @@ pub fn of(parts: &[Part]) -> Axes {
         let world = |i: usize| part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from));
         Moments::of((0..columns.len()).map(|i| world(i) - middle))
     };
-    parts.iter().map(of_part).fold(Moments::default(), Moments::add).axes()
+    parts.iter().map(of_part).fold(Moments::default(), Moments::and).axes()
 }
 
 /// xx, xy, xz, yy, yz, zz.
@@ -170,7 +170,7 @@ mod tests {
         let points = lump();
         let (some, others) = points.split_at(123);
         let [whole, parts] =
-            [Moments::of(points.iter().copied()), Moments::of(some.iter().copied()).add(Moments::of(others.iter().copied()))];
+            [Moments::of(points.iter().copied()), Moments::of(some.iter().copied()).and(Moments::of(others.iter().copied()))];
         let (whole, parts) = (whole.axes().0, parts.axes().0);
         (0..3).for_each(|i| assert!(whole[i].distance(parts[i]) < 1e-6));
     }

@@ -128,7 +128,7 @@ impl Work<'_> {
             for (own, (lattice, counts), moments, is_oriented) in some.par_iter().map(of_leaf).collect::<Result<Vec<_>>>()? {
                 all.crcs.extend(own);
                 all.oriented &= is_oriented;
-                all.moments = all.moments.add(moments);
+                all.moments = all.moments.and(moments);
                 let sums = all.radii.entry(lattice).or_insert_with(|| vec![0; leaves::RADII]);
                 counts.into_iter().for_each(|(radius, count)| sums[radius as usize] += count as u64);
             }

@@ -165,8 +165,8 @@ impl<'v> Easel<'v> {
             let steps = [columns.x[i], columns.y[i], columns.z[i]];
             let color = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]).map(|c| srgb_to_linear(c as f64 / 255.0));
             let at = part.lattice.world(steps.map(i64::from));
-            let painted = seen(view, settings, &bristles, &turns, &axes, at, stroke.words(steps), DVec3::from_array(color))?;
-            Some(Painted { opacity: opacity(i), ..painted })
+            let painted = seen(view, settings, &bristles, &turns, &axes, at, stroke.words(steps))?;
+            Some(Painted { color: DVec3::from_array(color), opacity: opacity(i), ..painted })
         };
         let painted = strokes.iter().enumerate().filter_map(seen).collect();
         Easel { view, order: settings.order, bristles, turns, painted }
@@ -256,7 +256,6 @@ fn seen(
     axes: &Axes,
     at: DVec3,
     words: [u32; 2],
-    color: DVec3,
 ) -> Option<Painted> {
     let depth = (at - view.camera.eye).dot(view.basis.forward);
     if depth <= 0.0 {
@@ -287,7 +286,7 @@ fn seen(
         bitangent: normal.cross(tangent),
         sides: DVec2::new(side * length, side),
         words,
-        color,
+        color: DVec3::ONE,
         opacity: 1.0,
     })
 }
