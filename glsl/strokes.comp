@@ -5,6 +5,8 @@
 //     a stroke is a square in the plane of its point's normal; a pixel's ray meets it at (u, v) of it, at a depth
 //     how much it covers there, its brush says (stroke_brush)
 //
+//   A stroke's ends stand out from crests and claws: with fragments a pixel is painted only where the surface is, near enough to some stroke's own point (canvas.ground).
+//
 //   keys       of what covers enough, however opaque, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
 //   fragments  colour, coverage times the point's opacity, and depth, of everything that covers a pixel at all; or, while COUNTED, how many
 #version 460
@@ -39,7 +41,7 @@ layout(scalar) readonly buffer BrushWords { uint word[]; } brush_words;
 // Of every pixel, tile by tile, the first fragment.
 layout(scalar) readonly buffer Starts { uint word[]; } starts;
 layout(scalar) buffer Keys { uvec2 key[]; } keys;
-// Of every pixel, tile by tile, its fragments so far; and whether its key is that of a stroke that hides what is behind.
+// Of every pixel, tile by tile, its fragments so far; whether its key is that of a stroke that hides what is behind; and whether a surface is there.
 layout(scalar) buffer Counts { uint word[]; } counts;
 layout(scalar) writeonly buffer Fragments { uvec2 fragment[]; } fragments;
 // Of every pixel, tile by tile, where the nearest fragment lies that covers it wholly: found while all are counted.
@@ -51,6 +53,7 @@ layout(push_constant, scalar) uniform Push {
 
 const uint STROKES_AT_ONCE = 8192u;
 const uint HIDING = 1u << 31;
+const uint GROUNDED = 1u << 30;
 const uint PARTS = 4u;
 const uint NO_POINT = 0xFFFFFFFFu;
 
@@ -88,12 +91,14 @@ void main() {
     uint end = min(part.tile[PARTS + place + 1u], stroke + STROKES_AT_ONCE);
     if (stroke >= end) return;
     uint start = FRAGMENTS == KEPT ? starts.word[place * 64u + lane] : 0u;
+    uint room = FRAGMENTS == KEPT ? starts.word[place * 64u + lane + 1u] - start : NO_POINT;
     uint count = counts.word[place * 64u + lane];
     uint at_key = inside ? pixel.y * canvas.size.x + pixel.x : 0u;
     uvec2 key_before = FRAGMENTS == COUNTED ? uvec2(NO_POINT) : keys.key[at_key];
     uvec2 front = count >= HIDING ? key_before : uvec2(NO_POINT);
     uvec2 veil = count >= HIDING ? uvec2(NO_POINT) : key_before;
-    count &= ~HIDING;
+    bool grounded = (count & GROUNDED) != 0u;
+    count &= ~(HIDING | GROUNDED);
     uint hider = FRAGMENTS == 0u ? 0u : hiders.depth[place * 64u + lane];
 
     for (;;) {
@@ -123,6 +128,7 @@ void main() {
             }
             uvec2 key = uvec2(rest.y, floatBitsToUint(z));
             bool seen = z > 0.0;
+            grounded = grounded || seen && uv.x * uv.x + uv.y * uv.y <= canvas.ground;
             front = seen && alpha >= hides && nearer(key, front) ? key : front;
             if (FRAGMENTS != 0u) {
                 uint covers = uint(alpha * abs(uintBitsToFloat(rest.w)) * 255.0 + 0.5);
@@ -131,14 +137,15 @@ void main() {
                 uint order = BY_STROKE ? rest.x : key.y;
                 if (!BEFORE_HIDERS) hider = seen && covers == 255u ? min(hider, order) : hider;
                 seen = seen && (!BEFORE_HIDERS || order <= hider);
-                if (FRAGMENTS == KEPT && seen) fragments.fragment[start + count] = uvec2(pack_roots(roots, covers), order);
+                if (FRAGMENTS == KEPT && seen && count < room) fragments.fragment[start + count] = uvec2(pack_roots(roots, covers), order);
                 count += seen ? 1u : 0u;
             }
         }
         if (++stroke == end) break;
     }
     if (FRAGMENTS == COUNTED && !BEFORE_HIDERS) hiders.depth[place * 64u + lane] = hider;
-    counts.word[place * 64u + lane] = count | (FRAGMENTS != COUNTED && front.x != NO_POINT ? HIDING : 0u);
-    // What nothing hides behind shows the nearest of what there is.
-    if (FRAGMENTS != COUNTED && inside) keys.key[at_key] = front.x == NO_POINT ? veil : front;
+    counts.word[place * 64u + lane] = count | (FRAGMENTS != COUNTED && front.x != NO_POINT ? HIDING : 0u) | (grounded ? GROUNDED : 0u);
+    // What nothing hides behind shows the nearest of what there is. There is room for no fragments where there is no surface.
+    uvec2 key = front.x == NO_POINT ? veil : front;
+    if (FRAGMENTS != COUNTED && inside) keys.key[at_key] = room == 0u ? uvec2(NO_POINT) : key;
 }

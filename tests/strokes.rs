@@ -2,6 +2,9 @@
 
 mod gpu;
 
+#[path = "strokes/tangents.rs"]
+mod tangents;
+
 use glam::DVec3;
 use pointillist::cloud::{Cloud, Columns, Part};
 use pointillist::index::strokes::{Stroke, householder, strokes};
@@ -467,8 +470,7 @@ mod painted {
             let found = coverage(&view, &painted, |origin, direction| mesh.first(origin, direction).is_some());
             println!("{brush}, {} points: {found:?}; {}", cloud.len(), painted.facts);
             assert!(found.surface > 10_000 && 1000 * found.holes <= found.surface, "{brush}: {found:?}");
-            // The other brushes are square to their ends, which stand out from crests and claws: by design, and by little.
-            assert!(found.beyond == 0 || brush != "dabs" && 50 * found.beyond <= found.surface, "{brush}: {found:?}");
+            assert_eq!(found.beyond, 0, "{brush}");
         }
     }
 

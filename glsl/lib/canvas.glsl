@@ -8,7 +8,11 @@ struct Canvas {
     vec3 right;       // world to view, down as rows go
     vec3 down;
     vec3 forward;
+    vec3 axis_x;      // of the cloud: what tangents of normals are found in
+    vec3 axis_y;
+    vec3 axis_z;
     float scale;      // half a stroke's side, radii
+    float ground;     // square of how far from its middle a stroke lies on its surface, whatever its brush; parts of a side
     float least_px;   // of that, on the screen
     float largest_px;
     float lengthen;   // how much of a cluster's length its strokes take on

@@ -34,13 +34,11 @@ Square square_of(Canvas canvas, uint facing, uint brush, vec3 sight, float px_pe
     vec3 stored = normal_of(known ? facing : 0u);
     vec3 normal = known ? stored : -sight / vec3(sqrt(dot_of(sight, sight)));
     normal = dot_of(normal, sight) > 0.0 ? -normal : normal;
-    vec3 tangent = householder(normal);
-    if (canvas.tangents == EBERLY) tangent = eberly(normal);
-    if (canvas.tangents == SQUAREPLATE) tangent = squareplate(normal);
-    if (canvas.tangents == COVARIANCE && known) {
-        vec3 own = householder(stored);
-        tangent = own * vec3(turn.x) + cross_of(stored, own) * vec3(turn.y);
-    }
+    // In the cloud's own axes, so that strokes turn with a cloud that lies otherwise in its file.
+    vec3 own = vec3(dot_of(canvas.axis_x, normal), dot_of(canvas.axis_y, normal), dot_of(canvas.axis_z, normal));
+    vec3 of_own = tangent_of(canvas.tangents, own);
+    vec3 tangent = canvas.axis_x * vec3(of_own.x) + canvas.axis_y * vec3(of_own.y) + canvas.axis_z * vec3(of_own.z);
+    if (canvas.tangents == COVARIANCE && known) tangent = turned(stored, turn);
     float radius_m = uintBitsToFloat(brush & 0xFFFF0000u);
     float half_side = clamp(canvas.scale * radius_m * px_per_m, canvas.least_px, canvas.largest_px) / px_per_m;
     float longer = 1.0 + canvas.lengthen * min(float(brush & 31u) / 8.0, 1.0);

@@ -27,11 +27,30 @@ vec3 eberly(vec3 n) {
     return aside / vec3(sqrt(dot_of(aside, aside)));
 }
 
-// Across the normal and itself with its parts moved on by one, as a plate that is turned about its diagonal would lie; tested for the normals that this leaves as they are.
+// Across the normal and itself with its parts moved on by one, as a plate that is turned about its diagonal would lie; tested for the normals that this leaves as they are. Near those all parts are nearly
+// alike, where products would cancel; their differences are exact.
 vec3 squareplate(vec3 n) {
-    vec3 aside = cross_of(n, n.yzx);
+    vec3 p = n.xyz - n.zxy;
+    vec3 q = n.yzx - n.zxy;
+    vec3 aside = n.zxy * (p + q) + p * q;
     float square = dot_of(aside, aside);
     vec3 other = vec3(n.y, -n.x, 0.0);
-    aside = square > 1e-6 ? aside : other;
-    return aside / vec3(sqrt(dot_of(aside, aside)));
+    bool plate = square > 1e-6;
+    aside = plate ? aside : other;
+    square = plate ? square : dot_of(other, other);
+    return aside / vec3(sqrt(square));
+}
+
+// By one of the ways that take nothing but a normal.
+vec3 tangent_of(uint way, vec3 n) {
+    vec3 tangent = householder(n);
+    if (way == EBERLY) tangent = eberly(n);
+    if (way == SQUAREPLATE) tangent = squareplate(n);
+    return tangent;
+}
+
+// The normal's own tangent turned about it, by so much cosine and sine.
+vec3 turned(vec3 n, vec2 turn) {
+    vec3 own = householder(n);
+    return own * vec3(turn.x) + cross_of(n, own) * vec3(turn.y);
 }

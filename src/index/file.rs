@@ -8,6 +8,7 @@
 //! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
 //! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
 
+use super::axes::Axes;
 use super::exposure::Balance;
 use super::fault::Fault;
 use super::map::Map;
@@ -277,6 +278,9 @@ pub struct Contents {
     /// Normals that were derived are those of the files, all of them, and say which side of a surface is outside.
     #[serde(default)]
     pub oriented: bool,
+    /// Of all points, where strokes were derived; those of the file where they were not.
+    #[serde(default, skip_serializing_if = "Axes::are_the_files")]
+    pub axes: Axes,
     /// What gives all stations one exposure. A sample that is merged of several stations has the light of the one that it names. Indexes that were made before anybody looked for it have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub balance: Option<Balance>,

@@ -7,6 +7,7 @@ use crate::cloud::attribute::{Attribute, Shown};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::Result;
 use crate::graph::Gpu;
+use crate::index::axes::Axes;
 use crate::index::file::{Index, NodeRecord, PLANES, Plane};
 use crate::index::pack::Frame;
 use crate::index::spacing::spacing;
@@ -37,6 +38,7 @@ impl Resident {
             points: index.directory.contents.points,
             stations: Vec::new(),
             oriented: false,
+            axes: Axes::default(),
             balance: None,
             opacities: Opacities::default(),
             clips: Clips::default(),

@@ -23,6 +23,7 @@ use crate::cloud::{Cloud, Columns, Lattice, Part, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Gpu, Graph};
+use crate::index::axes::Axes;
 use crate::index::exposure::{self, Balance};
 use crate::index::marks::Contents;
 use crate::index::pack::{self, Frame};
@@ -105,6 +106,8 @@ pub struct Resident {
     pub balance: Option<Balance>,
     /// Normals that points have brought say which side of a surface is outside.
     pub oriented: bool,
+    /// What strokes are painted in.
+    pub axes: Axes,
     /// How opaque its points are; what hides some by their kind needs them to bring it.
     pub opacities: Opacities,
     /// Of an index, whose nodes come and go.
@@ -179,6 +182,7 @@ impl Resident {
             balance,
             // A file's normals, where it has any.
             oriented: shown.further.normal,
+            axes: if shown.further.strokes { index::axes::of(&cloud.parts) } else { Axes::default() },
             opacities: Opacities::default(),
             comes_and_goes: false,
             light: None,

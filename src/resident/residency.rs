@@ -158,6 +158,7 @@ impl Residency {
             stations: index.directory.contents.stations.clone(),
             balance: index.directory.contents.balance.clone().filter(|_| shown.coded),
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
+            axes: index.directory.contents.axes,
             opacities: Opacities::default(),
             comes_and_goes: true,
             light: index.marks.as_ref().filter(|_| shown.light().is_some()).map(|marks| Box::new(marks.contents.clone())),

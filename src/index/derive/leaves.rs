@@ -1,5 +1,6 @@
 //! A leaf in, what the points around each of its points tell of it out.
 
+use super::super::axes::Moments;
 use super::super::clusters::{self, Cluster, NEAR, NOBODY};
 use super::super::file::Plane;
 use super::super::forest::{Forest, Leaf};
@@ -11,6 +12,7 @@ use super::super::strokes::{self, Stroke};
 use super::super::surroundings::Surroundings;
 use crate::cloud::{Columns, octahedral};
 use crate::error::Result;
+use glam::DVec3;
 use std::sync::Arc;
 
 /// Points between two looks at whether the work is still wanted.
@@ -19,6 +21,8 @@ const BATCH: usize = 1 << 12;
 /// Of what a leaf's points were found to be.
 pub struct Found {
     pub derived: Derived,
+    /// From the middle of the whole cloud; where there are to be strokes.
+    pub moments: Moments,
     /// All normals are those of the file.
     pub oriented: bool,
 }
@@ -60,7 +64,17 @@ pub fn leaf(forest: &Forest, node: usize, derive: Derive, found: &(dyn Fn(u64) -
             places.zip(colors).for_each(|(place, color)| corrected[own.tree.number(place)] = color);
         }
     }
-    Ok(Found { derived, oriented })
+    let moments = if derive.strokes { moments(forest, node, &own) } else { Moments::default() };
+    Ok(Found { derived, moments, oriented })
+}
+
+fn moments(forest: &Forest, node: usize, own: &Leaf) -> Moments {
+    let (lattice, middle) = (forest.lattice(node), forest.directory.contents.bounds.map_or(DVec3::ZERO, |[lo, hi]| (lo + hi) / 2.0));
+    let world = |place: usize| {
+        let steps = own.tree.steps(place);
+        lattice.world([0, 1, 2].map(|axis| own.origin[axis] + steps[axis] as i64))
+    };
+    Moments::of((0..own.tree.len()).map(|place| world(place) - middle))
 }
 
 /// By their places.

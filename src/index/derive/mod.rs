@@ -11,6 +11,7 @@
 mod inner;
 mod leaves;
 
+use super::axes::Moments;
 use super::build::Options;
 use super::file::{Directory, NodeRecord, Plane, Writer};
 use super::forest::{Forest, Read};
@@ -30,9 +31,10 @@ pub fn derive(directory: &mut Directory, writer: &Writer, corners: &[[i64; 3]], 
     let keep = |directory: &mut Directory, crcs: Vec<Crc>| {
         crcs.into_iter().for_each(|Crc { node, plane, crc }| directory.nodes[node].crc[plane as usize] = crc);
     };
-    let Leaves { crcs, radii, oriented } = work.leaves(&work.forest(directory, &read))?;
+    let Leaves { crcs, radii, moments, oriented } = work.leaves(&work.forest(directory, &read))?;
     keep(directory, crcs);
     directory.contents.oriented = oriented;
+    directory.contents.axes = moments.axes();
     if options.derive.strokes {
         let crcs = work.cap(&work.forest(directory, &read), &radii)?;
         keep(directory, crcs);
@@ -58,6 +60,8 @@ struct Leaves {
     crcs: Vec<Crc>,
     /// How often each radius of a stroke occurs, of every tree by its lattice.
     radii: BTreeMap<u16, Vec<u64>>,
+    /// Of all points, where there are to be strokes.
+    moments: Moments,
     /// All normals are those of files.
     oriented: bool,
 }
@@ -116,14 +120,15 @@ impl Work<'_> {
         let of_leaf = |&leaf: &usize| {
             let found = leaves::leaf(forest, leaf, self.options.derive, &found)?;
             let counts = leaves::radii(&found.derived);
-            Ok((self.put_all(&nodes[leaf], leaf, &found.derived)?, (nodes[leaf].lattice, counts), found.oriented))
+            Ok((self.put_all(&nodes[leaf], leaf, &found.derived)?, (nodes[leaf].lattice, counts), found.moments, found.oriented))
         };
-        let mut all = Leaves { crcs: Vec::new(), radii: BTreeMap::new(), oriented: !leaves.is_empty() };
+        let mut all = Leaves { crcs: Vec::new(), radii: BTreeMap::new(), moments: Moments::default(), oriented: !leaves.is_empty() };
         // Counts of one leaf are as many numbers as it has radii: they are added up soon.
         for some in leaves.chunks(8 * self.options.threads) {
-            for (own, (lattice, counts), is_oriented) in some.par_iter().map(of_leaf).collect::<Result<Vec<_>>>()? {
+            for (own, (lattice, counts), moments, is_oriented) in some.par_iter().map(of_leaf).collect::<Result<Vec<_>>>()? {
                 all.crcs.extend(own);
                 all.oriented &= is_oriented;
+                all.moments = all.moments.and(moments);
                 let sums = all.radii.entry(lattice).or_insert_with(|| vec![0; leaves::RADII]);
                 counts.into_iter().for_each(|(radius, count)| sums[radius as usize] += count as u64);
             }

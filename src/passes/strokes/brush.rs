@@ -1,6 +1,18 @@
 //! Brushes: the numbers of the paper's equation 1, and the three of its figure 4 by name.
 
-use super::{Blend, Settings};
+use super::Painting;
+use super::settings::{Blend, Settings};
+use crate::error::Result;
+use crate::graph::{Buffer, Graph, Tiles};
+use crate::shader::{self, stroke_brush};
+
+/// As glsl/stroke_brush.comp: 256 brushes of 32 x 32 words.
+const WORDS: u32 = 256 * 32 * 32;
+
+/// 0.85 radii of a stroke that is 1.6 large: where dabs end, which neither leave holes nor stand out.
+const GROUND: f64 = 0.265;
+/// Of a dab, which ends there by itself.
+const ALL: f64 = 1.0;
 
 /// A named brush; its numbers may be set one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -28,6 +40,8 @@ pub struct Bristles {
     pub dev: f64,
     /// 6 to 9, of 3 x 3.
     pub gaussians: u32,
+    /// How far from its middle a stroke lies on the surface. Farther out, on crests and claws, it stands in the air: what only such ends cover is not painted.
+    pub ground: f64,
 }
 
 impl Brush {
@@ -36,9 +50,9 @@ impl Brush {
     fn bristles(self, blend: Blend) -> Bristles {
         let dab = if blend == Blend::Abuffer { 1.5 } else { 2.4 };
         match self {
-            Brush::Dabs => Bristles { size: dab, amplitude: 8.0, gamma: 3.0, sigma_x: 0.114, sigma_y: 0.0989, dev: 0.03, gaussians: 9 },
-            Brush::Bristles => Bristles { size: 1.6, amplitude: 1.0, gamma: 2.7, sigma_x: 0.142, sigma_y: 0.071, dev: 0.38, gaussians: 9 },
-            Brush::Ribbons => Bristles { size: 1.6, amplitude: 2.27, gamma: 2.4, sigma_x: 0.099, sigma_y: 0.1259, dev: 0.3, gaussians: 6 },
+            Brush::Dabs => Bristles { size: dab, amplitude: 8.0, gamma: 3.0, sigma_x: 0.114, sigma_y: 0.0989, dev: 0.03, gaussians: 9, ground: ALL },
+            Brush::Bristles => Bristles { size: 1.6, amplitude: 1.0, gamma: 2.7, sigma_x: 0.142, sigma_y: 0.071, dev: 0.38, gaussians: 9, ground: GROUND },
+            Brush::Ribbons => Bristles { size: 1.6, amplitude: 2.27, gamma: 2.4, sigma_x: 0.099, sigma_y: 0.1259, dev: 0.3, gaussians: 6, ground: GROUND },
         }
     }
 }
@@ -56,6 +70,7 @@ impl Bristles {
             sigma_y: or(settings.sigma_y, own.sigma_y),
             dev: or(settings.dev, own.dev),
             gaussians: or(settings.gaussians, own.gaussians as f64) as u32,
+            ground: own.ground,
         }
     }
 
@@ -84,4 +99,27 @@ pub fn turns(noise_degrees: f64) -> Vec<[f32; 2]> {
     let bound = noise_degrees.to_radians();
     let half = (0..256).map(|k| turn(k as f64 * std::f64::consts::PI / 256.0));
     spread(16, bound).chain(spread(4, bound / 3.0)).chain(half).collect()
+}
+
+impl Painting<'_> {
+    /// The words of all brushes, made where the kept ones are others.
+    pub(super) fn brushes(&self, g: &mut Graph, turns: &Buffer) -> Result<Buffer> {
+        let bristles = Bristles::of(&self.settings);
+        let made_of = [bristles.amplitude, bristles.gamma, bristles.sigma_x, bristles.sigma_y, bristles.dev, self.settings.noise];
+        let made_of = made_of.map(f64::to_bits).into_iter().chain([bristles.places() as u64]).collect();
+        let (mut brushes, kept) = g.kept("brushes", 4 * WORDS as u64, made_of, |_| 1)?;
+        if kept == 0 {
+            let inverse = |sigma: f64| (1.0 / (sigma * sigma)) as f32;
+            let push = stroke_brush::Push {
+                amplitude: bristles.amplitude as f32,
+                exponent: (bristles.gamma / 2.0) as f32,
+                across: inverse(bristles.sigma_x),
+                along: inverse(bristles.sigma_y),
+                apart: bristles.dev as f32,
+                gaussians: bristles.places(),
+            };
+            g.run(shader::StrokeBrush { turns, brushes: &mut brushes, push }, Tiles::Groups([WORDS / 64, 1, 1]));
+        }
+        Ok(brushes)
+    }
 }

@@ -6,6 +6,7 @@
 
 use crate::cloud::Part;
 use crate::cloud::octahedral;
+use crate::index::axes::{self, Axes};
 use crate::index::strokes::{Stroke, householder};
 use crate::passes::resolve::srgb_to_linear;
 use crate::passes::strokes::brush::{Bristles, turns};
@@ -159,12 +160,13 @@ impl<'v> Easel<'v> {
         let columns = &part.columns;
         let turns: Vec<DVec2> = turns(settings.noise).into_iter().map(|[c, s]| DVec2::new(c as f64, s as f64)).collect();
         let bristles = Bristles::of(settings);
+        let axes = axes::of(std::slice::from_ref(part));
         let seen = |(i, stroke): (usize, &Stroke)| {
             let steps = [columns.x[i], columns.y[i], columns.z[i]];
             let color = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]).map(|c| srgb_to_linear(c as f64 / 255.0));
             let at = part.lattice.world(steps.map(i64::from));
-            let painted = seen(view, settings, &bristles, &turns, at, stroke.words(steps), DVec3::from_array(color))?;
-            Some(Painted { opacity: opacity(i), ..painted })
+            let painted = seen(view, settings, &bristles, &turns, &axes, at, stroke.words(steps))?;
+            Some(Painted { color: DVec3::from_array(color), opacity: opacity(i), ..painted })
         };
         let painted = strokes.iter().enumerate().filter_map(seen).collect();
         Easel { view, order: settings.order, bristles, turns, painted }
@@ -174,7 +176,8 @@ impl<'v> Easel<'v> {
     fn fragments(&self, x: f64, y: f64) -> (Vec<Fragment>, bool) {
         let Easel { view, order, bristles, turns, painted } = self;
         let (origin, direction) = view.ray(x, y);
-        let mut sure = true;
+        let (mut sure, mut grounded) = (true, false);
+        let ground = bristles.ground;
         let mut fragments: Vec<Fragment> = Vec::new();
         for (number, stroke) in painted.iter().enumerate() {
             let steep = direction.dot(stroke.normal);
@@ -188,6 +191,8 @@ impl<'v> Easel<'v> {
             if depth <= 0.0 || edge > 0.5 + EDGE {
                 continue;
             }
+            grounded |= edge <= 0.5 && uv.length() <= ground;
+            sure &= (uv.length() - ground).abs() > EDGE;
             let seed = stroke.words[0] >> 24;
             let (mut covers, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
             if stroke.words[1] & 1 << 7 != 0 {
@@ -213,6 +218,9 @@ impl<'v> Easel<'v> {
                 };
                 fragments.push(Fragment { stroke: number, depth, order, coverage: covers, alpha, color });
             }
+        }
+        if !grounded {
+            fragments.clear();
         }
         (fragments, sure)
     }
@@ -245,9 +253,9 @@ fn seen(
     settings: &Settings,
     bristles: &Bristles,
     turns: &[DVec2],
+    axes: &Axes,
     at: DVec3,
     words: [u32; 2],
-    color: DVec3,
 ) -> Option<Painted> {
     let depth = (at - view.camera.eye).dot(view.basis.forward);
     if depth <= 0.0 {
@@ -263,8 +271,11 @@ fn seen(
     let normal = if stored.dot(sight) > 0.0 { -stored } else { stored };
     let (t, b) = householder(stored);
     let turn = turns[20 + (brush >> 8 & 255) as usize];
-    let along = if known { t * turn.x + b * turn.y } else { householder(normal).0 };
-    let tangent = tangent(settings.tangents, normal, along);
+    let tangent = match settings.tangents {
+        Tangents::Covariance if known => t * turn.x + b * turn.y,
+        Tangents::Covariance => axes.world(householder(axes.own(normal)).0),
+        way => axes.world(tangent(way, axes.own(normal), DVec3::ZERO)),
+    };
     let radius = f32::from_bits(brush & 0xFFFF_0000) as f64;
     let side = 2.0 * (bristles.size * radius * px_per_m).clamp(LEAST_PX as f64, settings.largest) / px_per_m;
     let length = 1.0 + settings.long * ((brush & 31) as f64 / 8.0).min(1.0);
@@ -275,7 +286,7 @@ fn seen(
         bitangent: normal.cross(tangent),
         sides: DVec2::new(side * length, side),
         words,
-        color,
+        color: DVec3::ONE,
         opacity: 1.0,
     })
 }

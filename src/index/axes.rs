@@ -1,0 +1,177 @@
+//! Points in, the cloud's own axes out: where it spreads most, next and least. A cloud that lies otherwise in its file has axes that are turned alike, and so have strokes that are painted in them.
+//!
+//! ```text
+//! of every point, from one middle: sums of the products of two and of three coordinates
+//! eigenvectors of the covariance; towards the side to which the cloud trails off farther (third moments)
+//! ```
+//! Where a cloud spreads alike along two axes there are none of its own, and it has those of its file: a frame that the last digits decide would be another one for the next version of the file. The same where
+//! nothing says which side is which.
+
+use super::normals::eigen;
+use crate::cloud::Part;
+use glam::DVec3;
+
+/// Spreads and lopsidednesses below this part of the largest spread are roundings.
+const NOTHING: f64 = 1e-6;
+
+/// Right-handed unit vectors.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Axes(pub [DVec3; 3]);
+
+impl Default for Axes {
+    fn default() -> Self {
+        Axes([DVec3::X, DVec3::Y, DVec3::Z])
+    }
+}
+
+impl Axes {
+    /// A vector of the world in them.
+    pub fn own(&self, v: DVec3) -> DVec3 {
+        DVec3::from_array(self.0.map(|axis| axis.dot(v)))
+    }
+
+    /// And back.
+    pub fn world(&self, v: DVec3) -> DVec3 {
+        let Axes([x, y, z]) = *self;
+        x * v.x + y * v.y + z * v.z
+    }
+
+    pub fn are_the_files(&self) -> bool {
+        *self == Axes::default()
+    }
+}
+
+/// Sums of products of points' coordinates from a middle that is the same for all.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moments {
+    count: f64,
+    first: DVec3,
+    /// xx, xy, xz, yy, yz, zz.
+    second: [f64; 6],
+    /// xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz.
+    third: [f64; 10],
+}
+
+impl Moments {
+    pub fn of(points: impl Iterator<Item = DVec3>) -> Moments {
+        let mut sums = Moments::default();
+        for p in points {
+            let [xx, xy, xz, yy, yz, zz] = products(p);
+            sums.count += 1.0;
+            sums.first += p;
+            sums.second.iter_mut().zip([xx, xy, xz, yy, yz, zz]).for_each(|(sum, product)| *sum += product);
+            let third = [xx * p.x, xx * p.y, xx * p.z, yy * p.x, xy * p.z, zz * p.x, yy * p.y, yy * p.z, zz * p.y, zz * p.z];
+            sums.third.iter_mut().zip(third).for_each(|(sum, product)| *sum += product);
+        }
+        sums
+    }
+
+    pub fn and(mut self, other: Moments) -> Moments {
+        self.count += other.count;
+        self.first += other.first;
+        self.second.iter_mut().zip(other.second).for_each(|(sum, other)| *sum += other);
+        self.third.iter_mut().zip(other.third).for_each(|(sum, other)| *sum += other);
+        self
+    }
+
+    pub fn axes(&self) -> Axes {
+        let count = self.count.max(1.0);
+        let mean = self.first / count;
+        let of_mean = products(mean);
+        let [(least, _), (middle, second), (most, first)] = eigen(std::array::from_fn(|k| self.second[k] / count - of_mean[k]));
+        if !(middle - least > NOTHING * most && most - middle > NOTHING * most) {
+            return Axes::default();
+        }
+        let [Some(x), Some(y)] = [first, second].map(|axis| self.towards(axis, mean, most)) else { return Axes::default() };
+        // Of numbers that the order of summing moves in their last digits pictures shall not tell.
+        let x = x.as_vec3().as_dvec3().normalize();
+        let y = y.as_vec3().as_dvec3();
+        let z = x.cross(y).normalize();
+        Axes([x, z.cross(x), z])
+    }
+
+    /// An axis, or the other way, so that the mean of the cubes along it is more than nothing.
+    fn towards(&self, axis: DVec3, mean: DVec3, most: f64) -> Option<DVec3> {
+        let DVec3 { x, y, z } = axis;
+        let count = self.count.max(1.0);
+        let factors = [
+            x * x * x,
+            3.0 * x * x * y,
+            3.0 * x * x * z,
+            3.0 * x * y * y,
+            6.0 * x * y * z,
+            3.0 * x * z * z,
+            y * y * y,
+            3.0 * y * y * z,
+            3.0 * y * z * z,
+            z * z * z,
+        ];
+        let cubes: f64 = self.third.iter().zip(factors).map(|(sum, factor)| sum / count * factor).sum();
+        let [xx, xy, xz, yy, yz, zz] = self.second.map(|sum| sum / count);
+        let squares = x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + x * z * xz + y * z * yz);
+        let m = mean.dot(axis);
+        let lopsided = cubes - 3.0 * m * squares + 2.0 * m * m * m;
+        (lopsided.abs() > NOTHING * most.powf(1.5)).then_some(if lopsided < 0.0 { -axis } else { axis })
+    }
+}
+
+/// Of all points of a cloud in memory.
+pub fn of(parts: &[Part]) -> Axes {
+    let bounds = parts.iter().filter_map(Part::bounds).reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)));
+    let middle = bounds.map_or(DVec3::ZERO, |(lo, hi)| (lo + hi) / 2.0);
+    let of_part = |part: &Part| {
+        let columns = &part.columns;
+        let world = |i: usize| part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from));
+        Moments::of((0..columns.len()).map(|i| world(i) - middle))
+    };
+    parts.iter().map(of_part).fold(Moments::default(), Moments::and).axes()
+}
+
+/// xx, xy, xz, yy, yz, zz.
+fn products(p: DVec3) -> [f64; 6] {
+    [p.x * p.x, p.x * p.y, p.x * p.z, p.y * p.y, p.y * p.z, p.z * p.z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    /// Points that trail off along all axes.
+    fn lump() -> Vec<DVec3> {
+        (0..500)
+            .map(|k| k as f64 / 500.0)
+            .map(|t| DVec3::new(5.0 * t * t, 2.0 * (7.3 * t).fract().powi(3), (31.7 * t).fract().powi(4)))
+            .collect()
+    }
+
+    #[test]
+    fn axes_turn_with_the_points_wherever_they_are() {
+        let of = |turn: DQuat, to: DVec3| Moments::of(lump().into_iter().map(|p| turn * p + to)).axes().0;
+        let own = of(DQuat::IDENTITY, DVec3::ZERO);
+        assert!((own[0].cross(own[1]).dot(own[2]) - 1.0).abs() < 1e-12 && own[0].x > 0.8, "{own:?}");
+        for k in 0..50 {
+            let turn = DQuat::from_axis_angle(DVec3::new((k as f64).sin(), (2.1 * k as f64).cos(), 0.3).normalize(), k as f64);
+            let found = of(turn, DVec3::new(3.0, -2.0, 1.0));
+            (0..3).for_each(|i| assert!(found[i].distance(turn * own[i]) < 1e-5, "{k}: {found:?}"));
+        }
+    }
+
+    #[test]
+    fn what_has_no_axes_of_its_own_has_those_of_its_file() {
+        let ball = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
+        assert_eq!(Moments::of(ball.clone()).axes(), Axes::default(), "no direction");
+        assert_eq!(Moments::of(ball.map(|p| p * DVec3::new(3.0, 2.0, 1.0))).axes(), Axes::default(), "no side");
+        assert_eq!(Moments::default().axes(), Axes::default());
+    }
+
+    #[test]
+    fn parts_add_up() {
+        let points = lump();
+        let (some, others) = points.split_at(123);
+        let [whole, parts] =
+            [Moments::of(points.iter().copied()), Moments::of(some.iter().copied()).and(Moments::of(others.iter().copied()))];
+        let (whole, parts) = (whole.axes().0, parts.axes().0);
+        (0..3).for_each(|i| assert!(whole[i].distance(parts[i]) < 1e-6));
+    }
+}

@@ -1,0 +1,24 @@
+//! Z-buffered strokes in, softened ones out (dos Anjos et al. 2018, sec. 3.3.3): across, then down.
+
+use super::settings::{Blend, Settings};
+use crate::graph::{Graph, Kind, Tiles};
+use crate::passes::{Layers, Scene};
+use crate::shader::{self, stroke_blur};
+
+/// Softens z-buffered strokes, where that is asked for.
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
+    if settings.blend != Blend::Blur {
+        return layers;
+    }
+    let radius = settings.radius.round().min(8.0);
+    // Falls to e^-2 at the radius.
+    let weights = std::array::from_fn(|k| (-2.0 * (k as f64 / radius).powi(2)).exp() as f32);
+    let mut color = layers.color;
+    for along in [[1, 0], [0, 1]] {
+        let mut blurred = g.image("blurred", scene.view.size, Kind::Rgba32f);
+        let push = stroke_blur::Push { size: scene.view.size, along, weights, radius_px: radius as i32 };
+        g.run(shader::StrokeBlur { color: &color, blurred: &mut blurred, push }, Tiles::All);
+        color = blurred;
+    }
+    Layers { color, ..layers }
+}

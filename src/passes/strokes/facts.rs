@@ -1,0 +1,52 @@
+//! What painting took, in numbers and in words.
+
+/// What painting took, for `--explain`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Facts {
+    /// Strokes in the lists of tiles; one that touches two tiles counts twice.
+    pub listed: u64,
+    /// Of the A-buffer.
+    pub fragments: u64,
+    /// That are not in it, because they lie behind one that covers its pixel wholly; no others are left out.
+    pub hidden: u64,
+    /// In one pixel, at most.
+    pub deepest: u32,
+    /// In which the picture was painted, because all lists together would have been larger than the memory allowed.
+    pub parts: u32,
+    /// Of the largest part.
+    pub bytes: u64,
+    /// On the device, of what was counted beforehand, milliseconds.
+    pub counting_ms: f64,
+}
+
+impl Facts {
+    /// Of an A-buffer that is kept, what later frames say of it.
+    pub fn notes(&self) -> [u64; 5] {
+        [self.listed, self.fragments, self.hidden, self.deepest as u64, self.bytes]
+    }
+
+    /// Where the memory allowed was reached.
+    pub fn note(&self) -> Option<String> {
+        let parts = self.parts;
+        (parts > 1).then(|| format!("painted in {parts} parts, because the memory allowed was reached; more, and fewer parts, with --abuffer-memory; the picture is the same"))
+    }
+
+    pub fn of([listed, fragments, hidden, deepest, bytes]: [u64; 5]) -> Facts {
+        Facts { listed, fragments, hidden, deepest: deepest as u32, parts: 1, bytes, counting_ms: 0.0 }
+    }
+}
+
+impl std::fmt::Display for Facts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{} in the lists of tiles; {} fragments, {} in a pixel at most, none left out but {} wholly behind others; {} MiB, {}",
+            self.listed,
+            self.fragments,
+            self.deepest,
+            self.hidden,
+            self.bytes.div_ceil(1 << 20),
+            self.note().unwrap_or("all at once".into())
+        )
+    }
+}

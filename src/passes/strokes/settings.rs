@@ -1,0 +1,141 @@
+//! What a user may say of strokes.
+
+use super::super::{Setting, Value};
+use super::brush::Brush;
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    pub brush: Brush,
+    pub blend: Blend,
+    pub sort: Sort,
+    pub order: Order,
+    pub tangents: Tangents,
+    /// Of the brush where 0: see [`Bristles`].
+    pub size: f64,
+    pub amplitude: f64,
+    pub gamma: f64,
+    pub sigma_x: f64,
+    pub sigma_y: f64,
+    pub dev: f64,
+    pub gaussians: f64,
+    /// Strokes are turned from their tangents by so much at most, degrees.
+    pub noise: f64,
+    /// How much longer strokes are on clusters that are twice as long as wide.
+    pub long: f64,
+    /// Half a stroke's side on the screen, at most, pixels.
+    pub largest: f64,
+    /// Passes of sort=bubble; 0: until everything is in order.
+    pub passes: f64,
+    /// Of lists and fragments, MiB.
+    pub memory: f64,
+    /// Radius of blend=blur, pixels.
+    pub radius: f64,
+}
+
+/// What strokes that lie over each other look like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Blend {
+    /// Each shows through those before it as far as they leave it uncovered.
+    #[default]
+    Abuffer,
+    /// The nearest is all there is; softened.
+    Blur,
+    /// The nearest is all there is.
+    Opaque,
+}
+
+/// How the fragments of a pixel are brought into order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sort {
+    #[default]
+    Exact,
+    /// A fragment a pass, as a picture that stands still is refined.
+    Bubble,
+}
+
+/// What the fragments of a pixel are ordered by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Order {
+    /// Their own depths: strokes that lie askew run through each other (the paper's second limitation).
+    #[default]
+    Pixel,
+    /// Those of their strokes' points: a stroke is over another one everywhere.
+    Stroke,
+}
+
+/// What strokes are painted along. All but the last take the normal alone, in the cloud's own axes (`index::axes`): in those of its file the same surface, turned there, would be painted along other lines
+/// (52 degrees away in the mean on a torus that is turned by a quarter). The paper turns the tangents with the cloud instead, which takes someone who knows that it was turned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Tangents {
+    #[default]
+    Householder,
+    Eberly,
+    Squareplate,
+    /// Where a point's neighbours spread most.
+    Covariance,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            brush: Brush::default(),
+            blend: Blend::default(),
+            sort: Sort::default(),
+            order: Order::default(),
+            tangents: Tangents::default(),
+            size: 0.0,
+            amplitude: 0.0,
+            gamma: 0.0,
+            sigma_x: 0.0,
+            sigma_y: 0.0,
+            dev: 0.0,
+            gaussians: 0.0,
+            noise: 20.0,
+            long: 0.5,
+            largest: 96.0,
+            passes: 0.0,
+            memory: 512.0,
+            radius: 2.0,
+        }
+    }
+}
+
+impl super::super::Settings for Settings {
+    fn list(&mut self) -> Vec<Setting<'_>> {
+        let number = Value::Number;
+        vec![
+            Setting { name: "brush", about: "which brush", value: Value::Choice(&mut self.brush) },
+            Setting { name: "blend", about: "what strokes over each other look like", value: Value::Choice(&mut self.blend) },
+            Setting { name: "sort", about: "how the strokes of a pixel are ordered", value: Value::Choice(&mut self.sort) },
+            Setting { name: "order", about: "what it goes by: the depth in each pixel, or that of the whole stroke", value: Value::Choice(&mut self.order) },
+            Setting { name: "tangents", about: "what strokes are painted along", value: Value::Choice(&mut self.tangents) },
+            Setting { name: "size", about: "half a stroke's side, radii of its point; 0: the brush's own, here and below", value: number(&mut self.size, 0.0..=64.0) },
+            Setting { name: "amplitude", about: "of a Gaussian: how opaque", value: number(&mut self.amplitude, 0.0..=64.0) },
+            Setting { name: "gamma", about: "its exponent: how square", value: number(&mut self.gamma, 0.0..=16.0) },
+            Setting { name: "sigma_x", about: "its width along the tangent, parts of a side", value: number(&mut self.sigma_x, 0.0..=4.0) },
+            Setting { name: "sigma_y", about: "and across it", value: number(&mut self.sigma_y, 0.0..=4.0) },
+            Setting { name: "dev", about: "from one to the next on the 3 x 3 grid, parts of a side", value: number(&mut self.dev, 0.0..=1.0) },
+            Setting { name: "gaussians", about: "of the grid, 6 to 9", value: number(&mut self.gaussians, 0.0..=9.0) },
+            Setting { name: "noise", about: "how far strokes are turned at most, degrees", value: number(&mut self.noise, 0.0..=180.0) },
+            Setting { name: "long", about: "how much longer strokes are on long clusters", value: number(&mut self.long, 0.0..=1.0) },
+            Setting { name: "largest", about: "half a side on the screen at most, pixels", value: number(&mut self.largest, 1.0..=512.0) },
+            Setting { name: "passes", about: "of sort=bubble; 0: until all are in order", value: number(&mut self.passes, 0.0..=1e6) },
+            Setting { name: "memory", about: "of lists and fragments, MiB; what needs more is painted in parts", value: number(&mut self.memory, 1.0..=65536.0) },
+            Setting { name: "radius", about: "of blend=blur, pixels", value: number(&mut self.radius, 1.0..=8.0) },
+        ]
+    }
+}
+
+impl Settings {
+    /// Fragments of a pixel that are brought into order before the rest is left out.
+    pub fn last(&self) -> u32 {
+        match (self.sort, self.passes as u32) {
+            (Sort::Exact, _) | (Sort::Bubble, 0) => u32::MAX,
+            (Sort::Bubble, passes) => passes,
+        }
+    }
+}

@@ -1,0 +1,25 @@
+//! Normals in, the tangents that strokes are painted along out: by the functions that stroke_bins calls, for the study that times them and for the test against their f64 twin (HARD_CASES 19).
+
+use super::Tangents;
+use crate::error::Result;
+use crate::graph::{Gpu, Graph, Tiles};
+use crate::shader::{self, Direction};
+
+/// What the device finds, as strokes are painted; and how long it takes, milliseconds.
+pub fn on_device(gpu: &mut Gpu, way: Tangents, directions: &[Direction]) -> Result<(Vec<[f32; 3]>, f64)> {
+    /// Workgroups in a row, as many as every device takes.
+    const ROW: u32 = 65_535;
+    let count = directions.len() as u32;
+    let mut g = Graph::new(gpu);
+    let directions = g.upload("directions", directions)?;
+    let mut tangents = g.buffer("tangents", 12 * count.max(1) as u64);
+    g.fill(&mut tangents, 0);
+    let groups = count.div_ceil(64).max(1);
+    let push = shader::tangents::Push { count, way: way as u32 };
+    g.run(shader::Tangents { directions: &directions, tangents: &mut tangents, push }, Tiles::Groups([groups.min(ROW), groups.div_ceil(ROW), 1]));
+    let found = g.download_buffer(&tangents);
+    let frame = g.submit(&[])?;
+    let found = (frame.read::<[f32; 3]>(&found)[..count as usize].to_vec(), frame.ms("tangents"));
+    frame.shelve(gpu);
+    Ok(found)
+}
