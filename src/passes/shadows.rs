@@ -372,13 +372,13 @@ pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reac
     let [mut depth, mut filled, mut limit] = ["light depth", "light filled", "light limit"].map(|name| g.image(name, size, Kind::R32f));
     g.run(shader::LightDepth { keys, depth: &mut depth, push: light_depth::Push { size } }, Tiles::All);
     let (texel, metres, texels, steepest) = (layer.texel as f32, layer.metres as f32, layer.texels as f32, layer.steepest as f32);
-    for _ in 0..layer.fill {
-        let push = light_fill::Push { size, texel, layer: metres, layer_px: texels, steepest };
+    for step in 0..layer.fill {
+        let push = light_fill::Push { size, texel, layer: metres, layer_px: texels, steepest, filled: step as f32 };
         let spec = light_fill::Spec { perspective: layer.perspective };
         g.run(shader::LightFill { depth: &depth, filled: &mut filled, push, spec }, Tiles::All);
         std::mem::swap(&mut depth, &mut filled);
     }
-    let push = light_limit::Push { size, texel, layer: metres, layer_px: texels, steepest };
+    let push = light_limit::Push { size, texel, layer: metres, layer_px: texels, steepest, filled: layer.fill as f32 };
     let spec = light_limit::Spec { perspective: layer.perspective };
     g.run(shader::LightLimit { depth: &depth, limit: &mut limit, push, spec }, Tiles::All);
     Reached { depth, limit }
