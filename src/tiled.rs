@@ -104,12 +104,14 @@ pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, p
     // Of a picture in pieces effects are decided by as much of the cloud as shows it whole on a screen.
     let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
     let mut notes = Vec::new();
-    let mut note = |taken: Option<Taken>| {
-        let new = taken.into_iter().flat_map(|taken| taken.notes).filter(|note: &String| !notes.contains(note)).collect::<Vec<_>>();
+    let mut note = |said: Vec<String>| {
+        let new = said.into_iter().filter(|note| !notes.contains(note)).collect::<Vec<_>>();
         notes.extend(new);
     };
-    note(cloud.settle(gpu, view, &fineness.of(overview), progress)?);
+    let of = |taken: Option<Taken>| taken.map_or(Vec::new(), |taken| taken.notes);
+    note(of(cloud.settle(gpu, view, &fineness.of(overview), progress)?));
     let look = look::decide(wishes, view, cloud.resident());
+    note(look.notes(cloud.resident()));
     let pieces = Pieces::of(gpu, view, &look, piece)?;
     let total = pieces.rows().map(|row| row.len() as u64).sum();
     let mut done = 0;
@@ -121,7 +123,7 @@ pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, p
                 let progress = Whole { progress, doing: "drawing pieces", done, total };
                 let window = view.window(piece.window_corner.map(|at| at as i32), piece.window_size);
                 if total > 1 {
-                    note(cloud.settle(gpu, &window, &fineness.of(window.size), &progress)?);
+                    note(of(cloud.settle(gpu, &window, &fineness.of(window.size), &progress)?));
                 }
                 draw(gpu, cloud, &window, &look, &progress, |bytes| cut_out(bytes, &piece, view.size[0] as usize, &mut pixels))?;
                 done += 1;
