@@ -293,7 +293,7 @@ fn a_mesh_is_shaded_as_rays_say() {
 fn peeling_marks_the_same_points_as_comparing_depths() {
     let cloud = Ring::new().cloud(15_000);
     for light in [Light::Direction(DVec3::new(0.5, 0.3, -0.8)), Light::Position(DVec3::new(0.3, 0.2, 0.9))] {
-        let settings = Settings { samples: 2.0, ..Settings::default() };
+        let settings = Settings { samples: 2.0, peels: 160.0, ..Settings::default() };
         let [depth, index] = [Method::Depth, Method::Index].map(|method| marked(&cloud, light, Settings { method, ..settings }));
         let lit = depth.0.iter().filter(|(_, count)| *count > 0).count();
         let differing = depth.0.iter().zip(&index.0).filter(|(a, b)| a != b).count();
