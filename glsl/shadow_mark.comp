@@ -7,8 +7,7 @@
 
 layout(local_size_x = 64) in;
 
-// How many points the peel before has marked, and this one.
-layout(scalar) readonly buffer Before { uint count[]; } before;
+// How many points some peels have marked.
 layout(scalar) buffer Peeled { uint count[]; } peeled;
 layout(scalar) buffer Keys { uvec2 key[]; } keys;
 layout(scalar) buffer Last { uvec2 key[]; } last;
@@ -21,7 +20,7 @@ layout(push_constant, scalar) uniform Push {
 
 void main() {
     uvec2 at = gl_GlobalInvocationID.xy;
-    if (at.x >= push.size.x || at.y >= push.size.y || before.count[0] == 0u) return;
+    if (at.x >= push.size.x || at.y >= push.size.y) return;
     uint texel = at.y * push.size.x + at.x;
     uvec2 key = keys.key[texel];
     if (key.x == NO_POINT) return;

@@ -22,8 +22,6 @@ layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
 layout(r32f) readonly uniform image2D limit;
-// How many points the peel before has marked.
-layout(scalar) readonly buffer Peeled { uint count[]; } peeled;
 // Point, depth bits; of the peel before, and of this one.
 layout(scalar) readonly buffer Last { uvec2 key[]; } last;
 layout(scalar) buffer Keys { uint word[]; } keys;
@@ -47,5 +45,4 @@ void four(uint pixel[4], float depth[4], uint first) {
     }
 }
 
-#define CHUNKS_TO_WALK (peeled.count[0] == 0u ? 0u : push.chunk_count)
 #include "walk.glsl"

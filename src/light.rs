@@ -16,6 +16,22 @@ pub enum Light {
     Position(DVec3),
 }
 
+impl Light {
+    /// Whether both are one light, however long a direction is.
+    pub fn is_as(&self, other: &Light) -> bool {
+        match (self, other) {
+            // Directions differ by what dividing by a length rounds.
+            (Light::Direction(a), Light::Direction(b)) => (a.normalize() - b.normalize()).length() <= 8.0 * f64::EPSILON,
+            _ => self == other,
+        }
+    }
+
+    /// The same of one that was written down.
+    pub fn is_written(&self, text: &str) -> bool {
+        text.parse::<Light>().is_ok_and(|written| written.is_as(self))
+    }
+}
+
 impl std::str::FromStr for Light {
     type Err = String;
 
@@ -65,6 +81,23 @@ mod tests {
             assert_eq!(light.to_string().parse(), Ok(light));
         }
         assert_eq!("direction: 0, 0, -1".parse(), Ok(Light::Direction(DVec3::NEG_Z)));
+    }
+
+    #[test]
+    fn a_direction_has_no_length() {
+        let light = |text: &str| text.parse::<Light>().unwrap();
+        let sun = light("direction:0.3,0.8,-0.8");
+        assert!(
+            ["direction:0.6,1.6,-1.6", "direction:3,8,-8", "direction:0.1,0.26666666666666666,-0.26666666666666666"]
+                .iter()
+                .all(|text| sun.is_as(&light(text)))
+        );
+        assert!(
+            ["direction:-0.3,-0.8,0.8", "direction:0.3,0.8,-0.800001", "position:0.3,0.8,-0.8", "headlight"]
+                .iter()
+                .all(|text| !sun.is_as(&light(text)))
+        );
+        assert!(light("position:1,2,3").is_as(&light("position:1,2,3")) && !light("position:1,2,3").is_as(&light("position:2,4,6")));
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! What the user asked for + what the scene calls for -> the look of this frame, with reasons.
 
+mod notes;
+
 use crate::light::Light;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;

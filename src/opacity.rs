@@ -1,7 +1,7 @@
 //! How opaque points are: rules of the user, and what they come to for every class, return and station.
 
 use crate::cloud::Station;
-use crate::cloud::counts::{CLASSES, RETURNS};
+use crate::cloud::counts::{CLASSES, Counts, RETURNS};
 use serde::Serialize;
 
 /// What a rule is about.
@@ -23,6 +23,15 @@ pub struct Rule {
     pub what: What,
     /// 0: is not drawn at all; 1: hides what is behind.
     pub opacity: f64,
+}
+
+/// What is known of the points that rules may be about.
+#[derive(Clone, Copy, Debug)]
+pub struct Known<'c> {
+    pub stations: &'c [Station],
+    pub points: u64,
+    /// Of classes and returns, where somebody has counted.
+    pub counts: Option<&'c Counts>,
 }
 
 /// All rules; the opacities of those that are about a point are multiplied.
@@ -82,6 +91,21 @@ impl What {
         }
     }
 
+    /// Whether there may be points that it is about.
+    fn is_of_some(&self, known: &Known) -> bool {
+        // A point that says nothing of its class or return has 0.
+        let counted = |list: &[(u8, u64)], wanted: u8| {
+            let silent = || list.iter().map(|(_, count)| count).sum::<u64>() < known.points;
+            list.iter().any(|(kind, _)| *kind == wanted) || wanted == 0 && silent()
+        };
+        match self {
+            What::All => true,
+            What::Class(class) => known.counts.is_none_or(|counts| counted(&counts.classes, *class)),
+            What::Return(number) => known.counts.is_none_or(|counts| counted(&counts.returns, *number)),
+            What::Station(_) | What::File(_) => known.stations.iter().enumerate().any(|(number, station)| self.is_of(number, station)),
+        }
+    }
+
     fn names_stations(&self) -> bool {
         matches!(self, What::Station(_) | What::File(_))
     }
@@ -89,13 +113,31 @@ impl What {
 
 impl Opacities {
     /// Whether some points let through what is behind them.
-    pub fn is_transparent(&self) -> bool {
-        self.0.iter().any(|rule| rule.opacity > 0.0 && rule.opacity < 1.0)
+    pub fn is_transparent(&self, known: &Known) -> bool {
+        self.0.iter().any(|rule| rule.opacity > 0.0 && rule.opacity < 1.0 && rule.what.is_of_some(known))
     }
 
     /// Whether some points are not drawn at all.
-    pub fn hides(&self) -> bool {
-        self.0.iter().any(|rule| rule.opacity == 0.0)
+    pub fn hides(&self, known: &Known) -> bool {
+        self.0.iter().any(|rule| rule.opacity == 0.0 && rule.what.is_of_some(known))
+    }
+
+    /// Of each rule that is about no point there is, that, in words.
+    pub fn idle(&self, known: &Known) -> Vec<String> {
+        let list = |kinds: &[(u8, u64)]| {
+            let numbers: Vec<_> = kinds.iter().take(16).map(|(kind, _)| kind.to_string()).collect();
+            if numbers.is_empty() { "none".into() } else { numbers.join(", ") + if kinds.len() > 16 { ", ..." } else { "" } }
+        };
+        let said = |rule: &Rule| {
+            let counts = known.counts.filter(|_| !rule.what.is_of_some(known))?;
+            let (kind, there) = match rule.what {
+                What::Class(class) => (format!("of class {class}"), list(&counts.classes)),
+                What::Return(number) => (format!("of return {number}"), list(&counts.returns)),
+                _ => return None,
+            };
+            Some(format!("--opacity {rule}: no point is {kind}; there are: {there}"))
+        };
+        self.0.iter().filter_map(said).collect()
     }
 
     /// Numbers of the stations of which points may be drawn.
@@ -111,9 +153,8 @@ impl Opacities {
 
     /// The rule that is about no station there is, in words.
     pub fn lost(&self, stations: &[Station]) -> Option<String> {
-        let is_lost = |rule: &&Rule| {
-            rule.what.names_stations() && !stations.iter().enumerate().any(|(number, station)| rule.what.is_of(number, station))
-        };
+        let known = Known { stations, points: 0, counts: None };
+        let is_lost = |rule: &&Rule| rule.what.names_stations() && !rule.what.is_of_some(&known);
         let (What::Station(name) | What::File(name)) = &self.0.iter().find(is_lost)?.what else { return None };
         let names: Vec<&str> = stations.iter().take(8).map(|station| station.name.as_str()).collect();
         let more = if stations.len() > names.len() { ", ..." } else { "" };
@@ -157,8 +198,25 @@ mod tests {
         let table = opacities.table(&stations());
         assert_eq!([table[5], table[6], table[256 + 1], table[256 + 2]], [0.5, 0.25, 1.0, 0.0]);
         assert_eq!(table[272..], [0.5, 0.125, 0.75]);
-        assert!(opacities.is_transparent() && opacities.hides() && opacities.needs_kinds());
-        assert_eq!(opacities.lost(&stations()), None);
+        let stations = stations();
+        let known = Known { stations: &stations, points: 3, counts: None };
+        assert!(opacities.is_transparent(&known) && opacities.hides(&known) && opacities.needs_kinds());
+        assert_eq!(opacities.lost(&stations), None);
+    }
+
+    /// Rules about points that are not there peel no layers and leave nothing out; points that say nothing of their class are of class 0.
+    #[test]
+    fn rules_about_no_point_there_is_change_nothing_and_say_so() {
+        let of = |rule: &str| Opacities(vec![rule.parse().unwrap()]);
+        let counts = Counts { classes: vec![(2, 5), (6, 4)], returns: vec![(1, 10)] };
+        let known = Known { stations: &[], points: 10, counts: Some(&counts) };
+        assert!(["0.5", "class:2=0.5", "class:0=0.5", "return:1=0.5"].iter().all(|rule| of(rule).is_transparent(&known)));
+        assert!(["class:99=0.5", "return:0=0.5", "return:2=0.5", "station:a=0.5"].iter().all(|rule| !of(rule).is_transparent(&known)));
+        assert!(of("class:6=0").hides(&known) && !of("class:7=0").hides(&known));
+        assert_eq!(of("class:99=0.3").idle(&known), ["--opacity class:99=0.3: no point is of class 99; there are: 2, 6"]);
+        assert!(of("class:0=0.3").idle(&known).is_empty() && of("0.3").idle(&known).is_empty());
+        let nobody_counted = Known { counts: None, ..known };
+        assert!(of("class:99=0.5").is_transparent(&nobody_counted) && of("class:99=0.5").idle(&nobody_counted).is_empty());
     }
 
     #[test]

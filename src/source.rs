@@ -54,7 +54,7 @@ impl Opening {
     fn equipped(&self, mut index: Index) -> Result<Source> {
         if let Some((path, light)) = &self.shadows {
             let marks = Marks::open(path, &index)?;
-            if marks.contents.light != light.to_string() {
+            if !light.is_written(&marks.contents.light) {
                 return Err(Error::Request(format!(
                     "{} has shadows of --light {}, and the picture's is {light}; ask for that light, or cast others with `pointillist shadows`",
                     path.display(),

@@ -118,7 +118,7 @@ pub struct Tiled {
     plan: Option<Plan>,
     /// The tiles of one row.
     pixels: Vec<u8>,
-    /// What could not be read.
+    /// What could not be read, and what was asked for and changes nothing.
     notes: Vec<String>,
 }
 
@@ -169,7 +169,7 @@ impl Tiled {
         drawn.map(|()| is_whole)
     }
 
-    /// What could not be read, now that the file is there.
+    /// Notes, now that the file is there.
     pub fn finish(self) -> Result<Vec<String>> {
         self.rows.finish()?;
         Ok(self.notes)
@@ -179,8 +179,10 @@ impl Tiled {
         let Wanted { view, wishes, fineness, piece, tile } = self.wanted.clone();
         // Of a picture in pieces effects are decided by as much of the cloud as shows it whole on a screen.
         let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
-        self.note(cloud.settle(gpu, &view, &fineness.of(overview), progress)?);
+        let taken = cloud.settle(gpu, &view, &fineness.of(overview), progress)?;
+        self.note(notes_of(taken));
         let look = look::decide(&wishes, &view, cloud.resident());
+        self.note(look.notes(cloud.resident()));
         let pieces = Pieces::of(gpu, &view, &look, piece)?;
         // Strokes are placed from the corner of what is drawn, so that another corner rounds their rims otherwise.
         let reach = look.reach_px(&view).filter(|_| !look.decided.runs("strokes"));
@@ -198,7 +200,7 @@ impl Tiled {
         let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
         self.pixels.resize(3 * width * height as usize, 0);
         draw(gpu, cloud, &window, &plan.look, &whole, |bytes| cut_out(bytes, &part, top, width, &mut self.pixels))?;
-        self.note(taken);
+        self.note(notes_of(taken));
         if is_last {
             self.rows.write(&self.pixels)?;
             self.pixels.clear();
@@ -207,13 +209,17 @@ impl Tiled {
         Ok(())
     }
 
-    fn note(&mut self, taken: Option<Taken>) {
-        for note in taken.into_iter().flat_map(|taken| taken.notes) {
+    fn note(&mut self, said: Vec<String>) {
+        for note in said {
             if !self.notes.contains(&note) {
                 self.notes.push(note);
             }
         }
     }
+}
+
+fn notes_of(taken: Option<Taken>) -> Vec<String> {
+    taken.map_or(Vec::new(), |taken| taken.notes)
 }
 
 /// A row of pieces as it is drawn: in tiles of this side, with borders as wide; else as it is.
@@ -242,7 +248,7 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
     tiles
 }
 
-/// Draws a picture into a file. What could not be read is said in the end.
+/// Draws a picture into a file. What could not be read, and what changes nothing, is said in the end.
 pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: Wanted, path: &Path, progress: &dyn Progress) -> Result<Vec<String>> {
     let mut picture = Tiled::begin(wanted, path)?;
     while !picture.step(gpu, cloud, progress)? {}

@@ -478,3 +478,28 @@ fn a_painting_that_needs_more_memory_than_allowed_is_the_same_and_says_so() {
     assert!(!ample.contains("memory allowed") && scarce.contains("because the memory allowed was reached"), "{ample}{scarce}");
     failed(&place.render(&cloud, "-o @out.png --style strokes --abuffer-memory 1KiB"), 2);
 }
+
+/// What was asked for and changes nothing is said, and costs nothing; what is cut off is said, too.
+#[test]
+fn settings_that_change_nothing_are_said() {
+    let place = Place::new();
+    let cloud = place.scan("tori.las", Scene::NestedTori, 60_000);
+    let said = |line: &str| {
+        let output = place.render(&cloud, &format!("-o @out.png --size 96x64 {line}"));
+        let said = succeeded(&output);
+        (said, fs::read(place.at("out.png")).unwrap(), text(&output.stdout))
+    };
+    let (quiet, plain, _) = said("");
+    assert!(!quiet.contains("note:"), "{quiet}");
+    let (lost, picture, explained) = said("--opacity class:99=0.3 --explain=json");
+    assert!(lost.contains("note: --opacity class:99=0.3: no point is of class 99; there are: 1, 2, 3"), "{lost}");
+    assert!(picture == plain && !explained.contains("\"transparency\": {\"runs\": true"), "{explained}");
+    let (there, picture, _) = said("--opacity class:3=0.3");
+    assert!(!there.contains("note:") && picture != plain, "{there}");
+    let (drop, ..) = said("--light direction:0.3,0.8,-0.8 --effect phong=backfaces=drop");
+    assert!(drop.contains("note: phong=backfaces=drop: no normals of the files say which side is outside"), "{drop}");
+    let shadows = |settings: &str| said(&format!("--light direction:0.3,0.8,-0.8 --effect shadows=on,size=64{settings}"));
+    let [(depth, by_depth, _), (index, by_index, _), (cut, by_few, _)] = ["", ",method=index", ",method=index,peels=2"].map(shadows);
+    assert!(!depth.contains("note:") && !index.contains("note:") && by_depth == by_index, "{depth}{index}");
+    assert!(cut.contains("note: shadows by index peeling were cut off in ") && by_few != by_depth, "{cut}");
+}

@@ -66,6 +66,22 @@ fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
         read_png(&place.at(&format!("{name}.png")))
     });
     assert!(cast.pixels == saved.pixels && cast.pixels != none.pixels);
+    // A direction has no length; and settings of what is not cast any more change nothing, but how dark shadows are.
+    let note = |line: &str| {
+        let said = succeeded(&place.run(&format!("render @street.pnti --size 320x200 -o @again.png {all} --shadows @a.shadows {line}")));
+        (said, read_png(&place.at("again.png")).pixels == saved.pixels)
+    };
+    let (quiet, same) = note("--light direction:0.6,1.6,-1.6");
+    assert!(!quiet.contains("note:") && same, "{quiet}");
+    let (said, same) = note(&format!("{LIGHT} --effect shadows=on,samples=16,radius=20"));
+    assert!(said.contains("note: shadows are those that were saved, and take no account of samples and radius;") && same, "{said}");
+    let (said, same) = note(&format!("{LIGHT} --effect shadows=on,ambient=0.1"));
+    assert!(!said.contains("note:") && !same, "{said}");
+    let (said, _) = note(&format!("{LIGHT} --clip outside:499998,5000020,90,500002,5000030,110"));
+    assert!(
+        said.contains("note: shadows that were saved are those of all points, also of those that --opacity or --clip leave out"),
+        "{said}"
+    );
     // A coarse picture has them, too.
     let coarse = place.explained(&format!("-o @coarse.png --lod 8 {LIGHT} --shadows @a.shadows"));
     assert!(!casts(&coarse) && coarse["shadows"]["saved"] == true, "{coarse}");

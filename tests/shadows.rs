@@ -108,7 +108,7 @@ struct Verdict {
     clear: usize,
     falsely_dark: usize,
     falsely_lit: usize,
-    /// Nearer behind what shades them than the layer allows at the steepest angle.
+    /// Nearer behind what shades them than its layer is deep along the light.
     in_gap: usize,
     in_band: usize,
     /// What shades them, or might, was not scanned.
@@ -118,6 +118,12 @@ struct Verdict {
 impl Verdict {
     fn share(&self, count: usize) -> f64 {
         count as f64 / self.clear.max(1) as f64
+    }
+
+    /// Falsely dark, falsely lit; and of all points those in the gap.
+    fn percent(&self) -> [f64; 3] {
+        let all = self.clear + self.in_gap + self.in_band + self.unknown;
+        [self.share(self.falsely_dark), self.share(self.falsely_lit), self.in_gap as f64 / all.max(1) as f64].map(|share| 100.0 * share)
     }
 }
 
@@ -133,7 +139,8 @@ fn judge(
     let travel = direction.normalize();
     let u = travel.cross(if travel.x.abs() < 0.5 { DVec3::X } else { DVec3::Y }).normalize();
     let v = travel.cross(u);
-    let (texel, gap) = (facts.texel_m, facts.layer_m / Settings::default().limit);
+    let texel = facts.texel_m;
+    let steepest = (1.0 / Settings::default().limit.powi(2) - 1.0).sqrt();
     let one = |&(p, count): &(DVec3, u8)| {
         // How far in front of the point the first surface is, beside it; negative behind it.
         let front = |x: f64, y: f64| {
@@ -144,8 +151,13 @@ fn judge(
         let near = 1e-3 * texel;
         let slope = [front(near, 0.0) - front(-near, 0.0), front(0.0, near) - front(0.0, -near)].map(|rise| rise / (2.0 * near));
         let slope = if slope.iter().all(|s| s.is_finite()) { slope[0].hypot(slope[1]) } else { 1e3 };
-        let ring = (0..9).map(|k| [k % 3 - 1, k / 3 - 1]).map(|[x, y]| front(x as f64 * texel, y as f64 * texel));
-        let ring: Vec<f64> = ring.collect();
+        let around =
+            (0..9).map(|k| [(k % 3 - 1) as f64, (k / 3 - 1) as f64]).map(|[x, y]| (front(x * texel, y * texel), x.hypot(y) * texel));
+        let around: Vec<(f64, f64)> = around.collect();
+        let ring: Vec<f64> = around.iter().map(|(front, _)| *front).collect();
+        // Layer / <v, n>, of the steepest slope within a texel of what shades the point.
+        let curved = around.iter().filter(|(_, run)| *run > 0.0).map(|(front, run)| (front - own).abs() / run);
+        let gap = facts.layer_m * 1f64.hypot(curved.fold(slope, f64::max).min(steepest));
         let mut verdict = Verdict::default();
         let most = ring.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let least = ring.iter().copied().fold(f64::INFINITY, f64::min);
@@ -209,7 +221,7 @@ fn a_ring_on_a_plane_is_shaded_as_rays_say() {
     for direction in [DVec3::new(0.5, 0.3, -0.8), DVec3::new(1.0, 0.2, -0.5), DVec3::NEG_Z] {
         let (marked, facts) = marked(&cloud, Light::Direction(direction), Settings::default());
         let verdict = judge(&marked, &facts, direction, |o, d| ring.first(o, d), |_| true);
-        println!("{direction}: {verdict:?} ({facts})");
+        println!("{direction}: {verdict:?}, {:.3?} % ({facts})", verdict.percent());
         assert!(verdict.clear > 600_000, "{verdict:?}");
         assert!(verdict.share(verdict.falsely_dark) < 0.005 && verdict.share(verdict.falsely_lit) < 0.005, "{direction}: {verdict:?}");
     }
@@ -226,8 +238,38 @@ fn the_street_is_shaded_as_rays_say() {
     let scanned = |p: DVec3| world.stations().iter().any(|station| sees(station, p));
     let some: Vec<_> = marked.into_iter().step_by(5).collect();
     let verdict = judge(&some, &facts, direction, |o, d| world.first(o, d), scanned);
-    println!("{verdict:?} ({facts})");
+    println!("{verdict:?}, {:.3?} % ({facts})", verdict.percent());
     assert!(verdict.share(verdict.falsely_dark) < 0.005 && verdict.share(verdict.falsely_lit) < 0.005, "{verdict:?}");
+}
+
+/// What lies behind a closed surface is dark, whether or not the light's picture has gaps in it; and so is what lies behind a plate, however near.
+#[test]
+fn nothing_behind_a_closed_surface_is_lit() {
+    let lights = [DVec3::NEG_Z, DVec3::new(0.5, 1.0, -1.0), DVec3::new(1.0, 0.3, -0.5)];
+    // Rays through tori take long.
+    let scenes =
+        [(synth::Scene::NestedTori, 0.0, 40), (synth::Scene::Step, 0.05, 8), (synth::Scene::Step, 0.1, 8), (synth::Scene::Step, 0.2, 8)];
+    for (scene, gap, every) in scenes {
+        let mut world = synth::build(scene, 1, gap);
+        world.offset = DVec3::ZERO;
+        let cloud = synth::collect("scene", &world, 1_000_000, 1, 0.0, &Silent).unwrap();
+        for direction in lights {
+            let (marked, facts) = marked(&cloud, Light::Direction(direction), Settings::default());
+            // Those of the two rings within the outer one, which lies 13 cm around them.
+            let is_inner = |p: DVec3| scene == synth::Scene::NestedTori && (p.x.hypot(p.y) - 1.0).hypot(p.z) < 0.3;
+            let (inner, lit) =
+                marked.iter().filter(|(p, _)| is_inner(*p)).fold((0, 0), |(all, lit), (_, count)| (all + 1, lit + (*count > 0) as usize));
+            let some: Vec<_> = marked.into_iter().step_by(every).collect();
+            let verdict = judge(&some, &facts, direction, |o, d| world.first(o, d), |_| true);
+            let what = format!(
+                "{scene:?} {gap}, {direction}: of {inner} inner points {lit} lit, {verdict:?}, {:.3?} % ({facts})",
+                verdict.percent()
+            );
+            println!("{what}");
+            assert!(verdict.clear > some.len() / 2 && lit * 2000 <= inner, "{what}");
+            assert!(verdict.share(verdict.falsely_dark) < 0.005 && verdict.share(verdict.falsely_lit) < 0.005, "{what}");
+        }
+    }
 }
 
 #[test]
@@ -243,7 +285,7 @@ fn a_mesh_is_shaded_as_rays_say() {
     let direction = DVec3::new(0.5, 0.3, -0.8);
     let (marked, facts) = marked(&cloud, Light::Direction(direction), Settings::default());
     let verdict = judge(&marked, &facts, direction, |o, d| mesh.first(o, d), |_| true);
-    println!("{verdict:?} ({facts})");
+    println!("{verdict:?}, {:.3?} % ({facts})", verdict.percent());
     assert!(verdict.share(verdict.falsely_dark) < 0.005 && verdict.share(verdict.falsely_lit) < 0.005, "{verdict:?}");
 }
 
@@ -395,10 +437,12 @@ fn light_passes_agree_with_f64() {
         let mut random = Random(0x11647);
         for size in [[1, 1], [1, 67], [67, 1], [131, 77]] {
             for camera in [perspective(DVec3::ZERO, DVec3::X, 70.0), orthographic(DVec3::ZERO, DVec3::X, 3.0)] {
-                for fill in [0, 1] {
+                // With thin layers slopes between texels count, too.
+                for (fill, texels) in [(0, None), (1, None), (1, Some(0.02)), (1, Some(0.3))] {
                     let view = View::new(camera, size).unwrap();
                     let settings = Settings { fill: fill as f64, ..Settings::default() };
-                    let layer = Layer { metres: 0.001, ..Layer::new(&view, (DVec3::ZERO, DVec3::ONE), &settings) };
+                    let usual = Layer::new(&view, (DVec3::ZERO, DVec3::ONE), &settings);
+                    let layer = Layer { metres: 0.001, texels: texels.unwrap_or(usual.texels), ..usual };
                     let keys = random_keys(size, 1000, &mut random);
                     let mut g = Graph::new(gpu);
                     let uploaded = g.upload("keys", &keys).unwrap();
@@ -409,7 +453,7 @@ fn light_passes_agree_with_f64() {
                     let raw: Vec<f32> =
                         keys.iter().map(|[id, z]| if *id == u32::MAX { f32::INFINITY } else { f32::from_bits(*z) }).collect();
                     for i in 0..raw.len() {
-                        let possible = if fill == 0 { vec![raw[i]] } else { oracle::fill(size, &layer, &raw, i) };
+                        let possible = if fill == 0 { vec![raw[i]] } else { oracle::fill(size, &layer, 0, &raw, i) };
                         assert!(possible.contains(&depth[i]), "{size:?} {i}: filled {} of {possible:?}", depth[i]);
                         let bounds = oracle::limit(size, &layer, depth, i);
                         let holds = bounds.is_empty() && limit[i] == f32::INFINITY || bounds.iter().any(|bound| bound.holds(limit[i]));

@@ -9,6 +9,7 @@ use crate::frame;
 use crate::graph::{Gpu, Graph};
 use crate::layers::Downloads;
 use crate::look;
+use crate::passes::counts;
 use crate::progress::{Progress, Whole};
 use crate::source::Source;
 use crate::view::View;
@@ -57,22 +58,28 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
         let view = View::new(path.frame(number), size).map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
+        // Once, of however many frames.
+        let mut say = |note: String| {
+            if !said.contains(&note) {
+                eprintln!("pointillist: note: frame {}: {note}", number + 1);
+                said.push(note);
+            }
+        };
         for note in brought.settle(&mut gpu, &view, &options.detail.fineness().of(size), &frames)?.into_iter().flat_map(|taken| taken.notes)
         {
             if arguments.strict {
                 return Err(Error::Request(note));
             }
-            // Once, of however many frames.
-            if !said.contains(&note) {
-                eprintln!("pointillist: note: frame {}: {note}", number + 1);
-                said.push(note);
-            }
+            say(note);
         }
         let look = look::decide(&wishes, &view, brought.resident());
+        look.notes(brought.resident()).into_iter().for_each(&mut say);
         let mut g = Graph::new(&mut gpu).watched(&frames);
         let outcome = frame::record(&mut g, &view, brought.resident(), &look)?;
         let downloads = Downloads::ask(&mut g, &outcome, arguments.output.is_some(), arguments.exr.is_some())?;
+        let warned = counts::Warned::ask(&mut g, &look.effects);
         let frame = g.submit(&[])?;
+        warned.note(&frame).into_iter().for_each(&mut say);
         downloads.write(&frame, size, png(number).as_deref(), exr(number).as_deref())?;
         frame.shelve(&mut gpu);
     }

@@ -133,6 +133,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("load");
     let resident = brought.resident();
     let look = look::decide(&wishes, &view, resident);
+    look.notes(resident).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
 
     let mut g = Graph::new(&mut gpu).watched(progress);
     let outcome = frame::record(&mut g, &view, resident, &look)?;
@@ -140,8 +141,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
     let downloads = Downloads::ask(&mut g, &outcome, arguments.output.is_some(), arguments.exr.is_some())?;
     let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g, &outcome.layers));
+    let warned = counts::Warned::ask(&mut g, &look.effects);
     let frame = g.submit(&[])?;
     stages.done("draw");
+    warned.note(&frame).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     facts.strokes.iter().filter_map(strokes::Facts::note).for_each(|note| eprintln!("pointillist: note: {note}"));
     downloads.write(&frame, view.size, arguments.output.as_deref(), arguments.exr.as_deref())?;
     stages.done("write");

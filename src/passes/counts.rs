@@ -1,5 +1,6 @@
 //! What a frame looked at, tile by tile: the lists that passes made on the device, counted afterwards.
 
+use super::shadows::Method;
 use super::visibility::{self, Kernel};
 use super::{Effects, LIST_HEADER, Layers, TILE_PX, fill, tiles};
 use crate::graph::{Buffer, Frame, Graph};
@@ -61,6 +62,27 @@ impl Asked {
     }
 }
 
+/// That index peeling has not come to its end in so many texels, in words.
+fn cut_off(texels: u64) -> Option<String> {
+    (texels > 0).then(|| format!("shadows by index peeling were cut off in {texels} texels: more peels, or method=depth"))
+}
+
+/// What a frame that has run knows alone, and whoever sees its picture should.
+pub struct Warned {
+    unpeeled: Option<Buffer>,
+}
+
+impl Warned {
+    pub fn ask(g: &mut Graph, effects: &Effects) -> Warned {
+        let peels = effects.shadows.settings.method == Method::Index;
+        Warned { unpeeled: g.named("unpeeled").filter(|_| peels).map(|list| g.download_buffer(&list)) }
+    }
+
+    pub fn note(&self, frame: &Frame) -> Option<String> {
+        cut_off(self.unpeeled.as_ref().map_or(0, |list| frame.read::<u32>(list)[0] as u64))
+    }
+}
+
 impl Counts {
     /// Tiles where something could be hidden or missing.
     pub fn looked(&self) -> u64 {
@@ -81,9 +103,7 @@ impl std::fmt::Display for Counts {
             self.filling_steps,
             self.rough
         )?;
-        if self.unpeeled > 0 {
-            write!(f, "; shadows by index peeling were cut off in {} texels: more peels, or method=depth", self.unpeeled)?;
-        }
+        cut_off(self.unpeeled).map_or(Ok(()), |cut_off| write!(f, "; {cut_off}"))?;
         if self.left_over {
             write!(f, "; some pixels have more layers than were drawn: --effect transparency=layers=N")?;
         }

@@ -117,9 +117,9 @@ impl<'s> Scene<'s> {
             shown: resident.shown.attribute,
             density: resident.density(&view.entire()),
             pixel_m: resident.pixel_m(&view.entire()),
-            transparent: resident.opacities.is_transparent(),
+            transparent: resident.is_transparent(),
             normals: resident.shown.normal().is_some(),
-            lit: resident.light.as_ref().is_some_and(|saved| saved.light == light.to_string()),
+            lit: resident.light.as_ref().is_some_and(|saved| light.is_written(&saved.light)),
             balance: resident.balance.as_ref(),
             overlap: Arc::new(resident.overlap(view)),
         }

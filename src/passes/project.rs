@@ -151,7 +151,7 @@ fn list(
     let mut seen: Vec<_> = resident.seen_of(nodes.iter().copied(), view).map(|((nearest, _), node)| (nearest, node)).collect();
     statistics.nodes_clipped = nodes.iter().filter(|node| resident.clips.left(node.bounds()) == Left::Nothing).count();
     statistics.nodes_outside = nodes.len() - statistics.nodes_clipped - seen.len();
-    let opacities = resident.opacities.hides() && resident.shown.kind().is_some();
+    let opacities = resident.hides() && resident.shown.kind().is_some();
     // Front to back, so that what lies behind finds its pixels taken. The order does not show: keys are unique.
     seen.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (distance, node) in seen {

@@ -88,7 +88,7 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Pa
     let Shown { attribute, stretch: [lo, hi], .. } = resident.shown;
     let mode = mode(attribute);
     let shown = g.upload("shown", &resident.addresses(0))?;
-    let transparent = resident.opacities.is_transparent();
+    let transparent = resident.is_transparent();
     let opacities = transparent.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
     let kinds = resident.shown.kind().filter(|_| transparent).map(|word| g.upload("kinds", &resident.addresses(word))).transpose()?;
     let gains = exposure::gains(resident, decided);

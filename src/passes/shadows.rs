@@ -51,7 +51,7 @@ pub struct Settings {
     pub layer: f64,
     /// Gaps in the light's picture that are closed, texels.
     pub fill: f64,
-    /// Passes of index peeling at most.
+    /// Passes of index peeling at most; 0: until one marks nothing.
     pub peels: f64,
     /// The least <v, n>: beyond this cosine of the angle to the light surfaces count as no steeper.
     pub limit: f64,
@@ -70,7 +70,7 @@ pub enum Method {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Depth, samples: 1.0, pattern: disc::Pattern::Stratified, radius: 0.5, size: 0.0, ambient: 0.35, layer: 0.0, fill: 2.0, peels: 64.0, limit: 0.2 }
+        Settings { method: Method::Depth, samples: 1.0, pattern: disc::Pattern::Stratified, radius: 0.5, size: 0.0, ambient: 0.35, layer: 0.0, fill: 2.0, peels: 0.0, limit: 0.2 }
     }
 }
 
@@ -89,7 +89,7 @@ impl super::Settings for Settings {
             Setting { name: "ambient", about: "what is left of a colour in full shadow", value: number(&mut self.ambient, 0.0..=1.0) },
             Setting { name: "layer", about: "depth of a surface, metres; 0: as little as keeps surfaces from shading themselves", value: number(&mut self.layer, 0.0..=1e9) },
             Setting { name: "fill", about: "width of gaps that light does not fall through, texels", value: number(&mut self.fill, 0.0..=16.0) },
-            Setting { name: "peels", about: "passes of method=index at most: points of a texel that can be lit", value: number(&mut self.peels, 1.0..=4096.0) },
+            Setting { name: "peels", about: "passes of method=index at most, as many as points of a texel can be lit; 0: until nothing is left", value: number(&mut self.peels, 0.0..=4096.0) },
             Setting { name: "limit", about: "least cosine of the angle between light and surface", value: number(&mut self.limit, 0.01..=1.0) },
         ]
     }
@@ -244,7 +244,7 @@ fn saved(g: &mut Graph, scene: &Scene, resident: &Resident) -> Option<Result<Mar
     let (word, contents) = (resident.shown.light()?, resident.light.as_ref()?);
     // Of an index that somebody else has written, what is not known is nothing.
     let facts: Facts = serde_json::from_value(contents.facts.clone()).unwrap_or_default();
-    let pages = (contents.light == scene.light.to_string()).then(|| g.upload("saved marks", &resident.addresses(word)))?;
+    let pages = scene.light.is_written(&contents.light).then(|| g.upload("saved marks", &resident.addresses(word)))?;
     Some(pages.map(|counts| Marks { counts, saved: Some(contents.full), facts: Facts { saved: true, ..facts } }))
 }
 
@@ -316,7 +316,7 @@ fn cast_on(
     }
     match settings.method {
         Method::Depth => by_depth(g, camera, &drawn, &shallow, &reached.limit, &mut tally.marks),
-        Method::Index => peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, tally),
+        Method::Index => peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, tally)?,
     }
     Ok(reached)
 }
@@ -372,13 +372,13 @@ pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reac
     let [mut depth, mut filled, mut limit] = ["light depth", "light filled", "light limit"].map(|name| g.image(name, size, Kind::R32f));
     g.run(shader::LightDepth { keys, depth: &mut depth, push: light_depth::Push { size } }, Tiles::All);
     let (texel, metres, texels, steepest) = (layer.texel as f32, layer.metres as f32, layer.texels as f32, layer.steepest as f32);
-    for _ in 0..layer.fill {
-        let push = light_fill::Push { size, texel, layer: metres, layer_px: texels, steepest };
+    for step in 0..layer.fill {
+        let push = light_fill::Push { size, texel, layer: metres, layer_px: texels, steepest, filled: step as f32 };
         let spec = light_fill::Spec { perspective: layer.perspective };
         g.run(shader::LightFill { depth: &depth, filled: &mut filled, push, spec }, Tiles::All);
         std::mem::swap(&mut depth, &mut filled);
     }
-    let push = light_limit::Push { size, texel, layer: metres, layer_px: texels, steepest };
+    let push = light_limit::Push { size, texel, layer: metres, layer_px: texels, steepest, filled: layer.fill as f32 };
     let spec = light_limit::Spec { perspective: layer.perspective };
     g.run(shader::LightLimit { depth: &depth, limit: &mut limit, push, spec }, Tiles::All);
     Reached { depth, limit }

@@ -37,6 +37,7 @@ impl Resident {
             shown: Shown::indexed(Attribute::White, [0.0; 2], [0, 255]),
             points: index.directory.contents.points,
             stations: Vec::new(),
+            counts: None,
             oriented: false,
             axes: Axes::default(),
             balance: None,

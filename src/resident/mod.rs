@@ -19,6 +19,7 @@ pub use residency::Residency;
 
 use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
+use crate::cloud::counts::Counts;
 use crate::cloud::{Cloud, Columns, Lattice, Part, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
@@ -28,7 +29,7 @@ use crate::index::exposure::{self, Balance};
 use crate::index::marks::Contents;
 use crate::index::pack::{self, Frame};
 use crate::index::{self, Organised};
-use crate::opacity::Opacities;
+use crate::opacity::{Known, Opacities};
 use crate::progress::Progress;
 use crate::view::{Projection, View};
 use glam::DVec3;
@@ -102,6 +103,8 @@ pub struct Resident {
     /// Of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
+    /// Of the whole cloud, where they were counted and points bring their kinds.
+    pub counts: Option<Counts>,
     /// What gives all stations one exposure, where colours say which station they are of.
     pub balance: Option<Balance>,
     /// Normals that points have brought say which side of a surface is outside.
@@ -153,12 +156,27 @@ const MOST_NODES: u64 = NO_POINT as u64 / POINTS_PER_PAGE as u64;
 impl Resident {
     /// Whether some points of nodes that are drawn may not be there, by what they are or by where they lie.
     pub fn leaves_out(&self) -> bool {
-        self.opacities.hides() || self.clips.active() > 0
+        self.opacities.hides(&self.known()) || self.clips.active() > 0
     }
 
     /// Organises the cloud and puts all of it into pages. The columns of each part are dropped as soon as its nodes are packed.
     pub fn fill(gpu: &mut Gpu, cloud: Cloud, shown: Shown, progress: &dyn Progress) -> Result<Resident> {
         Resident::arrange(gpu, cloud, shown, index::organise, progress)
+    }
+
+    /// What is known of the points that rules about them may name.
+    pub fn known(&self) -> Known<'_> {
+        Known { stations: &self.stations, points: self.points, counts: self.counts.as_ref() }
+    }
+
+    /// Whether some points let through what is behind them.
+    pub fn is_transparent(&self) -> bool {
+        self.opacities.is_transparent(&self.known())
+    }
+
+    /// Whether some points are left out by how opaque they are.
+    pub fn hides(&self) -> bool {
+        self.opacities.hides(&self.known())
     }
 
     /// The same with another way of organising than the Morton order; for benchmarks.
@@ -179,6 +197,7 @@ impl Resident {
             shown,
             points: 0,
             stations,
+            counts: shown.further.kind.then(|| Counts::of(cloud.parts.iter().map(|part| &part.columns))),
             balance,
             // A file's normals, where it has any.
             oriented: shown.further.normal,

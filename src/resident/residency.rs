@@ -156,6 +156,7 @@ impl Residency {
             shown,
             points: index.directory.contents.points,
             stations: index.directory.contents.stations.clone(),
+            counts: index.directory.contents.counts.clone(),
             balance: index.directory.contents.balance.clone().filter(|_| shown.coded),
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             axes: index.directory.contents.axes,

@@ -4,46 +4,65 @@
 //!     shadow_peel   points, limits, keys of the last peel -> keys     of each texel the nearest point within the limit that is left; twice: its depth, then its id
 //!     shadow_mark   keys -> marks, keys of the last peel, how many    again, until a peel marks nothing
 //! ```
-//! A peel takes one point of each texel, so there are as many as the fullest texel has points within its layer. All that are allowed are recorded; those after one that marks nothing end at once. Whether the last still marked something is counted (HARD_CASES 15).
+//! A peel takes one point of each texel, so there are as many as the fullest texel has points within its layer. They are recorded in blocks, and the device skips those after one that has marked nothing
+//! ([`gate`]). Whether the last still marked something is counted (HARD_CASES 15).
 
 use super::Tally;
-use crate::graph::{Graph, Image, Tiles};
+use crate::error::Result;
+use crate::graph::{Buffer, Graph, Image, Tiles};
+use crate::passes::gate;
 use crate::passes::project::{Band, Drawn, Group, Walk};
 use crate::shader::{self, shadow_mark, shadow_peel};
 use crate::view::View;
 
-pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, most: u32, tally: &mut Tally) {
+/// Peels that are recorded where no number is asked for: as many points as a texel has in hardly any scan.
+const PEELS: u32 = 512;
+
+/// Peels that are skipped together.
+const BLOCK: u32 = 8;
+
+pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, asked: u32, tally: &mut Tally) -> Result<()> {
     let size = camera.size;
     let bytes = 8 * size[0] as u64 * size[1] as u64;
     let (mut keys, mut last) = (g.buffer("peel keys", bytes), g.buffer("peel last", bytes));
     g.fill(&mut keys, u32::MAX);
     g.fill(&mut last, 0);
-    let mut before = g.buffer("peeled", 4);
-    g.fill(&mut before, 1);
-    let Walk { centre, corner, size: across, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, camera, Band { top: 0, size });
-    for peel in 1..=most {
-        for step in [0, 1] {
-            for group in &drawn.groups {
-                let &Group { block, planes, filtered, first_chunk, chunk_count, .. } = group;
-                let push = shadow_peel::Push { centre, corner, size: across, near, first_chunk, chunk_count };
-                let spec = shadow_peel::Spec { lanes, planes, perspective, texels, points_per_chunk, step, filtered };
-                let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
-                let (opacities, within) = (drawn.opacities(), drawn.within());
-                g.run(
-                    shader::ShadowPeel { nodes, chunks, opacities, within, pages, page_words: pages, limit, peeled: &before, last: &last, keys: &mut keys, push, spec },
-                    group.tiles(),
-                );
-            }
-        }
+    let most = if asked == 0 { PEELS } else { asked };
+    let mut before: Option<Buffer> = None;
+    for first in (0..most).step_by(BLOCK as usize) {
         let mut peeled = g.buffer("peeled", 4);
         g.fill(&mut peeled, 0);
-        // What the last one takes may not be the end.
-        let counted = if peel == most { &mut tally.unpeeled } else { &mut peeled };
-        let push = shadow_mark::Push { size };
-        g.run(
-            shader::ShadowMark { before: &before, peeled: counted, keys: &mut keys, last: &mut last, marks: &mut tally.marks, push },
-            Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
-        );
-        before = peeled;
+        let mut block = |g: &mut Graph| {
+            for peel in first..most.min(first + BLOCK) {
+                // What the last one takes may not be the end.
+                let counted = if peel + 1 == most { &mut tally.unpeeled } else { &mut peeled };
+                one(g, camera, drawn, limit, [&mut keys, &mut last], counted, &mut tally.marks);
+            }
+            Ok(())
+        };
+        match before {
+            Some(before) => gate::only_where(g, &before, block)?,
+            None => block(g)?,
+        }
+        before = Some(peeled);
     }
+    Ok(())
+}
+
+/// Of each texel the next point.
+fn one(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, [keys, last]: [&mut Buffer; 2], peeled: &mut Buffer, marks: &mut Buffer) {
+    let size = camera.size;
+    let Walk { centre, corner, size: across, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, camera, Band { top: 0, size });
+    for step in [0, 1] {
+        for group in &drawn.groups {
+            let &Group { block, planes, filtered, first_chunk, chunk_count, .. } = group;
+            let push = shadow_peel::Push { centre, corner, size: across, near, first_chunk, chunk_count };
+            let spec = shadow_peel::Spec { lanes, planes, perspective, texels, points_per_chunk, step, filtered };
+            let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
+            let (opacities, within) = (drawn.opacities(), drawn.within());
+            g.run(shader::ShadowPeel { nodes, chunks, opacities, within, pages, page_words: pages, limit, last, keys, push, spec }, group.tiles());
+        }
+    }
+    let push = shadow_mark::Push { size };
+    g.run(shader::ShadowMark { peeled, keys, last, marks, push }, Tiles::Groups([size[0].div_ceil(64), size[1], 1]));
 }

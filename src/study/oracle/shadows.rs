@@ -34,24 +34,52 @@ fn root(square: Bounded) -> Bounded {
     Bounded { value, error: square.error / 2.0 + 5.0 * ULP * (value + square.error) }
 }
 
-/// What a texel may hold after one step of filling.
-pub fn fill(size: [u32; 2], layer: &Layer, depth: &[f32], i: usize) -> Vec<f32> {
+/// Tangent of the angle at which a surface rises from a texel to another; none where they are of two surfaces, which is in doubt near the end.
+fn tangent(layer: &Layer, [from, to]: [f32; 2], run: Bounded, slack: f64) -> Option<Bounded> {
+    let rise = Bounded::exact(to) - Bounded::exact(from);
+    let slope = if rise.value < 0.0 { -rise } else { rise } / run;
+    let end = Bounded::constant(1.0 + 2f64.sqrt()) * Bounded::exact(layer.steepest as f32);
+    (slope.value <= end.value + slack * (end.error + slope.error)).then_some(slope)
+}
+
+fn run_to(neighbour: usize, texel: Bounded) -> Bounded {
+    if neighbour.is_multiple_of(2) { Bounded::constant(2f64.sqrt()) * texel } else { texel }
+}
+
+fn steepest_of(slopes: impl Iterator<Item = Bounded>, layer: &Layer) -> Bounded {
+    let steepest = slopes.fold(Bounded::exact(0.0), |a, b| Bounded { value: a.value.max(b.value), error: a.error.max(b.error) });
+    steepest.min(layer.steepest as f32 as f64)
+}
+
+/// What a texel may hold after a step of filling, before which there were so many.
+pub fn fill(size: [u32; 2], layer: &Layer, steps: u32, depth: &[f32], i: usize) -> Vec<f32> {
     let own = depth[i];
     let around = neighbours(size, depth, i);
-    let filled = |slack: f64| {
-        let before = around.map(|other| {
-            other.filter(|&other| {
-                if !own.is_finite() {
-                    return true;
-                }
-                let front = Bounded::exact(own) - layer_at(layer, own, Bounded::exact(layer.steepest as f32));
-                (other as f64) < front.value + slack * front.error
-            })
+    let behind = |front: Option<Bounded>, slack: f64| {
+        around.map(|z| z.filter(|&z| front.is_none_or(|front| (z as f64) < front.value + slack * front.error)))
+    };
+    let filled = |[first, same, second]: [f64; 3]| {
+        let front = own.is_finite().then(|| {
+            let texel = texel_at(layer, own);
+            let reach = |tangent: Bounded, layers: f64| {
+                let layers = Bounded::exact(layers) * layer_at(layer, own, tangent);
+                let most = layer_at(layer, own, Bounded::exact(layer.steepest as f32));
+                let least = if layers.value < most.value { layers } else { most };
+                Bounded::exact(own) - Bounded { error: layers.error.max(most.error), ..least }
+            };
+            let layers = steps as f64 + 1.0;
+            let before = behind(Some(reach(Bounded::exact(0.0), layers)), first);
+            let among = (0..8).filter_map(|k| tangent(layer, [before[k]?, before[(k + 1) % 8]?], texel, same));
+            let aside = (0..8).filter_map(|k| tangent(layer, [own, around[k].filter(|_| before[k].is_none())?], run_to(k, texel), same));
+            let is_rim = around.iter().filter(|z| z.is_none()).count() >= 3;
+            let tangent = if is_rim { Bounded::exact(layer.steepest as f32) } else { steepest_of(among.chain(aside), layer) };
+            reach(tangent, layers)
         });
+        let before = behind(front, second);
         let stays = (0..8).any(|first| (first..first + 5).all(|k| before[k % 8].is_none()));
         if stays { own } else { before.into_iter().flatten().fold(f32::INFINITY, f32::min) }
     };
-    [-1.0, 1.0].map(filled).to_vec()
+    (0..8).map(|k| filled([0, 1, 2].map(|bit| if k >> bit & 1 == 1 { 1.0 } else { -1.0 }))).collect()
 }
 
 /// How deep light reaches in a texel: one of these; nothing where the light sees nothing.
@@ -60,22 +88,11 @@ pub fn limit(size: [u32; 2], layer: &Layer, depth: &[f32], i: usize) -> Vec<Boun
     if !own.is_finite() {
         return Vec::new();
     }
-    let run = texel_at(layer, own);
-    let slopes: Vec<Bounded> = neighbours(size, depth, i)
-        .iter()
-        .enumerate()
-        .filter_map(|(k, other)| {
-            let rise = Bounded::exact((*other)?) - Bounded::exact(own);
-            let rise = if rise.value < 0.0 { -rise } else { rise };
-            Some(rise / if k % 2 == 0 { Bounded::constant(2f64.sqrt()) * run } else { run })
-        })
-        .collect();
-    let steepest = layer.steepest as f32 as f64;
-    let end = Bounded::constant(1.0 + 2f64.sqrt()) * Bounded::exact(steepest);
+    let texel = texel_at(layer, own);
+    let around = neighbours(size, depth, i);
     let with = |slack: f64| {
-        let same = slopes.iter().filter(|slope| slope.value <= end.value + slack * (end.error + slope.error));
-        let tangent = same.copied().fold(Bounded::exact(0.0), |a, b| Bounded { value: a.value.max(b.value), error: a.error.max(b.error) });
-        let reach = Bounded::exact(own) + layer_at(layer, own, tangent.min(steepest));
+        let slopes = (0..8).filter_map(|k| tangent(layer, [own, around[k]?], run_to(k, texel), slack));
+        let reach = Bounded::exact(own) + layer_at(layer, own, steepest_of(slopes, layer));
         reach.max(f32::from_bits(own.to_bits() + 1) as f64)
     };
     [-1.0, 1.0].map(with).to_vec()
