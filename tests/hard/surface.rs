@@ -78,7 +78,8 @@ fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
     canvas(|canvas| {
         let view = views([127, 61]).into_iter().find(|view| view.camera.projection == Projection::Perspective).unwrap();
         let front = canvas.spacing() * view.focal_px() / 1.4;
-        let depths: Vec<_> = (0..127 * 61).map(|_| Some(if random.bits() % 8 == 0 { front } else { 2.0 * front } as f32)).collect();
+        let depths: Vec<_> =
+            (0..127 * 61).map(|_| Some(if random.bits().is_multiple_of(8) { front } else { 2.0 * front } as f32)).collect();
         let mut share = |kernel: &str| {
             let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,kernel={kernel}")])).seen;
             // Within a kernel's reach of the picture's edge the wall ends, as in a mirror.
