@@ -2,6 +2,10 @@
 //
 // A tile is left out where it and its neighbours are all empty, or all continuous. Elsewhere the kernel follows the spacing of the points where the tile is nearest: it is what others hide behind,
 // and gaps between its points are the holes. A tile without points goes by its neighbours.
+//
+// That spacing is the node's, or, where the nearest surface is sparser there than its node, its own, counted over the tile and its neighbours. Its pixels are those of quarters of tiles that hold points
+// of it, so that at a silhouette what lies beyond is not counted; tiles in which it is not nearest keep the node's. Of pixels that random points fall into a share p holds some where -ln(1 - p) fall into
+// one, which p / sqrt(1 - p) is near enough, and infinite where all do: dense surfaces keep the node's.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -16,16 +20,24 @@ layout(scalar) buffer Lists { uint word[]; } lists;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
+    float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     uint stride;     // words from list to list
     float widths[9]; // of the lists' kernels, pixels
     uint fine;       // lists whose kernels look at every pixel; the others look at every second
     uint least_list; // of those that the spacings of all points ask for
     uint most_list;
     float pixels_per_spacing; // width of the kernel
+    float front_px; // as in classify.comp
+    float sparser;  // counted spacings are multiplied by this, and are no more than
+    float sparsest; // so many times the node's
     uint all; // 1: no tile is left out
     uint packed_at; // dispatches of pack_depth, for the narrow kernels and for the wide ones
     uvec2 pack_groups;
 } push;
+
+layout(constant_id = 0) const bool PERSPECTIVE = true;
+
+const float FARTHEST = 3.402823466e38;
 
 void main() {
     uint number = gl_GlobalInvocationID.x;
@@ -34,6 +46,7 @@ void main() {
     ivec2 own = in_rows(number, uint(push.tiles.x));
     uint points = 0u;
     float spacing = 0.0;
+    float nearest = FARTHEST;
     bool continuous = true;
     [[dont_unroll]] for (int dy = -1; dy <= 1; ++dy) {
         [[dont_unroll]] for (int dx = -1; dx <= 1; ++dx) {
@@ -41,12 +54,27 @@ void main() {
             Tile tile = tiles.tile[at.y * across.x + at.x];
             points += tile.points;
             spacing = max(spacing, tile.spacing);
+            nearest = tile.points > 0u ? min(nearest, tile.nearest) : nearest;
             continuous = continuous && tile.continuous == 1u;
         }
     }
     if (push.all == 0u && (points == 0u || continuous)) return;
+    uint front = 0u;
+    uint extent = 0u;
+    [[dont_unroll]] for (int dy = -1; dy <= 1; ++dy) {
+        [[dont_unroll]] for (int dx = -1; dx <= 1; ++dx) {
+            ivec2 at = clamp(own + ivec2(dx, dy), ivec2(0), across - 1);
+            Tile tile = tiles.tile[at.y * across.x + at.x];
+            bool of_front = tile.points > 0u && in_front(tile.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
+            front += of_front ? tile.front : 0u;
+            extent += of_front ? tile.extent : 0u;
+        }
+    }
     Tile at = tiles.tile[number];
-    float kernel = (at.points > 0u ? at.spacing : spacing) * push.pixels_per_spacing;
+    bool is_front = at.points > 0u && in_front(at.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
+    float gaps = is_front ? float(extent - front) / float(extent) : 0.0;
+    float counted = is_front ? min(push.sparser * sqrt(float(extent) / float(front) * sqrt(gaps)), push.sparsest * at.spacing) : 0.0;
+    float kernel = (at.points > 0u ? max(at.spacing, counted) : spacing) * push.pixels_per_spacing;
     uint list = 0u;
     [[unroll]] for (int k = 0; k < 8; ++k) list += kernel > push.widths[k] ? 1u : 0u;
     list = clamp(list, push.least_list, push.most_list);

@@ -1,4 +1,4 @@
-// Depth -> tiles: what each tile of 8 x 8 pixels holds, and how far apart the points of its nearest surface are on the screen.
+// Depth -> tiles: what each tile of 8 x 8 pixels holds, how many points its nearest surface has, and how far apart those of its node are on the screen.
 //
 // A tile is continuous where every pixel holds a point and no pixel is farther from its right and lower neighbours than `slope` pixels' width.
 // Then no neighbour within any kernel hides a point: n steps away depths differ by n times that at most (passes/visibility.rs has the bound).
@@ -24,6 +24,7 @@ layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     float slope;
+    float front_px;    // how far behind each other points of one surface are in a tile, pixels' width
 } push;
 
 const float FARTHEST = 3.402823466e38;
@@ -60,8 +61,22 @@ void main() {
             z = right;
         }
     }
+    uint front = 0u;
+    uint extent = 0u;
+    for (int quarter = 0; quarter < 4; ++quarter) {
+        ivec2 first = corner + TILE_PX / 2 * ivec2(quarter & 1, quarter >> 1);
+        ivec2 beyond = min(first + TILE_PX / 2, end);
+        uint before = front;
+        for (int y = first.y; y < beyond.y; ++y) {
+            for (int x = first.x; x < beyond.x; ++x) {
+                float z = imageLoad(depth, ivec2(x, y)).r;
+                front += z <= FARTHEST && in_front(z, nearest, push.front_px, push.px_per_unit, PERSPECTIVE) ? 1u : 0u;
+            }
+        }
+        extent += front > before ? uint((beyond.x - first.x) * (beyond.y - first.y)) : 0u;
+    }
     uint node = imageLoad(index, nearest_at).r >> POINTS_PER_PAGE_LOG2;
     float spacing = uintBitsToFloat(imageLoad(spacings, points > 0u ? int(node) : 0).r);
     float spacing_px = spacing * push.px_per_unit / (PERSPECTIVE ? nearest : 1.0);
-    tiles.tile[number] = Tile(points, continuous ? 1u : 0u, points > 0u ? spacing_px : 0.0);
+    tiles.tile[number] = Tile(points, front, extent, continuous ? 1u : 0u, nearest, points > 0u ? spacing_px : 0.0);
 }

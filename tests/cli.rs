@@ -176,6 +176,23 @@ fn every_option_of_render_does_what_it_says() {
     let output = place.render(&cloud, &format!("{plain} -o @other.png --effect edl=off --explain=json"));
     let explained: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(!explained["passes"].to_string().contains("edl"), "what is off leaves no trace: {explained}");
+    let explained: serde_json::Value =
+        serde_json::from_slice(&place.render(&cloud, "--size 96x64 -o @other.png --explain=json").stdout).unwrap();
+    let map =
+        |name: &str| explained["tiles"][name].as_array().unwrap().iter().map(|row| row.as_str().unwrap().to_string()).collect::<String>();
+    let (looked, holes) = (map("looked_at_map"), map("holes_map"));
+    assert_eq!((looked.len(), holes.matches('#').count() as u64), (96, explained["tiles"]["holes"].as_u64().unwrap()));
+    for by_width in explained["tiles"]["looked_at"].as_array().unwrap() {
+        let digit = char::from_digit(by_width[0].as_u64().unwrap() as u32, 32).unwrap();
+        assert_eq!(looked.matches(digit).count() as u64, by_width[1].as_u64().unwrap(), "{looked}");
+    }
+    assert!(looked.chars().all(|tile| tile == '.' || tile.is_digit(32)) && looked.contains(|tile| tile != '.'), "{looked}");
+    for (setting, said) in
+        [("kernel=4", "there is no kernel=4; there are: 0, 3, 5, 7, 9, 11, 13, 15"), ("sectors=5", "there are: 4, 8, 16")]
+    {
+        let refused = failed(&place.render(&cloud, &format!("-o @other.png --effect visibility={setting}")), 1);
+        assert!(refused.contains(said), "{refused}");
+    }
     let said = succeeded(&place.render(&cloud, &format!("{plain} -o @other.png --timings")));
     assert!(["read", "draw", "composite", "total"].iter().all(|part| said.contains(part)), "{said}");
 }

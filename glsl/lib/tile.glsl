@@ -15,9 +15,17 @@ const uint TILES_PER_GROUP = 8u;
 
 struct Tile {
     uint points;     // pixels that hold one
-    uint continuous; // 1: every pixel does, and neighbours differ by less than a hidden layer would
-    float spacing;   // of the points where it is nearest, pixels; 0 where no point is
+    uint front;      // of those, that are of the surface that is nearest in it
+    uint extent;     // pixels of those quarters of it that hold one of them
+    uint continuous; // 1: every pixel holds a point, and neighbours differ by less than a hidden layer would
+    float nearest;   // depth, where it holds points
+    float spacing;   // of its node's points where it is nearest, pixels; 0 where no point is
 };
+
+// Whether a depth is of the same surface as the nearest one: no more than `front_px` pixels' width behind it.
+bool in_front(float depth, float nearest, float front_px, float px_per_unit, bool perspective) {
+    return (depth - nearest) * px_per_unit <= front_px * (perspective ? nearest : 1.0);
+}
 
 // The includer has a buffer `lists` of words.
 #define APPEND(at, tile) { \

@@ -394,6 +394,12 @@ fn setting(ui: &mut Ui, setting: Setting) {
             let wide = range.end() - range.start() > 1000.0;
             ui.add(Slider::new(number, range).logarithmic(wide).text(name))
         }
+        Value::OneOf(number, of) => {
+            let shown = ComboBox::from_label(name).selected_text(number.to_string()).show_ui(ui, |ui| {
+                of.iter().for_each(|one| drop(ui.selectable_value(number, *one, one.to_string())));
+            });
+            shown.response
+        }
         Value::Choice(choice) => {
             let shown = ComboBox::from_label(name).selected_text(choice.name()).show_ui(ui, |ui| {
                 for other in choice.names() {

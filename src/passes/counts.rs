@@ -21,6 +21,10 @@ pub struct Counts {
     pub tiles: u64,
     /// Where something could be hidden or missing, by the width in pixels of the kernel that looked.
     pub looked_at: Vec<(u32, u64)>,
+    /// Which those are: a row of tiles a string, and of every tile the width of the kernel that looked, as a digit of base 32, or a dot.
+    pub looked_at_map: Vec<String>,
+    /// Which have pixels to fill: `#`, or a dot.
+    pub holes_map: Vec<String>,
     /// Neighbours of pixels that were looked at there.
     pub taps: u64,
     /// With pixels to fill.
@@ -48,13 +52,25 @@ impl Asked {
         let [across, down] = tiles(size);
         let (by_kernel, holes) = visibility::listed(size, &effects.visibility.settings, words(&self.lists));
         let recorded = frame.passes.iter().filter(|(name, _)| name == "fill_pintus").count() as u32;
-        let taps = |&(kernel, tiles): &(Kernel, u64)| tiles * (TILE_PX * TILE_PX * kernel.taps()) as u64;
+        let taps = |(kernel, tiles): &(Kernel, &[u32])| tiles.len() as u64 * (TILE_PX * TILE_PX * kernel.taps()) as u64;
+        let map = |marked: &mut dyn Iterator<Item = (char, u32)>| {
+            let mut marks = vec![vec!['.'; across as usize]; down as usize];
+            marked.for_each(|(mark, tile)| marks[(tile / across) as usize][(tile % across) as usize] = mark);
+            marks.into_iter().map(String::from_iter).collect::<Vec<_>>()
+        };
+        let digit = |kernel: &Kernel| char::from_digit(kernel.width(), 32).expect("no kernel is wider than 31");
         Counts {
             tiles: across as u64 * down as u64,
             taps: by_kernel.iter().map(taps).sum(),
-            looked_at: by_kernel.iter().filter(|(_, tiles)| *tiles > 0).map(|(kernel, tiles)| (kernel.width(), *tiles)).collect(),
-            holes,
-            filling_steps: if holes > 0 { fill::steps_taken(words(&self.steps), recorded) } else { 0 },
+            looked_at: by_kernel
+                .iter()
+                .filter(|(_, tiles)| !tiles.is_empty())
+                .map(|(kernel, tiles)| (kernel.width(), tiles.len() as u64))
+                .collect(),
+            looked_at_map: map(&mut by_kernel.iter().flat_map(|(kernel, tiles)| tiles.iter().map(|tile| (digit(kernel), *tile)))),
+            holes_map: map(&mut holes.iter().map(|tile| ('#', *tile))),
+            holes: holes.len() as u64,
+            filling_steps: if !holes.is_empty() { fill::steps_taken(words(&self.steps), recorded) } else { 0 },
             unpeeled: words(&self.unpeeled).first().copied().unwrap_or_default() as u64,
             left_over: words(&self.left).first().is_some_and(|left| *left > 0),
             rough: words(&self.rough).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64,

@@ -23,6 +23,7 @@ pub struct Settings {
     /// Steps at most; 0: the width of the widest kernel that looked for holes, and with dobrev, of either kind, one and a half of a point's spacings on the screen. Dobrev counts to 127.
     pub iterations: f64,
     /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as 31 pixels, those of the widest kernel, at that depth.
+    /// Twice as much is better in streets (`study fill`: of 0.1 points a pixel 20 % on a wrong layer, not 28) and worse on closed bodies (a torus 1.8 % instead of 0.4, the armadillo's vertices 0.54 instead of 0.22).
     pub tolerance: f64,
     /// Background is a hole, too, where so many of its eight neighbours have a value; 9: never.
     pub surrounded: f64,

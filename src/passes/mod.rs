@@ -259,6 +259,8 @@ pub struct Setting<'s> {
 /// What a setting can be.
 pub enum Value<'s> {
     Number(&'s mut f64, std::ops::RangeInclusive<f64>),
+    /// One of a few numbers.
+    OneOf(&'s mut f64, &'static [f64]),
     Choice(&'s mut dyn Choice),
 }
 
@@ -300,15 +302,27 @@ impl Setting<'_> {
                 **value = number;
                 Ok(())
             }
+            Value::OneOf(value, of) => match of.iter().find(|one| text.parse() == Ok(**one)) {
+                Some(one) => {
+                    **value = *one;
+                    Ok(())
+                }
+                None => Err(format!("there is no {name}={text}; there are: {}", numbers(of))),
+            },
         }
     }
 
     fn help(&self) -> String {
         match &self.value {
             Value::Number(value, range) => format!("    {}={}  {} ({} to {})", self.name, value, self.about, range.start(), range.end()),
+            Value::OneOf(value, of) => format!("    {}={}  {} ({})", self.name, value, self.about, numbers(of)),
             Value::Choice(choice) => format!("    {}={}  {} ({})", self.name, choice.name(), self.about, choice.names().join(", ")),
         }
     }
+}
+
+fn numbers(of: &[f64]) -> String {
+    of.iter().map(f64::to_string).collect::<Vec<_>>().join(", ")
 }
 
 /// An effect: its name, what it does, and what people may choose of it.
@@ -324,7 +338,7 @@ impl std::fmt::Display for Listed<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}={}", self.name, Choice::name(self.switch))?;
         self.settings.iter().try_for_each(|setting| match &setting.value {
-            Value::Number(number, _) => write!(f, ",{}={number}", setting.name),
+            Value::Number(number, _) | Value::OneOf(number, _) => write!(f, ",{}={number}", setting.name),
             Value::Choice(choice) => write!(f, ",{}={}", setting.name, choice.name()),
         })
     }

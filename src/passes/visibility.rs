@@ -55,9 +55,9 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "kernel", about: "width of the neighbourhood, pixels; 0: from the spacing of the points", value: number(&mut self.kernel, 0.0..=15.0) },
+            Setting { name: "kernel", about: "width of the neighbourhood, pixels; 0: from the spacing of the points", value: Value::OneOf(&mut self.kernel, &[0.0, 3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 15.0]) },
             Setting { name: "reach", about: "width of an automatic kernel, in spacings of the points", value: number(&mut self.reach, 0.0..=100.0) },
-            Setting { name: "sectors", about: "parts of the neighbourhood: 4, 8 or 16", value: number(&mut self.sectors, 4.0..=16.0) },
+            Setting { name: "sectors", about: "parts of the neighbourhood", value: Value::OneOf(&mut self.sectors, &[4.0, 8.0, 16.0]) },
             Setting { name: "holes", about: "empty solid angle from which a pixel without a point is background, steradians", value: number(&mut self.holes, 0.0..=TAU) },
             Setting { name: "tiles", about: "which tiles are looked at; the picture is the same", value: Value::Choice(&mut self.tiles) },
             Setting { name: "threshold", about: "empty solid angle from which a pixel is visible, steradians", value: number(&mut self.threshold, 0.0..=TAU) },
@@ -75,6 +75,13 @@ impl super::Settings for Settings {
 pub const WIDTHS: [u32; 9] = [3, 5, 7, 9, 11, 15, 19, 23, 31];
 const KERNELS: u32 = WIDTHS.len() as u32;
 const FINE: u32 = 6;
+/// Points of a tile and its neighbours are of one surface where none is farther behind the nearest, pixels' width: two tiles', so that slopes are.
+pub const FRONT_PX: f64 = 16.0;
+/// Where points are strewn it is the sparser ones that gaps are between: this times the mean spacing, which is what counting finds. With less, the back of the dragon shows through its sparse parts; with
+/// more, nothing is gained there, and more of what truly shows between things is lost.
+pub const SPARSER: f64 = 1.4;
+/// What is counted is at most so many times the node's spacing: a few stray points are no surface.
+pub const SPARSEST: f64 = 2.0;
 /// As in glsl/lib/tile.glsl.
 const MARGIN_PX: u32 = 16;
 /// By how much images are larger than the picture at most: whole tiles, and margins.
@@ -103,7 +110,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let px_per_unit = view.focal_px() as f32;
 
     let mut facts = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count as u64);
-    let push = classify::Push { size: view.size, tiles: across, px_per_unit, slope: slope(view, settings.threshold) as f32 };
+    let push = classify::Push { size: view.size, tiles: across, px_per_unit, slope: slope(view, settings.threshold) as f32, front_px: FRONT_PX as f32 };
     g.run(
         shader::Classify { depth: &depth, index: &index, spacings: &layers.spacings, tiles: &mut facts, push, spec: classify::Spec { perspective } },
         Tiles::Groups([count.div_ceil(64), 1, 1]),
@@ -114,24 +121,28 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     g.fill(&mut lists, 0);
     // A kernel that no tile can ask for is not even made.
     let [least_list, most_list] = match settings.kernel {
-        0.0 => layers.spacing_px.map(|px| list_of(px * settings.reach)),
+        0.0 => [layers.spacing_px[0], SPARSEST * layers.spacing_px[1]].map(|px| list_of(px * settings.reach)),
         width => [list_of(width); 2],
     };
     let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
     let pack_groups = [packed_size[0].div_ceil(64), packed_size[1]];
     let push = assign::Push {
         tiles: across,
+        px_per_unit,
         stride,
         widths: WIDTHS.map(|width| width as f32),
         fine: FINE,
         least_list,
         most_list,
         pixels_per_spacing: settings.reach as f32,
+        front_px: FRONT_PX as f32,
+        sparser: SPARSER as f32,
+        sparsest: SPARSEST as f32,
         all: (settings.tiles == Looked::All) as u32,
         packed_at,
         pack_groups,
     };
-    g.run(shader::Assign { tiles: &facts, lists: &mut lists, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+    g.run(shader::Assign { tiles: &facts, lists: &mut lists, push, spec: assign::Spec { perspective } }, Tiles::Groups([count.div_ceil(64), 1, 1]));
 
     let packed = [1, 2].map(|span| {
         let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);
@@ -219,8 +230,13 @@ fn slope(view: &View, threshold: f64) -> f64 {
 }
 
 /// Tiles that each kernel looked at, and those with pixels to be filled, from the words of the buffer `lists` after a frame.
-pub fn listed(size: [u32; 2], settings: &Settings, lists: &[u32]) -> (Vec<(Kernel, u64)>, u64) {
+pub fn listed<'l>(size: [u32; 2], settings: &Settings, lists: &'l [u32]) -> (Vec<(Kernel, &'l [u32])>, &'l [u32]) {
     let [across, down] = tiles(size);
-    let length = |list: u32| lists.get((list * (LIST_HEADER + across * down) + 3) as usize).copied().unwrap_or_default() as u64;
-    ((0..KERNELS).map(|list| (Kernel::of(list, settings), length(list))).collect(), length(KERNELS))
+    let of = |list: u32| {
+        let at = (list * (LIST_HEADER + across * down)) as usize;
+        let length = lists.get(at + 3).copied().unwrap_or_default() as usize;
+        let first = at + LIST_HEADER as usize;
+        lists.get(first..first + length).unwrap_or_default()
+    };
+    ((0..KERNELS).map(|list| (Kernel::of(list, settings), of(list))).collect(), of(KERNELS))
 }

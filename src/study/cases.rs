@@ -35,9 +35,10 @@ enum Up {
     Z,
 }
 
-const SCENES: [(&str, Source); 7] = [
+const SCENES: [(&str, Source); 8] = [
     ("sphere", Source::Synthetic(synth::Scene::Sphere)),
     ("torus", Source::Synthetic(synth::Scene::Torus)),
+    ("step", Source::Synthetic(synth::Scene::Step)),
     ("street", Source::Synthetic(synth::Scene::Street)),
     ("bunny", Source::Mesh("objects/bun_zipper.ply", Up::Y)),
     ("armadillo", Source::Mesh("objects/armadillo.obj", Up::Y)),
@@ -54,6 +55,9 @@ pub const NAMES: [&str; SCENES.len()] = {
     }
     names
 };
+
+/// Between the layers of `step`, metres: a fortieth of its width.
+const GAP: f64 = 0.1;
 
 /// Points of the pilot that measures how many of a scene's points a view sees, and of those that it is framed by.
 const PILOT: u64 = 200_000;
@@ -186,8 +190,8 @@ impl Surface for Shown {
     fn scanned(&self, point: DVec3) -> bool {
         let Shown::World(world) = self else { return true };
         let sees = |station: &synth::Station| {
-            let reach = world.first(station.position, point - station.position);
-            reach.is_some_and(|reach| reach > 1.0 - 1e-6)
+            let ray = point - station.position;
+            synth::reaches(ray) && world.first(station.position, ray).is_some_and(|reach| reach > 1.0 - 1e-6)
         };
         world.stations().is_empty() || world.stations().iter().any(sees)
     }
@@ -198,7 +202,7 @@ impl Shown {
     fn open(source: Source, options: &Options) -> Result<Option<Shown>> {
         match source {
             Source::Synthetic(scene) => {
-                let mut world = synth::build(scene, options.seed, 0.0);
+                let mut world = synth::build(scene, options.seed, GAP);
                 // In plain coordinates: what surveys add to them is for studies of position.
                 world.offset = DVec3::ZERO;
                 world.step = finest_step(&world);

@@ -33,6 +33,7 @@ pub use chunk::{Chunk, Lattice};
 pub use collect::collect;
 pub use las_file::LasFile;
 pub use scanner::scan;
+pub use terrestrial::reaches;
 pub use world::{Hit, Look, Method, Station, World};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

@@ -36,6 +36,12 @@ fn sweep() -> (f64, f64) {
     (LOWEST.to_radians(), HIGHEST.to_radians())
 }
 
+/// Whether the mirror reaches a direction from the station.
+pub fn reaches(direction: DVec3) -> bool {
+    let (low, high) = sweep();
+    (low..=high).contains(&direction.z.atan2(direction.x.hypot(direction.y)))
+}
+
 fn grid(spacing: f64) -> Grid {
     let (low, high) = sweep();
     let rows = ((high - low) / spacing).ceil() as u64;

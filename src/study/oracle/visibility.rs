@@ -4,7 +4,7 @@
 //! The kernels' sum is within 2.1e-6 of that, relatively (HARD_CASES 7), and the threshold is rounded to f32, so that pixels within [`BAND`] of it may be decided either way.
 
 use crate::passes::TILE_PX;
-use crate::passes::visibility::{Kernel, Settings, WIDTHS};
+use crate::passes::visibility::{FRONT_PX, Kernel, SPARSER, SPARSEST, Settings, WIDTHS};
 use crate::view::{Projection, View};
 use glam::DVec3;
 use std::f64::consts::TAU;
@@ -95,30 +95,58 @@ impl Depths<'_> {
         }
     }
 
-    /// Of every tile the kernel that the spacing of its points, metres, the same everywhere, calls for; none where rounding may choose another.
+    /// Of every tile the kernel that the spacing of its points calls for: `spacing` metres, the same everywhere, or what is counted; none where rounding may choose another.
     pub fn kernels(&self, settings: &Settings, spacing: f64) -> Vec<Option<Kernel>> {
         let [width, height] = self.size();
         let tile = TILE_PX as i64;
         let [across, down] = [width, height].map(|side| (side + tile - 1) / tile);
-        let nearest = |tx: i64, ty: i64| {
-            let pixels =
-                (ty * tile..((ty + 1) * tile).min(height)).flat_map(|y| (tx * tile..((tx + 1) * tile).min(width)).map(move |x| (x, y)));
-            pixels.filter_map(|(x, y)| self.at(x, y)).reduce(f64::min)
+        let pixels = |[tx, ty]: [i64; 2]| {
+            let [xs, ys] = [(tx, width), (ty, height)].map(|(t, side)| t * tile..((t + 1) * tile).min(side));
+            ys.flat_map(move |y| xs.clone().map(move |x| [x, y]))
         };
-        let spacing_px = |z: f64| match self.view.camera.projection {
-            Projection::Perspective => spacing * self.view.focal_px() / z,
-            Projection::Orthographic => spacing * self.view.focal_px(),
-        };
-        let own = |tx: i64, ty: i64| nearest(tx, ty).map(spacing_px);
+        let nearest = |at: [i64; 2]| pixels(at).filter_map(|[x, y]| self.at(x, y)).reduce(f64::min);
+        let own = |at: [i64; 2]| nearest(at).map(|z| spacing * self.px_per_unit(z));
         let kernel = |i: i64| {
-            let (tx, ty) = (i % across, i / across);
-            let around = (ty - 1..=ty + 1).flat_map(|y| (tx - 1..=tx + 1).map(move |x| (x, y)));
-            let around = around.filter(|(x, y)| (0..across).contains(x) && (0..down).contains(y));
-            let spacing = own(tx, ty).or_else(|| around.filter_map(|(x, y)| own(x, y)).reduce(f64::max)).unwrap_or(0.0);
-            let [lo, hi] = [1.0 - BAND, 1.0 + BAND].map(|slack| of_extent(spacing * settings.reach * slack));
-            (lo == hi).then(|| Kernel::of_width(lo))
+            let at = [i % across, i / across];
+            // Beyond the edge, the tile at the edge once more.
+            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy]));
+            let around = around.map(|by| [(at[0] + by[0]).clamp(0, across - 1), (at[1] + by[1]).clamp(0, down - 1)]);
+            let first = around.clone().filter_map(nearest).reduce(f64::min);
+            let counted = |slack: f64| {
+                let is_front = |z: f64, first: f64| (z - first) * self.px_per_unit(first) <= FRONT_PX * slack;
+                nearest(at).filter(|z| is_front(*z, first.expect("one of these")))?;
+                let front = around.clone().filter(|&at| nearest(at).is_some_and(|z| is_front(z, first.expect("one of these"))));
+                let [mut points, mut extent] = [0.0; 2];
+                for at in front {
+                    let first = nearest(at).expect("it is in front");
+                    for quarter in 0..4 {
+                        let own =
+                            || pixels(at).filter(|[x, y]| [x % tile, y % tile].map(|side| side / (tile / 2)) == [quarter % 2, quarter / 2]);
+                        let held = own().filter(|[x, y]| self.at(*x, *y).is_some_and(|z| is_front(z, first))).count();
+                        points += held as f64;
+                        extent += if held > 0 { own().count() as f64 } else { 0.0 };
+                    }
+                }
+                Some(SPARSER * (extent / points * ((extent - points) / extent).sqrt()).sqrt())
+            };
+            let spacing = |slack: f64| match own(at) {
+                Some(own) => own.max(counted(slack).unwrap_or(0.0).min(SPARSEST * own)),
+                None => around.clone().filter_map(own).reduce(f64::max).unwrap_or(0.0),
+            };
+            // Either rounding may go either way.
+            let slacks = [1.0 - BAND, 1.0 + BAND];
+            let [first, others @ ..] = [0, 1, 2, 3].map(|i| of_extent(spacing(slacks[i / 2]) * settings.reach * slacks[i % 2]));
+            (others == [first; 3]).then(|| Kernel::of_width(first))
         };
         (0..across * down).map(kernel).collect()
+    }
+
+    /// Pixels that a metre across is wide at a depth.
+    fn px_per_unit(&self, z: f64) -> f64 {
+        match self.view.camera.projection {
+            Projection::Perspective => self.view.focal_px() / z,
+            Projection::Orthographic => self.view.focal_px(),
+        }
     }
 }
 
