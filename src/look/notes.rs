@@ -34,7 +34,7 @@ impl Look {
 fn unlike_usual(mut settings: shadows::Settings) -> Vec<&'static str> {
     let mut usual = shadows::Settings { ambient: settings.ambient, ..shadows::Settings::default() };
     let said = |value: &Value| match value {
-        Value::Number(number, _) => number.to_string(),
+        Value::Number(number, _) | Value::OneOf(number, _) => number.to_string(),
         Value::Choice(choice) => choice.name().to_string(),
     };
     let pairs = settings.list().into_iter().zip(usual.list());
