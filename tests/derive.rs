@@ -95,7 +95,7 @@ fn normals_and_radii_of_leaves_are_those_of_the_cloud_in_memory() {
             let [own, own_brush] = expected[&at];
             assert_eq!(facing, own, "{at:?}");
             // Of what cluster it is depends on what is far away.
-            const CLUSTER: u32 = 0x8F;
+            const CLUSTER: u32 = 0x9F;
             assert_eq!(
                 brush & !CLUSTER,
                 own_brush & !CLUSTER,
