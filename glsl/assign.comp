@@ -4,7 +4,7 @@
 // and gaps between its points are the holes. A tile without points goes by its neighbours.
 //
 // That spacing is the node's, or, where the nearest surface is sparser there than its node, its own, counted over the tile and its neighbours. Its pixels are those of quarters of tiles that hold points
-// of it, so that at a silhouette what lies beyond is not counted; tiles in which it is not nearest keep the node's. Of pixels that random points fall into a share p holds some where -ln(1 - p) fall into
+// of it, as the four beside them do: at a silhouette what lies beyond would be taken for gaps, and kernels would go over it. Tiles in which it is not nearest keep the node's. Of pixels that random points fall into a share p holds some where -ln(1 - p) fall into
 // one, which p / sqrt(1 - p) is near enough, and infinite where all do: dense surfaces keep the node's.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
@@ -59,21 +59,30 @@ void main() {
         }
     }
     if (push.all == 0u && (points == 0u || continuous)) return;
+    // The quarters of the nine tiles, six across and six down: how many pixels each holds of the surface that is nearest, and of every row which hold any.
+    uint held[9];
+    uint rows[6] = uint[6](0u, 0u, 0u, 0u, 0u, 0u);
+    [[unroll]] for (int t = 0; t < 9; ++t) {
+        ivec2 at = clamp(own + ivec2(t % 3 - 1, t / 3 - 1), ivec2(0), across - 1);
+        Tile tile = tiles.tile[at.y * across.x + at.x];
+        bool of_front = tile.points > 0u && in_front(tile.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
+        held[t] = of_front ? tile.front : 0u;
+        [[unroll]] for (int q = 0; q < 4; ++q) rows[2 * (t / 3) + q / 2] |= uint((held[t] >> (8 * q) & 255u) > 0u) << (2 * (t % 3) + q % 2);
+    }
+    uint inner[6] = uint[6](0u, 0u, 0u, 0u, 0u, 0u);
+    [[unroll]] for (int row = 1; row < 5; ++row) inner[row] = rows[row - 1] & rows[row] & rows[row + 1] & rows[row] << 1 & rows[row] >> 1;
     uint front = 0u;
     uint extent = 0u;
-    [[dont_unroll]] for (int dy = -1; dy <= 1; ++dy) {
-        [[dont_unroll]] for (int dx = -1; dx <= 1; ++dx) {
-            ivec2 at = clamp(own + ivec2(dx, dy), ivec2(0), across - 1);
-            Tile tile = tiles.tile[at.y * across.x + at.x];
-            bool of_front = tile.points > 0u && in_front(tile.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
-            front += of_front ? tile.front : 0u;
-            extent += of_front ? tile.extent : 0u;
-        }
+    [[unroll]] for (int k = 0; k < 36; ++k) {
+        uint counts = inner[2 * (k / 12) + k % 4 / 2] >> (2 * (k / 4 % 3) + k % 2) & 1u;
+        front += counts * (held[k / 4] >> (8 * (k % 4)) & 255u);
+        extent += counts * uint(TILE_PX / 2 * TILE_PX / 2);
     }
     Tile at = tiles.tile[number];
     bool is_front = at.points > 0u && in_front(at.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
-    float gaps = is_front ? float(extent - front) / float(extent) : 0.0;
-    float counted = is_front ? min(push.sparser * sqrt(float(extent) / float(front) * sqrt(gaps)), push.sparsest * at.spacing) : 0.0;
+    bool counts = is_front && extent > 0u;
+    float gaps = counts ? float(extent - front) / float(extent) : 0.0;
+    float counted = counts ? min(push.sparser * sqrt(float(extent) / float(front) * sqrt(gaps)), push.sparsest * at.spacing) : 0.0;
     float kernel = (at.points > 0u ? max(at.spacing, counted) : spacing) * push.pixels_per_spacing;
     uint list = 0u;
     [[unroll]] for (int k = 0; k < 8; ++k) list += kernel > push.widths[k] ? 1u : 0u;

@@ -62,21 +62,20 @@ void main() {
         }
     }
     uint front = 0u;
-    uint extent = 0u;
-    for (int quarter = 0; quarter < 4; ++quarter) {
-        ivec2 first = corner + TILE_PX / 2 * ivec2(quarter & 1, quarter >> 1);
-        ivec2 beyond = min(first + TILE_PX / 2, end);
-        uint before = front;
+    for (uint quarter = 0u; quarter < 4u; ++quarter) {
+        ivec2 first = corner + TILE_PX / 2 * ivec2(quarter & 1u, quarter >> 1);
+        ivec2 beyond = first + TILE_PX / 2;
+        uint held = 0u;
         for (int y = first.y; y < beyond.y; ++y) {
             for (int x = first.x; x < beyond.x; ++x) {
                 float z = imageLoad(depth, ivec2(x, y)).r;
-                front += z <= FARTHEST && in_front(z, nearest, push.front_px, push.px_per_unit, PERSPECTIVE) ? 1u : 0u;
+                held += z <= FARTHEST && in_front(z, nearest, push.front_px, push.px_per_unit, PERSPECTIVE) ? 1u : 0u;
             }
         }
-        extent += front > before ? uint((beyond.x - first.x) * (beyond.y - first.y)) : 0u;
+        front |= all(lessThanEqual(beyond, end)) ? held << (8u * quarter) : 0u;
     }
     uint node = imageLoad(index, nearest_at).r >> POINTS_PER_PAGE_LOG2;
     float spacing = uintBitsToFloat(imageLoad(spacings, points > 0u ? int(node) : 0).r);
     float spacing_px = spacing * push.px_per_unit / (PERSPECTIVE ? nearest : 1.0);
-    tiles.tile[number] = Tile(points, front, extent, continuous ? 1u : 0u, nearest, points > 0u ? spacing_px : 0.0);
+    tiles.tile[number] = Tile(points, front, continuous ? 1u : 0u, nearest, points > 0u ? spacing_px : 0.0);
 }

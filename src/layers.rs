@@ -66,7 +66,7 @@ pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, p
     let frame = g.submit(&[])?;
     downloads.write(&frame, view.size, None, Some(path))?;
     frame.shelve(gpu);
-    Ok(taken.map_or(Vec::new(), |taken| taken.notes))
+    Ok(taken.into_iter().flat_map(|taken| taken.notes).chain(look.notes(cloud.resident())).collect())
 }
 
 /// Linear picture (its alpha says where a surface is) and layers.

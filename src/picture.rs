@@ -20,8 +20,9 @@ pub fn write_png(path: &Path, size: [u32; 2], pieces: &[&[u8]]) -> Result<()> {
 /// The same of pixels that are handed over as somebody comes by them, from the top left on. Dropped before it is finished, it leaves nothing.
 pub struct PngRows {
     path: PathBuf,
-    whole: WholeFile,
+    // Dropped first: it writes the end, into a file that is then removed.
     rows: png::StreamWriter<'static, Watched>,
+    whole: WholeFile,
     failed: Arc<Mutex<Option<std::io::Error>>>,
 }
 

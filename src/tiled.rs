@@ -4,7 +4,7 @@
 //!     whole picture -> rows of pieces -> window around each, wider by what its pixels depend on -> frame -> its middle -> rows of pixels -> file
 //! ```
 //! Points fall into the pixels of the whole picture, whichever part of it is drawn, and effects are decided for the whole. So where a border is as wide as effects look (`Look::reach_px`), pieces meet
-//! without a seam, bit by bit (`tests/tiled.rs`). One row of pieces is in memory at a time.
+//! without a seam, bit by bit (`tests/tiled.rs`), but for the rims of strokes, which f32 rounds from the corner of a piece. One row of pieces is in memory at a time.
 //!
 //! Who has other things to do meanwhile, as a window has, draws smaller tiles, one at a time ([`Tiled`]): nodes are loaded for whole pieces all the same, so that the picture does not depend on tiles.
 

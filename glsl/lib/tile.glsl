@@ -15,8 +15,7 @@ const uint TILES_PER_GROUP = 8u;
 
 struct Tile {
     uint points;     // pixels that hold one
-    uint front;      // of those, that are of the surface that is nearest in it
-    uint extent;     // pixels of those quarters of it that hold one of them
+    uint front;      // of those, that are of the surface that is nearest in it: of each of its quarters a byte, 0 where the picture ends in one
     uint continuous; // 1: every pixel holds a point, and neighbours differ by less than a hidden layer would
     float nearest;   // depth, where it holds points
     float spacing;   // of its node's points where it is nearest, pixels; 0 where no point is

@@ -102,6 +102,8 @@ pub enum Report {
     /// What is being done, and how far it is.
     Doing(String),
     Saved(PathBuf),
+    /// What is not there, and why.
+    NotSaved(PathBuf, Error),
     /// Work goes on without it.
     Failed(Error),
     /// This thread has ended.
@@ -461,6 +463,10 @@ impl Thread {
     fn count(&mut self) -> Result<()> {
         let Some(one_sided) = self.uncounted.take() else { return Ok(()) };
         self.look_back()?;
+        // Where nodes are on their way, the picture that has them is counted.
+        if self.wanted != Wanted::Nothing {
+            return Ok(());
+        }
         let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &self.cloud, &self.present) else { return Ok(()) };
         let view = View::new(scene.camera, present.size())?;
         let mut g = Graph::new(&mut self.gpu);

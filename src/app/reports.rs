@@ -33,6 +33,11 @@ impl App {
                 self.facts.doing = Some(format!("saved {}", path.display()));
                 self.promised.retain(|promised| *promised != path);
             }
+            Report::NotSaved(path, error) => {
+                self.facts.doing = None;
+                self.promised.retain(|promised| *promised != path);
+                self.trouble(&error);
+            }
             // What goes wrong with every picture is read once.
             Report::Failed(error) if self.facts.put_away.as_ref() == Some(&error.to_string()) => {}
             Report::Failed(error) => self.trouble(&error),

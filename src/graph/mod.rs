@@ -202,7 +202,7 @@ struct Gate {
 }
 
 /// Passes of one gate at most.
-const GATED_PASSES: usize = 1024;
+pub const GATED_PASSES: usize = 1024;
 
 /// One frame being recorded.
 pub struct Graph<'g> {

@@ -51,7 +51,7 @@ pub struct Settings {
     pub layer: f64,
     /// Gaps in the light's picture that are closed, texels.
     pub fill: f64,
-    /// Passes of index peeling at most; 0: until one marks nothing.
+    /// Passes of index peeling at most; 0: until one marks nothing, 512 at most.
     pub peels: f64,
     /// The least <v, n>: beyond this cosine of the angle to the light surfaces count as no steeper.
     pub limit: f64,
@@ -89,7 +89,7 @@ impl super::Settings for Settings {
             Setting { name: "ambient", about: "what is left of a colour in full shadow", value: number(&mut self.ambient, 0.0..=1.0) },
             Setting { name: "layer", about: "depth of a surface, metres; 0: as little as keeps surfaces from shading themselves", value: number(&mut self.layer, 0.0..=1e9) },
             Setting { name: "fill", about: "width of gaps that light does not fall through, texels", value: number(&mut self.fill, 0.0..=16.0) },
-            Setting { name: "peels", about: "passes of method=index at most, as many as points of a texel can be lit; 0: until nothing is left", value: number(&mut self.peels, 0.0..=4096.0) },
+            Setting { name: "peels", about: "passes of method=index at most, as many as points of a texel can be lit; 0: until nothing is left, 512 at most", value: number(&mut self.peels, 0.0..=4096.0) },
             Setting { name: "limit", about: "least cosine of the angle between light and surface", value: number(&mut self.limit, 0.01..=1.0) },
         ]
     }

@@ -80,7 +80,7 @@ pub const FRONT_PX: f64 = 16.0;
 /// Where points are strewn it is the sparser ones that gaps are between: this times the mean spacing, which is what counting finds. With less, the back of the dragon shows through its sparse parts; with
 /// more, nothing is gained there, and more of what truly shows between things is lost.
 pub const SPARSER: f64 = 1.4;
-/// What is counted is at most so many times the node's spacing: a few stray points are no surface.
+/// What is counted is at most so many times the node's spacing: a few stray points are no surface. Of layers behind others it is not asked: they have gaps where those in front have taken points with them.
 pub const SPARSEST: f64 = 2.0;
 /// As in glsl/lib/tile.glsl.
 const MARGIN_PX: u32 = 16;
@@ -119,9 +119,10 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let packed_at = (KERNELS + 1) * stride;
     let mut lists = g.buffer("lists", 4 * (packed_at + 2 * LIST_HEADER) as u64);
     g.fill(&mut lists, 0);
+    let sparsest = if layers.front.is_none() { SPARSEST } else { 1.0 };
     // A kernel that no tile can ask for is not even made.
     let [least_list, most_list] = match settings.kernel {
-        0.0 => [layers.spacing_px[0], SPARSEST * layers.spacing_px[1]].map(|px| list_of(px * settings.reach)),
+        0.0 => [layers.spacing_px[0], sparsest * layers.spacing_px[1]].map(|px| list_of(px * settings.reach)),
         width => [list_of(width); 2],
     };
     let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
@@ -137,7 +138,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         pixels_per_spacing: settings.reach as f32,
         front_px: FRONT_PX as f32,
         sparser: SPARSER as f32,
-        sparsest: SPARSEST as f32,
+        sparsest: sparsest as f32,
         all: (settings.tiles == Looked::All) as u32,
         packed_at,
         pack_groups,

@@ -54,12 +54,12 @@ impl Thread {
         let is_there = self.wanted == Wanted::Nothing || matches!(self.cloud, Some(Brought::Whole(_)));
         let at_once = is_there && self.saving.is_empty() && size.map(u64::from).iter().product::<u64>() <= self.pixels();
         let asked = match layers {
-            true => Ok(Asked::Layers(Box::new(wanted), path)),
+            true => Ok(Asked::Layers(Box::new(wanted), path.clone())),
             false => Tiled::begin(wanted, &path).map(|picture| Asked::Picture(Box::new(picture))),
         };
         match asked {
             Ok(asked) => self.saving.push_back(Saving { asked, opacities: scene.opacities.clone(), clips: scene.clips.clone() }),
-            Err(error) => (self.report)(Report::Failed(error)),
+            Err(error) => (self.report)(Report::NotSaved(path, error)),
         }
         while at_once && !self.saving.is_empty() {
             self.save_more(false)?;
@@ -112,7 +112,7 @@ impl Thread {
                 notes.into_iter().for_each(|note| (self.report)(Report::Failed(Error::Request(note))));
                 (self.report)(Report::Saved(path));
             }
-            Err(error) => (self.report)(Report::Failed(error)),
+            Err(error) => (self.report)(Report::NotSaved(path, error)),
         }
         self.go_on();
         Ok(())

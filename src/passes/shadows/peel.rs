@@ -10,6 +10,7 @@
 use super::Tally;
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Image, Tiles};
+use crate::graph::GATED_PASSES;
 use crate::passes::gate;
 use crate::passes::project::{Band, Drawn, Group, Walk};
 use crate::shader::{self, shadow_mark, shadow_peel};
@@ -28,19 +29,23 @@ pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, asked:
     g.fill(&mut keys, u32::MAX);
     g.fill(&mut last, 0);
     let most = if asked == 0 { PEELS } else { asked };
+    let of_a_peel = 2 * drawn.groups.len() + 1;
+    // Of more groups than a gate has room for every peel is recorded to be run.
+    let is_gated = of_a_peel <= GATED_PASSES;
+    let of_a_block = (GATED_PASSES / of_a_peel).clamp(1, BLOCK as usize) as u32;
     let mut before: Option<Buffer> = None;
-    for first in (0..most).step_by(BLOCK as usize) {
+    for first in (0..most).step_by(of_a_block as usize) {
         let mut peeled = g.buffer("peeled", 4);
         g.fill(&mut peeled, 0);
         let mut block = |g: &mut Graph| {
-            for peel in first..most.min(first + BLOCK) {
+            for peel in first..most.min(first + of_a_block) {
                 // What the last one takes may not be the end.
                 let counted = if peel + 1 == most { &mut tally.unpeeled } else { &mut peeled };
                 one(g, camera, drawn, limit, [&mut keys, &mut last], counted, &mut tally.marks);
             }
             Ok(())
         };
-        match before {
+        match before.filter(|_| is_gated) {
             Some(before) => gate::only_where(g, &before, block)?,
             None => block(g)?,
         }

@@ -115,17 +115,28 @@ impl Depths<'_> {
             let counted = |slack: f64| {
                 let is_front = |z: f64, first: f64| (z - first) * self.px_per_unit(first) <= FRONT_PX * slack;
                 nearest(at).filter(|z| is_front(*z, first.expect("one of these")))?;
-                let front = around.clone().filter(|&at| nearest(at).is_some_and(|z| is_front(z, first.expect("one of these"))));
+                // Quarters of tiles, from the upper left of the first tile around.
+                let held = |[qx, qy]: [i64; 2]| {
+                    let by = [qx, qy].map(|q| q.div_euclid(2) - 1);
+                    let tile_at = [(at[0] + by[0]).clamp(0, across - 1), (at[1] + by[1]).clamp(0, down - 1)];
+                    let least = nearest(tile_at).filter(|z| is_front(*z, first.expect("one of these")))?;
+                    let own = || {
+                        pixels(tile_at)
+                            .filter(|[x, y]| [x % tile, y % tile].map(|side| side / (tile / 2)) == [qx.rem_euclid(2), qy.rem_euclid(2)])
+                    };
+                    let count = own().filter(|[x, y]| self.at(*x, *y).is_some_and(|z| is_front(z, least))).count();
+                    (own().count() as i64 == tile * tile / 4 && count > 0).then_some(count as f64)
+                };
                 let [mut points, mut extent] = [0.0; 2];
-                for at in front {
-                    let first = nearest(at).expect("it is in front");
-                    for quarter in 0..4 {
-                        let own =
-                            || pixels(at).filter(|[x, y]| [x % tile, y % tile].map(|side| side / (tile / 2)) == [quarter % 2, quarter / 2]);
-                        let held = own().filter(|[x, y]| self.at(*x, *y).is_some_and(|z| is_front(z, first))).count();
-                        points += held as f64;
-                        extent += if held > 0 { own().count() as f64 } else { 0.0 };
+                for [x, y] in (1..5).flat_map(|y| (1..5).map(move |x| [x, y])) {
+                    let Some(own) = held([x, y]) else { continue };
+                    if [[x - 1, y], [x + 1, y], [x, y - 1], [x, y + 1]].into_iter().all(|beside| held(beside).is_some()) {
+                        points += own;
+                        extent += (tile * tile / 4) as f64;
                     }
+                }
+                if extent == 0.0 {
+                    return None;
                 }
                 Some(SPARSER * (extent / points * ((extent - points) / extent).sqrt()).sqrt())
             };
