@@ -10,7 +10,7 @@ pub struct Settings {
     pub sort: Sort,
     pub order: Order,
     pub tangents: Tangents,
-    /// Of the brush where 0: see [`Bristles`].
+    /// Of the brush where 0: see [`Brush`].
     pub size: f64,
     pub amplitude: f64,
     pub gamma: f64,
