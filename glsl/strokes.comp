@@ -5,7 +5,7 @@
 //     a stroke is a square in the plane of its point's normal; a pixel's ray meets it at (u, v) of it, at a depth
 //     how much it covers there, its brush says (stroke_brush)
 //
-//   A stroke's ends stand out from crests and claws: with fragments a pixel is painted only where the surface is, near enough to some stroke's own point (canvas.ground).
+//   A stroke's ends stand out from crests and claws: a pixel is painted only where the surface is, near enough to some stroke's own point (canvas.ground).
 //
 //   keys       of what covers enough, however opaque, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
 //   fragments  colour, coverage times the point's opacity, and depth, of everything that covers a pixel at all; or, while COUNTED, how many
@@ -49,6 +49,7 @@ layout(scalar) buffer Hiders { uint depth[]; } hiders;
 
 layout(push_constant, scalar) uniform Push {
     uint before; // strokes of each tile
+    uint last;   // not 0 where none come after these
 } push;
 
 const uint STROKES_AT_ONCE = 8192u;
@@ -89,7 +90,7 @@ void main() {
     float hides = canvas.hides;
     uint stroke = part.tile[PARTS + place] + push.before;
     uint end = min(part.tile[PARTS + place + 1u], stroke + STROKES_AT_ONCE);
-    if (stroke >= end) return;
+    if (stroke >= end && push.last == 0u) return;
     uint start = FRAGMENTS == KEPT ? starts.word[place * 64u + lane] : 0u;
     uint room = FRAGMENTS == KEPT ? starts.word[place * 64u + lane + 1u] - start : NO_POINT;
     uint count = counts.word[place * 64u + lane];
@@ -101,7 +102,7 @@ void main() {
     count &= ~(HIDING | GROUNDED);
     uint hider = FRAGMENTS == 0u ? 0u : hiders.depth[place * 64u + lane];
 
-    for (;;) {
+    for (; stroke < end; ++stroke) {
         vec4 centre_turning = uintBitsToFloat(texel(3u * stroke));
         vec4 axes = uintBitsToFloat(texel(3u * stroke + 1u));
         vec2 off = at - centre_turning.xy;
@@ -121,7 +122,7 @@ void main() {
             vec3 roots = roots_of(rest.z);
             // Detail in two layers: a smaller stroke across the first, a little lighter or darker.
             for (bool second = rest.w >> 31 != 0u; second; second = false) {
-                float upper = coverage(vec2(-uv.y, uv.x) * vec2(1.5), brush ^ 0xA5u);
+                float upper = coverage(vec2(-uv.y, uv.x) * vec2(1.5), brush ^ 0xA5u) * canvas.detail;
                 float shade = (brush & 1u) == 0u ? 1.08 : 0.92;
                 roots = roots * vec3(1.0 - upper) + min(roots * vec3(shade), vec3(1.0)) * vec3(upper);
                 alpha = max(alpha, upper);
@@ -141,11 +142,10 @@ void main() {
                 count += seen ? 1u : 0u;
             }
         }
-        if (++stroke == end) break;
     }
     if (FRAGMENTS == COUNTED && !BEFORE_HIDERS) hiders.depth[place * 64u + lane] = hider;
     counts.word[place * 64u + lane] = count | (FRAGMENTS != COUNTED && front.x != NO_POINT ? HIDING : 0u) | (grounded ? GROUNDED : 0u);
-    // What nothing hides behind shows the nearest of what there is. There is room for no fragments where there is no surface.
+    // What nothing hides behind shows the nearest of what there is; and nothing where there is no surface.
     uvec2 key = front.x == NO_POINT ? veil : front;
-    if (FRAGMENTS != COUNTED && inside) keys.key[at_key] = room == 0u ? uvec2(NO_POINT) : key;
+    if (FRAGMENTS != COUNTED && inside) keys.key[at_key] = push.last != 0u && !grounded ? uvec2(NO_POINT) : key;
 }

@@ -321,7 +321,7 @@ mod painted {
             for view in [&other, &smaller, &view] {
                 assert!(settled(gpu, &resident, view, effect), "another view");
             }
-            for effect in ["strokes=on,size=2", "strokes=on,order=stroke", "strokes=on,tangents=eberly", effect] {
+            for effect in ["strokes=on,size=2.5", "strokes=on,order=stroke", "strokes=on,tangents=eberly", effect] {
                 assert!(settled(gpu, &resident, &view, effect), "{effect}");
             }
             resident.opacities = Opacities(vec!["0.5".parse().unwrap()]);
@@ -403,46 +403,53 @@ mod painted {
         beyond: usize,
     }
 
-    fn coverage(view: &View, painted: &Painted, hits: impl Fn(DVec3, DVec3) -> bool + Sync) -> Coverage {
+    fn coverage(view: &View, painted: &Painted, inside: &[bool], hits: impl Fn(DVec3, DVec3) -> bool + Sync) -> Coverage {
         let [width, height] = view.size.map(i64::from);
-        let hit = |x: f64, y: f64| {
-            let (origin, direction) = view.ray(x, y);
-            hits(origin, direction)
-        };
-        let middle = |k: i64| [(k % width) as f64 + 0.5, (k / width) as f64 + 0.5];
-        let inside: Vec<bool> = (0..width * height).map(middle).map(|[x, y]| hit(x, y)).collect();
         // Of pixels nearby the middles, and where those miss, as they do the tip of a claw, all around in quarters of a pixel.
         let near = |k: i64| {
             let around = |steps: i64| (-3 * steps..=3 * steps).flat_map(move |dy| (-3 * steps..=3 * steps).map(move |dx| [dx, dy]));
             let within = |[dx, dy]: &[i64; 2], steps: i64| dx * dx + dy * dy <= 9 * steps * steps;
             let pixel = |[dx, dy]: [i64; 2]| [k % width + dx, k / width + dy];
             let is_inside = |[x, y]: [i64; 2]| (0..width).contains(&x) && (0..height).contains(&y) && inside[(y * width + x) as usize];
-            let [x, y] = middle(k);
-            around(1).filter(|at| within(at, 1)).map(pixel).any(is_inside)
-                || around(4).filter(|at| within(at, 4)).any(|[dx, dy]| hit(x + 0.25 * dx as f64, y + 0.25 * dy as f64))
+            let hit = |[dx, dy]: [i64; 2]| {
+                let (origin, direction) =
+                    view.ray((k % width) as f64 + 0.5 + 0.25 * dx as f64, (k / width) as f64 + 0.5 + 0.25 * dy as f64);
+                hits(origin, direction)
+            };
+            around(1).filter(|at| within(at, 1)).map(pixel).any(is_inside) || around(4).filter(|at| within(at, 4)).any(hit)
         };
         let covered = |k: i64| painted.picture[k as usize][3] >= 0.5;
         Coverage {
             surface: inside.iter().filter(|inside| **inside).count(),
             holes: (0..width * height).filter(|&k| inside[k as usize] && !covered(k)).count(),
-            beyond: (0..width * height).filter(|&k| covered(k) && !near(k)).count(),
+            beyond: (0..width * height).filter(|&k| covered(k) && !inside[k as usize] && !near(k)).count(),
+        }
+    }
+
+    /// Whatever the brush and the blending, from all sides; of how many in ten thousand pixels nothing tells that they are not surface.
+    fn covers(cloud: &Cloud, unresolved: fn(Preset) -> usize, hits: impl Fn(DVec3, DVec3) -> bool + Sync) {
+        let size = [400, 300];
+        for preset in [Preset::Iso, Preset::Top, Preset::Front, Preset::Side, Preset::Fit] {
+            let view = View::new(Camera::framing(preset, &cloud.core_points(), size), size).unwrap();
+            let ray = |k: u32| view.ray((k % size[0]) as f64 + 0.5, (k / size[0]) as f64 + 0.5);
+            let inside: Vec<bool> = (0..size[0] * size[1]).map(|k| ray(k)).map(|(origin, direction)| hits(origin, direction)).collect();
+            for (blend, brush) in
+                ["abuffer", "blur"].into_iter().flat_map(|blend| ["dabs", "bristles", "ribbons"].map(|brush| (blend, brush)))
+            {
+                let painted = paint(cloud, &view, &format!("strokes=on,blend={blend},brush={brush}"));
+                let found = coverage(&view, &painted, &inside, &hits);
+                println!("{preset:?}, {blend}, {brush}, {} points: {found:?}; {}", cloud.len(), painted.facts);
+                assert!(found.surface > 10_000 && 1000 * found.holes <= found.surface, "{preset:?}, {blend}, {brush}: {found:?}");
+                assert!(10_000 * found.beyond <= unresolved(preset) * found.surface, "{preset:?}, {blend}, {brush}: {found:?}");
+            }
         }
     }
 
     #[test]
     fn a_torus_of_few_points_is_covered_within_its_silhouette_and_three_pixels_beyond() {
-        let size = [400, 300];
         let world = synth::build(Scene::Torus, 1, 0.1);
         // A tenth of the 437,645 points of the paper's dragon.
-        for brush in ["dabs", "bristles", "ribbons"] {
-            let cloud = scene(Scene::Torus, 43_765, 0.0);
-            let view = View::new(Camera::framing(Preset::Iso, &cloud.core_points(), size), size).unwrap();
-            let painted = paint(&cloud, &view, &format!("strokes=on,blend=abuffer,brush={brush}"));
-            let found = coverage(&view, &painted, |origin, direction| world.trace(origin, direction).is_some());
-            println!("{brush}: {found:?}; {}", painted.facts);
-            assert!(found.surface > 10_000 && 1000 * found.holes <= found.surface, "{brush}: {found:?}");
-            assert_eq!(found.beyond, 0, "{brush}");
-        }
+        covers(&scene(Scene::Torus, 43_765, 0.0), |_| 0, |origin, direction| world.trace(origin, direction).is_some());
     }
 
     /// The Stanford dragon's every so many points, and its surface.
@@ -463,15 +470,8 @@ mod painted {
     #[test]
     fn a_tenth_of_a_dragon_is_covered_within_its_silhouette_and_three_pixels_beyond() {
         let Some((cloud, mesh)) = dragon(10) else { return };
-        let size = [400, 300];
-        let view = View::new(Camera::framing(Preset::Iso, &cloud.core_points(), size), size).unwrap();
-        for brush in ["dabs", "bristles", "ribbons"] {
-            let painted = paint(&cloud, &view, &format!("strokes=on,blend=abuffer,brush={brush}"));
-            let found = coverage(&view, &painted, |origin, direction| mesh.first(origin, direction).is_some());
-            println!("{brush}, {} points: {found:?}; {}", cloud.len(), painted.facts);
-            assert!(found.surface > 10_000 && 1000 * found.holes <= found.surface, "{brush}: {found:?}");
-            assert_eq!(found.beyond, 0, "{brush}");
-        }
+        // From the side one looks into notches that are narrower than the points on either side of them are apart.
+        covers(&cloud, |preset| if preset == Preset::Side { 3 } else { 0 }, |origin, direction| mesh.first(origin, direction).is_some());
     }
 
     /// A surface that rays meet.
@@ -565,8 +565,11 @@ mod painted {
                 "tangents=squareplate,brush=bristles",
                 "tangents=covariance,noise=60",
                 "tangents=householder,order=stroke",
+                "detail=0",
+                "blend=opaque",
+                "blend=opaque,brush=ribbons",
             ] {
-                let effect = format!("strokes=on,blend=abuffer,size=1.5,{effect}");
+                let effect = format!("strokes=on,size=1.5,{effect}");
                 let mut effects = Effects::default();
                 effects.set(&effect).unwrap();
                 let painted = paint(&cloud, &view, &effect);
@@ -585,7 +588,7 @@ mod painted {
         let (found, class) = (strokes(&part.columns, &part.lattice, &Silent).unwrap(), part.columns.class.as_ref().unwrap());
         let size = [67, 53];
         let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), size), size).unwrap();
-        let effect = "strokes=on,blend=abuffer,size=1.5";
+        let effect = "strokes=on,size=1";
         let mut effects = Effects::default();
         effects.set(effect).unwrap();
         let opaque = paint(&cloud, &view, effect);
@@ -599,7 +602,8 @@ mod painted {
             let agreement = oracle::compare(&truth, &painted.picture, &painted.depth);
             println!("{rules:?}: {agreement:?}");
             assert!(agreement.pixels > 500 && agreement.color_off == 0 && agreement.depth_off == 0, "{rules:?}: {agreement:?}");
-            assert!(error(&painted.picture, &opaque.picture) > 0.05, "{rules:?} shows");
+            let shows = error(&painted.picture, &opaque.picture);
+            assert!(shows > 0.05, "{rules:?} shows: {shows}");
         }
     }
 

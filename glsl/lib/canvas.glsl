@@ -16,6 +16,7 @@ struct Canvas {
     float least_px;   // of that, on the screen
     float largest_px;
     float lengthen;   // how much of a cluster's length its strokes take on
+    float detail;     // how opaque the second layer of small clusters is
     vec2 reach;       // where a brush ends, from its middle, parts of a side
     uint word;        // the first of the point's two, counted after the position planes
     uint kind;        // the one of its kind, where points bring it

@@ -77,8 +77,8 @@ pub fn patch(around: &mut Surroundings, place: usize, fit: Fit, room: &mut Room,
 const CLOSES: f64 = 1.5;
 /// Ways from a point, in its plane, along which it is asked where the next point takes over.
 const WAYS: usize = 32;
-/// Points farther from their plane than this part of the reach, in the mean of squares, are no surface that is known well enough to lay a larger stroke on: crests, claws, leaves.
-const FLAT: f64 = 0.2;
+/// Points farther from their plane than this part of the reach, in the mean of squares, are no surface that is known well enough to lay a larger stroke on: edges of right angles, crests, claws, leaves.
+const FLAT: f64 = 0.14;
 
 static COSINES: LazyLock<[[f64; 2]; WAYS]> = LazyLock::new(|| {
     std::array::from_fn(|k| {

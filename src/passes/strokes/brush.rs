@@ -1,7 +1,7 @@
 //! Brushes: the numbers of the paper's equation 1, and the three of its figure 4 by name.
 
 use super::Painting;
-use super::settings::{Blend, Settings};
+use super::settings::Settings;
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Tiles};
 use crate::shader::{self, stroke_brush};
@@ -9,10 +9,8 @@ use crate::shader::{self, stroke_brush};
 /// As glsl/stroke_brush.comp: 256 brushes of 32 x 32 words.
 const WORDS: u32 = 256 * 32 * 32;
 
-/// 0.85 radii of a stroke that is 1.6 large: where dabs end, which neither leave holes nor stand out.
-const GROUND: f64 = 0.265;
-/// Of a dab, which ends there by itself.
-const ALL: f64 = 1.0;
+/// How far from its point a stroke lies on the surface, radii: less leaves holes, more stands out.
+const GROUND_RADII: f64 = 0.75;
 
 /// A named brush; its numbers may be set one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -40,19 +38,21 @@ pub struct Bristles {
     pub dev: f64,
     /// 6 to 9, of 3 x 3.
     pub gaussians: u32,
-    /// How far from its middle a stroke lies on the surface. Farther out, on crests and claws, it stands in the air: what only such ends cover is not painted.
-    pub ground: f64,
 }
 
 impl Brush {
-    /// Dabs fade towards their ends. All of a dab shows where strokes lie over each other, so it is as small as leaves no holes and stays within three pixels of silhouettes; alone it shows only
-    /// where it hides.
-    fn bristles(self, blend: Blend) -> Bristles {
-        let dab = if blend == Blend::Abuffer { 1.5 } else { 2.4 };
+    /// How far from its middle a stroke lies on the surface, parts of a side. Farther out, on crests and claws, it stands in the air: what only such ends cover is not painted. Strokes that are asked
+    /// for larger than the brush's own take their ground with them.
+    pub fn ground(self) -> f64 {
+        GROUND_RADII / (2.0 * self.bristles().size)
+    }
+
+    /// Dabs fade towards their ends: they are so large that one hides what is behind it to where the next is over it.
+    fn bristles(self) -> Bristles {
         match self {
-            Brush::Dabs => Bristles { size: dab, amplitude: 8.0, gamma: 3.0, sigma_x: 0.114, sigma_y: 0.0989, dev: 0.03, gaussians: 9, ground: ALL },
-            Brush::Bristles => Bristles { size: 1.6, amplitude: 1.0, gamma: 2.7, sigma_x: 0.142, sigma_y: 0.071, dev: 0.38, gaussians: 9, ground: GROUND },
-            Brush::Ribbons => Bristles { size: 1.6, amplitude: 2.27, gamma: 2.4, sigma_x: 0.099, sigma_y: 0.1259, dev: 0.3, gaussians: 6, ground: GROUND },
+            Brush::Dabs => Bristles { size: 2.0, amplitude: 8.0, gamma: 3.0, sigma_x: 0.114, sigma_y: 0.0989, dev: 0.03, gaussians: 9 },
+            Brush::Bristles => Bristles { size: 1.6, amplitude: 1.0, gamma: 2.7, sigma_x: 0.142, sigma_y: 0.071, dev: 0.38, gaussians: 9 },
+            Brush::Ribbons => Bristles { size: 1.6, amplitude: 2.27, gamma: 2.4, sigma_x: 0.099, sigma_y: 0.1259, dev: 0.3, gaussians: 6 },
         }
     }
 }
@@ -60,7 +60,7 @@ impl Brush {
 impl Bristles {
     /// Of what is not 0 the number asked for, else the brush's own.
     pub fn of(settings: &Settings) -> Bristles {
-        let own = settings.brush.bristles(settings.blend);
+        let own = settings.brush.bristles();
         let or = |asked: f64, own: f64| if asked == 0.0 { own } else { asked };
         Bristles {
             size: or(settings.size, own.size),
@@ -70,7 +70,6 @@ impl Bristles {
             sigma_y: or(settings.sigma_y, own.sigma_y),
             dev: or(settings.dev, own.dev),
             gaussians: or(settings.gaussians, own.gaussians as f64) as u32,
-            ground: own.ground,
         }
     }
 

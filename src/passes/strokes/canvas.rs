@@ -11,8 +11,8 @@ use crate::view::{Camera, View};
 
 impl Painting<'_> {
     pub(super) fn canvas(&self, band: Band, paint: &Paint) -> Canvas {
-        let Settings { largest, long, tangents, blend, noise, .. } = self.settings;
-        let bristles = Bristles::of(&self.settings);
+        let Settings { brush, largest, long, detail, tangents, blend, noise, .. } = self.settings;
+        let (bristles, ground) = (Bristles::of(&self.settings), brush.ground());
         let basis = &self.view.basis;
         let axes = self.resident.axes.0.map(|axis| axis.as_vec3().to_array());
         // What covers less leaves no trace.
@@ -29,10 +29,11 @@ impl Painting<'_> {
             axis_y: axes[1],
             axis_z: axes[2],
             scale: bristles.size as f32,
-            ground: (bristles.ground * bristles.ground) as f32,
+            ground: (ground * ground) as f32,
             least_px: LEAST_PX,
             largest_px: largest as f32,
             lengthen: long as f32,
+            detail: detail as f32,
             reach: bristles.reach(least, noise).map(|reach| reach as f32),
             word: self.resident.shown.strokes().expect("begin has looked"),
             kind: self.resident.shown.kind().unwrap_or(0),
@@ -45,12 +46,12 @@ impl Painting<'_> {
 
     /// All that fragments depend on.
     pub(super) fn made_of(&self, paint: &Paint) -> Vec<u64> {
-        let Settings { brush: _, blend, sort: _, order, tangents, size: _, amplitude: _, gamma: _, sigma_x: _, sigma_y: _, dev: _, gaussians: _, noise, long, largest, passes: _, memory: _, radius: _ } =
+        let Settings { brush, blend, sort: _, order, tangents, size: _, amplitude: _, gamma: _, sigma_x: _, sigma_y: _, dev: _, gaussians: _, noise, long, detail, largest, passes: _, memory: _, radius: _ } =
             self.settings;
-        let Bristles { size, amplitude, gamma, sigma_x, sigma_y, dev, gaussians, ground } = Bristles::of(&self.settings);
+        let Bristles { size, amplitude, gamma, sigma_x, sigma_y, dev, gaussians } = Bristles::of(&self.settings);
         let View { camera, size: pixels, whole, corner, basis: _ } = self.view;
         let Camera { eye, target, up, fov_y, projection, ortho_height } = camera;
-        let numbers = [size, amplitude, gamma, sigma_x, sigma_y, dev, ground, noise, long, largest, *fov_y, ortho_height.unwrap_or(0.0)];
+        let numbers = [size, amplitude, gamma, sigma_x, sigma_y, dev, brush.ground(), noise, long, detail, largest, *fov_y, ortho_height.unwrap_or(0.0)];
         let places = [eye, target, up].map(|place| place.to_array()).concat();
         let of_points = self.resident.opacities.table(&self.resident.stations).into_iter().map(f64::from).chain(paint.gains.iter().copied());
         let factors: Vec<u64> = of_points.chain(paint.ramp.map(f64::from)).map(f64::to_bits).collect();

@@ -67,6 +67,7 @@ impl Painting<'_> {
         for (turn, of_turn) in listed.iter().enumerate() {
             let Bins { part, strokes, longest } = &self.bins(g, desk, of_turn, tiles, [turn as u32, listed.len() as u32])?;
             for before in (0..(*longest).max(1)).step_by(STROKES_AT_ONCE) {
+                let last = turn + 1 == listed.len() && before + STROKES_AT_ONCE as u32 >= *longest;
                 let (keys, counts, fragments, hiders) = (&mut *keys, &mut *counts, &mut *fragments, &mut *hiders);
                 g.run(
                     shader::Strokes {
@@ -81,7 +82,7 @@ impl Painting<'_> {
                         counts,
                         fragments,
                         hiders,
-                        push: shader::strokes::Push { before },
+                        push: shader::strokes::Push { before, last: last as u32 },
                         spec,
                     },
                     groups(tiles.len() as u32),

@@ -22,6 +22,8 @@ pub struct Settings {
     pub noise: f64,
     /// How much longer strokes are on clusters that are twice as long as wide.
     pub long: f64,
+    /// How opaque the second, smaller stroke is that lies over those of small clusters.
+    pub detail: f64,
     /// Half a stroke's side on the screen, at most, pixels.
     pub largest: f64,
     /// Passes of sort=bubble; 0: until everything is in order.
@@ -96,6 +98,7 @@ impl Default for Settings {
             gaussians: 0.0,
             noise: 20.0,
             long: 0.5,
+            detail: 1.0,
             largest: 96.0,
             passes: 0.0,
             memory: 512.0,
@@ -122,6 +125,7 @@ impl super::super::Settings for Settings {
             Setting { name: "gaussians", about: "of the grid, 6 to 9", value: number(&mut self.gaussians, 0.0..=9.0) },
             Setting { name: "noise", about: "how far strokes are turned at most, degrees", value: number(&mut self.noise, 0.0..=180.0) },
             Setting { name: "long", about: "how much longer strokes are on long clusters", value: number(&mut self.long, 0.0..=1.0) },
+            Setting { name: "detail", about: "how opaque the second layer is that small clusters have", value: number(&mut self.detail, 0.0..=1.0) },
             Setting { name: "largest", about: "half a side on the screen at most, pixels", value: number(&mut self.largest, 1.0..=512.0) },
             Setting { name: "passes", about: "of sort=bubble; 0: until all are in order", value: number(&mut self.passes, 0.0..=1e6) },
             Setting { name: "memory", about: "of lists and fragments, MiB; what needs more is painted in parts", value: number(&mut self.memory, 1.0..=65536.0) },

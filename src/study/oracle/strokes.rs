@@ -10,7 +10,7 @@ use crate::index::axes::{self, Axes};
 use crate::index::strokes::{Stroke, householder};
 use crate::passes::resolve::srgb_to_linear;
 use crate::passes::strokes::brush::{Bristles, turns};
-use crate::passes::strokes::{LEAST_PX, Order, Settings, Tangents};
+use crate::passes::strokes::{Blend, LEAST_PX, Order, Settings, Tangents};
 use crate::view::{Projection, View};
 use glam::{DVec2, DVec3};
 
@@ -100,11 +100,12 @@ struct Painted {
 /// Of a point by its number, how opaque it is.
 pub type Opacity<'o> = &'o dyn Fn(usize) -> f64;
 
-/// All strokes of a part with colours, blended.
+/// All strokes of a part with colours: blended, or of each pixel the nearest, as the settings have it; not softened.
 pub fn paint(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke], opacity: Opacity) -> Vec<Pixel> {
     let easel = Easel::new(view, settings, part, strokes, opacity);
     let [width, height] = view.size;
-    (0..width * height).map(|k| easel.pixel((k % width) as f64 + 0.5, (k / width) as f64 + 0.5)).collect()
+    let pixel = if settings.blend == Blend::Abuffer { Easel::blended } else { Easel::nearest };
+    (0..width * height).map(|k| pixel(&easel, (k % width) as f64 + 0.5, (k / width) as f64 + 0.5)).collect()
 }
 
 /// How many fragments all pixels have together.
@@ -151,6 +152,9 @@ struct Easel<'v> {
     view: &'v View,
     order: Order,
     bristles: Bristles,
+    /// As [`Brush::ground`](crate::passes::strokes::brush::Brush::ground).
+    ground: f64,
+    detail: f64,
     turns: Vec<DVec2>,
     painted: Vec<Painted>,
 }
@@ -166,18 +170,19 @@ impl<'v> Easel<'v> {
             let color = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]).map(|c| srgb_to_linear(c as f64 / 255.0));
             let at = part.lattice.world(steps.map(i64::from));
             let painted = seen(view, settings, &bristles, &turns, &axes, at, stroke.words(steps))?;
-            Some(Painted { color: DVec3::from_array(color), opacity: opacity(i), ..painted })
+            let opacity = opacity(i);
+            (opacity > 0.0).then_some(Painted { color: DVec3::from_array(color), opacity, ..painted })
         };
         let painted = strokes.iter().enumerate().filter_map(seen).collect();
-        Easel { view, order: settings.order, bristles, turns, painted }
+        let ground = settings.brush.ground();
+        Easel { view, order: settings.order, bristles, ground, detail: settings.detail, turns, painted }
     }
 
     /// What the ray through a place of the picture, pixels, meets; and whether roundings cannot change that.
     fn fragments(&self, x: f64, y: f64) -> (Vec<Fragment>, bool) {
-        let Easel { view, order, bristles, turns, painted } = self;
+        let Easel { view, order, bristles, ground, detail, turns, painted } = self;
         let (origin, direction) = view.ray(x, y);
         let (mut sure, mut grounded) = (true, false);
-        let ground = bristles.ground;
         let mut fragments: Vec<Fragment> = Vec::new();
         for (number, stroke) in painted.iter().enumerate() {
             let steep = direction.dot(stroke.normal);
@@ -191,12 +196,12 @@ impl<'v> Easel<'v> {
             if depth <= 0.0 || edge > 0.5 + EDGE {
                 continue;
             }
-            grounded |= edge <= 0.5 && uv.length() <= ground;
+            grounded |= edge <= 0.5 && uv.length() <= *ground;
             sure &= (uv.length() - ground).abs() > EDGE;
             let seed = stroke.words[0] >> 24;
             let (mut covers, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
             if stroke.words[1] & 1 << 7 != 0 {
-                let upper = coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5);
+                let upper = coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5) * detail;
                 // Mixed as the kernel keeps colours: by their square roots.
                 let shade = if seed & 1 == 0 { 1.08 } else { 0.92 };
                 let root = DVec3::from_array(color.to_array().map(f64::sqrt));
@@ -225,7 +230,20 @@ impl<'v> Easel<'v> {
         (fragments, sure)
     }
 
-    fn pixel(&self, x: f64, y: f64) -> Pixel {
+    /// The nearest stroke that hides what is behind it, and nothing else.
+    fn nearest(&self, x: f64, y: f64) -> Pixel {
+        let (mut fragments, sure) = self.fragments(x, y);
+        fragments.retain(|fragment| fragment.coverage >= 0.5);
+        fragments.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+        let sure = sure && fragments.get(1).is_none_or(|second| second.depth / fragments[0].depth - 1.0 > APART);
+        let Some(first) = fragments.first() else { return Pixel { color: [0.0; 4], depth: f64::INFINITY, sure } };
+        let Painted { color, opacity, .. } = &self.painted[first.stroke];
+        let [r, g, b] = (*color * *opacity).to_array();
+        Pixel { color: [r, g, b, *opacity], depth: first.depth, sure }
+    }
+
+    /// All strokes, each over those behind it.
+    fn blended(&self, x: f64, y: f64) -> Pixel {
         let (mut fragments, mut sure) = self.fragments(x, y);
         let hides = fragments.iter().filter(|fragment| fragment.coverage >= 0.5).map(|fragment| fragment.depth).reduce(f64::min);
         let nearest = fragments.iter().map(|fragment| fragment.depth).fold(f64::INFINITY, f64::min);
