@@ -118,7 +118,7 @@ void touch(Home home, uint n, uint i, uint facing, uint brush) {
         hi = max(hi, there);
     }
     // It shows where the middle of a pixel lies in it.
-    vec2 to_middles = canvas.middle - vec2(0.5);
+    vec2 to_middles = canvas.middle - canvas.corner - vec2(0.5);
     ivec2 first = ivec2(floor(max(ceil(lo + to_middles - vec2(ROUNDING)) / vec2(8.0), vec2(0.0))));
     ivec2 last = ivec2(floor(min(floor(hi + to_middles + vec2(ROUNDING)) / vec2(8.0), vec2(canvas.tiles) - vec2(1.0))));
     uvec4 stroke[3] = uvec4[3](uvec4(0u), uvec4(0u), uvec4(0u));

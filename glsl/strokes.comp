@@ -85,7 +85,7 @@ void main() {
     uint lane = gl_LocalInvocationID.x;
     uvec2 pixel = uvec2(in_rows(tile, canvas.tiles.x)) * 8u + uvec2(lane % 8u, lane / 8u);
     bool inside = pixel.x < canvas.size.x && pixel.y < canvas.size.y;
-    vec2 at = vec2(pixel) + vec2(0.5);
+    vec2 at = canvas.corner + vec2(pixel) + vec2(0.5);
     vec2 reach = canvas.reach;
     float hides = canvas.hides;
     uint stroke = part.tile[PARTS + place] + push.before;

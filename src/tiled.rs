@@ -4,7 +4,7 @@
 //!     whole picture -> rows of pieces -> window around each, wider by what its pixels depend on -> frame -> its middle -> rows of pixels -> file
 //! ```
 //! Points fall into the pixels of the whole picture, whichever part of it is drawn, and effects are decided for the whole. So where a border is as wide as effects look (`Look::reach_px`), pieces meet
-//! without a seam, bit by bit (`tests/tiled.rs`), but for the rims of strokes, which f32 rounds from the corner of a piece. One row of pieces is in memory at a time.
+//! without a seam, bit by bit (`tests/tiled.rs`). One row of pieces is in memory at a time.
 //!
 //! Who has other things to do meanwhile, as a window has, draws smaller tiles, one at a time ([`Tiled`]): nodes are loaded for whole pieces all the same, so that the picture does not depend on tiles.
 
@@ -184,9 +184,7 @@ impl Tiled {
         let look = look::decide(&wishes, &view, cloud.resident());
         self.note(look.notes(cloud.resident()));
         let pieces = Pieces::of(gpu, &view, &look, piece)?;
-        // Strokes are placed from the corner of what is drawn, so that another corner rounds their rims otherwise.
-        let reach = look.reach_px(&view).filter(|_| !look.decided.runs("strokes"));
-        let side_and_border = tile.zip(reach).map(|(side, reach)| (in_tiles(side.max(1)), in_tiles(reach)));
+        let side_and_border = tile.zip(look.reach_px(&view)).map(|(side, reach)| (in_tiles(side.max(1)), in_tiles(reach)));
         let tiles = pieces.rows().flat_map(|row| row_of_tiles(&view, &row, side_and_border)).collect();
         Ok(Plan { look, tiles, done: 0 })
     }

@@ -3,7 +3,8 @@
 struct Canvas {
     uvec2 size;       // pixels, of the band
     uvec2 tiles;      // across and down
-    vec2 middle;      // of the whole picture, from the band's corner, pixels
+    vec2 middle;      // of the whole picture, pixels
+    vec2 corner;      // of the band, in the whole picture: strokes lie in that, so that its parts round them alike
     float focal;      // pixels; orthographic: pixels per metre
     vec3 right;       // world to view, down as rows go
     vec3 down;

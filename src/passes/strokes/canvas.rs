@@ -20,7 +20,8 @@ impl Painting<'_> {
         Canvas {
             size: band.size,
             tiles: tiles(band.size),
-            middle: [self.view.centre()[0] as f32, (self.view.centre()[1] - band.top as f64) as f32],
+            middle: self.view.whole.map(|side| side as f32 / 2.0),
+            corner: [self.view.corner[0] as f32, (self.view.corner[1] + band.top as i32) as f32],
             focal: self.wide.focal_px() as f32,
             right: basis.right.as_vec3().to_array(),
             down: (-basis.up).as_vec3().to_array(),
