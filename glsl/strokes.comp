@@ -62,7 +62,7 @@ uvec4 texel(uint i) {
     return TEXELS ? imageLoad(strokes, int(i)) : stroke_words.texel[i];
 }
 
-// Of a brush at (u, v), -1/2 to 1/2: between the corners of one of its 32 x 32 squares.
+// Of a brush at (u, v), -1/2 to 1/2, beyond which it has nothing: between the corners of one of its 32 x 32 squares.
 float coverage(vec2 at, uint brush) {
     vec2 place = clamp((at + vec2(0.5)) * vec2(32.0), vec2(0.0), vec2(32.0));
     uvec2 square = min(uvec2(place), uvec2(31u));
@@ -70,7 +70,8 @@ float coverage(vec2 at, uint brush) {
     uint word = WORD(brushes, brush_words, brush << 10 | square.y << 5 | square.x);
     float upper = float(word & 255u) * (1.0 - f.x) + float(word >> 8 & 255u) * f.x;
     float lower = float(word >> 16 & 255u) * (1.0 - f.x) + float(word >> 24) * f.x;
-    return (upper * (1.0 - f.y) + lower * f.y) / 255.0;
+    bool inside = abs(at.x) <= 0.5 && abs(at.y) <= 0.5;
+    return inside ? (upper * (1.0 - f.y) + lower * f.y) / 255.0 : 0.0;
 }
 
 bool nearer(uvec2 key, uvec2 than) {
@@ -117,7 +118,7 @@ void main() {
             uvec4 rest = texel(3u * stroke + 2u);
             float depth = uintBitsToFloat(rest.x);
             float z = PERSPECTIVE ? depth * over : depth - turned;
-            uint brush = rest.z >> 24;
+            uint brush = rest.z & 255u;
             float alpha = coverage(uv, brush);
             vec3 roots = roots_of(rest.z);
             // Detail in two layers: a smaller stroke across the first, a little lighter or darker.

@@ -367,7 +367,7 @@ mod painted {
         // As many as in small windows of the picture, but for roundings.
         let cloud = scene(Scene::Plane, 5000, 0.0);
         let view = View::new(Camera::framing(Preset::Top, &cloud.core_points(), [320, 256]), [320, 256]).unwrap();
-        let listed = |view: &View| paint(&cloud, view, "strokes=on,blend=opaque,size=32,largest=512").facts.listed;
+        let listed = |view: &View| paint(&cloud, view, "strokes=on,blend=opaque,size=32,largest=1.6").facts.listed;
         let corners = (0..4).flat_map(|y| (0..4).map(move |x| [80 * x, 64 * y]));
         let [whole, windows] = [listed(&view), corners.map(|corner| listed(&view.window(corner, [80, 64]))).sum()];
         println!("{whole} in the lists of tiles, {windows} in those of windows");
@@ -604,6 +604,24 @@ mod painted {
             assert!(agreement.pixels > 500 && agreement.color_off == 0 && agreement.depth_off == 0, "{rules:?}: {agreement:?}");
             let shows = error(&painted.picture, &opaque.picture);
             assert!(shows > 0.05, "{rules:?} shows: {shows}");
+        }
+    }
+
+    /// Seen straight from above all strokes of a plane are as deep as each other: of two colours one lies over the other wherever they meet.
+    #[test]
+    fn strokes_of_one_depth_lie_over_each_other_in_one_order() {
+        let mut cloud = scene(Scene::Plane, 2000, 0.0);
+        let axis = |of: fn(i32) -> i32| (0..400).map(of).collect::<Vec<i32>>();
+        let (x, y, z) = (axis(|k| 1000 * (k % 20)), axis(|k| 1000 * (k / 20)), vec![0; 400]);
+        let rgb = (0..400).map(|k| if (k % 20 + k / 20) % 2 == 0 { [255, 0, 0] } else { [0, 0, 255] }).collect();
+        cloud.parts[0].columns = Columns { rgb: Some(rgb), x, y, z, ..Columns::default() };
+        let view = View::new(Camera::framing(Preset::Top, &cloud.core_points(), [240, 240]), [240, 240]).unwrap();
+        for order in ["pixel", "stroke"] {
+            let painted = paint(&cloud, &view, &format!("strokes=on,noise=0,detail=0,long=0,order={order}"));
+            // At the middles of the strokes below, which those above cover in part, these are as opaque as they are there, and not behind them.
+            let (red, blue) = painted.picture.iter().fold((0.0, 0.0), |(red, blue), [r, _, b, _]| (red + r, blue + b));
+            println!("order={order}: {red} red, {blue} blue");
+            assert!(red > 2.0 * blue || blue > 2.0 * red, "order={order}: one colour is over the other: {red} red, {blue} blue");
         }
     }
 

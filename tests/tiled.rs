@@ -36,8 +36,8 @@ fn no_seam_shows_whatever_is_drawn() {
     for look in [
         "",
         "--style points",
-        "--style strokes --effect strokes=largest=8",
-        "--style strokes --effect strokes=largest=8,blend=blur,brush=ribbons",
+        "--style strokes --effect strokes=largest=0.03",
+        "--style strokes --effect strokes=largest=0.03,blend=blur,brush=ribbons",
         "--light direction:0.3,1,-0.8 --effect shadows=on,samples=2,radius=2 --effect luminance=on",
         "--effect fill=method=dobrev --effect smooth=filter=gaussian",
         "--effect ao=on --effect fill=method=splat --effect antialias=on",
@@ -77,7 +77,7 @@ fn what_is_drawn_in_tiles_is_the_same_to_the_bit_whatever_it_is_drawn_from() {
     let place = Place::new(100_000);
     succeeded(&pointillist().arg("index").arg(place.at("street.las")).arg("-o").arg(place.at("street.pnti")).output().unwrap());
     for (file, look) in [
-        ("street.las", "--style strokes --effect strokes=largest=8"),
+        ("street.las", "--style strokes --effect strokes=largest=0.03"),
         ("street.las", "--effect fill=method=pullpush"),
         ("street.pnti", "--lod 2"),
         ("street.pnti", "--lod 3 --budget 20000"),

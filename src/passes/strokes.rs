@@ -105,7 +105,7 @@ pub fn begin<'f>(
         return Err(Error::Request("strokes need to know how points lie, which nobody has found out for these: --style strokes".into()));
     }
     let settings = effects.strokes.settings;
-    let wide = widened(view, margin(&settings));
+    let wide = widened(view, margin(view, &settings));
     if resident.seen(&wide).next().is_none() {
         return Ok(None);
     }
@@ -113,8 +113,8 @@ pub fn begin<'f>(
     Ok(Some(Painting { wide, view, resident, decided, settings, at_once, blended, unordered: None, facts: Facts::default() }))
 }
 
-fn margin(settings: &Settings) -> u32 {
-    (MARGIN * settings.largest).ceil() as u32
+fn margin(view: &View, settings: &Settings) -> u32 {
+    (MARGIN * settings.largest_px(view.whole)).ceil() as u32
 }
 
 /// The same camera with so many pixels more on every side.
@@ -194,8 +194,10 @@ impl Painting<'_> {
     }
 
     /// Bytes that lists may have, and fragments.
-    fn room(&self, g: &Graph) -> u64 {
-        ((self.settings.memory * 1048576.0) as u64 / 2).min(g.binding_limit())
+    fn room(&mut self, g: &Graph) -> u64 {
+        let allowed = (self.settings.memory * 1048576.0) as u64 / 2;
+        self.facts.by_device = g.binding_limit() < allowed;
+        allowed.min(g.binding_limit())
     }
 
     /// Strokes in the lists, and their fragments laid over each other. What is counted for `made_of` is kept, where all of it is painted at once.

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! normal      oriented ones: their mean; others, which may be either of two: the axis that they are nearest to together (Sum n n^T, its largest eigenvector)
-//! stroke      covers what those that it stands for cover: the root of the sum of their radii's squares; along the way of the heaviest one, which also says how
+//! stroke      covers what those that it stands for cover: the root of the sum of their radii's squares; along the way of the heaviest one, whose brush it has
 //! luminance   mean in linear light, as of other colours
 //! ```
 
@@ -22,14 +22,13 @@ pub fn node(forest: &Forest, node: usize, corners: &[[i64; 3]], planes: &[Plane]
     let wanted: Vec<Plane> = planes.iter().copied().chain([Plane::Weight]).collect();
     let corner_of = |record: &NodeRecord| corners[record.lattice as usize];
     let below = forest.below(node, &corner_of, &wanted, &|_, _| Ok(()))?;
-    let corner = corner_of(&forest.directory.nodes[node]);
     let runs = merge::runs(&below);
-    let own = forest.samples(node, corner, &[])?;
-    let facing = below.derived.facing.as_deref().map(|below| {
-        let normals = runs.each(|run| normal(&runs, below, run, oriented));
-        let at = |i: usize| [0, 1, 2].map(|axis| (corner[axis] + own.q[i][axis] as i64) as i32);
-        normals.into_iter().enumerate().map(|(i, normal)| strokes::seeded(normal, at(i))).collect::<Vec<_>>()
-    });
+    // The bits that look random are those of the heaviest one, too: it is the same stroke, wherever rounding has put it.
+    let facing = below
+        .derived
+        .facing
+        .as_deref()
+        .map(|below| runs.each(|run| normal(&runs, below, run.clone(), oriented) | below[heaviest(&runs, run)] & !octahedral::UNKNOWN));
     let brush = match (&facing, below.derived.facing.as_deref(), below.derived.brush.as_deref()) {
         (Some(own), Some(facing), Some(brush)) => {
             let mut own = own.iter();
@@ -68,8 +67,14 @@ fn normal(runs: &Runs, facing: &[u32], run: Range<usize>, oriented: bool) -> u32
     octahedral::pack(if axis.dot(first) < 0.0 { -axis } else { axis })
 }
 
+/// Of equally heavy ones, the first.
+fn heaviest(runs: &Runs, mut run: Range<usize>) -> usize {
+    let first = run.next().expect("a cell has samples");
+    run.fold(first, |most, i| if runs.weight(i) > runs.weight(most) { i } else { most })
+}
+
 fn joined(runs: &Runs, own: u32, facing: &[u32], brush: &[u32], run: Range<usize>) -> u32 {
-    let heaviest = run.clone().max_by(|&a, &b| runs.weight(a).cmp(&runs.weight(b)).then(b.cmp(&a))).expect("a cell has samples");
+    let heaviest = heaviest(runs, run.clone());
     if run.len() == 1 {
         return brush[heaviest];
     }

@@ -11,7 +11,7 @@ use crate::view::{Camera, View};
 
 impl Painting<'_> {
     pub(super) fn canvas(&self, band: Band, paint: &Paint) -> Canvas {
-        let Settings { brush, largest, long, detail, tangents, blend, noise, .. } = self.settings;
+        let Settings { brush, long, detail, tangents, blend, noise, .. } = self.settings;
         let (bristles, ground) = (Bristles::of(&self.settings), brush.ground());
         let basis = &self.view.basis;
         let axes = self.resident.axes.0.map(|axis| axis.as_vec3().to_array());
@@ -32,7 +32,7 @@ impl Painting<'_> {
             scale: bristles.size as f32,
             ground: (ground * ground) as f32,
             least_px: LEAST_PX,
-            largest_px: largest as f32,
+            largest_px: self.settings.largest_px(self.view.whole) as f32,
             lengthen: long as f32,
             detail: detail as f32,
             reach: bristles.reach(least, noise).map(|reach| reach as f32),

@@ -13,6 +13,8 @@ pub struct Facts {
     pub deepest: u32,
     /// In which the picture was painted, because all lists together would have been larger than the memory allowed.
     pub parts: u32,
+    /// Not the memory allowed, but what the device binds at once is the bound.
+    pub by_device: bool,
     /// Of the largest part.
     pub bytes: u64,
     /// On the device, of what was counted beforehand, milliseconds.
@@ -25,14 +27,17 @@ impl Facts {
         [self.listed, self.fragments, self.hidden, self.deepest as u64, self.bytes]
     }
 
-    /// Where the memory allowed was reached.
+    /// Where the memory allowed was reached, or the device's own bound.
     pub fn note(&self) -> Option<String> {
-        let parts = self.parts;
-        (parts > 1).then(|| format!("painted in {parts} parts, because the memory allowed was reached; more, and fewer parts, with --abuffer-memory; the picture is the same"))
+        let why = match self.by_device {
+            true => "the device binds no more at once",
+            false => "the memory allowed was reached; more, and fewer parts, with --abuffer-memory",
+        };
+        (self.parts > 1).then(|| format!("painted in {} parts, because {why}; the picture is the same", self.parts))
     }
 
     pub fn of([listed, fragments, hidden, deepest, bytes]: [u64; 5]) -> Facts {
-        Facts { listed, fragments, hidden, deepest: deepest as u32, parts: 1, bytes, counting_ms: 0.0 }
+        Facts { listed, fragments, hidden, deepest: deepest as u32, parts: 1, bytes, ..Facts::default() }
     }
 }
 

@@ -64,7 +64,7 @@ impl Painting<'_> {
     }
 
     fn walk(&self, g: &mut Graph, desk: &Desk, part: &Buffer, tallies: &mut Buffer, strokes: &mut Buffer, step: u32) {
-        let wide = Band { top: desk.band.top, size: desk.band.size.map(|side| side + 2 * margin(&self.settings)) };
+        let wide = Band { top: desk.band.top, size: desk.band.size.map(|side| side + 2 * margin(self.view, &self.settings)) };
         let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = project::Walk::new(g, &self.wide, wide);
         let slices_of_chunk = if g.gpu.device.is_cpu { SLICES } else { 1 };
         for group in &desk.drawn.groups {

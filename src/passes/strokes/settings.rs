@@ -24,7 +24,7 @@ pub struct Settings {
     pub long: f64,
     /// How opaque the second, smaller stroke is that lies over those of small clusters.
     pub detail: f64,
-    /// Half a stroke's side on the screen, at most, pixels.
+    /// Half a stroke's side on the screen, at most, parts of the picture's longer side.
     pub largest: f64,
     /// Passes of sort=bubble; 0: until everything is in order.
     pub passes: f64,
@@ -99,7 +99,7 @@ impl Default for Settings {
             noise: 20.0,
             long: 0.5,
             detail: 1.0,
-            largest: 96.0,
+            largest: 0.5,
             passes: 0.0,
             memory: 512.0,
             radius: 2.0,
@@ -122,11 +122,11 @@ impl super::super::Settings for Settings {
             Setting { name: "sigma_x", about: "its width along the tangent, parts of a side", value: number(&mut self.sigma_x, 0.0..=4.0) },
             Setting { name: "sigma_y", about: "and across it", value: number(&mut self.sigma_y, 0.0..=4.0) },
             Setting { name: "dev", about: "from one to the next on the 3 x 3 grid, parts of a side", value: number(&mut self.dev, 0.0..=1.0) },
-            Setting { name: "gaussians", about: "of the grid, 6 to 9", value: number(&mut self.gaussians, 0.0..=9.0) },
+            Setting { name: "gaussians", about: "of the grid", value: Value::OneOf(&mut self.gaussians, &[0.0, 6.0, 7.0, 8.0, 9.0]) },
             Setting { name: "noise", about: "how far strokes are turned at most, degrees", value: number(&mut self.noise, 0.0..=180.0) },
             Setting { name: "long", about: "how much longer strokes are on long clusters", value: number(&mut self.long, 0.0..=1.0) },
             Setting { name: "detail", about: "how opaque the second layer is that small clusters have", value: number(&mut self.detail, 0.0..=1.0) },
-            Setting { name: "largest", about: "half a side on the screen at most, pixels", value: number(&mut self.largest, 1.0..=512.0) },
+            Setting { name: "largest", about: "half a side on the screen at most, parts of the picture's longer side", value: number(&mut self.largest, 0.001..=4.0) },
             Setting { name: "passes", about: "of sort=bubble; 0: until all are in order", value: number(&mut self.passes, 0.0..=1e6) },
             Setting { name: "memory", about: "of lists and fragments, MiB; what needs more is painted in parts", value: number(&mut self.memory, 1.0..=65536.0) },
             Setting { name: "radius", about: "of blend=blur, pixels", value: number(&mut self.radius, 1.0..=8.0) },
@@ -135,6 +135,11 @@ impl super::super::Settings for Settings {
 }
 
 impl Settings {
+    /// Half a stroke's side on the screen, at most, pixels of a picture so large.
+    pub fn largest_px(&self, size: [u32; 2]) -> f64 {
+        self.largest * size[0].max(size[1]) as f64
+    }
+
     /// Fragments of a pixel that are brought into order before the rest is left out.
     pub fn last(&self) -> u32 {
         match (self.sort, self.passes as u32) {

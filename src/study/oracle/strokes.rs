@@ -201,6 +201,7 @@ impl<'v> Easel<'v> {
             let seed = stroke.words[0] >> 24;
             let (mut covers, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
             if stroke.words[1] & 1 << 7 != 0 {
+                sure &= (1.5 * edge - 0.5).abs() > EDGE;
                 let upper = coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5) * detail;
                 // Mixed as the kernel keeps colours: by their square roots.
                 let shade = if seed & 1 == 0 { 1.08 } else { 0.92 };
@@ -210,7 +211,6 @@ impl<'v> Easel<'v> {
                 covers = covers.max(upper);
             }
             let alpha = covers * stroke.opacity;
-            // A corner may be rounded the other way.
             // Along a stroke a small error of the angle is a large one of the depth.
             sure &= -steep > GRAZING * direction.length()
                 && (covers - 0.5).abs() > 0.01
@@ -295,7 +295,7 @@ fn seen(
         way => axes.world(tangent(way, axes.own(normal), DVec3::ZERO)),
     };
     let radius = f32::from_bits(brush & 0xFFFF_0000) as f64;
-    let side = 2.0 * (bristles.size * radius * px_per_m).clamp(LEAST_PX as f64, settings.largest) / px_per_m;
+    let side = 2.0 * (bristles.size * radius * px_per_m).clamp(LEAST_PX as f64, settings.largest_px(view.whole)) / px_per_m;
     let length = 1.0 + settings.long * ((brush & 31) as f64 / 8.0).min(1.0);
     Some(Painted {
         at,
@@ -314,6 +314,9 @@ const SQUARES: f64 = 32.0;
 
 /// Between the corners of one of the squares that a brush is kept in, 8 bits each.
 fn coverage(bristles: &Bristles, turns: &[DVec2], at: DVec2, seed: u32) -> f64 {
+    if at.abs().max_element() > 0.5 {
+        return 0.0;
+    }
     let place = ((at + 0.5) * SQUARES).clamp(DVec2::ZERO, DVec2::splat(SQUARES));
     let square = place.floor().min(DVec2::splat(SQUARES - 1.0));
     let f = place - square;
