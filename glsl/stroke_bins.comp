@@ -91,7 +91,7 @@ uvec4[3] stroke_of(Canvas canvas, Square square, Seen seen, Home home, uint n, u
     vec2 along = (b.xy - turning * vec2(dot_of(b, ray))) * vec2(sides.y);
     vec3 roots = sqrt(max(painted(shown, canvas.lo, canvas.ramp).rgb, vec3(0.0)));
     float layered = (brush & SMALL_CLUSTER) == 0u ? opacity : -opacity;
-    uvec4 rest = uvec4(floatBitsToUint(seen.depth), nodes.node[n].first_point + i, pack_roots(roots, facing >> 24), floatBitsToUint(layered));
+    uvec4 rest = uvec4(floatBitsToUint(seen.depth), nodes.node[n].first_point + i, pack_roots(roots) | facing & 0xFF000000u, floatBitsToUint(layered));
     return uvec4[3](floatBitsToUint(vec4(seen.off + canvas.middle, turning)), floatBitsToUint(vec4(across, along)), rest);
 }
 

@@ -118,7 +118,7 @@ void main() {
             uvec4 rest = texel(3u * stroke + 2u);
             float depth = uintBitsToFloat(rest.x);
             float z = PERSPECTIVE ? depth * over : depth - turned;
-            uint brush = rest.z & 255u;
+            uint brush = rest.z >> 24;
             float alpha = coverage(uv, brush);
             vec3 roots = roots_of(rest.z);
             // Detail in two layers: a smaller stroke across the first, a little lighter or darker.
@@ -136,10 +136,11 @@ void main() {
                 uint covers = uint(alpha * abs(uintBitsToFloat(rest.w)) * 255.0 + 0.5);
                 seen = seen && covers > 0u;
                 veil = seen && nearer(key, veil) ? key : veil;
-                uint order = BY_STROKE ? rest.x : key.y;
+                // Of those as deep as each other, as on a plane seen from above, brushes decide: a stroke is over another one everywhere.
+                uint order = (BY_STROKE ? rest.x : key.y) & ~15u | brush >> 4;
                 if (!BEFORE_HIDERS) hider = seen && covers == 255u ? min(hider, order) : hider;
                 seen = seen && (!BEFORE_HIDERS || order <= hider);
-                if (FRAGMENTS == KEPT && seen && count < room) fragments.fragment[start + count] = uvec2(pack_roots(roots, covers), order);
+                if (FRAGMENTS == KEPT && seen && count < room) fragments.fragment[start + count] = uvec2(pack_roots(roots) | (255u - covers) << 24, order);
                 count += seen ? 1u : 0u;
             }
         }

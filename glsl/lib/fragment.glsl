@@ -1,21 +1,21 @@
-// A fragment of a stroke: coverage, and square roots of linear colour, which are near sRGB, 8 bits each from the lowest; depth bits. Declares no bindings.
+// A fragment of a stroke: square roots of linear colour, which are near sRGB, and how much it leaves of the light, 8 bits each; depth bits. Declares no bindings.
 
-// Whether a is nearer, or as near and before b in an order that depends on nothing but the two: of their colours first, so that a stroke as near as another lies on one side of it in all pixels.
+// Whether a is nearer, or as near and before b in an order that depends on nothing but the two: what leaves less comes first, which is the stroke whose middle is nearer to the pixel.
 bool before(uvec2 a, uvec2 b) {
     return a.y < b.y || a.y == b.y && a.x < b.x;
 }
 
-uint pack_roots(vec3 roots, uint coverage) {
+uint pack_roots(vec3 roots) {
     uvec3 q = uvec3(min(roots, vec3(1.0)) * vec3(255.0) + vec3(0.5));
-    return coverage | q.r << 8 | q.g << 16 | q.b << 24;
+    return q.r | q.g << 8 | q.b << 16;
 }
 
 vec3 roots_of(uint word) {
-    return vec3(word >> 8 & 255u, word >> 16 & 255u, word >> 24) / vec3(255.0);
+    return vec3(word & 255u, word >> 8 & 255u, word >> 16 & 255u) / vec3(255.0);
 }
 
 float coverage_of(uint word) {
-    return float(word & 255u) / 255.0;
+    return float(255u - (word >> 24)) / 255.0;
 }
 
 // Of 1: what is behind changes no 8-bit colour.
