@@ -9,6 +9,7 @@ use display::{SIZE, Viewer};
 use glam::DVec3;
 use pointillist::cloud::{self, ReadOptions, Wanted};
 use pointillist::progress::Silent;
+use pointillist::synth::Scene;
 use pointillist::view::{Camera, View};
 use std::path::Path;
 use std::time::Instant;
@@ -76,7 +77,7 @@ fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothi
     let said = support::text(&viewer.ended().stderr);
     assert!(said.contains("pointillist-1.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
 
-    let small = place.scan("small.las", pointillist::synth::Scene::Street, 60_000);
+    let small = place.scan("small.las", Scene::Street, 60_000);
     let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 30");
     let fit = place.picture(&[&small], "fit.png", "");
     viewer.key("F9");
@@ -102,6 +103,46 @@ fn layers_are_saved_as_render_writes_them() {
     let saved = place.saved(&mut viewer, "l", "pointillist-1.exr");
     assert!(std::fs::read(saved).unwrap() == std::fs::read(layers).unwrap());
     viewer.close();
+}
+
+/// Twelve times as wide as the window.
+#[test]
+fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_the_next_picture() {
+    let place = Place::new();
+    let (torus, street, scene) = (place.scan("torus.las", Scene::Torus, 10_000), place.street(30_000), place.at("scene.json"));
+    let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation"}"#;
+    std::fs::write(&scene, words).unwrap();
+    let (top, drawn) = ("--view top", format!("--scene {}", scene.display()));
+    let size = format!("--size {}x{}", 12 * SIZE[0], 12 * SIZE[1]);
+    let clouds = [&*torus, &*street];
+    let mut viewer = place.view(&[&torus], &format!("{top} --save-size 12x"));
+    viewer.shows(&place.picture(&clouds[..1], "top.png", top));
+    let wanted = place.picture(&clouds, "scene.png", &drawn);
+    let larger = place.picture(&clouds[..1], "larger.png", &format!("{top} {size}"));
+    viewer.key("F9");
+    drop_file(&place.display, &viewer.window, &street);
+    drop_file(&place.display, &viewer.window, &scene);
+    viewer.shows(&wanted);
+    let saved = ["pointillist-1.png", "pointillist-2.png"].map(|name| place.at(name));
+    assert!(!saved[0].exists(), "what was dropped waited for the file");
+    viewer.key("F9");
+    viewer.key("7");
+    viewer.until("both pictures", |_| saved[1].exists());
+    // What was to be seen when the key was pressed, of what was open then.
+    assert!(std::fs::read(&saved[0]).unwrap() == std::fs::read(larger).unwrap());
+    let larger = place.picture(&clouds, "larger.png", &format!("{drawn} {size}"));
+    assert!(std::fs::read(&saved[1]).unwrap() == std::fs::read(larger).unwrap());
+
+    // And what nobody waits for any more is given back.
+    let denser = place.scan("denser.las", Scene::Street, 40_000);
+    let wanted = place.picture(&[&torus, &street, &denser], "denser.png", &drawn);
+    viewer.key("F9");
+    drop_file(&place.display, &viewer.window, &denser);
+    drop_file(&place.display, &viewer.window, &scene);
+    viewer.shows(&wanted);
+    viewer.key("Escape");
+    let said = succeeded(&viewer.ended());
+    assert!(said.contains("pointillist-3.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
 }
 
 /// Nodes that a picture in a file needs are others than those of the window's.

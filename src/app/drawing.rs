@@ -30,7 +30,7 @@ use crate::scene::Scene;
 use crate::source::Brought;
 use crate::view::View;
 use glam::DVec2;
-use saving::Saving;
+use saving::{Former, Saving};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -196,7 +196,7 @@ impl Drawing {
             pace: Pace::default(),
             last_drawn: Vec::new(),
             saving: VecDeque::new(),
-            held_back: Vec::new(),
+            former: VecDeque::new(),
             elsewhere: false,
             uncounted: None,
         };
@@ -269,9 +269,9 @@ struct Thread {
     last_drawn: Vec<u64>,
     /// Pictures on their way into files, one after the other.
     saving: VecDeque<Saving>,
-    /// What replaces the cloud once they are there.
-    held_back: Vec<Bring>,
-    /// What is to be seen is what a picture that is being saved shows, not the window's.
+    /// What the first of them are of, where the window shows another cloud by now.
+    former: VecDeque<Former>,
+    /// What is to be seen of the window's cloud is what a picture that is being saved shows, not the window's.
     elsewhere: bool,
     /// Filters or clip boxes leave points out of the picture on the screen, and nobody has counted the others; whether those that face away are not there.
     uncounted: Option<bool>,
@@ -391,8 +391,7 @@ impl Thread {
                 self.present.as_mut().expect("taken at the end").lay_over(&self.gpu, *overlay)?;
                 self.again = true;
             }
-            Message::Bring(bring) if self.saving.is_empty() => self.bring(bring),
-            Message::Bring(bring) => self.held_back.push(bring),
+            Message::Bring(bring) => self.bring(bring),
             Message::Pick { id, at, adds } => {
                 self.look_back()?;
                 // Ids are of the picture that was drawn last; where nodes have come since, they are others.
@@ -421,7 +420,7 @@ impl Thread {
         match bring(&mut self.gpu) {
             Ok(cloud) => {
                 if let Some(old) = self.cloud.replace(cloud) {
-                    old.free(&mut self.gpu);
+                    self.leave(old);
                 }
                 (self.report)(Report::Brought);
                 self.change(Instant::now());
