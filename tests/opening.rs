@@ -56,7 +56,7 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     assert_eq!(part_of(&small, &indexing), Some((100_000, 100_000)));
 
     let told = |files: &[PathBuf], opening: Opening| -> Vec<_> {
-        opened(files, opening).into_iter().map(|opened| (opened.is_whole, opened.source.points(), opened.points)).collect()
+        opened(files, opening).into_iter().map(|opened| (opened.is_whole, opened.prepared.points(), opened.said.points)).collect()
     };
     assert_eq!(told(&large, opening()), [(false, slow / config::PREVIEW_SHARE, slow), (true, slow, slow)]);
     assert_eq!(told(&small, opening()), [(true, 100_000, 100_000)]);

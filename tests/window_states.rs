@@ -145,6 +145,26 @@ fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_t
     assert!(said.contains("pointillist-3.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
 }
 
+/// Of a million points, which takes seconds.
+#[test]
+fn while_strokes_are_found_the_window_goes_on_and_then_is_painted() {
+    let place = Place::new();
+    let (cloud, scene) = (place.street(1_000_000), place.at("scene.json"));
+    let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "effects": ["strokes=on"]}"#;
+    std::fs::write(&scene, words).unwrap();
+    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    let mut viewer = place.view(&[&cloud], "");
+    viewer.shows(&fit);
+    drop_file(&place.display, &viewer.window, &scene);
+    viewer.key("7");
+    viewer.shows(&top);
+    viewer.key("0");
+    viewer.shows(&fit);
+    viewer.shows(&place.picture(&[&cloud], "painted.png", "--effect strokes=on"));
+    let said = viewer.close();
+    assert!(!said.contains("strokes"), "{said}");
+}
+
 /// Nodes that a picture in a file needs are others than those of the window's.
 #[test]
 fn while_a_large_picture_of_an_index_is_saved_the_window_shows_and_picks_what_it_did() {

@@ -2,6 +2,7 @@
 //!
 //! The window's thread never waits for the device: it posts what it wants, and goes on. This one drains what was posted, keeps the newest, and
 //!   draws where that is another picture than the last: smaller while it keeps changing (pace.rs), and once as large as the window when it has stopped;
+//!   brings a cloud that was opened to the device, a few milliseconds of it between two pictures, so that the old one is flown through until the new one is there;
 //!   draws again while nodes of an index arrive, and while a picture at rest is refined ([`Look::gradual`]); then sleeps until something is posted. A picture that nobody looks at any more is not drawn twice.
 //! One picture at a time is on the device. As soon as it is there the window's thread is told, which moves the camera on: where that is by then is drawn next. So whatever hands do is on
 //! the screen after what is left of one picture and one more; a second one waiting on the device would show where the camera was before.
@@ -10,6 +11,7 @@
 
 mod saving;
 
+use super::opening::Watch;
 use super::pace::{Pace, divided};
 use super::profile::Profile;
 use super::seen::Seen;
@@ -27,7 +29,7 @@ use crate::resident::residency::Update;
 use crate::resident::section::Slab;
 use crate::resident::{Point, Resident};
 use crate::scene::Scene;
-use crate::source::Brought;
+use crate::source::{Brought, Prepared};
 use crate::view::View;
 use glam::DVec2;
 use saving::{Former, Saving};
@@ -40,8 +42,12 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Brings a cloud to the device.
-pub type Bring = Box<dyn FnOnce(&mut Gpu) -> Result<Brought> + Send>;
+/// A cloud that is to go to the device, some of it between two pictures, and who is told how far it is.
+pub struct Bring {
+    pub prepared: Prepared,
+    pub pool_bytes: u64,
+    pub watch: Watch,
+}
 
 /// From the window's thread.
 pub enum Message {
@@ -54,8 +60,8 @@ pub enum Message {
     Exposed([u32; 2]),
     /// What lies over the picture.
     Panel(Box<Overlay>),
-    /// Work that needs the device, such as bringing an opened cloud to it; what it brings replaces what there was.
-    Bring(Bring),
+    /// Takes the place of the cloud that there is, once it is on the device.
+    Bring(Box<Bring>),
     /// The point of an id in the last picture.
     Pick {
         id: u32,
@@ -119,7 +125,7 @@ pub struct Drawn {
     pub leaves_out: bool,
     /// Milliseconds on the device of every pass.
     pub passes: Vec<(String, f64)>,
-    /// As large as the window, and all that the view shows of the cloud.
+    /// As large as the window, and all that the view shows of the cloud, and no other one on its way.
     pub whole: bool,
     /// Of an index.
     pub loading: Option<Loading>,
@@ -187,6 +193,7 @@ impl Drawing {
             count: count.clone(),
             heard: 0,
             report: Box::new(report),
+            bringing: None,
             cloud: None,
             scene: None,
             changed: Instant::now(),
@@ -255,6 +262,8 @@ struct Thread {
     count: Arc<AtomicU64>,
     heard: u64,
     report: Box<dyn Fn(Report) + Send + Sync>,
+    /// On its way to the device.
+    bringing: Option<Box<Bring>>,
     cloud: Option<Brought>,
     scene: Option<Scene>,
     /// When what is to be seen last changed.
@@ -325,6 +334,7 @@ impl Thread {
             }
         };
         self.give_up_saving();
+        self.give_up_bringing();
         let present = self.present.take().expect("taken here only");
         present.free(&mut self.gpu);
         if let Some(cloud) = self.cloud.take() {
@@ -359,6 +369,7 @@ impl Thread {
                 next = self.posted.try_recv().ok();
             }
             self.step()?;
+            self.bring_on();
         }
     }
 
@@ -372,7 +383,7 @@ impl Thread {
             Wanted::Nothing if !self.saving.is_empty() => Some(Duration::ZERO),
             Wanted::Nothing => None,
         };
-        if self.again { Some(Duration::ZERO) } else { by_wanted }
+        if self.again || self.bringing.is_some() { Some(Duration::ZERO) } else { by_wanted }
     }
 
     fn hear(&mut self, message: Message) -> Result<()> {
@@ -391,7 +402,11 @@ impl Thread {
                 self.present.as_mut().expect("taken at the end").lay_over(&self.gpu, *overlay)?;
                 self.again = true;
             }
-            Message::Bring(bring) => self.bring(bring),
+            Message::Bring(bring) => {
+                // Nobody waits any more for another one.
+                self.give_up_bringing();
+                self.bringing = Some(bring);
+            }
             Message::Pick { id, at, adds } => {
                 self.look_back()?;
                 // Ids are of the picture that was drawn last; where nodes have come since, they are others.
@@ -416,8 +431,18 @@ impl Thread {
         Ok(())
     }
 
-    fn bring(&mut self, bring: Bring) {
-        match bring(&mut self.gpu) {
+    /// Some more of the cloud that is on its way.
+    fn bring_on(&mut self) {
+        let Some(mut bring) = self.bringing.take() else { return };
+        let brought = match bring.prepared.step(&mut self.gpu, &bring.watch) {
+            Ok(true) => return self.bringing = Some(bring),
+            Ok(false) => bring.prepared.finish(&mut self.gpu, bring.pool_bytes),
+            Err(error) => {
+                bring.prepared.free(&mut self.gpu);
+                Err(error)
+            }
+        };
+        match brought {
             Ok(cloud) => {
                 if let Some(old) = self.cloud.replace(cloud) {
                     self.leave(old);
@@ -429,6 +454,10 @@ impl Thread {
             Err(Error::Interrupted) => {}
             Err(error) => (self.report)(Report::Failed(error)),
         }
+    }
+
+    fn give_up_bringing(&mut self) {
+        self.bringing.take().into_iter().for_each(|bring| bring.prepared.free(&mut self.gpu));
     }
 
     fn change(&mut self, asked: Instant) {
@@ -599,7 +628,7 @@ impl Thread {
         }
         spent.showing = showing.elapsed();
         let (decided, statistics, latency) = (look.decided, outcome.statistics, self.asked.elapsed());
-        let (whole, leaves_out) = (finest && complete, self.uncounted.is_some());
+        let (whole, leaves_out) = (finest && complete && self.bringing.is_none(), self.uncounted.is_some());
         (self.report)(Report::Drawn(Box::new(Drawn {
             seen,
             decided,

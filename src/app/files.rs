@@ -1,8 +1,8 @@
 //! FILES -> CLOUD: what is to be opened goes to the opening thread, and what that has read on to the drawing thread.
 
-use super::drawing::Message;
+use super::drawing::{Bring, Message};
 use super::navigation::Input;
-use super::opening::{self, Opened, Watch};
+use super::opening::{self, Opened, Said, Watch};
 use super::{App, Event};
 use crate::error::{Error, Result};
 use crate::passes::Switch;
@@ -52,8 +52,7 @@ impl App {
         if self.scene.color != before.color || paints {
             self.open()?;
         }
-        // What cannot be painted yet is drawn once it can be.
-        if !paints && self.scene != *before {
+        if self.scene != *before {
             self.post_scene();
         }
         Ok(())
@@ -102,15 +101,11 @@ impl App {
     }
 
     pub(super) fn opened(&mut self, opened: Opened) {
-        let Opened { source, shown, subject, kinds, points, is_whole, files, color } = opened;
+        let Opened { prepared, subject, said, is_whole, files, color } = opened;
         if is_whole {
             self.last_opened = Some((files, color));
         }
-        self.facts.points = points;
-        (self.origins, self.stations) = (source.files(), source.stations().to_vec());
-        self.facts.shown = Some(shown);
-        (self.facts.loading, self.facts.bytes_read) = (None, 0);
-        self.facts.kinds = kinds;
+        self.coming = Some(said);
         self.navigation.set_subject(subject);
         // Whoever has not moved since sees the whole from where `render` does.
         if !self.framed || self.glimpsed.take() == Some(self.navigation.camera) {
@@ -122,10 +117,29 @@ impl App {
             self.glimpsed = (!is_whole).then_some(self.navigation.camera);
         }
         self.waits = !is_whole;
-        let pool_bytes = self.options.pool_bytes;
         let progress = self.events.clone();
         let watch = Watch::new(self.abandoned.clone(), move |text| drop(progress.send_event(Event::Progress(text))));
-        self.post(Message::Bring(Box::new(move |gpu| source.bring(gpu, shown, pool_bytes, &watch))));
+        self.post(Message::Bring(Box::new(Bring { prepared, pool_bytes: self.options.pool_bytes, watch })));
         self.post_scene();
+    }
+
+    /// What was opened is in the picture, and what is said of it true.
+    pub(super) fn brought(&mut self) {
+        if !self.waits {
+            self.facts.doing = None;
+        }
+        let Some(Said { origins, shown, kinds, points }) = self.coming.take() else { return };
+        let painted_later = self.paints_later();
+        self.origins = origins;
+        (self.facts.points, self.facts.shown, self.facts.kinds) = (points, Some(shown), kinds);
+        (self.facts.loading, self.facts.bytes_read) = (None, 0);
+        if painted_later {
+            self.post_scene();
+        }
+    }
+
+    /// Whether strokes were asked for that the cloud in the picture does not know yet.
+    pub(super) fn paints_later(&self) -> bool {
+        self.options.further.strokes && self.facts.shown.is_some_and(|shown| !shown.further.strokes)
     }
 }

@@ -19,8 +19,7 @@ impl App {
             Report::Begun => return self.move_on(),
             Report::Drawn(drawn) => return self.drawn(*drawn),
             Report::Counted(points) => (self.facts.drawn, self.facts.at_most) = (points, false),
-            Report::Brought if self.waits => {}
-            Report::Brought => self.facts.doing = None,
+            Report::Brought => self.brought(),
             Report::Picked { point, adds } => self.picked(point, adds),
             Report::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             Report::Profile(profile) => {
