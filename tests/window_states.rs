@@ -160,9 +160,16 @@ fn while_strokes_are_found_the_window_goes_on_and_then_is_painted() {
     viewer.shows(&top);
     viewer.key("0");
     viewer.shows(&fit);
-    viewer.shows(&place.picture(&[&cloud], "painted.png", "--effect strokes=on"));
+    let painted = place.picture(&[&cloud], "painted.png", "--effect strokes=on");
+    viewer.shows(&painted);
     let said = viewer.close();
     assert!(!said.contains("strokes"), "{said}");
+
+    // And so does a window that opens with them.
+    let mut viewer = place.view(&[&cloud], "--effect strokes=on");
+    viewer.shows(&fit);
+    viewer.shows(&painted);
+    viewer.close();
 }
 
 /// Nodes that a picture in a file needs are others than those of the window's.
@@ -204,6 +211,29 @@ fn a_window_that_is_put_away_and_brought_back_draws_nothing_meanwhile_and_shows_
     place.display.xdotool(&format!("windowfocus --sync {}", viewer.window));
     viewer.key("7");
     viewer.shows(&top);
+    viewer.close();
+}
+
+/// That a scan ends before its end is why somebody looks at it on site.
+#[test]
+fn what_is_odd_about_a_file_and_what_changes_nothing_are_said_in_the_panel() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let whole = std::fs::read(&cloud).unwrap();
+    let noted = |viewer: &mut Viewer| viewer.photograph().pixels.contains(&[255, 255, 224]);
+    for (bytes, line) in [(whole.len() / 2, ""), (whole.len(), "--effect phong=on,backfaces=drop")] {
+        std::fs::write(&cloud, &whole[..bytes]).unwrap();
+        let mut viewer = place.view_with_panel(&[&cloud], [640, 480], line);
+        viewer.until("note", noted);
+        assert_eq!(viewer.said().iter().any(|line| line.contains("note: ") && line.contains("scan.las")), line.is_empty());
+        viewer.close();
+    }
+    let mut viewer = place.view_with_panel(&[&cloud], [640, 480], "");
+    viewer.until("picture", |viewer| {
+        viewer.photograph().pixels.iter().filter(|pixel| **pixel == pointillist::config::BACKGROUND).count() > 100
+    });
+    viewer.rests();
+    assert!(!noted(&mut viewer));
     viewer.close();
 }
 

@@ -19,6 +19,7 @@ use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::look::{self, Look};
+use crate::passes::counts::Warned;
 use crate::passes::encode::{self, Screen};
 use crate::passes::project::{self, Statistics};
 use crate::passes::{self, Decided, shadows, tally};
@@ -120,6 +121,8 @@ pub enum Report {
 pub struct Drawn {
     pub seen: Arc<Seen>,
     pub decided: Decided,
+    /// What was asked for and changes nothing, or was more than there is room for.
+    pub notes: Vec<String>,
     pub statistics: Statistics,
     /// Filters or clip boxes may leave some of its points out.
     pub leaves_out: bool,
@@ -144,8 +147,13 @@ pub struct Drawn {
 pub struct Loading {
     /// Points of a cut at most, where the device has too little memory for what was asked for.
     pub fitting: Option<u64>,
-    /// Nodes on their way, or on their way with more planes.
+    /// Nodes of the cut; on their way, or on their way with more planes.
+    pub nodes: usize,
     pub awaited: usize,
+    /// How far apart, pixels, what is drawn and what there is lie at most.
+    pub largest_error_px: f64,
+    /// Of the pool: all of it, and what is in use.
+    pub pool_bytes: [u64; 2],
     /// Read since the picture before.
     pub bytes_read: u64,
 }
@@ -544,10 +552,16 @@ impl Thread {
         let (mut loading, taking_in) = (None, Instant::now());
         if let Brought::Parts(residency) = cloud {
             let update = residency.update(&mut self.gpu, &view, &scene.fineness.of(size))?;
-            let Update { budget, missing, coarse, bytes_read, .. } = update;
-            let fitting = (budget < scene.fineness.of(size).budget).then_some(budget);
-            loading = Some(Loading { fitting, awaited: missing + coarse, bytes_read });
-            update.errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
+            let Update { cut, budget, missing, coarse, bytes_read, errors, .. } = update;
+            loading = Some(Loading {
+                fitting: (budget < scene.fineness.of(size).budget).then_some(budget),
+                nodes: cut.nodes.len(),
+                awaited: missing + coarse,
+                largest_error_px: cut.largest_error_px,
+                pool_bytes: residency.pool_bytes(),
+                bytes_read,
+            });
+            errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
         let complete = loading.is_none_or(|loading| loading.awaited == 0);
         spent.taking_in = taking_in.elapsed();
@@ -591,6 +605,7 @@ impl Thread {
         };
         let mut screen = Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
         encode::record(&mut g, &outcome.picture, &mut screen)?;
+        let warned = Warned::ask(&mut g, &drawn.effects);
         let [depth, index] = [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
         spent.recording = recording.elapsed();
         let (began, heard) = (Instant::now(), self.heard);
@@ -609,6 +624,8 @@ impl Thread {
         let passes = frame.passes.clone();
         let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
         let ordered = unordered.is_none_or(|unordered| frame.read::<u32>(unordered)[0] == 0);
+        let mut notes = look.notes(cloud.resident());
+        notes.extend(warned.note(&frame).into_iter().chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())));
         frame.shelve(&mut self.gpu);
         self.pace = self.pace.after(divisor, took);
         self.last_drawn = identity;
@@ -632,6 +649,7 @@ impl Thread {
         (self.report)(Report::Drawn(Box::new(Drawn {
             seen,
             decided,
+            notes,
             statistics,
             leaves_out,
             passes,

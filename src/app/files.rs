@@ -47,11 +47,10 @@ impl App {
 
     /// Draws it, after reading files again where they have what is shown now, or what brushes need to know.
     pub(super) fn scene_changed(&mut self, before: &Scene) -> Result<()> {
-        let paints = self.scene.wishes.effects.strokes.switch == Switch::On && !self.options.further.strokes;
-        self.options.further.strokes |= paints;
-        if self.scene.color != before.color || paints {
+        if self.scene.color != before.color {
             self.open()?;
         }
+        self.find_strokes()?;
         if self.scene != *before {
             self.post_scene();
         }
@@ -67,6 +66,8 @@ impl App {
         self.abandoned = Arc::new(AtomicBool::new(false));
         self.facts.doing = Some("opening".into());
         self.facts.trouble = None;
+        // What is on the screen whole is seen until it is there again as a whole.
+        let sampled = self.last_opened.as_ref().is_none_or(|(files, _)| *files != self.files);
         let (progress, opened) = (self.events.clone(), self.events.clone());
         let watch = Watch::new(self.abandoned.clone(), move |text| drop(progress.send_event(Event::Progress(text))));
         let done = move |result: Result<Opened>| drop(opened.send_event(Event::Opened(result.map(Box::new))));
@@ -75,6 +76,7 @@ impl App {
             self.options.opening.clone(),
             self.scene.color,
             self.options.further,
+            sampled,
             watch,
             done,
         )?);
@@ -128,18 +130,36 @@ impl App {
         if !self.waits {
             self.facts.doing = None;
         }
-        let Some(Said { origins, shown, kinds, points }) = self.coming.take() else { return };
+        let Some(Said { origins, shown, kinds, points, why_shown, notes }) = self.coming.take() else { return };
         let painted_later = self.paints_later();
         self.origins = origins;
         (self.facts.points, self.facts.shown, self.facts.kinds) = (points, Some(shown), kinds);
+        self.facts.why_shown = why_shown;
         (self.facts.loading, self.facts.bytes_read) = (None, 0);
-        if painted_later {
+        // As `render` does; once, however often the files are read.
+        notes.iter().filter(|note| !self.facts.notes.contains(note)).for_each(|note| eprintln!("pointillist: note: {note}"));
+        self.facts.notes = notes;
+        if painted_later && !self.paints_later() {
             self.post_scene();
+        }
+        if let Err(error) = self.find_strokes() {
+            self.trouble(&error);
         }
     }
 
-    /// Whether strokes were asked for that the cloud in the picture does not know yet.
+    /// Reads files again that are on the screen without strokes that were asked for: finding them takes long, so the cloud is there before.
+    fn find_strokes(&mut self) -> Result<()> {
+        let is_there = self.facts.shown.is_some() && !self.waits;
+        if !is_there || !self.paints_later() || self.options.further.strokes {
+            return Ok(());
+        }
+        (self.options.further.strokes, self.waits) = (true, true);
+        self.open()
+    }
+
+    /// Whether strokes were asked for that the cloud in the picture does not know.
     pub(super) fn paints_later(&self) -> bool {
-        self.options.further.strokes && self.facts.shown.is_some_and(|shown| !shown.further.strokes)
+        let knows = self.facts.shown.is_some_and(|shown| shown.further.strokes);
+        self.scene.wishes.effects.strokes.switch == Switch::On && !knows
     }
 }

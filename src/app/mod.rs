@@ -67,7 +67,8 @@ enum Event {
 }
 
 /// Opens a window, and returns when it is closed, from within or by `progress`.
-pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
+pub fn run(mut options: Options, progress: &dyn Progress) -> Result<Summary> {
+    options.further.strokes = false;
     let no_window = |error| Error::Device(format!("cannot open a window ({error}); `render` needs none"));
     let events = EventLoop::<Event>::with_user_event().build().map_err(no_window)?;
     let interrupted = events.create_proxy();
@@ -183,7 +184,7 @@ impl App {
     fn post_scene(&mut self) {
         self.scene.camera = self.navigation.camera;
         let mut scene = Box::new(self.scene.clone());
-        // Until its strokes are there, a cloud is drawn as it was.
+        // Until its strokes are there, a cloud is drawn without.
         if self.paints_later() {
             scene.wishes.effects.strokes.switch = Switch::Off;
         }

@@ -64,7 +64,7 @@ impl App {
         self.facts.bytes_read += drawn.loading.map_or(0, |loading| loading.bytes_read);
         (self.facts.latency, self.facts.took) = (drawn.latency, drawn.took);
         self.facts.passes = drawn.passes;
-        self.facts.decided = drawn.decided;
+        (self.facts.decided, self.facts.idle) = (drawn.decided, drawn.notes);
         match hands {
             Some(Hands::Start) if !self.facts.path.keys.is_empty() => self.play(),
             Some(Hands::Start) => self.fly(Way::Forward, true),

@@ -132,7 +132,7 @@ impl Filling {
                 nodes: Vec::new(),
                 shown: self.shown,
                 points: 0,
-                stations: std::mem::take(&mut self.stations),
+                stations: self.stations.clone(),
                 counts: self.counts.take(),
                 balance: self.balance.take(),
                 // A file's normals, where it has any.
