@@ -12,7 +12,7 @@ use pointillist::progress::Silent;
 use pointillist::synth::Scene;
 use pointillist::view::{Camera, View};
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use support::{names, pointillist, succeeded};
 
 /// Of a file, in the world.
@@ -232,7 +232,8 @@ fn what_is_odd_about_a_file_and_what_changes_nothing_are_said_in_the_panel() {
     viewer.until("picture", |viewer| {
         viewer.photograph().pixels.iter().filter(|pixel| **pixel == pointillist::config::BACKGROUND).count() > 100
     });
-    viewer.rests();
+    // The panel follows the picture by a tenth of a second.
+    std::thread::sleep(Duration::from_secs(2));
     assert!(!noted(&mut viewer));
     viewer.close();
 }
