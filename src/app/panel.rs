@@ -234,9 +234,7 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
     let at_most = if facts.at_most { "at most " } else { "" };
     ui.label(format!("{}\n{at_most}{} of {} points{without}", facts.title, grouped(facts.drawn), grouped(facts.points)));
     loading(ui, facts, view, &mut scene.fineness);
-    for note in facts.notes.iter().chain(&facts.idle) {
-        ui.label(RichText::new(note).color(Color32::LIGHT_YELLOW));
-    }
+    notes(ui, facts);
     ui.horizontal(|ui| {
         for mode in Mode::ALL {
             if ui.selectable_label(facts.mode == mode, mode.name()).clicked() && facts.mode != mode {
@@ -292,6 +290,19 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
     });
 }
 
+/// What is odd about the files and the picture; folded where it would push everything else away.
+fn notes(ui: &mut Ui, facts: &Facts) {
+    const FEW: usize = 4;
+    let noted = |text: &str| RichText::new(text).color(Color32::LIGHT_YELLOW);
+    let notes: Vec<_> = facts.notes.iter().chain(&facts.idle).collect();
+    let all = |ui: &mut Ui| notes.iter().for_each(|note| drop(ui.label(noted(note))));
+    if notes.len() <= FEW {
+        all(ui);
+    } else {
+        CollapsingHeader::new(noted(&format!("{} notes", notes.len()))).id_salt("notes").show(ui, all);
+    }
+}
+
 /// The last thing that went wrong, until somebody has read it.
 fn trouble(context: &egui::Context, facts: &mut Facts) {
     let Some(text) = &facts.trouble else { return };
@@ -323,13 +334,16 @@ fn enlarged(ui: &mut Ui, enlarged: &mut Enlarged, view: Option<&View>) {
 }
 
 fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
+    /// As high as a list of all that points may show, points.
+    const LIST: f32 = 300.0;
     let automatic = || facts.shown.map_or("auto".into(), |shown| format!("auto: {}", shown.attribute.name()));
-    let combo = ComboBox::from_label("color").selected_text(scene.color.map_or_else(automatic, Attribute::name)).show_ui(ui, |ui| {
-        ui.selectable_value(&mut scene.color, None, "auto");
-        for &attribute in Attribute::value_variants() {
-            ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
-        }
-    });
+    let combo =
+        ComboBox::from_label("color").height(LIST).selected_text(scene.color.map_or_else(automatic, Attribute::name)).show_ui(ui, |ui| {
+            ui.selectable_value(&mut scene.color, None, "auto");
+            for &attribute in Attribute::value_variants() {
+                ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
+            }
+        });
     if scene.color.is_none() && !facts.why_shown.is_empty() {
         combo.response.on_hover_text(format!("because {}", facts.why_shown));
     }
