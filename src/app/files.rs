@@ -149,7 +149,7 @@ impl App {
 
     /// Reads files again that are on the screen without strokes that were asked for: finding them takes long, so the cloud is there before.
     fn find_strokes(&mut self) -> Result<()> {
-        let is_there = self.facts.shown.is_some() && !self.waits;
+        let is_there = self.facts.shown.is_some() && !self.waits && self.coming.is_none();
         if !is_there || !self.paints_later() || self.options.further.strokes {
             return Ok(());
         }
