@@ -4,6 +4,17 @@
 //! The words are copied, so that a swapchain needs to be good for nothing but copies and a rasteriser's target, which all are, and holds the bytes of a PNG file. They stay
 //! until the next frame: what lies over the picture can change, and a window be uncovered, without anything being drawn again.
 //!
+//! On the device at once are at most [`UNDER_WAY`] presentations, and the picture after them (a software device shows a picture when it has copied it, so that there it is the picture alone).
+//! Nothing of what they use is touched before its time:
+//!
+//!   a presentation's commands, its vertices of the panel, and what it waits for: kept by its slot, whose fence is waited for before the slot is used again
+//!   what a presentation signals: kept by the swapchain's image, which nobody is given again before it has been shown
+//!   words of the screen, and the small picture: one for all. Presentations and frames go to one queue, and each begins with a barrier after all before it; so the next picture is written
+//!     when the last presentation has copied this one, while the CPU is ahead of both
+//!   textures of the panel: changed when all slots are done
+//!   pages of an index, which frames read and presentations do not: given to other nodes once the frame that read them has passed (resident/residency.rs)
+//!   the swapchain, and all of this at the end: given back when the device is idle
+//!
 //! A swapchain that no longer fits its window is replaced before the next picture; so is a surface that was lost. [`Present::show`] says whether it came to
 //! showing anything, and never waits for a window that nobody sees longer than a tenth of a second.
 

@@ -10,20 +10,21 @@ use crate::config;
 use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
-use crate::index::build;
 use crate::index::cache::{self, Cached};
 use crate::index::fault::Fault;
 use crate::index::file::{Index, Plane};
 use crate::index::luminance;
 use crate::index::marks::Marks;
+use crate::index::{self, build};
 use crate::light::Light;
 use crate::opacity::Opacities;
 use crate::progress::Progress;
-use crate::resident::{Residency, Resident, residency::Update};
+use crate::resident::{Filling, Residency, Resident, residency::Update};
 use crate::view::View;
 use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// How files are opened.
 #[derive(Clone, Debug)]
@@ -272,6 +273,62 @@ impl Source {
             Source::Files(cloud) => Brought::Whole(Box::new(Resident::fill(gpu, cloud, shown, progress)?)),
             Source::Index(index) => Brought::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?)),
         })
+    }
+
+    /// The same for whoever draws meanwhile: all of it that needs no device.
+    pub fn prepare(self, shown: Shown, progress: &dyn Progress) -> Result<Prepared> {
+        Ok(match self {
+            Source::Files(cloud) => {
+                let mut filling = Filling::new(cloud, shown);
+                while filling.organise(index::organise, progress)? {}
+                Prepared::Files(Box::new(filling))
+            }
+            Source::Index(index) => Prepared::Index(index, Box::new(shown)),
+        })
+    }
+}
+
+/// A source that needs nothing but the device.
+pub enum Prepared {
+    Files(Box<Filling>),
+    Index(Arc<Index>, Box<Shown>),
+}
+
+/// Of bringing files, at a time: half of a frame at 33 ms.
+const STEP: Duration = Duration::from_millis(16);
+
+impl Prepared {
+    pub fn points(&self) -> u64 {
+        match self {
+            Prepared::Files(filling) => filling.points(),
+            Prepared::Index(index, _) => index.directory.contents.points,
+        }
+    }
+
+    /// Some of it goes to the device; whether more is to go there.
+    pub fn step(&mut self, gpu: &mut Gpu, progress: &dyn Progress) -> Result<bool> {
+        let Prepared::Files(filling) = self else { return Ok(false) };
+        let began = Instant::now();
+        while filling.write(gpu, rayon::current_num_threads(), progress)? {
+            if began.elapsed() >= STEP {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Once all of it has gone.
+    pub fn finish(self, gpu: &mut Gpu, pool_bytes: u64) -> Result<Brought> {
+        Ok(match self {
+            Prepared::Files(filling) => Brought::Whole(Box::new(filling.finish(gpu))),
+            Prepared::Index(index, shown) => Brought::Parts(Box::new(Residency::open(gpu, index, *shown, pool_bytes)?)),
+        })
+    }
+
+    pub fn free(self, gpu: &mut Gpu) {
+        if let Prepared::Files(filling) = self {
+            filling.free(gpu);
+        }
     }
 }
 

@@ -19,11 +19,11 @@ fn opening() -> Opening {
 }
 
 /// What becomes of files, one after the other.
-fn opened(files: &[PathBuf], opening: Opening) -> Vec<Opened> {
+fn opened(files: &[PathBuf], opening: Opening, sampled: bool) -> Vec<Opened> {
     let (sender, receiver) = mpsc::channel();
     let watch = Watch::new(Default::default(), |_| ());
     let opened = move |opened| sender.send(opened).unwrap();
-    opening::start(files.to_vec(), opening, None, Further::default(), watch, opened).unwrap().join().unwrap();
+    opening::start(files.to_vec(), opening, None, Further::default(), sampled, watch, opened).unwrap().join().unwrap();
     receiver.into_iter().map(|opened| opened.unwrap()).collect()
 }
 
@@ -55,9 +55,12 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     let indexing = Opening { index: Some("asked for"), ..opening() };
     assert_eq!(part_of(&small, &indexing), Some((100_000, 100_000)));
 
-    let told = |files: &[PathBuf], opening: Opening| -> Vec<_> {
-        opened(files, opening).into_iter().map(|opened| (opened.is_whole, opened.source.points(), opened.points)).collect()
+    let told_of = |files: &[PathBuf], opening: Opening, sampled: bool| -> Vec<_> {
+        opened(files, opening, sampled).into_iter().map(|opened| (opened.is_whole, opened.prepared.points(), opened.said.points)).collect()
     };
+    let told = |files: &[PathBuf], opening: Opening| told_of(files, opening, true);
+    // What is on the screen already, and is read anew for other colours.
+    assert_eq!(told_of(&large, opening(), false), [(true, slow, slow)]);
     assert_eq!(told(&large, opening()), [(false, slow / config::PREVIEW_SHARE, slow), (true, slow, slow)]);
     assert_eq!(told(&small, opening()), [(true, 100_000, 100_000)]);
     assert_eq!(told(&small, indexing), [(false, 100_000, 100_000), (true, 100_000, 100_000)]);

@@ -9,9 +9,10 @@ use display::{SIZE, Viewer};
 use glam::DVec3;
 use pointillist::cloud::{self, ReadOptions, Wanted};
 use pointillist::progress::Silent;
+use pointillist::synth::Scene;
 use pointillist::view::{Camera, View};
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use support::{names, pointillist, succeeded};
 
 /// Of a file, in the world.
@@ -76,7 +77,7 @@ fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothi
     let said = support::text(&viewer.ended().stderr);
     assert!(said.contains("pointillist-1.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
 
-    let small = place.scan("small.las", pointillist::synth::Scene::Street, 60_000);
+    let small = place.scan("small.las", Scene::Street, 60_000);
     let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 30");
     let fit = place.picture(&[&small], "fit.png", "");
     viewer.key("F9");
@@ -101,6 +102,73 @@ fn layers_are_saved_as_render_writes_them() {
     viewer.shows(&place.picture(&[&cloud], "top.png", &format!("--view top --exr {}", layers.display())));
     let saved = place.saved(&mut viewer, "l", "pointillist-1.exr");
     assert!(std::fs::read(saved).unwrap() == std::fs::read(layers).unwrap());
+    viewer.close();
+}
+
+/// Twelve times as wide as the window.
+#[test]
+fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_the_next_picture() {
+    let place = Place::new();
+    let (torus, street, scene) = (place.scan("torus.las", Scene::Torus, 10_000), place.street(30_000), place.at("scene.json"));
+    let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation"}"#;
+    std::fs::write(&scene, words).unwrap();
+    let (top, drawn) = ("--view top", format!("--scene {}", scene.display()));
+    let size = format!("--size {}x{}", 12 * SIZE[0], 12 * SIZE[1]);
+    let clouds = [&*torus, &*street];
+    let mut viewer = place.view(&[&torus], &format!("{top} --save-size 12x"));
+    viewer.shows(&place.picture(&clouds[..1], "top.png", top));
+    let wanted = place.picture(&clouds, "scene.png", &drawn);
+    let larger = place.picture(&clouds[..1], "larger.png", &format!("{top} {size}"));
+    viewer.key("F9");
+    drop_file(&place.display, &viewer.window, &street);
+    drop_file(&place.display, &viewer.window, &scene);
+    viewer.shows(&wanted);
+    let saved = ["pointillist-1.png", "pointillist-2.png"].map(|name| place.at(name));
+    assert!(!saved[0].exists(), "what was dropped waited for the file");
+    viewer.key("F9");
+    viewer.key("7");
+    viewer.until("both pictures", |_| saved[1].exists());
+    // What was to be seen when the key was pressed, of what was open then.
+    assert!(std::fs::read(&saved[0]).unwrap() == std::fs::read(larger).unwrap());
+    let larger = place.picture(&clouds, "larger.png", &format!("{drawn} {size}"));
+    assert!(std::fs::read(&saved[1]).unwrap() == std::fs::read(larger).unwrap());
+
+    // And what nobody waits for any more is given back.
+    let denser = place.scan("denser.las", Scene::Street, 40_000);
+    let wanted = place.picture(&[&torus, &street, &denser], "denser.png", &drawn);
+    viewer.key("F9");
+    drop_file(&place.display, &viewer.window, &denser);
+    drop_file(&place.display, &viewer.window, &scene);
+    viewer.shows(&wanted);
+    viewer.key("Escape");
+    let said = succeeded(&viewer.ended());
+    assert!(said.contains("pointillist-3.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
+}
+
+/// Of a million points, which takes seconds.
+#[test]
+fn while_strokes_are_found_the_window_goes_on_and_then_is_painted() {
+    let place = Place::new();
+    let (cloud, scene) = (place.street(1_000_000), place.at("scene.json"));
+    let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "effects": ["strokes=on"]}"#;
+    std::fs::write(&scene, words).unwrap();
+    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    let mut viewer = place.view(&[&cloud], "");
+    viewer.shows(&fit);
+    drop_file(&place.display, &viewer.window, &scene);
+    viewer.key("7");
+    viewer.shows(&top);
+    viewer.key("0");
+    viewer.shows(&fit);
+    let painted = place.picture(&[&cloud], "painted.png", "--effect strokes=on");
+    viewer.shows(&painted);
+    let said = viewer.close();
+    assert!(!said.contains("strokes"), "{said}");
+
+    // And so does a window that opens with them.
+    let mut viewer = place.view(&[&cloud], "--effect strokes=on");
+    viewer.shows(&fit);
+    viewer.shows(&painted);
     viewer.close();
 }
 
@@ -143,6 +211,30 @@ fn a_window_that_is_put_away_and_brought_back_draws_nothing_meanwhile_and_shows_
     place.display.xdotool(&format!("windowfocus --sync {}", viewer.window));
     viewer.key("7");
     viewer.shows(&top);
+    viewer.close();
+}
+
+/// That a scan ends before its end is why somebody looks at it on site.
+#[test]
+fn what_is_odd_about_a_file_and_what_changes_nothing_are_said_in_the_panel() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let whole = std::fs::read(&cloud).unwrap();
+    let noted = |viewer: &mut Viewer| viewer.photograph().pixels.contains(&[255, 255, 224]);
+    for (bytes, line) in [(whole.len() / 2, ""), (whole.len(), "--effect phong=on,backfaces=drop")] {
+        std::fs::write(&cloud, &whole[..bytes]).unwrap();
+        let mut viewer = place.view_with_panel(&[&cloud], [640, 480], line);
+        viewer.until("note", noted);
+        assert_eq!(viewer.said().iter().any(|line| line.contains("note: ") && line.contains("scan.las")), line.is_empty());
+        viewer.close();
+    }
+    let mut viewer = place.view_with_panel(&[&cloud], [640, 480], "");
+    viewer.until("picture", |viewer| {
+        viewer.photograph().pixels.iter().filter(|pixel| **pixel == pointillist::config::BACKGROUND).count() > 100
+    });
+    // The panel follows the picture by a tenth of a second.
+    std::thread::sleep(Duration::from_secs(2));
+    assert!(!noted(&mut viewer));
     viewer.close();
 }
 

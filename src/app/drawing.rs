@@ -2,6 +2,7 @@
 //!
 //! The window's thread never waits for the device: it posts what it wants, and goes on. This one drains what was posted, keeps the newest, and
 //!   draws where that is another picture than the last: smaller while it keeps changing (pace.rs), and once as large as the window when it has stopped;
+//!   brings a cloud that was opened to the device, a few milliseconds of it between two pictures, so that the old one is flown through until the new one is there;
 //!   draws again while nodes of an index arrive, and while a picture at rest is refined ([`Look::gradual`]); then sleeps until something is posted. A picture that nobody looks at any more is not drawn twice.
 //! One picture at a time is on the device. As soon as it is there the window's thread is told, which moves the camera on: where that is by then is drawn next. So whatever hands do is on
 //! the screen after what is left of one picture and one more; a second one waiting on the device would show where the camera was before.
@@ -10,6 +11,7 @@
 
 mod saving;
 
+use super::opening::Watch;
 use super::pace::{Pace, divided};
 use super::profile::Profile;
 use super::seen::Seen;
@@ -17,6 +19,7 @@ use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::look::{self, Look};
+use crate::passes::counts::Warned;
 use crate::passes::encode::{self, Screen};
 use crate::passes::project::{self, Statistics};
 use crate::passes::{self, Decided, shadows, tally};
@@ -27,10 +30,10 @@ use crate::resident::residency::Update;
 use crate::resident::section::Slab;
 use crate::resident::{Point, Resident};
 use crate::scene::Scene;
-use crate::source::Brought;
+use crate::source::{Brought, Prepared};
 use crate::view::View;
 use glam::DVec2;
-use saving::Saving;
+use saving::{Former, Saving};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -40,8 +43,12 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Brings a cloud to the device.
-pub type Bring = Box<dyn FnOnce(&mut Gpu) -> Result<Brought> + Send>;
+/// A cloud that is to go to the device, some of it between two pictures, and who is told how far it is.
+pub struct Bring {
+    pub prepared: Prepared,
+    pub pool_bytes: u64,
+    pub watch: Watch,
+}
 
 /// From the window's thread.
 pub enum Message {
@@ -54,8 +61,8 @@ pub enum Message {
     Exposed([u32; 2]),
     /// What lies over the picture.
     Panel(Box<Overlay>),
-    /// Work that needs the device, such as bringing an opened cloud to it; what it brings replaces what there was.
-    Bring(Bring),
+    /// Takes the place of the cloud that there is, once it is on the device.
+    Bring(Box<Bring>),
     /// The point of an id in the last picture.
     Pick {
         id: u32,
@@ -114,12 +121,14 @@ pub enum Report {
 pub struct Drawn {
     pub seen: Arc<Seen>,
     pub decided: Decided,
+    /// What was asked for and changes nothing, or was more than there is room for.
+    pub notes: Vec<String>,
     pub statistics: Statistics,
     /// Filters or clip boxes may leave some of its points out.
     pub leaves_out: bool,
     /// Milliseconds on the device of every pass.
     pub passes: Vec<(String, f64)>,
-    /// As large as the window, and all that the view shows of the cloud.
+    /// As large as the window, and all that the view shows of the cloud, and no other one on its way.
     pub whole: bool,
     /// Of an index.
     pub loading: Option<Loading>,
@@ -138,8 +147,13 @@ pub struct Drawn {
 pub struct Loading {
     /// Points of a cut at most, where the device has too little memory for what was asked for.
     pub fitting: Option<u64>,
-    /// Nodes on their way, or on their way with more planes.
+    /// Nodes of the cut; on their way, or on their way with more planes.
+    pub nodes: usize,
     pub awaited: usize,
+    /// How far apart, pixels, what is drawn and what there is lie at most.
+    pub largest_error_px: f64,
+    /// Of the pool: all of it, and what is in use.
+    pub pool_bytes: [u64; 2],
     /// Read since the picture before.
     pub bytes_read: u64,
 }
@@ -187,6 +201,7 @@ impl Drawing {
             count: count.clone(),
             heard: 0,
             report: Box::new(report),
+            bringing: None,
             cloud: None,
             scene: None,
             changed: Instant::now(),
@@ -196,7 +211,7 @@ impl Drawing {
             pace: Pace::default(),
             last_drawn: Vec::new(),
             saving: VecDeque::new(),
-            held_back: Vec::new(),
+            former: VecDeque::new(),
             elsewhere: false,
             uncounted: None,
         };
@@ -255,6 +270,8 @@ struct Thread {
     count: Arc<AtomicU64>,
     heard: u64,
     report: Box<dyn Fn(Report) + Send + Sync>,
+    /// On its way to the device.
+    bringing: Option<Box<Bring>>,
     cloud: Option<Brought>,
     scene: Option<Scene>,
     /// When what is to be seen last changed.
@@ -269,9 +286,9 @@ struct Thread {
     last_drawn: Vec<u64>,
     /// Pictures on their way into files, one after the other.
     saving: VecDeque<Saving>,
-    /// What replaces the cloud once they are there.
-    held_back: Vec<Bring>,
-    /// What is to be seen is what a picture that is being saved shows, not the window's.
+    /// What the first of them are of, where the window shows another cloud by now.
+    former: VecDeque<Former>,
+    /// What is to be seen of the window's cloud is what a picture that is being saved shows, not the window's.
     elsewhere: bool,
     /// Filters or clip boxes leave points out of the picture on the screen, and nobody has counted the others; whether those that face away are not there.
     uncounted: Option<bool>,
@@ -325,6 +342,7 @@ impl Thread {
             }
         };
         self.give_up_saving();
+        self.give_up_bringing();
         let present = self.present.take().expect("taken here only");
         present.free(&mut self.gpu);
         if let Some(cloud) = self.cloud.take() {
@@ -359,6 +377,7 @@ impl Thread {
                 next = self.posted.try_recv().ok();
             }
             self.step()?;
+            self.bring_on();
         }
     }
 
@@ -372,7 +391,7 @@ impl Thread {
             Wanted::Nothing if !self.saving.is_empty() => Some(Duration::ZERO),
             Wanted::Nothing => None,
         };
-        if self.again { Some(Duration::ZERO) } else { by_wanted }
+        if self.again || self.bringing.is_some() { Some(Duration::ZERO) } else { by_wanted }
     }
 
     fn hear(&mut self, message: Message) -> Result<()> {
@@ -391,8 +410,11 @@ impl Thread {
                 self.present.as_mut().expect("taken at the end").lay_over(&self.gpu, *overlay)?;
                 self.again = true;
             }
-            Message::Bring(bring) if self.saving.is_empty() => self.bring(bring),
-            Message::Bring(bring) => self.held_back.push(bring),
+            Message::Bring(bring) => {
+                // Nobody waits any more for another one.
+                self.give_up_bringing();
+                self.bringing = Some(bring);
+            }
             Message::Pick { id, at, adds } => {
                 self.look_back()?;
                 // Ids are of the picture that was drawn last; where nodes have come since, they are others.
@@ -417,11 +439,21 @@ impl Thread {
         Ok(())
     }
 
-    fn bring(&mut self, bring: Bring) {
-        match bring(&mut self.gpu) {
+    /// Some more of the cloud that is on its way.
+    fn bring_on(&mut self) {
+        let Some(mut bring) = self.bringing.take() else { return };
+        let brought = match bring.prepared.step(&mut self.gpu, &bring.watch) {
+            Ok(true) => return self.bringing = Some(bring),
+            Ok(false) => bring.prepared.finish(&mut self.gpu, bring.pool_bytes),
+            Err(error) => {
+                bring.prepared.free(&mut self.gpu);
+                Err(error)
+            }
+        };
+        match brought {
             Ok(cloud) => {
                 if let Some(old) = self.cloud.replace(cloud) {
-                    old.free(&mut self.gpu);
+                    self.leave(old);
                 }
                 (self.report)(Report::Brought);
                 self.change(Instant::now());
@@ -430,6 +462,10 @@ impl Thread {
             Err(Error::Interrupted) => {}
             Err(error) => (self.report)(Report::Failed(error)),
         }
+    }
+
+    fn give_up_bringing(&mut self) {
+        self.bringing.take().into_iter().for_each(|bring| bring.prepared.free(&mut self.gpu));
     }
 
     fn change(&mut self, asked: Instant) {
@@ -516,10 +552,16 @@ impl Thread {
         let (mut loading, taking_in) = (None, Instant::now());
         if let Brought::Parts(residency) = cloud {
             let update = residency.update(&mut self.gpu, &view, &scene.fineness.of(size))?;
-            let Update { budget, missing, coarse, bytes_read, .. } = update;
-            let fitting = (budget < scene.fineness.of(size).budget).then_some(budget);
-            loading = Some(Loading { fitting, awaited: missing + coarse, bytes_read });
-            update.errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
+            let Update { cut, budget, missing, coarse, bytes_read, errors, .. } = update;
+            loading = Some(Loading {
+                fitting: (budget < scene.fineness.of(size).budget).then_some(budget),
+                nodes: cut.nodes.len(),
+                awaited: missing + coarse,
+                largest_error_px: cut.largest_error_px,
+                pool_bytes: residency.pool_bytes(),
+                bytes_read,
+            });
+            errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
         let complete = loading.is_none_or(|loading| loading.awaited == 0);
         spent.taking_in = taking_in.elapsed();
@@ -563,6 +605,7 @@ impl Thread {
         };
         let mut screen = Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
         encode::record(&mut g, &outcome.picture, &mut screen)?;
+        let warned = Warned::ask(&mut g, &drawn.effects);
         let [depth, index] = [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
         spent.recording = recording.elapsed();
         let (began, heard) = (Instant::now(), self.heard);
@@ -581,6 +624,8 @@ impl Thread {
         let passes = frame.passes.clone();
         let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
         let ordered = unordered.is_none_or(|unordered| frame.read::<u32>(unordered)[0] == 0);
+        let mut notes = look.notes(cloud.resident());
+        notes.extend(warned.note(&frame).into_iter().chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())));
         frame.shelve(&mut self.gpu);
         self.pace = self.pace.after(divisor, took);
         self.last_drawn = identity;
@@ -600,10 +645,11 @@ impl Thread {
         }
         spent.showing = showing.elapsed();
         let (decided, statistics, latency) = (look.decided, outcome.statistics, self.asked.elapsed());
-        let (whole, leaves_out) = (finest && complete, self.uncounted.is_some());
+        let (whole, leaves_out) = (finest && complete && self.bringing.is_none(), self.uncounted.is_some());
         (self.report)(Report::Drawn(Box::new(Drawn {
             seen,
             decided,
+            notes,
             statistics,
             leaves_out,
             passes,

@@ -1,8 +1,8 @@
 //! FILES -> CLOUD: what is to be opened goes to the opening thread, and what that has read on to the drawing thread.
 
-use super::drawing::Message;
+use super::drawing::{Bring, Message};
 use super::navigation::Input;
-use super::opening::{self, Opened, Watch};
+use super::opening::{self, Opened, Said, Watch};
 use super::{App, Event};
 use crate::error::{Error, Result};
 use crate::passes::Switch;
@@ -47,13 +47,11 @@ impl App {
 
     /// Draws it, after reading files again where they have what is shown now, or what brushes need to know.
     pub(super) fn scene_changed(&mut self, before: &Scene) -> Result<()> {
-        let paints = self.scene.wishes.effects.strokes.switch == Switch::On && !self.options.further.strokes;
-        self.options.further.strokes |= paints;
-        if self.scene.color != before.color || paints {
+        if self.scene.color != before.color {
             self.open()?;
         }
-        // What cannot be painted yet is drawn once it can be.
-        if !paints && self.scene != *before {
+        self.find_strokes()?;
+        if self.scene != *before {
             self.post_scene();
         }
         Ok(())
@@ -68,6 +66,8 @@ impl App {
         self.abandoned = Arc::new(AtomicBool::new(false));
         self.facts.doing = Some("opening".into());
         self.facts.trouble = None;
+        // What is on the screen whole is seen until it is there again as a whole.
+        let sampled = self.last_opened.as_ref().is_none_or(|(files, _)| *files != self.files);
         let (progress, opened) = (self.events.clone(), self.events.clone());
         let watch = Watch::new(self.abandoned.clone(), move |text| drop(progress.send_event(Event::Progress(text))));
         let done = move |result: Result<Opened>| drop(opened.send_event(Event::Opened(result.map(Box::new))));
@@ -76,6 +76,7 @@ impl App {
             self.options.opening.clone(),
             self.scene.color,
             self.options.further,
+            sampled,
             watch,
             done,
         )?);
@@ -102,15 +103,11 @@ impl App {
     }
 
     pub(super) fn opened(&mut self, opened: Opened) {
-        let Opened { source, shown, subject, kinds, points, is_whole, files, color } = opened;
+        let Opened { prepared, subject, said, is_whole, files, color } = opened;
         if is_whole {
             self.last_opened = Some((files, color));
         }
-        self.facts.points = points;
-        (self.origins, self.stations) = (source.files(), source.stations().to_vec());
-        self.facts.shown = Some(shown);
-        (self.facts.loading, self.facts.bytes_read) = (None, 0);
-        self.facts.kinds = kinds;
+        self.coming = Some(said);
         self.navigation.set_subject(subject);
         // Whoever has not moved since sees the whole from where `render` does.
         if !self.framed || self.glimpsed.take() == Some(self.navigation.camera) {
@@ -122,10 +119,47 @@ impl App {
             self.glimpsed = (!is_whole).then_some(self.navigation.camera);
         }
         self.waits = !is_whole;
-        let pool_bytes = self.options.pool_bytes;
         let progress = self.events.clone();
         let watch = Watch::new(self.abandoned.clone(), move |text| drop(progress.send_event(Event::Progress(text))));
-        self.post(Message::Bring(Box::new(move |gpu| source.bring(gpu, shown, pool_bytes, &watch))));
+        self.post(Message::Bring(Box::new(Bring { prepared, pool_bytes: self.options.pool_bytes, watch })));
         self.post_scene();
+    }
+
+    /// What was opened is in the picture, and what is said of it true.
+    pub(super) fn brought(&mut self) {
+        if !self.waits {
+            self.facts.doing = None;
+        }
+        let Some(Said { origins, shown, kinds, points, why_shown, notes }) = self.coming.take() else { return };
+        let painted_later = self.paints_later();
+        self.origins = origins;
+        (self.facts.points, self.facts.shown, self.facts.kinds) = (points, Some(shown), kinds);
+        self.facts.why_shown = why_shown;
+        (self.facts.loading, self.facts.bytes_read) = (None, 0);
+        // As `render` does; once, however often the files are read.
+        notes.iter().filter(|note| !self.facts.notes.contains(note)).for_each(|note| eprintln!("pointillist: note: {note}"));
+        self.facts.notes = notes;
+        if painted_later && !self.paints_later() {
+            self.post_scene();
+        }
+        if let Err(error) = self.find_strokes() {
+            self.trouble(&error);
+        }
+    }
+
+    /// Reads files again that are on the screen without strokes that were asked for: finding them takes long, so the cloud is there before.
+    fn find_strokes(&mut self) -> Result<()> {
+        let is_there = self.facts.shown.is_some() && !self.waits && self.coming.is_none();
+        if !is_there || !self.paints_later() || self.options.further.strokes {
+            return Ok(());
+        }
+        (self.options.further.strokes, self.waits) = (true, true);
+        self.open()
+    }
+
+    /// Whether strokes were asked for that the cloud in the picture does not know.
+    pub(super) fn paints_later(&self) -> bool {
+        let knows = self.facts.shown.is_some_and(|shown| shown.further.strokes);
+        self.scene.wishes.effects.strokes.switch == Switch::On && !knows
     }
 }

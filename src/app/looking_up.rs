@@ -19,7 +19,7 @@ impl App {
     }
 
     pub(super) fn look_up(&mut self, point: &Point) {
-        let station = point.kind.and_then(|kind| self.stations.get((kind >> STATION_SHIFT) as usize));
+        let station = point.kind.and_then(|kind| self.facts.kinds.stations.get((kind >> STATION_SHIFT) as usize));
         let sought = Sought {
             position: point.position,
             kind: point.kind.map(|kind| [kind as u8, (kind >> 8) as u8 & 15]),

@@ -31,10 +31,10 @@ mod reports;
 pub mod seen;
 pub mod statistics;
 
-use crate::cloud::Station;
 use crate::cloud::attribute::Attribute;
 use crate::cloud::find::Record;
 use crate::error::{Error, Result};
+use crate::passes::Switch;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::view::Camera;
@@ -42,7 +42,7 @@ use drawing::{Drawing, Message, Report};
 use flight::Flight;
 use glam::{DVec2, DVec3};
 use navigation::{Modifiers, Navigation};
-use opening::Opened;
+use opening::{Opened, Said};
 pub use options::Options;
 use panel::{Facts, Panel};
 use seen::Seen;
@@ -67,7 +67,8 @@ enum Event {
 }
 
 /// Opens a window, and returns when it is closed, from within or by `progress`.
-pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
+pub fn run(mut options: Options, progress: &dyn Progress) -> Result<Summary> {
+    options.further.strokes = false;
     let no_window = |error| Error::Device(format!("cannot open a window ({error}); `render` needs none"));
     let events = EventLoop::<Event>::with_user_event().build().map_err(no_window)?;
     let interrupted = events.create_proxy();
@@ -80,7 +81,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         forgotten: Arc::new(AtomicBool::new(false)),
         openings: Vec::new(),
         origins: Vec::new(),
-        stations: Vec::new(),
+        coming: None,
         files: options.files.clone(),
         last_opened: None,
         facts: Facts { path: options.path.clone(), enlarged: options.enlarged, ..Facts::default() },
@@ -130,9 +131,10 @@ struct App {
     /// Tells threads that look points up that nobody waits for them.
     forgotten: Arc<AtomicBool>,
     openings: Vec<JoinHandle<()>>,
-    /// The files that the points on the screen are from, and the stations in them.
+    /// The files that the points on the screen are from.
     origins: Vec<PathBuf>,
-    stations: Vec<Station>,
+    /// What is to be said of the cloud on its way to the device.
+    coming: Option<Said>,
     /// All that are open, or are being opened.
     files: Vec<PathBuf>,
     /// Those that were, as a whole, and what they were to show.
@@ -181,7 +183,12 @@ impl App {
 
     fn post_scene(&mut self) {
         self.scene.camera = self.navigation.camera;
-        self.post(Message::Scene { scene: Box::new(self.scene.clone()), asked: Instant::now() });
+        let mut scene = Box::new(self.scene.clone());
+        // Until its strokes are there, a cloud is drawn without.
+        if self.paints_later() {
+            scene.wishes.effects.strokes.switch = Switch::Off;
+        }
+        self.post(Message::Scene { scene, asked: Instant::now() });
     }
 
     /// Soon, and once however often it is asked for.

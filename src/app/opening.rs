@@ -6,7 +6,7 @@ use crate::cloud::counts::Counts;
 use crate::cloud::{ReadOptions, Station, Wanted};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::source::{Opening, Preview, Source};
+use crate::source::{Opening, Prepared, Preview, Source};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::Mutex;
@@ -14,19 +14,30 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A cloud that is read, or found in an index.
+/// A cloud that is read, or found in an index, and needs nothing but the device.
 pub struct Opened {
-    pub source: Source,
-    pub shown: Shown,
+    pub prepared: Prepared,
     pub subject: Subject,
-    pub kinds: Kinds,
-    /// Of the files, as their headers say while only a sample is there.
-    pub points: u64,
+    pub said: Said,
     /// Not a sample, before the whole.
     pub is_whole: bool,
     /// What was to be opened, and to show.
     pub files: Vec<PathBuf>,
     pub color: Option<Attribute>,
+}
+
+/// Of a cloud, for the panel and for picks.
+pub struct Said {
+    /// The files that its points are from.
+    pub origins: Vec<PathBuf>,
+    pub shown: Shown,
+    pub kinds: Kinds,
+    /// Of the files, as their headers say while only a sample is there.
+    pub points: u64,
+    /// Why it shows that.
+    pub why_shown: String,
+    /// What is odd about the files.
+    pub notes: Vec<String>,
 }
 
 /// What points can be told apart by, each with how many points are of it, where that is known.
@@ -74,12 +85,13 @@ impl Progress for Watch {
     }
 }
 
-/// Opens files on a thread of their own. Of files that have to be indexed first, or take long to be read, a sample comes before.
+/// Opens files on a thread of their own. Where `sampled`, of files that have to be indexed first, or take long to be read, a sample comes before.
 pub fn start(
     files: Vec<PathBuf>,
     opening: Opening,
     asked: Option<Attribute>,
     further: Further,
+    sampled: bool,
     watch: Watch,
     opened: impl Fn(Result<Opened>) + Send + 'static,
 ) -> Result<JoinHandle<()>> {
@@ -90,15 +102,18 @@ pub fn start(
     let wanted = files.clone();
     let ready = move |mut source: Source, sample_of: Option<u64>, progress: &dyn Progress| -> Result<Opened> {
         source.find(asked, progress)?;
-        let (mut shown, _) = source.shown(asked)?;
+        let (mut shown, why_shown) = source.shown(asked)?;
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
         shown.further = Further { normal: source.has_normals(), light: source.has_light(), ..further };
-        let (points, is_whole) = (sample_of.unwrap_or(source.points()), sample_of.is_none());
-        Ok(Opened { source, shown, subject, kinds, points, is_whole, files: wanted.clone(), color: asked })
+        // Of a sample, what is odd about it is said once the whole is there.
+        let notes = if sample_of.is_none() { source.notes().to_vec() } else { Vec::new() };
+        let said = Said { origins: source.files(), shown, kinds, points: sample_of.unwrap_or(source.points()), why_shown, notes };
+        let prepared = source.prepare(shown, progress)?;
+        Ok(Opened { prepared, subject, said, is_whole: sample_of.is_none(), files: wanted.clone(), color: asked })
     };
     let work = move || {
         // What is wrong with the files is said once, of the whole.
-        if let Ok(Some(Preview { source, points })) = Source::preview(&files, &opening, &watch) {
+        if sampled && let Ok(Some(Preview { source, points })) = Source::preview(&files, &opening, &watch) {
             opened(ready(source, Some(points), &watch));
         }
         opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, None, &watch)));

@@ -47,6 +47,11 @@ pub struct Facts {
     pub passes: Vec<(String, f64)>,
     pub decided: Decided,
     pub shown: Option<Shown>,
+    /// Why they show that.
+    pub why_shown: String,
+    /// What is odd about the files, and what was asked for of the picture and changes nothing.
+    pub notes: Vec<String>,
+    pub idle: Vec<String>,
     /// Of an index, and all that has been read of it.
     pub loading: Option<Loading>,
     pub bytes_read: u64,
@@ -229,6 +234,7 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
     let at_most = if facts.at_most { "at most " } else { "" };
     ui.label(format!("{}\n{at_most}{} of {} points{without}", facts.title, grouped(facts.drawn), grouped(facts.points)));
     loading(ui, facts, view, &mut scene.fineness);
+    notes(ui, facts);
     ui.horizontal(|ui| {
         for mode in Mode::ALL {
             if ui.selectable_label(facts.mode == mode, mode.name()).clicked() && facts.mode != mode {
@@ -284,6 +290,19 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
     });
 }
 
+/// What is odd about the files and the picture; folded where it would push everything else away.
+fn notes(ui: &mut Ui, facts: &Facts) {
+    const FEW: usize = 4;
+    let noted = |text: &str| RichText::new(text).color(Color32::LIGHT_YELLOW);
+    let notes: Vec<_> = facts.notes.iter().chain(&facts.idle).collect();
+    let all = |ui: &mut Ui| notes.iter().for_each(|note| drop(ui.label(noted(note))));
+    if notes.len() <= FEW {
+        all(ui);
+    } else {
+        CollapsingHeader::new(noted(&format!("{} notes", notes.len()))).id_salt("notes").show(ui, all);
+    }
+}
+
 /// The last thing that went wrong, until somebody has read it.
 fn trouble(context: &egui::Context, facts: &mut Facts) {
     let Some(text) = &facts.trouble else { return };
@@ -315,12 +334,19 @@ fn enlarged(ui: &mut Ui, enlarged: &mut Enlarged, view: Option<&View>) {
 }
 
 fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
-    let now = scene.color.or(facts.shown.map(|shown| shown.attribute)).map_or(String::new(), Attribute::name);
-    ComboBox::from_label("color").selected_text(now).show_ui(ui, |ui| {
-        for &attribute in Attribute::value_variants() {
-            ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
-        }
-    });
+    /// As high as a list of all that points may show, points.
+    const LIST: f32 = 300.0;
+    let automatic = || facts.shown.map_or("auto".into(), |shown| format!("auto: {}", shown.attribute.name()));
+    let combo =
+        ComboBox::from_label("color").height(LIST).selected_text(scene.color.map_or_else(automatic, Attribute::name)).show_ui(ui, |ui| {
+            ui.selectable_value(&mut scene.color, None, "auto");
+            for &attribute in Attribute::value_variants() {
+                ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
+            }
+        });
+    if scene.color.is_none() && !facts.why_shown.is_empty() {
+        combo.response.on_hover_text(format!("because {}", facts.why_shown));
+    }
     if let Some(shown) = &facts.shown {
         legend::ramp(ui, shown);
     }
@@ -332,9 +358,14 @@ fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
 
 /// How much of an index is drawn, and what is being read of it.
 fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Fineness) {
-    let (Some(Loading { fitting, awaited, .. }), Some(view)) = (facts.loading, view) else { return };
-    let reading = if awaited > 0 { format!("{awaited} nodes to come") } else { "all there".into() };
-    ui.label(format!("index: {reading}, {:.1} MB read", facts.bytes_read as f64 / 1e6));
+    let (Some(Loading { fitting, nodes, awaited, largest_error_px, pool_bytes: [pool, used], .. }), Some(view)) = (facts.loading, view)
+    else {
+        return;
+    };
+    let reading = if awaited > 0 { format!("{awaited} of {nodes} nodes to come") } else { format!("{nodes} nodes, all there") };
+    let said = format!("index: {reading}, {:.1} MB read", facts.bytes_read as f64 / 1e6);
+    let fine = format!("Largest projected error: {largest_error_px:.2} px. Pool: {} of at most {} MiB in use.", used >> 20, pool >> 20);
+    ui.label(said).on_hover_text(fine);
     let asked = fineness.of(view.size);
     let (mut most, mut lod) = (asked.budget, asked.lod_px);
     ui.horizontal(|ui| {

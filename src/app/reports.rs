@@ -19,8 +19,7 @@ impl App {
             Report::Begun => return self.move_on(),
             Report::Drawn(drawn) => return self.drawn(*drawn),
             Report::Counted(points) => (self.facts.drawn, self.facts.at_most) = (points, false),
-            Report::Brought if self.waits => {}
-            Report::Brought => self.facts.doing = None,
+            Report::Brought => self.brought(),
             Report::Picked { point, adds } => self.picked(point, adds),
             Report::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             Report::Profile(profile) => {
@@ -65,7 +64,7 @@ impl App {
         self.facts.bytes_read += drawn.loading.map_or(0, |loading| loading.bytes_read);
         (self.facts.latency, self.facts.took) = (drawn.latency, drawn.took);
         self.facts.passes = drawn.passes;
-        self.facts.decided = drawn.decided;
+        (self.facts.decided, self.facts.idle) = (drawn.decided, drawn.notes);
         match hands {
             Some(Hands::Start) if !self.facts.path.keys.is_empty() => self.play(),
             Some(Hands::Start) => self.fly(Way::Forward, true),

@@ -7,6 +7,7 @@
 //! is its node's place among the nodes of the frame. Those are in node order, so ids, and with them ties, depend neither on which thread packed
 //! which node, nor on which pages were free when a node arrived.
 
+mod filling;
 mod leaves;
 pub mod overlap;
 pub mod pool;
@@ -14,27 +15,27 @@ pub mod residency;
 mod ring;
 pub mod section;
 
+pub use filling::{Filling, Organise};
 pub use overlap::Overlap;
 pub use residency::Residency;
 
 use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
 use crate::cloud::counts::Counts;
-use crate::cloud::{Cloud, Columns, Lattice, Part, Station};
+use crate::cloud::{Cloud, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::graph::{Buffer, Gpu, Graph};
+use crate::index;
 use crate::index::axes::Axes;
-use crate::index::exposure::{self, Balance};
+use crate::index::exposure::Balance;
 use crate::index::marks::Contents;
-use crate::index::pack::{self, Frame};
-use crate::index::{self, Organised};
+use crate::index::pack::Frame;
 use crate::opacity::{Known, Opacities};
 use crate::progress::Progress;
 use crate::view::{Projection, View};
 use glam::DVec3;
 use pool::{PAGE_BYTES, Pool};
-use rayon::prelude::*;
 
 /// A node whose planes are on the GPU.
 #[derive(Clone, Debug)]
@@ -164,6 +165,24 @@ impl Resident {
         Resident::arrange(gpu, cloud, shown, index::organise, progress)
     }
 
+    /// The same with another way of organising than the Morton order; for benchmarks.
+    pub fn arrange(gpu: &mut Gpu, cloud: Cloud, shown: Shown, organise: Organise, progress: &dyn Progress) -> Result<Resident> {
+        let mut filling = Filling::new(cloud, shown);
+        let mut fill = || {
+            while filling.organise(organise, progress)? {
+                filling.write(gpu, usize::MAX, progress)?;
+            }
+            Ok(())
+        };
+        match fill() {
+            Ok(()) => Ok(filling.finish(gpu)),
+            Err(error) => {
+                filling.free(gpu);
+                Err(error)
+            }
+        }
+    }
+
     /// What is known of the points that rules about them may name.
     pub fn known(&self) -> Known<'_> {
         Known { stations: &self.stations, points: self.points, counts: self.counts.as_ref() }
@@ -177,98 +196,6 @@ impl Resident {
     /// Whether some points are left out by how opaque they are.
     pub fn hides(&self) -> bool {
         self.opacities.hides(&self.known())
-    }
-
-    /// The same with another way of organising than the Morton order; for benchmarks.
-    pub fn arrange(
-        gpu: &mut Gpu,
-        cloud: Cloud,
-        shown: Shown,
-        organise: impl Fn(&Columns) -> Organised,
-        progress: &dyn Progress,
-    ) -> Result<Resident> {
-        gpu.residents += 1;
-        let stations = cloud.stations.clone();
-        let balance = if shown.coded { exposure::balance(&cloud) } else { None };
-        let mut resident = Resident {
-            serial: gpu.residents,
-            pool: Pool::new(gpu, u32::MAX),
-            nodes: Vec::new(),
-            shown,
-            points: 0,
-            stations,
-            counts: shown.further.kind.then(|| Counts::of(cloud.parts.iter().map(|part| &part.columns))),
-            balance,
-            // A file's normals, where it has any.
-            oriented: shown.further.normal,
-            axes: if shown.further.strokes { index::axes::of(&cloud.parts) } else { Axes::default() },
-            opacities: Opacities::default(),
-            comes_and_goes: false,
-            light: None,
-            clips: Clips::default(),
-        };
-        let total = cloud.len();
-        let mut parts = cloud.parts;
-        parts.iter_mut().for_each(|part| part.columns.keep(shown.wanted()));
-        for (number, part) in parts.into_iter().enumerate() {
-            progress.tick("organising", resident.points, total)?;
-            let organised = organise(&part.columns);
-            resident.add(gpu, &part, number, &organised, total, progress)?;
-        }
-        Ok(resident)
-    }
-
-    fn add(&mut self, gpu: &mut Gpu, part: &Part, number: usize, organised: &Organised, total: u64, progress: &dyn Progress) -> Result<()> {
-        let shown = self.shown;
-        // Stations are listed part by part.
-        let first_station = self.stations.partition_point(|station| station.part < number);
-        let stations = &self.stations[first_station..self.stations.partition_point(|station| station.part <= number)];
-        let strokes = if shown.further.strokes { index::strokes::strokes(&part.columns, &part.lattice, progress)? } else { Vec::new() };
-        let one_station = |order: &[u32]| match (stations, &part.columns.source) {
-            ([_], _) => Some(first_station as u32),
-            (_, Some(column)) => {
-                let source = column[order[0] as usize];
-                let number = stations.partition_point(|station| station.source < Some(source));
-                order.iter().all(|&i| column[i as usize] == source).then_some((first_station + number) as u32)
-            }
-            (_, None) => None,
-        };
-        let of_node = |order: &[u32]| (pack::frame(&part.columns, order), one_station(order));
-        let framed: Vec<_> = organised.nodes.par_iter().map(|node| of_node(&organised.order[node.points.clone()])).collect();
-        let first = self.nodes.len();
-        if (first + organised.nodes.len()) as u64 > MOST_NODES {
-            return Err(Error::Request(format!("{total} points are more than the 4,294,901,760 that can be resident at once")));
-        }
-        for (node, &(frame, station)) in organised.nodes.iter().zip(&framed) {
-            let first_page = self.pool.take(gpu, frame.planes + shown.words())?.expect("a pool without a budget is never full");
-            let (count, number) = (node.points.len() as u32, self.nodes.len() as u32);
-            let (lattice, planes) = (part.lattice, frame.planes);
-            self.nodes.push(ResidentNode { lattice, frame, count, number, first_page, planes, spacing: 0.0, station });
-        }
-
-        let runs = self.nodes[first..]
-            .iter_mut()
-            .zip(&organised.nodes)
-            .map(|(node, range)| (node.first_page, node.frame.planes + shown.words(), (node, range)))
-            .collect();
-        let done = std::sync::atomic::AtomicU64::new(self.points);
-        self.pool.write(gpu, runs, |(node, range), mut pages| {
-            let order = &organised.order[range.points.clone()];
-            let words = |i| {
-                let mut words = shown.words_of(part, stations, first_station, i);
-                if let Some(place) = shown.strokes() {
-                    let columns = &part.columns;
-                    words[place as usize..][..2].copy_from_slice(&strokes[i].words([columns.x[i], columns.y[i], columns.z[i]]));
-                }
-                words
-            };
-            let spacing = pack::pack(&part.columns, &node.frame, order, organised.arrangement, words, &mut pages);
-            node.spacing = in_metres(spacing, &node.lattice, &node.frame);
-            let done = done.fetch_add(order.len() as u64, std::sync::atomic::Ordering::Relaxed);
-            progress.tick("organising", done, total)
-        })?;
-        self.points += organised.order.len() as u64;
-        Ok(())
     }
 
     /// World positions of all points of a small cloud, decoded from the pages, in the order of their ids.

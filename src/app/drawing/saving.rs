@@ -1,7 +1,7 @@
 //! PICTURES -> FILES, while the window goes on: tile by tile, whenever there is nothing to draw in the window.
 //!
 //! In: what was to be seen when somebody asked, and how large. Out: the bytes that `render` writes. Between two tiles everything that is posted is heard, and on a software device, where a tile takes long,
-//! it gives way; so the window moves, fits and closes as if nothing else were done. A picture no larger than the window is there as soon as it is asked for, unless nodes are on their way. One that is under way when the window closes is
+//! it gives way; so the window moves, fits and closes as if nothing else were done, and takes in files that are dropped: the cloud that pictures were asked for of stays beside the window's until they are there. A picture no larger than the window is there as soon as it is asked for, unless nodes are on their way. One that is under way when the window closes is
 //! not there, which is said.
 
 use super::{Newer, Report, Thread, Wanted};
@@ -23,6 +23,13 @@ pub(super) struct Saving {
     asked: Asked,
     opacities: Opacities,
     clips: Clips,
+}
+
+/// A cloud that the window no longer shows.
+pub(super) struct Former {
+    cloud: Brought,
+    /// That wait, and are of it.
+    pictures: usize,
 }
 
 enum Asked {
@@ -78,8 +85,9 @@ impl Thread {
     }
 
     fn save_more(&mut self, gives_way: bool) -> Result<()> {
-        let (Some(saving), Some(cloud)) = (self.saving.front_mut(), &mut self.cloud) else { return Ok(()) };
-        self.elsewhere = true;
+        let former = self.former.front_mut().map(|former| &mut former.cloud);
+        self.elsewhere |= former.is_none();
+        let (Some(saving), Some(cloud)) = (self.saving.front_mut(), former.or(self.cloud.as_mut())) else { return Ok(()) };
         cloud.leave_out(saving.opacities.clone(), saving.clips.clone());
         let newer = Newer { count: &self.count, heard: self.heard };
         let progress = if gives_way { &newer as &dyn Progress } else { &Silent };
@@ -114,14 +122,22 @@ impl Thread {
             }
             Err(error) => (self.report)(Report::NotSaved(path, error)),
         }
-        self.go_on();
+        if let Some(former) = self.former.front_mut() {
+            former.pictures -= 1;
+            if former.pictures == 0 {
+                self.former.pop_front().into_iter().for_each(|former| former.cloud.free(&mut self.gpu));
+            }
+        }
         Ok(())
     }
 
-    /// What has waited for the last of the pictures.
-    fn go_on(&mut self) {
-        if self.saving.is_empty() {
-            std::mem::take(&mut self.held_back).into_iter().for_each(|bring| self.bring(bring));
+    /// A cloud that the window no longer shows is given back once all pictures of it are there.
+    pub(super) fn leave(&mut self, cloud: Brought) {
+        // Pictures are made in the order that they were asked for in, so those of clouds before it come first.
+        let pictures = self.saving.len() - self.former.iter().map(|former| former.pictures).sum::<usize>();
+        match pictures {
+            0 => cloud.free(&mut self.gpu),
+            _ => self.former.push_back(Former { cloud, pictures }),
         }
     }
 
@@ -146,5 +162,6 @@ impl Thread {
         for saving in self.saving.drain(..) {
             eprintln!("pointillist: {} was not saved: drawing has ended before all of it was there", saving.path().display());
         }
+        self.former.drain(..).for_each(|former| former.cloud.free(&mut self.gpu));
     }
 }

@@ -1,0 +1,197 @@
+//! CLOUD -> PAGES, in two halves: what takes long and needs no device, on any thread; and pages, as many at a time as whoever draws meanwhile has time for.
+//!
+//!   [`Filling::new`]: what is known of all points
+//!   [`Filling::organise`]: the nodes of one more part, and its strokes
+//!   [`Filling::write`]: the pages of some more nodes
+//! Pages are taken in node order, so that the cloud is the same however the halves are cut.
+
+use super::pool::Pool;
+use super::{MOST_NODES, Resident, ResidentNode, in_metres};
+use crate::clip::Clips;
+use crate::cloud::attribute::Shown;
+use crate::cloud::counts::Counts;
+use crate::cloud::{Cloud, Columns, Part, Station};
+use crate::error::{Error, Result};
+use crate::graph::Gpu;
+use crate::index::axes::Axes;
+use crate::index::exposure::{self, Balance};
+use crate::index::pack::{self, Frame};
+use crate::index::strokes::{self, Stroke};
+use crate::index::{self, Organised};
+use crate::opacity::Opacities;
+use crate::progress::Progress;
+use rayon::prelude::*;
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+/// How the points of a part are put into nodes.
+pub type Organise = fn(&Columns) -> Organised;
+
+/// A cloud on its way to the device.
+pub struct Filling {
+    shown: Shown,
+    stations: Vec<Station>,
+    counts: Option<Counts>,
+    balance: Option<Balance>,
+    axes: Axes,
+    points: u64,
+    /// Parts that are not organised yet, with their numbers.
+    parts: VecDeque<(usize, Part)>,
+    organised: VecDeque<Ready>,
+    organised_nodes: u64,
+    organised_points: u64,
+    /// What has pages.
+    resident: Option<Resident>,
+}
+
+/// A part whose nodes need nothing but pages.
+struct Ready {
+    part: Part,
+    first_station: usize,
+    stations: Vec<Station>,
+    organised: Organised,
+    /// With the station of the points of each node, where it is one.
+    framed: Vec<(Frame, Option<u32>)>,
+    strokes: Vec<Stroke>,
+    /// Nodes that have pages.
+    written: usize,
+}
+
+impl Filling {
+    pub fn new(cloud: Cloud, shown: Shown) -> Filling {
+        let (balance, points) = (if shown.coded { exposure::balance(&cloud) } else { None }, cloud.len());
+        let counts = shown.further.kind.then(|| Counts::of(cloud.parts.iter().map(|part| &part.columns)));
+        let axes = if shown.further.strokes { index::axes::of(&cloud.parts) } else { Axes::default() };
+        let mut parts: VecDeque<(usize, Part)> = cloud.parts.into_iter().enumerate().collect();
+        parts.iter_mut().for_each(|(_, part)| part.columns.keep(shown.wanted()));
+        Filling {
+            shown,
+            stations: cloud.stations,
+            counts,
+            balance,
+            axes,
+            points,
+            parts,
+            organised: VecDeque::new(),
+            organised_nodes: 0,
+            organised_points: 0,
+            resident: None,
+        }
+    }
+
+    pub fn points(&self) -> u64 {
+        self.points
+    }
+
+    /// One more part; false where there is none.
+    pub fn organise(&mut self, organise: Organise, progress: &dyn Progress) -> Result<bool> {
+        let Some((number, part)) = self.parts.pop_front() else { return Ok(false) };
+        progress.tick("organising", self.organised_points, self.points)?;
+        let organised = organise(&part.columns);
+        self.organised_nodes += organised.nodes.len() as u64;
+        self.organised_points += organised.order.len() as u64;
+        if self.organised_nodes > MOST_NODES {
+            return Err(Error::Request(format!("{} points are more than the 4,294,901,760 that can be resident at once", self.points)));
+        }
+        // Stations are listed part by part.
+        let first_station = self.stations.partition_point(|station| station.part < number);
+        let stations = self.stations[first_station..self.stations.partition_point(|station| station.part <= number)].to_vec();
+        let strokes = if self.shown.further.strokes { strokes::strokes(&part.columns, &part.lattice, progress)? } else { Vec::new() };
+        let one_station = |order: &[u32]| match (&stations[..], &part.columns.source) {
+            ([_], _) => Some(first_station as u32),
+            (_, Some(column)) => {
+                let source = column[order[0] as usize];
+                let number = stations.partition_point(|station| station.source < Some(source));
+                order.iter().all(|&i| column[i as usize] == source).then_some((first_station + number) as u32)
+            }
+            (_, None) => None,
+        };
+        let of_node = |order: &[u32]| (pack::frame(&part.columns, order), one_station(order));
+        let framed = organised.nodes.par_iter().map(|node| of_node(&organised.order[node.points.clone()])).collect();
+        self.organised.push_back(Ready { part, first_station, stations, organised, framed, strokes, written: 0 });
+        Ok(true)
+    }
+
+    /// Pages of so many nodes at most, of the parts that are organised; whether some are left.
+    pub fn write(&mut self, gpu: &mut Gpu, most: usize, progress: &dyn Progress) -> Result<bool> {
+        let Some(mut ready) = self.organised.pop_front() else { return Ok(false) };
+        let total = self.points;
+        let written = ready.write(self.resident(gpu), gpu, most, total, progress);
+        if ready.written < ready.organised.nodes.len() {
+            self.organised.push_front(ready);
+        }
+        written.map(|()| !self.organised.is_empty())
+    }
+
+    fn resident(&mut self, gpu: &mut Gpu) -> &mut Resident {
+        self.resident.get_or_insert_with(|| {
+            gpu.residents += 1;
+            Resident {
+                serial: gpu.residents,
+                pool: Pool::new(gpu, u32::MAX),
+                nodes: Vec::new(),
+                shown: self.shown,
+                points: 0,
+                stations: self.stations.clone(),
+                counts: self.counts.take(),
+                balance: self.balance.take(),
+                // A file's normals, where it has any.
+                oriented: self.shown.further.normal,
+                axes: self.axes,
+                opacities: Opacities::default(),
+                comes_and_goes: false,
+                light: None,
+                clips: Clips::default(),
+            }
+        })
+    }
+
+    /// Once all is written.
+    pub fn finish(mut self, gpu: &mut Gpu) -> Resident {
+        self.resident(gpu);
+        self.resident.expect("made above")
+    }
+
+    pub fn free(self, gpu: &mut Gpu) {
+        self.resident.into_iter().for_each(|resident| resident.free(gpu));
+    }
+}
+
+impl Ready {
+    fn write(&mut self, resident: &mut Resident, gpu: &mut Gpu, most: usize, total: u64, progress: &dyn Progress) -> Result<()> {
+        let Ready { part, first_station, stations, organised, framed, strokes, written } = self;
+        let (shown, first) = (resident.shown, resident.nodes.len());
+        let nodes = *written..written.saturating_add(most).min(organised.nodes.len());
+        for (node, &(frame, station)) in organised.nodes[nodes.clone()].iter().zip(&framed[nodes.clone()]) {
+            let first_page = resident.pool.take(gpu, frame.planes + shown.words())?.expect("a pool without a budget is never full");
+            let (count, number) = (node.points.len() as u32, resident.nodes.len() as u32);
+            let (lattice, planes) = (part.lattice, frame.planes);
+            resident.nodes.push(ResidentNode { lattice, frame, count, number, first_page, planes, spacing: 0.0, station });
+        }
+        *written = nodes.end;
+
+        let runs = resident.nodes[first..]
+            .iter_mut()
+            .zip(&organised.nodes[nodes])
+            .map(|(node, range)| (node.first_page, node.frame.planes + shown.words(), (node, range)))
+            .collect();
+        let done = AtomicU64::new(resident.points);
+        resident.pool.write(gpu, runs, |(node, range), mut pages| {
+            let order = &organised.order[range.points.clone()];
+            let words = |i| {
+                let mut words = shown.words_of(part, stations, *first_station, i);
+                if let Some(place) = shown.strokes() {
+                    let columns = &part.columns;
+                    words[place as usize..][..2].copy_from_slice(&strokes[i].words([columns.x[i], columns.y[i], columns.z[i]]));
+                }
+                words
+            };
+            let spacing = pack::pack(&part.columns, &node.frame, order, organised.arrangement, words, &mut pages);
+            node.spacing = in_metres(spacing, &node.lattice, &node.frame);
+            let done = done.fetch_add(order.len() as u64, Relaxed);
+            progress.tick("organising", done, total)
+        })?;
+        resident.points = done.into_inner();
+        Ok(())
+    }
+}
