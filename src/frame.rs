@@ -1,14 +1,15 @@
 //! THE WHOLE FRAME, top to bottom.
 
 use crate::error::Result;
-use crate::graph::{Again, Area, Buffer, Graph, Image};
+use crate::graph::{Again, Area, Buffer, Frame, Gpu, Graph, Image};
 use crate::look::Look;
 use crate::passes::project::{Band, Behind, Drawn};
 use crate::passes::resolve::Paint;
 use crate::passes::shadows::Marks;
 use crate::passes::strokes::Painting;
 use crate::passes::transparency::Front;
-use crate::passes::{self, Layers, Scene, composite, gate, luminance, normal, project, resolve, shadows, strokes};
+use crate::passes::{self, Layers, Scene, composite, counts, gate, luminance, normal, project, resolve, shadows, strokes};
+use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -22,6 +23,39 @@ pub struct Outcome {
     pub statistics: project::Statistics,
     /// Where points are painted.
     pub strokes: Option<strokes::Painted>,
+}
+
+/// A frame that has been drawn.
+pub struct Done<T> {
+    pub frame: Frame,
+    /// What was asked of it.
+    pub asked: T,
+    /// What only a frame that has run knows, and whoever sees its picture should.
+    pub notes: Vec<String>,
+}
+
+/// Draws a frame to its end, for whoever wants to see what came of it: `ask` says what.
+pub fn draw<T>(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    look: &Look,
+    progress: &dyn Progress,
+    ask: impl FnOnce(&mut Graph, &Outcome) -> Result<T>,
+) -> Result<Done<T>> {
+    let mut g = Graph::new(gpu).watched(progress);
+    let recorded = record(&mut g, view, resident, look).and_then(|outcome| Ok((ask(&mut g, &outcome)?, outcome)));
+    let (asked, outcome) = match recorded {
+        Ok(recorded) => recorded,
+        Err(error) => {
+            g.abandon();
+            return Err(error);
+        }
+    };
+    let warned = counts::Warned::ask(&mut g, &look.effects);
+    let frame = g.submit(&[])?;
+    let notes = warned.note(&frame).into_iter().chain(outcome.strokes.and_then(|painted| painted.facts.note())).collect();
+    Ok(Done { frame, asked, notes })
 }
 
 pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {

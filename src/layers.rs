@@ -54,19 +54,10 @@ pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, p
     }
     let taken = cloud.settle(gpu, view, &fineness.of(view.size), progress)?;
     let look = look::decide(wishes, view, cloud.resident());
-    let mut g = Graph::new(gpu).watched(progress);
-    let outcome = match frame::record(&mut g, view, cloud.resident(), &look) {
-        Ok(outcome) => outcome,
-        Err(error) => {
-            g.abandon();
-            return Err(error);
-        }
-    };
-    let downloads = Downloads::ask(&mut g, &outcome, false, true)?;
-    let frame = g.submit(&[])?;
-    downloads.write(&frame, view.size, None, Some(path))?;
-    frame.shelve(gpu);
-    Ok(taken.into_iter().flat_map(|taken| taken.notes).chain(look.notes(cloud.resident())).collect())
+    let done = frame::draw(gpu, view, cloud.resident(), &look, progress, |g, outcome| Downloads::ask(g, outcome, false, true))?;
+    done.asked.write(&done.frame, view.size, None, Some(path))?;
+    done.frame.shelve(gpu);
+    Ok(taken.into_iter().flat_map(|taken| taken.notes).chain(look.notes(cloud.resident())).chain(done.notes).collect())
 }
 
 /// Linear picture (its alpha says where a surface is) and layers.

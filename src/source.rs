@@ -1,7 +1,7 @@
 //! What a picture is made of: files that are read whole, or an index, of which only what the picture shows is read. One flow for both.
 
 use crate::clip::Clips;
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::core::without_strays;
 use crate::cloud::counts::Counts;
 use crate::cloud::stream::About;
@@ -134,10 +134,20 @@ impl Source {
         Ok(sample.map(|cloud| Preview { source: Source::Files(cloud), points }))
     }
 
-    pub fn notes(&self) -> &[String] {
+    /// What is odd about the files, and what an index lacks of what is wanted of its points.
+    pub fn notes(&self, wanted: Further) -> Vec<String> {
         match self {
-            Source::Files(cloud) => &cloud.notes,
-            Source::Index(index) => &index.directory.contents.notes,
+            Source::Files(cloud) => cloud.notes.clone(),
+            Source::Index(index) => {
+                let lacks = wanted.strokes && !index.has(Plane::Brush);
+                let found = || {
+                    format!(
+                        "strokes are found node by node, so that nodes may show: {} for all",
+                        self.index_again(indexed_files(index), "--strokes")
+                    )
+                };
+                index.directory.contents.notes.iter().cloned().chain(lacks.then(found)).collect()
+            }
         }
     }
 
@@ -223,7 +233,11 @@ impl Source {
             (Source::Index(index), Attribute::Corrected) if index.has(Plane::Rgb) => (indexed_files(index), "--luminance"),
             _ => return "`info` lists what they have".into(),
         };
-        let mut files: Vec<String> = files.into_iter().map(|path: &PathBuf| path.display().to_string()).collect();
+        self.index_again(files, option)
+    }
+
+    fn index_again(&self, files: Vec<&PathBuf>, option: &str) -> String {
+        let mut files: Vec<String> = files.into_iter().map(|path| path.display().to_string()).collect();
         files.dedup();
         let more = if files.len() > 3 { " ..." } else { "" };
         files.truncate(3);

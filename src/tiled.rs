@@ -11,7 +11,7 @@
 use crate::cut::Fineness;
 use crate::error::{Error, Result};
 use crate::frame;
-use crate::graph::{Gpu, Graph};
+use crate::graph::Gpu;
 use crate::look::{self, Look, Wishes};
 use crate::passes::{TILE_PX, encode, visibility};
 use crate::picture::PngRows;
@@ -197,8 +197,11 @@ impl Tiled {
         let taken = cloud.settle(gpu, &loaded, &fineness.of(loaded.size), if total > 1 { &whole } else { progress })?;
         let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
         self.pixels.resize(3 * width * height as usize, 0);
-        draw(gpu, cloud, &window, &plan.look, &whole, |bytes| cut_out(bytes, &part, top, width, &mut self.pixels))?;
+        let done = frame::draw(gpu, &window, cloud.resident(), &plan.look, &whole, |g, outcome| encode::download(g, &outcome.picture))?;
+        cut_out(&done.asked.read(&done.frame), &part, top, width, &mut self.pixels);
+        done.frame.shelve(gpu);
         self.note(notes_of(taken));
+        self.note(done.notes);
         if is_last {
             self.rows.write(&self.pixels)?;
             self.pixels.clear();
@@ -251,23 +254,6 @@ pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: Wanted, path: &Path, pr
     let mut picture = Tiled::begin(wanted, path)?;
     while !picture.step(gpu, cloud, progress)? {}
     picture.finish()
-}
-
-/// A frame, and its bytes to whoever takes them.
-fn draw(gpu: &mut Gpu, cloud: &Brought, view: &View, look: &Look, progress: &dyn Progress, take: impl FnOnce(&[&[u8]])) -> Result<()> {
-    let mut g = Graph::new(gpu).watched(progress);
-    let outcome = match frame::record(&mut g, view, cloud.resident(), look) {
-        Ok(outcome) => outcome,
-        Err(error) => {
-            g.abandon();
-            return Err(error);
-        }
-    };
-    let encoded = encode::download(&mut g, &outcome.picture)?;
-    let frame = g.submit(&[])?;
-    take(&encoded.read(&frame));
-    frame.shelve(gpu);
-    Ok(())
 }
 
 /// The middle of a window's bytes, to its place among rows of pixels from this one on, so many pixels wide.

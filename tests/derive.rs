@@ -21,7 +21,7 @@ use pointillist::progress::{Progress, Silent};
 use pointillist::resident::Residency;
 use pointillist::synth::{self, Scene};
 use pointillist::view::{Camera, Preset, View};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use support::{failed, names, render, scan, succeeded};
@@ -188,6 +188,20 @@ fn samples_of_inner_nodes_have_the_mean_normal_and_cover_what_they_stand_for() {
     }
 }
 
+/// The brush that a point has, it has in every node that it appears in, wherever that has rounded it to.
+#[test]
+fn a_sample_that_stands_for_one_point_is_its_stroke() {
+    let place = Place::new(Scene::Street, 500_000);
+    let (index, _) = place.build(&OPTIONS);
+    let pairs = |node: usize| words(&index, node, Plane::Facing).into_iter().zip(words(&index, node, Plane::Brush));
+    let of_points: HashSet<(u32, u32)> = leaves(&index).flat_map(pairs).collect();
+    let inner = index.nodes().iter().enumerate().filter(|(_, record)| !record.is_leaf());
+    let ones = inner.flat_map(|(node, _)| pairs(node).zip(words(&index, node, Plane::Weight)).filter(|(_, weight)| *weight == 1));
+    let (same, other): (Vec<_>, Vec<_>) = ones.partition(|(pair, _)| of_points.contains(pair));
+    println!("{} samples of one point, {} with another stroke", same.len() + other.len(), other.len());
+    assert!(same.len() > 1000 && other.is_empty(), "{} of {}", other.len(), same.len());
+}
+
 #[test]
 fn what_is_not_asked_for_is_not_there_and_takes_no_room() {
     let place = Place::new(Scene::Torus, 100_000);
@@ -288,7 +302,13 @@ fn a_picture_that_lacks_a_plane_says_in_one_line_how_to_make_it() {
         let said = failed(&render(&place.at("scan.pnti"), &line(words)), 1);
         assert!(said.contains(&format!("scan.pnti {option}`")) && said.contains("scan.las"), "{said}");
     }
+    // Strokes can be found without.
+    let strokes = line("--style strokes");
+    let said = succeeded(&render(&place.at("scan.pnti"), &strokes));
+    assert!(said.contains("scan.pnti --strokes`") && said.contains("scan.las"), "{said}");
     place.build(&OPTIONS);
+    let said = succeeded(&render(&place.at("scan.pnti"), &strokes));
+    assert!(!said.contains("--strokes"), "{said}");
     for (words, _) in lacking {
         succeeded(&render(&place.at("scan.pnti"), &line(words)));
     }

@@ -106,7 +106,7 @@ pub fn start(
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
         shown.further = Further { normal: source.has_normals(), light: source.has_light(), ..further };
         // Of a sample, what is odd about it is said once the whole is there.
-        let notes = if sample_of.is_none() { source.notes().to_vec() } else { Vec::new() };
+        let notes = if sample_of.is_none() { source.notes(shown.further) } else { Vec::new() };
         let said = Said { origins: source.files(), shown, kinds, points: sample_of.unwrap_or(source.points()), why_shown, notes };
         let prepared = source.prepare(shown, progress)?;
         Ok(Opened { prepared, subject, said, is_whole: sample_of.is_none(), files: wanted.clone(), color: asked })

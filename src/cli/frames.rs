@@ -6,10 +6,9 @@ use super::render::{Arguments, refuse_to_overwrite};
 use crate::camera_path::CameraPath;
 use crate::error::{Error, Result};
 use crate::frame;
-use crate::graph::{Gpu, Graph};
+use crate::graph::Gpu;
 use crate::layers::Downloads;
 use crate::look;
-use crate::passes::counts;
 use crate::progress::{Progress, Whole};
 use crate::source::Source;
 use crate::view::View;
@@ -49,7 +48,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     let options = arguments.picture.with_scene()?;
     let (size, wishes) = (options.size.0, options.wishes()?);
     let source = Source::open(&arguments.files, &options.detail.opening(options.read_options(arguments.strict), options.light), progress)?;
-    source.notes().iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    source.notes(options.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     let (shown, _) = options.shown(&source)?;
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     let mut brought = source.bring(&mut gpu, shown, options.detail.pool_bytes(), progress)?;
@@ -74,14 +73,12 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
         }
         let look = look::decide(&wishes, &view, brought.resident());
         look.notes(brought.resident()).into_iter().for_each(&mut say);
-        let mut g = Graph::new(&mut gpu).watched(&frames);
-        let outcome = frame::record(&mut g, &view, brought.resident(), &look)?;
-        let downloads = Downloads::ask(&mut g, &outcome, arguments.output.is_some(), arguments.exr.is_some())?;
-        let warned = counts::Warned::ask(&mut g, &look.effects);
-        let frame = g.submit(&[])?;
-        warned.note(&frame).into_iter().for_each(&mut say);
-        downloads.write(&frame, size, png(number).as_deref(), exr(number).as_deref())?;
-        frame.shelve(&mut gpu);
+        let [picture, layers] = [&arguments.output, &arguments.exr].map(Option::is_some);
+        let done =
+            frame::draw(&mut gpu, &view, brought.resident(), &look, &frames, |g, outcome| Downloads::ask(g, outcome, picture, layers))?;
+        done.notes.into_iter().for_each(&mut say);
+        done.asked.write(&done.frame, size, png(number).as_deref(), exr(number).as_deref())?;
+        done.frame.shelve(&mut gpu);
     }
     progress.tick("drawing frames", total, total)?;
     brought.free(&mut gpu);

@@ -3,8 +3,8 @@
 use super::frames;
 use super::options::{DeviceOptions, PictureOptions, ends_in};
 use crate::error::{Error, Result};
-use crate::frame;
-use crate::graph::{Frame, Gpu, Graph};
+use crate::frame::{self, Done};
+use crate::graph::{Frame, Gpu};
 use crate::layers::Downloads;
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
@@ -99,7 +99,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let opening = picture.detail.opening(picture.read_options(arguments.strict), picture.light);
     let mut source = Source::open(&arguments.files, &opening, progress)?;
     source.find(picture.color, progress)?;
-    source.notes().iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    source.notes(picture.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     stages.done("read");
     let view = picture.view(&source)?;
     let (shown, why_shown) = picture.shown(&source)?;
@@ -135,25 +135,24 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let look = look::decide(&wishes, &view, resident);
     look.notes(resident).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
 
-    let mut g = Graph::new(&mut gpu).watched(progress);
-    let outcome = frame::record(&mut g, &view, resident, &look)?;
-    facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
-    facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
-    let downloads = Downloads::ask(&mut g, &outcome, arguments.output.is_some(), arguments.exr.is_some())?;
-    let asked = arguments.explain.is_some().then(|| counts::Asked::of(&mut g, &outcome.layers));
-    let warned = counts::Warned::ask(&mut g, &look.effects);
-    let frame = g.submit(&[])?;
+    let [png, exr] = [&arguments.output, &arguments.exr].map(Option::is_some);
+    let Done { frame, asked, notes } = frame::draw(&mut gpu, &view, resident, &look, progress, |g, outcome| {
+        facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
+        facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
+        let counts = arguments.explain.is_some().then(|| counts::Asked::of(g, &outcome.layers));
+        Ok((Downloads::ask(g, outcome, png, exr)?, counts, outcome.statistics))
+    })?;
+    let (downloads, counts, statistics) = asked;
     stages.done("draw");
-    warned.note(&frame).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
-    facts.strokes.iter().filter_map(strokes::Facts::note).for_each(|note| eprintln!("pointillist: note: {note}"));
+    notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     downloads.write(&frame, view.size, arguments.output.as_deref(), arguments.exr.as_deref())?;
     stages.done("write");
 
-    if let Some(asked) = asked {
-        let counts = asked.counts(&frame, view.size, &look.effects);
+    if let Some(counts) = counts {
+        let counts = counts.counts(&frame, view.size, &look.effects);
         match arguments.explain.as_deref() {
-            Some("json") => println!("{}", explain_json(&facts, &gpu, resident, &look, &outcome.statistics, &counts, &frame)),
-            _ => eprint!("{}", explain(&facts, &gpu, resident, &look, &outcome.statistics, &counts, &frame)),
+            Some("json") => println!("{}", explain_json(&facts, &gpu, resident, &look, &statistics, &counts, &frame)),
+            _ => eprint!("{}", explain(&facts, &gpu, resident, &look, &statistics, &counts, &frame)),
         }
     }
     if arguments.timings {
