@@ -5,7 +5,7 @@
 //     BUBBLE     from the farthest place forwards the nearer of two neighbours moves on (algorithm 2)
 //     otherwise  it is looked for, and changes places with the first of them
 // After n - 1 times n fragments are in order; a pixel is done before, where what is left of the light can change nothing. It goes on from frame to frame, and from pass to pass: lavapipe ends all loops
-// of an invocation together after 65,535 rounds. Keys are integers: depth, then colour and coverage, so that equally near fragments have an order, too, and no NaN stands in the way (HARD_CASES 16).
+// of an invocation together after 65,535 rounds. Keys are integers: depth with a brush in its lowest bits, then what is left of the light, then colour, so that equally near fragments have an order, too, and no NaN stands in the way (HARD_CASES 16).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require

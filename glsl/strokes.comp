@@ -136,7 +136,7 @@ void main() {
                 uint covers = uint(alpha * abs(uintBitsToFloat(rest.w)) * 255.0 + 0.5);
                 seen = seen && covers > 0u;
                 veil = seen && nearer(key, veil) ? key : veil;
-                // Of those as deep as each other, as on a plane seen from above, brushes decide: a stroke is over another one everywhere.
+                // Of those within 16 steps of f32, as on a plane seen from above, brushes decide: a stroke is over another one everywhere.
                 uint order = (BY_STROKE ? rest.x : key.y) & ~15u | brush >> 4;
                 if (!BEFORE_HIDERS) hider = seen && covers == 255u ? min(hider, order) : hider;
                 seen = seen && (!BEFORE_HIDERS || order <= hider);

@@ -1,6 +1,6 @@
 // A fragment of a stroke: square roots of linear colour, which are near sRGB, and how much it leaves of the light, 8 bits each; depth bits. Declares no bindings.
 
-// Whether a is nearer, or as near and before b in an order that depends on nothing but the two: what leaves less comes first, which is the stroke whose middle is nearer to the pixel.
+// Whether a is nearer, or as near and before b in an order that depends on nothing but the two: of the same brush, what leaves less comes first, which is the stroke whose middle is nearer to the pixel.
 bool before(uvec2 a, uvec2 b) {
     return a.y < b.y || a.y == b.y && a.x < b.x;
 }

@@ -96,6 +96,8 @@ pub enum Report {
     Counted(u64),
     /// A cloud is on the device.
     Brought,
+    /// It is not, and why.
+    NotBrought(Error),
     Picked {
         point: Point,
         adds: bool,
@@ -377,7 +379,7 @@ impl Thread {
                 next = self.posted.try_recv().ok();
             }
             self.step()?;
-            self.bring_on();
+            self.bring_on()?;
         }
     }
 
@@ -439,11 +441,14 @@ impl Thread {
         Ok(())
     }
 
-    /// Some more of the cloud that is on its way.
-    fn bring_on(&mut self) {
-        let Some(mut bring) = self.bringing.take() else { return };
+    /// Some more of the cloud that is on its way; beside the one in the window, and one at most that pictures are saved of.
+    fn bring_on(&mut self) -> Result<()> {
+        let Some(mut bring) = self.bringing.take_if(|_| self.former.is_empty()) else { return Ok(()) };
         let brought = match bring.prepared.step(&mut self.gpu, &bring.watch) {
-            Ok(true) => return self.bringing = Some(bring),
+            Ok(true) => {
+                self.bringing = Some(bring);
+                return Ok(());
+            }
             Ok(false) => bring.prepared.finish(&mut self.gpu, bring.pool_bytes),
             Err(error) => {
                 bring.prepared.free(&mut self.gpu);
@@ -460,8 +465,13 @@ impl Thread {
             }
             // Nobody waits for it any more.
             Err(Error::Interrupted) => {}
-            Err(error) => (self.report)(Report::Failed(error)),
+            Err(error) if error.is_lost_device() => return Err(error),
+            Err(error) => {
+                (self.report)(Report::NotBrought(error));
+                self.change(Instant::now());
+            }
         }
+        Ok(())
     }
 
     fn give_up_bringing(&mut self) {

@@ -93,8 +93,8 @@ impl App {
             // Whatever was dropped last may be what is wrong.
             self.files = first.to_vec();
         }
-        // A sample of what cannot be opened may be on the screen, or what came before has never been.
-        let again = std::mem::take(&mut self.waits) || self.last_opened.is_none();
+        // A sample of what cannot be opened may be on the screen, or what came before has never been, or was on its way and is given up.
+        let again = std::mem::take(&mut self.waits) | self.coming.take().is_some() | self.last_opened.is_none();
         let reopened = if again { self.open() } else { Ok(()) };
         self.trouble(error);
         if let Err(error) = reopened {
@@ -145,6 +145,12 @@ impl App {
         if let Err(error) = self.find_strokes() {
             self.trouble(&error);
         }
+    }
+
+    /// What was opened does not come; what is on the screen stays.
+    pub(super) fn not_brought(&mut self, error: &Error) {
+        (self.coming, self.waits, self.facts.doing) = (None, false, None);
+        self.trouble(error);
     }
 
     /// Reads files again that are on the screen without strokes that were asked for: finding them takes long, so the cloud is there before.

@@ -50,7 +50,7 @@ impl Flight {
     /// A picture is on the screen, and is all that is wanted or not.
     pub fn drawn(&mut self, drawn: &Drawn, rests: bool, now: Instant) -> Option<Hands> {
         let (stage, hands) = match self.stage {
-            Stage::Before if drawn.whole => (Stage::Under(now), Some(Hands::Start)),
+            Stage::Before if rests => (Stage::Under(now), Some(Hands::Start)),
             Stage::Under(since) => {
                 self.pictures.push(Picture::of(drawn, now));
                 match now - since >= self.length {

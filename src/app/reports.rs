@@ -40,6 +40,7 @@ impl App {
             // What goes wrong with every picture is read once.
             Report::Failed(error) if self.facts.put_away.as_ref() == Some(&error.to_string()) => {}
             Report::Failed(error) => self.trouble(&error),
+            Report::NotBrought(error) => self.not_brought(&error),
             Report::Ended(error) => {
                 if let Err(error) = self.rebuild(error) {
                     self.ended = Some(error);
