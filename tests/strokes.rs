@@ -432,7 +432,7 @@ mod painted {
         for preset in [Preset::Iso, Preset::Top, Preset::Front, Preset::Side, Preset::Fit] {
             let view = View::new(Camera::framing(preset, &cloud.core_points(), size), size).unwrap();
             let ray = |k: u32| view.ray((k % size[0]) as f64 + 0.5, (k / size[0]) as f64 + 0.5);
-            let inside: Vec<bool> = (0..size[0] * size[1]).map(|k| ray(k)).map(|(origin, direction)| hits(origin, direction)).collect();
+            let inside: Vec<bool> = (0..size[0] * size[1]).map(ray).map(|(origin, direction)| hits(origin, direction)).collect();
             for (blend, brush) in
                 ["abuffer", "blur"].into_iter().flat_map(|blend| ["dabs", "bristles", "ribbons"].map(|brush| (blend, brush)))
             {
@@ -613,7 +613,7 @@ mod painted {
         let mut cloud = scene(Scene::Plane, 2000, 0.0);
         let axis = |of: fn(i32) -> i32| (0..400).map(of).collect::<Vec<i32>>();
         let (x, y, z) = (axis(|k| 1000 * (k % 20)), axis(|k| 1000 * (k / 20)), vec![0; 400]);
-        let is_red = |k: usize| (k % 20 + k / 20) % 2 == 0;
+        let is_red = |k: usize| (k % 20 + k / 20).is_multiple_of(2);
         let rgb = (0..400).map(|k| if is_red(k) { [255, 0, 0] } else { [0, 0, 255] }).collect();
         cloud.parts[0].columns = Columns { rgb: Some(rgb), x, y, z, ..Columns::default() };
         let view = View::new(Camera::framing(Preset::Top, &cloud.core_points(), [240, 240]), [240, 240]).unwrap();
