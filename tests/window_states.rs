@@ -159,7 +159,6 @@ fn while_strokes_are_found_the_window_goes_on_and_then_is_painted() {
     viewer.key("7");
     viewer.shows(&top);
     viewer.key("0");
-    viewer.shows(&fit);
     let painted = place.picture(&[&cloud], "painted.png", "--effect strokes=on");
     viewer.shows(&painted);
     let said = viewer.close();
