@@ -190,9 +190,11 @@ impl<'d> Viewer<'d> {
 
     pub fn photograph(&self) -> Png {
         let path = self.folder.join("photograph.png");
-        let taken =
-            self.display.command("import").args(["-window", &self.window, "-depth", "8"]).arg(format!("png24:{}", path.display())).status();
-        assert!(taken.expect("import; tools/setup installs it").success());
+        // Where there is no such window it waits for somebody to click on another one.
+        let mut import = self.display.command("timeout");
+        import.args(["20", "import", "-window", &self.window, "-depth", "8"]).arg(format!("png24:{}", path.display()));
+        let taken = import.status().expect("timeout");
+        assert!(taken.success(), "no photograph, {taken}: is import there, which tools/setup installs, and the window?");
         read_png(&path)
     }
 
