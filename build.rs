@@ -1,4 +1,4 @@
-//! GLSL -> SPIR-V -> one typed Rust struct a shader (`src/shader.rs` includes the result).
+//! GLSL -> SPIR-V -> one typed Rust struct a shader (`src/shader.rs` includes the result); of a vertex and a fragment shader of one name, one for both.
 //!
 //! In: every `glsl/*.comp|vert|frag` (files under `glsl/lib` are only included). Out: `$OUT_DIR/shader.rs`. The SPIR-V is the only truth:
 //! a shader's bindings become fields by their GLSL names, `&` where the GLSL says `readonly` and `&mut` where it writes; push constants and
@@ -7,7 +7,7 @@
 
 use spirq::prelude::*;
 use spirq::ty::{ScalarType, StructType};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -15,15 +15,16 @@ fn main() {
     println!("cargo:rerun-if-changed=glsl");
     println!("cargo:rerun-if-changed=build.rs");
     let mut sources: Vec<PathBuf> = std::fs::read_dir("glsl").expect("glsl/").map(|entry| entry.expect("glsl/").path()).collect();
-    sources.retain(|path| stage(path).is_some());
     sources.sort();
-    let mut rust = String::new();
-    let mut shared = BTreeMap::new();
+    let (mut rust, mut shared) = (String::new(), BTreeMap::new());
     for source in &sources {
-        // Reflected before optimisation, which removes what is unused.
-        let plain = compile(source, shaderc::OptimizationLevel::Zero);
-        let optimised = precise(&compile(source, shaderc::OptimizationLevel::Performance));
-        generate(&mut rust, &mut shared, source, &plain, &optimised);
+        // A vertex stage brings its fragment stage.
+        let stages = match source.extension().and_then(|extension| extension.to_str()) {
+            Some("comp") => vec![reflect(&mut shared, source)],
+            Some("vert") => [source.clone(), source.with_extension("frag")].map(|source| reflect(&mut shared, &source)).into(),
+            _ => continue,
+        };
+        generate(&mut rust, source.file_stem().and_then(|stem| stem.to_str()).expect("ascii shader name"), &stages);
     }
     for (name, body) in shared {
         writeln!(
@@ -91,85 +92,127 @@ fn precise(words: &[u32]) -> Vec<u32> {
     words[..decorations_end].iter().copied().chain(added).chain(words[decorations_end..].iter().copied()).collect()
 }
 
-fn generate(rust: &mut String, shared: &mut BTreeMap<String, String>, source: &Path, plain: &[u32], optimised: &[u32]) {
-    let file = source.file_stem().and_then(|stem| stem.to_str()).expect("ascii shader name");
+/// What a stage's SPIR-V says about itself.
+struct Stage {
+    code: String,
+    /// By number: name, kind, access.
+    bindings: BTreeMap<u32, (String, (String, String))>,
+    push: Option<String>,
+    /// By number: name, type.
+    spec: BTreeMap<u32, (String, String)>,
+    /// What glsl/lib/area.glsl declares is the graph's, and no field: binding and constant.
+    area: Option<u32>,
+    listed: Option<u32>,
+    workgroup: [u32; 3],
+}
+
+fn reflect(shared: &mut BTreeMap<String, String>, source: &Path) -> Stage {
+    // Reflected before optimisation, which removes what is unused.
+    let plain = compile(source, shaderc::OptimizationLevel::Zero);
+    let optimised = precise(&compile(source, shaderc::OptimizationLevel::Performance));
     let entry = ReflectConfig::new()
-        .spv(without_constant_expressions(plain))
+        .spv(without_constant_expressions(&plain))
         .reflect()
         .unwrap_or_else(|error| panic!("{}: {error}", source.display()))
         .remove(0);
     let code = optimised.iter().map(|word| word.to_string()).collect::<Vec<_>>().join(",");
-    if source.extension().is_none_or(|extension| extension != "comp") {
-        // A stage of a raster pipeline has no bindings that the graph would track.
-        let name = format!("{}_{}", file, source.extension().unwrap().to_str().unwrap()).to_uppercase();
-        writeln!(rust, "pub static {name}: &[u32] = &[{code}];").unwrap();
-        return;
-    }
-
-    let mut bindings = BTreeMap::new();
-    let (mut push, mut spec) = (None, BTreeMap::new());
-    // What glsl/lib/area.glsl declares is the graph's, and no field: binding and constant.
-    let (mut area, mut listed) = (None, None);
+    let workgroup = workgroup(&plain);
+    let mut stage = Stage { code, bindings: BTreeMap::new(), push: None, spec: BTreeMap::new(), area: None, listed: None, workgroup };
     for variable in &entry.vars {
         // Built-in inputs, and the unnamed twin of the constant that is the workgroup's width.
         let Some(name) = variable.name().map(str::to_string) else { continue };
         match variable {
-            Variable::Descriptor { desc_bind, .. } if name == "area" => area = Some(desc_bind.bind()),
-            Variable::SpecConstant { spec_id, .. } if name == "LISTED" => listed = Some(*spec_id),
+            Variable::Descriptor { desc_bind, .. } if name == "area" => stage.area = Some(desc_bind.bind()),
+            Variable::SpecConstant { spec_id, .. } if name == "LISTED" => stage.listed = Some(*spec_id),
             Variable::Descriptor { desc_bind, desc_ty, ty, .. } => {
-                bindings.insert(desc_bind.bind(), (name, binding(source, desc_ty, ty)));
+                stage.bindings.insert(desc_bind.bind(), (name, binding(source, desc_ty, ty)));
                 if let Some(element) = element_struct(ty) {
                     let (name, body) = (element.name().expect("named struct").to_string(), fields(source, element));
                     assert!(shared.insert(name.clone(), body.clone()).is_none_or(|other| other == body), "{name} differs between shaders");
                 }
             }
-            Variable::PushConstant { ty: Type::Struct(members), .. } => push = Some(fields(source, members)),
+            Variable::PushConstant { ty: Type::Struct(members), .. } => stage.push = Some(fields(source, members)),
             Variable::SpecConstant { spec_id, ty, .. } => {
-                spec.insert(
-                    *spec_id,
-                    (name.to_lowercase(), scalar(ty).unwrap_or_else(|| panic!("{}: specialisation of {ty}", source.display()))),
-                );
+                let ty = scalar(ty).unwrap_or_else(|| panic!("{}: specialisation of {ty}", source.display()));
+                stage.spec.insert(*spec_id, (name.to_lowercase(), ty));
             }
             _ => {}
         }
     }
+    stage
+}
 
-    let module = file;
-    let structure: String = file.split('_').map(|part| part[..1].to_uppercase() + &part[1..]).collect();
-    let (mut declared, mut table, mut uses) = (String::new(), String::new(), String::new());
-    for (bind, (name, (kind, access))) in &bindings {
+/// The struct of a shader: of one stage, or of a vertex and a fragment stage that share its fields; set 0 is the former's, set 1 the latter's.
+fn generate(rust: &mut String, module: &str, stages: &[Stage]) {
+    let structure: String = module.split('_').map(|part| part[..1].to_uppercase() + &part[1..]).collect();
+    let (mut names, mut spec, mut push) = (BTreeSet::new(), BTreeMap::new(), None);
+    for stage in stages {
+        for (name, _) in stage.bindings.values() {
+            assert!(names.insert(name), "{module}: {name} is bound by two stages");
+        }
+        spec.extend(stage.spec.clone());
+        assert!(push.is_none() || stage.push.is_none(), "{module}: two stages have push constants");
+        push = push.or(stage.push.as_ref());
+    }
+    let mut declared = String::new();
+    for (name, (kind, access)) in stages.iter().flat_map(|stage| stage.bindings.values()) {
         let handle = if kind == "Buffer" || kind.starts_with("Texels") { "Buffer" } else { "Image" };
         let reference = if access == "Read" { "&'a" } else { "&'a mut" };
         writeln!(declared, "    pub {name}: {reference} crate::graph::{handle},").unwrap();
-        writeln!(table, "Binding {{ name: {name:?}, bind: {bind}, kind: Kind::{kind}, access: Access::{access} }},").unwrap();
-        writeln!(uses, "self.{name}.resource(),").unwrap();
     }
-    if let Some(bind) = area {
-        writeln!(table, "Binding {{ name: \"area\", bind: {bind}, kind: Kind::Buffer, access: Access::Read }},").unwrap();
-    }
-    let push_field = push.as_ref().map_or(String::new(), |_| format!("    pub push: {module}::Push,\n"));
+    let push_field = push.map_or(String::new(), |_| format!("    pub push: {module}::Push,\n"));
     let spec_field = if spec.is_empty() { String::new() } else { format!("    pub spec: {module}::Spec,\n") };
-    let push_bytes = push.as_ref().map_or("&[]".to_string(), |_| "bytemuck::bytes_of(&self.push)".to_string());
-    let push_size = push.as_ref().map_or("0".to_string(), |_| format!("std::mem::size_of::<{module}::Push>() as u32"));
+    let push_bytes = push.map_or("&[]".to_string(), |_| "bytemuck::bytes_of(&self.push)".to_string());
     let constant = |(id, (name, ty)): (&u32, &(String, String))| match ty.as_str() {
         "bool" => format!("({id}, self.spec.{name} as u32)"),
         "u32" => format!("({id}, self.spec.{name})"),
-        _ => panic!("{}: specialisation constant {name} is {ty}, neither bool nor uint", source.display()),
+        _ => panic!("{module}: specialisation constant {name} is {ty}, neither bool nor uint"),
     };
     let constants = spec.iter().map(constant).collect::<Vec<_>>().join(", ");
-    let lifetime = if bindings.is_empty() { "" } else { "<'a>" };
+    let lifetime = if names.is_empty() { "" } else { "<'a>" };
+    let code = |stage: &Stage| {
+        let mut table = String::new();
+        for (bind, (name, (kind, access))) in &stage.bindings {
+            writeln!(table, "Binding {{ name: {name:?}, bind: {bind}, kind: Kind::{kind}, access: Access::{access} }},").unwrap();
+        }
+        if let Some(bind) = stage.area {
+            writeln!(table, "Binding {{ name: \"area\", bind: {bind}, kind: Kind::Buffer, access: Access::Read }},").unwrap();
+        }
+        let push_size = stage.push.as_ref().map_or("0".to_string(), |_| format!("std::mem::size_of::<{module}::Push>() as u32"));
+        let Stage { code, workgroup, listed, .. } = stage;
+        format!(
+            "Code {{ name: {module:?}, spirv: &[{code}], bindings: &[{table}], push_bytes: {push_size}, workgroup: {workgroup:?}, listed: {listed:?} }}"
+        )
+    };
+    let uses = |stage: &Stage| {
+        let use_of = |(name, (_, access)): &(String, (String, String))| {
+            let reborrowed = if access == "Read" { "" } else { "&*" };
+            format!("crate::graph::Handle::resource({reborrowed}self.{name})")
+        };
+        let names = stage.bindings.values().map(use_of).collect::<Vec<_>>().join(", ");
+        format!("vec![{names}]")
+    };
 
-    writeln!(rust, "/// `{}`", source.display()).unwrap();
-    writeln!(rust, "pub struct {structure}{lifetime} {{\n{declared}{push_field}{spec_field}}}").unwrap();
+    writeln!(rust, "/// `glsl/{module}`\npub struct {structure}{lifetime} {{\n{declared}{push_field}{spec_field}}}").unwrap();
+    let (shader, codes, resources) = match stages {
+        [stage] => {
+            ("Shader", format!("const CODE: Code = {};", code(stage)), format!("Vec<crate::graph::ResourceId> {{ {} }}", uses(stage)))
+        }
+        [vertex, fragment] => (
+            "Raster",
+            format!("const STAGES: [Code; 2] = [{}, {}];", code(vertex), code(fragment)),
+            format!("[Vec<crate::graph::ResourceId>; 2] {{ [{}, {}] }}", uses(vertex), uses(fragment)),
+        ),
+        _ => unreachable!("one stage, or two"),
+    };
     writeln!(
         rust,
-        "impl{lifetime} crate::graph::Shader for {structure}{lifetime} {{
-            const CODE: Code = Code {{ name: {module:?}, spirv: &[{code}], bindings: &[{table}], push_bytes: {push_size}, workgroup: {:?}, listed: {listed:?} }};
-            fn resources(&self) -> Vec<crate::graph::ResourceId> {{ use crate::graph::Handle; vec![{uses}] }}
+        "impl{lifetime} crate::graph::{shader} for {structure}{lifetime} {{
+            {codes}
+            fn resources(&self) -> {resources}
             fn push(&self) -> &[u8] {{ {push_bytes} }}
             fn constants(&self) -> Vec<(u32, u32)> {{ vec![{constants}] }}
-        }}",
-        workgroup(plain),
+        }}"
     )
     .unwrap();
     writeln!(rust, "pub mod {module} {{").unwrap();

@@ -13,8 +13,7 @@ use crate::cloud::attribute::{Attribute, Shown};
 use crate::config::NO_POINT;
 use crate::error::{Error, Result};
 use crate::gpu::Wish;
-use crate::gpu::raster::Draw;
-use crate::graph::{Buffer, Gpu, Graph, Handle, ImageDesc, Kind};
+use crate::graph::{Buffer, Gpu, Graph, Handle, ImageDesc, Kind, Vertices};
 use crate::index;
 use crate::passes::project::{self, Precision};
 use crate::progress::Progress;
@@ -162,15 +161,14 @@ fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Re
 fn draw_point_list(gpu: &mut Gpu, points: &Points, view: &View, count: bool) -> Result<(f64, usize)> {
     let rows = points.rows(view);
     let clip = |row: [f32; 4], side: u32| row.map(|v| v * 2.0 / side as f32);
-    let words: Vec<f32> =
-        [clip(rows[0], view.size[0]), clip(rows[1], view.size[1]), rows[2], [1e-3, 0.0, 0.0, 0.0]].concat()[..13].to_vec();
-    let push = bytemuck::cast_slice(&words).to_vec();
-    let command = Draw { vertex: shader::POINT_LIST_VERT, fragment: shader::POINT_LIST_FRAG, push, points: points.positions.len() as u32 };
+    let push =
+        shader::point_list::Push { row_x: clip(rows[0], view.size[0]), row_y: clip(rows[1], view.size[1]), row_w: rows[2], near: 1e-3 };
     let mut g = Graph::new(gpu);
     let vertices = g.upload("vertices", &points.positions)?;
     let mut index = g.image("index", view.size, Kind::R32ui);
     let mut depth = g.image_of("depth", ImageDesc::depth(view.size));
-    g.draw(command, &vertices, &mut index, &mut depth);
+    let drawn = Vertices::Points(&vertices, points.positions.len() as u32);
+    g.draw(shader::PointList { push }, drawn, [&mut index, &mut depth], false);
     let download = count.then(|| g.download(&index));
     let frame = g.submit(&[index.resource(), depth.resource()])?;
     let covered = download.map_or(0, |index| frame.read::<u32>(&index).iter().filter(|&&point| point != NO_POINT).count());

@@ -306,6 +306,7 @@ fn missing(instance: &ash::Instance, device: vk::PhysicalDevice, properties: &vk
     unsafe { instance.get_physical_device_features2(device, &mut features) };
     let int64 = features.features.shader_int64;
     let required = [
+        (features.features.fragment_stores_and_atomics, "fragmentStoresAndAtomics"),
         (v13.synchronization2, "synchronization2"),
         (v13.dynamic_rendering, "dynamicRendering"),
         (v13.maintenance4, "maintenance4"),
@@ -343,8 +344,9 @@ fn open_device(
         .synchronization2(true)
         .dynamic_rendering(true)
         .maintenance4(true)
+        .shader_demote_to_helper_invocation(true)
         .robust_image_access(true);
-    let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics);
+    let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics).fragment_stores_and_atomics(true);
     let info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_extension_names(extensions)

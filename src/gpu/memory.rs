@@ -43,9 +43,15 @@ impl ImageDesc {
         ImageDesc { size, format: vk::Format::D32_SFLOAT }
     }
 
+    /// Of an attachment of keys.
+    pub fn keys(size: [u32; 2]) -> ImageDesc {
+        ImageDesc { size, format: vk::Format::R32G32_UINT }
+    }
+
     pub fn bytes_per_pixel(&self) -> u64 {
         match self.format {
             vk::Format::R32G32B32A32_SFLOAT => 16,
+            vk::Format::R32G32_UINT => 8,
             _ => 4,
         }
     }
@@ -531,7 +537,7 @@ fn image_info(desc: ImageDesc) -> vk::ImageCreateInfo<'static> {
     let attachment = match desc.format {
         vk::Format::D32_SFLOAT => Usage::DEPTH_STENCIL_ATTACHMENT,
         // Not all devices write these as storage.
-        vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM => Usage::COLOR_ATTACHMENT,
+        vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM | vk::Format::R32G32_UINT => Usage::COLOR_ATTACHMENT,
         _ => Usage::STORAGE | Usage::COLOR_ATTACHMENT,
     };
     vk::ImageCreateInfo::default()

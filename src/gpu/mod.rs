@@ -1,7 +1,7 @@
 //! Vulkan, and nothing about points.
 //!
 //! `device` finds and opens a device; `memory` makes named buffers and images and keeps freed ones for reuse; `kernel` makes compute
-//! pipelines; `raster` the one point-list pipeline that benchmarks compare with; `timeline` counts what is done; `timing` reads timestamps; `trail` says
+//! pipelines; `raster` those that rasterise; `timeline` counts what is done; `timing` reads timestamps; `trail` says
 //! which pass was running when a device was lost.
 
 pub mod device;

@@ -1,104 +1,127 @@
-//! A point list through the rasteriser with a depth test: the way the papers drew points, kept so that `bench project` can compare with it.
+//! Points and squares through the rasteriser with a depth test: graphics pipelines, of a vertex and a fragment stage, with one colour and one depth attachment.
 //!
-//! In: a vertex buffer of f32 x, y, z. Out: the vertex number in an index target, and depth, reversed (near / z) so that f32 loses nothing.
+//! In: SPIR-V with its reflected bindings; of points a vertex buffer of f32 x, y, z, while squares are made up by their vertex stage. Out: one integer target, and depth. It is the stages that say what depth means; the larger one wins, of the same the first.
 
-use super::Device;
-use super::failed;
+use super::kernel::{Code, Constants, descriptor_type};
 use super::memory::RawImage;
+use super::{Device, failed};
 use crate::error::Result;
 use ash::vk;
+use std::collections::HashMap;
 
-/// SPIR-V of the two stages, and what they are to draw.
+/// What is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Primitives {
+    /// Of a vertex buffer.
+    Points,
+    /// Two triangles each: six vertices, one after the other.
+    Squares,
+}
+
+/// A draw, without what it is bound to.
 #[derive(Clone, Debug)]
 pub struct Draw {
-    pub vertex: &'static [u32],
-    pub fragment: &'static [u32],
-    /// Push constants of the vertex stage.
+    /// Vertex and fragment.
+    pub stages: &'static [Code; 2],
+    pub constants: Constants,
     pub push: Vec<u8>,
-    pub points: u32,
+    pub primitives: Primitives,
+    pub count: u32,
+    /// Over what the attachments hold already.
+    pub keeps: bool,
 }
 
-struct Pipeline {
-    pipeline: vk::Pipeline,
-    layout: vk::PipelineLayout,
+/// A pipeline, and the layouts of its sets: one of each stage.
+pub struct Pipeline {
+    pub pipeline: vk::Pipeline,
+    pub layout: vk::PipelineLayout,
+    pub set_layouts: [vk::DescriptorSetLayout; 2],
 }
 
-/// The pipeline, made when it is first drawn with.
+/// Pipelines made so far, by shader, specialisation constants and primitives.
 pub struct Rasters {
     device: ash::Device,
-    made: Option<Pipeline>,
+    made: HashMap<(&'static str, Constants, Primitives), Pipeline>,
 }
 
 impl Rasters {
     pub fn new(device: &Device) -> Rasters {
-        Rasters { device: device.raw.clone(), made: None }
+        Rasters { device: device.raw.clone(), made: HashMap::new() }
     }
 
-    pub fn record(
-        &mut self,
-        device: &Device,
-        commands: vk::CommandBuffer,
-        draw: &Draw,
-        vertices: vk::Buffer,
-        index: &RawImage,
-        depth: &RawImage,
-    ) -> Result<()> {
-        if self.made.is_none() {
-            self.made = Some(make(device, draw, index, depth)?);
+    pub fn get(&mut self, device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Result<&Pipeline> {
+        let key = (draw.stages[0].name, draw.constants.clone(), draw.primitives);
+        if !self.made.contains_key(&key) {
+            let pipeline = make(device, draw, color, depth)?;
+            self.made.insert(key.clone(), pipeline);
         }
-        let pipeline = self.made.as_ref().expect("made above");
-        let [width, height] = index.desc.size;
-        let area = vk::Rect2D { extent: vk::Extent2D { width, height }, ..Default::default() };
-        let color = [vk::RenderingAttachmentInfo::default()
-            .image_view(index.view)
-            .image_layout(vk::ImageLayout::GENERAL)
-            .load_op(vk::AttachmentLoadOp::CLEAR)
-            .store_op(vk::AttachmentStoreOp::STORE)
-            .clear_value(vk::ClearValue { color: vk::ClearColorValue { uint32: [u32::MAX; 4] } })];
-        let depth = vk::RenderingAttachmentInfo::default()
-            .image_view(depth.view)
-            .image_layout(vk::ImageLayout::GENERAL)
-            .load_op(vk::AttachmentLoadOp::CLEAR)
-            .store_op(vk::AttachmentStoreOp::STORE)
-            .clear_value(vk::ClearValue { depth_stencil: vk::ClearDepthStencilValue { depth: 0.0, stencil: 0 } });
-        let rendering = vk::RenderingInfo::default().render_area(area).layer_count(1).color_attachments(&color).depth_attachment(&depth);
-        let viewport = vk::Viewport { width: width as f32, height: height as f32, max_depth: 1.0, ..Default::default() };
-        let raw = &device.raw;
-        // SAFETY: the graph gives live attachments in GENERAL and a vertex buffer of `points` positions.
-        unsafe {
-            raw.cmd_begin_rendering(commands, &rendering);
-            raw.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, pipeline.pipeline);
-            raw.cmd_set_viewport(commands, 0, &[viewport]);
-            raw.cmd_set_scissor(commands, 0, &[area]);
-            raw.cmd_bind_vertex_buffers(commands, 0, &[vertices], &[0]);
-            raw.cmd_push_constants(commands, pipeline.layout, vk::ShaderStageFlags::VERTEX, 0, &draw.push);
-            raw.cmd_draw(commands, draw.points, 1, 0, 0);
-            raw.cmd_end_rendering(commands);
-        }
-        Ok(())
+        Ok(&self.made[&key])
     }
 }
 
 impl Drop for Rasters {
     fn drop(&mut self) {
-        if let Some(made) = &self.made {
+        for made in self.made.values() {
             // SAFETY: every submission has been waited for.
             unsafe {
                 self.device.destroy_pipeline(made.pipeline, None);
                 self.device.destroy_pipeline_layout(made.layout, None);
+                made.set_layouts.into_iter().for_each(|layout| self.device.destroy_descriptor_set_layout(layout, None));
             }
         }
     }
 }
 
-fn make(device: &Device, draw: &Draw, index: &RawImage, depth: &RawImage) -> Result<Pipeline> {
+/// Records what the pipeline is to draw, with everything bound.
+pub fn record(device: &Device, commands: vk::CommandBuffer, draw: &Draw, vertices: Option<vk::Buffer>, color: &RawImage, depth: &RawImage) {
+    let [width, height] = color.desc.size;
+    let area = vk::Rect2D { extent: vk::Extent2D { width, height }, ..Default::default() };
+    let load = if draw.keeps { vk::AttachmentLoadOp::LOAD } else { vk::AttachmentLoadOp::CLEAR };
+    let attachment = |view| {
+        let info = vk::RenderingAttachmentInfo::default().image_view(view).image_layout(vk::ImageLayout::GENERAL);
+        info.load_op(load).store_op(vk::AttachmentStoreOp::STORE)
+    };
+    let color = [attachment(color.view).clear_value(vk::ClearValue { color: vk::ClearColorValue { uint32: [u32::MAX; 4] } })];
+    let depth = attachment(depth.view).clear_value(vk::ClearValue { depth_stencil: vk::ClearDepthStencilValue { depth: 0.0, stencil: 0 } });
+    let rendering = vk::RenderingInfo::default().render_area(area).layer_count(1).color_attachments(&color).depth_attachment(&depth);
+    let viewport = vk::Viewport { width: width as f32, height: height as f32, max_depth: 1.0, ..Default::default() };
+    let vertices_each = match draw.primitives {
+        Primitives::Points => 1,
+        Primitives::Squares => 6,
+    };
     let raw = &device.raw;
-    let push = [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::VERTEX, offset: 0, size: draw.push.len() as u32 }];
+    // SAFETY: the graph gives live attachments in GENERAL, has bound a pipeline made for them, and a vertex buffer of as many positions where points are drawn.
+    unsafe {
+        raw.cmd_begin_rendering(commands, &rendering);
+        raw.cmd_set_viewport(commands, 0, &[viewport]);
+        raw.cmd_set_scissor(commands, 0, &[area]);
+        if let Some(vertices) = vertices {
+            raw.cmd_bind_vertex_buffers(commands, 0, &[vertices], &[0]);
+        }
+        raw.cmd_draw(commands, vertices_each * draw.count, 1, 0, 0);
+        raw.cmd_end_rendering(commands);
+    }
+}
+
+fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Result<Pipeline> {
+    let raw = &device.raw;
+    let stage_flags = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT];
+    let push: Vec<_> = (draw.stages.iter().zip(stage_flags))
+        .filter(|(code, _)| code.push_bytes > 0)
+        .map(|(code, stage_flags)| vk::PushConstantRange { stage_flags, offset: 0, size: code.push_bytes })
+        .collect();
     let binding = [vk::VertexInputBindingDescription { binding: 0, stride: 12, input_rate: vk::VertexInputRate::VERTEX }];
     let attribute = [vk::VertexInputAttributeDescription { location: 0, binding: 0, format: vk::Format::R32G32B32_SFLOAT, offset: 0 }];
-    let input =
-        vk::PipelineVertexInputStateCreateInfo::default().vertex_binding_descriptions(&binding).vertex_attribute_descriptions(&attribute);
-    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::POINT_LIST);
+    let (input, topology) = match draw.primitives {
+        Primitives::Points => (
+            vk::PipelineVertexInputStateCreateInfo::default()
+                .vertex_binding_descriptions(&binding)
+                .vertex_attribute_descriptions(&attribute),
+            vk::PrimitiveTopology::POINT_LIST,
+        ),
+        Primitives::Squares => (vk::PipelineVertexInputStateCreateInfo::default(), vk::PrimitiveTopology::TRIANGLE_LIST),
+    };
+    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(topology);
     let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
     let rasterization = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
     let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
@@ -110,20 +133,42 @@ fn make(device: &Device, draw: &Draw, index: &RawImage, depth: &RawImage) -> Res
     let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&written);
     let dynamic_states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic_states);
-    let formats = [index.desc.format];
+    let formats = [color.desc.format];
     let mut rendering =
         vk::PipelineRenderingCreateInfo::default().color_attachment_formats(&formats).depth_attachment_format(depth.desc.format);
-    // SAFETY: all pointers outlive their calls; the SPIR-V was made by build.rs.
+    let entries: Vec<_> = (draw.constants.iter().enumerate())
+        .map(|(i, &(constant_id, _))| vk::SpecializationMapEntry { constant_id, offset: 4 * i as u32, size: 4 })
+        .collect();
+    let values: Vec<u32> = draw.constants.iter().map(|&(_, value)| value).collect();
+    let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
+    // SAFETY: all pointers outlive their calls; the SPIR-V was made by build.rs from this repository's GLSL, and its layouts from its own reflection.
     unsafe {
-        let layout = raw
-            .create_pipeline_layout(&vk::PipelineLayoutCreateInfo::default().push_constant_ranges(&push), None)
-            .map_err(failed("vkCreatePipelineLayout"))?;
-        let module = |code| {
-            raw.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code), None).map_err(failed("vkCreateShaderModule"))
+        let set_layout = |code: &Code, stage_flags| {
+            let binding = |binding: &super::Binding| {
+                let kind = descriptor_type(binding.kind);
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(binding.bind)
+                    .descriptor_count(1)
+                    .stage_flags(stage_flags)
+                    .descriptor_type(kind)
+            };
+            let bindings: Vec<_> = code.bindings.iter().map(binding).collect();
+            raw.create_descriptor_set_layout(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings), None)
+                .map_err(failed("vkCreateDescriptorSetLayout"))
         };
-        let (vertex, fragment) = (module(draw.vertex)?, module(draw.fragment)?);
-        let stage = |stage, module| vk::PipelineShaderStageCreateInfo::default().stage(stage).module(module).name(c"main");
-        let stages = [stage(vk::ShaderStageFlags::VERTEX, vertex), stage(vk::ShaderStageFlags::FRAGMENT, fragment)];
+        let set_layouts = [set_layout(&draw.stages[0], stage_flags[0])?, set_layout(&draw.stages[1], stage_flags[1])?];
+        let layout = raw
+            .create_pipeline_layout(&vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts).push_constant_ranges(&push), None)
+            .map_err(failed("vkCreatePipelineLayout"))?;
+        let module = |code: &Code| {
+            raw.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code.spirv), None).map_err(failed("vkCreateShaderModule"))
+        };
+        let modules = [module(&draw.stages[0])?, module(&draw.stages[1])?];
+        let stage = |k: usize| {
+            let flags = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT][k];
+            vk::PipelineShaderStageCreateInfo::default().stage(flags).module(modules[k]).name(c"main").specialization_info(&specialization)
+        };
+        let stages = [stage(0), stage(1)];
         let info = vk::GraphicsPipelineCreateInfo::default()
             .stages(&stages)
             .vertex_input_state(&input)
@@ -137,10 +182,9 @@ fn make(device: &Device, draw: &Draw, index: &RawImage, depth: &RawImage) -> Res
             .layout(layout)
             .push_next(&mut rendering);
         let pipeline = raw.create_graphics_pipelines(vk::PipelineCache::null(), &[info], None);
-        raw.destroy_shader_module(vertex, None);
-        raw.destroy_shader_module(fragment, None);
+        modules.into_iter().for_each(|module| raw.destroy_shader_module(module, None));
         let pipeline = pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateGraphicsPipelines"))?[0];
-        device.name(pipeline, "point_list");
-        Ok(Pipeline { pipeline, layout })
+        device.name(pipeline, draw.stages[0].name);
+        Ok(Pipeline { pipeline, layout, set_layouts })
     }
 }

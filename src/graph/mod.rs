@@ -12,10 +12,10 @@ pub use area::{Again, Area};
 pub use record::Running;
 
 use crate::error::{Error, Result};
-use crate::gpu::Device;
 use crate::gpu::kernel::Kernels;
 use crate::gpu::memory::{Memory, RawBuffer, Texels};
 use crate::gpu::timeline::Timeline;
+use crate::gpu::{Device, raster};
 use crate::progress::Progress;
 use area::Within;
 use ash::vk;
@@ -83,6 +83,24 @@ pub trait Shader {
     fn constants(&self) -> Vec<(u32, u32)>;
 }
 
+/// What `build.rs` implements for every pair of a vertex and a fragment shader.
+pub trait Raster {
+    const STAGES: [Code; 2];
+    /// Of each stage, in the order of its bindings.
+    fn resources(&self) -> [Vec<ResourceId>; 2];
+    fn push(&self) -> &[u8];
+    fn constants(&self) -> Vec<(u32, u32)>;
+}
+
+/// What a pass draws.
+#[derive(Clone, Copy, Debug)]
+pub enum Vertices<'b> {
+    /// So many points of a vertex buffer of f32 x, y, z.
+    Points(&'b Buffer, u32),
+    /// So many squares, whose corners the vertex stage makes up.
+    Squares(u32),
+}
+
 /// Over what a pass is dispatched.
 #[derive(Clone, Copy, Debug)]
 pub enum Tiles<'l> {
@@ -144,7 +162,14 @@ pub(crate) enum Work {
         image: ResourceId,
         buffer: ResourceId,
     },
-    Draw(crate::gpu::raster::Draw, [ResourceId; 3]),
+    Draw {
+        draw: raster::Draw,
+        /// Of each stage, in the order of its bindings.
+        resources: [Vec<ResourceId>; 2],
+        vertices: Option<ResourceId>,
+        /// Colour and depth.
+        attachments: [ResourceId; 2],
+    },
 }
 
 /// Vulkan's names of an imported buffer.
@@ -158,7 +183,7 @@ pub(crate) struct Import {
 pub struct Gpu {
     // In this order they are dropped: all of them before the device.
     pub kernels: Kernels,
-    pub raster: crate::gpu::raster::Rasters,
+    pub raster: raster::Rasters,
     /// Raised by every submission when the device is done with it, to the number of submissions so far.
     pub passed: Timeline,
     pub submitted: u64,
@@ -177,7 +202,7 @@ impl Gpu {
         let device = Device::open(wish)?;
         let memory = Memory::new(&device)?;
         let passed = Timeline::new(&device, &memory.alive, "passed")?;
-        let (kernels, raster) = (Kernels::new(&device), crate::gpu::raster::Rasters::new(&device));
+        let (kernels, raster) = (Kernels::new(&device), raster::Rasters::new(&device));
         Ok(Gpu { kernels, raster, passed, submitted: 0, lost_after: wish.lost_after, residents: 0, behind: Vec::new(), memory, device })
     }
 
@@ -468,10 +493,26 @@ impl<'g> Graph<'g> {
         }
     }
 
-    /// A pass that draws points through the rasteriser, the way benchmarks compare with.
-    pub fn draw(&mut self, draw: crate::gpu::raster::Draw, vertices: &Buffer, index: &mut Image, depth: &mut Image) {
-        let uses = vec![(vertices.id, Access::Read), (index.id, Access::Write), (depth.id, Access::Write)];
-        self.push("point_list", uses, Work::Draw(draw, [vertices.id, index.id, depth.id]));
+    /// A pass that draws through the rasteriser: into a colour and a depth attachment, over what they hold where that is to be kept.
+    pub fn draw<R: Raster>(&mut self, shader: R, drawn: Vertices<'_>, [color, depth]: [&mut Image; 2], keeps: bool) {
+        let resources = shader.resources();
+        let (primitives, vertices, count) = match drawn {
+            Vertices::Points(vertices, count) => (raster::Primitives::Points, Some(vertices.id), count),
+            Vertices::Squares(count) => (raster::Primitives::Squares, None, count),
+        };
+        let bound = R::STAGES.iter().zip(&resources).flat_map(|(code, ids)| code.bindings.iter().zip(ids));
+        let written = if keeps { Access::Modify } else { Access::Write };
+        let uses = bound.map(|(binding, &id)| (id, binding.access)).chain(vertices.map(|id| (id, Access::Read)));
+        let uses = uses.chain([(color.id, written), (depth.id, written)]).collect();
+        let draw =
+            raster::Draw { stages: &R::STAGES, constants: shader.constants(), push: shader.push().to_vec(), primitives, count, keeps };
+        self.push(R::STAGES[0].name, uses, Work::Draw { draw, resources, vertices, attachments: [color.id, depth.id] });
+    }
+
+    /// A pass that copies an image to a buffer, row by row.
+    pub fn copy_out(&mut self, from: &Image, to: &mut Buffer) {
+        let name = format!("copy {}", self.resources[from.id.0].name);
+        self.push(&name, vec![(from.id, Access::Read), (to.id, Access::Write)], Work::CopyOut { image: from.id, buffer: to.id });
     }
 
     /// Asks for an image's contents after the submission.

@@ -3,13 +3,13 @@
 //! Every pass is a debug label, a timestamp pair and a breadcrumb.
 
 use super::plan::{Memory, Plan, Shape};
-use super::{BufferDesc, Frame, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place, ResourceId, Work, too_large};
+use super::{BufferDesc, Code, Frame, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place, ResourceId, Work, too_large};
 use crate::error::{Error, Result};
-use crate::gpu::failed;
 use crate::gpu::kernel::descriptor_type;
 use crate::gpu::memory::{Block, RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
 use crate::gpu::trail::Trail;
+use crate::gpu::{failed, raster};
 use crate::progress::Progress;
 use ash::vk;
 use std::collections::HashMap;
@@ -297,7 +297,12 @@ impl Scratch {
         let device = gpu.device.raw.clone();
         let (mut sets, mut buffers, mut texels, mut images) = (0, 0, 0, 0);
         for step in &plan.steps {
-            if let Work::Run { code, .. } = &work[step.pass] {
+            let stages = match &work[step.pass] {
+                Work::Run { code, .. } => std::slice::from_ref(code),
+                Work::Draw { draw, .. } => draw.stages,
+                _ => &[],
+            };
+            for code in stages {
                 sets += 1;
                 for binding in code.bindings {
                     match binding.kind {
@@ -336,6 +341,41 @@ impl Scratch {
         unsafe { self.device.begin_command_buffer(self.commands, &info) }.map_err(failed("vkBeginCommandBuffer"))
     }
 
+    /// A descriptor set of one stage; `last`: of the last of its bindings, where `resources` has none.
+    fn set<'p>(
+        &self,
+        layout: vk::DescriptorSetLayout,
+        code: &Code,
+        resources: &[ResourceId],
+        last: Option<vk::Buffer>,
+        at: &impl Fn(&ResourceId) -> &'p Physical,
+    ) -> Result<vk::DescriptorSet> {
+        let layouts = [layout];
+        let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.descriptors).set_layouts(&layouts);
+        // SAFETY: the pool was sized for exactly these sets.
+        let set = unsafe { self.device.allocate_descriptor_sets(&info) }.map_err(failed("vkAllocateDescriptorSets"))?[0];
+        let whole = |raw| [vk::DescriptorBufferInfo::default().buffer(raw).range(vk::WHOLE_SIZE)];
+        let (mut buffers, mut texels, mut images) = (Vec::new(), Vec::new(), Vec::new());
+        for (binding, id) in code.bindings.iter().zip(resources) {
+            match binding.kind {
+                Kind::TexelsR32ui => texels.push((binding, [at(id).buffer().1.words])),
+                Kind::TexelsRgba32ui => texels.push((binding, [at(id).buffer().1.fours])),
+                Kind::Buffer => buffers.push((binding, whole(at(id).buffer().0))),
+                _ => images.push((binding, [vk::DescriptorImageInfo::default().image_view(at(id).image().view).image_layout(LAYOUT)])),
+            }
+        }
+        buffers.extend(code.bindings.last().zip(last).map(|(binding, raw)| (binding, whole(raw))));
+        let write = |binding: &crate::gpu::Binding| {
+            vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding.bind).descriptor_type(descriptor_type(binding.kind))
+        };
+        let mut writes: Vec<_> = buffers.iter().map(|(binding, info)| write(binding).buffer_info(info)).collect();
+        writes.extend(texels.iter().map(|(binding, view)| write(binding).texel_buffer_view(view)));
+        writes.extend(images.iter().map(|(binding, info)| write(binding).image_info(info)));
+        // SAFETY: kinds and formats were checked when the pass was recorded; everything lives until the fence.
+        unsafe { self.device.update_descriptor_sets(&writes, &[]) };
+        Ok(set)
+    }
+
     fn pass<'p>(&self, gpu: &mut Gpu, work: &Work, at: impl Fn(&ResourceId) -> &'p Physical) -> Result<()> {
         match work {
             Work::Run { code, constants, push, resources, groups } => {
@@ -345,37 +385,10 @@ impl Scratch {
                     _ => None,
                 };
                 let kernel = gpu.kernels.get(&gpu.device, code, constants)?;
-                let layouts = [kernel.set_layout];
-                let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.descriptors).set_layouts(&layouts);
-                // SAFETY: the pool was sized for exactly these sets.
-                let set = unsafe { self.device.allocate_descriptor_sets(&info) }.map_err(failed("vkAllocateDescriptorSets"))?[0];
-                let mut buffers = Vec::new();
-                let mut texels = Vec::new();
-                let mut images = Vec::new();
-                for (binding, id) in code.bindings.iter().zip(resources) {
-                    match binding.kind {
-                        Kind::TexelsR32ui => texels.push((binding, [at(id).buffer().1.words])),
-                        Kind::TexelsRgba32ui => texels.push((binding, [at(id).buffer().1.fours])),
-                        Kind::Buffer => {
-                            buffers.push((binding, [vk::DescriptorBufferInfo::default().buffer(at(id).buffer().0).range(vk::WHOLE_SIZE)]))
-                        }
-                        _ => images
-                            .push((binding, [vk::DescriptorImageInfo::default().image_view(at(id).image().view).image_layout(LAYOUT)])),
-                    }
-                }
-                let last = code.bindings.last().zip(no_area);
-                buffers
-                    .extend(last.map(|(binding, raw)| (binding, [vk::DescriptorBufferInfo::default().buffer(raw).range(vk::WHOLE_SIZE)])));
-                let write = |binding: &crate::gpu::Binding| {
-                    vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding.bind).descriptor_type(descriptor_type(binding.kind))
-                };
-                let mut writes: Vec<_> = buffers.iter().map(|(binding, info)| write(binding).buffer_info(info)).collect();
-                writes.extend(texels.iter().map(|(binding, view)| write(binding).texel_buffer_view(view)));
-                writes.extend(images.iter().map(|(binding, info)| write(binding).image_info(info)));
+                let set = self.set(kernel.set_layout, code, resources, no_area, &at)?;
                 let bind = vk::PipelineBindPoint::COMPUTE;
-                // SAFETY: kinds and formats were checked by Graph::run, sizes of push constants by the generated types; everything lives until the fence.
+                // SAFETY: sizes of push constants were checked by the generated types; everything lives until the fence.
                 unsafe {
-                    self.device.update_descriptor_sets(&writes, &[]);
                     self.device.cmd_bind_pipeline(self.commands, bind, kernel.pipeline);
                     self.device.cmd_bind_descriptor_sets(self.commands, bind, kernel.layout, 0, &[set], &[]);
                     if !push.is_empty() {
@@ -386,6 +399,26 @@ impl Scratch {
                         Groups::Listed(list, byte) => self.device.cmd_dispatch_indirect(self.commands, at(list).buffer().0, *byte),
                     }
                 }
+            }
+            Work::Draw { draw, resources, vertices, attachments } => {
+                let [color, depth] = attachments.each_ref().map(|id| at(id).image());
+                let pipeline = gpu.raster.get(&gpu.device, draw, color, depth)?;
+                let bind = vk::PipelineBindPoint::GRAPHICS;
+                let mut sets = [vk::DescriptorSet::null(); 2];
+                for (stage, set) in sets.iter_mut().enumerate() {
+                    *set = self.set(pipeline.set_layouts[stage], &draw.stages[stage], &resources[stage], None, &at)?;
+                }
+                // SAFETY: as above.
+                unsafe {
+                    self.device.cmd_bind_pipeline(self.commands, bind, pipeline.pipeline);
+                    self.device.cmd_bind_descriptor_sets(self.commands, bind, pipeline.layout, 0, &sets, &[]);
+                    for (code, flags) in draw.stages.iter().zip([vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT]) {
+                        if code.push_bytes > 0 {
+                            self.device.cmd_push_constants(self.commands, pipeline.layout, flags, 0, &draw.push);
+                        }
+                    }
+                }
+                raster::record(&gpu.device, self.commands, draw, vertices.as_ref().map(|id| at(id).buffer().0), color, depth);
             }
             Work::Fill { buffer: id, word } => {
                 // SAFETY: the buffer was made with TRANSFER_DST.
@@ -439,9 +472,6 @@ impl Scratch {
                     .image_subresource(vk::ImageSubresourceLayers { aspect_mask: aspect, layer_count: 1, ..Default::default() });
                 // SAFETY: the buffer was made for exactly these pixels.
                 unsafe { self.device.cmd_copy_image_to_buffer(self.commands, from.raw, LAYOUT, at(to).buffer().0, &[region]) };
-            }
-            Work::Draw(draw, [vertices, index, depth]) => {
-                gpu.raster.record(&gpu.device, self.commands, draw, at(vertices).buffer().0, at(index).image(), at(depth).image())?;
             }
         }
         Ok(())
