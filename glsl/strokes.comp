@@ -7,8 +7,8 @@
 //
 //   A stroke's ends stand out from crests and claws: a pixel is painted only where the surface is, near enough to some stroke's own point (canvas.ground).
 //
+//   fragments  colour, coverage times the point's opacity, and depth, of everything that covers a pixel at all; or, where they are not KEPT, how many
 //   keys       of what covers enough, however opaque, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
-//   fragments  colour, coverage times the point's opacity, and depth, of everything that covers a pixel at all; or, while COUNTED, how many
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -20,10 +20,8 @@
 layout(local_size_x = 64) in;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// Of fragments nothing; their number; they themselves.
-layout(constant_id = 1) const uint FRAGMENTS = 0u;
-const uint COUNTED = 1u;
-const uint KEPT = 2u;
+// They, not only their number.
+layout(constant_id = 1) const bool KEPT = false;
 layout(constant_id = 2) const bool TEXELS = true;
 // Fragments are ordered by the depths of their strokes' points, not by their own.
 layout(constant_id = 3) const bool BY_STROKE = false;
@@ -62,17 +60,7 @@ uvec4 texel(uint i) {
     return TEXELS ? imageLoad(strokes, int(i)) : stroke_words.texel[i];
 }
 
-// Of a brush at (u, v), -1/2 to 1/2, beyond which it has nothing: between the corners of one of its 32 x 32 squares.
-float coverage(vec2 at, uint brush) {
-    vec2 place = clamp((at + vec2(0.5)) * vec2(32.0), vec2(0.0), vec2(32.0));
-    uvec2 square = min(uvec2(place), uvec2(31u));
-    vec2 f = place - vec2(square);
-    uint word = WORD(brushes, brush_words, brush << 10 | square.y << 5 | square.x);
-    float upper = float(word & 255u) * (1.0 - f.x) + float(word >> 8 & 255u) * f.x;
-    float lower = float(word >> 16 & 255u) * (1.0 - f.x) + float(word >> 24) * f.x;
-    bool inside = abs(at.x) <= 0.5 && abs(at.y) <= 0.5;
-    return inside ? (upper * (1.0 - f.y) + lower * f.y) / 255.0 : 0.0;
-}
+#include "brushwork.glsl"
 
 bool nearer(uvec2 key, uvec2 than) {
     return key.y < than.y || key.y == than.y && key.x < than.x;
@@ -87,67 +75,57 @@ void main() {
     uvec2 pixel = uvec2(in_rows(tile, canvas.tiles.x)) * 8u + uvec2(lane % 8u, lane / 8u);
     bool inside = pixel.x < canvas.size.x && pixel.y < canvas.size.y;
     vec2 at = canvas.corner + vec2(pixel) + vec2(0.5);
-    vec2 reach = canvas.reach;
     float hides = canvas.hides;
     uint stroke = part.tile[PARTS + place] + push.before;
     uint end = min(part.tile[PARTS + place + 1u], stroke + STROKES_AT_ONCE);
     if (stroke >= end && push.last == 0u) return;
-    uint start = FRAGMENTS == KEPT ? starts.word[place * 64u + lane] : 0u;
-    uint room = FRAGMENTS == KEPT ? starts.word[place * 64u + lane + 1u] - start : NO_POINT;
+    uint start = KEPT ? starts.word[place * 64u + lane] : 0u;
+    uint room = KEPT ? starts.word[place * 64u + lane + 1u] - start : NO_POINT;
     uint count = counts.word[place * 64u + lane];
     uint at_key = inside ? pixel.y * canvas.size.x + pixel.x : 0u;
-    uvec2 key_before = FRAGMENTS == COUNTED ? uvec2(NO_POINT) : keys.key[at_key];
+    uvec2 key_before = KEPT ? keys.key[at_key] : uvec2(NO_POINT);
     uvec2 front = count >= HIDING ? key_before : uvec2(NO_POINT);
     uvec2 veil = count >= HIDING ? uvec2(NO_POINT) : key_before;
     bool grounded = (count & GROUNDED) != 0u;
     count &= ~(HIDING | GROUNDED);
-    uint hider = FRAGMENTS == 0u ? 0u : hiders.depth[place * 64u + lane];
+    uint hider = hiders.depth[place * 64u + lane];
 
     for (; stroke < end; ++stroke) {
         vec4 centre_turning = uintBitsToFloat(texel(3u * stroke));
         vec4 axes = uintBitsToFloat(texel(3u * stroke + 1u));
-        vec2 off = at - centre_turning.xy;
-        float turned = centre_turning.z * off.x + centre_turning.w * off.y;
-        // Not behind the plane's horizon.
-        bool met = !PERSPECTIVE || turned > -1.0;
-        float over = PERSPECTIVE ? 1.0 / (met ? 1.0 + turned : 1.0) : 1.0;
-        vec2 uv = vec2(axes.x * off.x + axes.y * off.y, axes.z * off.x + axes.w * off.y) * vec2(over);
-        met = met && inside && abs(uv.x) <= reach.x && abs(uv.y) <= reach.y;
+        Met met = meet(at, centre_turning, axes, canvas.reach);
         // A loop, because software devices walk through branches that no lane takes.
-        for (bool todo = met; todo; todo = false) {
+        for (bool todo = inside && met.is_on; todo; todo = false) {
             uvec4 rest = texel(3u * stroke + 2u);
-            float depth = uintBitsToFloat(rest.x);
-            float z = PERSPECTIVE ? depth * over : depth - turned;
+            float z = depth_of(met, uintBitsToFloat(rest.x));
             uint brush = rest.z >> 24;
-            float alpha = coverage(uv, brush);
+            float alpha = coverage(met.uv, brush);
             vec3 roots = roots_of(rest.z);
             // Detail in two layers: a smaller stroke across the first, a little lighter or darker.
             for (bool second = rest.w >> 31 != 0u; second; second = false) {
-                float upper = coverage(vec2(-uv.y, uv.x) * vec2(1.5), brush ^ 0xA5u) * canvas.detail;
+                float upper = second_coverage(met.uv, brush) * canvas.detail;
                 float shade = (brush & 1u) == 0u ? 1.08 : 0.92;
                 roots = roots * vec3(1.0 - upper) + min(roots * vec3(shade), vec3(1.0)) * vec3(upper);
                 alpha = max(alpha, upper);
             }
             uvec2 key = uvec2(rest.y, floatBitsToUint(z));
             bool seen = z > 0.0;
-            grounded = grounded || seen && uv.x * uv.x + uv.y * uv.y <= canvas.ground;
+            grounded = grounded || seen && is_grounded(met.uv, canvas.ground);
             front = seen && alpha >= hides && nearer(key, front) ? key : front;
-            if (FRAGMENTS != 0u) {
-                uint covers = uint(alpha * abs(uintBitsToFloat(rest.w)) * 255.0 + 0.5);
-                seen = seen && covers > 0u;
-                veil = seen && nearer(key, veil) ? key : veil;
-                // Of those within 16 steps of f32, as on a plane seen from above, brushes decide: a stroke is over another one everywhere.
-                uint order = (BY_STROKE ? rest.x : key.y) & ~15u | brush >> 4;
-                if (!BEFORE_HIDERS) hider = seen && covers == 255u ? min(hider, order) : hider;
-                seen = seen && (!BEFORE_HIDERS || order <= hider);
-                if (FRAGMENTS == KEPT && seen && count < room) fragments.fragment[start + count] = uvec2(pack_roots(roots) | (255u - covers) << 24, order);
-                count += seen ? 1u : 0u;
-            }
+            uint covers = uint(alpha * abs(uintBitsToFloat(rest.w)) * 255.0 + 0.5);
+            seen = seen && covers > 0u;
+            veil = seen && nearer(key, veil) ? key : veil;
+            // Of those within 16 steps of f32, as on a plane seen from above, brushes decide: a stroke is over another one everywhere.
+            uint order = (BY_STROKE ? rest.x : key.y) & ~15u | brush >> 4;
+            if (!BEFORE_HIDERS) hider = seen && covers == 255u ? min(hider, order) : hider;
+            seen = seen && (!BEFORE_HIDERS || order <= hider);
+            if (KEPT && seen && count < room) fragments.fragment[start + count] = uvec2(pack_roots(roots) | (255u - covers) << 24, order);
+            count += seen ? 1u : 0u;
         }
     }
-    if (FRAGMENTS == COUNTED && !BEFORE_HIDERS) hiders.depth[place * 64u + lane] = hider;
-    counts.word[place * 64u + lane] = count | (FRAGMENTS != COUNTED && front.x != NO_POINT ? HIDING : 0u) | (grounded ? GROUNDED : 0u);
+    if (!KEPT && !BEFORE_HIDERS) hiders.depth[place * 64u + lane] = hider;
+    counts.word[place * 64u + lane] = count | (KEPT && front.x != NO_POINT ? HIDING : 0u) | (grounded ? GROUNDED : 0u);
     // What nothing hides behind shows the nearest of what there is; and nothing where there is no surface.
     uvec2 key = front.x == NO_POINT ? veil : front;
-    if (FRAGMENTS != COUNTED && inside) keys.key[at_key] = push.last != 0u && !grounded ? uvec2(NO_POINT) : key;
+    if (KEPT && inside) keys.key[at_key] = push.last != 0u && !grounded ? uvec2(NO_POINT) : key;
 }

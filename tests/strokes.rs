@@ -365,13 +365,48 @@ mod painted {
         }
 
         // As many as in small windows of the picture, but for roundings.
-        let cloud = scene(Scene::Plane, 5000, 0.0);
+        let cloud = scene(Scene::Plane, 600, 0.0);
         let view = View::new(Camera::framing(Preset::Top, &cloud.core_points(), [320, 256]), [320, 256]).unwrap();
-        let listed = |view: &View| paint(&cloud, view, "strokes=on,blend=opaque,size=32,largest=1.6").facts.listed;
+        let listed = |view: &View| paint(&cloud, view, "strokes=on,size=32,largest=1.6").facts.listed;
         let corners = (0..4).flat_map(|y| (0..4).map(move |x| [80 * x, 64 * y]));
         let [whole, windows] = [listed(&view), corners.map(|corner| listed(&view.window(corner, [80, 64]))).sum()];
         println!("{whole} in the lists of tiles, {windows} in those of windows");
-        assert!(whole > 5000 * 100 && whole.abs_diff(windows) < whole / 1000, "{whole}, {windows}");
+        assert!(whole > 600 * 100 && whole.abs_diff(windows) < whole / 1000, "{whole}, {windows}");
+    }
+
+    /// The one through the rasteriser, the other by tiles: of what hides what is behind both know the nearest, with the same bits.
+    #[test]
+    fn z_buffered_strokes_are_as_deep_as_those_of_an_a_buffer() {
+        let (cloud, view) = torus(6000);
+        let target = view.camera.target;
+        let inside = cloud
+            .core_points()
+            .iter()
+            .fold(DVec3::splat(f64::INFINITY), |least, p| if p.distance(target) < least.distance(target) { *p } else { least });
+        let cameras = [
+            view.camera,
+            Camera { projection: Projection::Orthographic, ortho_height: Some(3.0), ..view.camera },
+            // Among the strokes, where some reach behind the camera.
+            Camera { eye: inside + DVec3::new(0.02, 0.01, 0.03), ..view.camera },
+            // Along the surface.
+            Camera { eye: target + DVec3::new(4.0, 0.0, 0.02), ..view.camera },
+        ];
+        for (number, camera) in cameras.into_iter().enumerate() {
+            for (size, effect) in
+                [([161, 120], "strokes=on"), ([97, 113], "strokes=on,size=24,long=1"), ([64, 64], "strokes=on,brush=ribbons,size=0.4")]
+            {
+                let view = View::new(camera, size).unwrap();
+                let [blended, nearest] = ["abuffer", "opaque"].map(|blend| paint(&cloud, &view, &format!("{effect},blend={blend}")));
+                let shown: Vec<_> = blended.depth.iter().zip(&nearest.depth).filter(|(_, z)| z.is_finite()).collect();
+                println!("camera {number}, {effect}: {} pixels", shown.len());
+                assert!(shown.len() > 100 && shown.iter().all(|(a, b)| a.to_bits() == b.to_bits()), "camera {number}, {effect}");
+                let hidden = blended.picture.iter().zip(&nearest.depth).filter(|(color, z)| !z.is_finite() && color[3] > 0.99).count();
+                assert!(
+                    hidden < size[0] as usize * size[1] as usize / 100,
+                    "camera {number}, {effect}: {hidden} pixels that only the A-buffer has"
+                );
+            }
+        }
     }
 
     #[test]

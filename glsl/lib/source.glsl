@@ -5,6 +5,9 @@
 const float STEP_LEFT = 65536.0;
 const int ROW = 256;
 
+// Of a pixel that has no values, and is to get some from neighbours that have: less than any source.
+const float TO_BE_FILLED = -STEP_LEFT;
+
 // Whether values may go another step.
 bool goes_on(float source) {
     return source > 0.5 * STEP_LEFT;
@@ -12,7 +15,7 @@ bool goes_on(float source) {
 
 // As a neighbour has it that lies so far aside -> as the pixel has it.
 float taken_from(float source, ivec2 aside) {
-    return source - STEP_LEFT + float(aside.y * ROW + aside.x);
+    return source - mix(0.0, STEP_LEFT, goes_on(source)) + float(aside.y * ROW + aside.x);
 }
 
 // From a pixel to its source.

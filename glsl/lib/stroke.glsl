@@ -5,10 +5,11 @@
 #include "octahedral.glsl"
 #include "tangent.glsl"
 
-// A drawn node by its number: the two words of the address of its first page, the number of position planes.
+// A node by its number: the two words of the address of its first page, the number of position planes; of one that is drawn, the place of its first point among all strokes.
 struct Home {
     uvec2 page;
     uint planes;
+    uint first_place;
 };
 
 // A square in the world around its point: unit vectors, and half of its side, metres, along each.

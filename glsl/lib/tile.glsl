@@ -5,6 +5,7 @@
 // longer than the 65,535 workgroups that every device dispatches allow.
 
 #include "rows.glsl"
+#include "word.glsl"
 
 const int TILE_PX = 8;
 // Of packed depth, on every side: as far as the widest kernel looks.
@@ -34,9 +35,6 @@ bool in_front(float depth, float nearest, float front_px, float px_per_unit, boo
     lists.word[(at) + 2u] = 1u; \
     atomicMax(lists.word[at], min(place / TILES_PER_GROUP + 1u, MOST_GROUPS)); \
 }
-
-// A word of a buffer that is bound twice: as texels, which lavapipe gathers, while it loads words one lane at a time; and as words, for devices whose texel buffers are too small.
-#define WORD(texels, words, i) (TEXELS ? imageLoad(texels, int(i)).r : words.word[i])
 
 // Runs `work` for every tile of a list, by its place in it; local_size_x = 64.
 //

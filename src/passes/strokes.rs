@@ -2,17 +2,20 @@
 //!
 //! ```text
 //!     stroke_brush   settings -> 256 brushes, kept
-//!     stroke_bins    points -> how many strokes may touch each tile; read back, since only then is it known how much room they need
-//!     stroke_bins    points -> which
-//!     strokes        strokes of a tile -> keys, in place of those that project makes: z-buffered strokes; so many of each tile at a time
+//!   blend=opaque, blend=blur:
+//!     stroke_screen  points -> strokes on the screen
+//!     stroke_quads   strokes -> through the rasteriser: of each pixel the key of the nearest, in place of those that project makes, and whether a surface is there
+//!     stroke_ground  keys -> keys where one is
 //!   blend=blur:
 //!     stroke_blur    color -> color, across and down
 //!   blend=abuffer:
-//!     strokes        how many fragments each pixel has; read back; where they are many, again without those that others hide
-//!     strokes        the fragments
+//!     stroke_bins    points -> how many strokes may touch each tile; read back, since only then is it known how much room they need
+//!     stroke_bins    points -> which
+//!     strokes        strokes of a tile -> how many fragments each pixel has; read back; where they are many, again without those that others hide
+//!     strokes        the fragments, and keys as above; so many of each tile at a time
 //!     stroke_sort    fragments -> color, in order; over several frames, where the A-buffer is kept
 //! ```
-//! No list has a fixed size: each is as long as was counted, and where that is more than the memory allowed the picture is painted in parts, of tiles, and where a single tile has too many, of points; which changes no pixel. Points are looked for around the picture,
+//! No list has a fixed size: each is as long as was counted, and where that is more than the memory allowed the picture is painted in parts, of points, or of tiles, and where a single tile has too many, of points; which changes no pixel. Points are looked for around the picture,
 //! too, as far as strokes reach: a wider view of the same camera is walked over, and the picture is its middle.
 
 mod abuffer;
@@ -22,6 +25,7 @@ mod canvas;
 mod facts;
 mod fragments;
 mod lists;
+mod nearest;
 mod order;
 mod settings;
 pub mod tangents;
@@ -30,16 +34,16 @@ pub use blur::record;
 pub use facts::Facts;
 pub use settings::{Blend, Order, Settings, Sort, Tangents};
 
-use super::project::{self, Band, Drawn, Precision};
+use super::project::{self, Band, Drawn, Precision, Walk};
 use super::resolve::{Paint, Resolved};
 use super::{Decided, Effects, Reason, Scene, TILE_PX, tiles};
+use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::resident::Resident;
 use crate::shader::Home;
 use crate::view::{Projection, View};
 use abuffer::Abuffer;
-use fragments::Kept;
 use std::ops::Range;
 
 pub const SUMMARY: &str = "every point a brush stroke along its surface, as large as points are apart there (--style strokes)";
@@ -126,6 +130,8 @@ fn widened(view: &View, margin: u32) -> View {
 struct Desk<'p> {
     drawn: Drawn,
     homes: Buffer,
+    /// Of the points of all drawn nodes.
+    places: u32,
     canvas: Buffer,
     paint: &'p Paint,
     turns: Buffer,
@@ -134,7 +140,7 @@ struct Desk<'p> {
     tiles: [u32; 2],
 }
 
-/// Tiles in a row that are painted at once, and of an A-buffer, tile by tile, how many fragments each of their pixels has.
+/// Tiles in a row that are painted at once, and, tile by tile, how many fragments each of their pixels has.
 struct Part {
     tiles: Range<u32>,
     fragments: Vec<u32>,
@@ -149,7 +155,15 @@ fn groups(tiles: u32) -> Tiles<'static> {
 impl Painting<'_> {
     /// Keys of a band, as those of [`project::record`]; and its part of the blended colours.
     pub fn record(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Buffer> {
-        let made_of = self.at_once.filter(|_| self.blended.is_some() && band.size == self.view.size).map(|_| self.made_of(paint));
+        match self.blended {
+            Some(_) => self.layers(g, paint, band),
+            None => self.nearest(g, paint, band),
+        }
+    }
+
+    /// All strokes of a band over each other.
+    fn layers(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Buffer> {
+        let made_of = self.at_once.filter(|_| band.size == self.view.size).map(|_| self.made_of(paint));
         if let Some(made_of) = &made_of
             && let Some(notes) = abuffer::held(g, made_of)
         {
@@ -165,14 +179,10 @@ impl Painting<'_> {
     /// What is painted at once: all, unless that takes more memory than is allowed.
     fn parts(&mut self, g: &mut Graph, band: Band, listed: &[Vec<u32>]) -> Result<Vec<Part>> {
         self.facts.listed += listed.iter().map(|listed| sum(listed)).sum::<u64>();
-        let room = self.room(g);
+        let room = self.room(g, 2);
         let mut all = Vec::new();
         let most: Vec<u32> = (0..listed[0].len()).map(|tile| listed.iter().map(|listed| listed[tile]).max().unwrap_or(0)).collect();
         for tiles in parts(&most, room / PLACE_BYTES, 0) {
-            if self.blended.is_none() {
-                all.push(Part { tiles, fragments: Vec::new(), hiders: None });
-                continue;
-            }
             let (mut counts, hiders) = self.count(g, band, listed, tiles.clone(), None)?;
             let all_of_them = sum(&counts);
             let hiders = counts.iter().any(|&count| count > MANY).then_some(hiders);
@@ -193,16 +203,16 @@ impl Painting<'_> {
         Ok(all)
     }
 
-    /// Bytes that lists may have, and fragments.
-    fn room(&mut self, g: &Graph) -> u64 {
-        let allowed = (self.settings.memory * 1048576.0) as u64 / 2;
+    /// Bytes that each of so many buffers may have.
+    fn room(&mut self, g: &Graph, buffers: u64) -> u64 {
+        let allowed = (self.settings.memory * 1048576.0) as u64 / buffers;
         self.facts.by_device = g.binding_limit() < allowed;
         allowed.min(g.binding_limit())
     }
 
     /// Strokes in the lists, and their fragments laid over each other. What is counted for `made_of` is kept, where all of it is painted at once.
     fn paint(&mut self, g: &mut Graph, desk: &Desk, listed: &[Vec<u32>], parts: &[Part], made_of: Option<&[u64]>) -> Result<Buffer> {
-        let room = self.room(g);
+        let room = self.room(g, 2);
         let kept = made_of.filter(|_| parts.len() == 1 && self.size(desk.band).fits(room));
         let mut keys = None;
         for part in parts {
@@ -222,12 +232,11 @@ impl Painting<'_> {
                 Some(keys) => keys,
                 None => keys.insert(self.keys(g, desk.band)),
             };
-            let what = if self.blended.is_some() { Kept::Fragments } else { Kept::Nothing };
             let mut counts = g.buffer("counts", 4 * part.tiles.len() as u64 * TILE_PIXELS as u64);
             g.fill(&mut counts, 0);
             let mut hiders = g.upload("hiders", part.hiders.as_deref().unwrap_or(&[0]))?;
             let to = [keys, &mut counts, &mut abuffer.fragments, &mut hiders];
-            self.strokes(g, desk, (listed, &part.tiles), &abuffer.starts, (what, part.hiders.is_some()), to)?;
+            self.strokes(g, desk, (listed, &part.tiles), &abuffer.starts, (true, part.hiders.is_some()), to)?;
             let deepest = part.fragments.iter().copied().max().unwrap_or(0);
             let tiles = g.upload("part", &[part.tiles.start, part.tiles.end])?;
             self.blend(g, [&desk.canvas, &tiles], desk.band, part.tiles.len() as u32, abuffer, deepest)?;
@@ -275,12 +284,36 @@ impl Painting<'_> {
     fn lay<'p>(&self, g: &mut Graph, band: Band, paint: &'p Paint) -> Result<Desk<'p>> {
         // All planes: positions are read by two passes, which have to agree.
         let drawn = project::draw(g, &self.wide, self.resident, Precision::Planes(crate::config::POSITION_PLANES))?;
-        let homes: Vec<Home> = self.resident.homes().into_iter().map(|(page, planes)| Home { page, planes }).collect();
+        let (places, homes) = self.homes();
         let homes = g.upload("homes", &homes)?;
         let canvas = g.upload("canvas", &[self.canvas(band, paint)])?;
         let turns = g.upload("turns", &brush::turns(self.settings.noise))?;
         let brushes = self.brushes(g, &turns)?;
-        Ok(Desk { drawn, homes, canvas, paint, turns, brushes, band, tiles: tiles(band.size) })
+        Ok(Desk { drawn, homes, places, canvas, paint, turns, brushes, band, tiles: tiles(band.size) })
+    }
+
+    /// Where nodes lie on the device, and their points among those of all that are drawn: in the order of their numbers, four by four.
+    fn homes(&self) -> (u32, Vec<Home>) {
+        let mut places = vec![0; self.resident.nodes.len().max(1)];
+        self.resident.seen(&self.wide).for_each(|(_, node)| places[(node.first_point() / POINTS_PER_PAGE) as usize] = node.count.next_multiple_of(4));
+        let mut first_place = 0;
+        let homes = self.resident.homes().into_iter().zip(places).map(|((page, planes), places)| {
+            first_place += places;
+            Home { page, planes, first_place: first_place - places }
+        });
+        let homes = homes.collect();
+        (first_place, homes)
+    }
+
+    /// Over the points of a band and of what is around it.
+    fn walked(&self, g: &Graph, desk: &Desk) -> Walk {
+        let size = desk.band.size.map(|side| side + 2 * margin(self.view, &self.settings));
+        Walk::new(g, &self.wide, Band { top: desk.band.top, size })
+    }
+
+    /// Of a band, in the whole picture.
+    fn corner(&self, band: Band) -> [f32; 2] {
+        [self.view.corner[0] as f32, (self.view.corner[1] + band.top as i32) as f32]
     }
 
     fn is_perspective(&self) -> bool {

@@ -21,7 +21,7 @@ impl Painting<'_> {
             size: band.size,
             tiles: tiles(band.size),
             middle: self.view.whole.map(|side| side as f32 / 2.0),
-            corner: [self.view.corner[0] as f32, (self.view.corner[1] + band.top as i32) as f32],
+            corner: self.corner(band),
             focal: self.wide.focal_px() as f32,
             right: basis.right.as_vec3().to_array(),
             down: (-basis.up).as_vec3().to_array(),

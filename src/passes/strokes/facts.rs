@@ -3,7 +3,7 @@
 /// What painting took, for `--explain`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Facts {
-    /// Strokes in the lists of tiles; one that touches two tiles counts twice.
+    /// Strokes in the lists of tiles; one that touches two tiles counts twice. Of z-buffered strokes, which need none, all that went to the rasteriser.
     pub listed: u64,
     /// Of the A-buffer.
     pub fragments: u64,
@@ -43,15 +43,14 @@ impl Facts {
 
 impl std::fmt::Display for Facts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "{} in the lists of tiles; {} fragments, {} in a pixel at most, none left out but {} wholly behind others; {} MiB, {}",
-            self.listed,
-            self.fragments,
-            self.deepest,
-            self.hidden,
-            self.bytes.div_ceil(1 << 20),
-            self.note().unwrap_or("all at once".into())
-        )
+        let Facts { listed, fragments, hidden, deepest, .. } = self;
+        match fragments + hidden {
+            0 => write!(f, "{listed} drawn, of each pixel the nearest")?,
+            _ => write!(
+                f,
+                "{listed} in the lists of tiles; {fragments} fragments, {deepest} in a pixel at most, none left out but {hidden} wholly behind others"
+            )?,
+        }
+        write!(f, "; {} MiB, {}", self.bytes.div_ceil(1 << 20), self.note().unwrap_or("all at once".into()))
     }
 }

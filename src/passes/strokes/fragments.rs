@@ -15,14 +15,6 @@ const GROUNDED: u32 = 1 << 30;
 /// Strokes of each tile that a pass looks at, as in glsl/strokes.comp.
 const STROKES_AT_ONCE: usize = 8192;
 
-/// What of the fragments is kept.
-#[derive(Clone, Copy)]
-pub enum Kept {
-    Nothing,
-    Counts,
-    Fragments,
-}
-
 impl Painting<'_> {
     /// Of every pixel of some tiles, tile by tile, how many fragments it has, before hiders that are known; and how deep the nearest of them lies that covers it wholly.
     pub(super) fn count(&mut self, g: &mut Graph, band: Band, listed: &[Vec<u32>], tiles: Range<u32>, hiders: Option<&[u32]>) -> Result<(Vec<u32>, Vec<u32>)> {
@@ -33,7 +25,7 @@ impl Painting<'_> {
         let bytes = 4 * tiles.len() as u64 * TILE_PIXELS as u64;
         let (mut keys, mut fragments, mut counts) = (counting.buffer("keys", 8), counting.buffer("fragments", 8), counting.buffer("counts", bytes));
         [&mut keys, &mut counts].into_iter().for_each(|words| counting.fill(words, 0));
-        let what = (Kept::Counts, hiders.is_some());
+        let what = (false, hiders.is_some());
         let mut hiders = match hiders {
             Some(hiders) => counting.upload("hiders", hiders)?,
             None => {
@@ -59,11 +51,11 @@ impl Painting<'_> {
         desk: &Desk,
         (listed, tiles): (&[Vec<u32>], &Range<u32>),
         starts: &Buffer,
-        (kept, before_hiders): (Kept, bool),
+        (kept, before_hiders): (bool, bool),
         [keys, counts, fragments, hiders]: [&mut Buffer; 4],
     ) -> Result<()> {
         let (perspective, by_stroke, texels) = (self.is_perspective(), self.settings.order == Order::Stroke, g.gpu.device.texels);
-        let spec = shader::strokes::Spec { perspective, fragments: kept as u32, texels, by_stroke, before_hiders };
+        let spec = shader::strokes::Spec { perspective, kept, texels, by_stroke, before_hiders };
         for (turn, of_turn) in listed.iter().enumerate() {
             let Bins { part, strokes, longest } = &self.bins(g, desk, of_turn, tiles, [turn as u32, listed.len() as u32])?;
             for before in (0..(*longest).max(1)).step_by(STROKES_AT_ONCE) {

@@ -1,6 +1,6 @@
 //! Points in, which strokes may touch each tile out: how many first, since only then is it known how much room they need.
 
-use super::{Desk, Painting, PLACE_BYTES, margin};
+use super::{Desk, Painting, PLACE_BYTES};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph};
 use crate::passes::project::{self, Band};
@@ -22,7 +22,7 @@ pub struct Bins {
 impl Painting<'_> {
     /// Of every tile of a band, how many strokes may touch it; in several turns, each of some of the points, where those of a single tile are more than a list may hold.
     pub(super) fn listed(&mut self, g: &mut Graph, band: Band) -> Result<Vec<Vec<u32>>> {
-        let room = self.room(g) / PLACE_BYTES;
+        let room = self.room(g, 2) / PLACE_BYTES;
         let mut turns = 1;
         loop {
             let listed = (0..turns).map(|turn| self.tally(g, band, [turn, turns])).collect::<Result<Vec<_>>>()?;
@@ -64,8 +64,7 @@ impl Painting<'_> {
     }
 
     fn walk(&self, g: &mut Graph, desk: &Desk, part: &Buffer, tallies: &mut Buffer, strokes: &mut Buffer, step: u32) {
-        let wide = Band { top: desk.band.top, size: desk.band.size.map(|side| side + 2 * margin(self.view, &self.settings)) };
-        let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = project::Walk::new(g, &self.wide, wide);
+        let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = self.walked(g, desk);
         let slices_of_chunk = if g.gpu.device.is_cpu { SLICES } else { 1 };
         for group in &desk.drawn.groups {
             let project::Group { block, planes, filtered, first_chunk, chunk_count, .. } = *group;
