@@ -124,7 +124,7 @@ fn resolved(cloud: &Cloud, attribute: Attribute, view: &View, settings: &edl::Se
 /// The words that the points of a one-node cloud show, by id.
 fn words(cloud: &Cloud, shown: &Shown) -> Vec<u32> {
     let part = &cloud.parts[0];
-    let organised = index::organise(&part.columns);
+    let organised = index::organise(&part.columns, &Silent).unwrap();
     assert_eq!(organised.nodes.len(), 1);
     let frame = pack::frame(&part.columns, &organised.order);
     let mut pages = vec![vec![0; part.columns.len()]; frame.planes as usize + 1];

@@ -1,11 +1,17 @@
 //! Anti-aliasing: depth, and colour in its light, in; the same, blended at silhouettes, out (Dobrev, Rosenthal and Linsen 2010, sec. 3.5).
 //!
+//! ```text
+//!     silhouettes       depth -> the list of tiles with silhouettes
+//!     antialias         depth, color, lit -> blended, left     only there
+//!     antialias_close   these -> color, lit
+//! ```
 //! Silhouettes are where the Laplacian of the depth is large. Blending is in linear light, of colour times coverage, so that it comes last of all effects and the background shows through in part.
-//! Depth and point ids stay as they are.
+//! Depth and point ids stay as they are, and so does all of a tile in which depth jumps nowhere.
 
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use super::visibility::Looked;
+use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
-use crate::shader::{self, antialias::Push, antialias::Spec};
+use crate::shader::{self, antialias, antialias_close, silhouettes};
 use crate::view::View;
 
 pub const SUMMARY: &str = "smooths the stairs of silhouettes, which are where the Laplacian of the depth is large";
@@ -16,6 +22,8 @@ pub struct Settings {
     pub laplacian: Laplacian,
     /// The low threshold: least Laplacian of a silhouette, parts of the depth.
     pub jump: f64,
+    /// Which tiles are blended.
+    pub tiles: Looked,
 }
 
 /// Which silhouettes.
@@ -42,7 +50,7 @@ pub enum Laplacian {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { threshold: Threshold::Low, laplacian: Laplacian::Inverse, jump: 0.03 }
+        Settings { threshold: Threshold::Low, laplacian: Laplacian::Inverse, jump: 0.03, tiles: Looked::Needed }
     }
 }
 
@@ -52,6 +60,7 @@ impl super::Settings for Settings {
             Setting { name: "threshold", about: "low: between surfaces, too; high: against the background only", value: Value::Choice(&mut self.threshold) },
             Setting { name: "laplacian", about: "of 1 / depth, or of the depth", value: Value::Choice(&mut self.laplacian) },
             Setting { name: "jump", about: "least Laplacian of a silhouette, parts of the depth", value: Value::Number(&mut self.jump, 0.0..=4.0) },
+            Setting { name: "tiles", about: "which tiles are worked on; the picture is the same", value: Value::Choice(&mut self.tiles) },
         ]
     }
 
@@ -67,7 +76,7 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 
 pub fn called_for(_scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     let (runs, why) = match before.runs("fill") {
-        _ if before.runs("smooth") => (true, "what was smoothed ends in stairs against what lies behind"),
+        _ if before.runs("smooth") => (true, "what was smoothed ends in stairs against what lies behind; tiles without silhouettes are skipped"),
         true => (false, "pixels keep what they show, and nothing else was smoothed"),
         false => (false, "points have no silhouettes"),
     };
@@ -76,13 +85,30 @@ pub fn called_for(_scene: &Scene, _asked: &Effects, before: &Decided) -> Reason 
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let size = scene.view.size;
+    let across = tiles(size);
+    let count = across[0] * across[1];
+    let (inverse, high) = (settings.laplacian == Laplacian::Inverse, settings.threshold == Threshold::High);
+    let jump = settings.jump as f32;
+    let (mut found, mut lists) = (g.buffer("found", 4 * count as u64), g.buffer("silhouettes", 4 * (LIST_HEADER + count) as u64));
+    g.fill(&mut found, 0);
+    g.fill(&mut lists, 0);
+    let push = silhouettes::Push { size, tiles: across, jump, all: (settings.tiles == Looked::All) as u32 };
+    let spec = silhouettes::Spec { inverse, high };
+    g.run(shader::Silhouettes { depth: &layers.depth, found: &mut found, lists: &mut lists, push, spec }, Tiles::ByEight(count));
+
+    let Layers { depth, mut color, mut lit, .. } = layers;
     let mut blended = g.image("blended", size, Kind::Rgba32f);
-    let mut left = g.image("left", size, Kind::R32f);
-    // Without light there is nothing to read; a binding wants an image all the same.
-    let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
-    let push = Push { size, jump: settings.jump as f32 };
-    let spec =
-        Spec { lit_by: layers.lit.is_some(), inverse: settings.laplacian == Laplacian::Inverse, high: settings.threshold == Threshold::High };
-    g.run(shader::Antialias { depth: &layers.depth, color: &layers.color, lit, blended: &mut blended, left: &mut left, push, spec }, Tiles::All);
-    Layers { color: blended, lit: Some(left), ..layers }
+    // Without light there is nothing to read or write; a binding wants an image all the same.
+    let lit_by = lit.is_some();
+    let mut left = g.image("left", if lit_by { size } else { [1, 1] }, Kind::R32f);
+    let light = lit.as_ref().unwrap_or(&depth);
+    let push = antialias::Push { size, tiles_across: across[0], jump };
+    let spec = antialias::Spec { inverse, high, lit_by };
+    let run = Tiles::From(&lists, 0);
+    g.run(shader::Antialias { lists: &lists, depth: &depth, color: &color, lit: light, blended: &mut blended, left: &mut left, push, spec }, run);
+    let mut nowhere = lit.is_none().then(|| g.image("nowhere", [1, 1], Kind::R32f));
+    let light = lit.as_mut().or(nowhere.as_mut()).expect("one of them");
+    let (push, spec) = (antialias_close::Push { tiles_across: across[0] }, antialias_close::Spec { lit_by });
+    g.run(shader::AntialiasClose { lists: &lists, blended: &blended, left: &left, color: &mut color, lit: light, push, spec }, Tiles::From(&lists, 0));
+    Layers { depth, color, lit, ..layers }
 }

@@ -2,7 +2,7 @@
 
 use super::shadows::Method;
 use super::visibility::{self, Kernel};
-use super::{Effects, LIST_HEADER, Layers, TILE_PX, fill, tiles};
+use super::{Effects, LIST_HEADER, Layers, TILE_PX, fill, significant, tiles};
 use crate::graph::{Buffer, Frame, Graph};
 
 /// Lists that come back with the frame; none of a pass that does not run.
@@ -10,6 +10,7 @@ pub struct Asked {
     lists: Option<Buffer>,
     steps: Option<Buffer>,
     rough: Option<Buffer>,
+    silhouettes: Option<Buffer>,
     unpeeled: Option<Buffer>,
     left: Option<Buffer>,
 }
@@ -33,6 +34,8 @@ pub struct Counts {
     pub filling_steps: u32,
     /// That are no planes: deeper levels of shape depiction shade them and those around them.
     pub rough: u64,
+    /// In which depth jumps: anti-aliasing blends there; none where it does not run.
+    pub silhouettes: Option<u64>,
     /// Texels of the light's pictures where shadows by index peeling were cut off.
     pub unpeeled: u64,
     /// Some pixels have more transparent layers than were drawn.
@@ -42,13 +45,14 @@ pub struct Counts {
 impl Asked {
     pub fn of(g: &mut Graph, layers: &Layers) -> Asked {
         let left = layers.front.as_ref().map(|front| g.download_buffer(&front.left));
-        let [lists, steps, rough, unpeeled] =
-            ["lists", "steps", "rough tiles", "unpeeled"].map(|name| g.named(name).map(|list| g.download_buffer(&list)));
-        Asked { lists, steps, rough, unpeeled, left }
+        let [lists, steps, rough, silhouettes, unpeeled] =
+            ["lists", "steps", "rough tiles", "silhouettes", "unpeeled"].map(|name| g.named(name).map(|list| g.download_buffer(&list)));
+        Asked { lists, steps, rough, silhouettes, unpeeled, left }
     }
 
     pub fn counts(&self, frame: &Frame, size: [u32; 2], effects: &Effects) -> Counts {
         let words = |list: &Option<Buffer>| list.as_ref().map_or(&[][..], |list| frame.read::<u32>(list));
+        let listed = |list: &Option<Buffer>| words(list).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64;
         let [across, down] = tiles(size);
         let (by_kernel, holes) = visibility::listed(size, &effects.visibility.settings, words(&self.lists));
         let recorded = frame.passes.iter().filter(|(name, _)| name == "fill_pintus").count() as u32;
@@ -73,7 +77,8 @@ impl Asked {
             filling_steps: if !holes.is_empty() { fill::steps_taken(words(&self.steps), recorded) } else { 0 },
             unpeeled: words(&self.unpeeled).first().copied().unwrap_or_default() as u64,
             left_over: words(&self.left).first().is_some_and(|left| *left > 0),
-            rough: words(&self.rough).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64,
+            rough: listed(&self.rough),
+            silhouettes: self.silhouettes.is_some().then(|| listed(&self.silhouettes)),
         }
     }
 }
@@ -119,6 +124,9 @@ impl std::fmt::Display for Counts {
             self.filling_steps,
             self.rough
         )?;
+        if let Some(silhouettes) = self.silhouettes {
+            write!(f, "; {silhouettes} with silhouettes ({} %)", significant(100.0 * silhouettes as f64 / self.tiles as f64))?;
+        }
         cut_off(self.unpeeled).map_or(Ok(()), |cut_off| write!(f, "; {cut_off}"))?;
         if self.left_over {
             write!(f, "; some pixels have more layers than were drawn: --effect transparency=layers=N")?;
