@@ -6,6 +6,7 @@
 //   it stays    where all five pixels of any mask are behind: there it lies beyond a silhouette
 //   else        it takes the values of its nearest neighbour
 // Values are copied, never mixed: what goes along with a depth is from where it was taken, and how many steps it may still go (lib/source.glsl). Of neighbours that have none left, none is taken.
+// Where a pass before has found the holes, the background step fills those and no others: a hole takes its nearest neighbour's values as soon as it has one, however far these have come.
 // A tile that nothing changed in the step before is left alone (lib/steps.glsl). Where depths change they fall, so that steps come to an end.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
@@ -31,6 +32,8 @@ layout(rgba32f) writeonly uniform image2D to_source;
 
 layout(constant_id = 0) const bool TEXELS = true;
 layout(constant_id = 1) const bool OCCLUDED = false;
+// Holes are known.
+layout(constant_id = 2) const bool FOUND = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;       // pixels
@@ -58,6 +61,8 @@ void work(uint tile) {
         ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
         float z[18];
         LOAD_AROUND(z, from_depth, texel)
+        vec4 next_source = imageLoad(from_source, texel);
+        bvec4 holes = equal(next_source, vec4(TO_BE_FILLED));
         bvec4 filling;
         [[unroll]] for (int p = 0; p < 4; ++p) {
             int c = 3 * p + 4;
@@ -70,10 +75,9 @@ void work(uint tile) {
                 behind |= uint(!(neighbour <= limit && neighbour < z[c])) << k;
             }
             bool inside = all(lessThan(ivec2(texel.x, 4 * texel.y + p), ivec2(push.size)));
-            filling[p] = inside && has == OCCLUDED && !any_mask(behind);
+            filling[p] = inside && has == OCCLUDED && (FOUND && !OCCLUDED ? holes[p] : !any_mask(behind));
         }
         vec4 next = vec4(z[4], z[7], z[10], z[13]);
-        vec4 next_source = imageLoad(from_source, texel);
         if (any(filling)) {
             float source[18];
             [[unroll]] for (int k = 0; k < 3; ++k) {
@@ -90,7 +94,7 @@ void work(uint tile) {
                 float nearest_source = 0.0;
                 [[unroll]] for (int k = 0; k < 8; ++k) {
                     int i = c + AROUND(k);
-                    bool nearer = goes_on(source[i]) && z[i] < nearest && z[i] <= limit && z[i] < z[c];
+                    bool nearer = (holes[p] || goes_on(source[i])) && z[i] < nearest && z[i] <= limit && z[i] < z[c];
                     nearest = mix(nearest, z[i], nearer);
                     nearest_source = mix(nearest_source, taken_from(source[i], ASIDE(k)), nearer);
                 }

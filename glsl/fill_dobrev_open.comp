@@ -1,6 +1,7 @@
 // Layers -> what filling by masks starts from, four rows a texel: depths, and of every pixel that it has its own values and how many steps these may go.
 //
-// Where no number of steps is asked for that is a few spacings of the point on the screen: gaps between points close, and no surface grows farther over its silhouette.
+// Where no number of steps is asked for that is a few spacings of the point on the screen: gaps between points close, and no surface grows farther over its silhouette. Pixels of which a pass before
+// has found that they show nothing that is to be seen are marked, and filled whatever masks say.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -34,7 +35,7 @@ layout(push_constant, scalar) uniform Push {
 void open(ivec2 texel) {
     if (any(greaterThanEqual(texel, ivec2(push.texels)))) return;
     vec4 four;
-    vec4 steps;
+    vec4 sources;
     [[unroll]] for (int row = 0; row < 4; ++row) {
         ivec2 pixel = ivec2(texel.x, 4 * texel.y + row);
         // What lies beyond the picture reads as 0: no depth.
@@ -44,10 +45,11 @@ void open(ivec2 texel) {
         float spacing = uintBitsToFloat(imageLoad(spacings, known ? int(point >> POINTS_PER_PAGE_LOG2) : 0).r);
         float spacing_px = spacing * push.px_per_unit / (PERSPECTIVE && known ? z : 1.0);
         four[row] = z;
-        steps[row] = push.asked == 1u ? push.most : clamp(ceil(spacing_px * push.reach), 1.0, push.most);
+        sources[row] = push.asked == 1u ? push.most : clamp(ceil(spacing_px * push.reach), 1.0, push.most);
+        sources[row] = mix(sources[row] * STEP_LEFT, TO_BE_FILLED, floatBitsToUint(z) == UNKNOWN_BITS);
     }
     imageStore(opened, texel, four);
-    imageStore(source, texel, steps * vec4(STEP_LEFT));
+    imageStore(source, texel, sources);
 }
 
 void main() {

@@ -2,9 +2,10 @@
 
 mod gpu;
 
+use glam::DVec3;
 use gpu::Way;
-use pointillist::cloud::Cloud;
 use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::{Cloud, Lattice};
 use pointillist::frame;
 use pointillist::graph::Graph;
 use pointillist::look::{self, Wishes};
@@ -117,6 +118,29 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
             assert_eq!(wrong, 0, "of {inner} pixels");
         }
     }
+}
+
+/// Where points are farther apart than masks close gaps: two planes behind each other, three and two and a half pixels from point to point.
+#[test]
+fn layers_of_sparse_points_have_no_holes() {
+    let lattice = |apart: i32, y: i32| (-20..=20).flat_map(move |i| (-20..=20).map(move |j| [apart * i, y, apart * j]));
+    let points: Vec<_> = lattice(300, 10_000).chain(lattice(250, 15_000)).collect();
+    let colors = points.iter().map(|point| if point[1] == 10_000 { COLORS[0] } else { COLORS[2] }).collect();
+    let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
+    let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
+    // Ten pixels a metre, and the planes' edges out of sight.
+    let view = View::new(gpu::orthographic(DVec3::ZERO, DVec3::Y, 4.8), [48, 48]).unwrap();
+    let over =
+        oracle::over([COLORS[0], COLORS[2]].into_iter().map(|color| (color.map(|channel| srgb_to_linear(channel as f64 / 255.0)), 0.5)));
+    let wrong = |visibility: &str| {
+        let drawn = draw(&cloud, &view, Way::Compute64, &["0.5"], &["fill=method=dobrev", "smooth=off", visibility]);
+        let off = |i: &usize| (0..3).any(|c| (drawn.front[*i][c] as f64 - over.color[c]).abs() > 1e-5) || drawn.peeled[*i] != 2.0;
+        (0..drawn.peeled.len()).filter(off).count()
+    };
+    let (found, masks) = (wrong("visibility=auto"), wrong("visibility=off"));
+    println!("{found} pixels without both planes, {masks} by masks alone");
+    assert!(masks > 1000, "{masks}");
+    assert_eq!(found, 0);
 }
 
 /// Opacity 0 leaves points out; opacity 1 stops at once; what is allowed is drawn, and what is left over is said.

@@ -10,6 +10,8 @@ mod dobrev;
 mod pullpush;
 mod splat;
 
+pub use dobrev::APART_PX;
+
 use super::{Decided, Effects, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, significant, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, fill_close, fill_open, fill_pintus};

@@ -11,7 +11,7 @@
 //! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2; leaning lowers one sector's solid angle and raises the opposite one's by at least as much, but
 //! for the spread of directions within a sector, less than 0.71 lean. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
-use super::{Decided, Effects, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, tiles};
+use super::{Decided, Effects, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, Tile, assign, classify, hide, pack_depth, visibility};
 use crate::view::{Projection, View};
@@ -95,9 +95,20 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to hide".to_string() },
-        _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Dobrev => Reason { runs: false, why: "filling by masks hides what is occluded".to_string() },
+        _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Dobrev => beside_masks(scene),
         _ => Reason { runs: true, why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string() },
     }
+}
+
+/// Before filling by masks.
+fn beside_masks(scene: &Scene) -> Reason {
+    let apart_px = if scene.pixel_m > 0.0 { SPARSER * scene.spacing_m / scene.pixel_m } else { 0.0 };
+    let runs = apart_px > fill::APART_PX;
+    let why = match runs {
+        true => format!("sparser points are {} pixels apart, and masks close gaps only between those up to {}", significant(apart_px), fill::APART_PX),
+        false => "filling by masks hides what is occluded".to_string(),
+    };
+    Reason { runs, why }
 }
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {

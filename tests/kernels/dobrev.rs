@@ -8,23 +8,38 @@ use pointillist::study::oracle;
 
 #[test]
 fn masks_fill_what_the_twin_fills() {
+    let (filled, replaced) = fill_as_the_twin_does("visibility=off");
+    assert!(filled > 5_000 && replaced > 5_000);
+}
+
+/// Where visibility has found the holes those are filled, and what else masks take for hidden.
+#[test]
+fn known_holes_are_filled_as_the_twin_fills_them() {
+    let (filled, replaced) = fill_as_the_twin_does("visibility=on,kernel=5");
+    assert!(filled > 5_000 && replaced > 500, "{filled}, {replaced}");
+}
+
+/// Pixels that held no point, and pixels that held another.
+fn fill_as_the_twin_does(visibility: &str) -> (usize, usize) {
     let random = &mut Random(0xD0B);
     let (mut filled, mut replaced) = (0, 0);
+    let found = visibility != "visibility=off";
     canvas(|canvas| {
         for size in SIZES {
             let view = views(size)[0];
             for (layer, steps) in [(0.5, 1), (0.5, 3), (0.02, 12), (1e-30, 2), (0.5, 0)] {
                 for keys in [random_keys(size, CANVAS_POINTS, random), layered_keys(size, random)] {
                     let mut effects = nothing();
+                    effects.set(visibility).unwrap();
                     effects.fill.switch = Switch::On;
                     effects.fill.settings =
                         fill::Settings { method: fill::Method::Dobrev, layer, iterations: steps as f64, ..fill::Settings::default() };
                     let surface = canvas.draw(&view, &keys, &effects);
-                    let (raw, got) = (&surface.raw, &surface.filled);
+                    let (raw, got) = (if found { &surface.seen } else { &surface.raw }, &surface.filled);
                     // Where no steps are asked for, one and a half times as many as points lie pixels apart, 31 at most.
                     let spacing_px = |z: f32| canvas.spacing() as f32 as f64 * view.focal_px() / z as f64;
                     let reach = |z: f32| if steps == 0 { (1.5 * spacing_px(z)).ceil().clamp(1.0, 31.0) as u32 } else { steps };
-                    let twin = oracle::dobrev::fill(size, &raw.depth, layer as f32, if steps == 0 { 31 } else { steps }, reach);
+                    let twin = oracle::dobrev::fill(size, &raw.depth, layer as f32, if steps == 0 { 31 } else { steps }, found, reach);
                     for (i, twin) in twin.iter().enumerate() {
                         let expected =
                             twin.map_or((f32::INFINITY, NO_POINT, [0.0; 4]), |(z, from, _)| (z, raw.index[from], raw.color[from]));
@@ -41,8 +56,8 @@ fn masks_fill_what_the_twin_fills() {
             }
         }
     });
-    println!("{filled} pixels of the background filled, {replaced} that were occluded");
-    assert!(filled > 5_000 && replaced > 5_000);
+    println!("{visibility}: {filled} pixels of the background filled, {replaced} that were occluded");
+    (filled, replaced)
 }
 
 /// Each of the 2^8 sets of neighbours with points around a pixel without, and around one that they may hide: it changes where no five of the others lie side by side.

@@ -8,6 +8,9 @@
 //! ```
 //! A hole n pixels wide closes in n steps at most. But steps close notches of silhouettes, too, up to the diagonal, for as long as there are steps: so a point's values go no farther than
 //! one and a half of its spacings on the screen, unless a number of steps is asked for.
+//!
+//! Masks see a hole where pixels with points surround it, which they do where points are no farther apart than two pixels ([`APART_PX`]). Sparser surfaces are full of pixels that masks take for background or
+//! for seen, and what lies behind shows through. There visibility looks farther around ([`super::super::visibility`]): the pixels that it has taken out are filled, and no others of the background; masks still tell what is hidden.
 
 use super::Settings;
 use crate::graph::{Graph, Image, Kind, Tiles};
@@ -17,6 +20,9 @@ use crate::view::Projection;
 
 /// Spacings that a point's values go: with one, gaps stay open in random clouds, and with two, notches between things that stand one behind the other close.
 const REACH: f64 = 1.5;
+
+/// Points of one surface that are farther apart leave more than a pixel between them, and of the ring around it five side by side without a point: what masks take for a silhouette.
+pub const APART_PX: f64 = 2.0;
 
 /// Of either kind: as many as the sparsest points need, but as with visibility no hole is wider than its widest kernel; and as many as asked for, if a pixel can count them.
 pub(super) fn most_steps(settings: &Settings, spacing_px: f64) -> u32 {
@@ -33,7 +39,10 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut from = ["even depth", "even source"].map(|name| image(g, name));
     let mut to = ["odd depth", "odd source"].map(|name| image(g, name));
     let [opened, source] = &mut from;
-    let most = most_steps(settings, layers.spacing_px[1]);
+    // As far as the widest kernel that has found holes has seen a point.
+    let found = layers.holes.as_ref().filter(|_| settings.iterations == 0.0).map_or(0, |holes| holes.widest.div_ceil(2));
+    let carried = most_steps(settings, layers.spacing_px[1]);
+    let most = carried.max(found);
     let push = fill_dobrev_open::Push {
         texels,
         px_per_unit: scene.view.focal_px() as f32,
@@ -47,7 +56,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
 
     let layer = scene.layer_m(settings.layer) as f32;
     for occluded in [false, true] {
-        [from, to] = steps(g, size, most, layer, occluded, [from, to]);
+        let spec = fill_dobrev::Spec { texels: g.gpu.device.texels, occluded, found: layers.holes.is_some() };
+        [from, to] = steps(g, size, most, layer, spec, [from, to]);
     }
 
     let mut depth = g.image("filled depth", size, Kind::R32f);
@@ -67,25 +77,24 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         },
         Tiles::Packed([size[0], size[1].div_ceil(4)]),
     );
-    Layers { depth, index, color, flat_px: most.min(super::WIDEST as u32), holes: None, ..layers }
+    Layers { depth, index, color, flat_px: carried.min(super::WIDEST as u32), holes: None, ..layers }
 }
 
 /// Depth, and where it is from.
 type Pair = [Image; 2];
 
 /// Steps of one kind; what they leave comes first.
-fn steps(g: &mut Graph, size: [u32; 2], most: u32, layer: f32, occluded: bool, [mut from, mut to]: [Pair; 2]) -> [Pair; 2] {
+fn steps(g: &mut Graph, size: [u32; 2], most: u32, layer: f32, spec: fill_dobrev::Spec, [mut from, mut to]: [Pair; 2]) -> [Pair; 2] {
     let tiles = tiles(size);
     let count = tiles[0] * tiles[1];
     let woken_at = 4 * (most + 2);
-    let mut steps = g.buffer(if occluded { "occluded steps" } else { "background steps" }, 4 * (woken_at + count) as u64);
+    let mut steps = g.buffer(if spec.occluded { "occluded steps" } else { "background steps" }, 4 * (woken_at + count) as u64);
     g.fill(&mut steps, 0);
     for step in 1..=most {
         let push = fill_dobrev::Push { size, tiles, step, woken_at, layer, most_groups: g.gpu.device.most_groups };
         let counted = steps.racing();
         let run = if step == 1 { Tiles::ByEight(count) } else { Tiles::From(&counted, 4 * step) };
         let ([from_depth, from_source], [to_depth, to_source]) = (&from, &mut to);
-        let spec = fill_dobrev::Spec { texels: g.gpu.device.texels, occluded };
         g.run(shader::FillDobrev { steps: &mut steps, step_words: &counted, from_depth, from_source, to_depth, to_source, push, spec }, run);
         std::mem::swap(&mut from, &mut to);
     }

@@ -6,13 +6,15 @@ const RING: [(i64, i64); 8] = [(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1
 /// A pixel's depth, the pixel that it was taken from, and how many steps it may still go.
 type Taken = (f32, usize, u32);
 
-/// Steps at most of either kind; `layer` in metres; `reach`: how many steps the values of a pixel of this depth may go. None where nothing is.
-pub fn fill(size: [u32; 2], depth: &[f32], layer: f32, most: u32, reach: impl Fn(f32) -> u32) -> Vec<Option<Taken>> {
+/// Steps at most of either kind; `layer` in metres; `reach`: how many steps the values of a pixel of this depth may go. `found`: that holes are known, which are where the depth is minus infinity; values go
+/// into those however far they have come. None where nothing is.
+pub fn fill(size: [u32; 2], depth: &[f32], layer: f32, most: u32, found: bool, reach: impl Fn(f32) -> u32) -> Vec<Option<Taken>> {
     let known = |(i, &z): (usize, &f32)| (z.is_finite() && z > 0.0).then(|| (z, i, reach(z)));
     let mut pixels: Vec<_> = depth.iter().enumerate().map(known).collect();
     for occluded in [false, true] {
         for _ in 0..most {
-            let next = (0..pixels.len()).map(|i| step(size, &pixels, layer, occluded, i)).collect();
+            let next =
+                (0..pixels.len()).map(|i| step(size, &pixels, layer, occluded, found.then(|| depth[i] == f32::NEG_INFINITY), i)).collect();
             if next == pixels {
                 break;
             }
@@ -22,7 +24,7 @@ pub fn fill(size: [u32; 2], depth: &[f32], layer: f32, most: u32, reach: impl Fn
     pixels
 }
 
-fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, i: usize) -> Option<Taken> {
+fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, hole: Option<bool>, i: usize) -> Option<Taken> {
     let [columns, rows] = size.map(|side| side as i64);
     let (x, y) = (i as i64 % columns, i as i64 / columns);
     let at = |(u, v): (i64, i64)| {
@@ -37,12 +39,16 @@ fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, i:
         (Some((own, ..)), Some((z, ..))) => z as f64 > own as f64 - layer as f64 || z >= own,
     };
     let mask = |first: usize| (first..first + 5).all(|k| behind(at(RING[k % 8])));
-    if own.is_some() != occluded || (0..8).any(mask) {
+    let hole = hole.filter(|_| !occluded);
+    if own.is_some() != occluded || !hole.unwrap_or_else(|| !(0..8).any(mask)) {
         return own;
     }
     // Row by row; of equals the first.
     let around = (-1..=1).flat_map(|v| (-1..=1).map(move |u| (u, v))).filter(|aside| *aside != (0, 0));
-    let taken =
-        around.filter(|&aside| !behind(at(aside))).filter_map(at).filter(|(_, _, left)| *left > 0).min_by(|a, b| a.0.total_cmp(&b.0));
-    taken.map(|(z, from, left)| (z, from, left - 1)).or(own)
+    let taken = around
+        .filter(|&aside| !behind(at(aside)))
+        .filter_map(at)
+        .filter(|(_, _, left)| *left > 0 || hole.is_some())
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    taken.map(|(z, from, left)| (z, from, left.saturating_sub(1))).or(own)
 }

@@ -4,6 +4,7 @@
 
 use crate::cloud::{Lattice, Part};
 use crate::index::{self, pack};
+use crate::progress::Silent;
 use crate::resident::ResidentNode;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -24,7 +25,7 @@ impl Points {
         let mut nodes = nodes.iter();
         let mut points = Vec::new();
         for part in parts {
-            let organised = index::organise(&part.columns);
+            let organised = index::organise(&part.columns, &Silent).expect("nobody stops it");
             let own: Vec<_> = organised.nodes.iter().zip(nodes.by_ref()).collect();
             points.par_extend(own.into_par_iter().map(|(range, node)| NodePoints {
                 first_point: node.first_point(),
