@@ -32,6 +32,20 @@ impl Progress for Whole<'_> {
     }
 }
 
+/// How far a whole is, whatever it is called, by how far one of its parts is.
+pub struct Part<'p> {
+    pub progress: &'p dyn Progress,
+    /// Before it, and of the whole.
+    pub done: u64,
+    pub total: u64,
+}
+
+impl Progress for Part<'_> {
+    fn tick(&self, doing: &str, done: u64, _total: u64) -> Result<()> {
+        self.progress.tick(doing, self.done + done, self.total)
+    }
+}
+
 /// Listens to nothing: for tests, and for embedding.
 pub struct Silent;
 

@@ -15,6 +15,7 @@ use crate::index::fault::Fault;
 use crate::index::file::{Index, Plane};
 use crate::index::luminance;
 use crate::index::marks::Marks;
+use crate::index::strokes::Found;
 use crate::index::{self, build};
 use crate::light::Light;
 use crate::opacity::Opacities;
@@ -289,11 +290,11 @@ impl Source {
         })
     }
 
-    /// The same for whoever draws meanwhile: all of it that needs no device.
-    pub fn prepare(self, shown: Shown, progress: &dyn Progress) -> Result<Prepared> {
+    /// The same for whoever draws meanwhile, and may have found strokes of it before: all of it that needs no device.
+    pub fn prepare(self, shown: Shown, found: &Arc<Found>, progress: &dyn Progress) -> Result<Prepared> {
         Ok(match self {
             Source::Files(cloud) => {
-                let mut filling = Filling::new(cloud, shown);
+                let mut filling = Filling::new(cloud, shown, Some(found.clone()));
                 while filling.organise(index::organise, progress)? {}
                 Prepared::Files(Box::new(filling))
             }

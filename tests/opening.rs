@@ -2,16 +2,22 @@
 
 mod support;
 
-use pointillist::app::opening::{self, Opened, Watch};
-use pointillist::cloud::attribute::Further;
+use pointillist::app::opening::{self, Asked, First, Opened, Watch};
+use pointillist::cloud::attribute::{Attribute, Further, Shown};
 use pointillist::cloud::{ReadOptions, Wanted};
 use pointillist::config;
+use pointillist::config::POINTS_PER_PAGE;
+use pointillist::error::{Error, Result};
+use pointillist::gpu::Wish;
+use pointillist::graph::Gpu;
 use pointillist::index::cache::Place;
-use pointillist::progress::Silent;
+use pointillist::index::strokes::Found;
+use pointillist::progress::{Progress, Silent};
+use pointillist::resident::Resident;
 use pointillist::source::{Opening, Source};
 use pointillist::synth::Scene;
-use std::path::PathBuf;
-use std::sync::mpsc;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, mpsc};
 
 fn opening() -> Opening {
     let read = ReadOptions { wanted: Wanted { rgb: true, ..Wanted::default() }, strict: false };
@@ -19,11 +25,14 @@ fn opening() -> Opening {
 }
 
 /// What becomes of files, one after the other.
-fn opened(files: &[PathBuf], opening: Opening, sampled: bool) -> Vec<Opened> {
+fn opened(files: &[PathBuf], opening: Opening, further: Further, first: First) -> Vec<Opened> {
     let (sender, receiver) = mpsc::channel();
     let watch = Watch::new(Default::default(), |_| ());
     let opened = move |opened| sender.send(opened).unwrap();
-    opening::start(files.to_vec(), opening, None, Further::default(), sampled, watch, opened).unwrap().join().unwrap();
+    opening::start(Asked { files: files.to_vec(), color: None }, opening, further, first, Arc::default(), watch, opened)
+        .unwrap()
+        .join()
+        .unwrap();
     receiver.into_iter().map(|opened| opened.unwrap()).collect()
 }
 
@@ -55,13 +64,118 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     let indexing = Opening { index: Some("asked for"), ..opening() };
     assert_eq!(part_of(&small, &indexing), Some((100_000, 100_000)));
 
-    let told_of = |files: &[PathBuf], opening: Opening, sampled: bool| -> Vec<_> {
-        opened(files, opening, sampled).into_iter().map(|opened| (opened.is_whole, opened.prepared.points(), opened.said.points)).collect()
+    let told_of = |files: &[PathBuf], opening: Opening, first: First| -> Vec<_> {
+        opened(files, opening, Further::default(), first)
+            .into_iter()
+            .map(|opened| (opened.said.is_whole, opened.prepared.points(), opened.said.points))
+            .collect()
     };
-    let told = |files: &[PathBuf], opening: Opening| told_of(files, opening, true);
+    let told = |files: &[PathBuf], opening: Opening| told_of(files, opening, First::Sample);
     // What is on the screen already, and is read anew for other colours.
-    assert_eq!(told_of(&large, opening(), false), [(true, slow, slow)]);
+    assert_eq!(told_of(&large, opening(), First::Points), [(true, slow, slow)]);
     assert_eq!(told(&large, opening()), [(false, slow / config::PREVIEW_SHARE, slow), (true, slow, slow)]);
     assert_eq!(told(&small, opening()), [(true, 100_000, 100_000)]);
     assert_eq!(told(&small, indexing), [(false, 100_000, 100_000), (true, 100_000, 100_000)]);
+}
+
+/// Of files they take long; of an index each node's are found when it is read.
+#[test]
+fn strokes_of_files_come_after_their_points_and_those_of_an_index_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, index) = (folder.path().join("scan.las"), folder.path().join("scan.pnti"));
+    support::scan(&file, Scene::Street, 20_000);
+    support::succeeded(&support::pointillist().arg("index").arg(&file).arg("-o").arg(&index).output().unwrap());
+    let wanted = Further { strokes: true, ..Further::default() };
+    let knows = |path: &PathBuf, first: First| -> Vec<bool> {
+        opened(std::slice::from_ref(path), opening(), wanted, first).into_iter().map(|opened| opened.said.shown.further.strokes).collect()
+    };
+    for (first, of_file) in [(First::Sample, false), (First::Points, false), (First::All, true)] {
+        assert_eq!((knows(&file, first), knows(&index, first)), (vec![of_file], vec![true]), "{first:?}");
+    }
+}
+
+/// Whatever it is told, until somebody stops waiting.
+#[derive(Default)]
+struct Heard {
+    ticks: Mutex<Vec<(String, u64, u64)>>,
+    most: Option<usize>,
+}
+
+impl Progress for Heard {
+    fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()> {
+        let mut ticks = self.ticks.lock().unwrap();
+        ticks.push((doing.to_string(), done, total));
+        if self.most.is_some_and(|most| ticks.len() > most) { Err(Error::Interrupted) } else { Ok(()) }
+    }
+}
+
+impl Heard {
+    fn of(&self, what: &str) -> Vec<(u64, u64)> {
+        self.ticks.lock().unwrap().iter().filter(|(doing, ..)| doing == what).map(|&(_, done, total)| (done, total)).collect()
+    }
+}
+
+fn painted() -> Further {
+    Further { kind: true, strokes: true, ..Further::default() }
+}
+
+/// Two scans as one cloud, of so many points each.
+fn source(folder: &Path, points: [u64; 2], color: Option<Attribute>, further: Further) -> (Source, Shown) {
+    let files = points.map(|points| {
+        let path = folder.join(format!("{points}.las"));
+        support::scan(&path, Scene::Street, points);
+        path
+    });
+    let read = ReadOptions { wanted: Wanted { rgb: true, ..Wanted::default() }.and(further.wanted()), strict: true };
+    let source = Source::open(&files, &Opening { read, ..opening() }, &Silent).unwrap();
+    let (mut shown, _) = source.shown(color).unwrap();
+    shown.further = further;
+    (source, shown)
+}
+
+#[test]
+fn a_cloud_on_its_way_to_the_device_goes_forward_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut gpu = Gpu::open(&Wish { validate: true, ..Wish::default() }).unwrap();
+    const POINTS: [u64; 2] = [600_000, 400_000];
+    let further = Further { kind: true, ..Further::default() };
+    let (in_turns, in_halves) = (Heard::default(), Heard::default());
+    let (source, shown) = self::source(folder.path(), POINTS, None, further);
+    let Source::Files(cloud) = source else { panic!("files") };
+    Resident::fill(&mut gpu, cloud, shown, &in_turns).unwrap().free(&mut gpu);
+    let (source, shown) = self::source(folder.path(), POINTS, None, further);
+    let mut prepared = source.prepare(shown, &Arc::default(), &in_halves).unwrap();
+    while prepared.step(&mut gpu, &in_halves).unwrap() {}
+    prepared.finish(&mut gpu, 0).unwrap().free(&mut gpu);
+    // As many nodes at a time as there are threads may be told in another order.
+    let slack = rayon::current_num_threads() as u64 * POINTS_PER_PAGE as u64;
+    for heard in [in_turns.of("organising"), in_halves.of("organising")] {
+        assert!(heard.iter().all(|&(done, total)| total == 2_000_000 && done <= total), "{heard:?}");
+        assert!(heard.windows(2).all(|pair| pair[1].0 + slack >= pair[0].0), "{heard:?}");
+        assert!(heard[0].0 == 0 && heard.last().unwrap().0 + slack >= 2_000_000, "{heard:?}");
+    }
+    gpu.device.objections().unwrap();
+}
+
+#[test]
+fn strokes_are_found_once_whatever_is_shown_of_their_points_and_can_be_given_up() {
+    let folder = tempfile::tempdir().unwrap();
+    const POINTS: [u64; 2] = [60_000, 40_000];
+    let found = Arc::new(Found::default());
+    let ticks = |color: Option<Attribute>, further: Further| {
+        let (heard, (source, shown)) = (Heard::default(), source(folder.path(), POINTS, color, further));
+        source.prepare(shown, &found, &heard).unwrap();
+        heard.of("painting")
+    };
+    let first = ticks(None, painted());
+    assert!(!first.is_empty() && first.iter().all(|&(done, total)| done < total && total == 100_000));
+    // In between they need not be wanted.
+    assert_eq!(ticks(None, Further::default()), []);
+    assert_eq!(ticks(Some(Attribute::Elevation), painted()), []);
+
+    let found = Arc::default();
+    for most in [0, 3, 10, 20] {
+        let (heard, (source, shown)) = (Heard { most: Some(most), ..Heard::default() }, source(folder.path(), POINTS, None, painted()));
+        assert!(matches!(source.prepare(shown, &found, &heard), Err(Error::Interrupted)), "{most}");
+    }
 }

@@ -64,6 +64,30 @@ fn the_window_shows_what_render_draws_through_keys_drags_and_sizes_and_rests() {
     assert!(said.contains("first picture after"), "{said}");
 }
 
+#[test]
+fn views_that_are_chosen_before_anything_is_there_are_those_of_what_comes() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let mut viewer = place.view(&[], "");
+    viewer.key("7");
+    drop_file(&place.display, &viewer.window, &cloud);
+    viewer.shows(&place.picture(&[&cloud], "top.png", "--view top"));
+    viewer.close();
+
+    let mut viewer = place.view(&[], "");
+    place.display.xdotool("key 3 key 5");
+    drop_file(&place.display, &viewer.window, &cloud);
+    viewer.until("cloud", |viewer| {
+        let seen = viewer.photograph();
+        seen.pixels.iter().any(|pixel| *pixel != seen.pixels[0])
+    });
+    let scene = place.shows_its_scene(&mut viewer, &[&cloud], 1, "");
+    assert_eq!(scene["camera"]["projection"], "perspective");
+    viewer.key("5");
+    viewer.shows(&place.picture(&[&cloud], "side.png", "--view side"));
+    viewer.close();
+}
+
 /// What is shown before is seen from where that fits, but the whole from where `render` sees it.
 #[test]
 fn a_file_that_takes_long_to_be_read_ends_as_the_picture_of_render() {

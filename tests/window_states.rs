@@ -150,22 +150,42 @@ fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_t
 fn while_strokes_are_found_the_window_goes_on_and_then_is_painted() {
     let place = Place::new();
     let (cloud, scene) = (place.street(1_000_000), place.at("scene.json"));
-    let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "effects": ["strokes=on"]}"#;
+    let words =
+        r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation", "effects": ["strokes=on"]}"#;
     std::fs::write(&scene, words).unwrap();
-    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    let [fit, top] =
+        [("fit.png", ""), ("top.png", "--view top --color elevation")].map(|(name, line)| place.picture(&[&cloud], name, line));
     let mut viewer = place.view(&[&cloud], "");
     viewer.shows(&fit);
     drop_file(&place.display, &viewer.window, &scene);
     viewer.key("7");
     viewer.shows(&top);
     viewer.key("0");
-    let painted = place.picture(&[&cloud], "painted.png", "--effect strokes=on");
-    viewer.shows(&painted);
+    viewer.shows(&place.picture(&[&cloud], "painted.png", "--color elevation --effect strokes=on"));
     let said = viewer.close();
     assert!(!said.contains("strokes"), "{said}");
 
     // And so does a window that opens with them.
     let mut viewer = place.view(&[&cloud], "--effect strokes=on");
+    viewer.shows(&fit);
+    viewer.shows(&place.picture(&[&cloud], "painted.png", "--effect strokes=on"));
+    viewer.close();
+}
+
+/// Files that are read again are there before their strokes, as they were at the start.
+#[test]
+fn after_a_lost_device_a_painted_window_shows_points_until_it_is_painted_again() {
+    let place = Place::new();
+    let cloud = place.street(300_000);
+    let [fit, painted] = [("fit.png", ""), ("painted.png", "--effect strokes=on")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    let mut viewer = place.view(&[&cloud], "--effect strokes=on --lose-device 40");
+    viewer.shows(&painted);
+    place.display.xdotool("mousemove 200 150");
+    viewer.until("lost device", |viewer| {
+        place.display.xdotool("click 4");
+        viewer.said().iter().any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
+    });
+    place.display.xdotool("key Escape key 0");
     viewer.shows(&fit);
     viewer.shows(&painted);
     viewer.close();

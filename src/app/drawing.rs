@@ -11,18 +11,19 @@
 
 mod saving;
 
-use super::opening::Watch;
+use super::errand::Errand;
+use super::opening::{Said, Watch};
 use super::pace::{Pace, divided};
 use super::profile::Profile;
 use super::seen::Seen;
 use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
-use crate::look::{self, Look};
+use crate::look::{self, Look, Wishes};
 use crate::passes::counts::Warned;
 use crate::passes::encode::{self, Screen};
 use crate::passes::project::{self, Statistics};
-use crate::passes::{self, Decided, shadows, tally};
+use crate::passes::{self, Decided, Switch, shadows, tally};
 use crate::present::Present;
 use crate::present::overlay::Overlay;
 use crate::progress::Progress;
@@ -43,9 +44,10 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A cloud that is to go to the device, some of it between two pictures, and who is told how far it is.
+/// A cloud that is to go to the device, some of it between two pictures, what is to be said of it then, and who is told how far it is.
 pub struct Bring {
     pub prepared: Prepared,
+    pub said: Said,
     pub pool_bytes: u64,
     pub watch: Watch,
 }
@@ -94,10 +96,10 @@ pub enum Report {
     Drawn(Box<Drawn>),
     /// Points in the last picture, where filters or clip boxes leave some out.
     Counted(u64),
-    /// A cloud is on the device.
-    Brought,
+    /// A cloud is on the device, of which this is to be said.
+    Brought(Box<Said>, Errand),
     /// It is not, and why.
-    NotBrought(Error),
+    NotBrought(Error, Errand),
     Picked {
         point: Point,
         adds: bool,
@@ -318,12 +320,11 @@ fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, 
         let mut g = Graph::new(gpu);
         let marks = match shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1)) {
             Ok(marks) => marks,
-            // The picture says so.
-            Err(Error::Request(_)) => {
+            Err(error) => {
                 g.abandon();
-                return Ok(());
+                // The picture says so.
+                return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
             }
-            Err(error) => return Err(error),
         };
         let Some(shadows::Marks { counts, saved: None, facts }) = marks else { return Ok(()) };
         g.submit(&[counts.resource()])?.shelve(gpu);
@@ -331,6 +332,15 @@ fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, 
             return Ok(());
         }
     }
+}
+
+/// What is asked for of a picture of a cloud; until its strokes are found it is drawn without.
+fn wishes(scene: &Scene, resident: &Resident) -> Wishes {
+    let mut wishes = scene.wishes.clone();
+    if resident.shown.strokes().is_none() {
+        wishes.effects.strokes.switch = Switch::Off;
+    }
+    wishes
 }
 
 impl Thread {
@@ -460,14 +470,14 @@ impl Thread {
                 if let Some(old) = self.cloud.replace(cloud) {
                     self.leave(old);
                 }
-                (self.report)(Report::Brought);
+                (self.report)(Report::Brought(Box::new(bring.said), bring.watch.errand));
                 self.change(Instant::now());
             }
             // Nobody waits for it any more.
             Err(Error::Interrupted) => {}
             Err(error) if error.is_lost_device() => return Err(error),
             Err(error) => {
-                (self.report)(Report::NotBrought(error));
+                (self.report)(Report::NotBrought(error, bring.watch.errand));
                 self.change(Instant::now());
             }
         }
@@ -585,7 +595,7 @@ impl Thread {
         // What is only a finer picture of the same gives way.
         let gives_way = self.wanted != Wanted::Now;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
-        let look = look::decide(&scene.wishes, &View::new(scene.camera, present.size())?, resident);
+        let look = look::decide(&wishes(scene, resident), &View::new(scene.camera, present.size())?, resident);
         let mut drawn = if gives_way { look.gradual() } else { look.hurried(divisor) };
         if divisor > 1 && !drawn.overlap.is_everywhere() {
             drawn.overlap = Arc::new(resident.overlap(&view));
@@ -599,19 +609,20 @@ impl Thread {
         }
         let outcome = match frame::record(&mut g, &view, resident, &drawn) {
             Ok(outcome) => outcome,
-            // Something newer is wanted, which is heard next.
-            Err(Error::Interrupted) => {
+            Err(error) => {
                 g.abandon();
-                return Ok(true);
+                return match error {
+                    // Something newer is wanted, which is heard next.
+                    Error::Interrupted => Ok(true),
+                    // What was asked for cannot be drawn; the picture that is there stays until something else is asked for.
+                    Error::Request(_) => {
+                        (self.report)(Report::Failed(error));
+                        self.wanted = Wanted::Nothing;
+                        Ok(false)
+                    }
+                    _ => Err(error),
+                };
             }
-            // What was asked for cannot be drawn; the picture that is there stays until something else is asked for.
-            Err(error @ Error::Request(_)) => {
-                g.abandon();
-                (self.report)(Report::Failed(error));
-                self.wanted = Wanted::Nothing;
-                return Ok(false);
-            }
-            Err(error) => return Err(error),
         };
         let mut screen = Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
         encode::record(&mut g, &outcome.picture, &mut screen)?;

@@ -12,7 +12,6 @@ use crate::graph::Gpu;
 use crate::present::Present;
 use glam::DVec2;
 use std::sync::Arc;
-use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 use winit::application::ApplicationHandler;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
@@ -62,6 +61,8 @@ impl App {
         }
         self.facts.profile.iter_mut().for_each(Profile::forget_texture);
         self.promised.clear();
+        // Nothing is on the screen, as at the start.
+        (self.whole, self.seen, self.facts.shown, self.facts.loading) = (None, None, None, None);
         self.options.wish.lost_after = None;
         self.draw_in(window)?;
         self.trouble(&Error::Device(format!("{error}; the device was opened again, and the files are read again")));
@@ -81,11 +82,11 @@ impl ApplicationHandler<Event> for App {
 
     fn user_event(&mut self, events: &ActiveEventLoop, event: Event) {
         match event {
-            Event::Progress(text) => self.facts.doing = Some(text),
-            Event::Opened(Ok(opened)) => self.opened(*opened),
-            // Another opening has taken its place.
-            Event::Opened(Err(Error::Interrupted)) => {}
-            Event::Opened(Err(error)) => self.not_opened(&error),
+            // Nobody waits for it any more; another one may have taken its place.
+            Event::Progress(_, errand) | Event::Opened(_, errand) if errand.is_given_up() => return,
+            Event::Progress(text, _) => self.facts.doing = Some(text),
+            Event::Opened(Ok(opened), _) => self.opened(*opened),
+            Event::Opened(Err(error), _) => self.not_opened(&error),
             Event::LookedUp(place, looked) => self.looked_up(place, looked),
             Event::Report(report) => return self.report(events, report),
             Event::Interrupted => {
@@ -171,8 +172,8 @@ impl ApplicationHandler<Event> for App {
     }
 
     fn exiting(&mut self, _events: &ActiveEventLoop) {
-        self.abandoned.store(true, Relaxed);
-        self.forgotten.store(true, Relaxed);
+        self.opening.give_up();
+        self.looking_up.give_up();
         if let Some(mut drawing) = self.drawing.take() {
             drawing.close();
         }

@@ -1,19 +1,21 @@
 //! FILES -> CLOUD: what is to be opened goes to the opening thread, and what that has read on to the drawing thread.
 
 use super::drawing::{Bring, Message};
+use super::errand::Errand;
 use super::navigation::Input;
-use super::opening::{self, Opened, Said, Watch};
+use super::opening::{self, Asked, First, Opened, Said};
 use super::{App, Event};
+use crate::cloud::attribute::Further;
 use crate::error::{Error, Result};
 use crate::passes::Switch;
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 impl App {
     /// Another cloud beside those that are open, or a scene, which takes the place of the one that is drawn.
     pub(super) fn take(&mut self, file: PathBuf) {
+        // Whoever asks for something else has read what went wrong before.
+        self.facts.trouble = None;
         let is_scene = file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         let taken = if is_scene {
             self.load(&file)
@@ -39,15 +41,15 @@ impl App {
         self.framed = true;
         self.options.camera = Some(self.scene.camera);
         self.navigation.camera = self.scene.camera;
-        self.facts.trouble = None;
         self.scene_changed(&before)?;
         self.facts.doing = Some(format!("loaded {}", file.display()));
         Ok(())
     }
 
-    /// Draws it, after reading files again where they have what is shown now, or what brushes need to know.
+    /// Draws it, and reads files again where they have what is shown now, or what brushes need to know.
     pub(super) fn scene_changed(&mut self, before: &Scene) -> Result<()> {
         if self.scene.color != before.color {
+            self.facts.trouble = None;
             self.open()?;
         }
         self.find_strokes()?;
@@ -62,40 +64,44 @@ impl App {
         if self.files.is_empty() {
             return Ok(());
         }
-        self.abandoned.store(true, Relaxed);
-        self.abandoned = Arc::new(AtomicBool::new(false));
+        let errand = self.opening.renew();
+        self.underway = true;
         self.facts.doing = Some("opening".into());
-        self.facts.trouble = None;
-        // What is on the screen whole is seen until it is there again as a whole.
-        let sampled = self.last_opened.as_ref().is_none_or(|(files, _)| *files != self.files);
-        let (progress, opened) = (self.events.clone(), self.events.clone());
-        let watch = Watch::new(self.abandoned.clone(), move |text| drop(progress.send_event(Event::Progress(text))));
-        let done = move |result: Result<Opened>| drop(opened.send_event(Event::Opened(result.map(Box::new))));
-        self.openings.push(opening::start(
-            self.files.clone(),
-            self.options.opening.clone(),
-            self.scene.color,
-            self.options.further,
-            sampled,
-            watch,
-            done,
-        )?);
+        let (asked, opening) = (self.asked(), self.options.opening.clone());
+        let further = Further { strokes: self.wants_strokes(), ..self.options.further };
+        let is_painted = self.facts.shown.is_some_and(|shown| shown.further.strokes);
+        // What is on the screen whole is seen until it is there again as a whole, and with its strokes where it had them.
+        let first = match &self.whole {
+            Some(whole) if *whole == asked || whole.files == asked.files && is_painted => First::All,
+            Some(whole) if whole.files == asked.files => First::Points,
+            _ => First::Sample,
+        };
+        let (watch, events) = (self.watch(errand.clone()), self.events.clone());
+        let opened = move |result: Result<Opened>| drop(events.send_event(Event::Opened(result.map(Box::new), errand.clone())));
+        self.openings.push(opening::start(asked, opening, further, first, self.strokes.clone(), watch, opened)?);
         Ok(())
+    }
+
+    /// What is to be open.
+    fn asked(&self) -> Asked {
+        Asked { files: self.files.clone(), color: self.scene.color }
     }
 
     /// What cannot be opened, or cannot show what is asked for, leaves what was open as it was.
     pub(super) fn not_opened(&mut self, error: &Error) {
-        self.facts.doing = None;
-        let files = std::mem::take(&mut self.files);
-        if let Some((last, color)) = self.last_opened.clone() {
-            (self.files, self.scene.color) = (last, color);
-        } else if let [first @ .., _] = &files[..] {
+        (self.underway, self.facts.doing) = (false, None);
+        let failed = self.asked();
+        if self.paints_later() && self.whole.as_ref() == Some(&failed) {
+            return self.not_painted(error);
+        }
+        match self.last_opened.clone() {
+            Some(Asked { files, color }) => (self.files, self.scene.color) = (files, color),
             // Whatever was dropped last may be what is wrong.
-            self.files = first.to_vec();
+            None => drop(self.files.pop()),
         }
         // A sample of what cannot be opened may be on the screen, or what came before has never been, or was on its way and is given up.
-        let again = std::mem::take(&mut self.waits) | self.coming.take().is_some() | self.last_opened.is_none();
-        let reopened = if again { self.open() } else { Ok(()) };
+        let asked = self.asked();
+        let reopened = if asked != failed && self.whole.as_ref() != Some(&asked) { self.open() } else { Ok(()) };
         self.trouble(error);
         if let Err(error) = reopened {
             self.trouble(&error);
@@ -103,11 +109,11 @@ impl App {
     }
 
     pub(super) fn opened(&mut self, opened: Opened) {
-        let Opened { prepared, subject, said, is_whole, files, color } = opened;
+        let Opened { prepared, subject, said } = opened;
+        let is_whole = said.is_whole;
         if is_whole {
-            self.last_opened = Some((files, color));
+            self.last_opened = Some(said.asked.clone());
         }
-        self.coming = Some(said);
         self.navigation.set_subject(subject);
         // Whoever has not moved since sees the whole from where `render` does.
         if !self.framed || self.glimpsed.take() == Some(self.navigation.camera) {
@@ -116,22 +122,24 @@ impl App {
                 Some(camera) => self.navigation.camera = camera,
                 None => self.navigation.handle(Input::Look { from: self.options.preset, covered_px: 0.0 }),
             }
+            self.views.iter().for_each(|&view| self.navigation.handle(view));
             self.glimpsed = (!is_whole).then_some(self.navigation.camera);
         }
-        self.waits = !is_whole;
-        let progress = self.events.clone();
-        let watch = Watch::new(self.abandoned.clone(), move |text| drop(progress.send_event(Event::Progress(text))));
-        self.post(Message::Bring(Box::new(Bring { prepared, pool_bytes: self.options.pool_bytes, watch })));
+        if is_whole {
+            self.views.clear();
+        }
+        let (pool_bytes, watch) = (self.options.pool_bytes, self.watch(self.opening.clone()));
+        self.post(Message::Bring(Box::new(Bring { prepared, said, pool_bytes, watch })));
         self.post_scene();
     }
 
-    /// What was opened is in the picture, and what is said of it true.
-    pub(super) fn brought(&mut self) {
-        if !self.waits {
-            self.facts.doing = None;
+    /// What was opened is in the picture, and what is said of it true, even where another one is on its way by now.
+    pub(super) fn brought(&mut self, said: Said, errand: &Errand) {
+        let Said { asked, is_whole, origins, shown, kinds, points, why_shown, notes } = said;
+        self.whole = is_whole.then_some(asked);
+        if is_whole && !errand.is_given_up() {
+            (self.underway, self.facts.doing) = (false, None);
         }
-        let Some(Said { origins, shown, kinds, points, why_shown, notes }) = self.coming.take() else { return };
-        let painted_later = self.paints_later();
         self.origins = origins;
         (self.facts.points, self.facts.shown, self.facts.kinds) = (points, Some(shown), kinds);
         self.facts.why_shown = why_shown;
@@ -139,9 +147,6 @@ impl App {
         // As `render` does; once, however often the files are read.
         notes.iter().filter(|note| !self.facts.notes.contains(note)).for_each(|note| eprintln!("pointillist: note: {note}"));
         self.facts.notes = notes;
-        if painted_later && !self.paints_later() {
-            self.post_scene();
-        }
         if let Err(error) = self.find_strokes() {
             self.trouble(&error);
         }
@@ -149,23 +154,31 @@ impl App {
 
     /// What was opened does not come; what is on the screen stays.
     pub(super) fn not_brought(&mut self, error: &Error) {
-        (self.coming, self.waits, self.facts.doing) = (None, false, None);
+        (self.underway, self.facts.doing) = (false, None);
+        if self.paints_later() && self.whole.as_ref() == Some(&self.asked()) {
+            return self.not_painted(error);
+        }
+        self.trouble(error);
+    }
+
+    /// Strokes that cannot be found, or for which there is no room, are asked for no longer.
+    fn not_painted(&mut self, error: &Error) {
+        self.scene.wishes.effects.strokes.switch = Switch::Off;
         self.trouble(error);
     }
 
     /// Reads files again that are on the screen without strokes that were asked for: finding them takes long, so the cloud is there before.
     fn find_strokes(&mut self) -> Result<()> {
-        let is_there = self.facts.shown.is_some() && !self.waits && self.coming.is_none();
-        if !is_there || !self.paints_later() || self.options.further.strokes {
-            return Ok(());
-        }
-        (self.options.further.strokes, self.waits) = (true, true);
-        self.open()
+        let is_there = self.whole.as_ref() == Some(&self.asked()) && !self.underway;
+        if is_there && self.paints_later() { self.open() } else { Ok(()) }
     }
 
     /// Whether strokes were asked for that the cloud in the picture does not know.
-    pub(super) fn paints_later(&self) -> bool {
-        let knows = self.facts.shown.is_some_and(|shown| shown.further.strokes);
-        self.scene.wishes.effects.strokes.switch == Switch::On && !knows
+    fn paints_later(&self) -> bool {
+        self.wants_strokes() && self.facts.shown.is_none_or(|shown| !shown.further.strokes)
+    }
+
+    fn wants_strokes(&self) -> bool {
+        self.scene.wishes.effects.strokes.switch == Switch::On
     }
 }

@@ -53,10 +53,15 @@ impl App {
             Input::Move { .. } | Input::Release { .. } | Input::Fly { pressed: false, .. } | Input::Drag { .. } | Input::NextMode
         );
         let before = self.navigation.camera;
+        let early = input.is_a_view() && (!self.framed || self.glimpsed == Some(before));
         self.navigation.handle(input);
         if View::new(self.navigation.camera, self.size()).is_err() {
             // Farther or nearer than numbers go.
             self.navigation.camera = before;
+        }
+        if early {
+            self.views.push(input);
+            self.glimpsed = self.framed.then_some(self.navigation.camera);
         }
         if self.navigation.camera != before {
             self.post_scene();

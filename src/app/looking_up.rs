@@ -1,21 +1,17 @@
 //! PICKED POINT -> RECORD: what its file says of it, looked up by a thread, since files are long.
 
-use super::opening::Watch;
 use super::{App, Event};
 use crate::cloud::attribute::STATION_SHIFT;
 use crate::cloud::find::{self, Record, Sought};
 use crate::error::{Error, Result};
 use crate::resident::Point;
 use glam::DVec3;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 impl App {
     /// All that was picked.
     pub(super) fn forget(&mut self) {
         self.facts.measure.points.clear();
-        self.forgotten.store(true, Relaxed);
-        self.forgotten = Arc::new(AtomicBool::new(false));
+        self.looking_up.renew();
     }
 
     pub(super) fn look_up(&mut self, point: &Point) {
@@ -25,8 +21,8 @@ impl App {
             kind: point.kind.map(|kind| [kind as u8, (kind >> 8) as u8 & 15]),
             station: station.map(|station| (station.part, station.source)),
         };
-        let (files, progress, done) = (self.origins.clone(), self.events.clone(), self.events.clone());
-        let watch = Watch::new(self.forgotten.clone(), move |text| drop(progress.send_event(Event::Progress(text))));
+        let (files, done) = (self.origins.clone(), self.events.clone());
+        let watch = self.watch(self.looking_up.clone());
         let work = move || {
             let looked = find::find(&files, &sought, &watch);
             drop(done.send_event(Event::LookedUp(sought.position, looked)));

@@ -11,6 +11,7 @@
 mod boxes;
 pub mod deeds;
 pub mod drawing;
+pub mod errand;
 mod events;
 mod files;
 pub mod flight;
@@ -31,25 +32,24 @@ mod reports;
 pub mod seen;
 pub mod statistics;
 
-use crate::cloud::attribute::Attribute;
 use crate::cloud::find::Record;
 use crate::error::{Error, Result};
-use crate::passes::Switch;
+use crate::index::strokes::Found;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::view::Camera;
 use drawing::{Drawing, Message, Report};
+use errand::Errand;
 use flight::Flight;
 use glam::{DVec2, DVec3};
-use navigation::{Modifiers, Navigation};
-use opening::{Opened, Said};
+use navigation::{Input, Modifiers, Navigation};
+use opening::{Asked, Opened, Watch};
 pub use options::Options;
 use panel::{Facts, Panel};
 use seen::Seen;
 use statistics::{Statistics, Summary};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use winit::event_loop::{EventLoop, EventLoopProxy};
@@ -57,8 +57,8 @@ use winit::window::Window;
 
 /// From the other threads.
 enum Event {
-    Progress(String),
-    Opened(Result<Box<Opened>>),
+    Progress(String, Errand),
+    Opened(Result<Box<Opened>>, Errand),
     /// The record of the point in this place, where there is one.
     LookedUp(DVec3, Result<Option<Record>>),
     Report(Report),
@@ -67,8 +67,7 @@ enum Event {
 }
 
 /// Opens a window, and returns when it is closed, from within or by `progress`.
-pub fn run(mut options: Options, progress: &dyn Progress) -> Result<Summary> {
-    options.further.strokes = false;
+pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
     let no_window = |error| Error::Device(format!("cannot open a window ({error}); `render` needs none"));
     let events = EventLoop::<Event>::with_user_event().build().map_err(no_window)?;
     let interrupted = events.create_proxy();
@@ -77,13 +76,15 @@ pub fn run(mut options: Options, progress: &dyn Progress) -> Result<Summary> {
         navigation: Navigation::new(options.habit, options.size),
         statistics: Statistics::new(options.began),
         events: events.create_proxy(),
-        abandoned: Arc::new(AtomicBool::new(false)),
-        forgotten: Arc::new(AtomicBool::new(false)),
+        opening: Errand::default(),
+        looking_up: Errand::default(),
         openings: Vec::new(),
+        strokes: Arc::default(),
         origins: Vec::new(),
-        coming: None,
         files: options.files.clone(),
         last_opened: None,
+        whole: None,
+        underway: false,
         facts: Facts { path: options.path.clone(), enlarged: options.enlarged, ..Facts::default() },
         titled: String::new(),
         promised: Vec::new(),
@@ -93,9 +94,9 @@ pub fn run(mut options: Options, progress: &dyn Progress) -> Result<Summary> {
         window: None,
         size: options.size,
         drawing: None,
-        waits: false,
         framed: false,
         glimpsed: None,
+        views: Vec::new(),
         seen: None,
         cursor: DVec2::ZERO,
         modifiers: Modifiers::default(),
@@ -126,19 +127,22 @@ struct App {
     drawing: Option<Drawing>,
     navigation: Navigation,
     statistics: Statistics,
-    /// Tells the opening thread that nobody waits for it.
-    abandoned: Arc<AtomicBool>,
-    /// Tells threads that look points up that nobody waits for them.
-    forgotten: Arc<AtomicBool>,
+    /// What the opening thread is at, and those that look points up.
+    opening: Errand,
+    looking_up: Errand,
     openings: Vec<JoinHandle<()>>,
+    /// Those that were found of the files that are open.
+    strokes: Arc<Found>,
     /// The files that the points on the screen are from.
     origins: Vec<PathBuf>,
-    /// What is to be said of the cloud on its way to the device.
-    coming: Option<Said>,
     /// All that are open, or are being opened.
     files: Vec<PathBuf>,
-    /// Those that were, as a whole, and what they were to show.
-    last_opened: Option<(Vec<PathBuf>, Option<Attribute>)>,
+    /// What was, as a whole.
+    last_opened: Option<Asked>,
+    /// What the picture shows, where that is a whole.
+    whole: Option<Asked>,
+    /// What is open is being read, or on its way to the device, and is not in the picture as a whole.
+    underway: bool,
     facts: Facts,
     /// What the window's title says.
     titled: String,
@@ -148,12 +152,12 @@ struct App {
     /// When the panel is to be laid out again by itself.
     laid_out: Option<Instant>,
     scene: Scene,
-    /// For the whole of what is being opened.
-    waits: bool,
     /// Somebody has chosen where to look from.
     framed: bool,
     /// From where a sample of what is being opened is seen, where nobody has chosen that.
     glimpsed: Option<Camera>,
+    /// What hands have chosen of that before the whole is there.
+    views: Vec<Input>,
     seen: Option<Arc<Seen>>,
     cursor: DVec2,
     modifiers: Modifiers,
@@ -183,12 +187,7 @@ impl App {
 
     fn post_scene(&mut self) {
         self.scene.camera = self.navigation.camera;
-        let mut scene = Box::new(self.scene.clone());
-        // Until its strokes are there, a cloud is drawn without.
-        if self.paints_later() {
-            scene.wishes.effects.strokes.switch = Switch::Off;
-        }
-        self.post(Message::Scene { scene, asked: Instant::now() });
+        self.post(Message::Scene { scene: Box::new(self.scene.clone()), asked: Instant::now() });
     }
 
     /// Soon, and once however often it is asked for.
@@ -196,6 +195,12 @@ impl App {
         if let Some(window) = &self.window {
             window.request_redraw();
         }
+    }
+
+    /// Says in the window how far an errand is.
+    fn watch(&self, errand: Errand) -> Watch {
+        let (events, of) = (self.events.clone(), errand.clone());
+        Watch::new(errand, move |text| drop(events.send_event(Event::Progress(text, of.clone()))))
     }
 
     /// Of the window, no side of it zero.

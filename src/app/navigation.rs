@@ -117,6 +117,13 @@ pub enum Input {
     },
 }
 
+impl Input {
+    /// Whether it is a way to see whatever is there.
+    pub fn is_a_view(&self) -> bool {
+        matches!(self, Input::Look { .. } | Input::Project { .. } | Input::OtherProjection)
+    }
+}
+
 /// What there is to look at.
 #[derive(Clone, Debug, Default)]
 pub struct Subject {

@@ -1,16 +1,16 @@
 //! OPENING THREAD: files in, a cloud for the drawing thread out, and on the way how far it is.
 
+use super::errand::Errand;
 use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::counts::Counts;
 use crate::cloud::{ReadOptions, Station, Wanted};
 use crate::error::{Error, Result};
+use crate::index::strokes::Found;
 use crate::progress::Progress;
 use crate::source::{Opening, Prepared, Preview, Source};
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -19,15 +19,20 @@ pub struct Opened {
     pub prepared: Prepared,
     pub subject: Subject,
     pub said: Said,
-    /// Not a sample, before the whole.
-    pub is_whole: bool,
-    /// What was to be opened, and to show.
+}
+
+/// What is to be opened, and to show.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Asked {
     pub files: Vec<PathBuf>,
     pub color: Option<Attribute>,
 }
 
 /// Of a cloud, for the panel and for picks.
 pub struct Said {
+    pub asked: Asked,
+    /// Not a sample, before the whole.
+    pub is_whole: bool,
     /// The files that its points are from.
     pub origins: Vec<PathBuf>,
     pub shown: Shown,
@@ -57,7 +62,7 @@ impl Kinds {
 
 /// Says a few times a second how far something is; stops where nobody waits for it any more.
 pub struct Watch {
-    pub abandoned: Arc<AtomicBool>,
+    pub errand: Errand,
     say: Box<dyn Fn(String) + Send + Sync>,
     said: Mutex<Option<Instant>>,
 }
@@ -65,14 +70,14 @@ pub struct Watch {
 const BETWEEN: Duration = Duration::from_millis(100);
 
 impl Watch {
-    pub fn new(abandoned: Arc<AtomicBool>, say: impl Fn(String) + Send + Sync + 'static) -> Watch {
-        Watch { abandoned, say: Box::new(say), said: Mutex::new(None) }
+    pub fn new(errand: Errand, say: impl Fn(String) + Send + Sync + 'static) -> Watch {
+        Watch { errand, say: Box::new(say), said: Mutex::new(None) }
     }
 }
 
 impl Progress for Watch {
     fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()> {
-        if self.abandoned.load(Relaxed) {
+        if self.errand.is_given_up() {
             return Err(Error::Interrupted);
         }
         let mut said = self.said.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
@@ -85,35 +90,50 @@ impl Progress for Watch {
     }
 }
 
-/// Opens files on a thread of their own. Where `sampled`, of files that have to be indexed first, or take long to be read, a sample comes before.
+/// What of files is there first. Of an index everything is: it has its strokes, or they are found node by node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum First {
+    /// A sample, where they have to be indexed or take long to be read, and then what follows.
+    Sample,
+    /// All points, without their strokes, which take long to be found.
+    Points,
+    /// All that is wanted.
+    All,
+}
+
+/// Opens files on a thread of their own.
 pub fn start(
-    files: Vec<PathBuf>,
+    asked: Asked,
     opening: Opening,
-    asked: Option<Attribute>,
     further: Further,
-    sampled: bool,
+    first: First,
+    found: Arc<Found>,
     watch: Watch,
     opened: impl Fn(Result<Opened>) + Send + 'static,
 ) -> Result<JoinHandle<()>> {
     // People choose while they look.
     let further = Further { kind: true, normal: true, ..further };
-    let shown = asked.map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
-    let opening = Opening { read: ReadOptions { wanted: shown.and(further.wanted()), ..opening.read }, ..opening };
-    let wanted = files.clone();
+    let shown = asked.color.map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
+    let of_files = Further { strokes: further.strokes && first == First::All, ..further };
+    let opening = Opening { read: ReadOptions { wanted: shown.and(of_files.wanted()), ..opening.read }, ..opening };
+    let (files, color) = (asked.files.clone(), asked.color);
     let ready = move |mut source: Source, sample_of: Option<u64>, progress: &dyn Progress| -> Result<Opened> {
-        source.find(asked, progress)?;
-        let (mut shown, why_shown) = source.shown(asked)?;
+        source.find(color, progress)?;
+        let (mut shown, why_shown) = source.shown(color)?;
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
+        let further = if let Source::Index(_) = source { further } else { of_files };
         shown.further = Further { normal: source.has_normals(), light: source.has_light(), ..further };
         // Of a sample, what is odd about it is said once the whole is there.
         let notes = if sample_of.is_none() { source.notes(shown.further) } else { Vec::new() };
-        let said = Said { origins: source.files(), shown, kinds, points: sample_of.unwrap_or(source.points()), why_shown, notes };
-        let prepared = source.prepare(shown, progress)?;
-        Ok(Opened { prepared, subject, said, is_whole: sample_of.is_none(), files: wanted.clone(), color: asked })
+        let (asked, is_whole, points) = (asked.clone(), sample_of.is_none(), sample_of.unwrap_or(source.points()));
+        let said = Said { asked, is_whole, origins: source.files(), shown, kinds, points, why_shown, notes };
+        Ok(Opened { prepared: source.prepare(shown, &found, progress)?, subject, said })
     };
     let work = move || {
         // What is wrong with the files is said once, of the whole.
-        if sampled && let Ok(Some(Preview { source, points })) = Source::preview(&files, &opening, &watch) {
+        if first == First::Sample
+            && let Ok(Some(Preview { source, points })) = Source::preview(&files, &opening, &watch)
+        {
             opened(ready(source, Some(points), &watch));
         }
         opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, None, &watch)));

@@ -19,7 +19,7 @@ impl App {
             Report::Begun => return self.move_on(),
             Report::Drawn(drawn) => return self.drawn(*drawn),
             Report::Counted(points) => (self.facts.drawn, self.facts.at_most) = (points, false),
-            Report::Brought => self.brought(),
+            Report::Brought(said, errand) => self.brought(*said, &errand),
             Report::Picked { point, adds } => self.picked(point, adds),
             Report::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             Report::Profile(profile) => {
@@ -40,7 +40,8 @@ impl App {
             // What goes wrong with every picture is read once.
             Report::Failed(error) if self.facts.put_away.as_ref() == Some(&error.to_string()) => {}
             Report::Failed(error) => self.trouble(&error),
-            Report::NotBrought(error) => self.not_brought(&error),
+            Report::NotBrought(error, errand) if !errand.is_given_up() => self.not_brought(&error),
+            Report::NotBrought(..) => {}
             Report::Ended(error) => {
                 if let Err(error) = self.rebuild(error) {
                     self.ended = Some(error);
@@ -53,7 +54,7 @@ impl App {
 
     pub(super) fn drawn(&mut self, drawn: Drawn) {
         // Nothing more comes, of the cloud or of the picture.
-        let rests = drawn.whole && !self.waits && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
+        let rests = drawn.whole && !self.underway && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
         self.statistics.drawn(&drawn, rests);
         let hands = self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
         self.seen = Some(drawn.seen);

@@ -10,6 +10,8 @@
 use super::morton;
 use crate::cloud::Columns;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
+use crate::error::Result;
+use crate::progress::Progress;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -42,10 +44,13 @@ const GRID_BITS: u32 = 6;
 /// Wider nodes than this many lattice steps do not fit the position planes.
 const MAX_NODE_BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
 
-pub fn organise(columns: &Columns) -> Organised {
+/// Points that are counted or sorted between two looks at whether somebody still waits.
+const AT_ONCE: usize = 1 << 18;
+
+pub fn organise(columns: &Columns, progress: &dyn Progress) -> Result<Organised> {
     let mut organised = Organised::default();
     if columns.is_empty() {
-        return organised;
+        return Ok(organised);
     }
     let bounds = |column: &[i32]| column.par_iter().map(|&v| (v, v)).reduce(|| (i32::MAX, i32::MIN), |a, b| (a.0.min(b.0), a.1.max(b.1)));
     let bounds = [bounds(&columns.x), bounds(&columns.y), bounds(&columns.z)];
@@ -53,12 +58,14 @@ pub fn organise(columns: &Columns) -> Organised {
     let extent = bounds.map(|(lo, hi)| hi as i64 - lo as i64).into_iter().max().unwrap_or(0);
     let bits = 64 - (extent as u64).leading_zeros();
     organised.order = (0..columns.len() as u32).collect();
-    split(columns, &mut organised.order, 0, min, bits, &mut organised.nodes);
-    organised
+    let mut splitting = Splitting { columns, nodes: Vec::new(), progress };
+    splitting.split(&mut organised.order, 0, min, bits)?;
+    organised.nodes = splitting.nodes;
+    Ok(organised)
 }
 
 /// The same, but with nodes that are random samples of the whole part.
-pub fn shuffle(columns: &Columns) -> Organised {
+pub fn shuffle(columns: &Columns, _progress: &dyn Progress) -> Result<Organised> {
     let mut order: Vec<u32> = (0..columns.len() as u32).collect();
     // Fisher and Yates, with a generator of one line (xorshift64, Marsaglia 2003): the bench needs disorder, not quality.
     let mut state = 0x9E37_79B9_7F4A_7C15u64;
@@ -70,45 +77,56 @@ pub fn shuffle(columns: &Columns) -> Organised {
     }
     let limit = POINTS_PER_PAGE as usize;
     let nodes = (0..order.len()).step_by(limit).map(|at| Node { points: at..order.len().min(at + limit) }).collect();
-    Organised { nodes, order, arrangement: Arrangement::Shuffled }
+    Ok(Organised { nodes, order, arrangement: Arrangement::Shuffled })
 }
 
-/// `points` lie in the cube of 2^bits steps at `min`; they start at `first` of the whole order.
-fn split(columns: &Columns, points: &mut [u32], first: usize, min: [i64; 3], bits: u32, nodes: &mut Vec<Node>) {
-    let limit = POINTS_PER_PAGE as usize;
-    if points.len() <= limit && bits <= MAX_NODE_BITS {
-        nodes.push(Node { points: first..first + points.len() });
-        return;
-    }
-    if bits == 0 {
-        nodes.extend((0..points.len()).step_by(limit).map(|at| Node { points: first + at..first + points.len().min(at + limit) }));
-        return;
-    }
-    let levels = bits.min(GRID_BITS);
-    let shift = bits - levels;
-    let cell = |i: u32| {
-        let i = i as usize;
-        let q = [columns.x[i], columns.y[i], columns.z[i]];
-        morton::code([0, 1, 2].map(|axis| ((q[axis] as i64 - min[axis]) >> shift) as u32)) as usize
-    };
-    let starts = sort_by_cell(points, 1 << (3 * levels), cell);
-    cut(&starts, 0..starts.len() - 1, bits, &mut |cells| {
-        let range = starts[cells.start] as usize..starts[cells.end] as usize;
-        if cells.len() > 1 || range.len() <= limit && shift <= MAX_NODE_BITS {
-            nodes.push(Node { points: first + range.start..first + range.end });
-        } else {
+struct Splitting<'s> {
+    columns: &'s Columns,
+    /// Made so far.
+    nodes: Vec<Node>,
+    progress: &'s dyn Progress,
+}
+
+impl Splitting<'_> {
+    /// `points` lie in the cube of 2^bits steps at `min`; they start at `first` of the whole order.
+    fn split(&mut self, points: &mut [u32], first: usize, min: [i64; 3], bits: u32) -> Result<()> {
+        let limit = POINTS_PER_PAGE as usize;
+        if points.len() <= limit && bits <= MAX_NODE_BITS {
+            self.nodes.push(Node { points: first..first + points.len() });
+            return Ok(());
+        }
+        if bits == 0 {
+            self.nodes.extend((0..points.len()).step_by(limit).map(|at| Node { points: first + at..first + points.len().min(at + limit) }));
+            return Ok(());
+        }
+        let levels = bits.min(GRID_BITS);
+        let shift = bits - levels;
+        let columns = self.columns;
+        let cell = |i: u32| {
+            let i = i as usize;
+            let q = [columns.x[i], columns.y[i], columns.z[i]];
+            morton::code([0, 1, 2].map(|axis| ((q[axis] as i64 - min[axis]) >> shift) as u32)) as usize
+        };
+        let look = || self.progress.tick("organising", first as u64, columns.len() as u64);
+        let starts = sort_by_cell(points, 1 << (3 * levels), cell, look)?;
+        cut(&starts, 0..starts.len() - 1, bits, &mut |cells| {
+            let range = starts[cells.start] as usize..starts[cells.end] as usize;
+            if cells.len() > 1 || range.len() <= limit && shift <= MAX_NODE_BITS {
+                self.nodes.push(Node { points: first + range.start..first + range.end });
+                return Ok(());
+            }
             let corner = compact(cells.start as u32).map(|c| (c as i64) << shift);
             let min = [min[0] + corner[0], min[1] + corner[1], min[2] + corner[2]];
-            split(columns, &mut points[range.clone()], first + range.start, min, shift, nodes);
-        }
-    });
+            self.split(&mut points[range.clone()], first + range.start, min, shift)
+        })
+    }
 }
 
 /// The largest kd-cells with at most M points, or single grid cells, that cover the occupied cells of `cells`.
-fn cut(starts: &[u32], cells: Range<usize>, bits: u32, emit: &mut impl FnMut(Range<usize>)) {
+fn cut(starts: &[u32], cells: Range<usize>, bits: u32, emit: &mut impl FnMut(Range<usize>) -> Result<()>) -> Result<()> {
     let count = starts[cells.end] - starts[cells.start];
     if count == 0 {
-        return;
+        return Ok(());
     }
     if cells.len() == 1 || count <= POINTS_PER_PAGE && bits <= MAX_NODE_BITS {
         return emit(cells);
@@ -116,21 +134,29 @@ fn cut(starts: &[u32], cells: Range<usize>, bits: u32, emit: &mut impl FnMut(Ran
     let middle = cells.start + cells.len() / 2;
     // Three halvings make a cube of half the side; the cells between are counted by their longest side.
     let half = if cells.len().trailing_zeros() % 3 == 1 { bits - 1 } else { bits };
-    cut(starts, cells.start..middle, half, emit);
-    cut(starts, middle..cells.end, half, emit);
+    cut(starts, cells.start..middle, half, emit)?;
+    cut(starts, middle..cells.end, half, emit)
 }
 
-/// Counting sort in place (through a copy); returns where each cell starts, and the end.
-fn sort_by_cell(points: &mut [u32], cells: usize, cell: impl Fn(u32) -> usize + Sync) -> Vec<u32> {
+/// Counting sort in place (through a copy); returns where each cell starts, and the end. Ends where `look` says so, with points that are no longer all there.
+fn sort_by_cell(
+    points: &mut [u32],
+    cells: usize,
+    cell: impl Fn(u32) -> usize + Sync,
+    look: impl Fn() -> Result<()> + Sync,
+) -> Result<Vec<u32>> {
     let chunk = points.len().div_ceil(rayon::current_num_threads()).max(1);
     let counts: Vec<Vec<u32>> = points
         .par_chunks(chunk)
         .map(|chunk| {
             let mut counts = vec![0u32; cells];
-            chunk.iter().for_each(|&i| counts[cell(i)] += 1);
-            counts
+            for some in chunk.chunks(AT_ONCE) {
+                look()?;
+                some.iter().for_each(|&i| counts[cell(i)] += 1);
+            }
+            Ok(counts)
         })
-        .collect();
+        .collect::<Result<_>>()?;
     let mut starts = Vec::with_capacity(cells + 1);
     let mut next = counts;
     let mut sum = 0u32;
@@ -143,15 +169,19 @@ fn sort_by_cell(points: &mut [u32], cells: usize, cell: impl Fn(u32) -> usize + 
     starts.push(sum);
     // Relaxed atomics cost as much as plain stores, and let both threads write one array without unsafe code; no slot is written twice.
     let sorted: Vec<AtomicU32> = (0..points.len()).map(|_| AtomicU32::new(0)).collect();
-    points.par_chunks(chunk).zip(&mut next).for_each(|(chunk, next)| {
-        for &i in chunk {
-            let slot = &mut next[cell(i)];
-            sorted[*slot as usize].store(i, Relaxed);
-            *slot += 1;
+    points.par_chunks(chunk).zip(&mut next).try_for_each(|(chunk, next)| {
+        for some in chunk.chunks(AT_ONCE) {
+            look()?;
+            for &i in some {
+                let slot = &mut next[cell(i)];
+                sorted[*slot as usize].store(i, Relaxed);
+                *slot += 1;
+            }
         }
-    });
+        Ok(())
+    })?;
     points.par_iter_mut().zip(&sorted).for_each(|(point, sorted)| *point = sorted.load(Relaxed));
-    starts
+    Ok(starts)
 }
 
 /// The three numbers of a Morton code.
@@ -162,10 +192,12 @@ fn compact(code: u32) -> [u32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::Error;
+    use crate::progress::Silent;
     use proptest::prelude::*;
 
     fn check(columns: &Columns) -> Organised {
-        let organised = organise(columns);
+        let organised = organise(columns, &Silent).unwrap();
         let mut seen = organised.order.clone();
         seen.sort_unstable();
         assert_eq!(seen, (0..columns.len() as u32).collect::<Vec<_>>(), "every point exactly once");
@@ -215,5 +247,26 @@ mod tests {
     fn nodes_of_the_whole_int32_range_are_split_until_they_fit_their_planes() {
         let far = [i32::MIN, i32::MAX];
         check(&columns((0..8).map(|corner| [far[corner & 1], far[corner >> 1 & 1], far[corner >> 2]]).collect()));
+    }
+
+    /// Looks until nobody waits any more.
+    struct Looks {
+        left: AtomicU32,
+    }
+
+    impl Progress for Looks {
+        fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
+            let left = self.left.fetch_sub(1, Relaxed);
+            if left == 0 { Err(Error::Interrupted) } else { Ok(()) }
+        }
+    }
+
+    #[test]
+    fn a_large_part_is_given_up_at_any_of_many_looks() {
+        let part = columns((0..1 << 20).map(|i| [i % 1024, i / 1024, i % 7]).collect());
+        for looks in 0..6 {
+            let looks = Looks { left: AtomicU32::new(looks) };
+            assert!(matches!(organise(&part, &looks), Err(Error::Interrupted)));
+        }
     }
 }

@@ -17,9 +17,11 @@ use crate::cloud::{Columns, Lattice, octahedral};
 use crate::config::BITS_PER_PLANE;
 use crate::error::Result;
 use crate::progress::{Progress, Silent};
+use blake3::{Hash, Hasher};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 /// No radius of a lonely point is larger than that of all but this share of the points: a bird far from everything is no barn door (HARD_CASES 21).
 const LONELY: f64 = 0.01;
@@ -38,6 +40,62 @@ pub struct Stroke {
     /// None where the neighbours determine no plane.
     pub plane: Option<Plane>,
     pub cluster: Cluster,
+}
+
+/// What was found of parts, kept for as long as they are: who shows other colours of them, or others beside them, need not find it again.
+#[derive(Default)]
+pub struct Found(Mutex<Vec<Kept>>);
+
+struct Kept {
+    key: Hash,
+    words: Arc<Vec<[u32; 2]>>,
+    /// By the cloud that asks now.
+    wanted: bool,
+}
+
+/// Of all that the words of a part depend on: where its points are, and their colours.
+fn key(columns: &Columns, lattice: &Lattice) -> Hash {
+    let mut hasher = Hasher::new();
+    let places = [lattice.step, lattice.offset].map(|place| place.to_array());
+    hasher.update(bytemuck::bytes_of(&places)).update(&columns.len().to_le_bytes());
+    for column in [&columns.x, &columns.y, &columns.z] {
+        hasher.update(bytemuck::cast_slice(column));
+    }
+    if let Some(colors) = &columns.rgb {
+        hasher.update(bytemuck::cast_slice(colors));
+    }
+    hasher.finalize()
+}
+
+impl Found {
+    /// The words of every point, in the order of the columns.
+    pub fn of(&self, columns: &Columns, lattice: &Lattice, progress: &dyn Progress) -> Result<Arc<Vec<[u32; 2]>>> {
+        let key = key(columns, lattice);
+        if let Some(kept) = self.all().iter_mut().find(|kept| kept.key == key) {
+            kept.wanted = true;
+            return Ok(kept.words.clone());
+        }
+        let words = Arc::new(words(columns, lattice, progress)?);
+        self.all().push(Kept { key, words: words.clone(), wanted: true });
+        Ok(words)
+    }
+
+    /// Forgets what was not asked for since this was said last.
+    pub fn keep_wanted(&self) {
+        let mut all = self.all();
+        all.retain(|kept| kept.wanted);
+        all.iter_mut().for_each(|kept| kept.wanted = false);
+    }
+
+    fn all(&self) -> MutexGuard<'_, Vec<Kept>> {
+        self.0.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+}
+
+/// The words of every point, in the order of the columns.
+pub fn words(columns: &Columns, lattice: &Lattice, progress: &dyn Progress) -> Result<Vec<[u32; 2]>> {
+    let found = strokes(columns, lattice, progress)?;
+    Ok(found.par_iter().enumerate().map(|(i, stroke)| stroke.words([columns.x[i], columns.y[i], columns.z[i]])).collect())
 }
 
 /// Of every point, in the order of the columns.
@@ -213,4 +271,32 @@ fn scatter(at: [i32; 3], facing: u32) -> u32 {
     h = (h ^ h >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     h = (h ^ h >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
     (h ^ h >> 31) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_found_is_found_again_until_the_points_or_nobody_asks_for_them() {
+        let columns = |moved: i32| Columns {
+            x: (0..5000).map(|i| i % 71).collect(),
+            y: (0..5000).map(|i| i / 71).collect(),
+            z: (0..5000).map(|i| if i == 2500 { moved } else { 0 }).collect(),
+            rgb: Some(vec![[9, 9, 9]; 5000]),
+            ..Columns::default()
+        };
+        let lattice = Lattice { step: DVec3::splat(0.01), offset: DVec3::ZERO };
+        let found = Found::default();
+        let of = |columns: &Columns| found.of(columns, &lattice, &Silent).unwrap();
+        let (here, other) = (of(&columns(0)), of(&columns(3)));
+        assert!(*here == words(&columns(0), &lattice, &Silent).unwrap() && here != other);
+        assert!(Arc::ptr_eq(&here, &of(&columns(0))));
+        let repainted = Columns { rgb: Some(vec![[200, 9, 9]; 5000]), ..columns(0) };
+        assert!(!Arc::ptr_eq(&here, &of(&repainted)));
+        found.keep_wanted();
+        of(&columns(0));
+        found.keep_wanted();
+        assert!(Arc::ptr_eq(&here, &of(&columns(0))) && !Arc::ptr_eq(&other, &of(&columns(3))));
+    }
 }

@@ -16,16 +16,17 @@ use crate::graph::Gpu;
 use crate::index::axes::Axes;
 use crate::index::exposure::{self, Balance};
 use crate::index::pack::{self, Frame};
-use crate::index::strokes::{self, Stroke};
+use crate::index::strokes::{self, Found};
 use crate::index::{self, Organised};
 use crate::opacity::Opacities;
-use crate::progress::Progress;
+use crate::progress::{self, Progress};
 use rayon::prelude::*;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// How the points of a part are put into nodes.
-pub type Organise = fn(&Columns) -> Organised;
+pub type Organise = fn(&Columns, &dyn Progress) -> Result<Organised>;
 
 /// A cloud on its way to the device.
 pub struct Filling {
@@ -35,6 +36,8 @@ pub struct Filling {
     balance: Option<Balance>,
     axes: Axes,
     points: u64,
+    /// Strokes that were found before, where somebody keeps them.
+    found: Option<Arc<Found>>,
     /// Parts that are not organised yet, with their numbers.
     parts: VecDeque<(usize, Part)>,
     organised: VecDeque<Ready>,
@@ -52,13 +55,13 @@ struct Ready {
     organised: Organised,
     /// With the station of the points of each node, where it is one.
     framed: Vec<(Frame, Option<u32>)>,
-    strokes: Vec<Stroke>,
+    strokes: Arc<Vec<[u32; 2]>>,
     /// Nodes that have pages.
     written: usize,
 }
 
 impl Filling {
-    pub fn new(cloud: Cloud, shown: Shown) -> Filling {
+    pub fn new(cloud: Cloud, shown: Shown, found: Option<Arc<Found>>) -> Filling {
         let (balance, points) = (if shown.coded { exposure::balance(&cloud) } else { None }, cloud.len());
         let counts = shown.further.kind.then(|| Counts::of(cloud.parts.iter().map(|part| &part.columns)));
         let axes = if shown.further.strokes { index::axes::of(&cloud.parts) } else { Axes::default() };
@@ -71,6 +74,7 @@ impl Filling {
             balance,
             axes,
             points,
+            found,
             parts,
             organised: VecDeque::new(),
             organised_nodes: 0,
@@ -85,9 +89,14 @@ impl Filling {
 
     /// One more part; false where there is none.
     pub fn organise(&mut self, organise: Organise, progress: &dyn Progress) -> Result<bool> {
-        let Some((number, part)) = self.parts.pop_front() else { return Ok(false) };
-        progress.tick("organising", self.organised_points, self.points)?;
-        let organised = organise(&part.columns);
+        let Some((number, part)) = self.parts.pop_front() else {
+            if let Some(found) = self.found.as_ref().filter(|_| self.shown.further.strokes) {
+                found.keep_wanted();
+            }
+            return Ok(false);
+        };
+        let before = self.organised_points;
+        let organised = organise(&part.columns, &self.half(progress))?;
         self.organised_nodes += organised.nodes.len() as u64;
         self.organised_points += organised.order.len() as u64;
         if self.organised_nodes > MOST_NODES {
@@ -96,7 +105,12 @@ impl Filling {
         // Stations are listed part by part.
         let first_station = self.stations.partition_point(|station| station.part < number);
         let stations = self.stations[first_station..self.stations.partition_point(|station| station.part <= number)].to_vec();
-        let strokes = if self.shown.further.strokes { strokes::strokes(&part.columns, &part.lattice, progress)? } else { Vec::new() };
+        let painting = progress::Part { progress, done: before, total: self.points };
+        let strokes = match &self.found {
+            _ if !self.shown.further.strokes => Arc::default(),
+            Some(found) => found.of(&part.columns, &part.lattice, &painting)?,
+            None => Arc::new(strokes::words(&part.columns, &part.lattice, &painting)?),
+        };
         let one_station = |order: &[u32]| match (&stations[..], &part.columns.source) {
             ([_], _) => Some(first_station as u32),
             (_, Some(column)) => {
@@ -115,12 +129,18 @@ impl Filling {
     /// Pages of so many nodes at most, of the parts that are organised; whether some are left.
     pub fn write(&mut self, gpu: &mut Gpu, most: usize, progress: &dyn Progress) -> Result<bool> {
         let Some(mut ready) = self.organised.pop_front() else { return Ok(false) };
-        let total = self.points;
-        let written = ready.write(self.resident(gpu), gpu, most, total, progress);
+        let half = progress::Part { progress, done: self.organised_points, total: 2 * self.points };
+        let written = ready.write(self.resident(gpu), gpu, most, &half);
         if ready.written < ready.organised.nodes.len() {
             self.organised.push_front(ready);
         }
         written.map(|()| !self.organised.is_empty())
+    }
+
+    /// Every point is organised, and every one is written: in both halves together that is how far it is.
+    fn half<'p>(&self, progress: &'p dyn Progress) -> progress::Part<'p> {
+        let written = self.resident.as_ref().map_or(0, |resident| resident.points);
+        progress::Part { progress, done: self.organised_points + written, total: 2 * self.points }
     }
 
     fn resident(&mut self, gpu: &mut Gpu) -> &mut Resident {
@@ -158,7 +178,7 @@ impl Filling {
 }
 
 impl Ready {
-    fn write(&mut self, resident: &mut Resident, gpu: &mut Gpu, most: usize, total: u64, progress: &dyn Progress) -> Result<()> {
+    fn write(&mut self, resident: &mut Resident, gpu: &mut Gpu, most: usize, progress: &dyn Progress) -> Result<()> {
         let Ready { part, first_station, stations, organised, framed, strokes, written } = self;
         let (shown, first) = (resident.shown, resident.nodes.len());
         let nodes = *written..written.saturating_add(most).min(organised.nodes.len());
@@ -181,15 +201,14 @@ impl Ready {
             let words = |i| {
                 let mut words = shown.words_of(part, stations, *first_station, i);
                 if let Some(place) = shown.strokes() {
-                    let columns = &part.columns;
-                    words[place as usize..][..2].copy_from_slice(&strokes[i].words([columns.x[i], columns.y[i], columns.z[i]]));
+                    words[place as usize..][..2].copy_from_slice(&strokes[i]);
                 }
                 words
             };
             let spacing = pack::pack(&part.columns, &node.frame, order, organised.arrangement, words, &mut pages);
             node.spacing = in_metres(spacing, &node.lattice, &node.frame);
             let done = done.fetch_add(order.len() as u64, Relaxed);
-            progress.tick("organising", done, total)
+            progress.tick("organising", done, 0)
         })?;
         resident.points = done.into_inner();
         Ok(())

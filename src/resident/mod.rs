@@ -167,7 +167,7 @@ impl Resident {
 
     /// The same with another way of organising than the Morton order; for benchmarks.
     pub fn arrange(gpu: &mut Gpu, cloud: Cloud, shown: Shown, organise: Organise, progress: &dyn Progress) -> Result<Resident> {
-        let mut filling = Filling::new(cloud, shown);
+        let mut filling = Filling::new(cloud, shown, None);
         let mut fill = || {
             while filling.organise(organise, progress)? {
                 filling.write(gpu, usize::MAX, progress)?;

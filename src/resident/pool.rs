@@ -115,12 +115,18 @@ impl Pool {
         self.ring.as_mut().map_or(Ok(true), |ring| ring.open(gpu, first, count))
     }
 
+    /// Where an open run is written to: which buffer of those that are, and from which page of it on.
+    fn place(&self, first: u32) -> (usize, u32) {
+        match &self.ring {
+            Some(ring) => (0, ring.place(first)),
+            None => ((first / PAGES_PER_BLOCK) as usize, first % PAGES_PER_BLOCK),
+        }
+    }
+
     /// An open run for another thread to write.
     pub fn window(&self, first: u32, count: u32) -> Window {
-        let (memory, page) = match &self.ring {
-            Some(ring) => ring.place(first),
-            None => (&self.blocks[(first / PAGES_PER_BLOCK) as usize], first % PAGES_PER_BLOCK),
-        };
+        let (block, page) = self.place(first);
+        let memory = &self.ring.as_ref().map_or(&self.blocks[..], Ring::memory)[block];
         let at = PAGE_BYTES * page as u64;
         memory.window(at..at + PAGE_BYTES * count as u64, &self.alive)
     }
@@ -156,16 +162,18 @@ impl Pool {
                 opened.extend(runs.next());
             }
             let firsts: Vec<u32> = opened.iter().map(|(first, ..)| *first).collect();
-            let places: Vec<u32> = firsts.iter().map(|&first| self.ring.as_ref().map_or(first, |ring| ring.place(first).1)).collect();
-            // Disjoint mutable pages for every run, so that they are written in parallel straight into mapped memory.
+            let places: Vec<(usize, u32)> = firsts.iter().map(|&first| self.place(first)).collect();
             let memory: &mut [RawBuffer] = self.ring.as_mut().map_or(&mut self.blocks, Ring::memory_mut);
-            let split = |block| bytemuck::cast_slice_mut::<u8, u32>(RawBuffer::bytes_mut(block)).chunks_exact_mut(POINTS_PER_PAGE as usize);
-            let mut pages: Vec<Option<&mut [u32]>> = memory.iter_mut().flat_map(|block| split(block).map(Some)).collect();
-            let mut take = |page: u32| pages[page as usize].take().expect("a page belongs to one plane of one node");
-            let jobs: Vec<_> = (opened.into_iter().zip(places))
-                .map(|((_, count, job), place)| (job, (place..place + count).map(&mut take).collect::<Vec<_>>()))
-                .collect();
-            let written = jobs.into_par_iter().try_for_each(|(job, pages)| write(job, pages));
+            let mut placed: Vec<_> = opened.into_iter().zip(places).map(|((_, count, job), place)| (place, count, job)).collect();
+            placed.sort_unstable_by_key(|(place, ..)| *place);
+            let runs = cut_out(
+                memory,
+                |block| bytemuck::cast_slice_mut(block.bytes_mut()),
+                placed.iter().map(|&(place, count, _)| (place, count)),
+            );
+            let jobs: Vec<_> = placed.into_iter().zip(runs).map(|((.., job), run)| (job, run)).collect();
+            let written =
+                jobs.into_par_iter().try_for_each(|(job, run)| write(job, run.chunks_exact_mut(POINTS_PER_PAGE as usize).collect()));
             firsts.into_iter().for_each(|first| self.close(first, written.is_ok()));
             written?;
             self.land(gpu)?;
@@ -230,6 +238,28 @@ impl Pool {
     }
 }
 
+/// The words of runs of pages, each told by its block and the first of its pages there, in that order: disjoint, so that runs are written in parallel straight into mapped memory. Takes as long as there are
+/// runs, however many blocks there are.
+fn cut_out<'m, B>(
+    blocks: &'m mut [B],
+    words: impl Fn(&'m mut B) -> &'m mut [u32],
+    runs: impl Iterator<Item = ((usize, u32), u32)>,
+) -> Vec<&'m mut [u32]> {
+    let mut blocks = blocks.iter_mut();
+    let (mut next, mut page, mut left): (usize, u32, &mut [u32]) = (0, 0, &mut []);
+    let many = |pages: u32| pages as usize * POINTS_PER_PAGE as usize;
+    runs.map(|((block, first), count)| {
+        if block >= next {
+            left = words(blocks.nth(block - next).expect("a page has memory"));
+            (next, page) = (block + 1, 0);
+        }
+        let (run, after) = std::mem::take(&mut left)[many(first - page)..].split_at_mut(many(count));
+        (page, left) = (first + count, after);
+        run
+    })
+    .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -255,6 +285,20 @@ mod tests {
                 runs.extend(expected.map(|first| (first, count)));
                 prop_assert_eq!(pages.used, runs.iter().map(|run| run.1).sum::<u32>());
             }
+        }
+    }
+
+    #[test]
+    fn runs_are_cut_out_of_their_blocks_where_they_lie() {
+        const PAGE: usize = POINTS_PER_PAGE as usize;
+        // Every word its page.
+        let block = |block: u32| (0..4 * PAGE).map(|word| 4 * block + (word / PAGE) as u32).collect::<Vec<u32>>();
+        let mut blocks: Vec<Vec<u32>> = (0..5).map(block).collect();
+        let runs = [((0, 1), 1), ((0, 2), 2), ((3, 0), 1), ((3, 3), 1), ((4, 0), 4)];
+        let found = cut_out(&mut blocks, |block| &mut block[..], runs.into_iter());
+        for (((block, first), count), words) in runs.into_iter().zip(found) {
+            assert_eq!(words.len(), count as usize * PAGE);
+            assert!(words.iter().enumerate().all(|(word, &page)| page == 4 * block as u32 + first + (word / PAGE) as u32));
         }
     }
 }

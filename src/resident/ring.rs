@@ -61,9 +61,14 @@ impl Ring {
         Ok(slot.is_some())
     }
 
-    /// Where an open run is written to: the memory, and the first of its slots.
-    pub fn place(&self, page: u32) -> (&RawBuffer, u32) {
-        (&self.memory[0], self.open[&page].slot)
+    /// The first slot of an open run.
+    pub fn place(&self, page: u32) -> u32 {
+        self.open[&page].slot
+    }
+
+    /// Of the slots; one buffer.
+    pub fn memory(&self) -> &[RawBuffer] {
+        &self.memory
     }
 
     pub fn memory_mut(&mut self) -> &mut [RawBuffer] {

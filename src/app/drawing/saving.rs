@@ -49,13 +49,13 @@ impl Saving {
 
 impl Thread {
     pub(super) fn save(&mut self, path: PathBuf, size: [u32; 2], layers: bool) -> Result<()> {
-        let (Some(scene), Some(_)) = (&self.scene, &self.cloud) else {
+        let (Some(scene), Some(cloud)) = (&self.scene, &self.cloud) else {
             (self.report)(Report::NotSaved(path, Error::Request("nothing is in the window yet; ask again when something is".into())));
             return Ok(());
         };
         let wanted = tiled::Wanted {
             view: View::new(scene.camera, size)?,
-            wishes: scene.wishes.clone(),
+            wishes: super::wishes(scene, cloud.resident()),
             fineness: scene.fineness,
             piece: None,
             tile: Some(TILE),
