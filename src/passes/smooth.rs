@@ -1,10 +1,11 @@
 //! Smoothing: depth and colour in, the weighted means of their 3 x 3 out (Dobrev, Rosenthal and Linsen 2010, sec. 3.4).
 //!
-//! Filling by the nearest neighbour leaves patches of one depth and colour; this takes the steps between them away. Background neither gives nor takes, so that silhouettes stay.
+//! Filling by the nearest neighbour leaves patches of one depth and colour; this takes the steps between them away. They lie where the depth of what was projected jumps: in gaps, and at what shows through. What was
+//! measured stays as it is where all around it was. Background neither gives nor takes, so that outlines stay.
 
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill};
 use crate::graph::{Graph, Kind, Tiles};
-use crate::shader::{self, smooth::Push};
+use crate::shader::{self, smooth::Push, smooth::Spec};
 use crate::view::View;
 
 pub const SUMMARY: &str = "takes away steps between pixels of one surface: means of depth and colour over 3 x 3";
@@ -14,6 +15,19 @@ pub struct Settings {
     pub filter: Filter,
     /// How often.
     pub iterations: f64,
+    /// Which pixels.
+    pub pixels: Pixels,
+}
+
+/// What is smoothed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Pixels {
+    /// Those that were filled, and those beside them.
+    #[default]
+    Filled,
+    /// Measured ones, too, as in the paper.
+    All,
 }
 
 /// Weights of the pixel itself, of its four sides and of its corners.
@@ -41,7 +55,7 @@ impl Filter {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { filter: Filter::Alleviated, iterations: 1.0 }
+        Settings { filter: Filter::Alleviated, iterations: 1.0, pixels: Pixels::Filled }
     }
 }
 
@@ -50,6 +64,7 @@ impl super::Settings for Settings {
         vec![
             Setting { name: "filter", about: "weights: 16 2 1, 4 2 1 or 1 1 1 of the pixel, sides and corners", value: Value::Choice(&mut self.filter) },
             Setting { name: "iterations", about: "how often", value: Value::Number(&mut self.iterations, 1.0..=64.0) },
+            Setting { name: "pixels", about: "filled: these and those beside them; all: the others, too", value: Value::Choice(&mut self.pixels) },
         ]
     }
 
@@ -67,7 +82,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     let (runs, why) = match (before.runs("fill"), asked.fill.settings.method) {
         (false, _) => (false, "points are not smoothed, and no surface was filled"),
-        (true, fill::Method::Dobrev) => (true, "filling from the nearest neighbour leaves patches of one depth and colour"),
+        (true, fill::Method::Dobrev) => (true, "filling from the nearest neighbour leaves patches of one depth and colour; where none were filled, pixels stay as they were measured"),
         (true, _) => (false, "filling leaves no patches of one depth and colour, and details stay as they are"),
     };
     Reason { runs, why: why.to_string() }
@@ -75,16 +90,14 @@ pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let size = scene.view.size;
-    let push = Push { size, weights: settings.filter.weights() };
-    let Layers { mut depth, mut color, .. } = layers;
+    let (push, spec) = (Push { size, weights: settings.filter.weights() }, Spec { all: settings.pixels == Pixels::All });
+    let Layers { raw, mut depth, mut color, .. } = layers;
     for _ in 0..settings.iterations as u32 {
         let mut smooth_depth = g.image("smooth depth", size, Kind::R32f);
         let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
-        g.run(
-            shader::Smooth { depth: &depth, color: &color, smooth_depth: &mut smooth_depth, smooth_color: &mut smooth_color, push },
-            Tiles::All,
-        );
+        let to = (&mut smooth_depth, &mut smooth_color);
+        g.run(shader::Smooth { raw: &raw, depth: &depth, color: &color, smooth_depth: to.0, smooth_color: to.1, push, spec }, Tiles::All);
         (depth, color) = (smooth_depth, smooth_color);
     }
-    Layers { depth, color, ..layers }
+    Layers { raw, depth, color, ..layers }
 }

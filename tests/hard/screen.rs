@@ -68,7 +68,8 @@ fn hard_26_small_filters() {
                 for missing in [0, 3] {
                     let keys: Vec<_> =
                         (0..65 * 33).map(|_| if random.bits() % 8 < missing { [NO_POINT; 2] } else { [5, z.to_bits()] }).collect();
-                    let surface = canvas.draw(&views(size)[1], &keys, &effects(&[&format!("smooth=on,filter={filter},iterations=5")]));
+                    let surface =
+                        canvas.draw(&views(size)[1], &keys, &effects(&[&format!("smooth=on,filter={filter},iterations=5,pixels=all")]));
                     assert!(surface.smoothed == surface.raw, "{filter} at {z}");
                 }
             }
@@ -95,7 +96,7 @@ fn hard_00_light_and_filters_leave_nothing_that_is_no_number() {
                         ["fill=on,method=dobrev", "smooth=on", "phong=on", "antialias=on"],
                         [
                             "fill=on,method=dobrev,layer=1e9",
-                            "smooth=on,filter=box,iterations=4",
+                            "smooth=on,filter=box,iterations=4,pixels=all",
                             "phong=on,radius=7",
                             "antialias=on,laplacian=depth",
                         ],
