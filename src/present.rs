@@ -75,6 +75,10 @@ pub struct Present {
     swapchains: khr::swapchain::Device,
     surface: vk::SurfaceKHR,
     format: vk::SurfaceFormatKHR,
+    /// The system has said that it has taken it away.
+    lost: bool,
+    /// Pictures until it is treated as if it had.
+    lost_after: Option<u64>,
     swapchain: Option<Swapchain>,
     slots: Vec<Slot>,
     next: usize,
@@ -97,6 +101,8 @@ impl Present {
             format: vk::SurfaceFormatKHR::default(),
             surfaces,
             surface,
+            lost: false,
+            lost_after: gpu.surface_lost_after,
             swapchain: None,
             slots: Vec::new(),
             next: 0,
@@ -119,7 +125,7 @@ impl Present {
     /// Makes the swapchain fit the window, whose size the system has told, where it does not. False where there is nothing to see, as of a minimised window or one that is gone.
     pub fn fit(&mut self, gpu: &mut Gpu, [width, height]: [u32; 2]) -> Result<bool> {
         let mut asked = self.capabilities(gpu);
-        if matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {
+        if self.lost || matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {
             self.renew(gpu)?;
             asked = self.capabilities(gpu);
             if matches!(asked, Err(vk::Result::ERROR_SURFACE_LOST_KHR)) {
@@ -195,10 +201,15 @@ impl Present {
     pub fn show(&mut self, gpu: &Gpu) -> Result<bool> {
         let Some(swapchain) = &mut self.swapchain else { return Ok(false) };
         let slot = &self.slots[self.next];
+        self.lost = self.lost || self.lost_after == Some(0);
+        self.lost_after = self.lost_after.and_then(|pictures| pictures.checked_sub(1));
         // SAFETY: the fence is alive and raised, or will be. The semaphore is waited for by nobody, as the slot's last submission is done.
         let acquired = unsafe {
             self.device.wait_for_fences(&[slot.done], true, u64::MAX).map_err(failed("vkWaitForFences"))?;
-            self.swapchains.acquire_next_image(swapchain.raw, PATIENCE_NS, slot.acquired, vk::Fence::null())
+            match self.lost {
+                true => Err(vk::Result::ERROR_SURFACE_LOST_KHR),
+                false => self.swapchains.acquire_next_image(swapchain.raw, PATIENCE_NS, slot.acquired, vk::Fence::null()),
+            }
         };
         let at = match acquired {
             Ok((at, suboptimal)) => {
@@ -206,8 +217,9 @@ impl Present {
                 at
             }
             Err(vk::Result::TIMEOUT | vk::Result::NOT_READY) => return Ok(false),
-            Err(vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR) => {
+            Err(code @ (vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR)) => {
                 swapchain.stale = true;
+                self.lost = code == vk::Result::ERROR_SURFACE_LOST_KHR;
                 return Ok(false);
             }
             Err(code) => return Err(failed("vkAcquireNextImageKHR")(code)),
@@ -239,7 +251,10 @@ impl Present {
         self.next = (self.next + 1) % self.slots.len();
         match presented {
             Ok(suboptimal) => swapchain.stale |= suboptimal,
-            Err(vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR) => swapchain.stale = true,
+            Err(code @ (vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR)) => {
+                swapchain.stale = true;
+                self.lost = code == vk::Result::ERROR_SURFACE_LOST_KHR;
+            }
             Err(code) => return Err(failed("vkQueuePresentKHR")(code)),
         }
         gpu.device.objections()?;
@@ -289,6 +304,7 @@ impl Present {
         self.surface = vk::SurfaceKHR::null();
         self.surface = self.display.surface(&gpu.device, &self.window)?;
         self.format = self.format(&gpu.device)?;
+        self.lost = false;
         Ok(())
     }
 

@@ -3,6 +3,7 @@
 mod display;
 mod support;
 
+use display::desktop::Desktop;
 use display::drop::drop_file;
 use display::place::Place;
 use display::{SIZE, Viewer};
@@ -332,6 +333,59 @@ fn on_a_fine_monitor_the_panel_is_as_large_as_hands_need_it_and_points_lie_under
     place.saved(&mut viewer, "F8", "pointillist-1.json");
     picks(&place, &mut viewer, &cloud, size, [0, 0], 1);
     viewer.close();
+}
+
+#[test]
+fn on_its_way_to_a_finer_monitor_and_back_the_window_is_as_large_to_the_eye_and_its_panel_too() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let [once, twice] = [1, 2].map(|scale| {
+        let size = SIZE.map(|side| scale * side);
+        place.picture(&[&cloud], &format!("{scale}.png"), &format!("--view top --size {}x{}", size[0], size[1]))
+    });
+    let mut desktop = Desktop::of(&place.display);
+    let mut viewer = place.view(&[&cloud], "--view top");
+    viewer.shows(&once);
+    let panel = |viewer: &mut Viewer| {
+        viewer.key("n");
+        let mut reaches = 0;
+        viewer.until("panel", |viewer| {
+            let seen = viewer.photograph();
+            let width = seen.size[0] as usize;
+            let row = &seen.pixels[width * (seen.size[1] as usize / 2)..][..width];
+            reaches = row.iter().rposition(|pixel| *pixel == [27; 3]).unwrap_or(0);
+            reaches > 0
+        });
+        viewer.key("n");
+        reaches
+    };
+    let narrow = panel(&mut viewer);
+    desktop.dots_per_inch(192);
+    viewer.shows(&twice);
+    let wide = panel(&mut viewer);
+    assert!((3 * narrow / 2..5 * narrow / 2).contains(&wide), "{narrow} and {wide} pixels");
+    place.saved(&mut viewer, "F8", "pointillist-1.json");
+    picks(&place, &mut viewer, &cloud, SIZE.map(|side| 2 * side), [0, 0], 1);
+    desktop.dots_per_inch(96);
+    place.display.xdotool("key Delete");
+    viewer.shows(&once);
+    viewer.close();
+}
+
+#[test]
+fn after_a_lost_surface_the_window_shows_what_it_did() {
+    let place = Place::new();
+    let cloud = place.street(60_000);
+    let [top, front] = ["top", "front"].map(|view| place.picture(&[&cloud], &format!("{view}.png"), &format!("--view {view}")));
+    for pictures in [0, 1, 12] {
+        let mut viewer = place.view(&[&cloud], &format!("--view top --lose-surface {pictures}"));
+        for (key, picture) in [("7", &top), ("1", &front), ("7", &top), ("1", &front)] {
+            viewer.key(key);
+            viewer.shows(picture);
+        }
+        viewer.rests();
+        viewer.close();
+    }
 }
 
 #[test]

@@ -63,7 +63,7 @@ impl App {
         self.promised.clear();
         // Nothing is on the screen, as at the start.
         (self.whole, self.seen, self.facts.shown, self.facts.loading) = (None, None, None, None);
-        self.options.wish.lost_after = None;
+        (self.options.wish.lost_after, self.options.wish.surface_lost_after) = (None, None);
         self.draw_in(window)?;
         self.trouble(&Error::Device(format!("{error}; the device was opened again, and the files are read again")));
         Ok(())

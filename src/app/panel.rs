@@ -153,6 +153,10 @@ impl Panel {
     }
 
     pub fn hear(&mut self, window: &Window, event: &WindowEvent) -> Heard {
+        if let WindowEvent::ScaleFactorChanged { scale_factor, .. } = event {
+            // Some systems say so before their windows know of it, which egui asks.
+            self.input.egui_ctx().set_zoom_factor((scale_factor / window.scale_factor()) as f32);
+        }
         let response = self.input.on_window_event(window, event);
         let taken = match event {
             WindowEvent::CursorMoved { position, .. } => {

@@ -48,6 +48,9 @@ pub struct Arguments {
     /// Treat the device as lost after so many submissions; for tests
     #[arg(long, hide = true, value_name = "SUBMISSIONS")]
     pub lose_device: Option<u64>,
+    /// Treat the window's surface as lost after so many pictures; for tests
+    #[arg(long, hide = true, value_name = "PICTURES")]
+    pub lose_surface: Option<u64>,
     /// Let the reading of an index go wrong at a node: panic:N, hang:N, end:N; for tests
     #[arg(long, hide = true, value_name = "FAULT")]
     pub fail_reading: Option<Fault>,
@@ -92,7 +95,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         size: picture.size.0,
         habit: arguments.navigation,
         enlarged: arguments.save_size,
-        wish: Wish { lost_after: arguments.lose_device, ..arguments.device.wish() },
+        wish: Wish { lost_after: arguments.lose_device, surface_lost_after: arguments.lose_surface, ..arguments.device.wish() },
         pool_bytes: picture.detail.pool_bytes(),
         path: arguments.path.as_deref().map(CameraPath::read).transpose()?.unwrap_or_default(),
         flight: arguments.flight.map(|seconds| Duration::from_secs(seconds as u64)),

@@ -189,6 +189,8 @@ pub struct Gpu {
     pub submitted: u64,
     /// As [`crate::gpu::Wish::lost_after`].
     pub(crate) lost_after: Option<u64>,
+    /// As [`crate::gpu::Wish::surface_lost_after`].
+    pub(crate) surface_lost_after: Option<u64>,
     /// Clouds that have been made resident so far.
     pub residents: u64,
     /// Submissions that nobody waits for.
@@ -203,7 +205,18 @@ impl Gpu {
         let memory = Memory::new(&device)?;
         let passed = Timeline::new(&device, &memory.alive, "passed")?;
         let (kernels, raster) = (Kernels::new(&device), raster::Rasters::new(&device));
-        Ok(Gpu { kernels, raster, passed, submitted: 0, lost_after: wish.lost_after, residents: 0, behind: Vec::new(), memory, device })
+        Ok(Gpu {
+            kernels,
+            raster,
+            passed,
+            submitted: 0,
+            lost_after: wish.lost_after,
+            surface_lost_after: wish.surface_lost_after,
+            residents: 0,
+            behind: Vec::new(),
+            memory,
+            device,
+        })
     }
 
     /// Waits for submissions that nobody has waited for.
