@@ -9,6 +9,7 @@ use crate::graph::{Buffer, Frame, Graph};
 pub struct Asked {
     lists: Option<Buffer>,
     steps: Option<Buffer>,
+    masks: [Option<Buffer>; 2],
     rough: Option<Buffer>,
     silhouettes: Option<Buffer>,
     unpeeled: Option<Buffer>,
@@ -45,9 +46,16 @@ pub struct Counts {
 impl Asked {
     pub fn of(g: &mut Graph, layers: &Layers) -> Asked {
         let left = layers.front.as_ref().map(|front| g.download_buffer(&front.left));
-        let [lists, steps, rough, silhouettes, unpeeled] =
-            ["lists", "steps", "rough tiles", "silhouettes", "unpeeled"].map(|name| g.named(name).map(|list| g.download_buffer(&list)));
-        Asked { lists, steps, rough, silhouettes, unpeeled, left }
+        let mut named = |name: &str| g.named(name).map(|list| g.download_buffer(&list));
+        Asked {
+            lists: named("lists"),
+            steps: named("steps"),
+            masks: ["background steps", "occluded steps"].map(&mut named),
+            rough: named("rough tiles"),
+            silhouettes: named("silhouettes"),
+            unpeeled: named("unpeeled"),
+            left,
+        }
     }
 
     pub fn counts(&self, frame: &Frame, size: [u32; 2], effects: &Effects) -> Counts {
@@ -55,7 +63,7 @@ impl Asked {
         let listed = |list: &Option<Buffer>| words(list).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64;
         let [across, down] = tiles(size);
         let (by_kernel, holes) = visibility::listed(size, &effects.visibility.settings, words(&self.lists));
-        let recorded = frame.passes.iter().filter(|(name, _)| name == "fill_pintus").count() as u32;
+        let taken = |steps: &Option<Buffer>| fill::steps_taken(words(steps), across * down);
         let taps = |(kernel, tiles): &(Kernel, &[u32])| tiles.len() as u64 * (TILE_PX * TILE_PX * kernel.taps()) as u64;
         let map = |marked: &mut dyn Iterator<Item = (char, u32)>| {
             let mut marks = vec![vec!['.'; across as usize]; down as usize];
@@ -74,7 +82,7 @@ impl Asked {
             looked_at_map: map(&mut by_kernel.iter().flat_map(|(kernel, tiles)| tiles.iter().map(|tile| (digit(kernel), *tile)))),
             holes_map: map(&mut holes.iter().map(|tile| ('#', *tile))),
             holes: holes.len() as u64,
-            filling_steps: if !holes.is_empty() { fill::steps_taken(words(&self.steps), recorded) } else { 0 },
+            filling_steps: if !holes.is_empty() { taken(&self.steps) } else { 0 } + self.masks.iter().map(taken).sum::<u32>(),
             unpeeled: words(&self.unpeeled).first().copied().unwrap_or_default() as u64,
             left_over: words(&self.left).first().is_some_and(|left| *left > 0),
             rough: listed(&self.rough),
@@ -115,12 +123,16 @@ impl std::fmt::Display for Counts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let kernels: Vec<_> = self.looked_at.iter().map(|(width, tiles)| format!("{tiles} with kernel {width}")).collect();
         let kernels = if kernels.is_empty() { String::new() } else { format!(" ({})", kernels.join(", ")) };
+        let filled = if self.holes == 0 && self.filling_steps > 0 {
+            "filled by masks".to_string()
+        } else {
+            format!("{} with pixels to fill", self.holes)
+        };
         write!(
             f,
-            "{} of {TILE_PX} x {TILE_PX} pixels; {} looked at for what is hidden or missing{kernels}; {} with pixels to fill, in {} steps; {} shaded by more than the first level of shape",
+            "{} of {TILE_PX} x {TILE_PX} pixels; {} looked at for what is hidden or missing{kernels}; {filled}, in {} steps; {} shaded by more than the first level of shape",
             self.tiles,
             self.looked(),
-            self.holes,
             self.filling_steps,
             self.rough
         )?;

@@ -200,8 +200,8 @@ fn tolerance(view: &View, settings: &Settings) -> (f32, u32) {
     (if automatic { WIDEST / view.focal_px() } else { settings.tolerance } as f32, relative as u32)
 }
 
-/// Steps until nothing changed any more, from the words of the buffer `steps` after a frame in which so many were recorded.
-pub fn steps_taken(steps: &[u32], recorded: u32) -> u32 {
-    let changed = |step: &u32| steps.get(4 * *step as usize + 4).is_some_and(|groups| *groups > 0);
-    (1..=recorded).take_while(changed).count() as u32
+/// Steps until nothing changed any more, from the words of a buffer of steps (glsl/lib/steps.glsl), for so many tiles, after the frame; none where there is no such buffer.
+pub fn steps_taken(steps: &[u32], tiles: u32) -> u32 {
+    let most = (steps.len().saturating_sub(tiles as usize) / 4).saturating_sub(2);
+    (1..=most).take_while(|step| steps[4 * step + 4] > 0).count() as u32
 }
