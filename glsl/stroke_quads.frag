@@ -1,4 +1,4 @@
-// A stroke in a pixel -> its key, where it covers enough to hide what is behind; and that a surface is there, where it is near enough to the stroke's own point (canvas.ground).
+// A stroke in a pixel -> its key, where it covers enough to hide what is behind; and ground, where its own point is near.
 //
 // The rasteriser only says which pixels are looked at: whether a stroke is in one, and how deep, is found as for fragments of the A-buffer, with the same bits.
 #version 460
@@ -7,6 +7,8 @@
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 layout(constant_id = 2) const bool TEXELS = true;
+// Keys are wanted, not only ground.
+layout(constant_id = 3) const bool PAINTED = true;
 
 #include "canvas.glsl"
 #include "word.glsl"
@@ -15,7 +17,7 @@ layout(set = 1, scalar) readonly buffer Canvases { Canvas canvas[]; } canvases;
 // As texels, and for devices whose texel buffers are too small.
 layout(set = 1, r32ui) readonly uniform uimageBuffer brushes;
 layout(set = 1, scalar) readonly buffer BrushWords { uint word[]; } brush_words;
-// Of every pixel, row by row, whether a surface is there; behind others, too.
+// Two words a pixel, row by row: 1 where a stroke's far ground is, and where its near ground is; behind others, too.
 layout(set = 1, scalar) writeonly buffer Ground { uint word[]; } ground;
 
 layout(location = 0) flat in vec4 centre_turning;
@@ -36,10 +38,13 @@ void main() {
     float z = depth_of(met, uintBitsToFloat(rest.x));
     // At once: software devices leave the stage where no pixel of a few is left.
     if (!met.is_on || z <= 0.0) discard;
-    if (is_grounded(met.uv, canvas.ground)) ground.word[uint(gl_FragCoord.y) * canvas.size.x + uint(gl_FragCoord.x)] = 1u;
+    uint pixel = uint(gl_FragCoord.y) * canvas.size.x + uint(gl_FragCoord.x);
+    float off = met.uv.x * met.uv.x + met.uv.y * met.uv.y;
+    if (off <= canvas.ground * canvas.ground) ground.word[2u * pixel + (off <= abs(uintBitsToFloat(rest.w)) ? 1u : 0u)] = 1u;
+    if (!PAINTED) discard;
     uint brush = rest.z >> 24;
     float alpha = coverage(met.uv, brush);
-    if (rest.w != 0u) alpha = max(alpha, second_coverage(met.uv, brush) * canvas.detail);
+    if (rest.w >> 31 != 0u) alpha = max(alpha, second_coverage(met.uv, brush) * canvas.detail);
     if (alpha < canvas.hides) discard;
     uint bits = floatBitsToUint(z);
     key = uvec2(rest.y, bits);

@@ -1,7 +1,7 @@
 // Points -> strokes on the screen, each in the place of its point, so that they come in the order of their numbers.
 //
 // A stroke is four texels of four words: half sides of the parallelogram around what its brush covers, pixels, none where nothing of it is in the picture; and, where there is something, as a pixel looks at it:
-//   centre, turning      across, along (stroke_walk.glsl)      depth; point; number of the brush in the last byte; 1 where it has a second layer
+//   centre, turning      across, along (stroke_walk.glsl)      depth; point; number of the brush in the last byte; square of how far its near ground reaches, parts of a side, less than 0 where it has a second layer
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
@@ -33,6 +33,13 @@ bool has_room(Stroked point, out uint place) {
     bool has = place >= part.place[0] && place < part.place[1];
     place -= part.place[0];
     return has;
+}
+
+float near_ground(Canvas canvas, Square square, Seen seen) {
+    float deep = PERSPECTIVE ? seen.depth : 1.0;
+    float side_px = 2.0 * square.half_side.y * canvas.focal / deep;
+    float beyond = min(canvas.nearer * max(canvas.ground * side_px - 1.0, 0.0), canvas.nearer_px);
+    return canvas.ground - beyond / side_px;
 }
 
 void miss(Stroked point) {
@@ -71,6 +78,7 @@ void touch(Stroked point) {
     strokes.texel[4u * place] = shows ? floatBitsToUint(sides) : uvec4(0u);
     strokes.texel[4u * place + 1u] = lies[0];
     strokes.texel[4u * place + 2u] = lies[1];
-    strokes.texel[4u * place + 3u] =
-        uvec4(floatBitsToUint(seen.depth), nodes.node[point.n].first_point + point.i, point.facing & 0xFF000000u, (point.brush & SMALL_CLUSTER) == 0u ? 0u : 1u);
+    float near = near_ground(canvas, square, seen);
+    float layered = (point.brush & SMALL_CLUSTER) == 0u ? near * near : -near * near;
+    strokes.texel[4u * place + 3u] = uvec4(floatBitsToUint(seen.depth), nodes.node[point.n].first_point + point.i, point.facing & 0xFF000000u, floatBitsToUint(layered));
 }

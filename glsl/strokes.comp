@@ -5,7 +5,7 @@
 //     a stroke is a square in the plane of its point's normal; a pixel's ray meets it at (u, v) of it, at a depth
 //     how much it covers there, its brush says (stroke_brush)
 //
-//   A stroke's ends stand out from crests and claws: a pixel is painted only where the surface is, near enough to some stroke's own point (canvas.ground).
+//   A stroke's ends stand out from crests and claws: a pixel is painted only where a surface is (stroke_surface).
 //
 //   fragments  colour, coverage times the point's opacity, and depth, of everything that covers a pixel at all; or, where they are not KEPT, how many
 //   keys       of what covers enough, however opaque, the nearest: depth, then point: as project64 leaves them, so that resolve and all effects follow as they do points
@@ -38,8 +38,10 @@ layout(r32ui) readonly uniform uimageBuffer brushes;
 layout(scalar) readonly buffer BrushWords { uint word[]; } brush_words;
 // Of every pixel, tile by tile, the first fragment.
 layout(scalar) readonly buffer Starts { uint word[]; } starts;
+// Of every pixel, row by row, not 0 where a surface is.
+layout(scalar) readonly buffer Surface { uint word[]; } surface;
 layout(scalar) buffer Keys { uvec2 key[]; } keys;
-// Of every pixel, tile by tile, its fragments so far; whether its key is that of a stroke that hides what is behind; and whether a surface is there.
+// Of every pixel, tile by tile, its fragments so far; whether its key is that of a stroke that hides what is behind.
 layout(scalar) buffer Counts { uint word[]; } counts;
 layout(scalar) writeonly buffer Fragments { uvec2 fragment[]; } fragments;
 // Of every pixel, tile by tile, where the nearest fragment lies that covers it wholly: found while all are counted.
@@ -47,12 +49,10 @@ layout(scalar) buffer Hiders { uint depth[]; } hiders;
 
 layout(push_constant, scalar) uniform Push {
     uint before; // strokes of each tile
-    uint last;   // not 0 where none come after these
 } push;
 
 const uint STROKES_AT_ONCE = 8192u;
 const uint HIDING = 1u << 31;
-const uint GROUNDED = 1u << 30;
 const uint PARTS = 4u;
 const uint NO_POINT = 0xFFFFFFFFu;
 
@@ -74,20 +74,20 @@ void main() {
     uint lane = gl_LocalInvocationID.x;
     uvec2 pixel = uvec2(in_rows(tile, canvas.tiles.x)) * 8u + uvec2(lane % 8u, lane / 8u);
     bool inside = pixel.x < canvas.size.x && pixel.y < canvas.size.y;
+    uint at_key = inside ? pixel.y * canvas.size.x + pixel.x : 0u;
+    bool painted = inside && surface.word[at_key] != 0u;
     vec2 at = canvas.corner + vec2(pixel) + vec2(0.5);
     float hides = canvas.hides;
     uint stroke = part.tile[PARTS + place] + push.before;
     uint end = min(part.tile[PARTS + place + 1u], stroke + STROKES_AT_ONCE);
-    if (stroke >= end && push.last == 0u) return;
+    if (stroke >= end) return;
     uint start = KEPT ? starts.word[place * 64u + lane] : 0u;
     uint room = KEPT ? starts.word[place * 64u + lane + 1u] - start : NO_POINT;
     uint count = counts.word[place * 64u + lane];
-    uint at_key = inside ? pixel.y * canvas.size.x + pixel.x : 0u;
     uvec2 key_before = KEPT ? keys.key[at_key] : uvec2(NO_POINT);
     uvec2 front = count >= HIDING ? key_before : uvec2(NO_POINT);
     uvec2 veil = count >= HIDING ? uvec2(NO_POINT) : key_before;
-    bool grounded = (count & GROUNDED) != 0u;
-    count &= ~(HIDING | GROUNDED);
+    count &= ~HIDING;
     uint hider = hiders.depth[place * 64u + lane];
 
     for (; stroke < end; ++stroke) {
@@ -95,7 +95,7 @@ void main() {
         vec4 axes = uintBitsToFloat(texel(3u * stroke + 1u));
         Met met = meet(at, centre_turning, axes, canvas.reach);
         // A loop, because software devices walk through branches that no lane takes.
-        for (bool todo = inside && met.is_on; todo; todo = false) {
+        for (bool todo = painted && met.is_on; todo; todo = false) {
             uvec4 rest = texel(3u * stroke + 2u);
             float z = depth_of(met, uintBitsToFloat(rest.x));
             uint brush = rest.z >> 24;
@@ -110,7 +110,6 @@ void main() {
             }
             uvec2 key = uvec2(rest.y, floatBitsToUint(z));
             bool seen = z > 0.0;
-            grounded = grounded || seen && is_grounded(met.uv, canvas.ground);
             front = seen && alpha >= hides && nearer(key, front) ? key : front;
             uint covers = uint(alpha * abs(uintBitsToFloat(rest.w)) * 255.0 + 0.5);
             seen = seen && covers > 0u;
@@ -124,8 +123,8 @@ void main() {
         }
     }
     if (!KEPT && !BEFORE_HIDERS) hiders.depth[place * 64u + lane] = hider;
-    counts.word[place * 64u + lane] = count | (KEPT && front.x != NO_POINT ? HIDING : 0u) | (grounded ? GROUNDED : 0u);
-    // What nothing hides behind shows the nearest of what there is; and nothing where there is no surface.
+    counts.word[place * 64u + lane] = count | (KEPT && front.x != NO_POINT ? HIDING : 0u);
+    // What nothing hides behind shows the nearest of what there is.
     uvec2 key = front.x == NO_POINT ? veil : front;
-    if (KEPT && inside) keys.key[at_key] = push.last != 0u && !grounded ? uvec2(NO_POINT) : key;
+    if (KEPT && painted) keys.key[at_key] = key;
 }

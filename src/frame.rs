@@ -172,7 +172,7 @@ impl Points<'_> {
     /// All points, as strokes.
     fn painted(&self, g: &mut Graph, mut painting: Painting) -> Result<(Layers, Option<strokes::Painted>)> {
         let mut resolved = resolve::layers(g, self.scene.view);
-        for &band in self.bands {
+        for band in painting.bands(g.binding_limit()) {
             let keys = painting.record(g, self.paint, band)?;
             resolved = resolve::record(g, &keys, self.paint, band, resolved);
         }

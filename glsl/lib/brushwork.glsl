@@ -23,11 +23,6 @@ float depth_of(Met met, float depth) {
     return PERSPECTIVE ? depth * met.over : depth - met.turned;
 }
 
-// Whether it lies on its surface there: near enough to its own point.
-bool is_grounded(vec2 uv, float ground) {
-    return uv.x * uv.x + uv.y * uv.y <= ground;
-}
-
 // Of a brush at (u, v), -1/2 to 1/2, beyond which it has nothing: between the corners of one of its 32 x 32 squares.
 float coverage(vec2 at, uint brush) {
     vec2 place = clamp((at + vec2(0.5)) * vec2(32.0), vec2(0.0), vec2(32.0));

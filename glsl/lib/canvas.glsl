@@ -13,7 +13,9 @@ struct Canvas {
     vec3 axis_y;
     vec3 axis_z;
     float scale;      // half a stroke's side, radii
-    float ground;     // square of how far from its middle a stroke lies on its surface, whatever its brush; parts of a side
+    float ground;     // how far from its middle a stroke may lie on its surface, whatever its brush; parts of a side
+    float nearer;     // how much less far it does for certain: parts of what is more than a pixel
+    float nearer_px;  // and pixels, at most
     float least_px;   // of that, on the screen
     float largest_px;
     float lengthen;   // how much of a cluster's length its strokes take on

@@ -4,14 +4,16 @@
 //!     stroke_brush   settings -> 256 brushes, kept
 //!   blend=opaque, blend=blur:
 //!     stroke_screen  points -> strokes on the screen
-//!     stroke_quads   strokes -> through the rasteriser: of each pixel the key of the nearest, in place of those that project makes, and whether a surface is there
-//!     stroke_ground  keys -> keys where one is
+//!     stroke_quads   strokes -> through the rasteriser: ground, and of each pixel the key of the nearest, in place of those that project makes
+//!     stroke_surface ground -> where a surface is
+//!     stroke_keys    keys -> keys where one is
 //!   blend=blur:
 //!     stroke_blur    color -> color, across and down
 //!   blend=abuffer:
+//!     stroke_screen, stroke_quads, stroke_surface   as above, but for the keys: where a surface is; read back
 //!     stroke_bins    points -> how many strokes may touch each tile; read back, since only then is it known how much room they need
 //!     stroke_bins    points -> which
-//!     strokes        strokes of a tile -> how many fragments each pixel has; read back; where they are many, again without those that others hide
+//!     strokes        strokes of a tile, where a surface is -> how many fragments each pixel has; read back; where they are many, again without those that others hide
 //!     strokes        the fragments, and keys as above; so many of each tile at a time
 //!     stroke_sort    fragments -> color, in order; over several frames, where the A-buffer is kept
 //! ```
@@ -24,9 +26,11 @@ pub mod brush;
 mod canvas;
 mod facts;
 mod fragments;
+pub mod ground;
 mod lists;
 mod nearest;
 mod order;
+mod quads;
 mod settings;
 pub mod tangents;
 
@@ -48,7 +52,7 @@ use std::ops::Range;
 
 pub const SUMMARY: &str = "every point a brush stroke along its surface, as large as points are apart there (--style strokes)";
 
-/// As [`super::Effects::reach_px`]. Strokes themselves are looked for as far as they reach, so only softening counts.
+/// As [`super::Effects::reach_px`]. Strokes and their ground are looked for as far as they reach, so only softening counts.
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(settings.radius.ceil() as u32)
 }
@@ -118,7 +122,7 @@ pub fn begin<'f>(
 }
 
 fn margin(view: &View, settings: &Settings) -> u32 {
-    (MARGIN * settings.largest_px(view.whole)).ceil() as u32
+    (MARGIN * settings.largest_px(view.whole)).ceil() as u32 + ground::ENCLOSED_PX
 }
 
 /// The same camera with so many pixels more on every side.
@@ -140,6 +144,14 @@ struct Desk<'p> {
     tiles: [u32; 2],
 }
 
+/// What a band's A-buffer is made of.
+struct Found {
+    /// Of every pixel, row by row, not 0 where a surface is.
+    surface: Vec<u32>,
+    /// How many strokes may touch each tile, turn by turn.
+    listed: Vec<Vec<u32>>,
+}
+
 /// Tiles in a row that are painted at once, and, tile by tile, how many fragments each of their pixels has.
 struct Part {
     tiles: Range<u32>,
@@ -153,6 +165,14 @@ fn groups(tiles: u32) -> Tiles<'static> {
 }
 
 impl Painting<'_> {
+    /// Bands that fit into `limit` bytes with what is around them.
+    pub fn bands(&self, limit: u64) -> Vec<Band> {
+        let [width, height] = self.view.size;
+        let around = 2 * ground::ENCLOSED_PX;
+        let bands = project::bands([width + around, height], limit.saturating_sub(8 * (width + around) as u64 * around as u64));
+        bands.into_iter().map(|band| Band { size: [width, band.size[1]], ..band }).collect()
+    }
+
     /// Keys of a band, as those of [`project::record`]; and its part of the blended colours.
     pub fn record(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Buffer> {
         match self.blended {
@@ -170,24 +190,25 @@ impl Painting<'_> {
             self.facts = Facts::of(notes);
             return self.go_on(g, paint, band, made_of);
         }
-        let listed = self.listed(g, band)?;
-        let parts = self.parts(g, band, &listed)?;
+        let found = Found { surface: self.surface(g, band)?, listed: self.listed(g, band)? };
+        let parts = self.parts(g, band, &found)?;
         let desk = self.lay(g, band, paint)?;
-        self.paint(g, &desk, &listed, &parts, made_of.as_deref())
+        self.paint(g, &desk, &found, &parts, made_of.as_deref())
     }
 
     /// What is painted at once: all, unless that takes more memory than is allowed.
-    fn parts(&mut self, g: &mut Graph, band: Band, listed: &[Vec<u32>]) -> Result<Vec<Part>> {
+    fn parts(&mut self, g: &mut Graph, band: Band, found: &Found) -> Result<Vec<Part>> {
+        let listed = &found.listed;
         self.facts.listed += listed.iter().map(|listed| sum(listed)).sum::<u64>();
         let room = self.room(g, 2);
         let mut all = Vec::new();
         let most: Vec<u32> = (0..listed[0].len()).map(|tile| listed.iter().map(|listed| listed[tile]).max().unwrap_or(0)).collect();
         for tiles in parts(&most, room / PLACE_BYTES, 0) {
-            let (mut counts, hiders) = self.count(g, band, listed, tiles.clone(), None)?;
+            let (mut counts, hiders) = self.count(g, band, found, tiles.clone(), None)?;
             let all_of_them = sum(&counts);
             let hiders = counts.iter().any(|&count| count > MANY).then_some(hiders);
             if hiders.is_some() {
-                (counts, _) = self.count(g, band, listed, tiles.clone(), hiders.as_deref())?;
+                (counts, _) = self.count(g, band, found, tiles.clone(), hiders.as_deref())?;
             }
             self.facts.fragments += sum(&counts);
             self.facts.hidden += all_of_them - sum(&counts);
@@ -211,7 +232,8 @@ impl Painting<'_> {
     }
 
     /// Strokes in the lists, and their fragments laid over each other. What is counted for `made_of` is kept, where all of it is painted at once.
-    fn paint(&mut self, g: &mut Graph, desk: &Desk, listed: &[Vec<u32>], parts: &[Part], made_of: Option<&[u64]>) -> Result<Buffer> {
+    fn paint(&mut self, g: &mut Graph, desk: &Desk, found: &Found, parts: &[Part], made_of: Option<&[u64]>) -> Result<Buffer> {
+        let listed = &found.listed;
         let room = self.room(g, 2);
         let kept = made_of.filter(|_| parts.len() == 1 && self.size(desk.band).fits(room));
         let mut keys = None;
@@ -236,7 +258,7 @@ impl Painting<'_> {
             g.fill(&mut counts, 0);
             let mut hiders = g.upload("hiders", part.hiders.as_deref().unwrap_or(&[0]))?;
             let to = [keys, &mut counts, &mut abuffer.fragments, &mut hiders];
-            self.strokes(g, desk, (listed, &part.tiles), &abuffer.starts, (true, part.hiders.is_some()), to)?;
+            self.strokes(g, desk, (found, &part.tiles), &abuffer.starts, (true, part.hiders.is_some()), to)?;
             let deepest = part.fragments.iter().copied().max().unwrap_or(0);
             let tiles = g.upload("part", &[part.tiles.start, part.tiles.end])?;
             self.blend(g, [&desk.canvas, &tiles], desk.band, part.tiles.len() as u32, abuffer, deepest)?;

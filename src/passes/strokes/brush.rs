@@ -9,8 +9,8 @@ use crate::shader::{self, stroke_brush};
 /// As glsl/stroke_brush.comp: 256 brushes of 32 x 32 words.
 const WORDS: u32 = 256 * 32 * 32;
 
-/// How far from its point a stroke lies on the surface, radii: less leaves holes, more stands out.
-const GROUND_RADII: f64 = 0.75;
+/// How far from its point a stroke may lie on the surface, radii: less leaves holes, more stands out.
+const GROUND_RADII: f64 = 0.85;
 
 /// A named brush; its numbers may be set one by one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -41,7 +41,7 @@ pub struct Bristles {
 }
 
 impl Brush {
-    /// How far from its middle a stroke lies on the surface, parts of a side. Farther out, on crests and claws, it stands in the air: what only such ends cover is not painted. Strokes that are asked
+    /// How far from its middle a stroke may lie on the surface (`ground`), parts of a side. Farther out, on crests and claws, it stands in the air: what only such ends cover is not painted. Strokes that are asked
     /// for larger than the brush's own take their ground with them.
     pub fn ground(self) -> f64 {
         GROUND_RADII / (2.0 * self.bristles().size)

@@ -1,6 +1,7 @@
 //! View, settings and cloud in; what all strokes of a frame share out, and the numbers by which a kept A-buffer is known again.
 
 use super::brush::Bristles;
+use super::ground::{NEARER, NEARER_PX};
 use super::settings::{Blend, Settings};
 use super::{HIDES, LEAST_PX, Painting};
 use crate::passes::project::Band;
@@ -30,7 +31,9 @@ impl Painting<'_> {
             axis_y: axes[1],
             axis_z: axes[2],
             scale: bristles.size as f32,
-            ground: (ground * ground) as f32,
+            ground: ground as f32,
+            nearer: NEARER as f32,
+            nearer_px: NEARER_PX as f32,
             least_px: LEAST_PX,
             largest_px: self.settings.largest_px(self.view.whole) as f32,
             lengthen: long as f32,

@@ -1,6 +1,6 @@
 //! Strokes of tiles in, so many of each at a time; the nearest of each pixel out, and its fragments or how many they are.
 
-use super::{Desk, Painting, TILE_PIXELS, groups};
+use super::{Desk, Found, Painting, TILE_PIXELS, groups};
 use super::lists::Bins;
 use super::settings::Order;
 use crate::error::Result;
@@ -10,14 +10,12 @@ use crate::passes::resolve;
 use crate::shader;
 use std::ops::Range;
 
-/// Of a pixel's count, as in glsl/strokes.comp: a surface is there. Elsewhere only strokes' ends are, which are not painted.
-const GROUNDED: u32 = 1 << 30;
 /// Strokes of each tile that a pass looks at, as in glsl/strokes.comp.
 const STROKES_AT_ONCE: usize = 8192;
 
 impl Painting<'_> {
     /// Of every pixel of some tiles, tile by tile, how many fragments it has, before hiders that are known; and how deep the nearest of them lies that covers it wholly.
-    pub(super) fn count(&mut self, g: &mut Graph, band: Band, listed: &[Vec<u32>], tiles: Range<u32>, hiders: Option<&[u32]>) -> Result<(Vec<u32>, Vec<u32>)> {
+    pub(super) fn count(&mut self, g: &mut Graph, band: Band, found: &Found, tiles: Range<u32>, hiders: Option<&[u32]>) -> Result<(Vec<u32>, Vec<u32>)> {
         let mut counting = g.before();
         let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
         let desk = self.lay(&mut counting, band, &paint)?;
@@ -34,13 +32,12 @@ impl Painting<'_> {
                 hiders
             }
         };
-        self.strokes(&mut counting, &desk, (listed, &tiles), &starts, what, [&mut keys, &mut counts, &mut fragments, &mut hiders])?;
+        self.strokes(&mut counting, &desk, (found, &tiles), &starts, what, [&mut keys, &mut counts, &mut fragments, &mut hiders])?;
         let found = [&counts, &hiders].map(|words| counting.download_buffer(words));
         let frame = counting.submit(&[])?;
         self.facts.counting_ms += frame.ms("");
         let [counts, hiders] = found.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());
         frame.shelve(g.gpu);
-        let counts = counts.into_iter().map(|count| if count & GROUNDED == 0 { 0 } else { count & !GROUNDED }).collect();
         Ok((counts, hiders))
     }
 
@@ -49,17 +46,17 @@ impl Painting<'_> {
         &self,
         g: &mut Graph,
         desk: &Desk,
-        (listed, tiles): (&[Vec<u32>], &Range<u32>),
+        (found, tiles): (&Found, &Range<u32>),
         starts: &Buffer,
         (kept, before_hiders): (bool, bool),
         [keys, counts, fragments, hiders]: [&mut Buffer; 4],
     ) -> Result<()> {
         let (perspective, by_stroke, texels) = (self.is_perspective(), self.settings.order == Order::Stroke, g.gpu.device.texels);
         let spec = shader::strokes::Spec { perspective, kept, texels, by_stroke, before_hiders };
-        for (turn, of_turn) in listed.iter().enumerate() {
-            let Bins { part, strokes, longest } = &self.bins(g, desk, of_turn, tiles, [turn as u32, listed.len() as u32])?;
+        let surface = &g.upload("surface", &found.surface)?;
+        for (turn, of_turn) in found.listed.iter().enumerate() {
+            let Bins { part, strokes, longest } = &self.bins(g, desk, of_turn, tiles, [turn as u32, found.listed.len() as u32])?;
             for before in (0..(*longest).max(1)).step_by(STROKES_AT_ONCE) {
-                let last = turn + 1 == listed.len() && before + STROKES_AT_ONCE as u32 >= *longest;
                 let (keys, counts, fragments, hiders) = (&mut *keys, &mut *counts, &mut *fragments, &mut *hiders);
                 g.run(
                     shader::Strokes {
@@ -70,11 +67,12 @@ impl Painting<'_> {
                         brushes: &desk.brushes,
                         brush_words: &desk.brushes,
                         starts,
+                        surface,
                         keys,
                         counts,
                         fragments,
                         hiders,
-                        push: shader::strokes::Push { before, last: last as u32 },
+                        push: shader::strokes::Push { before },
                         spec,
                     },
                     groups(tiles.len() as u32),

@@ -10,9 +10,11 @@ use crate::index::axes::{self, Axes};
 use crate::index::strokes::{Stroke, householder};
 use crate::passes::resolve::srgb_to_linear;
 use crate::passes::strokes::brush::{Bristles, turns};
+use crate::passes::strokes::ground::{ENCLOSED_PX, NEARER, NEARER_PX};
 use crate::passes::strokes::{Blend, LEAST_PX, Order, Settings, Tangents};
 use crate::view::{Projection, View};
 use glam::{DVec2, DVec3};
+use rayon::prelude::*;
 
 /// Of depths, relatively: nearer to each other than this, strokes may be in either order.
 const APART: f64 = 1e-5;
@@ -92,9 +94,31 @@ struct Painted {
     bitangent: DVec3,
     /// Of a side, metres: along the tangent, and across it.
     sides: DVec2,
+    /// How far from its middle its near ground reaches, parts of a side.
+    near: f64,
     words: [u32; 2],
     color: DVec3,
     opacity: f64,
+}
+
+impl Painted {
+    /// Where a ray meets its plane, parts of its sides, and how deep.
+    fn met(&self, origin: DVec3, direction: DVec3) -> Option<(DVec2, f64)> {
+        let steep = direction.dot(self.normal);
+        let depth = (self.at - origin).dot(self.normal) / steep;
+        let off = origin + direction * depth - self.at;
+        let uv = DVec2::new(off.dot(self.tangent), off.dot(self.bitangent)) / self.sides;
+        (steep < 0.0 && depth > 0.0).then_some((uv, depth))
+    }
+}
+
+/// Of a pixel.
+#[derive(Clone, Copy, PartialEq)]
+enum Ground {
+    None,
+    /// A surface where it is enclosed.
+    Far,
+    Near,
 }
 
 /// Of a point by its number, how opaque it is.
@@ -154,6 +178,8 @@ struct Easel<'v> {
     bristles: Bristles,
     /// As [`Brush::ground`](crate::passes::strokes::brush::Brush::ground).
     ground: f64,
+    /// Of every pixel, whether a surface is there, and whether that is sure.
+    surface: Vec<(bool, bool)>,
     detail: f64,
     turns: Vec<DVec2>,
     painted: Vec<Painted>,
@@ -175,29 +201,61 @@ impl<'v> Easel<'v> {
         };
         let painted = strokes.iter().enumerate().filter_map(seen).collect();
         let ground = settings.brush.ground();
-        Easel { view, order: settings.order, bristles, ground, detail: settings.detail, turns, painted }
+        let mut easel =
+            Easel { view, order: settings.order, bristles, ground, surface: Vec::new(), detail: settings.detail, turns, painted };
+        easel.surface = easel.find_surface();
+        easel
+    }
+
+    /// Near ground, and farther out what has near ground close by in four of eight directions.
+    fn find_surface(&self) -> Vec<(bool, bool)> {
+        let [width, height] = self.view.size.map(i64::from);
+        let most = ENCLOSED_PX as i64;
+        let found: Vec<_> = (-most..height + most).flat_map(|y| (-most..width + most).map(move |x| [x, y])).collect();
+        let found: Vec<_> = found.par_iter().map(|&[x, y]| self.ground(x as f64 + 0.5, y as f64 + 0.5)).collect();
+        let at = |x: i64, y: i64| found[((y + most) * (width + 2 * most) + x + most) as usize];
+        let surface = |x: i64, y: i64| {
+            let (own, mut sure) = at(x, y);
+            let ways = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy])).filter(|way| *way != [0, 0]);
+            let seen = |[dx, dy]: [i64; 2]| (1..=most).map(move |k| at(x + k * dx, y + k * dy));
+            if own == Ground::Far {
+                sure &= ways.clone().flat_map(seen).all(|(_, sure)| sure);
+            }
+            let enclosed = ways.filter(|way| seen(*way).any(|(ground, _)| ground == Ground::Near)).count() >= 4;
+            (own == Ground::Near || own == Ground::Far && enclosed, sure)
+        };
+        (0..height).flat_map(|y| (0..width).map(move |x| surface(x, y))).collect()
+    }
+
+    /// What ground the ray through a place of the picture meets; and whether roundings cannot change that.
+    fn ground(&self, x: f64, y: f64) -> (Ground, bool) {
+        let (origin, direction) = self.view.ray(x, y);
+        let (mut found, mut sure) = (Ground::None, true);
+        for stroke in &self.painted {
+            let Some((uv, _)) = stroke.met(origin, direction) else { continue };
+            let off = uv.length();
+            sure &= (off - self.ground).abs() > EDGE && (off - stroke.near).abs() > EDGE;
+            if off <= stroke.near {
+                found = Ground::Near;
+            } else if off <= self.ground && found == Ground::None {
+                found = Ground::Far;
+            }
+        }
+        (found, sure)
     }
 
     /// What the ray through a place of the picture, pixels, meets; and whether roundings cannot change that.
     fn fragments(&self, x: f64, y: f64) -> (Vec<Fragment>, bool) {
-        let Easel { view, order, bristles, ground, detail, turns, painted } = self;
+        let Easel { view, order, bristles, detail, turns, painted, .. } = self;
         let (origin, direction) = view.ray(x, y);
-        let (mut sure, mut grounded) = (true, false);
+        let (is_surface, mut sure) = self.surface[y as usize * view.size[0] as usize + x as usize];
         let mut fragments: Vec<Fragment> = Vec::new();
         for (number, stroke) in painted.iter().enumerate() {
-            let steep = direction.dot(stroke.normal);
-            if steep >= 0.0 {
+            let Some((uv, depth)) = stroke.met(origin, direction) else { continue };
+            let (steep, edge) = (direction.dot(stroke.normal), uv.abs().max_element());
+            if edge > 0.5 + EDGE {
                 continue;
             }
-            let depth = (stroke.at - origin).dot(stroke.normal) / steep;
-            let off = origin + direction * depth - stroke.at;
-            let uv = DVec2::new(off.dot(stroke.tangent), off.dot(stroke.bitangent)) / stroke.sides;
-            let edge = uv.abs().max_element();
-            if depth <= 0.0 || edge > 0.5 + EDGE {
-                continue;
-            }
-            grounded |= edge <= 0.5 && uv.length() <= *ground;
-            sure &= (uv.length() - ground).abs() > EDGE;
             let seed = stroke.words[0] >> 24;
             let (mut covers, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
             if stroke.words[1] & 1 << 7 != 0 {
@@ -224,7 +282,7 @@ impl<'v> Easel<'v> {
                 fragments.push(Fragment { stroke: number, depth, order, coverage: covers, alpha, color });
             }
         }
-        if !grounded {
+        if !is_surface {
             fragments.clear();
         }
         (fragments, sure)
@@ -297,12 +355,15 @@ fn seen(
     let radius = f32::from_bits(brush & 0xFFFF_0000) as f64;
     let side = 2.0 * (bristles.size * radius * px_per_m).clamp(LEAST_PX as f64, settings.largest_px(view.whole)) / px_per_m;
     let length = 1.0 + settings.long * ((brush & 31) as f64 / 8.0).min(1.0);
+    let ground = settings.brush.ground();
+    let beyond_px = (NEARER * (ground * side * px_per_m - 1.0).max(0.0)).min(NEARER_PX);
     Some(Painted {
         at,
         normal,
         tangent,
         bitangent: normal.cross(tangent),
         sides: DVec2::new(side * length, side),
+        near: ground - beyond_px / (side * px_per_m),
         words,
         color: DVec3::ONE,
         opacity: 1.0,

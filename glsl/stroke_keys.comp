@@ -1,0 +1,22 @@
+// Keys of a band and of what is around it -> of the band, where a surface is; none elsewhere.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+
+layout(local_size_x = 64) in;
+
+layout(scalar) readonly buffer Surface { uint word[]; } surface;
+layout(scalar) readonly buffer Drawn { uvec2 key[]; } drawn;
+layout(scalar) writeonly buffer Keys { uvec2 key[]; } keys;
+
+layout(push_constant, scalar) uniform Push {
+    uint width;  // of the band, pixels
+    uint border; // around it
+} push;
+
+void main() {
+    uvec2 pixel = gl_GlobalInvocationID.xy;
+    if (pixel.x >= push.width) return;
+    uint own = pixel.y * push.width + pixel.x;
+    uvec2 key = drawn.key[(pixel.y + push.border) * (push.width + 2u * push.border) + pixel.x + push.border];
+    keys.key[own] = surface.word[own] == 0u ? uvec2(0xFFFFFFFFu) : key;
+}

@@ -1,0 +1,86 @@
+//! Points in; their strokes through the rasteriser out: where ground is, and of each pixel the nearest stroke.
+//!
+//! Vertices are pulled from strokes on the screen, which a compute pass leaves in the order of their points: of strokes of the same depth the first one drawn stays, which is that of the lowest number, in every picture and in all its pieces.
+
+use super::ground::ENCLOSED_PX;
+use super::{Desk, Painting};
+use crate::error::Result;
+use crate::graph::{Buffer, Graph, Image, ImageDesc, Vertices};
+use crate::passes::project;
+use crate::shader::{self, Canvas, stroke_quads, stroke_screen};
+
+/// Of a stroke on the screen.
+pub const STROKE_BYTES: u64 = 64;
+
+/// Of a band, and of as many pixels around it as enclosure looks.
+pub struct Drawn {
+    /// Two words a pixel.
+    pub ground: Buffer,
+    /// Keys, where strokes are painted.
+    pub nearest: Image,
+    pub size: [u32; 2],
+    /// Strokes drawn at once.
+    pub at_once: u32,
+}
+
+impl Painting<'_> {
+    /// All strokes of a band; `painted`: not only their ground.
+    pub(super) fn draw(&mut self, g: &mut Graph, desk: &Desk, painted: bool) -> Result<Drawn> {
+        let band = self.canvas(desk.band, desk.paint);
+        let (size, corner) = (band.size.map(|side| side + 2 * ENCLOSED_PX), band.corner.map(|at| at - ENCLOSED_PX as f32));
+        let reach = if painted { band.reach } else { band.reach.map(|reach| reach.min(band.ground)) };
+        let canvases = g.upload("quads", &[Canvas { size, corner, reach, ..band }])?;
+        let mut ground = g.buffer("ground", 8 * size[0] as u64 * size[1] as u64);
+        g.fill(&mut ground, 0);
+        let mut targets = [ImageDesc::keys(size), ImageDesc::depth(size)].map(|desc| g.image_of("nearest", desc));
+        let at_once = (self.room(g, 1) / STROKE_BYTES).clamp(1, u32::MAX as u64) as u32;
+        for first in (0..desk.places.max(1)).step_by(at_once as usize) {
+            let count = at_once.min(desk.places - first);
+            let strokes = self.on_screen(g, desk, &canvases, [first, first + count])?;
+            let quads = shader::StrokeQuads {
+                strokes: &strokes,
+                stroke_words: &strokes,
+                canvases: &canvases,
+                brushes: &desk.brushes,
+                brush_words: &desk.brushes,
+                ground: &mut ground,
+                push: stroke_quads::Push { corner, size: size.map(|side| side as f32) },
+                spec: stroke_quads::Spec { perspective: self.is_perspective(), texels: g.gpu.device.texels, painted },
+            };
+            g.draw(quads, Vertices::Squares(count), targets.each_mut(), first > 0);
+        }
+        let [nearest, _] = targets;
+        Ok(Drawn { ground, nearest, size, at_once })
+    }
+
+    /// Strokes of points by their places, from one to before another.
+    fn on_screen(&self, g: &mut Graph, desk: &Desk, canvases: &Buffer, places: [u32; 2]) -> Result<Buffer> {
+        let part = g.upload("part", &places)?;
+        let mut strokes = g.buffer("strokes on the screen", STROKE_BYTES * (places[1] - places[0]).max(1) as u64);
+        let Desk { drawn, homes, turns, .. } = desk;
+        for group in &drawn.groups {
+            let project::Group { block, planes, filtered, first_chunk, chunk_count, .. } = *group;
+            let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = self.walked(g, desk);
+            let pages = &drawn.pages[block];
+            g.run(
+                shader::StrokeScreen {
+                    nodes: &drawn.nodes,
+                    chunks: &drawn.chunks,
+                    opacities: drawn.opacities(),
+                    within: drawn.within(),
+                    pages,
+                    page_words: pages,
+                    homes,
+                    turns,
+                    canvases,
+                    part: &part,
+                    strokes: &mut strokes,
+                    push: stroke_screen::Push { centre, corner, size, near, first_chunk, chunk_count },
+                    spec: stroke_screen::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, slices_of_chunk: 1 },
+                },
+                group.tiles(),
+            );
+        }
+        Ok(strokes)
+    }
+}
