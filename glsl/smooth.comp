@@ -18,13 +18,16 @@
 
 layout(local_size_x = 64) in;
 
-// Depth as points were projected: another one than that of pixels that were filled.
+// Depths as points were projected, and as filling left them: not the same where pixels were filled.
 layout(r32f) readonly uniform image2D raw;
+layout(r32f) readonly uniform image2D filled;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
 layout(r32f) writeonly uniform image2D smooth_depth;
 layout(rgba32f) writeonly uniform image2D smooth_color;
 
+// It has been smoothed before: `depth` is no longer what filling left.
+layout(constant_id = 1) const bool AGAIN = false;
 // Also where nothing was filled.
 layout(constant_id = 0) const bool ALL = false;
 
@@ -41,8 +44,9 @@ bool known(float z) {
     return has_depth(floatBitsToUint(z)) && z > 0.0;
 }
 
+// By the depth that is there now.
 bool is_filled(ivec2 pixel, float z) {
-    return floatBitsToUint(imageLoad(raw, pixel).r) != floatBitsToUint(z);
+    return floatBitsToUint(imageLoad(raw, pixel).r) != floatBitsToUint(AGAIN ? imageLoad(filled, pixel).r : z);
 }
 
 void smoothen(ivec2 pixel) {
@@ -50,7 +54,7 @@ void smoothen(ivec2 pixel) {
     float z0 = imageLoad(depth, pixel).r;
     vec4 c0 = imageLoad(color, pixel);
     bool has = known(z0);
-    bool filled = ALL || is_filled(pixel, z0);
+    bool blends = ALL || is_filled(pixel, z0);
     float weights = push.weights.x;
     float rise = 0.0;
     vec3 change = vec3(0.0);
@@ -58,7 +62,7 @@ void smoothen(ivec2 pixel) {
         ivec2 aside = ivec2((k + k / 4) % 3 - 1, (k + k / 4) / 3 - 1);
         float z = imageLoad(depth, pixel + aside).r;
         vec3 c = imageLoad(color, pixel + aside).rgb;
-        if (!ALL) filled = filled || is_filled(pixel + aside, z);
+        if (!ALL) blends = blends || is_filled(pixel + aside, z);
         bool counts = has && known(z);
         float weight = mix(0.0, abs(aside.x) + abs(aside.y) == 1 ? push.weights.y : push.weights.z, counts);
         weights += weight;
@@ -66,8 +70,8 @@ void smoothen(ivec2 pixel) {
         rise += weight * mix(0.0, (z - z0) * SMALL, counts);
         change += vec3(weight) * (c - c0.rgb);
     }
-    float share = mix(0.0, 1.0 / weights, filled);
-    imageStore(smooth_depth, pixel, vec4(mix(z0, z0 + rise * share * LARGE, has && filled)));
+    float share = mix(0.0, 1.0 / weights, blends);
+    imageStore(smooth_depth, pixel, vec4(mix(z0, z0 + rise * share * LARGE, has && blends)));
     imageStore(smooth_color, pixel, vec4(c0.rgb + change * vec3(share), c0.a));
 }
 

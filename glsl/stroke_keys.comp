@@ -5,7 +5,7 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Surface { uint word[]; } surface;
-layout(scalar) readonly buffer Drawn { uvec2 key[]; } drawn;
+layout(scalar) readonly buffer Around { uvec2 key[]; } around;
 layout(scalar) writeonly buffer Keys { uvec2 key[]; } keys;
 
 layout(push_constant, scalar) uniform Push {
@@ -17,6 +17,6 @@ void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     if (pixel.x >= push.width) return;
     uint own = pixel.y * push.width + pixel.x;
-    uvec2 key = drawn.key[(pixel.y + push.border) * (push.width + 2u * push.border) + pixel.x + push.border];
+    uvec2 key = around.key[(pixel.y + push.border) * (push.width + 2u * push.border) + pixel.x + push.border];
     keys.key[own] = surface.word[own] == 0u ? uvec2(0xFFFFFFFFu) : key;
 }

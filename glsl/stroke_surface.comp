@@ -1,7 +1,7 @@
 // Ground, as stroke_quads leaves it -> of every pixel whether a surface is there.
 //
 //   near its own point a stroke lies on its surface
-//   farther out it does where, in four of eight directions or more, near ground is no farther than so many pixels: in a gap between strokes, not beyond an outline, nor in a notch
+//   farther out it does where, in some of eight directions (ground.rs), near ground is no farther than so many pixels: in a gap between strokes, not beyond an outline, nor in a notch
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -15,9 +15,8 @@ layout(scalar) writeonly buffer Surface { uint word[]; } surface;
 layout(push_constant, scalar) uniform Push {
     uint width;    // of the band, pixels
     uint enclosed; // how far near ground is looked for, pixels, and how many are around the band
+    uint directions; // of eight, in which it is to be found
 } push;
-
-const uint DIRECTIONS = 4u;
 
 void main() {
     if (gl_GlobalInvocationID.x >= push.width) return;
@@ -34,7 +33,7 @@ void main() {
             for (uint k = 1u; k <= push.enclosed; ++k) near |= ground.word[2 * (int(own) + int(k) * step) + 1];
             directions += near;
         }
-        is_surface = directions >= DIRECTIONS;
+        is_surface = directions >= push.directions;
     }
     surface.word[gl_GlobalInvocationID.y * push.width + gl_GlobalInvocationID.x] = is_surface ? 1u : 0u;
 }

@@ -60,7 +60,7 @@ struct Swapchain {
     size: [u32; 2],
     /// Frames write it: a word a pixel of the window, of which a smaller picture takes the first.
     screen: RawBuffer,
-    /// What is on the screen, pixels.
+    /// What is on the screen, pixels; none where nobody has written it.
     picture: [u32; 2],
     /// Where a picture that is smaller than the window is scaled from, and what it lies in.
     small: Option<(RawImage, Block)>,
@@ -110,11 +110,6 @@ impl Present {
             display,
             window,
         };
-        // SAFETY: a live surface and a queue family of the device.
-        let shows = unsafe { present.surfaces.get_physical_device_surface_support(device.physical, device.family, surface) };
-        if !shows.map_err(failed("vkGetPhysicalDeviceSurfaceSupportKHR"))? {
-            return Err(Error::Device(format!("{} cannot show pictures in this window; --device names another", device.name)));
-        }
         present.format = present.format(device)?;
         for _ in 0..UNDER_WAY {
             present.slots.push(slot(device)?);
@@ -153,6 +148,11 @@ impl Present {
     fn capabilities(&self, gpu: &Gpu) -> ash::prelude::VkResult<vk::SurfaceCapabilitiesKHR> {
         // SAFETY: a live surface.
         unsafe { self.surfaces.get_physical_device_surface_capabilities(gpu.device.physical, self.surface) }
+    }
+
+    /// Whether nobody has written the screen since the swapchain was replaced: what shows a picture has to draw it first.
+    pub fn is_blank(&self) -> bool {
+        self.swapchain.as_ref().is_none_or(|swapchain| swapchain.picture == [0, 0])
     }
 
     /// Pixels; none before it fits.
@@ -197,9 +197,9 @@ impl Present {
         self.painter.as_mut().expect("made above").take(&gpu.device, pool, overlay)
     }
 
-    /// Shows what the frames that were submitted before leave on the screen. False if the window had no room for it; then [`Present::fit`] and try again.
+    /// Shows what the frames that were submitted before leave on the screen. False if there is none, or the window had no room for it; then [`Present::fit`], draw and try again.
     pub fn show(&mut self, gpu: &Gpu) -> Result<bool> {
-        let Some(swapchain) = &mut self.swapchain else { return Ok(false) };
+        let Some(swapchain) = self.swapchain.as_mut().filter(|swapchain| swapchain.picture != [0, 0]) else { return Ok(false) };
         let slot = &self.slots[self.next];
         self.lost = self.lost || self.lost_after == Some(0);
         self.lost_after = self.lost_after.and_then(|pictures| pictures.checked_sub(1));
@@ -249,16 +249,20 @@ impl Present {
             self.swapchains.queue_present(gpu.device.queue, &info)
         };
         self.next = (self.next + 1) % self.slots.len();
-        match presented {
-            Ok(suboptimal) => swapchain.stale |= suboptimal,
+        let shown = match presented {
+            Ok(suboptimal) => {
+                swapchain.stale |= suboptimal;
+                true
+            }
             Err(code @ (vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR)) => {
                 swapchain.stale = true;
                 self.lost = code == vk::Result::ERROR_SURFACE_LOST_KHR;
+                false
             }
             Err(code) => return Err(failed("vkQueuePresentKHR")(code)),
-        }
+        };
         gpu.device.objections()?;
-        Ok(true)
+        Ok(shown)
     }
 
     /// Waits for all that is under way and gives everything back.
@@ -282,8 +286,13 @@ impl Present {
         let _ = unsafe { self.device.device_wait_idle() };
     }
 
-    /// Eight bits a channel that a monitor takes for sRGB.
+    /// Eight bits a channel that a monitor takes for sRGB. Of a surface that the device can show pictures in.
     fn format(&self, device: &Device) -> Result<vk::SurfaceFormatKHR> {
+        // SAFETY: a live surface and a queue family of the device.
+        let shows = unsafe { self.surfaces.get_physical_device_surface_support(device.physical, device.family, self.surface) };
+        if !shows.map_err(failed("vkGetPhysicalDeviceSurfaceSupportKHR"))? {
+            return Err(Error::Device(format!("{} cannot show pictures in this window; --device names another", device.name)));
+        }
         // SAFETY: a live surface.
         let offered = unsafe { self.surfaces.get_physical_device_surface_formats(device.physical, self.surface) };
         let offered = offered.map_err(failed("vkGetPhysicalDeviceSurfaceFormatsKHR"))?;
@@ -304,6 +313,7 @@ impl Present {
         self.surface = vk::SurfaceKHR::null();
         self.surface = self.display.surface(&gpu.device, &self.window)?;
         self.format = self.format(&gpu.device)?;
+        self.painter.as_mut().map_or(Ok(()), |painter| painter.aim(self.format.format))?;
         self.lost = false;
         Ok(())
     }
@@ -341,7 +351,7 @@ impl Present {
             }
         };
         let swapchain =
-            self.swapchain.insert(Swapchain { raw, targets: Vec::new(), size, screen, picture: size, small: None, stale: false });
+            self.swapchain.insert(Swapchain { raw, targets: Vec::new(), size, screen, picture: [0, 0], small: None, stale: false });
         // SAFETY: a live swapchain.
         let images = unsafe { self.swapchains.get_swapchain_images(raw) }.map_err(failed("vkGetSwapchainImagesKHR"))?;
         for image in images {

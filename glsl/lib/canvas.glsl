@@ -16,7 +16,7 @@ struct Canvas {
     float ground;     // how far from its middle a stroke may lie on its surface, whatever its brush; parts of a side
     float nearer;     // how much less far it does for certain: parts of what is more than a pixel
     float nearer_px;  // and pixels, at most
-    float least_px;   // of that, on the screen
+    float least_px;   // of half a side, on the screen
     float largest_px;
     float lengthen;   // how much of a cluster's length its strokes take on
     float detail;     // how opaque the second layer of small clusters is

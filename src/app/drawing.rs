@@ -543,8 +543,7 @@ impl Thread {
     fn show_again(&mut self) -> Result<()> {
         self.again = false;
         let present = self.present.as_mut().expect("taken at the end");
-        let before = present.size();
-        if !present.fit(&mut self.gpu, self.window)? || present.size() != before || !present.show(&self.gpu)? {
+        if !present.fit(&mut self.gpu, self.window)? || !present.show(&self.gpu)? {
             self.change(Instant::now());
         }
         Ok(())
@@ -588,7 +587,7 @@ impl Thread {
         let recording = Instant::now();
         let resident = cloud.resident();
         let identity = resident.identity();
-        if self.wanted == Wanted::More && identity == self.last_drawn && !complete {
+        if self.wanted == Wanted::More && identity == self.last_drawn && !complete && !present.is_blank() {
             return Ok(false);
         }
         let newer = Newer { count: &self.count, heard: self.heard };
@@ -618,7 +617,8 @@ impl Thread {
                     Error::Request(_) => {
                         (self.report)(Report::Failed(error));
                         self.wanted = Wanted::Nothing;
-                        Ok(false)
+                        let nothing_is_there = self.present.as_ref().is_some_and(Present::is_blank);
+                        if nothing_is_there { self.blank().map(|()| true) } else { Ok(false) }
                     }
                     _ => Err(error),
                 };

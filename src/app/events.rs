@@ -83,11 +83,11 @@ impl ApplicationHandler<Event> for App {
     fn user_event(&mut self, events: &ActiveEventLoop, event: Event) {
         match event {
             // Nobody waits for it any more; another one may have taken its place.
-            Event::Progress(_, errand) | Event::Opened(_, errand) if errand.is_given_up() => return,
+            Event::Progress(_, errand) | Event::Opened(_, errand) | Event::LookedUp(_, _, errand) if errand.is_given_up() => return,
             Event::Progress(text, _) => self.facts.doing = Some(text),
             Event::Opened(Ok(opened), _) => self.opened(*opened),
             Event::Opened(Err(error), _) => self.not_opened(&error),
-            Event::LookedUp(place, looked) => self.looked_up(place, looked),
+            Event::LookedUp(place, looked, _) => self.looked_up(place, looked),
             Event::Report(report) => return self.report(events, report),
             Event::Interrupted => {
                 self.ended = Some(Error::Interrupted);

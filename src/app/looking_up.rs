@@ -12,6 +12,9 @@ impl App {
     pub(super) fn forget(&mut self) {
         self.facts.measure.points.clear();
         self.looking_up.renew();
+        if !self.underway {
+            self.facts.doing = None;
+        }
     }
 
     pub(super) fn look_up(&mut self, point: &Point) {
@@ -22,10 +25,11 @@ impl App {
             station: station.map(|station| (station.part, station.source)),
         };
         let (files, done) = (self.origins.clone(), self.events.clone());
-        let watch = self.watch(self.looking_up.clone());
+        let errand = self.looking_up.clone();
+        let watch = self.watch(errand.clone());
         let work = move || {
             let looked = find::find(&files, &sought, &watch);
-            drop(done.send_event(Event::LookedUp(sought.position, looked)));
+            drop(done.send_event(Event::LookedUp(sought.position, looked, errand)));
         };
         match std::thread::Builder::new().name("looking up".into()).spawn(work) {
             Ok(thread) => self.openings.push(thread),
@@ -34,9 +38,9 @@ impl App {
     }
 
     pub(super) fn looked_up(&mut self, place: DVec3, looked: Result<Option<Record>>) {
+        self.facts.doing = None;
         match looked {
             Ok(record) => {
-                self.facts.doing = None;
                 for number in self.facts.measure.found(place, &record) {
                     // To be copied from the terminal.
                     match &record {
@@ -45,8 +49,6 @@ impl App {
                     }
                 }
             }
-            // Nobody waits for it any more.
-            Err(Error::Interrupted) => {}
             Err(error) => self.trouble(&error),
         }
     }

@@ -60,7 +60,7 @@ enum Event {
     Progress(String, Errand),
     Opened(Result<Box<Opened>>, Errand),
     /// The record of the point in this place, where there is one.
-    LookedUp(DVec3, Result<Option<Record>>),
+    LookedUp(DVec3, Result<Option<Record>>, Errand),
     Report(Report),
     /// Ctrl-C in the terminal.
     Interrupted,

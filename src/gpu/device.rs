@@ -21,7 +21,7 @@ pub struct Wish {
     pub no_int64_atomics: bool,
     /// Treat the device as lost once it has been given so many submissions, so that tests can force what follows.
     pub lost_after: Option<u64>,
-    /// Treat a window's surface as lost once it has shown so many pictures, until it is made anew.
+    /// Treat a window's surface as lost once it has been asked to show so many pictures, until it is made anew.
     pub surface_lost_after: Option<u64>,
     /// Treat the device as one most of whose memory the CPU cannot write to, so that tests can force the ring of pages.
     pub unmapped: bool,

@@ -138,7 +138,7 @@ fn cut(starts: &[u32], cells: Range<usize>, bits: u32, emit: &mut impl FnMut(Ran
     cut(starts, middle..cells.end, half, emit)
 }
 
-/// Counting sort in place (through a copy); returns where each cell starts, and the end. Ends where `look` says so, with points that are no longer all there.
+/// Counting sort in place (through a copy); returns where each cell starts, and the end. Ends where `look` says so.
 fn sort_by_cell(
     points: &mut [u32],
     cells: usize,

@@ -2,6 +2,7 @@
 
 use super::Look;
 use crate::passes::phong::Backfaces;
+use crate::passes::smooth::Pixels;
 use crate::passes::{Settings, Value, shadows};
 use crate::resident::Resident;
 
@@ -12,6 +13,10 @@ impl Look {
         if phong.backfaces == Backfaces::Drop && !self.drops_back_faces(resident) {
             let why = if resident.oriented { "phong does not run" } else { "no normals of the files say which side is outside" };
             notes.push(format!("phong=backfaces=drop: {why}; points that face away are drawn, too"));
+        }
+        let smooth = &self.effects.smooth;
+        if smooth.settings.pixels == Pixels::Filled && self.decided.runs("smooth") && !self.decided.runs("fill") {
+            notes.push("smooth: nothing is filled, and so nothing is smoothed; smooth=pixels=all smooths points".into());
         }
         let saved = resident.light.as_ref().is_some_and(|saved| self.light.is_written(&saved.light)) && self.decided.runs("shadows");
         if saved {

@@ -33,6 +33,8 @@ pub struct Counts {
     pub holes: u64,
     /// Steps of filling until nothing changed any more.
     pub filling_steps: u32,
+    /// Those of masks: of the background, and of what is occluded; none where masks do not fill.
+    pub mask_steps: Option<[u32; 2]>,
     /// That are no planes: deeper levels of shape depiction shade them and those around them.
     pub rough: u64,
     /// In which depth jumps: anti-aliasing blends there; none where it does not run.
@@ -82,7 +84,8 @@ impl Asked {
             looked_at_map: map(&mut by_kernel.iter().flat_map(|(kernel, tiles)| tiles.iter().map(|tile| (digit(kernel), *tile)))),
             holes_map: map(&mut holes.iter().map(|tile| ('#', *tile))),
             holes: holes.len() as u64,
-            filling_steps: if !holes.is_empty() { taken(&self.steps) } else { 0 } + self.masks.iter().map(taken).sum::<u32>(),
+            filling_steps: if !holes.is_empty() { taken(&self.steps) } else { 0 },
+            mask_steps: self.masks[0].is_some().then(|| self.masks.each_ref().map(taken)),
             unpeeled: words(&self.unpeeled).first().copied().unwrap_or_default() as u64,
             left_over: words(&self.left).first().is_some_and(|left| *left > 0),
             rough: listed(&self.rough),
@@ -123,17 +126,17 @@ impl std::fmt::Display for Counts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let kernels: Vec<_> = self.looked_at.iter().map(|(width, tiles)| format!("{tiles} with kernel {width}")).collect();
         let kernels = if kernels.is_empty() { String::new() } else { format!(" ({})", kernels.join(", ")) };
-        let filled = if self.holes == 0 && self.filling_steps > 0 {
-            "filled by masks".to_string()
-        } else {
-            format!("{} with pixels to fill", self.holes)
+        let filled = match self.mask_steps {
+            Some([background, occluded]) => {
+                format!("filled by masks, in {background} steps of the background and {occluded} of what is occluded")
+            }
+            None => format!("{} with pixels to fill, in {} steps", self.holes, self.filling_steps),
         };
         write!(
             f,
-            "{} of {TILE_PX} x {TILE_PX} pixels; {} looked at for what is hidden or missing{kernels}; {filled}, in {} steps; {} shaded by more than the first level of shape",
+            "{} of {TILE_PX} x {TILE_PX} pixels; {} looked at for what is hidden or missing{kernels}; {filled}; {} shaded by more than the first level of shape",
             self.tiles,
             self.looked(),
-            self.filling_steps,
             self.rough
         )?;
         if let Some(silhouettes) = self.silhouettes {

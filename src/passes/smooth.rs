@@ -90,14 +90,19 @@ pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let size = scene.view.size;
-    let (push, spec) = (Push { size, weights: settings.filter.weights() }, Spec { all: settings.pixels == Pixels::All });
-    let Layers { raw, mut depth, mut color, .. } = layers;
+    let (push, all) = (Push { size, weights: settings.filter.weights() }, settings.pixels == Pixels::All);
+    let Layers { raw, depth: filled, mut color, .. } = layers;
+    let mut smoothed = None;
     for _ in 0..settings.iterations as u32 {
         let mut smooth_depth = g.image("smooth depth", size, Kind::R32f);
         let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
+        let (depth, spec) = (smoothed.as_ref().unwrap_or(&filled), Spec { all, again: smoothed.is_some() });
         let to = (&mut smooth_depth, &mut smooth_color);
-        g.run(shader::Smooth { raw: &raw, depth: &depth, color: &color, smooth_depth: to.0, smooth_color: to.1, push, spec }, Tiles::All);
-        (depth, color) = (smooth_depth, smooth_color);
+        g.run(
+            shader::Smooth { raw: &raw, filled: &filled, depth, color: &color, smooth_depth: to.0, smooth_color: to.1, push, spec },
+            Tiles::All,
+        );
+        (smoothed, color) = (Some(smooth_depth), smooth_color);
     }
-    Layers { raw, depth, color, ..layers }
+    Layers { raw, depth: smoothed.unwrap_or(filled), color, ..layers }
 }

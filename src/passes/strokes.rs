@@ -236,6 +236,7 @@ impl Painting<'_> {
         let listed = &found.listed;
         let room = self.room(g, 2);
         let kept = made_of.filter(|_| parts.len() == 1 && self.size(desk.band).fits(room));
+        let surface = g.upload("surface", &found.surface)?;
         let mut keys = None;
         for part in parts {
             let of_tiles = |listed: &Vec<u32>| PLACE_BYTES * sum(&listed[part.tiles.start as usize..part.tiles.end as usize]);
@@ -258,7 +259,7 @@ impl Painting<'_> {
             g.fill(&mut counts, 0);
             let mut hiders = g.upload("hiders", part.hiders.as_deref().unwrap_or(&[0]))?;
             let to = [keys, &mut counts, &mut abuffer.fragments, &mut hiders];
-            self.strokes(g, desk, (found, &part.tiles), &abuffer.starts, (true, part.hiders.is_some()), to)?;
+            self.strokes(g, desk, (listed, &surface, &part.tiles), &abuffer.starts, (true, part.hiders.is_some()), to)?;
             let deepest = part.fragments.iter().copied().max().unwrap_or(0);
             let tiles = g.upload("part", &[part.tiles.start, part.tiles.end])?;
             self.blend(g, [&desk.canvas, &tiles], desk.band, part.tiles.len() as u32, abuffer, deepest)?;

@@ -27,14 +27,22 @@ fn failed(error: egui_ash_renderer::RendererError) -> Error {
     Error::Device(format!("cannot draw the panel: {error}"))
 }
 
+fn into(format: vk::Format) -> RenderMode {
+    let target = DynamicRendering { color_attachment_format: format, depth_attachment_format: None, stencil_attachment_format: None };
+    RenderMode::DynamicRendering(target)
+}
+
 impl Painter {
     pub fn new(device: &Device, format: vk::Format) -> Result<Painter> {
-        let target = DynamicRendering { color_attachment_format: format, depth_attachment_format: None, stencil_attachment_format: None };
         let options = Options { in_flight_frames: UNDER_WAY, ..Options::default() };
-        let mode = RenderMode::DynamicRendering(target);
-        let renderer =
-            Renderer::with_default_allocator(&device.instance, device.physical, device.raw.clone(), mode, options).map_err(failed)?;
+        let renderer = Renderer::with_default_allocator(&device.instance, device.physical, device.raw.clone(), into(format), options);
+        let renderer = renderer.map_err(failed)?;
         Ok(Painter { renderer, triangles: Vec::new(), pixels_per_point: 1.0 })
+    }
+
+    /// At images of another format. Nothing may be under way.
+    pub fn aim(&mut self, format: vk::Format) -> Result<()> {
+        self.renderer.set_render_mode(into(format)).map_err(failed)
     }
 
     /// Nothing that was drawn before may be under way.

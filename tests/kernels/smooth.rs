@@ -44,3 +44,25 @@ fn smoothing_takes_the_means_that_f64_does() {
     println!("bounds at most {widest:e} of the depth; {stayed} pixels beside which nothing was filled stay as they are");
     assert!(widest < 1e-5 && stayed > 1000);
 }
+
+/// However often, it does not go beyond what lies beside filled pixels.
+#[test]
+fn smoothing_again_and_again_stays_where_something_was_filled() {
+    let random = &mut Random(0x5301);
+    canvas(|canvas| {
+        for size in SIZES {
+            let keys = layered_keys(size, random);
+            let mut effects = nothing();
+            (effects.fill.switch, effects.fill.settings.method) = (Switch::On, fill::Method::Dobrev);
+            effects.smooth.switch = Switch::On;
+            effects.smooth.settings = smooth::Settings { filter: smooth::Filter::Box, iterations: 5.0, pixels: Pixels::Filled };
+            let surface = canvas.draw(&views(size)[0], &keys, &effects);
+            let (from, got) = (&surface.filled, &surface.smoothed);
+            let filled: Vec<bool> = (0..from.depth.len()).map(|i| surface.raw.depth[i].to_bits() != from.depth[i].to_bits()).collect();
+            let once = oracle::smooth::means(size, smooth::Filter::Box, &filled, &from.depth, &from.color);
+            for (i, _) in once.iter().enumerate().filter(|(_, twin)| twin.is_none()) {
+                assert_eq!((got.depth[i].to_bits(), got.color[i]), (from.depth[i].to_bits(), from.color[i]), "{size:?} pixel {i}");
+            }
+        }
+    });
+}

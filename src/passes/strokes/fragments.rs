@@ -32,11 +32,12 @@ impl Painting<'_> {
                 hiders
             }
         };
-        self.strokes(&mut counting, &desk, (found, &tiles), &starts, what, [&mut keys, &mut counts, &mut fragments, &mut hiders])?;
-        let found = [&counts, &hiders].map(|words| counting.download_buffer(words));
+        let surface = counting.upload("surface", &found.surface)?;
+        self.strokes(&mut counting, &desk, (&found.listed, &surface, &tiles), &starts, what, [&mut keys, &mut counts, &mut fragments, &mut hiders])?;
+        let read = [&counts, &hiders].map(|words| counting.download_buffer(words));
         let frame = counting.submit(&[])?;
         self.facts.counting_ms += frame.ms("");
-        let [counts, hiders] = found.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());
+        let [counts, hiders] = read.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());
         frame.shelve(g.gpu);
         Ok((counts, hiders))
     }
@@ -46,16 +47,15 @@ impl Painting<'_> {
         &self,
         g: &mut Graph,
         desk: &Desk,
-        (found, tiles): (&Found, &Range<u32>),
+        (listed, surface, tiles): (&[Vec<u32>], &Buffer, &Range<u32>),
         starts: &Buffer,
         (kept, before_hiders): (bool, bool),
         [keys, counts, fragments, hiders]: [&mut Buffer; 4],
     ) -> Result<()> {
         let (perspective, by_stroke, texels) = (self.is_perspective(), self.settings.order == Order::Stroke, g.gpu.device.texels);
         let spec = shader::strokes::Spec { perspective, kept, texels, by_stroke, before_hiders };
-        let surface = &g.upload("surface", &found.surface)?;
-        for (turn, of_turn) in found.listed.iter().enumerate() {
-            let Bins { part, strokes, longest } = &self.bins(g, desk, of_turn, tiles, [turn as u32, found.listed.len() as u32])?;
+        for (turn, of_turn) in listed.iter().enumerate() {
+            let Bins { part, strokes, longest } = &self.bins(g, desk, of_turn, tiles, [turn as u32, listed.len() as u32])?;
             for before in (0..(*longest).max(1)).step_by(STROKES_AT_ONCE) {
                 let (keys, counts, fragments, hiders) = (&mut *keys, &mut *counts, &mut *fragments, &mut *hiders);
                 g.run(

@@ -4,7 +4,7 @@
 //! it does where near ground is close by in half of all directions: gaps between strokes are closed, while outlines do not grow, nor do notches and holes that one sees through.
 
 use super::Painting;
-use super::quads::Drawn;
+use super::quads::Quads;
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Tiles};
 use crate::passes::project::Band;
@@ -13,6 +13,8 @@ use crate::shader::{self, stroke_surface};
 
 /// How far near ground is looked for.
 pub const ENCLOSED_PX: u32 = 2;
+/// In so many of eight directions it is to be found.
+pub const DIRECTIONS: u32 = 4;
 /// How much less far near ground reaches than all ground does: parts of what is more than a pixel, so that small strokes have pixels, and pixels at most, so that large ones have no gaps wider than are closed.
 pub const NEARER: f64 = 0.6;
 pub const NEARER_PX: f64 = 4.0;
@@ -21,7 +23,7 @@ pub const NEARER_PX: f64 = 4.0;
 pub fn surface(g: &mut Graph, ground: &Buffer, band: Band) -> Buffer {
     let [width, height] = band.size;
     let mut surface = g.buffer("surface", 4 * width as u64 * height as u64);
-    let push = stroke_surface::Push { width, enclosed: ENCLOSED_PX };
+    let push = stroke_surface::Push { width, enclosed: ENCLOSED_PX, directions: DIRECTIONS };
     g.run(shader::StrokeSurface { ground, surface: &mut surface, push }, Tiles::Groups([width.div_ceil(64), height, 1]));
     surface
 }
@@ -32,7 +34,7 @@ impl Painting<'_> {
         let mut before = g.before();
         let paint = resolve::paint(&mut before, self.resident, self.decided)?;
         let desk = self.lay(&mut before, band, &paint)?;
-        let Drawn { ground, .. } = self.draw(&mut before, &desk, false)?;
+        let Quads { ground, .. } = self.draw(&mut before, &desk, false)?;
         let surface = surface(&mut before, &ground, band);
         let found = before.download_buffer(&surface);
         let frame = before.submit(&[])?;

@@ -1,7 +1,8 @@
 //! Points in, of each pixel the nearest stroke out: z-buffered, where a surface is.
 
 use super::Painting;
-use super::quads::{Drawn, STROKE_BYTES};
+use super::ground::{self, ENCLOSED_PX};
+use super::quads::{Quads, STROKE_BYTES};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Tiles};
 use crate::passes::project::Band;
@@ -12,17 +13,17 @@ impl Painting<'_> {
     /// Keys of a band.
     pub(super) fn nearest(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Buffer> {
         let desk = self.lay(g, band, paint)?;
-        let Drawn { ground, nearest, size, at_once } = self.draw(g, &desk, true)?;
+        let Quads { ground, nearest, at_once } = self.draw(g, &desk, true)?;
         self.facts.listed += desk.places as u64;
         self.facts.parts += desk.places.max(1).div_ceil(at_once);
         self.facts.bytes = self.facts.bytes.max(STROKE_BYTES * at_once.min(desk.places) as u64);
-        let surface = super::ground::surface(g, &ground, band);
-        let mut drawn = g.buffer("keys around", nearest.desc.bytes());
-        g.copy_out(&nearest, &mut drawn);
+        let surface = ground::surface(g, &ground, band);
+        let mut around = g.buffer("keys around", nearest.desc.bytes());
+        g.copy_out(&nearest, &mut around);
         let [width, height] = band.size;
         let mut keys = g.buffer("keys", 8 * width as u64 * height as u64);
-        let push = stroke_keys::Push { width, border: (size[0] - width) / 2 };
-        g.run(shader::StrokeKeys { surface: &surface, drawn: &drawn, keys: &mut keys, push }, Tiles::Groups([width.div_ceil(64), height, 1]));
+        let push = stroke_keys::Push { width, border: ENCLOSED_PX };
+        g.run(shader::StrokeKeys { surface: &surface, around: &around, keys: &mut keys, push }, Tiles::Groups([width.div_ceil(64), height, 1]));
         Ok(keys)
     }
 }

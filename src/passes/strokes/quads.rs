@@ -13,23 +13,23 @@ use crate::shader::{self, Canvas, stroke_quads, stroke_screen};
 pub const STROKE_BYTES: u64 = 64;
 
 /// Of a band, and of as many pixels around it as enclosure looks.
-pub struct Drawn {
+pub struct Quads {
     /// Two words a pixel.
     pub ground: Buffer,
     /// Keys, where strokes are painted.
     pub nearest: Image,
-    pub size: [u32; 2],
     /// Strokes drawn at once.
     pub at_once: u32,
 }
 
 impl Painting<'_> {
     /// All strokes of a band; `painted`: not only their ground.
-    pub(super) fn draw(&mut self, g: &mut Graph, desk: &Desk, painted: bool) -> Result<Drawn> {
+    pub(super) fn draw(&mut self, g: &mut Graph, desk: &Desk, painted: bool) -> Result<Quads> {
         let band = self.canvas(desk.band, desk.paint);
         let (size, corner) = (band.size.map(|side| side + 2 * ENCLOSED_PX), band.corner.map(|at| at - ENCLOSED_PX as f32));
-        let reach = if painted { band.reach } else { band.reach.map(|reach| reach.min(band.ground)) };
-        let canvases = g.upload("quads", &[Canvas { size, corner, reach, ..band }])?;
+        // A brush that ends before its ground does has that all the same.
+        let reach = band.reach.map(|reach| if painted { reach.max(band.ground) } else { band.ground });
+        let canvases = g.upload("canvas", &[Canvas { size, corner, reach, ..band }])?;
         let mut ground = g.buffer("ground", 8 * size[0] as u64 * size[1] as u64);
         g.fill(&mut ground, 0);
         let mut targets = [ImageDesc::keys(size), ImageDesc::depth(size)].map(|desc| g.image_of("nearest", desc));
@@ -50,7 +50,7 @@ impl Painting<'_> {
             g.draw(quads, Vertices::Squares(count), targets.each_mut(), first > 0);
         }
         let [nearest, _] = targets;
-        Ok(Drawn { ground, nearest, size, at_once })
+        Ok(Quads { ground, nearest, at_once })
     }
 
     /// Strokes of points by their places, from one to before another.

@@ -10,7 +10,7 @@ use crate::index::axes::{self, Axes};
 use crate::index::strokes::{Stroke, householder};
 use crate::passes::resolve::srgb_to_linear;
 use crate::passes::strokes::brush::{Bristles, turns};
-use crate::passes::strokes::ground::{ENCLOSED_PX, NEARER, NEARER_PX};
+use crate::passes::strokes::ground::{DIRECTIONS, ENCLOSED_PX, NEARER, NEARER_PX};
 use crate::passes::strokes::{Blend, LEAST_PX, Order, Settings, Tangents};
 use crate::view::{Projection, View};
 use glam::{DVec2, DVec3};
@@ -207,7 +207,7 @@ impl<'v> Easel<'v> {
         easel
     }
 
-    /// Near ground, and farther out what has near ground close by in four of eight directions.
+    /// Near ground, and farther out what has near ground close by in [`DIRECTIONS`] of eight.
     fn find_surface(&self) -> Vec<(bool, bool)> {
         let [width, height] = self.view.size.map(i64::from);
         let most = ENCLOSED_PX as i64;
@@ -221,7 +221,7 @@ impl<'v> Easel<'v> {
             if own == Ground::Far {
                 sure &= ways.clone().flat_map(seen).all(|(_, sure)| sure);
             }
-            let enclosed = ways.filter(|way| seen(*way).any(|(ground, _)| ground == Ground::Near)).count() >= 4;
+            let enclosed = ways.filter(|way| seen(*way).any(|(ground, _)| ground == Ground::Near)).count() >= DIRECTIONS as usize;
             (own == Ground::Near || own == Ground::Far && enclosed, sure)
         };
         (0..height).flat_map(|y| (0..width).map(move |x| surface(x, y))).collect()
