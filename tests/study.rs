@@ -405,7 +405,7 @@ fn the_fill_study_keeps_its_promises() {
 
 #[test]
 fn the_smooth_study_keeps_its_promises() {
-    let rows = configured("smooth", 14, 2, 3 * 2);
+    let rows = configured("smooth", 14, 2, 4 * 2);
     for scene in ["all scenes", "sphere", "torus"] {
         // The more a filter weighs the neighbours, the less rough is what it leaves.
         let rough = ["none", "auto", "gaussian", "box"].map(|value| of(&rows, scene, "roughness_rms", value));
