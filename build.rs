@@ -176,7 +176,7 @@ fn generate(rust: &mut String, module: &str, stages: &[Stage]) {
             writeln!(table, "Binding {{ name: {name:?}, bind: {bind}, kind: Kind::{kind}, access: Access::{access} }},").unwrap();
         }
         if let Some(bind) = stage.area {
-            writeln!(table, "Binding {{ name: \"area\", bind: {bind}, kind: Kind::Buffer, access: Access::Read }},").unwrap();
+            writeln!(table, "Binding {{ name: \"area\", bind: {bind}, kind: Kind::TexelsR32ui, access: Access::Read }},").unwrap();
         }
         let push_size = stage.push.as_ref().map_or("0".to_string(), |_| format!("std::mem::size_of::<{module}::Push>() as u32"));
         let Stage { code, workgroup, listed, .. } = stage;

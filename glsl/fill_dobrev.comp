@@ -54,7 +54,11 @@ layout(push_constant, scalar) uniform Push {
 
 const float FARTHEST = 3.402823466e38;
 
-void work(uint tile) {
+uint tile_at(uint place) {
+    return LISTED ? listed_tile(place) : place;
+}
+
+Changes work(uint tile) {
     ivec2 top = column_of(tile, push.tiles.x);
     Changes changes = NO_CHANGES;
     [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
@@ -108,19 +112,9 @@ void work(uint tile) {
         imageStore(to_source, texel, next_source);
         if (half_tile == 1) break;
     }
-    record_changes(changes, tile, gl_NumWorkGroups.x);
+    return changes;
 }
 
-// Each workgroup has its own part of the tiles, from end to end, so that tiles side by side follow each other.
 void main() {
-    uint count = LISTED ? listed_tiles() : push.tiles.x * push.tiles.y;
-    uint part = (count / gl_NumWorkGroups.x / TILES_PER_GROUP + 1u) * TILES_PER_GROUP;
-    uint end = min(count, (gl_WorkGroupID.x + 1u) * part);
-    uint n = gl_WorkGroupID.x * part + gl_LocalInvocationID.x / 8u;
-    if (n < end) for (;;) {
-        uint tile = LISTED ? listed_tile(n) : n;
-        if (awake(tile)) work(tile);
-        n += TILES_PER_GROUP;
-        if (n >= end) break;
-    }
+    take_step(LISTED ? listed_tiles() : push.tiles.x * push.tiles.y, gl_NumWorkGroups.x);
 }

@@ -58,17 +58,11 @@ int depth_bits(uint word) {
 // Of the 3 x 3, row by row, by places in a column of six rows of three: the pixel is at `c`.
 #define AROUND(k, c) ((c) - 4 + (k) + (k) / 4)
 
-// The next place on the list whose tile is awake, of those of this lane's eight, from `n` on.
-uint next_awake(uint n, uint end) {
-    if (n < end) for (;;) {
-        if (awake(WORD(listed_words, lists, push.at + LIST_HEADER + n))) break;
-        n += TILES_PER_GROUP;
-        if (n >= end) break;
-    }
-    return n;
+uint tile_at(uint place) {
+    return WORD(listed_words, lists, push.at + LIST_HEADER + place);
 }
 
-void work(uint tile) {
+Changes work(uint tile) {
     ivec2 top = column_of(tile, push.tiles.x);
     // What the steps to come add up to grows with the square of a hole's width: with steps so much smaller the wider it is, what is missing in the end is a slope, the same for all. Smaller steps show
     // nowhere, and would keep the tile awake for long.
@@ -162,18 +156,9 @@ void work(uint tile) {
         }
         if (half_tile == 1) break;
     }
-    record_changes(changes, tile, lists.word[push.at]);
+    return changes;
 }
 
-// Each workgroup has its own part of the list, from end to end, so that tiles side by side follow each other.
 void main() {
-    uint listed = WORD(listed_words, lists, push.at + 3u);
-    uint part = (listed / gl_NumWorkGroups.x / TILES_PER_GROUP + 1u) * TILES_PER_GROUP;
-    uint end = min(listed, (gl_WorkGroupID.x + 1u) * part);
-    uint n = next_awake(gl_WorkGroupID.x * part + gl_LocalInvocationID.x / 8u, end);
-    if (n < end) for (;;) {
-        work(WORD(listed_words, lists, push.at + LIST_HEADER + n));
-        n = next_awake(n + TILES_PER_GROUP, end);
-        if (n >= end) break;
-    }
+    take_step(WORD(listed_words, lists, push.at + 3u), lists.word[push.at]);
 }

@@ -445,10 +445,10 @@ impl<'g> Graph<'g> {
         recorded
     }
 
-    /// Passes that keep to an area, of those that can: shaders that include area.glsl.
+    /// Passes that keep to an area, of those that can: shaders that include area.glsl. Devices whose texel buffers are too small for a list work on the whole picture, which shows the same.
     pub fn within<T>(&mut self, area: Option<&Area>, record: impl FnOnce(&mut Self) -> T) -> T {
         assert!(self.within.is_none(), "an area within an area");
-        self.within = area.map(Within::new);
+        self.within = area.filter(|_| self.gpu.device.texels).map(Within::new);
         let recorded = record(self);
         self.within = None;
         recorded

@@ -347,7 +347,7 @@ impl Scratch {
         layout: vk::DescriptorSetLayout,
         code: &Code,
         resources: &[ResourceId],
-        last: Option<vk::Buffer>,
+        last: Option<vk::BufferView>,
         at: &impl Fn(&ResourceId) -> &'p Physical,
     ) -> Result<vk::DescriptorSet> {
         let layouts = [layout];
@@ -364,7 +364,7 @@ impl Scratch {
                 _ => images.push((binding, [vk::DescriptorImageInfo::default().image_view(at(id).image().view).image_layout(LAYOUT)])),
             }
         }
-        buffers.extend(code.bindings.last().zip(last).map(|(binding, raw)| (binding, whole(raw))));
+        texels.extend(code.bindings.last().zip(last).map(|(binding, words)| (binding, [words])));
         let write = |binding: &crate::gpu::Binding| {
             vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding.bind).descriptor_type(descriptor_type(binding.kind))
         };
@@ -381,7 +381,9 @@ impl Scratch {
             Work::Run { code, constants, push, resources, groups } => {
                 // Of a shader that keeps to no area nobody reads the list of its tiles, which wants a buffer all the same.
                 let no_area = match code.listed {
-                    Some(_) if resources.len() < code.bindings.len() => Some(gpu.memory.keep(&gpu.device, "no area", 64, &[])?.0.raw),
+                    Some(_) if resources.len() < code.bindings.len() => {
+                        Some(gpu.memory.keep(&gpu.device, "no area", 64, &[])?.0.texels.words)
+                    }
                     _ => None,
                 };
                 let kernel = gpu.kernels.get(&gpu.device, code, constants)?;
