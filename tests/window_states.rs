@@ -354,12 +354,14 @@ fn on_its_way_to_a_finer_monitor_and_back_the_window_is_as_large_to_the_eye_and_
     let panel = |viewer: &mut Viewer| {
         viewer.key("n");
         let mut reaches = 0;
+        // It is as wide as it stays once it has been drawn twice.
         viewer.until("panel", |viewer| {
             let seen = viewer.photograph();
             let width = seen.size[0] as usize;
             let row = &seen.pixels[width * (seen.size[1] as usize / 2)..][..width];
+            let before = reaches;
             reaches = row.iter().rposition(|pixel| *pixel == [27; 3]).unwrap_or(0);
-            reaches > 0
+            reaches > 0 && reaches == before
         });
         viewer.key("n");
         reaches
