@@ -4,7 +4,7 @@ use super::drawing::{Bring, Message};
 use super::errand::Errand;
 use super::navigation::Input;
 use super::opening::{self, Asked, First, Opened, Said};
-use super::{App, Event};
+use super::{App, Event, complain};
 use crate::cloud::attribute::Further;
 use crate::error::{Error, Result};
 use crate::passes::Switch;
@@ -145,7 +145,7 @@ impl App {
         self.facts.why_shown = why_shown;
         (self.facts.loading, self.facts.bytes_read) = (None, 0);
         // As `render` does; once, however often the files are read.
-        notes.iter().filter(|note| !self.facts.notes.contains(note)).for_each(|note| eprintln!("pointillist: note: {note}"));
+        notes.iter().filter(|note| !self.facts.notes.contains(note)).for_each(|note| complain(&format!("note: {note}")));
         self.facts.notes = notes;
         if let Err(error) = self.find_strokes() {
             self.trouble(&error);

@@ -1,6 +1,6 @@
 //! PICKED POINT -> RECORD: what its file says of it, looked up by a thread, since files are long.
 
-use super::{App, Event};
+use super::{App, Event, tell};
 use crate::cloud::attribute::STATION_SHIFT;
 use crate::cloud::find::{self, Record, Sought};
 use crate::error::{Error, Result};
@@ -42,10 +42,9 @@ impl App {
         match looked {
             Ok(record) => {
                 for number in self.facts.measure.found(place, &record) {
-                    // To be copied from the terminal.
                     match &record {
-                        Some(record) => println!("record {number}: {record}"),
-                        None => println!("record {number}: none, since it is a sample that stands for several points"),
+                        Some(record) => tell(&format!("record {number}: {record}")),
+                        None => tell(&format!("record {number}: none, since it is a sample that stands for several points")),
                     }
                 }
             }

@@ -48,6 +48,7 @@ pub use options::Options;
 use panel::{Facts, Panel};
 use seen::Seen;
 use statistics::{Statistics, Summary};
+use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -178,6 +179,16 @@ struct App {
     ended: Option<Error>,
 }
 
+/// To be copied from the terminal. Where nobody reads it any more, the window goes on.
+fn tell(what: &str) {
+    drop(writeln!(std::io::stdout(), "{what}"));
+}
+
+/// As [`tell`], on standard error.
+fn complain(what: &str) {
+    drop(writeln!(std::io::stderr(), "pointillist: {what}"));
+}
+
 impl App {
     fn post(&self, message: Message) {
         if let Some(drawing) = &self.drawing {
@@ -209,7 +220,7 @@ impl App {
     }
 
     fn trouble(&mut self, error: &Error) {
-        eprintln!("pointillist: {error}");
+        complain(&error.to_string());
         self.facts.trouble = Some(error.to_string());
     }
 }

@@ -1,10 +1,10 @@
 //! DRAWING THREAD -> WINDOW: what the picture shows, and how long it took.
 
-use super::App;
 use super::drawing::{Drawn, Report};
 use super::flight::Hands;
 use super::measure::Picked;
 use super::navigation::Way;
+use super::{App, tell};
 use crate::resident::Point;
 use std::time::{Duration, Instant};
 use winit::event_loop::ActiveEventLoop;
@@ -23,8 +23,7 @@ impl App {
             Report::Picked { point, adds } => self.picked(point, adds),
             Report::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             Report::Profile(profile) => {
-                // To be copied from the terminal.
-                println!("{}", profile.says());
+                tell(&profile.says());
                 (self.facts.profile, self.facts.trouble) = (Some(*profile), None);
             }
             Report::Doing(text) => self.facts.doing = Some(text),
@@ -93,8 +92,7 @@ impl App {
             self.forget();
         }
         self.facts.measure.points.push(Picked::new(point));
-        // To be copied from the terminal.
-        println!("{}", self.facts.measure);
+        tell(&self.facts.measure.to_string());
         self.look_up(&point);
     }
 

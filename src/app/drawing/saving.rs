@@ -5,6 +5,7 @@
 //! not there, which is said.
 
 use super::{Newer, Report, Thread, Wanted};
+use crate::app::complain;
 use crate::clip::Clips;
 use crate::error::{Error, Result};
 use crate::layers;
@@ -163,7 +164,7 @@ impl Thread {
 
     pub(super) fn give_up_saving(&mut self) {
         for saving in self.saving.drain(..) {
-            eprintln!("pointillist: {} was not saved: drawing has ended before all of it was there", saving.path().display());
+            complain(&format!("{} was not saved: drawing has ended before all of it was there", saving.path().display()));
         }
         self.former.drain(..).for_each(|former| former.cloud.free(&mut self.gpu));
     }
