@@ -21,7 +21,7 @@ use crate::index::strokes;
 use queue::{Next, Queue};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -68,17 +68,27 @@ pub struct Answer {
 pub struct Loader {
     queue: Arc<Queue<Box<dyn Destination>>>,
     answers: Receiver<Answer>,
-    reading: Reading,
+    reading: Arc<Mutex<Reading>>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// The node that is being read, and since when.
-type Reading = Arc<Mutex<Option<(usize, Instant)>>>;
+#[derive(Default)]
+struct Reading {
+    /// The node that should not take long.
+    node: Option<usize>,
+    /// When this one was begun, and what all before it took.
+    since: Option<Instant>,
+    before: Duration,
+}
+
+fn lock(reading: &Mutex<Reading>) -> MutexGuard<'_, Reading> {
+    reading.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 impl Loader {
     /// `publish` is called from the thread after every answer.
     pub fn start(index: Arc<Index>, shown: Shown, publish: impl FnMut() + Send + 'static) -> Result<Loader> {
-        let (queue, reading) = (Arc::new(Queue::new()), Reading::default());
+        let (queue, reading) = (Arc::new(Queue::new()), Arc::<Mutex<Reading>>::default());
         let (answer, answers) = channel();
         let path = index.path().to_owned();
         let words = vec![0; POINTS_PER_PAGE as usize];
@@ -97,8 +107,14 @@ impl Loader {
 
     /// The node whose reading nobody should have to wait for any longer.
     pub fn stalled(&self) -> Option<usize> {
-        let reading = *self.reading.lock().unwrap_or_else(PoisonError::into_inner);
-        reading.filter(|(_, since)| since.elapsed() >= PATIENCE).map(|(node, _)| node)
+        let reading = lock(&self.reading);
+        reading.node.filter(|_| reading.since.is_some_and(|since| since.elapsed() >= PATIENCE))
+    }
+
+    /// How long nodes have been read since the start, waiting for the disk included.
+    pub fn worked(&self) -> Duration {
+        let reading = lock(&self.reading);
+        reading.before + reading.since.map_or(Duration::ZERO, |since| since.elapsed())
     }
 
     /// An answer that is there already; an error if the thread is gone.
@@ -151,7 +167,7 @@ struct Thread<P> {
     index: Arc<Index>,
     shown: Shown,
     queue: Arc<Queue<Box<dyn Destination>>>,
-    reading: Reading,
+    reading: Arc<Mutex<Reading>>,
     answer: Sender<Answer>,
     publish: P,
     /// Scratch: one plane of one node.
@@ -202,7 +218,10 @@ impl<P: FnMut()> Thread<P> {
 
     /// From now on this node is being read, or none.
     fn watch(&self, node: Option<usize>) {
-        *self.reading.lock().unwrap_or_else(PoisonError::into_inner) = node.map(|node| (node, Instant::now()));
+        let mut reading = lock(&self.reading);
+        let took = reading.since.map_or(Duration::ZERO, |since| since.elapsed());
+        reading.before += took;
+        (reading.node, reading.since) = (node, node.map(|_| Instant::now()));
     }
 
     fn read(&mut self, node: usize, planes: u32, destination: &mut dyn Destination) -> Result<Read> {
@@ -274,7 +293,7 @@ impl<P: FnMut()> Thread<P> {
                 }
             } else {
                 // That takes what it takes.
-                self.reading.lock().unwrap_or_else(PoisonError::into_inner).take();
+                lock(&self.reading).node = None;
                 let (strokes, bytes) = strokes::of_node(&index, node)?;
                 read.bytes += bytes;
                 for k in 0..2 {

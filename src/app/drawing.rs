@@ -160,6 +160,8 @@ pub struct Loading {
     pub pool_bytes: [u64; 2],
     /// Read since the picture before.
     pub bytes_read: u64,
+    /// How long the loader has worked since the start, when the picture was on the screen.
+    pub worked: Duration,
 }
 
 /// On a picture, step by step.
@@ -579,6 +581,7 @@ impl Thread {
                 largest_error_px: cut.largest_error_px,
                 pool_bytes: residency.pool_bytes(),
                 bytes_read,
+                worked: Duration::ZERO,
             });
             errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
@@ -665,6 +668,9 @@ impl Thread {
             self.wanted = Wanted::Now;
         }
         spent.showing = showing.elapsed();
+        if let (Some(loading), Brought::Parts(residency)) = (&mut loading, cloud) {
+            loading.worked = residency.loader_worked();
+        }
         let (decided, statistics, latency) = (look.decided, outcome.statistics, self.asked.elapsed());
         let (whole, leaves_out) = (finest && complete && self.bringing.is_none(), self.uncounted.is_some());
         (self.report)(Report::Drawn(Box::new(Drawn {

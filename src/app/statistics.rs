@@ -31,12 +31,15 @@ pub struct Picture {
     took: Duration,
     /// Nodes were on their way.
     loading: bool,
+    /// How long the loader had worked by then.
+    loader: Duration,
     spent: Spent,
 }
 
 impl Picture {
     pub fn of(drawn: &Drawn, at: Instant) -> Picture {
-        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.is_loading(), spent: drawn.spent }
+        let loader = drawn.loading.map_or(Duration::ZERO, |loading| loading.worked);
+        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.is_loading(), loader, spent: drawn.spent }
     }
 }
 
@@ -93,6 +96,8 @@ pub struct FlightSummary {
     /// Times from one picture to the next that are over twice the median, and those of them during which nodes were on their way.
     pub slow: usize,
     pub slow_loading: usize,
+    /// Of all slow ones, those that might not be without the loader: if nothing had been drawn for as long as it worked meanwhile.
+    pub slow_for_loader: usize,
     /// Of those, how many are slow by what: whatever took longest beyond its own median.
     pub slow_by: Vec<(String, usize)>,
     /// From standing still to the whole picture.
@@ -111,22 +116,34 @@ fn ms(time: Duration) -> f64 {
 const CAUSES: [&str; 7] =
     ["fitting the window", "taking nodes in", "recording", "the device", "reading back", "showing", "what is between pictures"];
 
-impl Picture {
-    /// Of all the milliseconds since the picture before, those of each cause.
-    fn by_cause(&self, frame: f64) -> [f64; CAUSES.len()] {
-        let Spent { fitting, taking_in, recording, drawing, reading_back, showing } = self.spent;
+/// From one picture to the next, milliseconds.
+struct Step {
+    ms: f64,
+    by_cause: [f64; CAUSES.len()],
+    loading: bool,
+    /// Of that, what the loader worked meanwhile, on whatever core, and what it took to take in what it brought.
+    loader: f64,
+}
+
+impl Step {
+    fn between(before: &Picture, after: &Picture) -> Step {
+        let frame = ms(after.at - before.at);
+        let Spent { fitting, taking_in, recording, drawing, reading_back, showing } = after.spent;
         let known = [fitting, taking_in, recording, drawing, reading_back, showing].map(ms);
         let [a, b, c, d, e, f] = known;
-        [a, b, c, d, e, f, (frame - known.iter().sum::<f64>()).max(0.0)]
+        let by_cause = [a, b, c, d, e, f, (frame - known.iter().sum::<f64>()).max(0.0)];
+        let loader = ms(after.loader.saturating_sub(before.loader) + taking_in);
+        Step { ms: frame, by_cause, loading: after.loading, loader }
     }
 }
 
 /// How many frames are slow by what, of those that took more than this; the commonest first.
-fn slow_by(frames: &[(f64, [f64; CAUSES.len()])], slow: f64) -> Vec<(String, usize)> {
-    let usual: Vec<f64> = (0..CAUSES.len()).map(|cause| Spread::of(frames.iter().map(|(_, by)| by[cause]).collect()).median).collect();
+fn slow_by(steps: &[Step], slow: f64) -> Vec<(String, usize)> {
+    let usual: Vec<f64> =
+        (0..CAUSES.len()).map(|cause| Spread::of(steps.iter().map(|step| step.by_cause[cause]).collect()).median).collect();
     let mut counts = [0; CAUSES.len()];
-    for (_, by) in frames.iter().filter(|(time, _)| *time > slow) {
-        let excess = |cause: &usize| by[*cause] - usual[*cause];
+    for step in steps.iter().filter(|step| step.ms > slow) {
+        let excess = |cause: &usize| step.by_cause[*cause] - usual[*cause];
         counts[(0..CAUSES.len()).max_by(|a, b| excess(a).total_cmp(&excess(b))).expect("there are causes")] += 1;
     }
     let mut named: Vec<_> = CAUSES.iter().map(ToString::to_string).zip(counts).filter(|(_, count)| *count > 0).collect();
@@ -136,27 +153,23 @@ fn slow_by(frames: &[(f64, [f64; CAUSES.len()])], slow: f64) -> Vec<(String, usi
 
 impl FlightSummary {
     pub fn of(flight: &Flight) -> FlightSummary {
-        let frames = || flight.pictures.windows(2).map(|pair| (ms(pair[1].at - pair[0].at), pair[1].loading));
-        let frame_ms = Spread::of(frames().map(|(time, _)| time).collect());
-        let by_cause: Vec<_> = flight
-            .pictures
-            .windows(2)
-            .map(|pair| ms(pair[1].at - pair[0].at))
-            .zip(&flight.pictures[1.min(flight.pictures.len())..])
-            .map(|(time, picture)| (time, picture.by_cause(time)))
-            .collect();
-        let slow = || frames().filter(|(time, _)| *time > 2.0 * frame_ms.median);
+        let steps: Vec<Step> = flight.pictures.windows(2).map(|pair| Step::between(&pair[0], &pair[1])).collect();
+        let of_pictures = |time: fn(&Picture) -> Duration| Spread::of(flight.pictures.iter().map(|picture| ms(time(picture))).collect());
+        let frame_ms = Spread::of(steps.iter().map(|step| step.ms).collect());
+        let limit = 2.0 * frame_ms.median;
+        let slow = || steps.iter().filter(|step| step.ms > limit);
         FlightSummary {
             frame_ms,
-            took_in_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.spent.taking_in)).collect()),
+            took_in_ms: of_pictures(|picture| picture.spent.taking_in),
             slow: slow().count(),
-            slow_by: slow_by(&by_cause, 2.0 * frame_ms.median),
-            slow_loading: slow().filter(|(_, loading)| *loading).count(),
+            slow_by: slow_by(&steps, limit),
+            slow_loading: slow().filter(|step| step.loading).count(),
+            slow_for_loader: slow().filter(|step| step.ms - step.loader <= limit).count(),
             pictures: flight.pictures.len(),
-            latency_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.latency)).collect()),
-            drawing_ms: Spread::of(flight.pictures.iter().map(|picture| ms(picture.took)).collect()),
+            latency_ms: of_pictures(|picture| picture.latency),
+            drawing_ms: of_pictures(|picture| picture.took),
             loading: flight.pictures.iter().filter(|picture| picture.loading).count(),
-            loading_ms: Spread::of(frames().filter(|(_, loading)| *loading).map(|(time, _)| time).collect()),
+            loading_ms: Spread::of(steps.iter().filter(|step| step.loading).map(|step| step.ms).collect()),
             to_whole_ms: flight.to_whole.map(ms),
             rest_ms: ms(REST),
             rest_pictures: flight.at_rest,
@@ -220,7 +233,9 @@ impl std::fmt::Display for Summary {
             writeln!(f, "  taking in what had come: {}", flight.took_in_ms)?;
         }
         if flight.slow > 0 {
-            writeln!(f, "  {} over twice the median, by {}", flight.slow, flight.causes())?;
+            let FlightSummary { slow, slow_loading, slow_for_loader, .. } = flight;
+            write!(f, "  {slow} over twice the median, by {}; ", flight.causes())?;
+            writeln!(f, "nodes were on their way in {slow_loading}, and {slow_for_loader} might not be slow without the loader")?;
         }
         writeln!(f, "from standing still to the whole picture: {}", or_never(flight.to_whole_ms))?;
         let cpu = flight.rest_cpu_ms.map_or(String::new(), |ms| format!(", {ms:.0} ms of processor time"));
@@ -243,12 +258,12 @@ mod tests {
 
     #[test]
     fn a_slow_frame_is_slow_by_what_took_longer_than_it_mostly_does() {
-        let usual = (10.0, [0.0, 1.0, 1.0, 7.0, 0.5, 0.5, 0.0]);
-        let mut frames = vec![usual; 20];
-        frames.push((31.0, [0.0, 22.0, 1.0, 7.0, 0.5, 0.5, 0.0]));
-        frames.push((29.0, [0.0, 1.0, 1.0, 9.0, 0.5, 0.5, 17.0]));
-        frames.push((40.0, [0.0, 1.0, 1.0, 9.0, 0.5, 0.5, 28.0]));
-        assert_eq!(slow_by(&frames, 20.0), [("what is between pictures".to_string(), 2), ("taking nodes in".to_string(), 1)]);
+        let step = |by_cause: [f64; CAUSES.len()]| Step { ms: by_cause.iter().sum(), by_cause, loading: false, loader: 0.0 };
+        let mut steps: Vec<_> = (0..20).map(|_| step([0.0, 1.0, 1.0, 7.0, 0.5, 0.5, 0.0])).collect();
+        steps.push(step([0.0, 22.0, 1.0, 7.0, 0.5, 0.5, 0.0]));
+        steps.push(step([0.0, 1.0, 1.0, 9.0, 0.5, 0.5, 17.0]));
+        steps.push(step([0.0, 1.0, 1.0, 9.0, 0.5, 0.5, 28.0]));
+        assert_eq!(slow_by(&steps, 20.0), [("what is between pictures".to_string(), 2), ("taking nodes in".to_string(), 1)]);
     }
 
     #[test]

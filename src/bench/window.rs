@@ -110,7 +110,19 @@ pub fn table(rows: &[Row]) -> String {
     let ms = |time: Option<f64>| time.map_or("never".to_string(), |ms| format!("{ms:.0} ms"));
     for Row { cloud, points, size, summary, .. } in rows {
         let Some(flight) = &summary.flight else { continue };
-        let FlightSummary { pictures, frame_ms, latency_ms, drawing_ms, loading, loading_ms, took_in_ms, slow, slow_loading, .. } = flight;
+        let FlightSummary {
+            pictures,
+            frame_ms,
+            latency_ms,
+            drawing_ms,
+            loading,
+            loading_ms,
+            took_in_ms,
+            slow,
+            slow_loading,
+            slow_for_loader,
+            ..
+        } = flight;
         writeln!(text, "{cloud}, {points} points, {size}: {pictures} pictures").expect("writing to a string");
         let times = [
             ("frame", frame_ms),
@@ -133,7 +145,7 @@ pub fn table(rows: &[Row]) -> String {
         .expect("writing to a string");
         writeln!(
             text,
-            "  {loading} pictures while nodes were on their way; {slow} frames over twice the median{}, {slow_loading} of them then; at rest, {:.0} ms: {} pictures, {} of processor time",
+            "  {loading} pictures while nodes were on their way; {slow} frames over twice the median{}, {slow_loading} of them then, {slow_for_loader} that might not be without the loader; at rest, {:.0} ms: {} pictures, {} of processor time",
             if *slow > 0 { format!(" (by {})", flight.causes()) } else { String::new() },
             flight.rest_ms,
             flight.rest_pictures,

@@ -211,6 +211,11 @@ impl Residency {
         [self.resident.pool.pages.budget, self.resident.pool.pages.used].map(|pages| PAGE_BYTES * pages as u64)
     }
 
+    /// How long the loader has worked since the start.
+    pub fn loader_worked(&self) -> Duration {
+        self.loader.worked()
+    }
+
     /// Brings what the next frame draws up to date with the loader and the view. Never waits.
     pub fn update(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
         self.step(gpu, view, detail, true)
