@@ -20,7 +20,7 @@ layout(push_constant, scalar) uniform Push {
 const float FARTHEST = 3.402823466e38;
 
 void cover(uint place) {
-    uint tile = LISTED ? listed_tile(place) : place;
+    uint tile = LISTED ? listed_number(place, push.tiles.x) : place;
     ivec2 top = column_of(tile, push.tiles.x);
     bool any_point = false;
     // Beyond the image depths are 0.

@@ -51,5 +51,5 @@ void face(ivec2 pixel) {
 }
 
 void main() {
-    EACH_OWN_PIXEL(push.size.x, face)
+    EACH_OWN_PIXEL(face)
 }

@@ -55,7 +55,7 @@ layout(push_constant, scalar) uniform Push {
 const float FARTHEST = 3.402823466e38;
 
 uint tile_at(uint place) {
-    return LISTED ? listed_tile(place) : place;
+    return LISTED ? listed_number(place, push.tiles.x) : place;
 }
 
 Changes work(uint tile) {

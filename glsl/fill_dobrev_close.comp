@@ -43,5 +43,5 @@ void close(ivec2 texel) {
 }
 
 void main() {
-    EACH_OWN_TEXEL(push.size.x, 4, close)
+    EACH_OWN_TEXEL(4, close)
 }

@@ -53,5 +53,5 @@ void open(ivec2 texel) {
 }
 
 void main() {
-    EACH_OWN_TEXEL(push.texels.x, 4, open)
+    EACH_OWN_TEXEL(4, open)
 }

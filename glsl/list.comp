@@ -1,4 +1,4 @@
-// Which tiles hold points -> those, and the ones so near that something of theirs may show there: a list that passes can keep to (lib/area.glsl).
+// Which tiles hold points -> those, and the ones so near that something of theirs may show there: a list that passes can keep to (lib/area.glsl): of each how far across, and in the upper half of the word how far down.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
@@ -27,5 +27,5 @@ void main() {
         for (int x = first.x; x <= last.x; ++x) near |= covered.tile[uint(y) * push.tiles.x + uint(x)];
     }
     if (near == 0u) return;
-    APPEND(0u, number)
+    APPEND(0u, uint(tile.y) << 16 | uint(tile.x))
 }

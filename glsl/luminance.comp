@@ -140,5 +140,5 @@ void correct(ivec2 pixel) {
 }
 
 void main() {
-    EACH_OWN_PIXEL(push.width, correct)
+    EACH_OWN_PIXEL(correct)
 }

@@ -103,5 +103,5 @@ void shade(ivec2 pixel) {
 }
 
 void main() {
-    EACH_OWN_PIXEL(push.size.x, shade)
+    EACH_OWN_PIXEL(shade)
 }

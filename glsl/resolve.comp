@@ -68,5 +68,5 @@ void resolve(ivec2 at) {
 }
 
 void main() {
-    EACH_OWN_PIXEL(push.size.x, resolve)
+    EACH_OWN_PIXEL(resolve)
 }

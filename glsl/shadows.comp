@@ -45,5 +45,5 @@ void light(ivec2 pixel) {
 }
 
 void main() {
-    EACH_OWN_PIXEL(push.size.x, light)
+    EACH_OWN_PIXEL(light)
 }

@@ -25,7 +25,7 @@ layout(push_constant, scalar) uniform Push {
 #include "silhouette.glsl"
 
 void look(uint place) {
-    uint tile = LISTED ? listed_tile(place) : place;
+    uint tile = LISTED ? listed_number(place, push.tiles.x) : place;
     ivec2 last = ivec2(push.size) - 1;
     // What lies beyond the picture is looked at as its last pixel, of the same tile.
     ivec2 at = min(column_of(tile, push.tiles.x), last);

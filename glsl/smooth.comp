@@ -76,5 +76,5 @@ void smoothen(ivec2 pixel) {
 }
 
 void main() {
-    EACH_OWN_PIXEL(push.size.x, smoothen)
+    EACH_OWN_PIXEL(smoothen)
 }

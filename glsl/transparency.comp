@@ -92,5 +92,5 @@ void add(ivec2 at) {
 }
 
 void main() {
-    EACH_OWN_PIXEL(push.size.x, add)
+    EACH_OWN_PIXEL(add)
 }

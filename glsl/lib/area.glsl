@@ -11,22 +11,29 @@ uint listed_tiles() {
     return imageLoad(area, 3).r;
 }
 
-uint listed_tile(uint place) {
-    return imageLoad(area, int(LIST_HEADER + place)).r;
+// Across and down: a pass would divide for every eight pixels.
+ivec2 listed_tile(uint place) {
+    uint tile = imageLoad(area, int(LIST_HEADER + place)).r;
+    return ivec2(tile & 0xFFFFu, tile >> 16);
 }
 
-// Runs `work` for pixels, or for texels of `rows` rows of pixels each, of a picture so wide; also for some beyond its edges.
-#define EACH_OWN_TEXEL(width_px, rows, work) { \
+// Its number, row by row.
+uint listed_number(uint place, uint tiles_across) {
+    ivec2 tile = listed_tile(place);
+    return uint(tile.y) * tiles_across + uint(tile.x);
+}
+
+// Runs `work` for pixels, or for texels of `rows` rows of pixels each, also for some beyond the picture's edges.
+#define EACH_OWN_TEXEL(rows, work) { \
     if (!LISTED) work(ivec2(gl_GlobalInvocationID.xy)); \
     const uint DOWN = uint(TILE_PX / (rows)); \
-    uint across = ((width_px) + uint(TILE_PX) - 1u) / uint(TILE_PX); \
     uint lanes = gl_LocalInvocationID.x / 8u; \
-    ivec2 row = ivec2(0, lanes * DOWN / TILES_PER_GROUP); \
+    ivec2 own = ivec2(gl_LocalInvocationID.x % 8u, lanes * DOWN / TILES_PER_GROUP); \
     uint end = LISTED ? listed_tiles() : 0u; \
     uint n = gl_WorkGroupID.x * TILES_PER_GROUP + lanes * DOWN % TILES_PER_GROUP; \
     uint to_go = DOWN; \
     if (n < end) for (;;) { \
-        work(column_of(listed_tile(n), across) / ivec2(1, rows) + row); \
+        work(listed_tile(n) * ivec2(TILE_PX, DOWN) + own); \
         to_go -= 1u; \
         n += to_go > 0u ? 1u : TO_NEXT_PLACE - DOWN + 1u; \
         to_go = to_go > 0u ? to_go : DOWN; \
@@ -34,4 +41,4 @@ uint listed_tile(uint place) {
     } \
 }
 
-#define EACH_OWN_PIXEL(width_px, work) EACH_OWN_TEXEL(width_px, 1, work)
+#define EACH_OWN_PIXEL(work) EACH_OWN_TEXEL(1, work)

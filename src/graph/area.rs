@@ -2,7 +2,7 @@
 
 use super::{Buffer, Groups, Image, ImageDesc, ResourceId};
 
-/// Tiles of 8 x 8 pixels, in words (glsl/lib/tile.glsl): workgroups that take eight each, three words, and the number of tiles; then the tiles.
+/// Tiles of 8 x 8 pixels, in words (glsl/lib/tile.glsl): workgroups that take eight each, three words, and the number of tiles; then the tiles, 16 bits across and 16 down.
 pub struct Area {
     /// The words before the tiles; those of the list itself, or of a copy that the device may have emptied.
     pub groups: Buffer,
