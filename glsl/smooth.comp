@@ -6,7 +6,7 @@
 // Weights are whole numbers, divided by the sum of those that counted. Means are of differences to the pixel's own value: what is constant stays as it is, to the last bit (HARD_CASES 26). Background
 // neither gives nor takes. What was measured stays as it is where all around it was, unless all is asked for.
 //
-// It runs over all tiles: of a list of those with filled pixels lavapipe takes more than twice as long a pixel, and copies what has changed back.
+// It runs over all tiles: of a list of those with filled pixels lavapipe took more than twice as long a pixel, column by column, and copied what had changed back.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require

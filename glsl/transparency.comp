@@ -20,9 +20,11 @@ layout(r32f) readonly uniform image2D lit;
 // Of the layer: as shown, and as projected.
 layout(r32f) readonly uniform image2D depth;
 layout(r32f) readonly uniform image2D raw;
-layout(rgba32f) uniform image2D front;
-// Layers so far.
-layout(r32f) uniform image2D peeled;
+// Of the layers in front: what they show, and how many they are. The same images as those below, or any where there are none.
+layout(rgba32f) readonly uniform image2D front_before;
+layout(r32f) readonly uniform image2D peeled_before;
+layout(rgba32f) writeonly uniform image2D front;
+layout(r32f) writeonly uniform image2D peeled;
 // f32 bits; read as texels where they may be so large.
 layout(r32ui) readonly uniform uimageBuffer before;
 layout(scalar) buffer Behind { uint word[]; } behind;
@@ -67,10 +69,10 @@ void add(ivec2 at) {
     ivec2 pixel = ivec2(at.x, at.y + int(push.top));
     vec4 c = imageLoad(color, pixel);
     if (LIT_BY) c.rgb *= imageLoad(lit, pixel).r;
-    vec4 sum = FIRST ? vec4(0.0) : imageLoad(front, pixel);
+    vec4 sum = FIRST ? vec4(0.0) : imageLoad(front_before, pixel);
     sum += c * (1.0 - sum.a);
     imageStore(front, pixel, sum);
-    float layers = FIRST ? 0.0 : imageLoad(peeled, pixel).r;
+    float layers = FIRST ? 0.0 : imageLoad(peeled_before, pixel).r;
     imageStore(peeled, pixel, vec4(layers + (c.a > 0.0 ? 1.0 : 0.0)));
 
     float shown = imageLoad(depth, pixel).r;

@@ -3,6 +3,7 @@
 use clap::Parser;
 use pointillist::cli::{bench, index, info, render, shadows, study, synth, terminal::Terminal, view};
 use pointillist::error::Error;
+use std::io::Write;
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
@@ -42,6 +43,11 @@ enum Command {
     Bench(bench::Arguments),
 }
 
+/// The exit code stands where nobody reads standard error any more.
+fn say(what: &str) {
+    drop(writeln!(std::io::stderr(), "pointillist: {what}"));
+}
+
 fn main() -> ExitCode {
     let program = Program::parse();
     let progress = Terminal::new();
@@ -58,14 +64,14 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(Error::Interrupted) => {
-            eprintln!("pointillist: {}", Error::Interrupted);
+            say(&Error::Interrupted.to_string());
             ExitCode::from(130)
         }
         Err(error) => {
             // One line, whatever a path has in it; the validation layers' own words are many.
             match error {
-                Error::Validation(_) => eprintln!("pointillist: {error}"),
-                _ => eprintln!("pointillist: {}", error.to_string().replace('\n', "\\n")),
+                Error::Validation(_) => say(&error.to_string()),
+                _ => say(&error.to_string().replace('\n', "\\n")),
             }
             ExitCode::FAILURE
         }

@@ -222,10 +222,15 @@ fn layers_are_drawn_only_where_they_show_something_and_the_picture_is_the_same()
     ];
     for way in [Way::Compute64, Way::Compute32] {
         for effects in looks {
-            let of = |tiles: &str| draw(&cloud, &view, way, &["class:3=0.3", "class:2=0.5"], &[effects, &[tiles]].concat());
-            let (needed, all) = (of("transparency=tiles=needed"), of("transparency=tiles=all"));
+            let of = |way, tiles: &str| draw(&cloud, &view, way, &["class:3=0.3", "class:2=0.5"], &[effects, &[tiles]].concat());
+            let (needed, all) = (of(way, "transparency=tiles=needed"), of(way, "transparency=tiles=all"));
             assert!(all.peeled.iter().any(|&layers| layers > 3.0), "{effects:?}");
             assert!(needed.front == all.front && needed.peeled == all.peeled && needed.left_over == all.left_over, "{way:?}, {effects:?}");
+            // Lists of tiles are texels.
+            if way == Way::Compute64 {
+                let without = of(Way::Words, "transparency=tiles=needed");
+                assert!(without.front == all.front && without.peeled == all.peeled, "without texels, {effects:?}");
+            }
         }
     }
 }

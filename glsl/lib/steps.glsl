@@ -57,11 +57,14 @@ void wake(Changes changes, uint tile) {
 }
 
 // Works on all places whose tiles are awake, and asks for another step, of so many workgroups, where anything changed. Each workgroup has its own part of the places, from end to end, so that tiles side
-// by side follow each other; as many workgroups as the places need have eight each, and none has none: it would walk through `work` once all the same.
+// by side follow each other; eights of places are shared out evenly, since one that has none would walk through `work` once all the same.
 void take_step(uint places, uint groups) {
-    uint part = (max(places, 1u) - 1u) / (gl_NumWorkGroups.x * TILES_PER_GROUP) * TILES_PER_GROUP + TILES_PER_GROUP;
-    uint end = min(places, (gl_WorkGroupID.x + 1u) * part);
-    uint n = next_awake(gl_WorkGroupID.x * part + gl_LocalInvocationID.x / 8u, end);
+    uint eights = (places + TILES_PER_GROUP - 1u) / TILES_PER_GROUP;
+    uint each = eights / gl_NumWorkGroups.x;
+    uint more = eights % gl_NumWorkGroups.x;
+    uint first = gl_WorkGroupID.x * each + min(gl_WorkGroupID.x, more);
+    uint end = min(places, (first + each + uint(gl_WorkGroupID.x < more)) * TILES_PER_GROUP);
+    uint n = next_awake(first * TILES_PER_GROUP + gl_LocalInvocationID.x / 8u, end);
     bool changed = false;
     if (n < end) for (;;) {
         uint tile = tile_at(n);

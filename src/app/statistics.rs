@@ -98,7 +98,7 @@ pub struct FlightSummary {
     pub slow_loading: usize,
     /// Of all slow ones, those that might not be without the loader: if nothing had been drawn for as long as it worked meanwhile.
     pub slow_for_loader: usize,
-    /// Of those, how many are slow by what: whatever took longest beyond its own median.
+    /// Of all slow ones, how many are slow by what: whatever took longest beyond its own median.
     pub slow_by: Vec<(String, usize)>,
     /// From standing still to the whole picture.
     pub to_whole_ms: Option<f64>,
@@ -121,7 +121,7 @@ struct Step {
     ms: f64,
     by_cause: [f64; CAUSES.len()],
     loading: bool,
-    /// Of that, what the loader worked meanwhile, on whatever core, and what it took to take in what it brought.
+    /// What the loader worked meanwhile, on whatever core, and what it took to take in what it brought: no less than what the step would be shorter by without it.
     loader: f64,
 }
 
@@ -264,6 +264,24 @@ mod tests {
         steps.push(step([0.0, 1.0, 1.0, 9.0, 0.5, 0.5, 17.0]));
         steps.push(step([0.0, 1.0, 1.0, 9.0, 0.5, 0.5, 28.0]));
         assert_eq!(slow_by(&steps, 20.0), [("what is between pictures".to_string(), 2), ("taking nodes in".to_string(), 1)]);
+    }
+
+    #[test]
+    fn a_frame_is_slow_for_the_loader_if_it_would_not_be_without_what_that_worked() {
+        let started = Instant::now();
+        let at = |after: u64, loader: u64| Picture {
+            at: started + Duration::from_millis(after),
+            latency: Duration::ZERO,
+            took: Duration::ZERO,
+            loading: loader > 0,
+            loader: Duration::from_millis(loader),
+            spent: Spent { taking_in: Duration::from_millis(1), ..Spent::default() },
+        };
+        let mut flight = Flight::new(Duration::from_secs(1));
+        // Of 10 ms, but for one of 24 with 5 of the loader and 1 of taking in, and one of 24 with 2 of the loader.
+        flight.pictures = [(0, 0), (10, 0), (20, 0), (44, 5), (54, 5), (78, 7), (88, 7)].map(|(after, loader)| at(after, loader)).into();
+        let summary = FlightSummary::of(&flight);
+        assert_eq!((summary.slow, summary.slow_loading, summary.slow_for_loader), (2, 2, 1));
     }
 
     #[test]

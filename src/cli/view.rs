@@ -10,6 +10,7 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::source::Opening;
 use crate::view::Camera;
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -103,8 +104,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let summary = app::run(options, progress)?;
     match arguments.timings.as_deref() {
-        Some("json") => println!("{}", serde_json::json!(summary)),
-        Some(_) => eprint!("{summary}"),
+        // Where nobody reads it any more, the window was closed all the same.
+        Some("json") => drop(writeln!(std::io::stdout(), "{}", serde_json::json!(summary))),
+        Some(_) => drop(write!(std::io::stderr(), "{summary}")),
         None => {}
     }
     Ok(())

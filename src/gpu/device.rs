@@ -7,6 +7,7 @@ use super::failed;
 use crate::error::{Error, Result};
 use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_char, c_void};
+use std::io::Write;
 use std::sync::Mutex;
 
 /// What the user asked for with `--device` and `--validate`.
@@ -19,6 +20,8 @@ pub struct Wish {
     pub window: bool,
     /// Treat the device as one without 64-bit atomics, so that tests can force the two-pass way.
     pub no_int64_atomics: bool,
+    /// Treat the device as one of small texel buffers, so that tests can force loads of words.
+    pub no_texels: bool,
     /// Treat the device as lost once it has been given so many submissions, so that tests can force what follows.
     pub lost_after: Option<u64>,
     /// Treat a window's surface as lost once it has been asked to show so many pictures, until it is made anew.
@@ -45,7 +48,7 @@ pub struct Device {
     pub int64_atomics: bool,
     /// The CPU can write to all of the device's own memory; a graphics card without a resizable BAR has a window of 256 MiB.
     pub is_mapped: bool,
-    /// Texel buffers are large enough for pages and keys; Vulkan promises only 65,536 texels.
+    /// Texel buffers are large enough for pages, keys and lists of tiles; Vulkan promises only 65,536 texels.
     pub texels: bool,
     /// Workgroups of a pass that goes through a list of which most may need nothing: on a CPU few, since there every workgroup walks through its code once even if nothing is to be done.
     pub most_groups: u32,
@@ -118,7 +121,7 @@ impl Device {
             is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
             int64_atomics,
             is_mapped: !wish.unmapped && is_mapped(&memory),
-            texels: properties.limits.max_texel_buffer_elements >= TEXELS_NEEDED,
+            texels: !wish.no_texels && properties.limits.max_texel_buffer_elements >= TEXELS_NEEDED,
             most_groups: match properties.device_type {
                 vk::PhysicalDeviceType::CPU => 8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32),
                 _ => properties.limits.max_compute_work_group_count[0],
@@ -166,7 +169,7 @@ impl Drop for Device {
             self.raw.destroy_device(None);
             // What outlived its device is said here, where nobody can fail any more.
             if let Err(error) = self.objections() {
-                eprintln!("pointillist: {error}");
+                drop(writeln!(std::io::stderr(), "pointillist: {error}"));
             }
             if let Some((debug, messenger)) = self.messenger.take() {
                 debug.destroy_debug_utils_messenger(messenger, None);

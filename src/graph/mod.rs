@@ -32,8 +32,8 @@ pub struct Image {
 }
 
 impl Image {
-    /// A second handle, of an image that passes are recorded over again ([`Again`]).
-    fn again(&self) -> Image {
+    /// A second handle, for a pass that reads of a pixel what it then writes there, or a later one; and of an image that passes are recorded over again ([`Again`]).
+    pub(crate) fn again(&self) -> Image {
         Image { id: self.id, desc: self.desc }
     }
 }

@@ -98,20 +98,20 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     let bands = project::bands(size, g.binding_limit());
     let before = layers.front.take().map(|front| (front.color, front.peeled, front.behind, front.layers));
     let (mut front, mut peeled, mut behind, number) = before.unwrap_or_else(|| {
-        let (mut color, mut peeled) = (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f));
-        g.clear(&mut color);
-        g.clear(&mut peeled);
         let behind = bands.iter().map(|band| {
             let mut words = g.buffer("behind", 4 * band.size[0] as u64 * band.size[1] as u64);
             g.fill(&mut words, 0);
             words
         });
-        (color, peeled, behind.collect(), 0)
+        let behind = behind.collect();
+        (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f), behind, 0)
     });
     let mut left = g.buffer("left", 4);
     g.fill(&mut left, 0);
     // Without light there is nothing to read; a binding wants an image all the same.
     let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
+    // The first layer is of the whole picture, and reads neither.
+    let (front_before, peeled_before) = if number == 0 { (layers.color.again(), layers.depth.again()) } else { (front.again(), peeled.again()) };
     let last = number + 1 == settings.layers as u32;
     let spec = Spec { lit_by: layers.lit.is_some(), first: number == 0, last, texels: g.gpu.device.texels };
     let slant = match (settings.layer, layers.flat_px) {
@@ -125,7 +125,22 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
         let Layers { color, depth, raw, .. } = &layers;
         let (before, any_left) = (&behind.racing(), &left.racing());
         g.run(
-            shader::Transparency { color, lit, depth, raw, front: &mut front, peeled: &mut peeled, before, behind, any_left, left: &mut left, push, spec },
+            shader::Transparency {
+                color,
+                lit,
+                depth,
+                raw,
+                front_before: &front_before,
+                peeled_before: &peeled_before,
+                front: &mut front,
+                peeled: &mut peeled,
+                before,
+                behind,
+                any_left,
+                left: &mut left,
+                push,
+                spec,
+            },
             Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
         );
     }

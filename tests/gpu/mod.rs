@@ -26,14 +26,22 @@ pub enum Way {
     Compute32,
     /// As `Compute64`, on a device most of whose memory the CPU cannot write to.
     Unmapped,
+    /// As `Compute64`, on a device whose texel buffers are small.
+    Words,
 }
 
 pub const WAYS: [Way; 2] = [Way::Compute64, Way::Compute32];
 
 /// Runs `work` on the process's device. Without a Vulkan device, or without its validation layers, the test fails.
 pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
-    static DEVICES: [OnceLock<Mutex<Gpu>>; 3] = [const { OnceLock::new() }; 3];
-    let wish = Wish { validate: true, no_int64_atomics: way == Way::Compute32, unmapped: way == Way::Unmapped, ..Wish::default() };
+    static DEVICES: [OnceLock<Mutex<Gpu>>; 4] = [const { OnceLock::new() }; 4];
+    let wish = Wish {
+        validate: true,
+        no_int64_atomics: way == Way::Compute32,
+        unmapped: way == Way::Unmapped,
+        no_texels: way == Way::Words,
+        ..Wish::default()
+    };
     let device =
         DEVICES[way as usize].get_or_init(|| Mutex::new(Gpu::open(&wish).expect("tests need a Vulkan 1.3 device with validation layers")));
     // A test that failed while holding the device left nothing half done on it: submissions are waited for.
