@@ -22,33 +22,34 @@ layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
-// The words of `keys` as texels.
+// The words of `keys` as texels; and in fours, which are the keys of a layer behind others.
 layout(r32ui) readonly uniform uimageBuffer front;
-// Of every pixel, the bits of the depth behind which points are looked for; as texels, and as words.
-layout(r32ui) readonly uniform uimageBuffer behind;
-layout(scalar) readonly buffer BehindWords { uint word[]; } behind_words;
+layout(rgba32ui) readonly uniform uimageBuffer front_behind;
 // Of every listed chunk, the last layer that it had points behind the ones before of.
 layout(scalar) buffer Alive { uint layer[]; } alive;
 // Of every listed chunk, whether it has a point near the front.
 layout(scalar) buffer Shallow { uint chunk[]; } shallow;
 layout(scalar) buffer Keys { uint word[]; } keys;
 
+// A layer behind others: only what lies deeper than they do (Dobrev et al. 2010, sec. 4).
+layout(constant_id = 7) const bool BEHIND = false;
+
+#include "keys.glsl"
 #include "project.glsl"
 
-// Of the nearest point so far; may be stale.
-uint front_depth(uint pixel) {
-    return TEXELS ? imageLoad(front, int(2u * pixel + 1u)).r : keys.word[2u * pixel + 1u];
-}
-
-uint depth_behind(uint pixel) {
-    return TEXELS ? imageLoad(behind, int(pixel)).r : behind_words.word[pixel];
+// Of the nearest point so far, which may be stale; and how deep the layers before are, where there are any.
+uint front_depth(uint pixel, out uint least) {
+    if (!BEHIND) return TEXELS ? imageLoad(front, int(depth_word(pixel))).r : keys.word[depth_word(pixel)];
+    uvec4 both = TEXELS ? imageLoad(front_behind, int(pixel)) : uvec4(keys.word[4u * pixel], 0u, 0u, keys.word[depth_word(pixel)]);
+    least = both.x;
+    return both.w;
 }
 
 void meet(uint pixel, float depth, uint point) {
     if (STEP == 0u) {
-        atomicMin(keys.word[2u * pixel + 1u], floatBitsToUint(depth));
-    } else if (floatBitsToUint(depth) == keys.word[2u * pixel + 1u]) {
-        atomicMin(keys.word[2u * pixel], point);
+        atomicMin(keys.word[depth_word(pixel)], floatBitsToUint(depth));
+    } else if (floatBitsToUint(depth) == keys.word[depth_word(pixel)]) {
+        atomicMin(keys.word[point_word(pixel)], point);
     }
 }
 

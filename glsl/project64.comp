@@ -21,30 +21,31 @@ layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
-// The words of `keys` as texels.
+// The words of `keys` as texels; and in fours, which are the keys of a layer behind others.
 layout(r32ui) readonly uniform uimageBuffer front;
-// Of every pixel, the bits of the depth behind which points are looked for; as texels, and as words.
-layout(r32ui) readonly uniform uimageBuffer behind;
-layout(scalar) readonly buffer BehindWords { uint word[]; } behind_words;
+layout(rgba32ui) readonly uniform uimageBuffer front_behind;
 // Of every listed chunk, the last layer that it had points behind the ones before of.
 layout(scalar) buffer Alive { uint layer[]; } alive;
 // Of every listed chunk, whether it has a point near the front.
 layout(scalar) buffer Shallow { uint chunk[]; } shallow;
 layout(scalar) buffer Keys { uint64_t key[]; } keys;
 
+// A layer behind others: only what lies deeper than they do (Dobrev et al. 2010, sec. 4).
+layout(constant_id = 7) const bool BEHIND = false;
+
+#include "keys.glsl"
 #include "project.glsl"
 
-// Of the nearest point so far; may be stale.
-uint front_depth(uint pixel) {
-    return TEXELS ? imageLoad(front, int(2u * pixel + 1u)).r : uint(keys.key[pixel] >> 32);
-}
-
-uint depth_behind(uint pixel) {
-    return TEXELS ? imageLoad(behind, int(pixel)).r : behind_words.word[pixel];
+// Of the nearest point so far, which may be stale; and how deep the layers before are, where there are any.
+uint front_depth(uint pixel, out uint least) {
+    if (!BEHIND) return TEXELS ? imageLoad(front, int(depth_word(pixel))).r : uint(keys.key[pixel] >> 32);
+    uvec4 both = TEXELS ? imageLoad(front_behind, int(pixel)) : uvec4(keys.key[2u * pixel], 0u, 0u, keys.key[2u * pixel + 1u] >> 32);
+    least = both.x;
+    return both.w;
 }
 
 void meet(uint pixel, float depth, uint point) {
-    atomicMin(keys.key[pixel], (uint64_t(floatBitsToUint(depth)) << 32) | uint64_t(point));
+    atomicMin(keys.key[point_word(pixel) / 2u], (uint64_t(floatBitsToUint(depth)) << 32) | uint64_t(point));
 }
 
 #include "nearest.glsl"

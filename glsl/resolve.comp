@@ -1,6 +1,6 @@
 // Keys -> depth, index and colour images. Colours are multiplied by the point's opacity, which is their alpha.
 //
-// A key's high word is the depth's bits, its low word the point. The point's attribute word is read here, once a pixel, and not once a point while
+// The point's attribute word is read here, once a pixel, and not once a point while
 // projecting. Colours come from one table of 256 linear colours, made on the CPU so that every driver gives the same bits: for `rgb` it decodes sRGB,
 // for scalars it is a ramp over lo..hi, for kinds a palette.
 #version 460
@@ -15,9 +15,9 @@
 
 layout(local_size_x = 64) in;
 
-// Two words a key: point, depth bits. As texels, and for devices whose texel buffers are too small as a storage buffer.
+// As texels, and for devices whose texel buffers are too small as a storage buffer.
 layout(r32ui) readonly uniform uimageBuffer keys;
-layout(scalar) readonly buffer KeyWords { uvec2 key[]; } key_words;
+layout(scalar) readonly buffer KeyWords { uint word[]; } key_words;
 // Of every node of the frame, the two words of the address of the page that says what its points show.
 layout(scalar) readonly buffer Shown { uvec2 page[]; } shown;
 // The same of the pages that say of what kind its points are.
@@ -37,6 +37,8 @@ layout(constant_id = 2) const bool TRANSPARENT = false;
 layout(constant_id = 3) const bool BY_KIND = false;
 // Colours are left to another pass (luminance.comp).
 layout(constant_id = 4) const bool COLORLESS = false;
+// Of a layer behind others.
+layout(constant_id = 5) const bool BEHIND = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;  // pixels of this band
@@ -48,22 +50,28 @@ layout(push_constant, scalar) uniform Push {
 const uint NO_POINT = 0xFFFFFFFFu;
 const uint INFINITY_BITS = 0x7F800000u;
 
+#include "keys.glsl"
 #include "shown.glsl"
 #include "paint.glsl"
+
+uint key_word(uint at) {
+    return TEXELS ? imageLoad(keys, int(at)).r : key_words.word[at];
+}
 
 void resolve(ivec2 at) {
     // Listed pixels are those of the whole picture.
     if (LISTED) at.y -= int(push.top);
     if (at.y < 0 || any(greaterThanEqual(at, ivec2(push.size)))) return;
-    int k = at.y * int(push.size.x) + at.x;
-    uvec2 key = TEXELS ? uvec2(imageLoad(keys, 2 * k).r, imageLoad(keys, 2 * k + 1).r) : key_words.key[k];
+    uint k = uint(at.y) * push.size.x + uint(at.x);
+    uint point = key_word(point_word(k));
+    uint depth_bits = key_word(depth_word(k));
     ivec2 pixel = ivec2(at.x, at.y + int(push.top));
-    bool empty = key.x == NO_POINT;
-    imageStore(depth, pixel, vec4(uintBitsToFloat(empty ? INFINITY_BITS : key.y)));
-    imageStore(index, pixel, uvec4(key.x));
+    bool empty = point == NO_POINT;
+    imageStore(depth, pixel, vec4(uintBitsToFloat(empty ? INFINITY_BITS : depth_bits)));
+    imageStore(index, pixel, uvec4(point));
     if (COLORLESS) return;
     vec4 c = vec4(0.0);
-    if (!empty) c = painted(MODE == CONSTANT ? 0u : shown_word(key.x), push.lo, push.scale) * vec4(own_opacity(key.x));
+    if (!empty) c = painted(MODE == CONSTANT ? 0u : shown_word(point), push.lo, push.scale) * vec4(own_opacity(point));
     imageStore(color, pixel, c);
 }
 

@@ -10,8 +10,11 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 
+const bool BEHIND = true;
+
 #include "tile.glsl"
 #include "area.glsl"
+#include "keys.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -25,9 +28,10 @@ layout(rgba32f) readonly uniform image2D front_before;
 layout(r32f) readonly uniform image2D peeled_before;
 layout(rgba32f) writeonly uniform image2D front;
 layout(r32f) writeonly uniform image2D peeled;
-// f32 bits; read as texels where they may be so large.
-layout(r32ui) readonly uniform uimageBuffer before;
-layout(scalar) buffer Behind { uint word[]; } behind;
+// Keys of this layer, and in the same buffer those of the next (keys.glsl). As texels, and for devices whose texel buffers are too small as a storage buffer.
+layout(r32ui) readonly uniform uimageBuffer keys;
+layout(scalar) readonly buffer KeyWords { uint word[]; } key_words;
+layout(scalar) writeonly buffer Next { uint word[]; } next;
 // 0 only if no pixel is left.
 layout(scalar) buffer Left { uint any[]; } left;
 // The same as a texel.
@@ -47,6 +51,7 @@ layout(push_constant, scalar) uniform Push {
     int apart_px; // how far apart two pixels are that do not show the depth of one point
 } push;
 
+const uint NO_POINT = 0xFFFFFFFFu;
 const uint INFINITY_BITS = 0x7F800000u;
 const float FARTHEST = 3.402823466e38;
 const float LEAST_LIGHT = 1.0 / 512.0;
@@ -87,10 +92,12 @@ void add(ivec2 at) {
     if (LAST) return;
     float z = uintBitsToFloat(goes_on ? bits : 0u);
     float layer = max(push.layer, push.slant * (fall(z, pixel, ivec2(push.apart_px, 0)) + fall(z, pixel, ivec2(0, push.apart_px))));
-    uint word = uint(at.y) * push.size.x + uint(at.x);
+    uint k = uint(at.y) * push.size.x + uint(at.x);
     // Positive floats order like their bits.
-    uint least = FIRST ? 0u : TEXELS ? imageLoad(before, int(word)).r : behind.word[word];
-    behind.word[word] = max(least, goes_on ? floatBitsToUint(z + layer) : INFINITY_BITS);
+    uint least = FIRST ? 0u : TEXELS ? imageLoad(keys, int(WORDS_A_KEY * k)).r : key_words.word[WORDS_A_KEY * k];
+    next.word[WORDS_A_KEY * k] = max(least, goes_on ? floatBitsToUint(z + layer) : INFINITY_BITS);
+    next.word[point_word(k)] = NO_POINT;
+    next.word[depth_word(k)] = NO_POINT;
 }
 
 void main() {

@@ -59,7 +59,8 @@ pub fn draw<T>(
 }
 
 pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
-    let bands = project::bands(view.size, g.binding_limit());
+    let key_bytes = if look.layers() > 1 { project::KEY_BEHIND_BYTES } else { project::KEY_BYTES };
+    let bands = project::bands(view.size, key_bytes, g.binding_limit());
     let drawn = project::draw_again(g, view, resident, look.precision, |node| look.overlap.touches(view, node))?;
     let drawn = drawn.one_sided(look.drops_back_faces(resident));
     let paint = resolve::paint(g, resident, &look.decided)?;
@@ -130,14 +131,14 @@ struct Points<'p> {
 }
 
 impl Points<'_> {
-    /// Of all points, or of those behind the depths of each band, the nearest of each pixel; with what walks over them keep from layer to layer, and which layer it is.
-    fn nearest(&self, g: &mut Graph, mut behind: Option<(&[Buffer], &mut Buffer, u32)>) -> Result<Layers> {
+    /// Of all points, or of those behind others, the nearest of each pixel; with the keys of each band, what walks over points keep from layer to layer, and which layer it is.
+    fn nearest(&self, g: &mut Graph, mut behind: Option<(&mut [Buffer], &mut Buffer, u32)>) -> Result<Layers> {
         let view = self.scene.view;
         let mut resolved = resolve::layers(g, view);
         let averaged = &self.look.effects.luminance.settings;
         let mut shallow = luminance::shallow(g, self.scene, averaged, self.drawn, self.paint);
         for (number, &band) in self.bands.iter().enumerate() {
-            let behind = behind.as_mut().map(|(bands, alive, layer)| Behind { depths: &bands[number], alive, layer: *layer });
+            let behind = behind.as_mut().map(|(keys, alive, layer)| Behind { keys: &mut keys[number], alive, layer: *layer });
             let keys = project::record(g, view, self.drawn, behind, shallow.as_mut(), band);
             resolved = resolve::record(g, &keys, self.paint, band, resolved);
         }
@@ -151,12 +152,12 @@ impl Points<'_> {
 
     /// The next layer, over those in front of it, drawn where the one before has shown something; and where it shows something itself.
     fn next(&self, g: &mut Graph, next: Next, marks: Option<Marks>, before: &Area) -> Result<(Layers, Area)> {
-        let Next { front, alive, layer, grows_px } = next;
+        let Next { mut front, alive, layer, grows_px } = next;
         let bounded = grows_px.is_finite();
         let left = gate::area_where(g, &front.left, before);
         let (layers, covered) = gate::only_where(g, &front.left, |g| {
             g.within(bounded.then_some(&left), |g| {
-                let layers = self.nearest(g, Some((&front.behind, alive, layer)))?;
+                let layers = self.nearest(g, Some((&mut front.next, alive, layer)))?;
                 let covered = gate::covered(g, &layers.raw, grows_px);
                 Ok((layers, covered))
             })

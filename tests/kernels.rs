@@ -33,7 +33,7 @@ use pointillist::graph::Graph;
 use pointillist::index::{self, pack};
 use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
-use pointillist::passes::project::{Band, Precision};
+use pointillist::passes::project::{Band, Keys, Precision};
 use pointillist::passes::{Scene, Switch, composite, edl, resolve};
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
@@ -100,7 +100,7 @@ fn resolved(cloud: &Cloud, attribute: Attribute, view: &View, settings: &edl::Se
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &resident, &Default::default()).unwrap();
         let resolved = resolve::layers(&mut g, view);
-        let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
+        let resolved = resolve::record(&mut g, &Keys::nearest(uploaded), &paint, Band { top: 0, size: view.size }, resolved);
         let layers = resolved.layers(&mut g, view, &resident).unwrap();
         let [depth, index, color] = [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image));
         let layers = edl::record(&mut g, &Scene::of(view, &resident, Light::default()), settings, layers);

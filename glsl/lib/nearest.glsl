@@ -1,4 +1,4 @@
-// Four neighbours -> the keys of their pixels. The includer has `front_depth`, `depth_behind`, and `meet`, which brings one point to its pixel; walk.glsl comes after.
+// Four neighbours -> the keys of their pixels. The includer has BEHIND, `front_depth`, and `meet`, which brings one point to its pixel; walk.glsl comes after.
 //
 //   where a layer behind others is drawn, leave out what is not behind them, and chunks that had nothing left one layer before
 //   of neighbours in the same pixel keep the nearest           points are in Morton order, so many are
@@ -6,9 +6,6 @@
 //
 // Each step was kept because it was faster on lavapipe when it was added, alone, to the ones before: words in fours, the early read, the merging, nodes
 // drawn from front to back; together they doubled the rate. What is left is mostly atomics. `bench project` measures the whole.
-
-// A layer behind others: only what lies deeper than they do (Dobrev et al. 2010, sec. 4).
-layout(constant_id = 7) const bool BEHIND = false;
 
 // The depths that points have to be behind only grow from layer to layer, so a chunk that has none behind them never has one again. Layers count from 1; every chunk is walked for the first.
 #define IS_TO_BE_WALKED(at) (!BEHIND || alive.layer[at] + 1u >= push.layer)
@@ -27,12 +24,14 @@ void walked(uint at) {
 #define WALKED(at) walked(at)
 
 void four(uint pixel[4], float depth[4], uint first) {
-    if (BEHIND) {
-        for (uint k = 0u; k < 4u; ++k) {
-            uint least = depth_behind(pixel[k] == NO_PIXEL ? 0u : pixel[k]);
-            pixel[k] = floatBitsToUint(depth[k]) > least ? pixel[k] : NO_PIXEL;
-            any_behind = any_behind || pixel[k] != NO_PIXEL;
-        }
+    uint seen[4];
+    for (uint k = 0u; k < 4u; ++k) {
+        uint least = 0u;
+        // Pixel 0 is as good as any to look at for a point that has none.
+        seen[k] = front_depth(pixel[k] == NO_PIXEL ? 0u : pixel[k], least);
+        if (!BEHIND) continue;
+        pixel[k] = floatBitsToUint(depth[k]) > least ? pixel[k] : NO_PIXEL;
+        any_behind = any_behind || pixel[k] != NO_PIXEL;
     }
     uint point[4];
     for (uint k = 0u; k < 4u; ++k) point[k] = first + k;
@@ -43,11 +42,8 @@ void four(uint pixel[4], float depth[4], uint first) {
         point[k] = nearer ? point[k - 1u] : point[k];
         pixel[k - 1u] = together ? NO_PIXEL : pixel[k - 1u];
     }
-    uint seen[4];
-    for (uint k = 0u; k < 4u; ++k) {
-        // Pixel 0 is as good as any to look at for a point that has none.
-        seen[k] = front_depth(pixel[k] == NO_PIXEL ? 0u : pixel[k]);
-        if (SHALLOW) {
+    if (SHALLOW) {
+        for (uint k = 0u; k < 4u; ++k) {
             bool is_empty = seen[k] == 0xFFFFFFFFu;
             bool is_shallow = is_empty || depth[k] <= uintBitsToFloat(is_empty ? 0u : seen[k]) + push.epsilon;
             any_shallow = any_shallow || (is_shallow && pixel[k] != NO_PIXEL);

@@ -147,8 +147,8 @@ fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Re
     let mut g = Graph::new(gpu);
     let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;
     let mut wanted = Vec::new();
-    for band in project::bands(view.size, g.binding_limit()) {
-        wanted.push(project::record(&mut g, view, &drawn, None, None, band));
+    for band in project::bands(view.size, project::KEY_BYTES, g.binding_limit()) {
+        wanted.push(project::record(&mut g, view, &drawn, None, None, band).words);
     }
     let downloads: Vec<Buffer> = if count { wanted.iter().map(|keys| g.download_buffer(keys)).collect() } else { Vec::new() };
     let frame = g.submit(&wanted.iter().map(Handle::resource).collect::<Vec<_>>())?;

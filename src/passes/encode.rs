@@ -65,7 +65,7 @@ pub struct Encoded(Vec<(Buffer, Band)>);
 /// Asks for it after the submission.
 pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
     let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
-    let bands = project::bands(picture.desc.size, g.binding_limit()).into_iter().map(|band| {
+    let bands = project::bands(picture.desc.size, 4, g.binding_limit()).into_iter().map(|band| {
         let Band { top, size } = band;
         let fours = (size[0] * size[1]).div_ceil(4);
         let mut bytes = g.answer("bytes", 12 * fours as u64);

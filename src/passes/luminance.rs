@@ -160,7 +160,7 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, sh
     let [width, height] = scene.view.size;
     // Two rows are left for the neighbours of a band.
     let limit = g.binding_limit().saturating_sub(16 * channels as u64 * width as u64);
-    for Band { top, size } in project::bands([channels * width, height], limit) {
+    for Band { top, size } in project::bands([channels * width, height], 8, limit) {
         let rows = [top, top + size[1]];
         let band = Band { top: top.saturating_sub(1), size: [width, (rows[1] + 1).min(height) - top.saturating_sub(1)] };
         let mut words = g.buffer("sums", 8 * channels as u64 * width as u64 * band.size[1] as u64);

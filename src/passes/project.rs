@@ -102,6 +102,25 @@ pub struct Statistics {
     pub quantisation_px: f64,
 }
 
+/// Keys of one band.
+pub struct Keys {
+    pub words: Buffer,
+    /// Of a layer behind others: as many bytes apart as [`KEY_BEHIND_BYTES`] says.
+    pub behind: bool,
+}
+
+impl Keys {
+    pub fn nearest(words: Buffer) -> Keys {
+        Keys { words, behind: false }
+    }
+}
+
+/// Bytes of a pixel's key (glsl/lib/keys.glsl).
+pub const KEY_BYTES: u64 = 8;
+
+/// The same, of a layer behind others, beside the depth that its points lie behind.
+pub const KEY_BEHIND_BYTES: u64 = 16;
+
 /// A horizontal band of the picture: all of it, unless its keys would not fit one binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Band {
@@ -109,9 +128,15 @@ pub struct Band {
     pub size: [u32; 2],
 }
 
-/// Bands whose keys fit into `limit` bytes.
-pub fn bands(size: [u32; 2], limit: u64) -> Vec<Band> {
-    let rows = (limit / (8 * size[0] as u64)).clamp(1, size[1] as u64) as u32;
+impl Band {
+    pub fn pixels(self) -> u64 {
+        self.size[0] as u64 * self.size[1] as u64
+    }
+}
+
+/// Bands that fit into `limit` bytes with so many a pixel.
+pub fn bands(size: [u32; 2], pixel_bytes: u64, limit: u64) -> Vec<Band> {
+    let rows = (limit / (pixel_bytes * size[0] as u64)).clamp(1, size[1] as u64) as u32;
     (0..size[1]).step_by(rows as usize).map(|top| Band { top, size: [size[0], rows.min(size[1] - top)] }).collect()
 }
 
@@ -230,10 +255,10 @@ impl Drawn {
     }
 }
 
-/// What a layer lies behind.
+/// Of a layer behind others.
 pub struct Behind<'b> {
-    /// Depths of the layers before, f32 bits a pixel of the band; from layer to layer they only grow.
-    pub depths: &'b Buffer,
+    /// Without points, beside the depths of the layers before; from layer to layer these only grow.
+    pub keys: &'b mut Buffer,
     /// Of every chunk, the last layer that it had points for; 0 before the first.
     pub alive: &'b mut Buffer,
     /// From 1.
@@ -248,20 +273,28 @@ pub struct Shallow {
     pub epsilon: f32,
 }
 
-/// Keys of one band; of the points that lie behind others, where that is asked for.
-pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, shallow: Option<&mut Shallow>, band: Band) -> Buffer {
-    let mut keys = g.buffer("keys", 8 * band.size[0] as u64 * band.size[1] as u64);
-    g.fill(&mut keys, u32::MAX);
-    add(g, view, drawn, behind, shallow, band, &mut keys);
-    keys
+/// Of all points, or of those behind others where that is asked for.
+pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, shallow: Option<&mut Shallow>, band: Band) -> Keys {
+    if let Some(Behind { keys, alive, layer }) = behind {
+        walk(g, view, drawn, Some((alive, layer)), shallow, band, keys);
+        return Keys { words: keys.again(), behind: true };
+    }
+    let mut words = g.buffer("keys", KEY_BYTES * band.pixels());
+    g.fill(&mut words, u32::MAX);
+    walk(g, view, drawn, None, shallow, band, &mut words);
+    Keys::nearest(words)
 }
 
-/// The same points, beside those that the keys are of already.
-pub fn add(
+/// All points, beside those that the keys are of already.
+pub fn add(g: &mut Graph, view: &View, drawn: &Drawn, band: Band, keys: &mut Buffer) {
+    walk(g, view, drawn, None, None, band, keys);
+}
+
+fn walk(
     g: &mut Graph,
     view: &View,
     drawn: &Drawn,
-    behind: Option<Behind>,
+    behind: Option<(&mut Buffer, u32)>,
     shallow: Option<&mut Shallow>,
     band: Band,
     keys: &mut Buffer,
@@ -270,7 +303,7 @@ pub fn add(
     // Read beside the atomics on purpose: a stale key only costs an atomic.
     let (front, mut no_alive, mut no_shallow) = (&keys.racing(), keys.racing(), keys.racing());
     let (is_behind, is_shallow) = (behind.is_some(), shallow.is_some());
-    let Behind { depths, alive, layer } = behind.unwrap_or(Behind { depths: front, alive: &mut no_alive, layer: 0 });
+    let (alive, layer) = behind.unwrap_or((&mut no_alive, 0));
     let (shallow, epsilon) = shallow.map_or((&mut no_shallow, 0.0), |shallow| (&mut shallow.chunks, shallow.epsilon));
     let (opacities, within) = (drawn.opacities(), drawn.within());
     let int64 = g.gpu.device.int64_atomics;
@@ -278,14 +311,16 @@ pub fn add(
     for (&step, group) in steps.iter().flat_map(|step| drawn.groups.iter().map(move |group| (step, group))) {
         let (tiles, &Group { block, planes, filtered, again, first_chunk, chunk_count }) = (group.tiles(), group);
         let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
+        // The keys of a single pixel without layers in front are less than a texel of four words.
+        let front_behind = if is_behind { front } else { pages };
         // Both kernels bind the same and are told the same.
         macro_rules! run {
             ($($kernel:ident)::+, $module:ident $(, $step:ident)?) => {{
                 let push = $module::Push { centre, corner, size, near, first_chunk, chunk_count, layer, epsilon };
                 let spec = $module::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, behind: is_behind, shallow: is_shallow && again $(, $step)? };
-                let (page_words, behind, behind_words, keys, alive, shallow) = (pages, depths, depths, &mut *keys, &mut *alive, &mut *shallow);
+                let (page_words, keys, alive, shallow) = (pages, &mut *keys, &mut *alive, &mut *shallow);
                 g.run(
-                    $($kernel)::+ { nodes, chunks, opacities, within, pages, page_words, front, behind, behind_words, alive, shallow, keys, push, spec },
+                    $($kernel)::+ { nodes, chunks, opacities, within, pages, page_words, front, front_behind, alive, shallow, keys, push, spec },
                     tiles,
                 );
             }};

@@ -1,6 +1,6 @@
 //! KEYS -> LAYERS: depth, point ids and colours of one band, written into the whole picture's images.
 
-use super::project::Band;
+use super::project::{Band, Keys};
 use super::{Decided, Layers, exposure, luminance};
 use crate::cloud::attribute::{Attribute, Shown};
 pub use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
@@ -98,16 +98,16 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Pa
     Ok(Paint { shown, kinds, opacities, table, gains, levels, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
 }
 
-pub fn record(g: &mut Graph, keys: &Buffer, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {
+pub fn record(g: &mut Graph, keys: &Keys, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {
     let Resolved { mut depth, mut index, mut color } = resolved;
     let push = Push { size: band.size, top: band.top, lo: paint.ramp[0], scale: paint.ramp[1] };
     let (transparent, by_kind, colorless) = (paint.opacities.is_some(), paint.kinds.is_some(), paint.levels.is_some());
-    let spec = Spec { mode: paint.mode, texels: g.gpu.device.texels, transparent, by_kind, colorless };
+    let spec = Spec { mode: paint.mode, texels: g.gpu.device.texels, transparent, by_kind, colorless, behind: keys.behind };
     let groups = [band.size[0].div_ceil(64), band.size[1], 1];
     g.run(
         shader::Resolve {
-            keys,
-            key_words: keys,
+            keys: &keys.words,
+            key_words: &keys.words,
             shown: &paint.shown,
             kinds: paint.kinds(),
             opacities: paint.opacities(),

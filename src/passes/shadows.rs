@@ -307,7 +307,7 @@ fn cast_on(
     let mut drawn = project::draw_some(g, camera, resident, casters, Precision::Auto)?;
     let layer = Layer::new(camera, bounds, settings);
     let mut shallow = drawn.shallow(g, layer.deepest as f32);
-    let keys = project::record(g, camera, &drawn, None, Some(&mut shallow), Band { top: 0, size: camera.size });
+    let keys = project::record(g, camera, &drawn, None, Some(&mut shallow), Band { top: 0, size: camera.size }).words;
     let reached = reach(g, camera, &keys, &layer);
     let numbers = |nodes: &[&ResidentNode]| nodes.iter().map(|node| node.number).collect::<Vec<_>>();
     if numbers(casters) != numbers(marked) {

@@ -38,7 +38,7 @@ pub use blur::record;
 pub use facts::Facts;
 pub use settings::{Blend, Order, Settings, Sort, Tangents};
 
-use super::project::{self, Band, Drawn, Precision, Walk};
+use super::project::{self, Band, Drawn, Keys, Precision, Walk};
 use super::resolve::{Paint, Resolved};
 use super::{Decided, Effects, Reason, Scene, TILE_PX, tiles};
 use crate::config::POINTS_PER_PAGE;
@@ -169,16 +169,17 @@ impl Painting<'_> {
     pub fn bands(&self, limit: u64) -> Vec<Band> {
         let [width, height] = self.view.size;
         let around = 2 * ground::ENCLOSED_PX;
-        let bands = project::bands([width + around, height], limit.saturating_sub(8 * (width + around) as u64 * around as u64));
+        let bands = project::bands([width + around, height], project::KEY_BYTES, limit.saturating_sub(8 * (width + around) as u64 * around as u64));
         bands.into_iter().map(|band| Band { size: [width, band.size[1]], ..band }).collect()
     }
 
     /// Keys of a band, as those of [`project::record`]; and its part of the blended colours.
-    pub fn record(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Buffer> {
-        match self.blended {
+    pub fn record(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Keys> {
+        let words = match self.blended {
             Some(_) => self.layers(g, paint, band),
             None => self.nearest(g, paint, band),
-        }
+        };
+        words.map(Keys::nearest)
     }
 
     /// All strokes of a band over each other.

@@ -84,8 +84,8 @@ pub struct Front {
     pub color: Image,
     /// How many surfaces that is; a number that f32 holds exactly, since software devices load images of integers slowly.
     pub peeled: Image,
-    /// Of every band, f32 bits a pixel: the next layer is looked for behind that depth, which only grows.
-    pub behind: Vec<Buffer>,
+    /// Of every band, the keys of the next layer, still empty, and the depths that it is looked for behind, which only grow.
+    pub next: Vec<Buffer>,
     /// Not 0 where a pixel is not finished.
     pub left: Buffer,
     /// How many layers there have been.
@@ -95,16 +95,11 @@ pub struct Front {
 /// The layer under those in front of it, and where the next one begins.
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Layers) -> Layers {
     let size = scene.view.size;
-    let bands = project::bands(size, g.binding_limit());
-    let before = layers.front.take().map(|front| (front.color, front.peeled, front.behind, front.layers));
-    let (mut front, mut peeled, mut behind, number) = before.unwrap_or_else(|| {
-        let behind = bands.iter().map(|band| {
-            let mut words = g.buffer("behind", 4 * band.size[0] as u64 * band.size[1] as u64);
-            g.fill(&mut words, 0);
-            words
-        });
-        let behind = behind.collect();
-        (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f), behind, 0)
+    let bands = project::bands(size, project::KEY_BEHIND_BYTES, g.binding_limit());
+    let before = layers.front.take().map(|front| (front.color, front.peeled, front.next, front.layers));
+    let (mut front, mut peeled, mut next, number) = before.unwrap_or_else(|| {
+        let next = bands.iter().map(|band| g.buffer("next keys", project::KEY_BEHIND_BYTES * band.pixels())).collect();
+        (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f), next, 0)
     });
     let mut left = g.buffer("left", 4);
     g.fill(&mut left, 0);
@@ -120,10 +115,11 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
         _ => 0.0,
     };
     let layer = scene.layer_m(settings.layer) as f32;
-    for (&Band { top, size }, behind) in bands.iter().zip(&mut behind) {
+    for (&Band { top, size }, next) in bands.iter().zip(&mut next) {
         let push = Push { size, top, layer, slant, apart_px: layers.flat_px as i32 };
         let Layers { color, depth, raw, .. } = &layers;
-        let (before, any_left) = (&behind.racing(), &left.racing());
+        let any_left = &left.racing();
+        let keys = &if number == 0 { left.racing() } else { next.racing() };
         g.run(
             shader::Transparency {
                 color,
@@ -134,8 +130,9 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
                 peeled_before: &peeled_before,
                 front: &mut front,
                 peeled: &mut peeled,
-                before,
-                behind,
+                keys,
+                key_words: keys,
+                next,
                 any_left,
                 left: &mut left,
                 push,
@@ -144,5 +141,5 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
             Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
         );
     }
-    Layers { front: Some(Front { color: front, peeled, behind, left, layers: number + 1 }), ..layers }
+    Layers { front: Some(Front { color: front, peeled, next, left, layers: number + 1 }), ..layers }
 }

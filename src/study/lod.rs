@@ -219,8 +219,8 @@ fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     let mut g = Graph::new(gpu);
     let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;
     let mut wanted = Vec::new();
-    for band in project::bands(view.size, g.binding_limit()) {
-        wanted.push(project::record(&mut g, view, &drawn, None, None, band).resource());
+    for band in project::bands(view.size, project::KEY_BYTES, g.binding_limit()) {
+        wanted.push(project::record(&mut g, view, &drawn, None, None, band).words.resource());
     }
     let frame = g.submit(&wanted)?;
     let ms = frame.ms("project") + frame.ms("clear");

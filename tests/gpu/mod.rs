@@ -12,7 +12,7 @@ use pointillist::graph::{Buffer, Frame, Gpu, Graph};
 use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes;
-use pointillist::passes::project::{Band, Statistics};
+use pointillist::passes::project::{Band, Keys, Statistics};
 use pointillist::passes::{EFFECTS, Effects, Scene, Switch, antialias, ao, composite, fill, phong, resolve, shape, smooth, visibility};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
@@ -177,7 +177,7 @@ impl Canvas<'_> {
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &self.resident, &Default::default()).unwrap();
         let resolved = resolve::layers(&mut g, view);
-        let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size: view.size }, resolved);
+        let resolved = resolve::record(&mut g, &Keys::nearest(uploaded), &paint, Band { top: 0, size: view.size }, resolved);
         let mut layers = resolved.layers(&mut g, view, &self.resident).unwrap();
         // Depths come from keys here, and lie anywhere.
         layers.spacing_px = [0.0, f64::INFINITY];

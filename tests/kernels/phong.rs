@@ -10,7 +10,7 @@ use pointillist::frame;
 use pointillist::graph::Graph;
 use pointillist::light::Light;
 use pointillist::look;
-use pointillist::passes::project::Band;
+use pointillist::passes::project::{Band, Keys};
 use pointillist::passes::{Scene, Switch, phong, resolve};
 use pointillist::progress::Silent;
 use pointillist::resident::Resident;
@@ -90,7 +90,7 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                 let uploaded = g.upload("keys", &keys).unwrap();
                 let paint = resolve::paint(&mut g, &resident, &Default::default()).unwrap();
                 let resolved = resolve::layers(&mut g, &view);
-                let resolved = resolve::record(&mut g, &uploaded, &paint, Band { top: 0, size }, resolved);
+                let resolved = resolve::record(&mut g, &Keys::nearest(uploaded), &paint, Band { top: 0, size }, resolved);
                 let layers = resolved.layers(&mut g, &view, &resident).unwrap();
                 let facing = phong::facing(&mut g, &view, &layers).expect("points have normals");
                 let [depth, color, index, facing] = [&layers.depth, &layers.color, &layers.index, &facing].map(|image| g.download(image));

@@ -148,7 +148,7 @@ impl Work<'_> {
                     g.fill(&mut keys, u32::MAX);
                 }
                 let drawn = project::draw(&mut g, view, room, Precision::Auto)?;
-                project::add(&mut g, view, &drawn, None, None, Band { top: 0, size: view.size }, &mut keys);
+                project::add(&mut g, view, &drawn, Band { top: 0, size: view.size }, &mut keys);
                 seen.push(keys.resource());
             }
             g.submit(&seen)?.shelve(gpu);
