@@ -23,11 +23,9 @@ layout(r32f) readonly uniform image2D lit;
 // Of the layer: as shown, and as projected.
 layout(r32f) readonly uniform image2D depth;
 layout(r32f) readonly uniform image2D raw;
-// Of the layers in front: what they show, and how many they are. The same images as those below, or any where there are none.
+// What the layers in front show. The same image as the one below, or any where there are none.
 layout(rgba32f) readonly uniform image2D front_before;
-layout(r32f) readonly uniform image2D peeled_before;
 layout(rgba32f) writeonly uniform image2D front;
-layout(r32f) writeonly uniform image2D peeled;
 // Keys of this layer, and in the same buffer those of the next (keys.glsl). As texels, and for devices whose texel buffers are too small as a storage buffer.
 layout(r32ui) readonly uniform uimageBuffer keys;
 layout(scalar) readonly buffer KeyWords { uint word[]; } key_words;
@@ -77,8 +75,6 @@ void add(ivec2 at) {
     vec4 sum = FIRST ? vec4(0.0) : imageLoad(front_before, pixel);
     sum += c * (1.0 - sum.a);
     imageStore(front, pixel, sum);
-    float layers = FIRST ? 0.0 : imageLoad(peeled_before, pixel).r;
-    imageStore(peeled, pixel, vec4(layers + (c.a > 0.0 ? 1.0 : 0.0)));
 
     float shown = imageLoad(depth, pixel).r;
     // Loads stand outside of conditions: in a branch lavapipe loads lane by lane.

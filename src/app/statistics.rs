@@ -96,7 +96,7 @@ pub struct FlightSummary {
     /// Times from one picture to the next that are over twice the median, and those of them during which nodes were on their way.
     pub slow: usize,
     pub slow_loading: usize,
-    /// Of all slow ones, those that might not be without the loader: if nothing had been drawn for as long as it worked meanwhile.
+    /// Of all slow ones, those that might not be without the loader: if nothing had been drawn for as long as it had a core meanwhile.
     pub slow_for_loader: usize,
     /// Of all slow ones, how many are slow by what: whatever took longest beyond its own median.
     pub slow_by: Vec<(String, usize)>,
@@ -121,7 +121,7 @@ struct Step {
     ms: f64,
     by_cause: [f64; CAUSES.len()],
     loading: bool,
-    /// What the loader worked meanwhile, on whatever core, and what it took to take in what it brought: no less than what the step would be shorter by without it.
+    /// How long the loader had a core meanwhile, whichever, and what it took to take in what it brought: the step would hardly be shorter by more without it.
     loader: f64,
 }
 

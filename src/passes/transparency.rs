@@ -15,7 +15,7 @@ use super::project::{self, Band};
 use super::visibility::Looked;
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill, significant};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
-use crate::shader::{self, transparency::Push, transparency::Spec};
+use crate::shader::{self, peeled, transparency::Push, transparency::Spec};
 use crate::view::View;
 
 pub const SUMMARY: &str = "surfaces that let through what is behind them: layers, from front to back (--opacity)";
@@ -82,7 +82,7 @@ const UPHILL: f32 = 1.0;
 pub struct Front {
     /// What they show: linear, multiplied by its opacity; alpha is what they hide of what is behind them.
     pub color: Image,
-    /// How many surfaces that is; a number that f32 holds exactly, since software devices load images of integers slowly.
+    /// How many surfaces that is, for whoever asks.
     pub peeled: Image,
     /// Of every band, the keys of the next layer, still empty, and the depths that it is looked for behind, which only grow.
     pub next: Vec<Buffer>,
@@ -107,6 +107,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
     // The first layer is of the whole picture, and reads neither.
     let (front_before, peeled_before) = if number == 0 { (layers.color.again(), layers.depth.again()) } else { (front.again(), peeled.again()) };
+    let (color, push, spec) = (&layers.color, peeled::Push { size }, peeled::Spec { first: number == 0 });
+    g.run(shader::Peeled { color, before: &peeled_before, peeled: &mut peeled, push, spec }, Tiles::All);
     let last = number + 1 == settings.layers as u32;
     let spec = Spec { lit_by: layers.lit.is_some(), first: number == 0, last, texels: g.gpu.device.texels };
     let slant = match (settings.layer, layers.flat_px) {
@@ -127,9 +129,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
                 depth,
                 raw,
                 front_before: &front_before,
-                peeled_before: &peeled_before,
                 front: &mut front,
-                peeled: &mut peeled,
                 keys,
                 key_words: keys,
                 next,
