@@ -15,19 +15,17 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
-#include "light.glsl"
 #include "masks.glsl"
 
 layout(local_size_x = 64) in;
 
-layout(r32f) readonly uniform image2D depth;
-layout(r32f) writeonly uniform image2D filled;
+#include "light.glsl"
 
-void main() {
-    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(texel, ivec2(push.size)))) return;
-    float z = imageLoad(depth, texel).r;
-    bool has = has_depth(floatBitsToUint(z));
+layout(scalar) writeonly buffer Filled { float texel[]; } filled;
+
+void fill(uint texel, vec3 above, vec3 here, vec3 below) {
+    float z = here.y;
+    bool has = is_depth(z);
     float own = has ? z : 1.0;
     float run = texel_at(own);
     float layer = layer_at(own);
@@ -35,24 +33,26 @@ void main() {
     layer *= push.filled + 1.0;
 
     float other[8];
+    around(above, here, below, other);
     bool known[8];
     bool before[8];
     float front = own - min(layer, most);
-    [[unroll]] for (int k = 0; k < 8; ++k) {
-        other[k] = imageLoad(depth, texel + RING[k]).r;
-        known[k] = has_depth(floatBitsToUint(other[k]));
-        before[k] = known[k] && other[k] < front;
-    }
     int empty = 0;
-    [[unroll]] for (int k = 0; k < 8; ++k) empty += known[k] ? 0 : 1;
-    float tangent = empty < 3 ? 0.0 : push.steepest;
+    [[unroll]] for (int k = 0; k < 8; ++k) {
+        known[k] = is_depth(other[k]);
+        before[k] = known[k] && other[k] < front;
+        empty += known[k] ? 0 : 1;
+    }
+    Slope slope = Slope(0.0, 0.0);
     [[unroll]] for (int k = 0; k < 8; ++k) {
         int next = (k + 1) % 8;
-        float among = before[k] && before[next] ? tangent_of(other[next] - other[k], run) : 0.0;
-        float aside = known[k] && !before[k] ? tangent_of(other[k] - own, run_to(k, run)) : 0.0;
-        tangent = max(tangent, max(among, aside));
+        // Two that follow each other around a texel lie side by side.
+        float among = before[k] && before[next] ? rise_of(other[k], other[next], run) : 0.0;
+        slope.beside = max(slope.beside, among);
+        rises(slope, k, own, known[k] && !before[k] ? other[k] : own, run);
     }
-    front = own - min(along_light(layer, min(tangent, push.steepest)), most);
+    float tangent = empty < 3 ? tangent_of(slope, run) : push.steepest;
+    front = own - min(along_light(layer, tangent), most);
     float nearest = uintBitsToFloat(BACKGROUND_BITS);
     uint open = 0u;
     [[unroll]] for (int k = 0; k < 8; ++k) {
@@ -60,5 +60,9 @@ void main() {
         nearest = closes ? min(nearest, other[k]) : nearest;
         open |= uint(!closes) << k;
     }
-    imageStore(filled, texel, vec4(any_mask(open) ? z : nearest));
+    filled.texel[texel] = any_mask(open) ? z : nearest;
+}
+
+void main() {
+    EACH_OWN_ROW(fill)
 }

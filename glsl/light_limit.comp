@@ -10,28 +10,28 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
-#include "light.glsl"
 
 layout(local_size_x = 64) in;
 
-layout(r32f) readonly uniform image2D depth;
-layout(r32f) writeonly uniform image2D limit;
+#include "light.glsl"
 
-void main() {
-    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(texel, ivec2(push.size)))) return;
-    float z = imageLoad(depth, texel).r;
-    bool has = has_depth(floatBitsToUint(z));
+layout(scalar) writeonly buffer Limit { float texel[]; } limit;
+
+void reach(uint texel, vec3 above, vec3 here, vec3 below) {
+    float z = here.y;
+    bool has = is_depth(z);
     float own = has ? z : 1.0;
     float run = texel_at(own);
-    float tangent = 0.0;
-    [[unroll]] for (int k = 0; k < 8; ++k) {
-        float other = imageLoad(depth, texel + RING[k]).r;
-        float rise = (has_depth(floatBitsToUint(other)) ? other : own) - own;
-        tangent = max(tangent, tangent_of(rise, run_to(k, run)));
-    }
-    float reach = own + along_light(layer_at(own), min(tangent, push.steepest));
+    float other[8];
+    around(above, here, below, other);
+    Slope slope = Slope(0.0, 0.0);
+    [[unroll]] for (int k = 0; k < 8; ++k) rises(slope, k, own, is_depth(other[k]) ? other[k] : own, run);
+    float reach = own + along_light(layer_at(own), tangent_of(slope, run));
     // A layer that is lost beside the depth still holds the depth itself (HARD_CASES 15).
     float beyond = max(reach, uintBitsToFloat(floatBitsToUint(own) + 1u));
-    imageStore(limit, texel, vec4(has ? beyond : z));
+    limit.texel[texel] = has ? beyond : z;
+}
+
+void main() {
+    EACH_OWN_ROW(reach)
 }

@@ -19,19 +19,22 @@ layout(scalar) readonly buffer Shallow { uint chunk[]; } shallow;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
-layout(r32f) readonly uniform image2D limit;
+// Of every texel of the light's picture, f32 bits; twice, like the pages.
+layout(r32ui) readonly uniform uimageBuffer limit;
+layout(scalar) readonly buffer LimitWords { float word[]; } limit_words;
 layout(scalar) buffer Marks { uint word[]; } marks;
 
 #include "project.glsl"
-#include "rows.glsl"
+
+float limit_at(uint texel) {
+    return TEXELS ? uintBitsToFloat(imageLoad(limit, int(texel)).r) : limit_words.word[texel];
+}
 
 void four(uint pixel[4], float depth[4], uint first) {
-    uint width = uint(push.size.x);
     uint lit = 0u;
     for (uint k = 0u; k < 4u; ++k) {
         bool inside = pixel[k] != NO_PIXEL;
-        uint at = inside ? pixel[k] : 0u;
-        float reach = imageLoad(limit, in_rows(at, width)).r;
+        float reach = limit_at(inside ? pixel[k] : 0u);
         lit |= uint(inside && depth[k] <= reach) << (8u * k);
     }
     marks.word[first / 4u] += lit;

@@ -21,22 +21,26 @@ layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
-layout(r32f) readonly uniform image2D limit;
+// Of every texel of the light's picture, f32 bits; twice, like the pages.
+layout(r32ui) readonly uniform uimageBuffer limit;
+layout(scalar) readonly buffer LimitWords { float word[]; } limit_words;
 // Point, depth bits; of the peel before, and of this one.
 layout(scalar) readonly buffer Last { uvec2 key[]; } last;
 layout(scalar) buffer Keys { uint word[]; } keys;
 
 #include "project.glsl"
-#include "rows.glsl"
+
+float limit_at(uint texel) {
+    return TEXELS ? uintBitsToFloat(imageLoad(limit, int(texel)).r) : limit_words.word[texel];
+}
 
 void four(uint pixel[4], float depth[4], uint first) {
-    uint width = uint(push.size.x);
     for (uint k = 0u; k < 4u; ++k) {
         if (pixel[k] == NO_PIXEL) continue;
         uint bits = floatBitsToUint(depth[k]);
         uvec2 taken = last.key[pixel[k]];
         bool left = bits > taken.y || (bits == taken.y && first + k > taken.x);
-        if (!left || depth[k] > imageLoad(limit, in_rows(pixel[k], width)).r) continue;
+        if (!left || depth[k] > limit_at(pixel[k])) continue;
         if (STEP == 0u) {
             atomicMin(keys.word[2u * pixel[k] + 1u], bits);
         } else if (bits == keys.word[2u * pixel[k] + 1u]) {

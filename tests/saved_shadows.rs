@@ -46,7 +46,7 @@ impl Place {
 }
 
 fn casts(explained: &Value) -> bool {
-    explained["passes"].as_array().unwrap().iter().any(|pass| pass == "shadow_depth" || pass == "light_depth")
+    explained["passes"].as_array().unwrap().iter().any(|pass| pass == "shadow_depth" || pass == "light_limit")
 }
 
 #[test]

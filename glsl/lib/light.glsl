@@ -1,6 +1,18 @@
-// What light_fill and light_limit share: how far behind the light's depth a point is still of the same layer. Declares no bindings.
+// What light_fill and light_limit share: how far behind the light's depth a point is still of the same layer. pixel.glsl comes before.
 
 layout(constant_id = 0) const bool PERSPECTIVE = false;
+layout(constant_id = 1) const bool TEXELS = true;
+// The depths are those of keys, which lie beside their points (keys.glsl); without a point they are none.
+layout(constant_id = 2) const bool OF_KEYS = false;
+// Texels of a column that one invocation works on: each row is loaded for the three that look at it.
+layout(constant_id = 3) const uint ROWS = 8u;
+
+// f32 bits, row by row. As texels, and for devices whose texel buffers are too small as a storage buffer. Software devices write buffers several times faster than images, and gather from one row of texels
+// faster than from rows of them.
+layout(r32ui) readonly uniform uimageBuffer depth;
+layout(scalar) readonly buffer DepthWords { uint word[]; } depth_words;
+
+const float FARTHEST = 3.402823466e38;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;     // texels
@@ -24,17 +36,70 @@ float along_light(float layer, float tangent) {
     return layer * sqrt(1.0 + tangent * tangent);
 }
 
-// Tangent of the angle at which a surface rises by so much from a texel to another; 0 where it would be so steep that they are of two surfaces. A depth may be a whole texel's fall too great, so that is
-// only beyond 1 + sqrt(2) times the steepest slope.
-float tangent_of(float rise, float run) {
-    float tangent = abs(rise) / run;
-    return tangent <= 2.41421356 * push.steepest ? tangent : 0.0;
+// How steep the surface around a texel is, as far as has been seen: the greatest rises to a neighbour beside it, or across a corner, which is sqrt(2) as far. In the end they are divided by how far that is,
+// once, since divisions take longer than all else.
+struct Slope {
+    float beside;
+    float across;
+};
+
+const float SQRT_2 = 1.41421356;
+
+// A rise is none where it would be so steep that the two are of two surfaces. A depth may be a whole texel's fall too great, so that is only beyond 1 + sqrt(2) times the steepest slope.
+float rise_of(float from, float to, float run) {
+    float rise = abs(to - from);
+    return rise <= 2.41421356 * push.steepest * run ? rise : 0.0;
 }
 
-// How far apart a texel and a neighbour are, by the neighbour's number.
-float run_to(int neighbour, float texel) {
-    return neighbour % 2 == 0 ? 1.41421356 * texel : texel;
+// To a neighbour, by its number.
+void rises(inout Slope slope, int neighbour, float from, float to, float run) {
+    if (neighbour % 2 == 0) {
+        slope.across = max(slope.across, rise_of(from, to, SQRT_2 * run));
+    } else {
+        slope.beside = max(slope.beside, rise_of(from, to, run));
+    }
 }
 
-// Once around a texel.
-const ivec2 RING[8] = ivec2[8](ivec2(-1, -1), ivec2(0, -1), ivec2(1, -1), ivec2(1, 0), ivec2(1, 1), ivec2(0, 1), ivec2(-1, 1), ivec2(-1, 0));
+// Tangent of the angle to the light.
+float tangent_of(Slope slope, float run) {
+    return min(max(slope.beside, slope.across / SQRT_2) / run, push.steepest);
+}
+
+// Infinite where no point is; 0 outside of the picture.
+bool is_depth(float z) {
+    return z > 0.0 && z <= FARTHEST;
+}
+
+float depth_of(int texel) {
+    int word = OF_KEYS ? 2 * texel + 1 : texel;
+    uint bits = TEXELS ? imageLoad(depth, word).r : depth_words.word[word];
+    return uintBitsToFloat(OF_KEYS ? min(bits, BACKGROUND_BITS) : bits);
+}
+
+// A row of three texels around a place. What a place outside of the picture reads is another row's, or nothing's (robustBufferAccess), and does not count.
+vec3 three(ivec2 at) {
+    int texel = at.y * int(push.size.x) + at.x;
+    vec3 row = vec3(depth_of(texel - 1), depth_of(texel), depth_of(texel + 1));
+    bool inside = at.y >= 0 && at.y < int(push.size.y);
+    bvec3 across = bvec3(at.x > 0, at.x < int(push.size.x), at.x + 1 < int(push.size.x));
+    return mix(vec3(0.0), row, bvec3(inside && across.x, inside && across.y, inside && across.z));
+}
+
+// Once around a texel, clockwise from the upper left.
+void around(vec3 above, vec3 here, vec3 below, out float ring[8]) {
+    ring = float[8](above.x, above.y, above.z, here.z, below.z, below.y, below.x, here.x);
+}
+
+// Runs `work` for every texel of an invocation, from top to bottom: its place in the buffer, and what is around it.
+#define EACH_OWN_ROW(work) { \
+    ivec2 texel = ivec2(gl_GlobalInvocationID.xy) * ivec2(1, int(ROWS)); \
+    vec3 above = three(texel - ivec2(0, 1)); \
+    vec3 here = three(texel); \
+    [[unroll]] for (uint row = 0u; row < ROWS; ++row) { \
+        vec3 below = three(texel + ivec2(0, 1)); \
+        if (all(lessThan(uvec2(texel), push.size))) work(uint(texel.y) * push.size.x + uint(texel.x), above, here, below); \
+        above = here; \
+        here = below; \
+        texel.y += 1; \
+    } \
+}

@@ -3,9 +3,8 @@
 //! ```text
 //!     of every place on the light, of every picture that it sees the cloud in:
 //!         project       points -> keys                the trunk's own pass, through the light's camera, of all resident nodes
-//!         light_depth   keys -> depth
-//!         light_fill    closes gaps that light would fall through
-//!         light_limit   depth -> how deep light reaches: depth + layer / <v, n>
+//!         light_fill    keys -> depth                 closes gaps that light would fall through
+//!         light_limit   depth -> limit                how deep light reaches: depth + layer / <v, n>
 //!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
 //!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour
 //! ```
@@ -23,10 +22,10 @@ use super::project::{self, Band, Drawn, Precision, Shallow};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
-use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::graph::{Buffer, Graph, Tiles};
 use crate::light::Light;
 use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode};
-use crate::shader::{self, light_depth, light_fill, light_limit, shadow_depth};
+use crate::shader::{self, light_fill, light_limit, shadow_depth};
 use crate::view::{Projection, View};
 use changed::Changed;
 use glam::DVec3;
@@ -358,34 +357,43 @@ impl Layer {
     }
 }
 
-/// Of every texel of a light's picture.
+/// Of every texel of a light's picture, f32, row by row.
 pub struct Reached {
-    /// What the light sees, gaps closed; infinite where nothing is.
-    pub depth: Image,
+    /// What the light sees, gaps closed; infinite where nothing is. None where nothing closes gaps: the depths of the keys.
+    pub filled: Option<Buffer>,
     /// How deep it reaches.
-    pub limit: Image,
+    pub limit: Buffer,
 }
+
+/// Texels of a column of the light's picture that one invocation works on (glsl/lib/light.glsl).
+const ROWS: u32 = 8;
 
 /// Keys of the light's picture -> how deep it reaches.
 pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reached {
     let size = camera.size;
-    let [mut depth, mut filled, mut limit] = ["light depth", "light filled", "light limit"].map(|name| g.image(name, size, Kind::R32f));
-    g.run(shader::LightDepth { keys, depth: &mut depth, push: light_depth::Push { size } }, Tiles::All);
+    let bytes = 4 * size[0] as u64 * size[1] as u64;
+    let groups = Tiles::Groups([size[0].div_ceil(64), size[1].div_ceil(ROWS), 1]);
     let (texel, metres, texels, steepest) = (layer.texel as f32, layer.metres as f32, layer.texels as f32, layer.steepest as f32);
+    let (perspective, as_texels) = (layer.perspective, g.gpu.device.texels);
+    let mut filled: Option<Buffer> = None;
     for step in 0..layer.fill {
         let push = light_fill::Push { size, texel, layer: metres, layer_px: texels, steepest, filled: step as f32 };
-        let spec = light_fill::Spec { perspective: layer.perspective };
-        g.run(shader::LightFill { depth: &depth, filled: &mut filled, push, spec }, Tiles::All);
-        std::mem::swap(&mut depth, &mut filled);
+        let spec = light_fill::Spec { perspective, texels: as_texels, of_keys: filled.is_none(), rows: ROWS };
+        let mut closed = g.buffer("light filled", bytes);
+        let depth = filled.as_ref().unwrap_or(keys);
+        g.run(shader::LightFill { depth, depth_words: depth, filled: &mut closed, push, spec }, groups);
+        filled = Some(closed);
     }
     let push = light_limit::Push { size, texel, layer: metres, layer_px: texels, steepest, filled: layer.fill as f32 };
-    let spec = light_limit::Spec { perspective: layer.perspective };
-    g.run(shader::LightLimit { depth: &depth, limit: &mut limit, push, spec }, Tiles::All);
-    Reached { depth, limit }
+    let spec = light_limit::Spec { perspective, texels: as_texels, of_keys: filled.is_none(), rows: ROWS };
+    let mut limit = g.buffer("light limit", bytes);
+    let depth = filled.as_ref().unwrap_or(keys);
+    g.run(shader::LightLimit { depth, depth_words: depth, limit: &mut limit, push, spec }, groups);
+    Reached { filled, limit }
 }
 
 /// A sample more for every point that lies no deeper than its texel's limit, of chunks that have any which may.
-fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, shallow: &Shallow, limit: &Image, marks: &mut Buffer) {
+fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, shallow: &Shallow, limit: &Buffer, marks: &mut Buffer) {
     let walk = project::Walk::new(g, camera, Band { top: 0, size: camera.size });
     for group in &drawn.groups {
         let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = walk;
@@ -394,7 +402,7 @@ fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, shallow: &Shallow, limi
         let spec = shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
         let (pages, opacities, within) = (&drawn.pages[group.block], drawn.opacities(), drawn.within());
         g.run(
-            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, shallow: &shallow.chunks, opacities, within, pages, page_words: pages, limit, marks, push, spec },
+            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, shallow: &shallow.chunks, opacities, within, pages, page_words: pages, limit, limit_words: limit, marks, push, spec },
             group.tiles(),
         );
     }

@@ -9,7 +9,7 @@
 
 use super::Tally;
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Image, Tiles};
+use crate::graph::{Buffer, Graph, Tiles};
 use crate::graph::GATED_PASSES;
 use crate::passes::gate;
 use crate::passes::project::{Band, Drawn, Group, Walk};
@@ -22,7 +22,7 @@ const PEELS: u32 = 512;
 /// Peels that are skipped together.
 const BLOCK: u32 = 8;
 
-pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, asked: u32, tally: &mut Tally) -> Result<()> {
+pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Buffer, asked: u32, tally: &mut Tally) -> Result<()> {
     let size = camera.size;
     let bytes = 8 * size[0] as u64 * size[1] as u64;
     let (mut keys, mut last) = (g.buffer("peel keys", bytes), g.buffer("peel last", bytes));
@@ -55,7 +55,7 @@ pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, asked:
 }
 
 /// Of each texel the next point.
-fn one(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, [keys, last]: [&mut Buffer; 2], peeled: &mut Buffer, marks: &mut Buffer) {
+fn one(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Buffer, [keys, last]: [&mut Buffer; 2], peeled: &mut Buffer, marks: &mut Buffer) {
     let size = camera.size;
     let Walk { centre, corner, size: across, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, camera, Band { top: 0, size });
     for step in [0, 1] {
@@ -65,7 +65,7 @@ fn one(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Image, [keys, last]:
             let spec = shadow_peel::Spec { lanes, planes, perspective, texels, points_per_chunk, step, filtered };
             let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
             let (opacities, within) = (drawn.opacities(), drawn.within());
-            g.run(shader::ShadowPeel { nodes, chunks, opacities, within, pages, page_words: pages, limit, last, keys, push, spec }, group.tiles());
+            g.run(shader::ShadowPeel { nodes, chunks, opacities, within, pages, page_words: pages, limit, limit_words: limit, last, keys, push, spec }, group.tiles());
         }
     }
     let push = shadow_mark::Push { size };
