@@ -15,6 +15,8 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 #include "masks.glsl"
 
 layout(local_size_x = 64) in;
@@ -63,6 +65,10 @@ void fill(uint texel, vec3 above, vec3 here, vec3 below) {
     filled.texel[texel] = any_mask(open) ? z : nearest;
 }
 
+void column(uint place) {
+    DOWN_COLUMN(place, fill)
+}
+
 void main() {
-    EACH_OWN_ROW(fill)
+    EACH_OWN_COLUMN(column)
 }

@@ -10,6 +10,8 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
+#include "tile.glsl"
+#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -32,6 +34,10 @@ void reach(uint texel, vec3 above, vec3 here, vec3 below) {
     limit.texel[texel] = has ? beyond : z;
 }
 
+void column(uint place) {
+    DOWN_COLUMN(place, reach)
+}
+
 void main() {
-    EACH_OWN_ROW(reach)
+    EACH_OWN_COLUMN(column)
 }

@@ -38,7 +38,7 @@ layout(constant_id = 7) const bool BEHIND = false;
 #include "project.glsl"
 
 // Of the nearest point so far, which may be stale; and how deep the layers before are, where there are any.
-uint front_depth(uint pixel, out uint least) {
+uint front_depth(uint pixel, inout uint least) {
     if (!BEHIND) return TEXELS ? imageLoad(front, int(depth_word(pixel))).r : keys.word[depth_word(pixel)];
     uvec4 both = TEXELS ? imageLoad(front_behind, int(pixel)) : uvec4(keys.word[4u * pixel], 0u, 0u, keys.word[depth_word(pixel)]);
     least = both.x;

@@ -37,7 +37,7 @@ layout(constant_id = 7) const bool BEHIND = false;
 #include "project.glsl"
 
 // Of the nearest point so far, which may be stale; and how deep the layers before are, where there are any.
-uint front_depth(uint pixel, out uint least) {
+uint front_depth(uint pixel, inout uint least) {
     if (!BEHIND) return TEXELS ? imageLoad(front, int(depth_word(pixel))).r : uint(keys.key[pixel] >> 32);
     uvec4 both = TEXELS ? imageLoad(front_behind, int(pixel)) : uvec4(keys.key[2u * pixel], 0u, 0u, keys.key[2u * pixel + 1u] >> 32);
     least = both.x;

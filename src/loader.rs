@@ -111,12 +111,17 @@ impl Loader {
         reading.node.filter(|_| reading.since.is_some_and(|since| since.elapsed() >= PATIENCE))
     }
 
-    /// How long the thread has had a core since the start, user's and system's; where the system does not tell, how long it has read, waiting for cores and for the disk included.
+    /// How long the thread has had a core since the start, user's and system's; nothing any more once it has ended.
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
     pub fn worked(&self) -> Duration {
-        self.thread.as_ref().and_then(processor_time).unwrap_or_else(|| {
-            let reading = lock(&self.reading);
-            reading.before + reading.since.map_or(Duration::ZERO, |since| since.elapsed())
-        })
+        self.thread.as_ref().and_then(processor_time).unwrap_or_default()
+    }
+
+    /// How long nodes have been read since the start, waiting for cores and for the disk included.
+    #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+    pub fn worked(&self) -> Duration {
+        let reading = lock(&self.reading);
+        reading.before + reading.since.map_or(Duration::ZERO, |since| since.elapsed())
     }
 
     /// An answer that is there already; an error if the thread is gone.
@@ -144,18 +149,13 @@ impl Loader {
 }
 
 /// What a thread has taken so far; none once it has ended, too.
-#[cfg(target_os = "linux")]
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
 fn processor_time(thread: &JoinHandle<()>) -> Option<Duration> {
     use std::os::unix::thread::JoinHandleExt;
     let (mut clock, mut time) = (0, libc::timespec { tv_sec: 0, tv_nsec: 0 });
     // SAFETY: the thread has not been joined, since its handle is here, so its id is valid; both pointers are to locals of the types that the calls write.
     let told = unsafe { libc::pthread_getcpuclockid(thread.as_pthread_t(), &mut clock) == 0 && libc::clock_gettime(clock, &mut time) == 0 };
     told.then(|| Duration::new(time.tv_sec as u64, time.tv_nsec as u32))
-}
-
-#[cfg(not(target_os = "linux"))]
-fn processor_time(_: &JoinHandle<()>) -> Option<Duration> {
-    None
 }
 
 fn gone() -> Error {

@@ -1,11 +1,9 @@
-// What light_fill and light_limit share: how far behind the light's depth a point is still of the same layer. pixel.glsl comes before.
+// What the passes over the light's picture share: its depths, and how far behind the light's depth a point is still of the same layer. pixel.glsl, tile.glsl and area.glsl come before.
 
 layout(constant_id = 0) const bool PERSPECTIVE = false;
 layout(constant_id = 1) const bool TEXELS = true;
 // The depths are those of keys, which lie beside their points (keys.glsl); without a point they are none.
 layout(constant_id = 2) const bool OF_KEYS = false;
-// Texels of a column that one invocation works on: each row is loaded for the three that look at it.
-layout(constant_id = 3) const uint ROWS = 8u;
 
 // f32 bits, row by row. As texels, and for devices whose texel buffers are too small as a storage buffer. Software devices write buffers several times faster than images, and gather from one row of texels
 // faster than from rows of them.
@@ -44,6 +42,7 @@ struct Slope {
 };
 
 const float SQRT_2 = 1.41421356;
+const float SQRT_1_2 = 0.70710678;
 
 // A rise is none where it would be so steep that the two are of two surfaces. A depth may be a whole texel's fall too great, so that is only beyond 1 + sqrt(2) times the steepest slope.
 float rise_of(float from, float to, float run) {
@@ -62,7 +61,7 @@ void rises(inout Slope slope, int neighbour, float from, float to, float run) {
 
 // Tangent of the angle to the light.
 float tangent_of(Slope slope, float run) {
-    return min(max(slope.beside, slope.across / SQRT_2) / run, push.steepest);
+    return min(max(slope.beside, slope.across * SQRT_1_2) / run, push.steepest);
 }
 
 // Infinite where no point is; 0 outside of the picture.
@@ -71,12 +70,14 @@ bool is_depth(float z) {
 }
 
 float depth_of(int texel) {
-    int word = OF_KEYS ? 2 * texel + 1 : texel;
+    // No access lies outside, whatever becomes of what it reads.
+    int inside = clamp(texel, 0, int(push.size.x * push.size.y) - 1);
+    int word = OF_KEYS ? 2 * inside + 1 : inside;
     uint bits = TEXELS ? imageLoad(depth, word).r : depth_words.word[word];
     return uintBitsToFloat(OF_KEYS ? min(bits, BACKGROUND_BITS) : bits);
 }
 
-// A row of three texels around a place. What a place outside of the picture reads is another row's, or nothing's (robustBufferAccess), and does not count.
+// A row of three texels around a place. What a place outside of the picture reads is another's, and does not count.
 vec3 three(ivec2 at) {
     int texel = at.y * int(push.size.x) + at.x;
     vec3 row = vec3(depth_of(texel - 1), depth_of(texel), depth_of(texel + 1));
@@ -90,12 +91,16 @@ void around(vec3 above, vec3 here, vec3 below, out float ring[8]) {
     ring = float[8](above.x, above.y, above.z, here.z, below.z, below.y, below.x, here.x);
 }
 
-// Runs `work` for every texel of an invocation, from top to bottom: its place in the buffer, and what is around it.
-#define EACH_OWN_ROW(work) { \
-    ivec2 texel = ivec2(gl_GlobalInvocationID.xy) * ivec2(1, int(ROWS)); \
+uvec2 light_tiles() {
+    return (push.size + uint(TILE_PX - 1)) / uint(TILE_PX);
+}
+
+// Runs `work` for every texel of a tile's column, from top to bottom: its place in the buffer, and what is around it. Each row is loaded once for the three that look at it.
+#define DOWN_COLUMN(place, work) { \
+    ivec2 texel = column_of(LISTED ? listed_number(place, light_tiles().x) : place, light_tiles().x); \
     vec3 above = three(texel - ivec2(0, 1)); \
     vec3 here = three(texel); \
-    [[unroll]] for (uint row = 0u; row < ROWS; ++row) { \
+    [[unroll]] for (int row = 0; row < TILE_PX; ++row) { \
         vec3 below = three(texel + ivec2(0, 1)); \
         if (all(lessThan(uvec2(texel), push.size))) work(uint(texel.y) * push.size.x + uint(texel.x), above, here, below); \
         above = here; \
@@ -103,3 +108,6 @@ void around(vec3 above, vec3 here, vec3 below, out float ring[8]) {
         texel.y += 1; \
     } \
 }
+
+// The same for all tiles, or for those that are listed.
+#define EACH_OWN_COLUMN(work) EACH_OF(LISTED ? listed_tiles() : light_tiles().x * light_tiles().y, work)

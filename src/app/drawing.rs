@@ -160,7 +160,7 @@ pub struct Loading {
     pub pool_bytes: [u64; 2],
     /// Read since the picture before.
     pub bytes_read: u64,
-    /// How long the loader has worked since the start, when the picture was on the screen.
+    /// How long the loader has had a core since the start, when the picture was on the screen.
     pub worked: Duration,
 }
 

@@ -121,7 +121,7 @@ struct Step {
     ms: f64,
     by_cause: [f64; CAUSES.len()],
     loading: bool,
-    /// How long the loader had a core meanwhile, whichever, and what it took to take in what it brought: the step would hardly be shorter by more without it.
+    /// How long the loader had a core meanwhile, whichever, and what it took to take in what it brought: without it the step would be shorter by about that; what it takes of the memory's speed is not counted.
     loader: f64,
 }
 

@@ -24,11 +24,18 @@ pub fn area_where(g: &mut Graph, count: &Buffer, area: &Area) -> Area {
 pub fn covered(g: &mut Graph, raw: &Image, grows_px: f64) -> Area {
     let across = tiles(raw.desc.size);
     let count = across[0] * across[1];
-    let (mut covered, mut list) = (g.buffer("covered", 4 * count as u64), g.buffer("area", 4 * (LIST_HEADER + count) as u64));
+    let mut covered = g.buffer("covered", 4 * count as u64);
     g.fill(&mut covered, 0);
-    g.fill(&mut list, 0);
     g.run(shader::Cover { depth: raw, covered: &mut covered, push: cover::Push { tiles: across } }, Tiles::ByEight(count));
+    listed(g, &covered, across, grows_px)
+}
+
+/// The same of tiles that are known to hold points, by a word each.
+pub fn listed(g: &mut Graph, covered: &Buffer, across: [u32; 2], grows_px: f64) -> Area {
+    let count = across[0] * across[1];
+    let mut list = g.buffer("area", 4 * (LIST_HEADER + count) as u64);
+    g.fill(&mut list, 0);
     let push = list::Push { tiles: across, rings: (grows_px / TILE_PX as f64).ceil() as i32 };
-    g.run(shader::List { covered: &covered, lists: &mut list, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+    g.run(shader::List { covered, lists: &mut list, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
     Area { groups: list.again(), list }
 }

@@ -3,6 +3,7 @@
 //! ```text
 //!     of every place on the light, of every picture that it sees the cloud in:
 //!         project       points -> keys                the trunk's own pass, through the light's camera, of all resident nodes
+//!         light_cover   keys -> tiles                 that hold points: those below keep to them and what lies around
 //!         light_fill    keys -> depth                 closes gaps that light would fall through
 //!         light_limit   depth -> limit                how deep light reaches: depth + layer / <v, n>
 //!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
@@ -19,13 +20,13 @@ mod peel;
 pub mod whole;
 
 use super::project::{self, Band, Drawn, Precision, Shallow};
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
+use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, gate, tiles};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Tiles};
 use crate::light::Light;
 use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode};
-use crate::shader::{self, light_fill, light_limit, shadow_depth};
+use crate::shader::{self, light_cover, light_fill, light_limit, shadow_depth};
 use crate::view::{Projection, View};
 use changed::Changed;
 use glam::DVec3;
@@ -359,37 +360,51 @@ impl Layer {
 
 /// Of every texel of a light's picture, f32, row by row.
 pub struct Reached {
-    /// What the light sees, gaps closed; infinite where nothing is. None where nothing closes gaps: the depths of the keys.
+    /// What the light sees, gaps closed; infinite where nothing is, and anything farther from points than gaps are closed. None where nothing closes gaps: the depths of the keys.
     pub filled: Option<Buffer>,
-    /// How deep it reaches.
+    /// How deep it reaches; likewise.
     pub limit: Buffer,
 }
 
-/// Texels of a column of the light's picture that one invocation works on (glsl/lib/light.glsl).
-const ROWS: u32 = 8;
-
-/// Keys of the light's picture -> how deep it reaches.
+/// Keys of the light's picture -> how deep it reaches, wherever points are and beside them.
 pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reached {
     let size = camera.size;
-    let bytes = 4 * size[0] as u64 * size[1] as u64;
-    let groups = Tiles::Groups([size[0].div_ceil(64), size[1].div_ceil(ROWS), 1]);
-    let (texel, metres, texels, steepest) = (layer.texel as f32, layer.metres as f32, layer.texels as f32, layer.steepest as f32);
-    let (perspective, as_texels) = (layer.perspective, g.gpu.device.texels);
-    let mut filled: Option<Buffer> = None;
-    for step in 0..layer.fill {
-        let push = light_fill::Push { size, texel, layer: metres, layer_px: texels, steepest, filled: step as f32 };
-        let spec = light_fill::Spec { perspective, texels: as_texels, of_keys: filled.is_none(), rows: ROWS };
-        let mut closed = g.buffer("light filled", bytes);
-        let depth = filled.as_ref().unwrap_or(keys);
-        g.run(shader::LightFill { depth, depth_words: depth, filled: &mut closed, push, spec }, groups);
-        filled = Some(closed);
+    let across = tiles(size);
+    let (count, bytes) = (across[0] * across[1], 4 * size[0] as u64 * size[1] as u64);
+    let (perspective, texels) = (layer.perspective, g.gpu.device.texels);
+    // All three are told the same.
+    macro_rules! push {
+        ($module:ident, $filled:expr) => {
+            $module::Push {
+                size,
+                texel: layer.texel as f32,
+                layer: layer.metres as f32,
+                layer_px: layer.texels as f32,
+                steepest: layer.steepest as f32,
+                filled: $filled as f32,
+            }
+        };
     }
-    let push = light_limit::Push { size, texel, layer: metres, layer_px: texels, steepest, filled: layer.fill as f32 };
-    let spec = light_limit::Spec { perspective, texels: as_texels, of_keys: filled.is_none(), rows: ROWS };
-    let mut limit = g.buffer("light limit", bytes);
-    let depth = filled.as_ref().unwrap_or(keys);
-    g.run(shader::LightLimit { depth, depth_words: depth, limit: &mut limit, push, spec }, groups);
-    Reached { filled, limit }
+    let mut covered = g.buffer("light covered", 4 * count as u64);
+    g.fill(&mut covered, 0);
+    let spec = light_cover::Spec { perspective, texels, of_keys: true };
+    g.run(shader::LightCover { depth: keys, depth_words: keys, covered: &mut covered, push: push!(light_cover, 0), spec }, Tiles::ByEight(count));
+    let area = gate::listed(g, &covered, across, layer.fill as f64);
+    g.within(Some(&area), |g| {
+        let mut filled: Option<Buffer> = None;
+        for step in 0..layer.fill {
+            let spec = light_fill::Spec { perspective, texels, of_keys: filled.is_none() };
+            let mut closed = g.buffer("light filled", bytes);
+            let depth = filled.as_ref().unwrap_or(keys);
+            g.run(shader::LightFill { depth, depth_words: depth, filled: &mut closed, push: push!(light_fill, step), spec }, Tiles::ByEight(count));
+            filled = Some(closed);
+        }
+        let spec = light_limit::Spec { perspective, texels, of_keys: filled.is_none() };
+        let mut limit = g.buffer("light limit", bytes);
+        let depth = filled.as_ref().unwrap_or(keys);
+        g.run(shader::LightLimit { depth, depth_words: depth, limit: &mut limit, push: push!(light_limit, layer.fill), spec }, Tiles::ByEight(count));
+        Reached { filled, limit }
+    })
 }
 
 /// A sample more for every point that lies no deeper than its texel's limit, of chunks that have any which may.

@@ -211,7 +211,7 @@ impl Residency {
         [self.resident.pool.pages.budget, self.resident.pool.pages.used].map(|pages| PAGE_BYTES * pages as u64)
     }
 
-    /// How long the loader has worked since the start.
+    /// How long the loader has had a core since the start ([`Loader::worked`]).
     pub fn loader_worked(&self) -> Duration {
         self.loader.worked()
     }

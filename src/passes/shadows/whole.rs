@@ -3,7 +3,7 @@
 //! ```text
 //!     some samples of the light, as many as their pictures fit half of the memory
 //!         leaves, as many at a time as fit the other half       project: points -> keys of every picture
-//!         the same leaves again                                 light_fill .. light_limit, then shadow_depth: points, limits -> marks, which are added to those of the samples before
+//!         the same leaves again                                 light_cover .. light_limit, then shadow_depth: points, limits -> marks, which are added to those of the samples before
 //!     inner nodes, from the deepest level up                    of every sample the mean of the points that it stands for
 //! ```
 //! Marks of leaves are those that a frame with all leaves makes, but for their unit: as large a multiple of a sample as a byte holds, so that means of inner nodes are finer than a sample.

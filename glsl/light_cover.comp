@@ -1,0 +1,31 @@
+// Keys of the light's picture -> which of its tiles hold points.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "pixel.glsl"
+#include "tile.glsl"
+#include "area.glsl"
+
+layout(local_size_x = 64) in;
+
+#include "light.glsl"
+
+// Of every tile, not 0 where it holds points.
+layout(scalar) buffer Covered { uint tile[]; } covered;
+
+void cover(uint place) {
+    ivec2 top = column_of(place, light_tiles().x);
+    bool any_point = false;
+    [[unroll]] for (int row = 0; row < TILE_PX; ++row) {
+        ivec2 at = top + ivec2(0, row);
+        bool inside = all(lessThan(at, ivec2(push.size)));
+        any_point = any_point || (is_depth(depth_of(at.y * int(push.size.x) + at.x)) && inside);
+    }
+    if (any_point) atomicOr(covered.tile[place], 1u);
+}
+
+void main() {
+    EACH_OF(light_tiles().x * light_tiles().y, cover)
+}
