@@ -459,7 +459,7 @@ fn light_passes_agree_with_f64() {
                     let depth = filled.as_ref().map_or(&raw[..], |filled| frame.read(filled));
                     let [width, height] = size.map(|side| side as usize);
                     let near_a_point = |i: usize| {
-                        let span = |at: usize, end: usize| at.saturating_sub(fill as usize + 1)..(at + fill as usize + 2).min(end);
+                        let span = |at: usize, end: usize| at.saturating_sub(fill as usize)..(at + fill as usize + 1).min(end);
                         span(i / width, height).any(|y| span(i % width, width).any(|x| raw[y * width + x].is_finite()))
                     };
                     // Nobody asks how deep light reaches where no point is.
