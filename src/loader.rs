@@ -20,6 +20,7 @@ use crate::index::spacing::spacing;
 use crate::index::strokes;
 use queue::{Next, Queue};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -79,6 +80,8 @@ struct Reading {
     /// When this one was begun, and what all before it took.
     since: Option<Instant>,
     before: Duration,
+    /// Where the system tells how long the thread has had a core.
+    told: Option<PathBuf>,
 }
 
 fn lock(reading: &Mutex<Reading>) -> MutexGuard<'_, Reading> {
@@ -111,17 +114,14 @@ impl Loader {
         reading.node.filter(|_| reading.since.is_some_and(|since| since.elapsed() >= PATIENCE))
     }
 
-    /// How long the thread has had a core since the start, user's and system's; nothing any more once it has ended.
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    pub fn worked(&self) -> Duration {
-        self.thread.as_ref().and_then(processor_time).unwrap_or_default()
-    }
-
-    /// How long nodes have been read since the start, waiting for cores and for the disk included.
-    #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+    /// How long the thread has had a core since the start, within a tick of the system's; nothing any more once it has ended. Where the system does not tell as Linux does, how long nodes have been read,
+    /// waiting for cores and for the disk included.
     pub fn worked(&self) -> Duration {
         let reading = lock(&self.reading);
-        reading.before + reading.since.map_or(Duration::ZERO, |since| since.elapsed())
+        match &reading.told {
+            Some(told) => processor_time(told).unwrap_or_default(),
+            None => reading.before + reading.since.map_or(Duration::ZERO, |since| since.elapsed()),
+        }
     }
 
     /// An answer that is there already; an error if the thread is gone.
@@ -148,14 +148,16 @@ impl Loader {
     }
 }
 
-/// What a thread has taken so far; none once it has ended, too.
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-fn processor_time(thread: &JoinHandle<()>) -> Option<Duration> {
-    use std::os::unix::thread::JoinHandleExt;
-    let (mut clock, mut time) = (0, libc::timespec { tv_sec: 0, tv_nsec: 0 });
-    // SAFETY: the thread has not been joined, since its handle is here, so its id is valid; both pointers are to locals of the types that the calls write.
-    let told = unsafe { libc::pthread_getcpuclockid(thread.as_pthread_t(), &mut clock) == 0 && libc::clock_gettime(clock, &mut time) == 0 };
-    told.then(|| Duration::new(time.tv_sec as u64, time.tv_nsec as u32))
+/// Where Linux tells of this thread how long it has had a core, in nanoseconds, the first number of three.
+fn told_of_this_thread() -> Option<PathBuf> {
+    let thread = std::fs::read_link("/proc/thread-self").ok()?;
+    let told = Path::new("/proc").join(thread).join("schedstat");
+    processor_time(&told).map(|_| told)
+}
+
+fn processor_time(told: &Path) -> Option<Duration> {
+    let text = std::fs::read_to_string(told).ok()?;
+    text.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)
 }
 
 fn gone() -> Error {
@@ -196,6 +198,7 @@ struct Thread<P> {
 
 impl<P: FnMut()> Thread<P> {
     fn run(mut self) {
+        lock(&self.reading).told = told_of_this_thread();
         while let Some(next) = self.queue.next() {
             let (node, outcome) = match next {
                 // Their pages are the frame's again before it hears of them.
