@@ -19,16 +19,10 @@ layout(scalar) readonly buffer Shallow { uint chunk[]; } shallow;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
-// Of every texel of the light's picture, f32 bits; twice, like the pages.
-layout(r32ui) readonly uniform uimageBuffer limit;
-layout(scalar) readonly buffer LimitWords { float word[]; } limit_words;
 layout(scalar) buffer Marks { uint word[]; } marks;
 
 #include "project.glsl"
-
-float limit_at(uint texel) {
-    return TEXELS ? uintBitsToFloat(imageLoad(limit, int(texel)).r) : limit_words.word[texel];
-}
+#include "limit.glsl"
 
 void four(uint pixel[4], float depth[4], uint first) {
     uint lit = 0u;

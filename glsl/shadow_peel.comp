@@ -21,18 +21,12 @@ layout(scalar) readonly buffer Chunks { uint chunk[]; } chunks;
 // The pages of one block, twice: as texels in fours, and for devices whose texel buffers are too small as a storage buffer.
 layout(rgba32ui) readonly uniform uimageBuffer pages;
 layout(scalar) readonly buffer PageWords { uvec4 four[]; } page_words;
-// Of every texel of the light's picture, f32 bits; twice, like the pages.
-layout(r32ui) readonly uniform uimageBuffer limit;
-layout(scalar) readonly buffer LimitWords { float word[]; } limit_words;
 // Point, depth bits; of the peel before, and of this one.
 layout(scalar) readonly buffer Last { uvec2 key[]; } last;
 layout(scalar) buffer Keys { uint word[]; } keys;
 
 #include "project.glsl"
-
-float limit_at(uint texel) {
-    return TEXELS ? uintBitsToFloat(imageLoad(limit, int(texel)).r) : limit_words.word[texel];
-}
+#include "limit.glsl"
 
 void four(uint pixel[4], float depth[4], uint first) {
     for (uint k = 0u; k < 4u; ++k) {

@@ -60,7 +60,7 @@ pub fn draw<T>(
 
 pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
     let key_bytes = if look.layers() > 1 { project::KEY_BEHIND_BYTES } else { project::KEY_BYTES };
-    let bands = project::bands(view.size, key_bytes, g.binding_limit());
+    let bands = project::bands(view.size, key_bytes, g.gathered_limit());
     let drawn = project::draw_again(g, view, resident, look.precision, |node| look.overlap.touches(view, node))?;
     let drawn = drawn.one_sided(look.drops_back_faces(resident));
     let paint = resolve::paint(g, resident, &look.decided)?;
@@ -173,7 +173,7 @@ impl Points<'_> {
     /// All points, as strokes.
     fn painted(&self, g: &mut Graph, mut painting: Painting) -> Result<(Layers, Option<strokes::Painted>)> {
         let mut resolved = resolve::layers(g, self.scene.view);
-        for band in painting.bands(g.binding_limit()) {
+        for band in painting.bands(g.gathered_limit()) {
             let keys = painting.record(g, self.paint, band)?;
             resolved = resolve::record(g, &keys, self.paint, band, resolved);
         }

@@ -10,6 +10,11 @@ layout(constant_id = 2) const bool OF_KEYS = false;
 layout(r32ui) readonly uniform uimageBuffer depth;
 layout(scalar) readonly buffer DepthWords { uint word[]; } depth_words;
 
+// Keys of the nearest layer.
+const bool BEHIND = false;
+
+#include "keys.glsl"
+
 const float FARTHEST = 3.402823466e38;
 
 layout(push_constant, scalar) uniform Push {
@@ -71,9 +76,9 @@ bool is_depth(float z) {
 
 float depth_of(int texel) {
     // No access lies outside, whatever becomes of what it reads.
-    int inside = clamp(texel, 0, int(push.size.x * push.size.y) - 1);
-    int word = OF_KEYS ? 2 * inside + 1 : inside;
-    uint bits = TEXELS ? imageLoad(depth, word).r : depth_words.word[word];
+    uint inside = uint(clamp(texel, 0, int(push.size.x * push.size.y) - 1));
+    uint word = OF_KEYS ? depth_word(inside) : inside;
+    uint bits = TEXELS ? imageLoad(depth, int(word)).r : depth_words.word[word];
     return uintBitsToFloat(OF_KEYS ? min(bits, BACKGROUND_BITS) : bits);
 }
 

@@ -387,6 +387,13 @@ impl<'g> Graph<'g> {
         self.gpu.device.limits.max_storage_buffer_range as u64
     }
 
+    /// The same of a buffer that is gathered from as words, too, where the device has texel buffers for that.
+    pub fn gathered_limit(&self) -> u64 {
+        let device = &self.gpu.device;
+        let texels = if device.texels { 4 * device.limits.max_texel_buffer_elements as u64 } else { u64::MAX };
+        self.binding_limit().min(texels)
+    }
+
     /// A pass that runs a compute shader.
     pub fn run<S: Shader>(&mut self, shader: S, tiles: Tiles<'_>) {
         let code = S::CODE;

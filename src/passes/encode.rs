@@ -62,10 +62,13 @@ pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()>
 /// A picture as it goes into a file: a buffer a band, from the top down.
 pub struct Encoded(Vec<(Buffer, Band)>);
 
+/// Bytes of a pixel: three, in whole words.
+const PIXEL_BYTES: u64 = 4;
+
 /// Asks for it after the submission.
 pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
     let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
-    let bands = project::bands(picture.desc.size, 4, g.binding_limit()).into_iter().map(|band| {
+    let bands = project::bands(picture.desc.size, PIXEL_BYTES, g.binding_limit()).into_iter().map(|band| {
         let Band { top, size } = band;
         let fours = (size[0] * size[1]).div_ceil(4);
         let mut bytes = g.answer("bytes", 12 * fours as u64);

@@ -143,6 +143,9 @@ pub fn shallow(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn,
     paint.levels.is_some().then(|| drawn.shallow(g, epsilon(scene, settings) as f32))
 }
 
+/// Bytes of a sum: of values, and how many.
+const SUM_BYTES: u64 = 8;
+
 /// Sums of all pixels, of the points at most epsilon behind the front.
 pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, shallow: &Shallow, paint: &Paint, front: &Image) -> Result<Sums> {
     if drawn.statistics.points_drawn > MOST_POINTS {
@@ -159,11 +162,11 @@ pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, sh
     let again = Again { scene, drawn, shallow, paint, front, channels };
     let [width, height] = scene.view.size;
     // Two rows are left for the neighbours of a band.
-    let limit = g.binding_limit().saturating_sub(16 * channels as u64 * width as u64);
-    for Band { top, size } in project::bands([channels * width, height], 8, limit) {
+    let limit = g.binding_limit().saturating_sub(2 * SUM_BYTES * channels as u64 * width as u64);
+    for Band { top, size } in project::bands([channels * width, height], SUM_BYTES, limit) {
         let rows = [top, top + size[1]];
         let band = Band { top: top.saturating_sub(1), size: [width, (rows[1] + 1).min(height) - top.saturating_sub(1)] };
-        let mut words = g.buffer("sums", 8 * channels as u64 * width as u64 * band.size[1] as u64);
+        let mut words = g.buffer("sums", SUM_BYTES * channels as u64 * width as u64 * band.size[1] as u64);
         g.fill(&mut words, 0);
         walk(g, &again, band, &mut words);
         sums.bands.push(Summed { rows, band, sums: words });

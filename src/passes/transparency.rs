@@ -95,7 +95,7 @@ pub struct Front {
 /// The layer under those in front of it, and where the next one begins.
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Layers) -> Layers {
     let size = scene.view.size;
-    let bands = project::bands(size, project::KEY_BEHIND_BYTES, g.binding_limit());
+    let bands = project::bands(size, project::KEY_BEHIND_BYTES, g.gathered_limit());
     let before = layers.front.take().map(|front| (front.color, front.peeled, front.next, front.layers));
     let (mut front, mut peeled, mut next, number) = before.unwrap_or_else(|| {
         let next = bands.iter().map(|band| g.buffer("next keys", project::KEY_BEHIND_BYTES * band.pixels())).collect();

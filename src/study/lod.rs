@@ -219,7 +219,7 @@ fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     let mut g = Graph::new(gpu);
     let drawn = project::draw(&mut g, view, resident, Precision::Auto)?;
     let mut wanted = Vec::new();
-    for band in project::bands(view.size, project::KEY_BYTES, g.binding_limit()) {
+    for band in project::bands(view.size, project::KEY_BYTES, g.gathered_limit()) {
         wanted.push(project::record(&mut g, view, &drawn, None, None, band).words.resource());
     }
     let frame = g.submit(&wanted)?;
