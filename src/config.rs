@@ -37,6 +37,9 @@ pub const LOD_PX: f64 = 1.0;
 /// At most so many bytes of pages wait for the loader at any time: it bounds what one frame takes in, and what a turn of the camera makes useless.
 pub const UPLOAD_BYTES: u64 = 32 << 20;
 
+/// The same while pictures move on a software device, with which the loader shares its cores: reading them takes a few milliseconds of a picture's time.
+pub const UPLOAD_BYTES_SHARED: u64 = 2 << 20;
+
 /// A node that takes longer to read is said, so that whoever looks at a coarse picture knows why within a second.
 pub const PATIENCE: Duration = Duration::from_millis(750);
 

@@ -8,7 +8,7 @@ use glam::DVec3;
 use gpu::{Random, Way, bumpy, perspective};
 use pointillist::clip::Clips;
 use pointillist::cloud::attribute::{Attribute, Shown};
-use pointillist::config::POINTS_PER_PAGE;
+use pointillist::config::{POINTS_PER_PAGE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
 use pointillist::cut::{self, Detail};
 use pointillist::frame;
 use pointillist::graph::{Gpu, Graph};
@@ -233,6 +233,29 @@ proptest! {
             residency.free(gpu);
         });
     }
+}
+
+#[test]
+fn a_picture_that_moves_asks_for_little_at_a_time_and_is_whole_at_last() {
+    let planted = Planted::new();
+    gpu::with(Way::Compute64, |gpu| {
+        let most = if gpu.device.is_cpu { UPLOAD_BYTES_SHARED } else { UPLOAD_BYTES };
+        let mut residency = planted.open(gpu, HUGE);
+        let (view, mut updates, mut before) = (view(2), 0, 0);
+        loop {
+            let update = residency.update_moving(gpu, &view, &all()).unwrap();
+            let used = residency.pool_bytes()[1];
+            // Nothing is thrown out of a pool of this size, so that it grows by what is asked for.
+            assert!(used - before <= most, "{} bytes were asked for at once", used - before);
+            (updates, before) = (updates + 1, used);
+            if update.is_complete() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert!(before > 2 * UPLOAD_BYTES_SHARED && updates > 2, "too little to tell: {before} bytes");
+        residency.free(gpu);
+    });
 }
 
 #[test]

@@ -572,7 +572,11 @@ impl Thread {
         let view = View::new(scene.camera, size)?;
         let (mut loading, taking_in) = (None, Instant::now());
         if let Brought::Parts(residency) = cloud {
-            let update = residency.update(&mut self.gpu, &view, &scene.fineness.of(size))?;
+            let detail = scene.fineness.of(size);
+            let update = match self.wanted {
+                Wanted::Now => residency.update_moving(&mut self.gpu, &view, &detail)?,
+                _ => residency.update(&mut self.gpu, &view, &detail)?,
+            };
             let Update { cut, budget, missing, coarse, bytes_read, errors, .. } = update;
             loading = Some(Loading {
                 fitting: (budget < scene.fineness.of(size).budget).then_some(budget),

@@ -91,8 +91,10 @@ pub struct FlightSummary {
     /// Pictures that were drawn while nodes were on their way, and the time since the one before them.
     pub loading: usize,
     pub loading_ms: Spread,
-    /// Of every picture's time, what went into taking in nodes that had come: all that the loader costs whoever draws.
+    /// Of every picture's time, what went into taking in nodes that had come.
     pub took_in_ms: Spread,
+    /// From one picture to the next, what the loader takes at most: taking in, and as long as its thread had a core.
+    pub loader_ms: Spread,
     /// Times from one picture to the next that are over twice the median, and those of them during which nodes were on their way.
     pub slow: usize,
     pub slow_loading: usize,
@@ -161,6 +163,7 @@ impl FlightSummary {
         FlightSummary {
             frame_ms,
             took_in_ms: of_pictures(|picture| picture.spent.taking_in),
+            loader_ms: Spread::of(steps.iter().map(|step| step.loader).collect()),
             slow: slow().count(),
             slow_by: slow_by(&steps, limit),
             slow_loading: slow().filter(|step| step.loading).count(),
@@ -231,6 +234,7 @@ impl std::fmt::Display for Summary {
         if flight.loading > 0 {
             writeln!(f, "  {} pictures while nodes were on their way: {}", flight.loading, flight.loading_ms)?;
             writeln!(f, "  taking in what had come: {}", flight.took_in_ms)?;
+            writeln!(f, "  the loader's part: {}", flight.loader_ms)?;
         }
         if flight.slow > 0 {
             let FlightSummary { slow, slow_loading, slow_for_loader, .. } = flight;

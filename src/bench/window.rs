@@ -118,6 +118,7 @@ pub fn table(rows: &[Row]) -> String {
             loading,
             loading_ms,
             took_in_ms,
+            loader_ms,
             slow,
             slow_loading,
             slow_for_loader,
@@ -130,6 +131,7 @@ pub fn table(rows: &[Row]) -> String {
             ("camera to picture", latency_ms),
             ("of that, drawing", drawing_ms),
             ("taking nodes in", took_in_ms),
+            ("the loader's part", loader_ms),
         ];
         for (name, Spread { median, p99, worst }) in times {
             writeln!(text, "  {name:<18} median {median:>8.1} ms   99 % {p99:>8.1} ms   worst {worst:>8.1} ms")

@@ -3,7 +3,7 @@
 //! Every frame, [`Residency::update`], without ever waiting:
 //!   hear what the loader has finished; give back pages that the GPU has passed
 //!   choose the cut for the view; while its pages do not fit the pool, one with half of the points
-//!   ask for what is missing: roots first, then by how wrong the picture is without it, at most UPLOAD_BYTES at a time
+//!   ask for what is missing: roots first, then by how wrong the picture is without it, at most UPLOAD_BYTES at a time, UPLOAD_BYTES_SHARED for a picture that moves on a software device
 //!     where the pool is full, evict what was drawn least recently and is not in the cut
 //!   draw each node of the cut; a missing one by its children, if they are all there, else by its nearest resident ancestor, and then nothing else of that
 //! Roots stay, so that there is always an ancestor. A node that cannot be read is said once and left to its parent or its children ([`cut::choose`]); so is one that
@@ -18,7 +18,7 @@ use super::pool::{PAGE_BYTES, Pages, Pool};
 use super::{Resident, ResidentNode, in_metres};
 use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
-use crate::config::{PATIENCE, UPLOAD_BYTES};
+use crate::config::{PATIENCE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
 use crate::cut::{self, Cut, Detail};
 use crate::error::{Error, Result};
 use crate::gpu::memory::Window;
@@ -55,6 +55,15 @@ struct Entry {
     drawn: u64,
     /// The submission that may have read its pages last.
     read_by: u64,
+}
+
+/// How a step asks for nodes.
+#[derive(Clone, Copy)]
+struct Asking {
+    /// For what is coarser, too, until they are there.
+    fall_back: bool,
+    /// Bytes of pages on their way at most, but for one node's.
+    at_once: u64,
 }
 
 /// A node that an update asks for.
@@ -218,7 +227,13 @@ impl Residency {
 
     /// Brings what the next frame draws up to date with the loader and the view. Never waits.
     pub fn update(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
-        self.step(gpu, view, detail, true)
+        self.step(gpu, view, detail, Asking { fall_back: true, at_once: UPLOAD_BYTES })
+    }
+
+    /// The same for a picture that moves, which is to come evenly: of a software device, whose cores the loader shares, no more is asked for at a time than takes little of a picture.
+    pub fn update_moving(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail) -> Result<Update> {
+        let at_once = if gpu.device.is_cpu { UPLOAD_BYTES_SHARED } else { UPLOAD_BYTES };
+        self.step(gpu, view, detail, Asking { fall_back: true, at_once })
     }
 
     /// Waits until the cut is complete. Nodes that cannot be read are left out, and said in the outcome's errors.
@@ -226,7 +241,7 @@ impl Residency {
         let mut whole = Update::default();
         let mut stuck = 0;
         loop {
-            let update = self.step(gpu, view, detail, false)?;
+            let update = self.step(gpu, view, detail, Asking { fall_back: false, at_once: UPLOAD_BYTES })?;
             whole.errors.extend(update.errors.iter().cloned());
             whole.bytes_read += update.bytes_read;
             whole.evicted += update.evicted;
@@ -265,7 +280,7 @@ impl Residency {
         self.resident.free(gpu);
     }
 
-    fn step(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail, fall_back: bool) -> Result<Update> {
+    fn step(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail, asking: Asking) -> Result<Update> {
         self.updates += 1;
         for node in &self.drawn {
             self.entries.get_mut(node).expect("what is drawn is resident").read_by = gpu.submitted;
@@ -273,10 +288,10 @@ impl Residency {
         self.hear()?;
         self.resident.pool.land(gpu)?;
         self.reclaim(gpu)?;
-        let (cut, budget) = self.fitting(view, detail, fall_back);
+        let (cut, budget) = self.fitting(view, detail, asking.fall_back);
         let mut update = Update { cut, budget, ..std::mem::take(&mut self.unsaid) };
-        let wants = self.wants(view, detail, &update.cut, fall_back);
-        self.ask(gpu, &wants, &mut update)?;
+        let wants = self.wants(view, detail, &update.cut, asking.fall_back);
+        self.ask(gpu, &wants, asking.at_once, &mut update)?;
         for want in wants.iter().filter(|want| want.needed) {
             match self.here(want.node) {
                 None => update.missing += 1,
@@ -425,7 +440,7 @@ impl Residency {
     }
 
     /// Posts the newest wish-list, with pages for as much of it as may be under way at a time.
-    fn ask(&mut self, gpu: &mut Gpu, wants: &[Want], update: &mut Update) -> Result<()> {
+    fn ask(&mut self, gpu: &mut Gpu, wants: &[Want], at_once: u64, update: &mut Update) -> Result<()> {
         let protected: HashMap<usize, bool> = wants.iter().map(|want| (want.node, want.needed)).collect();
         let mut victims = None;
         let mut list = Vec::new();
@@ -441,7 +456,7 @@ impl Residency {
             }
             let pages = want.planes + self.resident.shown.words();
             // In order, as `fitting` has tried it: nothing smaller slips in before.
-            enough |= self.pages_coming > 0 && (self.pages_coming + pages) as u64 * PAGE_BYTES > UPLOAD_BYTES;
+            enough |= self.pages_coming > 0 && (self.pages_coming + pages) as u64 * PAGE_BYTES > at_once;
             if enough {
                 continue;
             }
