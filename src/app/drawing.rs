@@ -579,7 +579,7 @@ impl Thread {
             };
             let Update { cut, budget, missing, coarse, bytes_read, errors, .. } = update;
             loading = Some(Loading {
-                fitting: (budget < scene.fineness.of(size).budget).then_some(budget),
+                fitting: (budget < detail.budget).then_some(budget),
                 nodes: cut.nodes.len(),
                 awaited: missing + coarse,
                 largest_error_px: cut.largest_error_px,

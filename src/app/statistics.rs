@@ -29,6 +29,8 @@ pub struct Picture {
     latency: Duration,
     /// Drawing it.
     took: Duration,
+    /// No point was drawn.
+    empty: bool,
     /// Nodes were on their way.
     loading: bool,
     /// How long the loader had worked by then.
@@ -39,7 +41,8 @@ pub struct Picture {
 impl Picture {
     pub fn of(drawn: &Drawn, at: Instant) -> Picture {
         let loader = drawn.loading.map_or(Duration::ZERO, |loading| loading.worked);
-        Picture { at, latency: drawn.latency, took: drawn.took, loading: drawn.is_loading(), loader, spent: drawn.spent }
+        let empty = drawn.statistics.points_drawn == 0;
+        Picture { at, latency: drawn.latency, took: drawn.took, empty, loading: drawn.is_loading(), loader, spent: drawn.spent }
     }
 }
 
@@ -82,6 +85,8 @@ pub struct Summary {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FlightSummary {
     pub pictures: usize,
+    /// Of these, without a point: what is said of a flight that leaves the cloud is not said of the cloud.
+    pub empty: usize,
     /// From one picture to the next.
     pub frame_ms: Spread,
     /// From when a camera was wanted to its picture.
@@ -169,6 +174,7 @@ impl FlightSummary {
             slow_loading: slow().filter(|step| step.loading).count(),
             slow_for_loader: slow().filter(|step| step.ms - step.by_cause[LOADER] <= limit).count(),
             pictures: flight.pictures.len(),
+            empty: flight.pictures.iter().filter(|picture| picture.empty).count(),
             latency_ms: of_pictures(|picture| picture.latency),
             drawing_ms: of_pictures(|picture| picture.took),
             loading: flight.pictures.iter().filter(|picture| picture.loading).count(),
@@ -231,6 +237,9 @@ impl std::fmt::Display for Summary {
         writeln!(f, "flight: {} pictures, {rate:.1} a second; from one to the next: {}", flight.pictures, flight.frame_ms)?;
         writeln!(f, "  from camera to picture: {}", flight.latency_ms)?;
         writeln!(f, "  of that, drawing: {}", flight.drawing_ms)?;
+        if flight.empty > 0 {
+            writeln!(f, "  {} pictures without a point: the flight has left the cloud, and its times are not the cloud's", flight.empty)?;
+        }
         if flight.loading > 0 {
             writeln!(f, "  {} pictures while nodes were on their way: {}", flight.loading, flight.loading_ms)?;
             writeln!(f, "  taking in what had come: {}", flight.took_in_ms)?;
@@ -277,6 +286,7 @@ mod tests {
             at: started + Duration::from_millis(after),
             latency: Duration::ZERO,
             took: Duration::ZERO,
+            empty: false,
             loading: loader > 0,
             loader: Duration::from_millis(loader),
             spent: Spent { taking_in: Duration::from_millis(1), ..Spent::default() },
@@ -294,8 +304,7 @@ mod tests {
         flight.pictures = [(0, 0, 8), (10, 0, 8), (20, 0, 8), (44, 14, 22), (54, 14, 8), (77, 14, 21)]
             .map(|(after, loader, drawing)| drew(drawing, at(after, loader)))
             .into();
-        let slow_by = FlightSummary::of(&flight).slow_by;
-        assert_eq!(slow_by.into_iter().map(|(_, count)| count).collect::<Vec<_>>(), [1, 1], "one by the loader, one by the device");
+        assert_eq!(FlightSummary::of(&flight).slow_by, [("the loader".to_string(), 1), ("the device".to_string(), 1)]);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! `bench window`: a scripted flight in a window, as `view --flight` makes it: how even its pictures come, how soon the first one is there, and that nothing is done at rest.
 //!
 //! In: the street from `synth`, a file to be read; and an index, of which the loader brings what the flight needs while it goes on. A process of its own each, so that the start is the
-//! start of the program, and processor time its own. It needs a display. Through the street it goes straight ahead; through an index along a camera path, down to places all over it and up again.
+//! start of the program, and processor time its own. It needs a display. It goes along camera paths: through the street on foot and back, and through an index down to places all over it and up again. Straight ahead one leaves any cloud before long, and
+//! pictures without a point are even: they are counted, so that nobody takes them for the cloud's.
 
 use super::flight;
 use crate::app::statistics::{FlightSummary, Spread, Summary};
@@ -10,6 +11,8 @@ use crate::error::{Error, Result};
 use crate::index::file::Index;
 use crate::progress::Progress;
 use crate::synth::{self, LasFile, Scene};
+use crate::view::{Camera, Projection};
+use glam::DVec3;
 use serde::Serialize;
 use std::ffi::OsString;
 use std::fmt::Write;
@@ -57,13 +60,17 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
     let mut rows = Vec::new();
     let mut flights = 0;
     let total = (plan.points.len() + plan.index.iter().len()) * plan.sizes.len();
-    let mut fly = |cloud: &str, points: u64, file: &Path, path: Option<&Path>, size: [u32; 2]| {
+    let written = folder.join("path.json");
+    let mut fly = |cloud: &str, points: u64, file: &Path, cameras: &[Camera], size: [u32; 2]| {
         progress.tick("bench window", flights, total as u64)?;
         flights += 1;
+        let mut path = CameraPath::default();
+        cameras.iter().try_for_each(|&camera| path.add(camera))?;
+        path.write(&written)?;
         let size = format!("{}x{}", size[0], size[1]);
         let mut words: Vec<OsString> = ["view", "--timings=json", "--no-cache", "--size", &size].map(OsString::from).into();
         words.extend(["--flight".into(), plan.seconds.to_string().into()]);
-        words.extend(path.into_iter().flat_map(|path| ["--path".into(), path.into()]));
+        words.extend(["--path".into(), written.clone().into()]);
         words.extend(plan.options.clone());
         words.push(file.into());
         rows.push(Row { bench: "window", cloud: cloud.into(), points, size, summary: view(&words)? });
@@ -75,7 +82,7 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
         let mut las = LasFile::create(&file, world.lattice(), points)?;
         synth::scan(&world, points, plan.seed, Scene::Street.default_noise(), &mut |chunk| las.write(chunk), progress)?;
         las.finish()?;
-        plan.sizes.iter().try_for_each(|&size| fly("street", points, &file, None, size))?;
+        plan.sizes.iter().try_for_each(|&size| fly("street", points, &file, &on_foot(world.camera()), size))?;
     }
     if let Some(file) = &plan.index {
         let index = Index::open(file)?;
@@ -84,14 +91,20 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
         }
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         for &size in &plan.sizes {
-            let mut path = CameraPath::default();
-            flight::stops(&index, size)?.into_iter().try_for_each(|camera| path.add(camera))?;
-            let written = folder.join("path.json");
-            path.write(&written)?;
-            fly(&name, index.directory.contents.points, file, Some(&written), size)?;
+            fly(&name, index.directory.contents.points, file, &flight::stops(&index, size)?, size)?;
         }
     }
     Ok(rows)
+}
+
+/// Most of the way to where somebody looks who stands in the street, and back to where it begins, so that it can begin again.
+fn on_foot(look: synth::Look) -> Vec<Camera> {
+    let way = (look.target - look.eye).with_z(0.0);
+    let at = |share: f64| {
+        let [eye, target] = [look.eye, look.target].map(|place| place + share * way);
+        Camera { eye, target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None }
+    };
+    [0.0, 0.4, 0.8, 0.4, 0.0].map(at).into()
 }
 
 fn view(words: &[OsString]) -> Result<Summary> {
@@ -112,6 +125,7 @@ pub fn table(rows: &[Row]) -> String {
         let Some(flight) = &summary.flight else { continue };
         let FlightSummary {
             pictures,
+            empty,
             frame_ms,
             latency_ms,
             drawing_ms,
@@ -124,7 +138,8 @@ pub fn table(rows: &[Row]) -> String {
             slow_for_loader,
             ..
         } = flight;
-        writeln!(text, "{cloud}, {points} points, {size}: {pictures} pictures").expect("writing to a string");
+        writeln!(text, "{cloud}, {points} points, {size}: {pictures} pictures, {empty} of them without a point")
+            .expect("writing to a string");
         let times = [
             ("frame", frame_ms),
             ("of which loading", loading_ms),
