@@ -11,7 +11,7 @@ pub enum What {
     All,
     Class(u8),
     Return(u8),
-    /// Its name, or its number in the list that `info` gives, from 1 on.
+    /// Its name, `source N` for the LAS point source id N of every file, or its number in the list that `info` gives, from 1 on.
     Station(String),
     /// A file's name: all stations in it.
     File(String),
@@ -84,7 +84,10 @@ impl std::fmt::Display for What {
 impl What {
     fn is_of(&self, number: usize, station: &Station) -> bool {
         match self {
-            What::Station(name) => station.name == *name || name.parse() == Ok(number + 1),
+            What::Station(name) => {
+                let source = name.strip_prefix("source ").and_then(|id| id.parse().ok());
+                station.name == *name || name.parse() == Ok(number + 1) || source.is_some() && source == station.source
+            }
             // A station is named after its file, or after its scan in it.
             What::File(name) => station.name == *name || station.name.starts_with(&format!("{name} ")),
             _ => false,
@@ -193,11 +196,11 @@ mod tests {
 
     #[test]
     fn opacities_of_a_point_multiply() {
-        let rules = ["0.5", "class:6=0.5", "return:2=0", "station:2=0.25", "file:a.las=0.5", "station:b.ply=0.75"];
+        let rules = ["0.5", "class:6=0.5", "return:2=0", "station:2=0.25", "station:source 3=0.5", "file:a.las=0.5", "station:b.ply=0.75"];
         let opacities = Opacities(rules.iter().map(|rule| rule.parse().unwrap()).collect());
         let table = opacities.table(&stations());
         assert_eq!([table[5], table[6], table[256 + 1], table[256 + 2]], [0.5, 0.25, 1.0, 0.0]);
-        assert_eq!(table[272..], [0.5, 0.125, 0.75]);
+        assert_eq!(table[272..], [0.25, 0.125, 0.75]);
         let stations = stations();
         let known = Known { stations: &stations, points: 3, counts: None };
         assert!(opacities.is_transparent(&known) && opacities.hides(&known) && opacities.needs_kinds());

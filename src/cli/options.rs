@@ -59,7 +59,7 @@ pub struct PictureOptions {
     /// Where light comes from: headlight; direction:X,Y,Z, the way in which it travels; position:X,Y,Z, metres; both in the world
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
-    /// How opaque points are, 0 to 1: all, or those of a class, return number, station (its name or its number in `info`) or file; what applies to a point is multiplied; 0 leaves it out. Repeatable
+    /// How opaque points are, 0 to 1: all, or those of a class, return number, station (its name, `source N`, or its number in the list of `info`) or file; what applies to a point is multiplied; 0 leaves it out. Repeatable
     #[arg(long, value_name = "[class:N|return:N|station:S|file:F=]OPACITY")]
     pub opacity: Vec<Rule>,
     /// Which part of the cloud is there: what lies in a box, given by two opposite corners in the world, or in one of several; or what lies outside:X0,... of each. Faces are part of a box; inf is a number. Repeatable
