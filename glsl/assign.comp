@@ -4,7 +4,8 @@
 // and gaps between its points are the holes. A tile without points goes by its neighbours.
 //
 // That spacing is the node's, or, where the nearest surface is sparser there than its node, its own, counted over the tile and its neighbours. Its pixels are those of quarters of tiles that hold points
-// of it, as the four beside them do: at a silhouette what lies beyond would be taken for gaps, and kernels would go over it. Tiles in which it is not nearest keep the node's. Of pixels that random points fall into a share p holds some where -ln(1 - p) fall into
+// of it, as the four beside them do: at a silhouette what lies beyond would be taken for gaps, and kernels would go over it. Where no quarter is such, gaps are as wide as quarters: there whole tiles are counted, this one and the
+// four beside it, if all five hold points of it. Tiles in which it is not nearest keep the node's. Of pixels that random points fall into a share p holds some where -ln(1 - p) fall into
 // one, which p / sqrt(1 - p) is near enough, and infinite where all do: dense surfaces keep the node's.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
@@ -77,6 +78,13 @@ void main() {
         uint counts = inner[2 * (k / 12) + k % 4 / 2] >> (2 * (k / 4 % 3) + k % 2) & 1u;
         front += counts * (held[k / 4] >> (8 * (k % 4)) & 255u);
         extent += counts * uint(TILE_PX / 2 * TILE_PX / 2);
+    }
+    const int cross[5] = int[5](1, 3, 4, 5, 7);
+    bool crossed = extent == 0u;
+    [[unroll]] for (int k = 0; k < 5; ++k) crossed = crossed && held[cross[k]] > 0u;
+    if (crossed) {
+        [[unroll]] for (int k = 0; k < 20; ++k) front += held[cross[k / 4]] >> (8 * (k % 4)) & 255u;
+        extent = uint(5 * TILE_PX * TILE_PX);
     }
     Tile at = tiles.tile[number];
     bool is_front = at.points > 0u && in_front(at.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);

@@ -71,27 +71,34 @@ fn hard_07_cone_solid_angle() {
     assert!(least < 1e-6 && greatest > 9.0);
 }
 
-/// A wall that is half as dense as its node says, strewn, and another behind it in every other pixel: kernels that follow the node leave some of that one, those that follow the wall do not.
+/// A wall that is half as dense as its node says, strewn, and another behind it in every other pixel: kernels that follow the node leave some of that one, those that follow the wall do not; nor where its gaps are as wide as a
+/// quarter of a tile, so that whole tiles are counted.
 #[test]
 fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
-    let random = &mut Random(0x9175);
     canvas(|canvas| {
         let view = views([127, 61]).into_iter().find(|view| view.camera.projection == Projection::Perspective).unwrap();
-        let front = canvas.spacing() * view.focal_px() / 1.4;
-        let depths: Vec<_> =
-            (0..127 * 61).map(|_| Some(if random.bits().is_multiple_of(8) { front } else { 2.0 * front } as f32)).collect();
-        let mut share = |kernel: &str| {
-            let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,kernel={kernel}")])).seen;
-            // Within a kernel's reach of the picture's edge the wall ends, as in a mirror.
-            let inside = |i: &usize| (16..111).contains(&(i % 127)) && (16..45).contains(&(i / 127));
-            let (behind, all) = (0..depths.len()).filter(inside).fold((0, 0), |(behind, all), i| {
-                (behind + (depths[i] > Some(1.5 * front as f32) && seen.depth[i].is_finite()) as usize, all + 1)
-            });
-            behind as f64 / all as f64
-        };
-        let (node, own) = (share("9"), share("0"));
-        println!("{node} of the wall behind shows with the node's kernel, {own} with the wall's own");
-        assert!(node > 1e-3 && own < 0.1 * node);
+        for (pixels_a_point, spacing_px) in [(8, 1.4), (24, 2.5)] {
+            let random = &mut Random(0x9175);
+            let front = canvas.spacing() * view.focal_px() / spacing_px;
+            let depths: Vec<_> = (0..127 * 61)
+                .map(|_| Some(if random.bits().is_multiple_of(pixels_a_point) { front } else { 2.0 * front } as f32))
+                .collect();
+            let mut share = |kernel: &str| {
+                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,kernel={kernel}")])).seen;
+                // Within a kernel's reach of the picture's edge the wall ends, as in a mirror.
+                let inside = |i: &usize| (16..111).contains(&(i % 127)) && (16..45).contains(&(i / 127));
+                let (behind, all) = (0..depths.len()).filter(inside).fold((0, 0), |(behind, all), i| {
+                    (behind + (depths[i] > Some(1.5 * front as f32) && seen.depth[i].is_finite()) as usize, all + 1)
+                });
+                behind as f64 / all as f64
+            };
+            let node = [3, 5, 7, 9, 11, 13, 15].into_iter().find(|kernel| *kernel as f64 >= 5.5 * spacing_px).expect("a kernel");
+            let (node, own) = (share(&node.to_string()), share("0"));
+            println!(
+                "1 point in {pixels_a_point} pixels: {node} of the wall behind shows with the node's kernel, {own} with the wall's own"
+            );
+            assert!(node > 1e-3 && own < 0.1 * node);
+        }
     });
 }
 

@@ -136,7 +136,16 @@ impl Depths<'_> {
                     }
                 }
                 if extent == 0.0 {
-                    return None;
+                    // Whole tiles, by their quarters: the middle one of three by three, and those beside it.
+                    for [tx, ty] in [[1, 0], [0, 1], [1, 1], [2, 1], [1, 2]] {
+                        let quarters = [0, 1].map(|down| [0, 1].map(|right| held([2 * tx + right, 2 * ty + down]).unwrap_or(0.0)));
+                        let own: f64 = quarters.as_flattened().iter().sum();
+                        if own == 0.0 {
+                            return None;
+                        }
+                        points += own;
+                        extent += (tile * tile) as f64;
+                    }
                 }
                 Some(SPARSER * (extent / points * ((extent - points) / extent).sqrt()).sqrt())
             };
