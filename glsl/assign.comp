@@ -79,11 +79,11 @@ void main() {
         front += counts * (held[k / 4] >> (8 * (k % 4)) & 255u);
         extent += counts * uint(TILE_PX / 2 * TILE_PX / 2);
     }
-    const int cross[5] = int[5](1, 3, 4, 5, 7);
-    bool crossed = extent == 0u;
-    [[unroll]] for (int k = 0; k < 5; ++k) crossed = crossed && held[cross[k]] > 0u;
-    if (crossed) {
-        [[unroll]] for (int k = 0; k < 20; ++k) front += held[cross[k / 4]] >> (8 * (k % 4)) & 255u;
+    const int five[5] = int[5](1, 3, 4, 5, 7); // this tile and the four beside it
+    bool whole = extent == 0u;
+    [[unroll]] for (int k = 0; k < 5; ++k) whole = whole && held[five[k]] > 0u;
+    if (whole) {
+        [[unroll]] for (int k = 0; k < 20; ++k) front += held[five[k / 4]] >> (8 * (k % 4)) & 255u;
         extent = uint(5 * TILE_PX * TILE_PX);
     }
     Tile at = tiles.tile[number];

@@ -74,7 +74,11 @@ pub struct Writer<'i> {
 }
 
 impl<'i> Writer<'i> {
+    /// Refuses to replace what is no file of shadows: a scan has no copy.
     pub fn create(path: &Path, index: &'i Index) -> Result<Writer<'i>> {
+        if path.metadata().is_ok_and(|file| file.is_file() && file.len() > 0) && !is_of_shadows(path)? {
+            return Err(Error::format(path, "is there, and is no file of shadows; give -o another name"));
+        }
         let crcs = Mutex::new(vec![0; index.nodes().len()]);
         Ok(Writer { index, file: Planes::create(path)?, places: places(index), crcs })
     }
@@ -163,6 +167,15 @@ impl<'i> Writer<'i> {
     }
 }
 
+fn is_of_shadows(path: &Path) -> Result<bool> {
+    let map = Map::open(path)?;
+    let mut magic = [0; MAGIC.len()];
+    if map.len() >= magic.len() as u64 {
+        map.copy(0, &mut magic)?;
+    }
+    Ok(magic == MAGIC)
+}
+
 /// Marks that can be read.
 pub struct Marks {
     map: Map,
@@ -183,7 +196,8 @@ impl Marks {
         }
         map.copy(0, bytemuck::bytes_of_mut(&mut header))?;
         if header.magic != MAGIC {
-            return Err(wrong("is no file of shadows, or an unfinished one"));
+            let make = format!("`pointillist shadows {} -o NAME.shadows` makes one", index.path().display());
+            return Err(Error::format(path, format!("is no file of shadows; {make}")));
         }
         if header.version > VERSION {
             return Err(Error::format(
