@@ -1,6 +1,7 @@
 // Phong lighting (Phong 1975; Dobrev et al. 2010, sec. 3.1): depth and colour -> colour in the light.
 //
-//   color' = color (ambient + diffuse max(0, n.l)) + specular max(0, r.v)^shininess      r = 2 (n.l) n - l
+//   color' = color (ambient + m diffuse max(0, n.l)) + m specular max(0, r.v)^shininess      r = 2 (n.l) n - l
+// m is how much of the light reaches a surface, where shadows are cast, and else 1 (sec. 6 there: ka + m (kd + ks)).
 // Normals are those of points where they have brought any (facing.comp): a pixel's own, or the mean of those around it on the same surface; else fitted to the depths on the screen (lib/normal.glsl). They face
 // the camera. A pixel that has none keeps its colour times ambient + diffuse, as if it faced the light.
 #version 460
@@ -20,10 +21,13 @@ layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
 // Right, down and away of the normals of points, and 1; 0 where there is none. Anything, where points have brought none.
 layout(rgba32f) readonly uniform image2D facing;
+// m in red, green and blue. Anything, where no shadows are cast.
+layout(rgba32f) readonly uniform image2D reached;
 layout(rgba32f) writeonly uniform image2D lit;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 layout(constant_id = 1) const bool OF_POINTS = false;
+layout(constant_id = 2) const bool SHADOWED = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
@@ -99,7 +103,8 @@ void shade(ivec2 pixel) {
     float diffuse = push.diffuse * mix(1.0, max(facing, 0.0), shaded);
     // What faces away from the light mirrors nothing of it.
     float specular = push.specular * mix(0.0, power(clamp(mirrored, 0.0, 1.0), push.shininess), shaded && facing > 0.0);
-    imageStore(lit, pixel, vec4(c.rgb * vec3(push.ambient + diffuse) + vec3(specular * c.a), c.a));
+    vec3 m = SHADOWED ? imageLoad(reached, pixel).rgb : vec3(1.0);
+    imageStore(lit, pixel, vec4(c.rgb * (vec3(push.ambient) + m * vec3(diffuse)) + m * vec3(specular * c.a), c.a));
 }
 
 void main() {

@@ -1,4 +1,5 @@
-// Marks and point ids -> colour times the light that reaches the point: ambient + mark (1 - ambient) (Dobrev et al. 2010, sec. 6).
+// Marks, point ids and colour -> colour times the light that reaches the point: ambient + mark (1 - ambient); or, where lighting comes after, how much of the light that is, in red, green and blue alike
+// (Dobrev et al. 2010, sec. 6).
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
@@ -20,9 +21,11 @@ layout(r32ui) readonly uniform uimage2D index;
 layout(scalar) readonly buffer Marks { uint word[]; } marks;
 // Of every node of the frame, the two words of the address of the page with its points' marks, where they have brought them.
 layout(scalar) readonly buffer Saved { uvec2 page[]; } saved;
-layout(rgba32f) uniform image2D color;
+layout(rgba32f) readonly uniform image2D color;
+layout(rgba32f) writeonly uniform image2D shaded;
 
 layout(constant_id = 0) const bool SAVED = false;
+layout(constant_id = 1) const bool APART = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;    // pixels
@@ -40,8 +43,8 @@ void light(ivec2 pixel) {
     vec4 c = imageLoad(color, pixel);
     // On the border of two of the light's pictures both may count a point.
     float lit = min(float(count), push.full) / push.full;
-    c.rgb *= push.ambient + (1.0 - push.ambient) * lit;
-    imageStore(color, pixel, c);
+    c.rgb = mix(c.rgb * (push.ambient + (1.0 - push.ambient) * lit), vec3(lit), bvec3(APART));
+    imageStore(shaded, pixel, c);
 }
 
 void main() {

@@ -67,6 +67,8 @@ pub struct Wishes {
     /// sRGB.
     pub background: [u8; 3],
     pub precision: Precision,
+    /// The layer distance, metres: nearer surfaces are one; 0: from the spacing of points and pixels.
+    pub layer_m: f64,
 }
 
 impl Wishes {
@@ -84,7 +86,8 @@ const HURRIED_DIRECTIONS: f64 = 2.0;
 
 impl Default for Wishes {
     fn default() -> Self {
-        Wishes { effects: Effects::default(), light: Light::default(), background: crate::config::BACKGROUND, precision: Precision::Auto }
+        let (effects, light, background) = (Effects::default(), Light::default(), crate::config::BACKGROUND);
+        Wishes { effects, light, background, precision: Precision::Auto, layer_m: 0.0 }
     }
 }
 
@@ -105,6 +108,10 @@ pub struct Look {
     pub spacing_m: f64,
     pub pixel_m: f64,
     pub density: f64,
+    /// As [`Wishes`] has it.
+    pub layer_m: f64,
+    /// How finely the depth of the farthest of what is in view is known, metres (HARD_CASES 4).
+    pub quantum_m: f64,
     /// Where luminance is corrected.
     pub overlap: Arc<Overlap>,
 }
@@ -116,6 +123,7 @@ impl Look {
             spacing_m: self.spacing_m,
             pixel_m: self.pixel_m,
             density: self.density,
+            asked_layer_m: self.layer_m,
             overlap: self.overlap.clone(),
             ..Scene::of(view, resident, self.light)
         }
@@ -161,7 +169,7 @@ impl Look {
 }
 
 pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
-    let scene = Scene::of(view, resident, wishes.light);
+    let scene = Scene { asked_layer_m: wishes.layer_m, ..Scene::of(view, resident, wishes.light) };
     let decided = wishes.effects.decide(&scene);
     // Who asks for means gets them everywhere.
     let partly = decided.runs("luminance") && wishes.effects.luminance.switch == Switch::Auto;
@@ -171,6 +179,8 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
         spacing_m: scene.spacing_m,
         pixel_m: scene.pixel_m,
         density: scene.density,
+        layer_m: wishes.layer_m,
+        quantum_m: quantum_m(view, resident),
         overlap: if partly { scene.overlap } else { Arc::new(Overlap::everywhere(view.whole)) },
         light: wishes.light,
         background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
@@ -178,6 +188,12 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
         light_at_once: None,
         strokes_at_once: None,
     }
+}
+
+/// Of f32, at the farthest depth in view.
+fn quantum_m(view: &View, resident: &Resident) -> f64 {
+    let farthest = resident.seen(&view.entire()).map(|((_, farthest), _)| farthest).fold(0.0, f64::max) as f32;
+    (farthest.next_up() - farthest) as f64
 }
 
 #[cfg(test)]
@@ -200,6 +216,8 @@ mod tests {
             spacing_m: 0.0,
             pixel_m: 0.0,
             density: 0.0,
+            layer_m: 0.0,
+            quantum_m: 0.0,
             overlap: Arc::new(Overlap::everywhere([1, 1])),
         };
         assert_eq!(look(&["phong"]).hurried(1).effects, look(&["phong"]).effects);

@@ -114,6 +114,15 @@ impl What {
     }
 }
 
+/// How many names a message lists.
+const MOST_NAMES: usize = 8;
+
+/// A station that is one of several in a file is named after it, and after itself.
+fn file_of(station: &Station) -> &str {
+    let source = station.source.map_or(String::new(), |source| format!(" source {source}"));
+    station.name.strip_suffix(&source).unwrap_or(&station.name)
+}
+
 impl Opacities {
     /// Whether some points let through what is behind them.
     pub fn is_transparent(&self, known: &Known) -> bool {
@@ -158,10 +167,15 @@ impl Opacities {
     pub fn lost(&self, stations: &[Station]) -> Option<String> {
         let known = Known { stations, points: 0, counts: None };
         let is_lost = |rule: &&Rule| rule.what.names_stations() && !rule.what.is_of_some(&known);
-        let (What::Station(name) | What::File(name)) = &self.0.iter().find(is_lost)?.what else { return None };
-        let names: Vec<&str> = stations.iter().take(8).map(|station| station.name.as_str()).collect();
-        let more = if stations.len() > names.len() { ", ..." } else { "" };
-        Some(format!("no station or file {name:?}; there are: {}{more}", names.join(", ")))
+        let (kind, name, mut names): (_, _, Vec<&str>) = match &self.0.iter().find(is_lost)?.what {
+            What::Station(name) => ("station", name, stations.iter().map(|station| station.name.as_str()).collect()),
+            What::File(name) => ("file", name, stations.iter().map(file_of).collect()),
+            _ => return None,
+        };
+        names.dedup();
+        let more = if names.len() > MOST_NAMES { ", ..." } else { "" };
+        names.truncate(MOST_NAMES);
+        Some(format!("no {kind} {name:?}; there are: {}{more}", names.join(", ")))
     }
 
     /// Factors: 256 of classes, 16 of return numbers, one of every station; a point's opacity is the product of its three (glsl/lib/kind.glsl).

@@ -47,6 +47,9 @@ struct Words {
     budget: Option<u64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lod: Option<f64>,
+    /// As after `--layer`, metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    layer: Option<f64>,
     #[serde(default)]
     light: Option<String>,
     #[serde(default)]
@@ -63,6 +66,7 @@ impl Scene {
             clip: self.clips.0.iter().map(ToString::to_string).collect(),
             budget: self.fineness.budget,
             lod: self.fineness.lod_px,
+            layer: Some(self.wishes.layer_m).filter(|layer| *layer > 0.0),
             light: Some(self.wishes.light.to_string()),
             background: Some(Background(self.wishes.background).to_string()),
         };
@@ -87,6 +91,10 @@ impl Scene {
         if let Some(background) = &words.background {
             wishes.background = background.parse::<Background>()?.0;
         }
+        if words.layer.is_some_and(|layer| !(layer.is_finite() && layer > 0.0)) {
+            return Err("layer is no number of metres above 0".into());
+        }
+        wishes.layer_m = words.layer.unwrap_or(0.0);
         let color = words
             .color
             .map(|name| <Attribute as clap::ValueEnum>::from_str(&name, false).map_err(|_| format!("there is no color {name:?}")));
@@ -107,7 +115,8 @@ mod tests {
 
     #[test]
     fn a_scene_is_what_was_written() {
-        let mut wishes = Wishes { light: "direction:1,-2.5,-0.125".parse().unwrap(), background: [1, 200, 30], ..Wishes::default() };
+        let mut wishes =
+            Wishes { light: "direction:1,-2.5,-0.125".parse().unwrap(), background: [1, 200, 30], layer_m: 0.1, ..Wishes::default() };
         for effect in ["edl=on,strength=0.30000000000000004", "fill=off,method=dobrev", "shadows=auto,samples=7"] {
             wishes.effects.set(effect).unwrap();
         }

@@ -23,7 +23,7 @@ use crate::look::{self, Look, Wishes};
 use crate::passes::counts::Warned;
 use crate::passes::encode::{self, Screen};
 use crate::passes::project::{self, Statistics};
-use crate::passes::{self, Decided, Switch, shadows, tally};
+use crate::passes::{Decided, Switch, shadows, tally};
 use crate::present::Present;
 use crate::present::overlay::Overlay;
 use crate::progress::Progress;
@@ -317,7 +317,7 @@ const REFINING: Duration = Duration::from_millis(100);
 
 /// Adds samples of the light to those that shadows are made of, until something newer is wanted; in submissions of their own, so that what has been cast stays when the picture gives way.
 fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, newer: &Newer) -> Result<()> {
-    let (scene, began) = (passes::Scene::of(view, resident, look.light), Instant::now());
+    let (scene, began) = (look.scene(view, resident), Instant::now());
     loop {
         let mut g = Graph::new(gpu);
         let marks = match shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1)) {
@@ -328,7 +328,7 @@ fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, 
                 return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
             }
         };
-        let Some(shadows::Marks { counts, saved: None, facts }) = marks else { return Ok(()) };
+        let Some(shadows::Marks { counts, saved: None, facts, .. }) = marks else { return Ok(()) };
         g.submit(&[counts.resource()])?.shelve(gpu);
         if facts.cast == facts.samples || began.elapsed() >= REFINING || newer.tick("", 0, 0).is_err() {
             return Ok(());

@@ -262,6 +262,7 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
         for listed in scene.wishes.effects.list() {
             effect(ui, listed, &facts.decided);
         }
+        layer_distance(ui, &mut scene.wishes.layer_m);
     });
     CollapsingHeader::new("what runs, and why").show(ui, |ui| {
         for (name, reason) in &facts.decided.0 {
@@ -421,6 +422,17 @@ fn effect(ui: &mut Ui, listed: Listed, decided: &Decided) {
     }
 }
 
+/// Of all effects that tell surfaces apart; 0: automatic.
+fn layer_distance(ui: &mut Ui, layer_m: &mut f64) {
+    let said = |layer_m: f64, _| if layer_m == 0.0 { "automatic".to_string() } else { format!("{layer_m} m") };
+    let read = |text: &str| if text.trim() == "automatic" { Some(0.0) } else { text.trim().trim_end_matches('m').trim().parse().ok() };
+    ui.horizontal(|ui| {
+        ui.add(DragValue::new(layer_m).range(0.0..=1e9).speed(0.01).max_decimals(4).custom_formatter(said).custom_parser(read));
+        ui.label("between layers")
+            .on_hover_text("surfaces nearer to each other than this are one: for filling by masks, transparency and shadows");
+    });
+}
+
 fn setting(ui: &mut Ui, setting: Setting) {
     let Setting { name, about, value } = setting;
     let response = match value {
@@ -428,6 +440,10 @@ fn setting(ui: &mut Ui, setting: Setting) {
             // Whole decades apart, small values would all be at one end.
             let wide = range.end() - range.start() > 1000.0;
             ui.add(Slider::new(number, range).logarithmic(wide).text(name))
+        }
+        Value::Whole(number, range) => {
+            let wide = range.end() - range.start() > 1000.0;
+            ui.add(Slider::new(number, range).logarithmic(wide).integer().text(name))
         }
         Value::OneOf(number, of) => {
             let shown = ComboBox::from_label(name).selected_text(number.to_string()).show_ui(ui, |ui| {

@@ -42,7 +42,7 @@ pub struct PictureOptions {
     #[arg(long, value_name = "CAM.json", conflicts_with = "view")]
     pub camera: Option<PathBuf>,
     /// What a window has saved: camera, color, effects, opacity, clip boxes, light and background
-    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "opacity", "clip", "background"])]
+    #[arg(long, value_name = "SCENE.json", conflicts_with_all = ["camera", "view", "color", "effect", "style", "light", "layer", "opacity", "clip", "background"])]
     pub scene: Option<PathBuf>,
     /// Where to look from, when there is no --camera
     #[arg(long, value_enum, default_value_t = Preset::Fit)]
@@ -51,7 +51,7 @@ pub struct PictureOptions {
     #[arg(long, value_enum)]
     pub color: Option<Attribute>,
     /// Switches an effect and sets its values; repeatable
-    #[arg(long, value_name = "NAME=off|on|auto[,key=value...]")]
+    #[arg(long, value_name = "NAME=off|on|auto[,key=value...]", value_parser = effect)]
     pub effect: Vec<String>,
     /// How points become a picture
     #[arg(long, value_enum, default_value_t)]
@@ -59,8 +59,11 @@ pub struct PictureOptions {
     /// Where light comes from: headlight; direction:X,Y,Z, the way in which it travels; position:X,Y,Z, metres; both in the world
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
+    /// Layer distance: surfaces nearer to each other than this are one, for filling by masks, transparency and shadows alike [default: four spacings of the points, or of the pixels where those are wider; of shadows as little as keeps surfaces from shading themselves]
+    #[arg(long, value_name = "METRES", value_parser = metres)]
+    pub layer: Option<f64>,
     /// How opaque points are, 0 to 1: all, or those of a class, return number, station (its name, `source N`, or its number in the list of `info`) or file; what applies to a point is multiplied; 0 leaves it out. Repeatable
-    #[arg(long, value_name = "[class:N|return:N|station:S|file:F=]OPACITY")]
+    #[arg(long, value_name = "[class:N|return:N|station:S|file:F=]OPACITY", allow_hyphen_values = true)]
     pub opacity: Vec<Rule>,
     /// Which part of the cloud is there: what lies in a box, given by two opposite corners in the world, or in one of several; or what lies outside:X0,... of each. Faces are part of a box; inf is a number. Repeatable
     #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
@@ -122,10 +125,20 @@ impl DetailOptions {
     }
 }
 
+/// What an effect is asked for is refused where it is said, whatever else is.
+pub fn effect(text: &str) -> std::result::Result<String, String> {
+    Effects::default().set(text).map(|()| text.to_string())
+}
+
 /// Of the setting's own limits.
 fn abuffer(text: &str) -> std::result::Result<Bytes, String> {
     let bytes = text.parse::<Bytes>().map_err(|error| error.to_string())?;
     if (MIB..=65_536 * MIB).contains(&bytes.0) { Ok(bytes) } else { Err("from 1MiB to 64GiB".into()) }
+}
+
+fn metres(text: &str) -> std::result::Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| *number > 0.0 && number.is_finite());
+    number.ok_or(format!("{text:?} is not a number of metres above 0"))
 }
 
 fn pixels(text: &str) -> std::result::Result<f64, String> {
@@ -175,11 +188,11 @@ impl PictureOptions {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
         let Scene { camera, color, wishes, opacities, clips, fineness } = Scene::read(path)?;
         let effect = wishes.effects.clone().list().iter().map(ToString::to_string).collect();
-        let (light, background) = (wishes.light, Background(wishes.background));
+        let (light, background, layer) = (wishes.light, Background(wishes.background), Some(wishes.layer_m).filter(|layer| *layer > 0.0));
         let (opacity, clip) = (opacities.0, clips.0);
         let own = &self.detail;
         let detail = DetailOptions { budget: own.budget.or(fineness.budget), lod: own.lod.or(fineness.lod_px), ..own.clone() };
-        Ok(PictureOptions { saved_camera: Some(camera), color, effect, light, background, opacity, clip, detail, ..self.clone() })
+        Ok(PictureOptions { saved_camera: Some(camera), color, effect, light, background, layer, opacity, clip, detail, ..self.clone() })
     }
 
     pub fn wishes(&self) -> Result<Wishes> {
@@ -190,7 +203,13 @@ impl PictureOptions {
         if let Some(Bytes(bytes)) = self.abuffer_memory {
             effects.strokes.settings.memory = bytes as f64 / MIB as f64;
         }
-        Ok(Wishes { effects, light: self.light, background: self.background.0, precision: Precision::Auto })
+        Ok(Wishes {
+            effects,
+            light: self.light,
+            background: self.background.0,
+            precision: Precision::Auto,
+            layer_m: self.layer.unwrap_or(0.0),
+        })
     }
 
     /// The columns to read for what the points are to show, and to tell stations apart where colours of several are shown together.

@@ -9,7 +9,7 @@ use crate::layers::Downloads;
 use crate::look::{self, Look};
 use crate::passes::counts::{self, Counts};
 use crate::passes::phong::{self, Backfaces};
-use crate::passes::{Effects, Scene, project::Statistics, shadows, significant, strokes};
+use crate::passes::{Effects, project::Statistics, shadows, significant, strokes};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::source::{Brought, Source, Taken};
@@ -246,11 +246,13 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
             drawn.points_compared
         );
     }
-    let scene = Scene::of(&facts.view, resident, look.light);
+    let scene = look.scene(&facts.view, resident);
     text += &format!(
-        "spacing: {} m between points, and {} m between layers where none is asked for\n",
+        "spacing: {} m between points, and {} m between layers, {}; depths are known to {} m\n",
         significant(scene.spacing_m),
-        significant(scene.layer_m(0.0))
+        significant(scene.layer_m(0.0)),
+        if look.layer_m > 0.0 { "as asked for" } else { "by the spacing of points or pixels" },
+        significant(look.quantum_m),
     );
     text += &format!("light: {}\n", look.light);
     for (name, reason) in &look.decided.0 {
@@ -292,6 +294,8 @@ fn explain_json(
         "drawn": drawn,
         "index": facts.taken,
         "spacing_m": resident.spacing_m(),
+        "layer_m": look.scene(&facts.view, resident).layer_m(0.0),
+        "quantum_m": look.quantum_m,
         "light": look.light,
         "shadows": facts.shadows,
         "strokes": facts.strokes,

@@ -1,7 +1,7 @@
 //! `pointillist shadows`: an index and a light in, what its shadows leave of the light at every point out, complete or absent.
 
 use super::index::Bytes;
-use super::options::DeviceOptions;
+use super::options::{DeviceOptions, effect};
 use super::render::refuse_to_overwrite;
 use crate::config;
 use crate::error::{Error, Result};
@@ -34,7 +34,7 @@ pub struct Arguments {
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
     /// How shadows are cast, as `render` takes it: shadows=samples=16,radius=2
-    #[arg(long, value_name = "shadows=key=value[,...]")]
+    #[arg(long, value_name = "shadows=key=value[,...]", value_parser = shadows)]
     pub effect: Vec<String>,
     /// Memory of the device for points and pictures of the light; with less, points are read more often
     #[arg(long, value_name = "BYTES", default_value_t = Bytes(config::POOL_BYTES))]
@@ -43,12 +43,15 @@ pub struct Arguments {
     pub device: DeviceOptions,
 }
 
+fn shadows(text: &str) -> std::result::Result<String, String> {
+    if text.starts_with("shadows=") { effect(text) } else { Err("only shadows are cast here".into()) }
+}
+
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     refuse_to_overwrite(&arguments.output, std::slice::from_ref(&arguments.file))?;
     let mut effects = Effects::default();
     for text in &arguments.effect {
-        let known = if text.starts_with("shadows=") { effects.set(text) } else { Err("only shadows are cast here".into()) };
-        known.map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
+        effects.set(text).map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
     }
     let index = Index::open(&arguments.file)?;
     let mut gpu = Gpu::open(&arguments.device.wish())?;

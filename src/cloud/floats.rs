@@ -179,7 +179,8 @@ impl Floats {
             y: y.quantise(extent.offset[1], extent.step),
             z: z.quantise(extent.offset[2], extent.step),
             class: self.class,
-            normal: self.normal,
+            // Zeros and NaN alone are no normals.
+            normal: self.normal.filter(|normal| normal.iter().any(|normal| *normal != [0; 3])),
             ..Columns::default()
         };
         lattice.step *= coarsen(&mut columns) as f64;

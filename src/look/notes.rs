@@ -1,26 +1,88 @@
 //! A look and the cloud it is of -> what was asked for and changes nothing, in words, for whoever asked.
 
 use super::Look;
-use crate::passes::phong::Backfaces;
+use crate::light::Light;
+use crate::passes::fill::Method;
+use crate::passes::phong::{Backfaces, Normals};
+use crate::passes::shadows::{self, cameras::WIDEST_DEGREES};
 use crate::passes::smooth::Pixels;
-use crate::passes::{Settings, Value, shadows};
+use crate::passes::{Effects, Settings, Switch, significant};
 use crate::resident::Resident;
 
 impl Look {
     pub fn notes(&self, resident: &Resident) -> Vec<String> {
         let mut notes = resident.opacities.idle(&resident.known());
+        notes.extend(self.unused());
         let phong = self.effects.phong.settings;
-        if phong.backfaces == Backfaces::Drop && !self.drops_back_faces(resident) {
-            let why = if resident.oriented { "phong does not run" } else { "no normals of the files say which side is outside" };
+        if phong.backfaces == Backfaces::Drop && self.decided.runs("phong") && !self.drops_back_faces(resident) {
+            let why = match phong.normals {
+                Normals::Depth => "normals=depth leaves those of the files unread, which say which side is outside",
+                _ => "no normals of the files say which side is outside",
+            };
             notes.push(format!("phong=backfaces=drop: {why}; points that face away are drawn, too"));
         }
         let smooth = &self.effects.smooth;
         if smooth.settings.pixels == Pixels::Filled && self.decided.runs("smooth") && !self.decided.runs("fill") {
             notes.push("smooth: nothing is filled, and so nothing is smoothed; smooth=pixels=all smooths points".into());
         }
-        let saved = resident.light.as_ref().is_some_and(|saved| self.light.is_written(&saved.light)) && self.decided.runs("shadows");
-        if saved {
-            let idle = unlike_usual(self.effects.shadows.settings);
+        notes.extend(self.coarse());
+        if self.decided.runs("shadows") {
+            notes.extend(self.of_shadows(resident));
+        }
+        notes
+    }
+
+    /// Of effects that do not run, and that nobody has switched off, settings that somebody has chosen.
+    fn unused(&self) -> Vec<String> {
+        let (mut asked, mut usual) = (self.effects.clone(), Effects::default());
+        let pairs = asked.list().into_iter().zip(usual.list());
+        pairs
+            .filter(|(own, _)| *own.switch == Switch::Auto && !self.decided.runs(own.name))
+            .filter_map(|(own, usual)| {
+                let chosen: Vec<_> = own
+                    .settings
+                    .iter()
+                    .zip(&usual.settings)
+                    .filter(|(own, usual)| own.value.to_string() != usual.value.to_string())
+                    .collect();
+                let chosen: Vec<_> = chosen.into_iter().map(|(own, _)| own.name).collect();
+                let why = self.decided.0.iter().find(|(name, _)| *name == own.name).map_or("", |(_, reason)| reason.why.as_str());
+                (!chosen.is_empty())
+                    .then(|| format!("{}: nothing comes of {}, since it does not run: {why}", own.name, chosen.join(" and ")))
+            })
+            .collect()
+    }
+
+    /// That depths are not known as finely as what is asked of them (HARD_CASES 4).
+    fn coarse(&self) -> Option<String> {
+        let layer =
+            |of_effect: f64| [of_effect, self.layer_m, 4.0 * self.spacing_m.max(self.pixel_m)].into_iter().find(|asked| *asked > 0.0);
+        let (fill, transparency) = (&self.effects.fill.settings, &self.effects.transparency.settings);
+        let masks = (self.decided.runs("fill") && fill.method == Method::Dobrev).then(|| layer(fill.layer)).flatten();
+        let peels = self.decided.runs("transparency").then(|| layer(transparency.layer)).flatten();
+        let quantum_m = significant(self.quantum_m);
+        if let Some(layer_m) = [masks, peels].into_iter().flatten().reduce(f64::min).filter(|layer_m| *layer_m < 2.0 * self.quantum_m) {
+            let layer_m = significant(layer_m);
+            return Some(format!(
+                "surfaces are told apart from {layer_m} m on, and depths so far away are known to {quantum_m} m only: some may run into each other; look from nearer, or with --layer {}",
+                significant(2.0 * self.quantum_m)
+            ));
+        }
+        // A surface that rises by a pixel's width from pixel to pixel is a staircase then.
+        let surface = ["fill", "shape", "phong"].iter().any(|effect| self.decided.runs(effect));
+        let pixel_m = significant(self.pixel_m);
+        (surface && self.pixel_m > 0.0 && self.pixel_m < 2.0 * self.quantum_m)
+            .then(|| format!("depths so far away are known to {quantum_m} m only, and pixels are {pixel_m} m wide there: surfaces are torn and shaded in steps; look from nearer"))
+    }
+
+    fn of_shadows(&self, resident: &Resident) -> Vec<String> {
+        let mut notes = Vec::new();
+        let settings = self.effects.shadows.settings;
+        if self.decided.runs("phong") && settings.ambient != shadows::Settings::default().ambient {
+            notes.push("shadows=ambient changes nothing, since phong runs, whose own ambient is what shows in shadow".into());
+        }
+        if resident.light.as_ref().is_some_and(|saved| self.light.is_written(&saved.light)) {
+            let idle = unlike_usual(settings);
             if !idle.is_empty() {
                 notes.push(format!(
                     "shadows are those that were saved, and take no account of {}; cast others with `pointillist shadows`",
@@ -30,6 +92,11 @@ impl Look {
             if resident.hides() || resident.clips.active() > 0 {
                 notes.push("shadows that were saved are those of all points, also of those that --opacity or --clip leave out".into());
             }
+        } else if !matches!(self.light, Light::Position(_)) && settings.radius > WIDEST_DEGREES {
+            notes.push(format!(
+                "shadows=radius={}: a light far away is at most {WIDEST_DEGREES} degrees to each side wide, and drawn so",
+                settings.radius
+            ));
         }
         notes
     }
@@ -38,10 +105,6 @@ impl Look {
 /// Settings of shadows that somebody has chosen, but for how dark shadows are.
 fn unlike_usual(mut settings: shadows::Settings) -> Vec<&'static str> {
     let mut usual = shadows::Settings { ambient: settings.ambient, ..shadows::Settings::default() };
-    let said = |value: &Value| match value {
-        Value::Number(number, _) | Value::OneOf(number, _) => number.to_string(),
-        Value::Choice(choice) => choice.name().to_string(),
-    };
     let pairs = settings.list().into_iter().zip(usual.list());
-    pairs.filter(|(own, usual)| said(&own.value) != said(&usual.value)).map(|(own, _)| own.name).collect()
+    pairs.filter(|(own, usual)| own.value.to_string() != usual.value.to_string()).map(|(own, _)| own.name).collect()
 }

@@ -5,6 +5,8 @@
 //!
 //! `dobrev` (Dobrev et al. 2010, sec. 3.2 and 3.3) needs no visibility: masks tell holes from background, and hidden pixels from those that are seen.
 //! `splat` and `pullpush` are what both are compared with. Each has a file of its own.
+//!
+//! How much of a light reaches a surface, where lighting is to come, is filled like its colour, by the same passes with it in the colour's place.
 
 mod dobrev;
 mod pullpush;
@@ -13,7 +15,7 @@ mod splat;
 pub use dobrev::APART_PX;
 
 use super::{Decided, Effects, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, significant, tiles};
-use crate::graph::{Graph, Kind, Tiles};
+use crate::graph::{Graph, Image, Kind, Tiles};
 use crate::shader::{self, fill_close, fill_open, fill_pintus};
 use crate::view::{Projection, View};
 
@@ -31,7 +33,7 @@ pub struct Settings {
     pub surrounded: f64,
     /// Of splats, pixels; 0: 2.
     pub radius: f64,
-    /// Of dobrev: what is nearer by at least this is another surface, metres; 0: four spacings of the points.
+    /// Of dobrev: what is nearer by at least this is another surface, metres; 0: the layer distance of the picture.
     pub layer: f64,
 }
 
@@ -60,15 +62,15 @@ impl super::Settings for Settings {
         let number = Value::Number;
         vec![
             Setting { name: "method", about: "how", value: Value::Choice(&mut self.method) },
-            Setting { name: "iterations", about: "steps at most; 0: the width of the widest kernel; with dobrev one and a half spacings of the points, 127 at most", value: number(&mut self.iterations, 0.0..=1000.0) },
+            Setting { name: "iterations", about: "steps at most; 0: the width of the widest kernel; with dobrev one and a half spacings of the points, 127 at most", value: Value::Whole(&mut self.iterations, 0.0..=1000.0) },
             Setting {
                 name: "tolerance",
                 about: "difference in depth from which two surfaces are not mixed, metres; 0: 31 pixels' width, wherever a pixel is",
                 value: number(&mut self.tolerance, 0.0..=1e9),
             },
-            Setting { name: "surrounded", about: "background is filled, too, where so many of its 8 neighbours are; 9: never", value: number(&mut self.surrounded, 1.0..=9.0) },
+            Setting { name: "surrounded", about: "background is filled, too, where so many of its 8 neighbours are; 9: never", value: Value::Whole(&mut self.surrounded, 1.0..=9.0) },
             Setting { name: "radius", about: "of splats, pixels; 0: 2", value: number(&mut self.radius, 0.0..=31.0) },
-            Setting { name: "layer", about: "of dobrev: least distance of two surfaces, metres; 0: four spacings of the points", value: number(&mut self.layer, 0.0..=1e9) },
+            Setting { name: "layer", about: "of dobrev: layer distance of this effect alone, metres; 0: that of --layer", value: number(&mut self.layer, 0.0..=1e9) },
         ]
     }
 
@@ -125,31 +127,35 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         Method::Splat => return splat::record(g, view, settings, layers),
         Method::Pullpush => return pullpush::record(g, view, settings, layers),
     }
-    let Some(Holes { lists, at, kernels, widest }) = layers.holes else { return layers };
-    let Layers { mut depth, mut color, .. } = layers;
-    let (size, across) = (view.size, tiles(view.size));
+    let Some(holes) = &layers.holes else { return layers };
+    let filled: Vec<_> = layers.colors().map(|color| pintus(g, view, settings, holes, &layers.depth, color)).collect();
+    let Layers { mut depth, mut color, mut reached, .. } = layers;
+    for (color, [filled_depth, filled_color]) in [Some(&mut color), reached.as_mut()].into_iter().flatten().zip(&filled) {
+        let push = fill_close::Push { size: view.size, tiles_across: tiles(view.size)[0], at: holes.at };
+        let listed = Tiles::From(&holes.lists, holes.at);
+        g.run(shader::FillClose { lists: &holes.lists, filled_depth, filled_color, depth: &mut depth, color, push }, listed);
+    }
+    Layers { depth, color, reached, holes: None, ..layers }
+}
+
+/// Depths and colours with what steps have filled, in the form that they go back and forth in.
+fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth: &Image, color: &Image) -> [Image; 2] {
+    let Holes { lists, at, kernels, widest } = holes;
+    let (at, across) = (*at, tiles(view.size));
     let count = across[0] * across[1];
 
     let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
     let pair = |g: &mut Graph, name: &str| ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32f));
     let ([mut from_depth, mut from_color], [mut to_depth, mut to_color]) = (pair(g, "even"), pair(g, "odd"));
     let push = fill_open::Push { tiles_across: across[0], at };
+    let (even, odd) = ((&mut from_depth, &mut from_color), (&mut to_depth, &mut to_color));
     g.run(
-        shader::FillOpen {
-            lists: &lists,
-            depth: &depth,
-            color: &color,
-            even_depth: &mut from_depth,
-            even_color: &mut from_color,
-            odd_depth: &mut to_depth,
-            odd_color: &mut to_color,
-            push,
-        },
-        Tiles::From(&lists, at),
+        shader::FillOpen { lists, depth, color, even_depth: even.0, even_color: even.1, odd_depth: odd.0, odd_color: odd.1, push },
+        Tiles::From(lists, at),
     );
 
     let texels = g.gpu.device.texels;
-    let most = if settings.iterations == 0.0 { widest } else { settings.iterations as u32 };
+    let most = if settings.iterations == 0.0 { *widest } else { settings.iterations as u32 };
     let woken_at = 4 * (most + 2);
     let mut steps = g.buffer("steps", 4 * (woken_at + count) as u64);
     g.fill(&mut steps, 0);
@@ -166,13 +172,13 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             most_groups: g.gpu.device.most_groups,
         };
         let counted = steps.racing();
-        let listed = if step == 1 { Tiles::From(&lists, at) } else { Tiles::From(&counted, 4 * step) };
+        let listed = if step == 1 { Tiles::From(lists, at) } else { Tiles::From(&counted, 4 * step) };
         g.run(
             shader::FillPintus {
-                lists: &lists,
-                listed_words: &lists,
-                kernel_words: &kernels,
-                kernels: &kernels,
+                lists,
+                listed_words: lists,
+                kernel_words: kernels,
+                kernels,
                 step_words: &counted,
                 steps: &mut steps,
                 from_depth: &from_depth,
@@ -187,10 +193,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         std::mem::swap(&mut from_depth, &mut to_depth);
         std::mem::swap(&mut from_color, &mut to_color);
     }
-
-    let push = fill_close::Push { size, tiles_across: across[0], at };
-    g.run(shader::FillClose { lists: &lists, filled_depth: &from_depth, filled_color: &from_color, depth: &mut depth, color: &mut color, push }, Tiles::From(&lists, at));
-    Layers { depth, color, holes: None, ..layers }
+    [from_depth, from_color]
 }
 
 /// Difference in depth from which two surfaces are not mixed, and 1 where it is parts of the depth.

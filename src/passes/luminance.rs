@@ -51,7 +51,7 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
             Setting { name: "space", about: "what is averaged: V, with hue and saturation of the front point, or all of the colour", value: Value::Choice(&mut self.space) },
-            Setting { name: "neighbourhood", about: "pixels across whose points are averaged, 1 or 3; 0: as many as hold enough points", value: Value::Number(&mut self.neighbourhood, 0.0..=3.0) },
+            Setting { name: "neighbourhood", about: "pixels across whose points are averaged, 1 or 3; 0: as many as hold enough points", value: Value::OneOf(&mut self.neighbourhood, &[0.0, 1.0, 3.0]) },
             Setting { name: "epsilon", about: "depth of a surface, metres; 0: three spacings of the points", value: Value::Number(&mut self.epsilon, 0.0..=1e9) },
         ]
     }
@@ -67,7 +67,7 @@ const ENOUGH: f64 = 7.0;
 
 /// As [`super::Effects::reach_px`].
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
-    let of_one = (1.0..2.0).contains(&settings.neighbourhood);
+    let of_one = settings.neighbourhood == 1.0;
     Some(!of_one as u32)
 }
 

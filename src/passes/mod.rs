@@ -33,6 +33,8 @@ pub struct Layers {
     pub facings: Option<Buffer>,
     /// How much of a light reaches each point, where shadows are cast.
     pub marks: Option<shadows::Marks>,
+    /// How much of the light reaches each pixel's surface, where lighting is to take that into account: red, green and blue alike. What fills and smooths colours fills and smooths it like them.
+    pub reached: Option<Image>,
     /// What each pixel's points add up to, where luminance is corrected.
     pub sums: Option<luminance::Sums>,
     /// What is left of the light, which multiplies the colour; all of it where no effect takes any.
@@ -45,6 +47,13 @@ pub struct Layers {
     pub flat_px: u32,
     /// Tiles with pixels of unknown depth, where a pass has looked for them.
     pub holes: Option<Holes>,
+}
+
+impl Layers {
+    /// What is filled and smoothed alike: colours, and how much of the light reaches them.
+    pub fn colors(&self) -> impl Iterator<Item = &Image> {
+        [Some(&self.color), self.reached.as_ref()].into_iter().flatten()
+    }
 }
 
 /// A list of tiles of 8 x 8 pixels, made on the device (glsl/lib/tile.glsl).
@@ -96,6 +105,8 @@ pub struct Scene<'s> {
     pub pixel_m: f64,
     /// Some points let through what is behind them.
     pub transparent: bool,
+    /// The layer distance that somebody has asked for, metres; 0: nobody has.
+    pub asked_layer_m: f64,
     /// Points have brought normals.
     pub normals: bool,
     /// Points have brought how much of this light reaches them.
@@ -118,6 +129,7 @@ impl<'s> Scene<'s> {
             density: resident.density(&view.entire()),
             pixel_m: resident.pixel_m(&view.entire()),
             transparent: resident.is_transparent(),
+            asked_layer_m: 0.0,
             normals: resident.shown.normal().is_some(),
             lit: resident.light.as_ref().is_some_and(|saved| light.is_written(&saved.light)),
             balance: resident.balance.as_ref(),
@@ -125,10 +137,11 @@ impl<'s> Scene<'s> {
         }
     }
 
-    /// The layer distance: surfaces nearer to each other than this are taken for one, metres. Where none is asked for, four spacings of the points, or of the pixels where those are wider, which holds what
-    /// neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
-    pub fn layer_m(&self, asked: f64) -> f64 {
-        if asked == 0.0 { 4.0 * self.spacing_m.max(self.pixel_m) } else { asked }
+    /// The layer distance: surfaces nearer to each other than this are taken for one, metres: as asked for of an effect, or of the picture. Where none is, four spacings of the points, or of the pixels where
+    /// those are wider, which holds what neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
+    pub fn layer_m(&self, of_effect: f64) -> f64 {
+        let automatic = 4.0 * self.spacing_m.max(self.pixel_m);
+        [of_effect, self.asked_layer_m].into_iter().find(|asked| *asked > 0.0).unwrap_or(automatic)
     }
 }
 
@@ -237,12 +250,12 @@ effects! {
     exposure,   // the table that colours are looked up in
     luminance,  // sums, values -> color
     strokes,    // keys and color in place of projected points; color -> color
-    shadows,    // marks, index, color -> color
+    shadows,    // marks, index, color -> color, or reached
     visibility, // depth, index, color -> the same without what is hidden; holes
-    fill,       // depth, color, holes -> depth, color
-    smooth,     // depth, color -> depth, color
+    fill,       // depth, color, reached, holes -> depth, color, reached
+    smooth,     // depth, color, reached -> depth, color, reached
     shape,      // depth -> lit
-    phong,      // depth, color, index, normals of points -> color
+    phong,      // depth, color, reached, index, normals of points -> color
     edl,        // depth, color -> color
     ao,         // depth, lit -> lit
     antialias,  // depth, color, lit -> color, lit
@@ -259,6 +272,8 @@ pub struct Setting<'s> {
 /// What a setting can be.
 pub enum Value<'s> {
     Number(&'s mut f64, std::ops::RangeInclusive<f64>),
+    /// Without a fraction.
+    Whole(&'s mut f64, std::ops::RangeInclusive<f64>),
     /// One of a few numbers.
     OneOf(&'s mut f64, &'static [f64]),
     Choice(&'s mut dyn Choice),
@@ -294,14 +309,14 @@ impl Setting<'_> {
                 true => Ok(()),
                 false => Err(format!("there is no {name}={text}; there are: {}", choice.names().join(", "))),
             },
-            Value::Number(value, range) => {
-                let number: f64 = text.parse().map_err(|_| format!("{name}={text:?} is not a number"))?;
-                if !range.contains(&number) {
-                    return Err(format!("{name}={text} is not between {} and {}", range.start(), range.end()));
+            Value::Number(value, range) => number_within(name, text, range).map(|number| **value = number),
+            Value::Whole(value, range) => match number_within(name, text, range)? {
+                number if number.fract() == 0.0 => {
+                    **value = number;
+                    Ok(())
                 }
-                **value = number;
-                Ok(())
-            }
+                _ => Err(format!("{name}={text} is not a whole number")),
+            },
             Value::OneOf(value, of) => match of.iter().find(|one| text.parse() == Ok(**one)) {
                 Some(one) => {
                     **value = *one;
@@ -314,11 +329,18 @@ impl Setting<'_> {
 
     fn help(&self) -> String {
         match &self.value {
-            Value::Number(value, range) => format!("    {}={}  {} ({} to {})", self.name, value, self.about, range.start(), range.end()),
+            Value::Number(value, range) | Value::Whole(value, range) => {
+                format!("    {}={}  {} ({} to {})", self.name, value, self.about, range.start(), range.end())
+            }
             Value::OneOf(value, of) => format!("    {}={}  {} ({})", self.name, value, self.about, numbers(of)),
             Value::Choice(choice) => format!("    {}={}  {} ({})", self.name, choice.name(), self.about, choice.names().join(", ")),
         }
     }
+}
+
+fn number_within(name: &str, text: &str, range: &std::ops::RangeInclusive<f64>) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{name}={text:?} is not a number"))?;
+    if range.contains(&number) { Ok(number) } else { Err(format!("{name}={text} is not between {} and {}", range.start(), range.end())) }
 }
 
 fn numbers(of: &[f64]) -> String {
@@ -333,14 +355,20 @@ pub struct Listed<'s> {
     pub settings: Vec<Setting<'s>>,
 }
 
+impl std::fmt::Display for Value<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Value::Number(number, _) | Value::Whole(number, _) | Value::OneOf(number, _) => write!(f, "{number}"),
+            Value::Choice(choice) => write!(f, "{}", choice.name()),
+        }
+    }
+}
+
 impl std::fmt::Display for Listed<'_> {
     /// As [`Effects::set`] takes it.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}={}", self.name, Choice::name(self.switch))?;
-        self.settings.iter().try_for_each(|setting| match &setting.value {
-            Value::Number(number, _) | Value::OneOf(number, _) => write!(f, ",{}={number}", setting.name),
-            Value::Choice(choice) => write!(f, ",{}={}", setting.name, choice.name()),
-        })
+        self.settings.iter().try_for_each(|setting| write!(f, ",{}={}", setting.name, setting.value))
     }
 }
 

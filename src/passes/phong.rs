@@ -58,10 +58,10 @@ impl super::Settings for Settings {
             Setting { name: "ambient", about: "part of the colour that shows without light", value: number(&mut self.ambient, 0.0..=100.0) },
             Setting { name: "diffuse", about: "part of the colour that shows where the surface faces the light", value: number(&mut self.diffuse, 0.0..=100.0) },
             Setting { name: "specular", about: "white of highlights", value: number(&mut self.specular, 0.0..=100.0) },
-            Setting { name: "shininess", about: "how narrow highlights are, the exponent", value: number(&mut self.shininess, 1.0..=255.0) },
+            Setting { name: "shininess", about: "how narrow highlights are, the exponent", value: Value::Whole(&mut self.shininess, 1.0..=255.0) },
             Setting { name: "normals", about: "where they come from: file, those of the points; depth, the screen; auto, the points where they have any", value: Value::Choice(&mut self.normals) },
             Setting { name: "backfaces", about: "points that face away from the camera; drop: where normals are those of files, which say which side is outside", value: Value::Choice(&mut self.backfaces) },
-            Setting { name: "radius", about: "of the neighbourhood that a normal is fitted to, pixels", value: number(&mut self.radius, 1.0..=15.0) },
+            Setting { name: "radius", about: "of the neighbourhood that a normal is fitted to, pixels", value: Value::Whole(&mut self.radius, 1.0..=15.0) },
         ]
     }
 
@@ -166,10 +166,10 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         specular: settings.specular as f32,
         shininess: settings.shininess as u32,
     };
-    let spec = Spec { perspective: view.camera.projection == Projection::Perspective, of_points: facing.is_some() };
-    let (depth, color) = (&layers.depth, &layers.color);
+    let Layers { depth, color, reached, .. } = &layers;
+    let spec = Spec { perspective: view.camera.projection == Projection::Perspective, of_points: facing.is_some(), shadowed: reached.is_some() };
     // What is not looked at wants a binding all the same.
-    let facing = facing.as_ref().unwrap_or(color);
-    g.run(shader::Phong { depth, color, facing, lit: &mut lit, push, spec }, Tiles::All);
-    Layers { color: lit, ..layers }
+    let [facing, reached] = [facing.as_ref(), reached.as_ref()].map(|image| image.unwrap_or(color));
+    g.run(shader::Phong { depth, color, facing, reached, lit: &mut lit, push, spec }, Tiles::All);
+    Layers { color: lit, reached: None, ..layers }
 }

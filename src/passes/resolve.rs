@@ -139,6 +139,7 @@ impl Resolved {
             front: None,
             facings,
             marks: None,
+            reached: None,
             sums: None,
             lit: None,
             spacings,

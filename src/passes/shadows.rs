@@ -7,13 +7,14 @@
 //!         light_fill    keys -> depth                 closes gaps that light would fall through
 //!         light_limit   depth -> limit                how deep light reaches: depth + layer / <v, n>
 //!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
-//!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour
+//!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour; or, where Phong lighting runs, how much of
+//!                                                     the light reaches each pixel, which is filled beside the colour and takes from what that light adds: ka + m (kd + ks)
 //! ```
 //! A mark is a byte, by point id, and does not depend on the camera: marks are kept while the light and the nodes stay, and then of all this only the last line runs. Samples of a light can be cast over
 //! several frames, and then add up to the same marks.
 //! Points have no normals: the slope of the surface comes from the light's own depths.
 
-mod cameras;
+pub mod cameras;
 pub mod changed;
 pub mod disc;
 mod peel;
@@ -23,7 +24,7 @@ use super::project::{self, Band, Drawn, Precision, Shallow};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, gate, tiles};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
-use crate::graph::{Buffer, Graph, Tiles};
+use crate::graph::{Buffer, Graph, Kind, Tiles};
 use crate::light::Light;
 use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode};
 use crate::shader::{self, light_cover, light_fill, light_limit, shadow_depth};
@@ -45,10 +46,14 @@ pub struct Settings {
     pub radius: f64,
     /// Texels of the longer side of the light's picture; 0: from the spacing of the points.
     pub size: f64,
-    /// What is left of a colour that no light reaches.
+    /// What is left of a colour that no light reaches, where nothing else says how it is lit: Phong lighting has an ambient part of its own.
     pub ambient: f64,
-    /// How far behind the surface that the light sees a point is still of it, metres across the surface; 0: by the theorem of HARD_CASES 13.
+    /// How far behind the surface that the light sees a point is still of it, metres across the surface; 0: the layer distance of the picture, where one is asked for, and at least what the theorem of
+    /// HARD_CASES 13 asks for.
     pub layer: f64,
+    /// Where `layer` is 0, it is this at least, metres: the layer distance that the picture was asked for. No setting of its own.
+    #[serde(skip)]
+    pub least: f64,
     /// Gaps in the light's picture that are closed, texels.
     pub fill: f64,
     /// Passes of index peeling at most; 0: until one marks nothing, 512 at most.
@@ -70,7 +75,7 @@ pub enum Method {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Depth, samples: 1.0, pattern: disc::Pattern::Stratified, radius: 0.5, size: 0.0, ambient: 0.35, layer: 0.0, fill: 2.0, peels: 0.0, limit: 0.2 }
+        Settings { method: Method::Depth, samples: 1.0, pattern: disc::Pattern::Stratified, radius: 0.5, size: 0.0, ambient: 0.35, layer: 0.0, least: 0.0, fill: 2.0, peels: 0.0, limit: 0.2 }
     }
 }
 
@@ -82,14 +87,14 @@ impl super::Settings for Settings {
         let number = Value::Number;
         vec![
             Setting { name: "method", about: "how points that light reaches are found", value: Value::Choice(&mut self.method) },
-            Setting { name: "samples", about: "places on the light; 1: hard shadows", value: number(&mut self.samples, 1.0..=MOST_SAMPLES) },
+            Setting { name: "samples", about: "places on the light; 1: hard shadows", value: Value::Whole(&mut self.samples, 1.0..=MOST_SAMPLES) },
             Setting { name: "pattern", about: "how they are spread", value: Value::Choice(&mut self.pattern) },
             Setting { name: "radius", about: "of the light: degrees of one far away (45 at most), metres of one at a place", value: number(&mut self.radius, 0.0..=1e6) },
-            Setting { name: "size", about: "of the light's picture, texels; 0: from the spacing of the points", value: number(&mut self.size, 0.0..=4096.0) },
-            Setting { name: "ambient", about: "what is left of a colour in full shadow", value: number(&mut self.ambient, 0.0..=1.0) },
-            Setting { name: "layer", about: "depth of a surface, metres; 0: as little as keeps surfaces from shading themselves", value: number(&mut self.layer, 0.0..=1e9) },
-            Setting { name: "fill", about: "width of gaps that light does not fall through, texels", value: number(&mut self.fill, 0.0..=16.0) },
-            Setting { name: "peels", about: "passes of method=index at most, as many as points of a texel can be lit; 0: until nothing is left, 512 at most", value: number(&mut self.peels, 0.0..=4096.0) },
+            Setting { name: "size", about: "of the light's picture, texels; 0: from the spacing of the points", value: Value::Whole(&mut self.size, 0.0..=4096.0) },
+            Setting { name: "ambient", about: "what is left of a colour in full shadow; of phong, where that runs, its own ambient", value: number(&mut self.ambient, 0.0..=1.0) },
+            Setting { name: "layer", about: "layer distance of this effect alone, metres; 0: that of --layer where that is given, and at least what keeps surfaces from shading themselves", value: number(&mut self.layer, 0.0..=1e9) },
+            Setting { name: "fill", about: "width of gaps that light does not fall through, texels", value: Value::Whole(&mut self.fill, 0.0..=16.0) },
+            Setting { name: "peels", about: "passes of method=index at most, as many as points of a texel can be lit; 0: until nothing is left, 512 at most", value: Value::Whole(&mut self.peels, 0.0..=4096.0) },
             Setting { name: "limit", about: "least cosine of the angle between light and surface", value: number(&mut self.limit, 0.01..=1.0) },
         ]
     }
@@ -120,6 +125,8 @@ pub struct Marks {
     pub counts: Buffer,
     /// Instead of that, of every node the page with the marks that its points have brought, of which so many say that all of the light reaches a point.
     pub saved: Option<u32>,
+    /// Lighting comes after, and takes them into account.
+    pub apart: bool,
     /// For `--explain`.
     pub facts: Facts,
 }
@@ -156,24 +163,36 @@ impl Facts {
     }
 }
 
+fn plural(count: u32) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
 impl std::fmt::Display for Facts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [width, height] = self.size;
         write!(
             f,
-            "{}{} samples of the light, {} cast, points of {} nodes marked by this frame, {} pictures each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
-            if self.saved { "saved ones, of all points, so that no light pass runs; " } else { "" }, self.samples, self.cast, self.marked, self.pictures, self.texel_m, self.layer_m
+            "{}{} sample{} of the light, {} cast, points of {} nodes marked by this frame, {} picture{} each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
+            if self.saved { "saved ones, of all points, so that no light pass runs; " } else { "" },
+            self.samples, plural(self.samples), self.cast, self.marked, self.pictures, plural(self.pictures), self.texel_m, self.layer_m
         )
     }
 }
 
 /// Marks of all points of the frame; none where shadows do not run. Of the light's samples `at_once` at most are added to those that are kept, and one where there are none; all, where nothing is said.
 pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effects, decided: &Decided, at_once: Option<u32>) -> Result<Option<Marks>> {
-    let settings = &effects.shadows.settings;
-    if let Some(saved) = saved(g, scene, resident).filter(|_| decided.runs("shadows")) {
-        return saved.map(Some);
+    if !decided.runs("shadows") {
+        return Ok(None);
     }
-    let Some(bounds) = bounds(resident).filter(|_| decided.runs("shadows")) else { return Ok(None) };
+    let marks = match saved(g, scene, resident) {
+        Some(saved) => Some(saved?),
+        None => counted(g, scene, resident, &Settings { least: scene.asked_layer_m, ..effects.shadows.settings }, at_once)?,
+    };
+    Ok(marks.map(|marks| Marks { apart: decided.runs("phong"), ..marks }))
+}
+
+fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Settings, at_once: Option<u32>) -> Result<Option<Marks>> {
+    let Some(bounds) = bounds(resident) else { return Ok(None) };
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
     if bytes.next_power_of_two() > g.binding_limit() {
         return Err(Error::Request(format!(
@@ -217,18 +236,18 @@ pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effect
         for view in views(kept..end)? {
             cast(g, &view, resident, around.bounds, settings, &mut tally)?;
         }
-        return Ok(Some(Marks { counts: tally.marks, saved: None, facts: Facts { cast: end, marked: again.len() as u32, ..facts } }));
+        return Ok(Some(Marks { counts: tally.marks, saved: None, apart: false, facts: Facts { cast: end, marked: again.len() as u32, ..facts } }));
     }
     let (counts, kept) = g.kept(PLACES[place], bytes, made_of, wanted)?;
     let end = wanted(kept);
     if end == kept {
-        return Ok(Some(Marks { counts, saved: None, facts: Facts { cast: end, ..facts } }));
+        return Ok(Some(Marks { counts, saved: None, apart: false, facts: Facts { cast: end, ..facts } }));
     }
     let mut tally = Tally::new(g, counts, kept > 0);
     for view in views(kept..end)? {
         cast(g, &view, resident, around.bounds, settings, &mut tally)?;
     }
-    Ok(Some(Marks { counts: tally.marks, saved: None, facts: Facts { cast: end, marked: resident.nodes.len() as u32, ..facts } }))
+    Ok(Some(Marks { counts: tally.marks, saved: None, apart: false, facts: Facts { cast: end, marked: resident.nodes.len() as u32, ..facts } }))
 }
 
 /// Where marks are kept: those of other nodes go to the other one, beside those that they were made of.
@@ -245,7 +264,7 @@ fn saved(g: &mut Graph, scene: &Scene, resident: &Resident) -> Option<Result<Mar
     // Of an index that somebody else has written, what is not known is nothing.
     let facts: Facts = serde_json::from_value(contents.facts.clone()).unwrap_or_default();
     let pages = scene.light.is_written(&contents.light).then(|| g.upload("saved marks", &resident.addresses(word)))?;
-    Some(pages.map(|counts| Marks { counts, saved: Some(contents.full), facts: Facts { saved: true, ..facts } }))
+    Some(pages.map(|counts| Marks { counts, saved: Some(contents.full), apart: false, facts: Facts { saved: true, ..facts } }))
 }
 
 /// All that marks depend on but the nodes.
@@ -256,8 +275,8 @@ fn made_of(scene: &Scene, resident: &Resident, settings: &Settings, around: &cam
         Light::Position(position) => (2, position),
     };
     // Of settings, all but how dark shadows are.
-    let Settings { method, samples, pattern, radius, size, ambient: _, layer, fill, peels, limit } = *settings;
-    let numbers = [place.x, place.y, place.z, samples, radius, size, layer, fill, peels, limit].map(f64::to_bits);
+    let Settings { method, samples, pattern, radius, size, ambient: _, layer, least, fill, peels, limit } = *settings;
+    let numbers = [place.x, place.y, place.z, samples, radius, size, layer, least, fill, peels, limit].map(f64::to_bits);
     let (low, high) = around.bounds;
     let seen = [low.x, low.y, low.z, high.x, high.y, high.z, around.spacing_m].map(f64::to_bits);
     [kind, method as u64, pattern as u64].into_iter().chain(numbers).chain(seen).chain(resident.cloud_identity()).collect()
@@ -344,14 +363,17 @@ impl Layer {
         let farthest = camera.depths(bounds).map_or(0.0, |(_, farthest)| farthest);
         // A depth is eight roundings off at most, and two depths are compared; positions are quantised far below.
         let quantum = 16.0 * f32::EPSILON as f64 * farthest;
+        let perspective = camera.camera.projection == Projection::Perspective;
+        let texel = 1.0 / camera.focal_px();
+        let across = |(metres, texels): (f64, f64)| metres + texels * texel * if perspective { farthest } else { 1.0 };
+        let theorem = (quantum, if fill > 0 { 2.0 * SQRT_2 } else { SQRT_2 });
         let (metres, texels) = match settings.layer {
-            0.0 => (quantum, if fill > 0 { 2.0 * SQRT_2 } else { SQRT_2 }),
+            0.0 if across(theorem) < settings.least => (settings.least, 0.0),
+            0.0 => theorem,
             metres => (metres, 0.0),
         };
         let steepest = (1.0 / (settings.limit * settings.limit) - 1.0).max(0.0).sqrt();
-        let perspective = camera.camera.projection == Projection::Perspective;
-        let texel = 1.0 / camera.focal_px();
-        let across = metres + texels * texel * if perspective { farthest } else { 1.0 };
+        let across = across((metres, texels));
         // Gaps are closed by what is nearer still; and two quanta for what is rounded on the way.
         let deepest = across * (1.0 + steepest * steepest).sqrt() + 2.0 * quantum;
         Layer { perspective, texel, metres, texels, steepest, deepest, fill }
@@ -424,11 +446,12 @@ fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, shallow: &Shallow, limi
 }
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let Layers { mut color, marks, .. } = layers;
-    if let Some(marks) = &marks {
-        let full = marks.saved.unwrap_or(marks.facts.cast);
-        let push = shader::shadows::Push { size: scene.view.size, full: full as f32, ambient: settings.ambient as f32 };
-        g.run(shader::Shadows { index: &layers.index, marks: &marks.counts, saved: &marks.counts, color: &mut color, push, spec: shader::shadows::Spec { saved: marks.saved.is_some() } }, Tiles::All);
-    }
-    Layers { color, marks, ..layers }
+    let Some(marks) = &layers.marks else { return layers };
+    let mut shaded = g.image("shaded", scene.view.size, Kind::Rgba32f);
+    let full = marks.saved.unwrap_or(marks.facts.cast);
+    let push = shader::shadows::Push { size: scene.view.size, full: full as f32, ambient: settings.ambient as f32 };
+    let spec = shader::shadows::Spec { saved: marks.saved.is_some(), apart: marks.apart };
+    let Layers { index, color, .. } = &layers;
+    g.run(shader::Shadows { index, marks: &marks.counts, saved: &marks.counts, color, shaded: &mut shaded, push, spec }, Tiles::All);
+    if marks.apart { Layers { reached: Some(shaded), ..layers } } else { Layers { color: shaded, ..layers } }
 }

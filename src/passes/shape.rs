@@ -44,7 +44,7 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "levels", about: "levels of smoothing; 1: single pass", value: number(&mut self.levels, 1.0..=64.0) },
+            Setting { name: "levels", about: "levels of smoothing; 1: single pass", value: Value::Whole(&mut self.levels, 1.0..=64.0) },
             Setting { name: "xi", about: "level k weighs 1 / (k + 1)^xi", value: number(&mut self.xi, 0.0..=16.0) },
             Setting { name: "first", about: "1: the first level weighs as much as all others", value: number(&mut self.first, 0.0..=1.0) },
             Setting { name: "softness", about: "rise from pixel to pixel that still faces the viewer, pixels' widths", value: number(&mut self.softness, 0.0..=1e3) },

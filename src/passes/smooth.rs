@@ -4,7 +4,7 @@
 //! measured stays as it is where all around it was. Background neither gives nor takes, so that outlines stay.
 
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill};
-use crate::graph::{Graph, Kind, Tiles};
+use crate::graph::{Graph, Image, Kind, Tiles};
 use crate::shader::{self, smooth::Push, smooth::Spec};
 use crate::view::View;
 
@@ -63,7 +63,7 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
             Setting { name: "filter", about: "weights: 16 2 1, 4 2 1 or 1 1 1 of the pixel, sides and corners", value: Value::Choice(&mut self.filter) },
-            Setting { name: "iterations", about: "how often", value: Value::Number(&mut self.iterations, 1.0..=64.0) },
+            Setting { name: "iterations", about: "how often", value: Value::Whole(&mut self.iterations, 1.0..=64.0) },
             Setting { name: "pixels", about: "filled: these and those beside them; all: the others, too", value: Value::Choice(&mut self.pixels) },
         ]
     }
@@ -91,18 +91,20 @@ pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let size = scene.view.size;
     let (push, all) = (Push { size, weights: settings.filter.weights() }, settings.pixels == Pixels::All);
-    let Layers { raw, depth: filled, mut color, .. } = layers;
-    let mut smoothed = None;
-    for _ in 0..settings.iterations as u32 {
-        let mut smooth_depth = g.image("smooth depth", size, Kind::R32f);
-        let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
-        let (depth, spec) = (smoothed.as_ref().unwrap_or(&filled), Spec { all, again: smoothed.is_some() });
-        let to = (&mut smooth_depth, &mut smooth_color);
-        g.run(
-            shader::Smooth { raw: &raw, filled: &filled, depth, color: &color, smooth_depth: to.0, smooth_color: to.1, push, spec },
-            Tiles::All,
-        );
-        (smoothed, color) = (Some(smooth_depth), smooth_color);
-    }
-    Layers { raw, depth: smoothed.unwrap_or(filled), color, ..layers }
+    let smoothed = |g: &mut Graph, color: &Image| {
+        let Layers { raw, depth: filled, .. } = &layers;
+        let mut smoothed: Option<(Image, Image)> = None;
+        for _ in 0..settings.iterations as u32 {
+            let mut smooth_depth = g.image("smooth depth", size, Kind::R32f);
+            let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
+            let (depth, color) = smoothed.as_ref().map_or((filled, color), |(depth, color)| (depth, color));
+            let (spec, to) = (Spec { all, again: smoothed.is_some() }, (&mut smooth_depth, &mut smooth_color));
+            g.run(shader::Smooth { raw, filled, depth, color, smooth_depth: to.0, smooth_color: to.1, push, spec }, Tiles::All);
+            smoothed = Some((smooth_depth, smooth_color));
+        }
+        smoothed.expect("once at least")
+    };
+    let reached = layers.reached.as_ref().map(|reached| smoothed(g, reached).1);
+    let (depth, color) = smoothed(g, &layers.color);
+    Layers { depth, color, reached, ..layers }
 }

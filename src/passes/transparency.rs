@@ -26,7 +26,7 @@ pub struct Settings {
     pub layers: f64,
     /// Where layers behind others are looked for.
     pub tiles: Looked,
-    /// Points this near behind a surface are of it, metres; 0: the layer distance of the scene, and at least as deep as the surface is within a pixel.
+    /// Points this near behind a surface are of it, metres; 0: the layer distance of the picture, and at least as deep as the surface is within a pixel.
     pub layer: f64,
 }
 
@@ -39,11 +39,11 @@ impl Default for Settings {
 impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
-            Setting { name: "layers", about: "surfaces behind each other at most", value: Value::Number(&mut self.layers, 1.0..=64.0) },
+            Setting { name: "layers", about: "surfaces behind each other at most", value: Value::Whole(&mut self.layers, 1.0..=64.0) },
             Setting { name: "tiles", about: "where layers behind others are looked for; the picture is the same", value: Value::Choice(&mut self.tiles) },
             Setting {
                 name: "layer",
-                about: "layer distance: nearer surfaces are one, metres; 0: from the spacing of the points, and more where a surface is steep",
+                about: "layer distance of this effect alone, metres; 0: that of --layer, and more where a surface is steep",
                 value: Value::Number(&mut self.layer, 0.0..=1e9),
             },
         ]
@@ -65,11 +65,11 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
         return Reason { runs: false, why: "strokes lie over each other by themselves, each as opaque as its point".into() };
     }
     if !scene.transparent {
-        return Reason { runs: false, why: "all points are opaque; --opacity says otherwise".into() };
+        return Reason { runs: false, why: "all points that are drawn are opaque; --opacity says otherwise".into() };
     }
     let Settings { layers, layer, .. } = asked.transparency.settings;
-    let layer = significant(scene.layer_m(layer));
-    Reason { runs: true, why: format!("some points are not opaque: up to {layers} layers, {layer} m apart at least") }
+    let (layer, s) = (significant(scene.layer_m(layer)), if layers == 1.0 { "" } else { "s" });
+    Reason { runs: true, why: format!("some points are not opaque: up to {layers} layer{s}, {layer} m apart at least") }
 }
 
 /// A surface is this much deeper within a pixel than its slope says, which curves, and has noise.

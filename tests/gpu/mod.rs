@@ -120,6 +120,8 @@ pub const CANVAS_POINTS: u32 = 2000;
 pub struct Canvas<'g> {
     gpu: &'g mut Gpu,
     resident: Resident,
+    /// Light reaches every pixel as much as its colour says.
+    pub reached: bool,
 }
 
 pub fn canvas<T>(work: impl FnOnce(&mut Canvas) -> T) -> T {
@@ -128,9 +130,9 @@ pub fn canvas<T>(work: impl FnOnce(&mut Canvas) -> T) -> T {
         let cloud = cloud(vec![part(Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO }, &points, Some(colors))]);
         let shown = Shown::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(gpu, cloud, shown, &Silent).expect("resident");
-        let mut canvas = Canvas { gpu, resident };
+        let mut canvas = Canvas { gpu, resident, reached: false };
         let result = work(&mut canvas);
-        let Canvas { gpu, resident } = canvas;
+        let Canvas { gpu, resident, .. } = canvas;
         resident.free(gpu);
         result
     })
@@ -142,6 +144,8 @@ pub struct Stage {
     pub depth: Vec<f32>,
     pub index: Vec<u32>,
     pub color: Vec<[f32; 4]>,
+    /// How much of the light reaches it, where that goes along.
+    pub reached: Vec<[f32; 4]>,
 }
 
 /// What given keys become; nothing where the effect is switched off.
@@ -181,6 +185,7 @@ impl Canvas<'_> {
         let mut layers = resolved.layers(&mut g, view, &self.resident).unwrap();
         // Depths come from keys here, and lie anywhere.
         layers.spacing_px = [0.0, f64::INFINITY];
+        layers.reached = self.reached.then(|| g.copy("reached", &layers.color));
         let raw = keep(&mut g, &layers);
         let (mut seen, mut filled, mut smoothed, mut shaded, mut blended) = (None, None, None, None, None);
         if effects.visibility.switch != Switch::Off {
@@ -214,7 +219,7 @@ impl Canvas<'_> {
         let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &layers);
         let picture = g.download(&picture);
         let frame = g.submit(&[]).expect("drawn, and no validation message");
-        let stage = |kept: Option<[Buffer; 3]>| kept.map_or(Stage::default(), |kept| read(&frame, &kept));
+        let stage = |kept: Option<Kept>| kept.map_or(Stage::default(), |kept| read(&frame, &kept));
         let surface = Surface {
             raw: stage(Some(raw)),
             seen: stage(seen),
@@ -231,12 +236,21 @@ impl Canvas<'_> {
     }
 }
 
-fn keep(g: &mut Graph, layers: &passes::Layers) -> [Buffer; 3] {
-    [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image))
+/// Of a stage.
+type Kept = ([Buffer; 3], Option<Buffer>);
+
+fn keep(g: &mut Graph, layers: &passes::Layers) -> Kept {
+    let images = [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image));
+    (images, layers.reached.as_ref().map(|image| g.download(image)))
 }
 
-fn read(frame: &Frame, [depth, index, color]: &[Buffer; 3]) -> Stage {
-    Stage { depth: frame.read(depth).to_vec(), index: frame.read(index).to_vec(), color: frame.read(color).to_vec() }
+fn read(frame: &Frame, ([depth, index, color], reached): &Kept) -> Stage {
+    Stage {
+        depth: frame.read(depth).to_vec(),
+        index: frame.read(index).to_vec(),
+        color: frame.read(color).to_vec(),
+        reached: reached.as_ref().map_or(Vec::new(), |reached| frame.read(reached).to_vec()),
+    }
 }
 
 /// xorshift64 (Marsaglia 2003): tests need variety and the same numbers every time.

@@ -315,6 +315,7 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         shown: Attribute::White,
         density: 1.0,
         pixel_m: 0.0,
+        asked_layer_m: 0.0,
         overlap: Overlap::everywhere([16, 16]).into(),
         transparent: false,
         normals: false,

@@ -29,6 +29,8 @@ fn phong_lights_as_f64_does() {
                 for light in lights {
                     for (ambient, shininess, radius) in [(0.2, 24.0, 3.0), (0.0, 1.0, 1.0), (0.5, 255.0, 2.0)] {
                         for (layered, keys) in [(false, random_keys(size, CANVAS_POINTS, random)), (true, layered_keys(size, random))] {
+                            // Half of the time in shadows of any depth.
+                            canvas.reached = random.bits().is_multiple_of(2);
                             let mut effects = nothing();
                             effects.phong.switch = Switch::On;
                             effects.phong.settings =
@@ -36,7 +38,15 @@ fn phong_lights_as_f64_does() {
                             let surface = canvas.draw_in(light, &view, &keys, &effects);
                             let (raw, got) = (&surface.raw, &surface.shaded);
                             assert!(got.depth == raw.depth && got.index == raw.index);
-                            let twin = oracle::phong::shade(&view, light, &effects.phong.settings, &raw.depth, &raw.color, None);
+                            let twin = oracle::phong::shade(
+                                &view,
+                                light,
+                                &effects.phong.settings,
+                                &raw.depth,
+                                &raw.color,
+                                None,
+                                canvas.reached.then_some(&raw.reached),
+                            );
                             for (i, twin) in twin.iter().enumerate() {
                                 let color = got.color[i];
                                 let case =
@@ -111,7 +121,7 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                     let holds = |sign: f32| (0..3).all(|axis| twin[axis].holds(sign * facing[axis]));
                     assert!(facing[3] == 1.0 && (holds(1.0) || holds(-1.0)), "{size:?} pixel {i}: {facing:?} is not {twin:?}");
                 }
-                let twin = oracle::phong::shade(&view, light, &settings, depth, color, Some(facing));
+                let twin = oracle::phong::shade(&view, light, &settings, depth, color, Some(facing), None);
                 for (i, twin) in twin.iter().enumerate() {
                     let holds = |allowed: &[oracle::Bounded; 3]| (0..3).all(|c| allowed[c].holds(lit[i][c]));
                     assert!(twin.iter().any(holds), "{:?} {size:?} pixel {i}: {:?} is not {twin:?}", view.camera.projection, lit[i]);

@@ -13,9 +13,18 @@ use crate::shader::{self, fill_pull, fill_push};
 use crate::view::View;
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+    let flood = layers.holes.is_none();
+    let Layers { depth, color, reached, .. } = layers;
+    let reached = reached.map(|reached| {
+        let depth = g.copy("depth", &depth);
+        filled(g, view, settings, flood, depth, reached).1
+    });
+    let (depth, color) = filled(g, view, settings, flood, depth, color);
+    Layers { depth, color, reached, holes: None, ..layers }
+}
+
+fn filled(g: &mut Graph, view: &View, settings: &Settings, flood: bool, depth: Image, color: Image) -> (Image, Image) {
     let (tolerance, relative) = tolerance(view, settings);
-    let flood = layers.holes.is_none() as u32;
-    let Layers { depth, color, .. } = layers;
     let mut pyramid: Vec<(Image, Image)> = vec![(depth, color)];
     while pyramid.len() == 1 || pyramid[pyramid.len() - 1].0.desc.size != [1, 1] {
         let (fine_depth, fine_color) = &pyramid[pyramid.len() - 1];
@@ -30,10 +39,9 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let mut filled = pyramid.pop().expect("one level at least");
     while let Some((mut depth, mut color)) = pyramid.pop() {
         let (coarse_depth, coarse_color) = &filled;
-        let push = fill_push::Push { coarse_size: coarse_depth.desc.size, size: depth.desc.size, tolerance, relative, flood };
+        let push = fill_push::Push { coarse_size: coarse_depth.desc.size, size: depth.desc.size, tolerance, relative, flood: flood as u32 };
         g.run(shader::FillPush { coarse_depth, coarse_color, depth: &mut depth, color: &mut color, push }, Tiles::All);
         filled = (depth, color);
     }
-    let (depth, color) = filled;
-    Layers { depth, color, holes: None, ..layers }
+    filled
 }

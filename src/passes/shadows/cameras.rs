@@ -42,7 +42,7 @@ impl Wanted {
 }
 
 /// Half the angle of the largest light far away, degrees.
-const WIDEST: f64 = 45.0;
+pub const WIDEST_DEGREES: f64 = 45.0;
 const LEAST: f64 = 256.0;
 const MOST: f64 = 4096.0;
 const SPACINGS_PER_TEXEL: f64 = 2.0;
@@ -74,7 +74,7 @@ fn looking(eye: DVec3, forward: DVec3) -> Camera {
 
 fn far(direction: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<View>> {
     let middle = looking(centre, direction.normalize()).basis()?;
-    let tangent = wanted.radius.min(WIDEST).to_radians().tan();
+    let tangent = wanted.radius.min(WIDEST_DEGREES).to_radians().tan();
     let forward = (middle.forward + (middle.right * u + middle.up * v) * tangent).normalize();
     let reach = |axis: DVec3| half.dot(axis.abs());
     // Of one point there is a picture, too; and beside numbers as large as the cloud's place a light needs room.

@@ -127,9 +127,9 @@ impl super::super::Settings for Settings {
             Setting { name: "long", about: "how much longer strokes are on long clusters", value: number(&mut self.long, 0.0..=1.0) },
             Setting { name: "detail", about: "how opaque the second layer is that small clusters have", value: number(&mut self.detail, 0.0..=1.0) },
             Setting { name: "largest", about: "half a side on the screen at most, parts of the picture's longer side", value: number(&mut self.largest, 0.001..=4.0) },
-            Setting { name: "passes", about: "of sort=bubble; 0: until all are in order", value: number(&mut self.passes, 0.0..=1e6) },
+            Setting { name: "passes", about: "of sort=bubble; 0: until all are in order", value: Value::Whole(&mut self.passes, 0.0..=1e6) },
             Setting { name: "memory", about: "of lists and fragments, MiB; what needs more is painted in parts", value: number(&mut self.memory, 1.0..=65536.0) },
-            Setting { name: "radius", about: "of blend=blur, pixels", value: number(&mut self.radius, 1.0..=8.0) },
+            Setting { name: "radius", about: "of blend=blur, pixels", value: Value::Whole(&mut self.radius, 1.0..=8.0) },
         ]
     }
 }

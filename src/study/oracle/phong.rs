@@ -9,7 +9,8 @@ use crate::passes::phong::Settings;
 use crate::view::{Projection, View};
 use glam::DVec3;
 
-/// Red, green and blue of every pixel: one colour, or any of several. Alpha is copied. `facing` has the normals of points, as [`facing`] says, where they have brought any.
+/// Red, green and blue of every pixel: one colour, or any of several. Alpha is copied. `facing` has the normals of points, as [`facing`] says, where they have brought any; `reached`
+/// how much of the light reaches each pixel, where shadows are cast.
 pub fn shade(
     view: &View,
     light: Light,
@@ -17,15 +18,18 @@ pub fn shade(
     depth: &[f32],
     color: &[[f32; 4]],
     facing: Option<&[[f32; 4]]>,
+    reached: Option<&[[f32; 4]]>,
 ) -> Vec<Vec<[Bounded; 3]>> {
     let [light, eye] = [light, Light::Headlight].map(|light| seen(view, light));
     let pixel = |i: usize| {
         let [r, g, b, alpha] = color[i].map(Bounded::exact);
         let [ambient, diffuse, specular] = [settings.ambient, settings.diffuse, settings.specular].map(|part| Bounded::exact(part as f32));
         let lit = |facing: Bounded, mirrored: Bounded| {
-            let body = ambient + diffuse * facing.max(0.0);
             let highlight = specular * power(mirrored.max(0.0).min(1.0), settings.shininess as u32);
-            [r, g, b].map(|channel| channel * body + highlight * alpha)
+            [0, 1, 2].map(|c| {
+                let reached = Bounded::exact(reached.map_or(1.0, |reached| reached[i][c]));
+                [r, g, b][c] * (ambient + reached * (diffuse * facing.max(0.0))) + reached * (highlight * alpha)
+            })
         };
         let unlit = lit(Bounded::exact(1.0), Bounded::exact(0.0));
         if !known(depth[i]) {
