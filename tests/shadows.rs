@@ -322,10 +322,11 @@ fn shadows_take_what_phong_adds_and_leave_its_ambient_part() {
     let [lit, shaded] = ["shadows=off", "shadows=on,ambient=0.9"].map(drawn);
     let ambient = color.map(|channel| (0.25 * pointillist::cloud::color::srgb_to_linear(channel as f64 / 255.0)) as f32);
     let in_shadow = |pixel: &[f32; 4]| (0..3).all(|c| (pixel[c] - ambient[c]).abs() <= 1e-6);
-    let dark = shaded.iter().filter(|pixel| in_shadow(pixel)).count();
+    // Between points of plate and floor normals may face away from the light.
+    let [dark, away] = [&shaded, &lit].map(|pixels| pixels.iter().filter(|pixel| in_shadow(pixel)).count());
     let odd = lit.iter().zip(&shaded).filter(|(lit, shaded)| !in_shadow(shaded) && lit != shaded).count();
     println!("{dark} of {} pixels in shadow, {odd} neither as in shadow nor as in light", lit.len());
-    assert!(dark > 300 && odd == 0 && lit.iter().filter(|pixel| in_shadow(pixel)).count() == 0);
+    assert!(dark > 300 && odd == 0 && away * 5 < dark, "{away} face away");
 }
 
 /// HARD_CASES 14: behind a half plane a point sees of the light what each of its samples says, but for those whose ray passes the edge within texels.
