@@ -6,7 +6,8 @@
 //   it stays    where all five pixels of any mask are behind: there it lies beyond a silhouette
 //   else        it takes the values of its nearest neighbour
 // Values are copied, never mixed: what goes along with a depth is from where it was taken, and how many steps it may still go (lib/source.glsl). Of neighbours that have none left, none is taken.
-// Where a pass before has found the holes, the background step fills those and no others: a hole takes its nearest neighbour's values as soon as it has one, however far these have come.
+// Where a pass before has found the holes, the background step fills those, whatever masks say; and of what it has not found pixels with a depth at five of their eight neighbours, which no straight
+// silhouette has beside it: masks would go on up to the diagonal, for as many steps as holes take. Both take their nearest neighbour's values as soon as they have one, however far these have come.
 // A tile that nothing changed in the step before is left alone (lib/steps.glsl). Where depths change they fall, so that steps come to an end.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
@@ -53,6 +54,7 @@ layout(push_constant, scalar) uniform Push {
 #define ASIDE(k) ivec2(((k) + (k) / 4) % 3 - 1, ((k) + (k) / 4) / 3 - 1)
 
 const float FARTHEST = 3.402823466e38;
+const int MOST_BEHIND = 3;
 
 uint tile_at(uint place) {
     return LISTED ? listed_number(place, push.tiles.x) : place;
@@ -79,7 +81,8 @@ Changes work(uint tile) {
                 behind |= uint(!(neighbour <= limit && neighbour < z[c])) << k;
             }
             bool inside = all(lessThan(ivec2(texel.x, 4 * texel.y + p), ivec2(push.size)));
-            filling[p] = inside && has == OCCLUDED && (FOUND && !OCCLUDED ? holes[p] : !any_mask(behind));
+            bool stays = FOUND && !OCCLUDED ? !holes[p] && bitCount(behind) > MOST_BEHIND : any_mask(behind);
+            filling[p] = inside && has == OCCLUDED && !stays;
         }
         vec4 next = vec4(z[4], z[7], z[10], z[13]);
         if (any(filling)) {
@@ -98,7 +101,7 @@ Changes work(uint tile) {
                 float nearest_source = 0.0;
                 [[unroll]] for (int k = 0; k < 8; ++k) {
                     int i = c + AROUND(k);
-                    bool nearer = (holes[p] || goes_on(source[i])) && z[i] < nearest && z[i] <= limit && z[i] < z[c];
+                    bool nearer = (FOUND && !OCCLUDED || goes_on(source[i])) && z[i] < nearest && z[i] <= limit && z[i] < z[c];
                     nearest = mix(nearest, z[i], nearer);
                     nearest_source = mix(nearest_source, taken_from(source[i], ASIDE(k)), nearer);
                 }

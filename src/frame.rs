@@ -103,10 +103,16 @@ fn behind(g: &mut Graph, points: &Points, mut nearest: Layers, mut images: Again
 
 /// Copies of what is shown, which later layers are drawn over; those that nobody reads are dropped.
 fn kept(g: &mut Graph, layers: Layers) -> Layers {
-    let [depth, raw, index, color] = [("depth", &layers.depth), ("raw", &layers.raw), ("index", &layers.index), ("color", &layers.color)]
-        .map(|(name, image)| g.copy(name, image));
+    let images = [
+        ("depth", &layers.depth),
+        ("raw", &layers.raw),
+        ("index", &layers.index),
+        ("raw index", &layers.raw_index),
+        ("color", &layers.color),
+    ];
+    let [depth, raw, index, raw_index, color] = images.map(|(name, image)| g.copy(name, image));
     let lit = layers.lit.as_ref().map(|lit| g.copy("lit", lit));
-    Layers { depth, raw, index, color, lit, ..layers }
+    Layers { depth, raw, index, raw_index, color, lit, ..layers }
 }
 
 /// A layer that is to be drawn behind others.

@@ -18,6 +18,7 @@ pub struct Downloads {
     depth: Option<Buffer>,
     index: Option<Buffer>,
     raw: Option<Buffer>,
+    raw_index: Option<Buffer>,
     normal: Option<Buffer>,
     /// None where nothing takes light away.
     lit: Option<Buffer>,
@@ -30,9 +31,10 @@ impl Downloads {
         let depth = layers.then(|| g.download(&outcome.layers.depth));
         let index = layers.then(|| g.download(&outcome.layers.index));
         let raw = layers.then(|| g.download(&outcome.layers.raw));
+        let raw_index = layers.then(|| g.download(&outcome.layers.raw_index));
         let normal = layers.then(|| g.download(&outcome.normal));
         let lit = outcome.layers.lit.as_ref().filter(|_| layers).map(|lit| g.download(lit));
-        Ok(Downloads { picture, linear, depth, index, raw, normal, lit })
+        Ok(Downloads { picture, linear, depth, index, raw, raw_index, normal, lit })
     }
 
     /// The files that were asked for.
@@ -68,12 +70,13 @@ fn write_layers(path: &Path, size: [u32; 2], frame: &Frame, downloads: &Download
     let raw: &[f32] = frame.read(downloads.raw.as_ref().expect("asked for with --exr"));
     // What stayed unknown is nothing to an outsider.
     let depth: Vec<f32> = depth.iter().map(|&z| if z == f32::NEG_INFINITY { f32::INFINITY } else { z }).collect();
-    let coverage = |(&z, &point): (&f32, &u32)| match (z.is_finite(), point) {
-        (false, _) => 0,
-        (true, crate::config::NO_POINT) => 2,
-        (true, _) => 1,
+    let raw_index: &[u32] = frame.read(downloads.raw_index.as_ref().expect("asked for with --exr"));
+    let coverage = |i: usize| match depth[i].is_finite() {
+        false => 0,
+        true if index[i] == crate::config::NO_POINT || index[i] != raw_index[i] => 2,
+        true => 1,
     };
-    let coverage = depth.iter().zip(index).map(coverage).collect();
+    let coverage = (0..depth.len()).map(coverage).collect();
     let channel = |c: usize| Samples::Float(picture.iter().map(|pixel| pixel[c]).collect());
     let normal: &[[f32; 4]] = frame.read(downloads.normal.as_ref().expect("asked for with --exr"));
     let normal = |axis: usize| Samples::Float(normal.iter().map(|normal| normal[axis]).collect());

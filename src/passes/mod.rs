@@ -23,8 +23,10 @@ pub struct Layers {
     pub depth: Image,
     /// Planar depth as the points were projected.
     pub raw: Image,
-    /// Point ids.
+    /// Point ids; of pixels that were filled with one point's values, that one's.
     pub index: Image,
+    /// Point ids as the points were projected.
+    pub raw_index: Image,
     /// Linear colour multiplied by its alpha, which is how opaque a surface is, and 0 where none is.
     pub color: Image,
     /// Layers before this one and with it, where they let light through.

@@ -127,7 +127,7 @@ impl Resolved {
     /// The layers that effects start from.
     pub fn layers(self, g: &mut Graph, view: &View, resident: &Resident) -> Result<Layers> {
         let Resolved { depth, index, color } = self;
-        let raw = g.copy("raw", &depth);
+        let (raw, raw_index) = (g.copy("raw", &depth), g.copy("raw index", &index));
         let spacings: Vec<f32> = resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;
         let facings = resident.shown.normal().map(|word| g.upload("facings", &resident.addresses(word))).transpose()?;
@@ -135,6 +135,7 @@ impl Resolved {
             depth,
             raw,
             index,
+            raw_index,
             color,
             front: None,
             facings,

@@ -9,8 +9,8 @@
 //! A hole n pixels wide closes in n steps at most. But steps close notches of silhouettes, too, up to the diagonal, for as long as there are steps: so a point's values go no farther than
 //! one and a half of its spacings on the screen, unless a number of steps is asked for.
 //!
-//! Masks see a hole where pixels with points surround it, which they do where points are no farther apart than two pixels ([`APART_PX`]). Sparser surfaces are full of pixels that masks take for background or
-//! for seen, and what lies behind shows through. There visibility looks farther around ([`super::super::visibility`]): the pixels that it has taken out are filled, and no others of the background; masks still tell what is hidden.
+//! Masks see a hole where pixels with points surround it, which they do where points are no farther apart than a pixel ([`APART_PX`]). Sparser surfaces are full of pixels that masks take for background or
+//! for seen, and what lies behind shows through. There visibility looks farther around ([`super::super::visibility`]): the pixels that it has taken out are filled, too, whatever masks say of them; masks still tell what is hidden.
 
 use super::Settings;
 use crate::graph::{Graph, Image, Kind, Tiles};
@@ -21,8 +21,9 @@ use crate::view::Projection;
 /// Spacings that a point's values go: with one, gaps stay open in random clouds, and with two, notches between things that stand one behind the other close.
 const REACH: f64 = 1.5;
 
-/// Points of one surface that are farther apart leave more than a pixel between them, and of the ring around it five side by side without a point: what masks take for a silhouette.
-pub const APART_PX: f64 = 2.0;
+/// Where points are strewn, those of one surface that are farther apart leave here and there five pixels side by side in a ring without a point: what masks take for a silhouette. Of a plane that fills the
+/// picture (300,000 and 480,000 pixels) 194 pixels stay open where the sparser ones are 1.8 pixels apart, 131 at 1.7, 37 at 1.5 and none at 1.25; hidden layers still show in some pixels of nested tori at 1.25.
+pub const APART_PX: f64 = 1.0;
 
 /// Of either kind: as many as the sparsest points need, but as with visibility no hole is wider than its widest kernel; and as many as asked for, if a pixel can count them.
 pub(super) fn most_steps(settings: &Settings, spacing_px: f64) -> u32 {

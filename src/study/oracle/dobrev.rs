@@ -39,16 +39,20 @@ fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, ho
         (Some((own, ..)), Some((z, ..))) => z as f64 > own as f64 - layer as f64 || z >= own,
     };
     let mask = |first: usize| (first..first + 5).all(|k| behind(at(RING[k % 8])));
-    let hole = hole.filter(|_| !occluded);
-    if own.is_some() != occluded || !hole.unwrap_or_else(|| !(0..8).any(mask)) {
+    let stays = match hole.filter(|_| !occluded) {
+        Some(hole) => !hole && RING.iter().filter(|&&aside| behind(at(aside))).count() > 3,
+        None => (0..8).any(mask),
+    };
+    if own.is_some() != occluded || stays {
         return own;
     }
+    let found = !occluded && hole.is_some();
     // Row by row; of equals the first.
     let around = (-1..=1).flat_map(|v| (-1..=1).map(move |u| (u, v))).filter(|aside| *aside != (0, 0));
     let taken = around
         .filter(|&aside| !behind(at(aside)))
         .filter_map(at)
-        .filter(|(_, _, left)| *left > 0 || hole.is_some())
+        .filter(|(_, _, left)| *left > 0 || found)
         .min_by(|a, b| a.0.total_cmp(&b.0));
     taken.map(|(z, from, left)| (z, from, left.saturating_sub(1))).or(own)
 }
