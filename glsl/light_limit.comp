@@ -31,7 +31,13 @@ void reach(uint texel, vec3 above, vec3 here, vec3 below) {
     float reach = own + along_light(layer_at(own), tangent_of(slope, run));
     // A layer that is lost beside the depth still holds the depth itself (HARD_CASES 15).
     float beyond = max(reach, uintBitsToFloat(floatBitsToUint(own) + 1u));
-    limit.texel[texel] = has ? beyond : z;
+    beyond = has ? beyond : z;
+    if (push.margin > 0u) {
+        uvec2 at = uvec2(texel % push.size.x, texel / push.size.x);
+        bool is_others = any(lessThan(at, uvec2(push.margin))) || any(greaterThanEqual(at + push.margin, push.size));
+        beyond = is_others ? 0.0 : beyond;
+    }
+    limit.texel[texel] = beyond;
 }
 
 void column(uint place) {

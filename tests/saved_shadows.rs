@@ -75,8 +75,10 @@ fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
     assert!(!quiet.contains("note:") && same, "{quiet}");
     let (said, same) = note(&format!("{LIGHT} --effect shadows=on,samples=16,radius=20"));
     assert!(said.contains("note: shadows are those that were saved, and take no account of samples and radius;") && same, "{said}");
-    let (said, same) = note(&format!("{LIGHT} --effect shadows=on,ambient=0.1"));
-    assert!(!said.contains("note:") && !same, "{said}");
+    for line in ["shadows=on,ambient=0.1 --effect phong=off", "phong=on,ambient=0.1"] {
+        let (said, same) = note(&format!("{LIGHT} --effect {line}"));
+        assert!(!said.contains("note:") && !same, "{said}");
+    }
     let (said, _) = note(&format!("{LIGHT} --clip outside:499998,5000020,90,500002,5000030,110"));
     assert!(
         said.contains("note: shadows that were saved are those of all points, also of those that --opacity or --clip leave out"),
@@ -159,7 +161,7 @@ fn shadows_of_another_cloud_or_light_are_refused_and_damaged_ones_are_said() {
     }
     let said = failed(&place.run("shadows @street.las -o @c.shadows"), 1);
     assert!(said.contains("pointillist index"), "{said}");
-    let said = failed(&place.run(&format!("shadows @street.pnti -o @c.shadows {LIGHT} --effect edl=on")), 1);
+    let said = failed(&place.run(&format!("shadows @street.pnti -o @c.shadows {LIGHT} --effect edl=on")), 2);
     assert!(said.contains("only shadows are cast here") && !place.at("c.shadows").exists(), "{said}");
     assert!(pointillist().arg("shadows").output().unwrap().status.code() == Some(2));
 }

@@ -10,14 +10,15 @@ use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::cut::Detail;
 use pointillist::frame;
-use pointillist::graph::{Gpu, Graph};
+use pointillist::graph::{Buffer, Frame, Gpu, Graph};
 use pointillist::index::build;
 use pointillist::index::file::Index;
 use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::opacity::Opacities;
 use pointillist::passes::project::Precision;
-use pointillist::passes::shadows::{self, Facts, Layer, Method, Settings, disc};
+use pointillist::passes::shadows::cameras::Sight;
+use pointillist::passes::shadows::{self, Facts, Layer, Method, Reached, Settings, disc};
 use pointillist::passes::{Effects, Scene, Switch};
 use pointillist::progress::Silent;
 use pointillist::resident::{Residency, Resident};
@@ -272,6 +273,37 @@ fn nothing_behind_a_closed_surface_is_lit() {
     }
 }
 
+/// A light within a closed surface sees it from so near that its points lie far apart in the light's pictures; nothing shines through between them, nor past the borders of those pictures. Where a nearer part
+/// of the surface ends its shadow is as much wider as gaps are; and of few points the layer that those gaps ask for reaches to the surface around it.
+#[test]
+fn a_light_in_a_closed_surface_lights_nothing_outside_of_it() {
+    let mut world = synth::build(synth::Scene::NestedTori, 1, 0.0);
+    world.offset = DVec3::ZERO;
+    for (count, most_outside) in [(100_000, 0.02), (1_000_000, 1e-5)] {
+        let cloud = synth::collect("scene", &world, count, 1, 0.0, &Silent).unwrap();
+        for place in [DVec3::X, DVec3::new(0.6, 0.75, 0.05)] {
+            let (marked, facts) = marked(&cloud, Light::Position(place), Settings::default());
+            let ring = |p: DVec3| DVec3::new(p.x, p.y, 0.0).normalize();
+            let is_outside = |p: DVec3| p.distance(ring(p)) > 0.2;
+            let sees = |p: DVec3| world.first(place, p - place).is_some_and(|t| t > 0.999);
+            let is_grazed = |p: DVec3| (p - ring(p)).normalize().dot((p - place).normalize()).abs() < Settings::default().limit;
+            let (mut outside, mut lit_outside) = (0, 0);
+            for (_, lit) in marked.iter().filter(|(p, _)| is_outside(*p)) {
+                (outside, lit_outside) = (outside + 1, lit_outside + (*lit > 0) as usize);
+            }
+            let around = |(p, lit): &(DVec3, u8)| {
+                let sees = !is_outside(*p) && sees(*p) && !is_grazed(*p);
+                (sees as usize, (sees && *lit == 0) as usize)
+            };
+            let (seen, dark) = marked.par_iter().map(around).reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+            let what =
+                format!("{count} points, {place}: of {outside} outside {lit_outside} lit, of {seen} that it sees {dark} dark ({facts})");
+            println!("{what}");
+            assert!(lit_outside as f64 <= most_outside * outside as f64 && dark as f64 <= 0.1 * seen as f64, "{what}");
+        }
+    }
+}
+
 #[test]
 fn a_mesh_is_shaded_as_rays_say() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/objects/bun_zipper.ply");
@@ -447,7 +479,7 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
                 let (all, expected) = marks(gpu, resident, &view, true);
                 assert_eq!((all.marked as usize, facts.cast, facts.size), (resident.nodes.len(), samples as u32, all.size));
                 assert!(found == expected, "step {step}, {light}: {} of {} nodes marked again", facts.marked, all.marked);
-                println!("step {step}: {} of {} nodes marked again", facts.marked, all.marked);
+                println!("step {step}: {} of {} nodes marked again ({facts})", facts.marked, all.marked);
                 partly += (facts.marked > 0 && facts.marked < all.marked) as u32;
                 dark |= found.iter().flatten().any(|&count| count == 0);
             }
@@ -457,49 +489,123 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
     }
 }
 
+/// What the light's passes left, a picture and those half as wide and high: depths that they began with, gaps closed, limits, and both after they were joined with the coarser ones.
+struct Found {
+    depth: Vec<f32>,
+    filled: Vec<f32>,
+    limit: Vec<f32>,
+    front: Vec<f32>,
+    joined: Vec<f32>,
+}
+
+/// Of every picture, from the finest on.
+fn found(g: &mut Graph, reached: &shadows::Reached, raw: &[f32]) -> impl FnOnce(&Frame) -> Vec<Found> + use<> {
+    let mut pictures = Vec::new();
+    let (mut reached, mut halved) = (Some(reached), None);
+    while let Some(Reached { filled, limit, coarser }) = reached {
+        let own = coarser.as_ref().map_or((filled.as_ref(), limit), |coarser| (Some(&coarser.own_filled), &coarser.own_limit));
+        let after = [filled.as_ref(), Some(limit)];
+        pictures.push([halved, own.0, Some(own.1), after[0], after[1]].map(|buffer| buffer.map(|buffer| g.download_buffer(buffer))));
+        (halved, reached) = coarser.as_ref().map_or((None, None), |coarser| (Some(&coarser.depth), Some(&coarser.reached)));
+    }
+    let raw = raw.to_vec();
+    move |frame| {
+        let read = |buffer: &Option<Buffer>| buffer.as_ref().map_or(raw.clone(), |buffer| frame.read(buffer).to_vec());
+        let found = |picture: &[Option<Buffer>; 5]| {
+            let [depth, filled, limit, front, joined] = picture.each_ref().map(read);
+            Found { depth, filled, limit, front, joined }
+        };
+        pictures.iter().map(found).collect()
+    }
+}
+
 #[test]
 fn light_passes_agree_with_f64() {
     gpu::with(Way::Compute64, |gpu| {
         let mut random = Random(0x11647);
+        let (mut taken, mut kept) = (0, 0);
         for size in [[1, 1], [1, 67], [67, 1], [131, 77]] {
             for camera in [perspective(DVec3::ZERO, DVec3::X, 70.0), orthographic(DVec3::ZERO, DVec3::X, 3.0)] {
                 // With thin layers slopes between texels count, too.
-                for (fill, texels) in [(0, None), (1, None), (1, Some(0.02)), (1, Some(0.3))] {
+                for (fill, texels, halvings) in [(0, None, 0), (1, None, 0), (1, Some(0.02), 2), (1, Some(0.3), 0), (2, None, 3)] {
                     let view = View::new(camera, size).unwrap();
                     let settings = Settings { fill: fill as f64, ..Settings::default() };
                     let usual = Layer::new(&view, (DVec3::ZERO, DVec3::ONE), &settings);
-                    let layer = Layer { metres: 0.001, texels: texels.unwrap_or(usual.texels), ..usual };
+                    let layer = Layer {
+                        metres: 0.001,
+                        texels: texels.unwrap_or(usual.texels),
+                        halvings,
+                        spacing_m: 2.0 / view.focal_px() * 5.0,
+                        ..usual
+                    };
                     let mut keys = random_keys(size, 1000, &mut random);
                     // Whole tiles without a point.
                     keys.iter_mut().enumerate().filter(|(i, _)| i % size[0] as usize >= 80).for_each(|(_, key)| *key = [u32::MAX; 2]);
+                    let raw: Vec<f32> =
+                        keys.iter().map(|[id, z]| if *id == u32::MAX { f32::INFINITY } else { f32::from_bits(*z) }).collect();
                     let mut g = Graph::new(gpu);
                     let uploaded = g.upload("keys", &keys).unwrap();
                     let reached = shadows::reach(&mut g, &view, &uploaded, &layer);
-                    let filled = reached.filled.as_ref().map(|filled| g.download_buffer(filled));
-                    let limit = g.download_buffer(&reached.limit);
+                    assert_eq!(reached.filled.is_some(), fill > 0);
+                    let read = found(&mut g, &reached, &raw);
                     let frame = g.submit(&[]).unwrap();
-                    let limit: &[f32] = frame.read(&limit);
-                    let raw: Vec<f32> =
-                        keys.iter().map(|[id, z]| if *id == u32::MAX { f32::INFINITY } else { f32::from_bits(*z) }).collect();
-                    assert_eq!(filled.is_some(), fill > 0);
-                    let depth = filled.as_ref().map_or(&raw[..], |filled| frame.read(filled));
-                    let [width, height] = size.map(|side| side as usize);
-                    let near_a_point = |i: usize| {
-                        let span = |at: usize, end: usize| at.saturating_sub(fill as usize)..(at + fill as usize + 1).min(end);
-                        span(i / width, height).any(|y| span(i % width, width).any(|x| raw[y * width + x].is_finite()))
-                    };
-                    // Nobody asks how deep light reaches where no point is.
-                    for i in (0..raw.len()).filter(|&i| near_a_point(i)) {
-                        let possible = if fill == 0 { vec![raw[i]] } else { oracle::fill(size, &layer, 0, &raw, i) };
-                        assert!(possible.contains(&depth[i]), "{size:?} {i}: filled {} of {possible:?}", depth[i]);
-                        let bounds = oracle::limit(size, &layer, depth, i);
-                        let holds = bounds.is_empty() && limit[i] == f32::INFINITY || bounds.iter().any(|bound| bound.holds(limit[i]));
-                        assert!(holds, "{size:?} {i}: limit {} of {bounds:?}", limit[i]);
-                    }
+                    let pictures = read(&frame);
+                    assert_eq!(pictures.len(), 1 + halvings as usize);
                     frame.shelve(gpu);
+                    let (mut size, mut layer) = (size, layer);
+                    for (number, picture) in pictures.iter().enumerate() {
+                        let [width, height] = size.map(|side| side as usize);
+                        let Found { depth, filled, limit, front, joined } = picture;
+                        let near_a_point = |i: usize| {
+                            let span = |at: usize, end: usize| at.saturating_sub(fill as usize)..(at + fill as usize + 1).min(end);
+                            span(i / width, height).any(|y| span(i % width, width).any(|x| depth[y * width + x].is_finite()))
+                        };
+                        let half = size.map(|side| side.div_ceil(2) as usize);
+                        // Nobody asks how deep light reaches where no point is.
+                        for i in (0..width * height).filter(|&i| near_a_point(i)) {
+                            let possible = match fill {
+                                0 => vec![depth[i]],
+                                1 => oracle::fill(size, &layer, 0, depth, i),
+                                // What steps before have made is not at hand.
+                                _ => vec![filled[i]],
+                            };
+                            assert!(possible.contains(&filled[i]), "{size:?} {i}: filled {} of {possible:?}", filled[i]);
+                            let bounds = oracle::limit(size, &layer, filled, i);
+                            let holds = bounds.is_empty() && limit[i] == f32::INFINITY || bounds.iter().any(|bound| bound.holds(limit[i]));
+                            assert!(holds, "{size:?} {i}: limit {} of {bounds:?}", limit[i]);
+                            let coarser = pictures.get(number + 1);
+                            let parent = i / width / 2 * half[0] + i % width / 2;
+                            // One product and one comparison, the same in f32 here.
+                            let takes = |coarser: &&Found| {
+                                let z = if layer.perspective { coarser.front[parent] } else { 1.0 };
+                                let sparse = (layer.spacing_m / shadows::cameras::SPARSE) as f32 > layer.texel as f32 * z;
+                                coarser.front[parent].is_finite() && coarser.joined[parent] < limit[i] && sparse
+                            };
+                            let expected = coarser
+                                .filter(takes)
+                                .map_or((filled[i], limit[i]), |coarser| (coarser.front[parent], coarser.joined[parent]));
+                            assert_eq!((front[i], joined[i]), expected, "{size:?} {i}");
+                            if coarser.is_some_and(|coarser| takes(&coarser)) { taken += 1 } else { kept += coarser.is_some() as usize }
+                        }
+                        if let Some(coarser) = pictures.get(number + 1) {
+                            for (k, &z) in coarser.depth.iter().enumerate() {
+                                let [x, y] = [k % half[0], k / half[0]];
+                                let of = (0..4).map(|n| [2 * x + n % 2, 2 * y + n / 2]).filter(|at| at[0] < width && at[1] < height);
+                                assert_eq!(
+                                    z,
+                                    of.map(|at| depth[at[1] * width + at[0]]).fold(f32::INFINITY, f32::min),
+                                    "{size:?} halved {k}"
+                                );
+                            }
+                        }
+                        size = size.map(|side| side.div_ceil(2));
+                        layer = Layer { texel: 2.0 * layer.texel, ..layer };
+                    }
                 }
             }
         }
+        println!("{taken} texels as a coarser picture has them, {kept} as the finer");
+        assert!(taken > 1000 && kept > 1000);
     });
 }
 
@@ -517,7 +623,8 @@ fn marks_agree_with_f64() {
             let mut g = Graph::new(gpu);
             let counts = g.buffer("marks", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
             let mut tally = shadows::Tally::new(&mut g, counts, false);
-            let reached = shadows::cast(&mut g, &view, &resident, bounds(&resident), &Settings::default(), &mut tally).unwrap();
+            let sight = Sight { view, margin: 0, halvings: 0, spacing_m: 0.0 };
+            let reached = shadows::cast(&mut g, &sight, &resident, bounds(&resident), &Settings::default(), &mut tally).unwrap();
             let (counts, limit) = (g.download_buffer(&tally.marks), g.download_buffer(&reached.limit));
             let frame = g.submit(&[]).unwrap();
             let (counts, limit): (&[u8], &[f32]) = (frame.read(&counts), frame.read(&limit));

@@ -4,8 +4,10 @@
 //!     of every place on the light, of every picture that it sees the cloud in:
 //!         project       points -> keys                the trunk's own pass, through the light's camera, of all resident nodes
 //!         light_cover   keys -> tiles                 that hold points: those below keep to them and what lies around
-//!         light_fill    keys -> depth                 closes gaps that light would fall through
+//!         light_halve   keys -> depth                 the picture half as wide and high, and again, where some surfaces are sparse in it
+//!         light_fill    depth -> depth                closes gaps that light would fall through
 //!         light_limit   depth -> limit                how deep light reaches: depth + layer / <v, n>
+//!         light_join    limit, coarser limit -> limit     as the coarser picture has it, where what that shows is sparse here
 //!         shadow_depth  points, limits -> marks       a sample more for every point that is no deeper; or, with the same marks, index peeling (peel.rs)
 //!     shadows           marks, index, color -> color  before points that are hidden are taken out and holes are filled, so that filling fills with shaded colour; or, where Phong lighting runs, how much of
 //!                                                     the light reaches each pixel, which is filled beside the colour and takes from what that light adds: ka + m (kd + ks)
@@ -27,8 +29,9 @@ use crate::error::{Error, Result};
 use crate::graph::{Buffer, Graph, Kind, Tiles};
 use crate::light::Light;
 use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode};
-use crate::shader::{self, light_cover, light_fill, light_limit, shadow_depth};
+use crate::shader::{self, light_cover, light_fill, light_halve, light_join, light_limit, shadow_depth};
 use crate::view::{Projection, View};
+use cameras::Sight;
 use changed::Changed;
 use glam::DVec3;
 use std::f64::consts::SQRT_2;
@@ -145,6 +148,9 @@ pub struct Facts {
     pub pictures: u32,
     /// Texels of the first picture.
     pub size: [u32; 2],
+    /// How often it is halved, to close gaps in what is sparse in it.
+    #[serde(default)]
+    pub halvings: u32,
     /// Side of a texel, metres; in the middle of the cloud, where the light is at a place.
     pub texel_m: f64,
     /// How far behind a surface that faces the light shadow begins, metres: the contact gap. On one at an angle it is as much across the surface.
@@ -152,14 +158,16 @@ pub struct Facts {
 }
 
 impl Facts {
-    fn new(cameras: &[View], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
+    fn new(cameras: &[Sight], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
         let samples = settings.samples as u32;
-        let Some(first) = cameras.first() else { return Facts { samples, cast: samples, ..Facts::default() } };
+        let Some(Sight { view: first, halvings, spacing_m, .. }) = cameras.first() else { return Facts { samples, cast: samples, ..Facts::default() } };
         let layer = Layer::new(first, bounds, settings);
         let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
         let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
-        let layer_m = layer.metres + layer.texels * texel_m;
-        Facts { saved: false, samples, cast: samples, marked: 0, pictures: cameras.len() as u32, size: first.size, texel_m, layer_m }
+        // Of the picture that closes gaps between points there.
+        let taken = cameras::halvings(spacing_m / texel_m, f64::INFINITY).min(*halvings);
+        let layer_m = layer.metres + layer.texels * texel_m * (1u64 << taken) as f64;
+        Facts { saved: false, samples, cast: samples, marked: 0, pictures: cameras.len() as u32, size: first.size, halvings: *halvings, texel_m, layer_m }
     }
 }
 
@@ -170,11 +178,12 @@ fn plural(count: u32) -> &'static str {
 impl std::fmt::Display for Facts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [width, height] = self.size;
+        let halved = if self.halvings == 0 { String::new() } else { format!(", and {} coarser where points are sparse in it", self.halvings) };
         write!(
             f,
-            "{}{} sample{} of the light, {} cast, points of {} nodes marked by this frame, {} picture{} each of {width} x {height} texels of {:.6} m; shadow begins {:.6} m behind a surface",
+            "{}{} sample{} of the light, {} cast, points of {} nodes marked by this frame, {} picture{} each of {width} x {height} texels of {:.6} m{}; shadow begins {:.6} m behind a surface",
             if self.saved { "saved ones, of all points, so that no light pass runs; " } else { "" },
-            self.samples, plural(self.samples), self.cast, self.marked, self.pictures, plural(self.pictures), self.texel_m, self.layer_m
+            self.samples, plural(self.samples), self.cast, self.marked, self.pictures, plural(self.pictures), self.texel_m, halved, self.layer_m
         )
     }
 }
@@ -205,7 +214,7 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
     let wanted = |kept: u32| at_once.map_or(samples, |more| (kept + more).clamp(1, samples));
     let around = cameras::Wanted::around(resident, bounds, scene.spacing_m, settings);
     let places = disc::spread(disc::places(samples, settings.pattern, 0));
-    let views = |samples: Range<u32>| -> Result<Vec<View>> {
+    let views = |samples: Range<u32>| -> Result<Vec<Sight>> {
         let of = places[samples.start as usize..samples.end as usize].iter().map(|&place| cameras::cameras(scene.light, &around, place));
         Ok(of.collect::<Result<Vec<_>>>()?.concat())
     };
@@ -217,7 +226,8 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
     let before = g.held(PLACES[place]).filter(|(of, _)| of.starts_with(&light)).map(|(of, steps)| (of.to_vec(), steps));
     // A frame that is in a hurry does not cast many samples anew, if only for some nodes: it begins with one.
     if let Some((before, kept)) = before.filter(|(before, kept)| *before != made_of && settings.method == Method::Depth && (*kept == 1 || at_once != Some(0)))
-        && let Some(Changed { stay, again }) = changed::changed(&before[light.len()..], resident, &views(0..kept)?, travel_px(settings))
+        && let sights = views(0..kept)?
+        && let Some(Changed { stay, again }) = changed::changed(&before[light.len()..], resident, &sights.iter().map(|sight| sight.view).collect::<Vec<_>>(), travel_px(settings, &sights))
     {
         let end = wanted(kept);
         let bytes_before = (before.len() - light.len()) as u64 / IDENTITY_WORDS as u64 * POINTS_PER_PAGE as u64;
@@ -228,10 +238,10 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
         let page = POINTS_PER_PAGE as u64;
         let parts = stay.iter().map(|&[from, to]| [from as u64 * page, to as u64 * page, page]).collect();
         g.copy_parts("stay marks", &old, &mut tally.marks, parts);
-        for view in views(0..kept)? {
-            let casters = changed::casters(&view, resident, &again, travel_px(settings));
+        for sight in sights {
+            let casters = changed::casters(&sight.view, resident, &again, travel_px(settings, &[sight]));
             let marked: Vec<_> = again.iter().map(|&number| &resident.nodes[number]).collect();
-            cast_on(g, &view, resident, [&casters, &marked], around.bounds, settings, &mut tally)?;
+            cast_on(g, &sight, resident, [&casters, &marked], around.bounds, settings, &mut tally)?;
         }
         for view in views(kept..end)? {
             cast(g, &view, resident, around.bounds, settings, &mut tally)?;
@@ -253,9 +263,11 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
 /// Where marks are kept: those of other nodes go to the other one, beside those that they were made of.
 const PLACES: [&str; 2] = ["marks", "marks beside"];
 
-/// How far in the light's picture what one texel shows may change the limit of another, and a texel for rounding.
-fn travel_px(settings: &Settings) -> f64 {
-    settings.fill + 2.0
+/// How far in the light's pictures what one texel shows may change the limit of another, and a texel for rounding.
+fn travel_px(settings: &Settings, sights: &[Sight]) -> f64 {
+    let coarsest = sights.iter().map(|sight| sight.halvings).max().unwrap_or(0);
+    // Within a halved picture; one of its texels is as wide as so many.
+    (settings.fill + 2.0) * (1u64 << coarsest) as f64
 }
 
 /// Those that points have brought, where they are of this light.
@@ -308,23 +320,24 @@ fn bounds(resident: &Resident) -> Option<(DVec3, DVec3)> {
 }
 
 /// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches. `bounds` are those that the light sees, world corners.
-pub fn cast(g: &mut Graph, camera: &View, resident: &Resident, bounds: (DVec3, DVec3), settings: &Settings, tally: &mut Tally) -> Result<Reached> {
+pub fn cast(g: &mut Graph, sight: &Sight, resident: &Resident, bounds: (DVec3, DVec3), settings: &Settings, tally: &mut Tally) -> Result<Reached> {
     let all: Vec<_> = resident.nodes.iter().collect();
-    cast_on(g, camera, resident, [&all, &all], bounds, settings, tally)
+    cast_on(g, sight, resident, [&all, &all], bounds, settings, tally)
 }
 
 /// The same for the points of some nodes, of shadows that some cast.
 fn cast_on(
     g: &mut Graph,
-    camera: &View,
+    sight: &Sight,
     resident: &Resident,
     [casters, marked]: [&[&ResidentNode]; 2],
     bounds: (DVec3, DVec3),
     settings: &Settings,
     tally: &mut Tally,
 ) -> Result<Reached> {
+    let camera = &sight.view;
     let mut drawn = project::draw_some(g, camera, resident, casters, Precision::Auto)?;
-    let layer = Layer::new(camera, bounds, settings);
+    let layer = Layer::of(sight, bounds, settings);
     let mut shallow = drawn.shallow(g, layer.deepest as f32);
     let keys = project::record(g, camera, &drawn, None, Some(&mut shallow), Band { top: 0, size: camera.size }).words;
     let reached = reach(g, camera, &keys, &layer);
@@ -354,9 +367,25 @@ pub struct Layer {
     /// How far behind the nearest point of a texel light may reach at most, metres.
     pub deepest: f64,
     pub fill: u32,
+    /// As of a [`Sight`].
+    pub margin: u32,
+    pub halvings: u32,
+    pub spacing_m: f64,
 }
 
 impl Layer {
+    pub fn of(sight: &Sight, bounds: (DVec3, DVec3), settings: &Settings) -> Layer {
+        let &Sight { ref view, margin, halvings, spacing_m } = sight;
+        // Who lets light through gaps lets it through wide ones, too.
+        let halvings = if settings.fill > 0.0 { halvings } else { 0 };
+        Layer { margin, halvings, spacing_m, ..Layer::new(view, bounds, settings) }
+    }
+
+    /// Of a picture half as wide and high.
+    fn halved(&self) -> Layer {
+        Layer { texel: 2.0 * self.texel, margin: 0, halvings: self.halvings - 1, ..*self }
+    }
+
     /// HARD_CASES 13: sqrt(2) sides of a texel and a quantum, twice the sides where masks fill from neighbours.
     pub fn new(camera: &View, bounds: (DVec3, DVec3), settings: &Settings) -> Layer {
         let fill = settings.fill as u32;
@@ -376,7 +405,7 @@ impl Layer {
         let across = across((metres, texels));
         // Gaps are closed by what is nearer still; and two quanta for what is rounded on the way.
         let deepest = across * (1.0 + steepest * steepest).sqrt() + 2.0 * quantum;
-        Layer { perspective, texel, metres, texels, steepest, deepest, fill }
+        Layer { perspective, texel, metres, texels, steepest, deepest, fill, margin: 0, halvings: 0, spacing_m: 0.0 }
     }
 }
 
@@ -386,15 +415,31 @@ pub struct Reached {
     pub filled: Option<Buffer>,
     /// How deep it reaches; likewise.
     pub limit: Buffer,
+    /// Of a halved picture, and what it was before both were joined.
+    pub coarser: Option<Box<Coarser>>,
+}
+
+/// For who looks at how limits come about.
+pub struct Coarser {
+    /// Its depths: of 2 x 2 texels the nearest.
+    pub depth: Buffer,
+    pub reached: Reached,
+    /// How deep light reaches in the finer picture, by itself.
+    pub own_limit: Buffer,
+    pub own_filled: Buffer,
 }
 
 /// Keys of the light's picture -> how deep it reaches, wherever points are and beside them.
 pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reached {
-    let size = camera.size;
+    reach_of(g, camera.size, keys, true, layer)
+}
+
+/// The same of depths.
+fn reach_of(g: &mut Graph, size: [u32; 2], depth: &Buffer, of_keys: bool, layer: &Layer) -> Reached {
     let across = tiles(size);
     let (count, bytes) = (across[0] * across[1], 4 * size[0] as u64 * size[1] as u64);
     let (perspective, texels) = (layer.perspective, g.gpu.device.texels);
-    // All three are told the same.
+    // All are told the same.
     macro_rules! push {
         ($module:ident, $filled:expr) => {
             $module::Push {
@@ -404,28 +449,47 @@ pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reac
                 layer_px: layer.texels as f32,
                 steepest: layer.steepest as f32,
                 filled: $filled as f32,
+                margin: layer.margin,
             }
         };
     }
+    let coarser = (layer.halvings > 0).then(|| {
+        let half = size.map(|side| side.div_ceil(2));
+        let mut halved = g.buffer("light halved", 4 * half[0] as u64 * half[1] as u64);
+        let spec = light_halve::Spec { perspective, texels, of_keys };
+        let groups = Tiles::Groups([half[0].div_ceil(64), half[1], 1]);
+        g.run(shader::LightHalve { depth, depth_words: depth, halved: &mut halved, push: push!(light_halve, 0), spec }, groups);
+        let reached = reach_of(g, half, &halved, false, &layer.halved());
+        (halved, reached)
+    });
     let mut covered = g.buffer("light covered", 4 * count as u64);
     g.fill(&mut covered, 0);
-    let spec = light_cover::Spec { perspective, texels, of_keys: true };
-    g.run(shader::LightCover { depth: keys, depth_words: keys, covered: &mut covered, push: push!(light_cover, 0), spec }, Tiles::ByEight(count));
+    let spec = light_cover::Spec { perspective, texels, of_keys };
+    g.run(shader::LightCover { depth, depth_words: depth, covered: &mut covered, push: push!(light_cover, 0), spec }, Tiles::ByEight(count));
     let area = gate::listed(g, &covered, across, layer.fill as f64);
     g.within(Some(&area), |g| {
         let mut filled: Option<Buffer> = None;
         for step in 0..layer.fill {
-            let spec = light_fill::Spec { perspective, texels, of_keys: filled.is_none() };
+            let spec = light_fill::Spec { perspective, texels, of_keys: of_keys && filled.is_none() };
             let mut closed = g.buffer("light filled", bytes);
-            let depth = filled.as_ref().unwrap_or(keys);
+            let depth = filled.as_ref().unwrap_or(depth);
             g.run(shader::LightFill { depth, depth_words: depth, filled: &mut closed, push: push!(light_fill, step), spec }, Tiles::ByEight(count));
             filled = Some(closed);
         }
-        let spec = light_limit::Spec { perspective, texels, of_keys: filled.is_none() };
+        let spec = light_limit::Spec { perspective, texels, of_keys: of_keys && filled.is_none() };
         let mut limit = g.buffer("light limit", bytes);
-        let depth = filled.as_ref().unwrap_or(keys);
-        g.run(shader::LightLimit { depth, depth_words: depth, limit: &mut limit, push: push!(light_limit, layer.fill), spec }, Tiles::ByEight(count));
-        Reached { filled, limit }
+        let seen = filled.as_ref().unwrap_or(depth);
+        g.run(shader::LightLimit { depth: seen, depth_words: seen, limit: &mut limit, push: push!(light_limit, layer.fill), spec }, Tiles::ByEight(count));
+        let Some((halved, reached)) = coarser else { return Reached { filled, limit, coarser: None } };
+        let own = filled.expect("pictures are halved where gaps are closed");
+        let (mut front, mut joined) = (g.buffer("light front", bytes), g.buffer("light joined", bytes));
+        let push = light_join::Push { size, sparse: (layer.spacing_m / cameras::SPARSE) as f32, texel: layer.texel as f32 };
+        let coarse_front = reached.filled.as_ref().expect("and there, too");
+        let (coarse_limit, spec) = (&reached.limit, light_join::Spec { perspective });
+        let to = (&mut front, &mut joined);
+        g.run(shader::LightJoin { filled: &own, limit: &limit, coarse_front, coarse_limit, front: to.0, joined: to.1, push, spec }, Tiles::ByEight(count));
+        let coarser = Coarser { depth: halved, reached, own_limit: limit, own_filled: own };
+        Reached { filled: Some(front), limit: joined, coarser: Some(Box::new(coarser)) }
     })
 }
 

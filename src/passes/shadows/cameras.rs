@@ -1,7 +1,7 @@
-//! A light, and a place on it, in; the cameras through which it sees the whole cloud out.
+//! A light, and a place on it, in; what it sees the whole cloud through out.
 //!
 //! A light far away has one camera without perspective. A light at a place has one with, where the cloud lies within a right angle of it; else six, the sides of a cube, of which those count that see
-//! something. Texels are square, and the longer side of a picture has as many as asked for.
+//! something, each a little wider than its side, so that gaps at its borders are closed as well. Texels are square, and the longer side of a picture, or of a cube, has as many as asked for.
 
 use crate::config::SUN;
 use crate::error::Result;
@@ -41,14 +41,59 @@ impl Wanted {
     }
 }
 
+/// What a light sees the cloud through.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight {
+    pub view: View,
+    /// Texels along its borders that belong to another side of the cube.
+    pub margin: u32,
+    /// How often the picture is halved: until points of the surface that is nearest lie [`SPARSE`] texels apart at most.
+    pub halvings: u32,
+    /// How far apart points are, metres.
+    pub spacing_m: f64,
+}
+
+/// Gaps between points that are so many texels apart are closed; wider ones in a coarser picture.
+pub const SPARSE: f64 = 0.75;
+
+/// The coarsest picture still has so many texels.
+const COARSEST: f64 = 4.0;
+
+impl Sight {
+    fn of(view: View, margin: u32, wanted: &Wanted) -> Sight {
+        let (side, focal) = (view.size[0].max(view.size[1]) - 2 * margin, view.focal_px());
+        let nearest = match view.camera.projection {
+            Projection::Orthographic => 1.0,
+            Projection::Perspective => least_depth(wanted, view.camera.eye, view.size.map(|side| side as f64 / 2.0 / focal)),
+        };
+        Sight { view, margin, halvings: halvings(wanted.spacing_m * focal / nearest, side as f64), spacing_m: wanted.spacing_m }
+    }
+}
+
+/// How deep the cloud's box begins at least, seen from a place in a picture that reaches so far to both sides, parts of the depth.
+fn least_depth(wanted: &Wanted, eye: DVec3, [u, v]: [f64; 2]) -> f64 {
+    let (min, max) = wanted.bounds;
+    eye.clamp(min, max).distance(eye) / (1.0 + u * u + v * v).sqrt()
+}
+
+/// Of a picture with so many texels a side, in which points lie so far apart.
+pub fn halvings(apart_px: f64, side: f64) -> u32 {
+    let [wanted, most] = [apart_px / SPARSE, side / COARSEST].map(f64::log2);
+    // Of points without a distance there are no gaps.
+    if apart_px > 0.0 { wanted.ceil().min(most.floor()).max(0.0) as u32 } else { 0 }
+}
+
+/// Texels of the coarsest picture that it is wider by on each side: gaps next to a border are closed as those in the middle.
+const BEYOND: u32 = 2;
+
 /// Half the angle of the largest light far away, degrees.
 pub const WIDEST_DEGREES: f64 = 45.0;
-const LEAST: f64 = 256.0;
+const LEAST: f64 = 16.0;
 const MOST: f64 = 4096.0;
 const SPACINGS_PER_TEXEL: f64 = 2.0;
 
 /// `place` is on the unit disc.
-pub fn cameras(light: Light, wanted: &Wanted, place: [f64; 2]) -> Result<Vec<View>> {
+pub fn cameras(light: Light, wanted: &Wanted, place: [f64; 2]) -> Result<Vec<Sight>> {
     let (min, max) = wanted.bounds;
     let (centre, half) = ((min + max) / 2.0, (max - min) / 2.0);
     match light {
@@ -72,7 +117,7 @@ fn looking(eye: DVec3, forward: DVec3) -> Camera {
     Camera { eye, target: eye + forward, up: DVec3::Z, fov_y: 90.0, projection: Projection::Perspective, ortho_height: None }
 }
 
-fn far(direction: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<View>> {
+fn far(direction: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<Sight>> {
     let middle = looking(centre, direction.normalize()).basis()?;
     let tangent = wanted.radius.min(WIDEST_DEGREES).to_radians().tan();
     let forward = (middle.forward + (middle.right * u + middle.up * v) * tangent).normalize();
@@ -94,10 +139,10 @@ fn far(direction: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half:
         up: middle.up,
         ..looking(centre - forward * (1.01 * reach(forward) + 2.0 * least), forward)
     };
-    Ok(vec![View::new(camera, size)?])
+    Ok(vec![Sight::of(View::new(camera, size)?, 0, wanted)])
 }
 
-fn near(position: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<View>> {
+fn near(position: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<Sight>> {
     let middle = looking(position, if centre == position { DVec3::NEG_Z } else { centre - position }).basis()?;
     let eye = position + (middle.right * u + middle.up * v) * wanted.radius;
     // From the middle of the light, so that all places on it have pictures of one size.
@@ -116,27 +161,32 @@ fn near(position: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half:
         let focal = (texels(wanted.size, 2.0 * longer, texel) - 2.0).max(1.0) / (2.0 * longer);
         let size = across.map(|tangent| (2.0 * tangent * focal - 1e-6).ceil().max(1.0) as u32 + 2);
         let fov_y = 2.0 * (size[1] as f64 / 2.0 / focal).atan().to_degrees();
-        return Ok(vec![View::new(Camera { fov_y, ..looking(eye, middle.forward) }, size)?]);
+        return Ok(vec![Sight::of(View::new(Camera { fov_y, ..looking(eye, middle.forward) }, size)?, 0, wanted)]);
     }
-    let side = texels(wanted.size, 2.0, texel) as u32;
-    let fov_y = 2.0 * OVERLAP.atan().to_degrees();
+    let side = texels(wanted.size, 2.0, texel);
+    // From the middle of the light, and then from the place on it that is nearest.
+    let nearest = least_depth(wanted, position, [2.0; 2]) - wanted.radius;
+    let margin = BEYOND << halvings(wanted.spacing_m * side / 2.0 / nearest.max(0.0), side);
+    let fov_y = 2.0 * (OVERLAP * (side + 2.0 * margin as f64) / side).atan().to_degrees();
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
-    let sides = axes.map(|axis| View::new(Camera { fov_y, ..looking(eye, axis) }, [side; 2]));
-    let sides = sides.into_iter().collect::<Result<Vec<_>>>()?;
-    Ok(sides.into_iter().filter(|view| view.least_depth((centre - half, centre + half)).is_some()).collect())
+    let sides = axes.map(|axis| View::new(Camera { fov_y, ..looking(eye, axis) }, [side as u32 + 2 * margin; 2]));
+    let sides = sides.into_iter().collect::<Result<Vec<_>>>()?.into_iter();
+    Ok(sides.filter(|view| view.least_depth(wanted.bounds).is_some()).map(|view| Sight::of(view, margin, wanted)).collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Whether a point is in the picture.
-    fn sees(view: &View, p: DVec3) -> bool {
+    /// Whether a point is in the picture, and not in its margin.
+    fn sees(sight: &Sight, p: DVec3) -> bool {
+        let view = &sight.view;
         let (d, f) = (p - view.camera.eye, view.focal_px());
         let z = d.dot(view.basis.forward);
         let scale = if view.camera.projection == Projection::Perspective { f / z } else { f };
         let at = [d.dot(view.basis.right) * scale / view.size[0] as f64, d.dot(view.basis.up) * scale / view.size[1] as f64];
-        z > 0.0 && at[0].abs() < 0.5 && at[1].abs() < 0.5
+        let half = [0, 1].map(|axis| 0.5 - sight.margin as f64 / view.size[axis] as f64);
+        z > 0.0 && at[0].abs() < half[0] && at[1].abs() < half[1]
     }
 
     #[test]
@@ -161,11 +211,11 @@ mod tests {
                     for k in 0..1331 {
                         let at = DVec3::new((k % 11) as f64, (k / 11 % 11) as f64, (k / 121) as f64) / 10.0;
                         let p = bounds.0 + (bounds.1 - bounds.0) * at;
-                        let apart = views.iter().map(|view| view.camera.eye.distance(p)).fold(f64::INFINITY, f64::min);
-                        assert!(apart < 1e-9 || views.iter().any(|view| sees(view, p)), "{light} {place:?} {size}: {p}");
+                        let apart = views.iter().map(|sight| sight.view.camera.eye.distance(p)).fold(f64::INFINITY, f64::min);
+                        assert!(apart < 1e-9 || views.iter().any(|sight| sees(sight, p)), "{light} {place:?} {size}: {p}");
                     }
                     let most = if size == 0 { MOST as u32 } else { size };
-                    assert!(views.iter().all(|view| view.size.iter().all(|side| *side <= most)), "{:?}", views[0].size);
+                    assert!(views.iter().all(|sight| sight.view.size.iter().all(|side| side - 2 * sight.margin <= most)), "{:?}", views[0]);
                 }
             }
         }
@@ -176,7 +226,7 @@ mod tests {
         let wanted = Wanted { bounds: (DVec3::splat(5e6), DVec3::splat(5e6)), spacing_m: 0.0, radius: 1.0, size: 0 };
         for light in [Light::Headlight, Light::Position(DVec3::ZERO)] {
             let views = cameras(light, &wanted, [0.3, 0.4]).unwrap();
-            assert!(views.iter().any(|view| sees(view, DVec3::splat(5e6))), "{light}");
+            assert!(views.iter().any(|sight| sees(sight, DVec3::splat(5e6))), "{light}");
         }
     }
 }

@@ -8,6 +8,7 @@
 //! ```
 //! Marks of leaves are those that a frame with all leaves makes, but for their unit: as large a multiple of a sample as a byte holds, so that means of inner nodes are finer than a sample.
 
+use super::cameras::Sight;
 use super::{Facts, Layer, Method, Settings, by_depth, cameras, disc, reach};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
@@ -20,7 +21,6 @@ use crate::light::Light;
 use crate::passes::project::{self, Band, Precision};
 use crate::progress::Progress;
 use crate::resident::Resident;
-use crate::view::View;
 use std::path::Path;
 
 /// What was made.
@@ -36,7 +36,7 @@ pub struct Summary {
 
 /// A picture that the light sees, and the keys of the points that are in it.
 struct Picture {
-    view: View,
+    sight: Sight,
     keys: RawBuffer,
 }
 
@@ -64,9 +64,10 @@ pub fn cast(gpu: &mut Gpu, index: &Index, light: Light, settings: &Settings, mem
     let mut done = 0;
     for (number, group) in groups.iter().enumerate() {
         let mut pictures = Vec::new();
-        for &view in group.iter().flatten() {
-            let desc = BufferDesc { bytes: 8 * view.size[0] as u64 * view.size[1] as u64, place: Place::Device };
-            pictures.push(Picture { view, keys: gpu.memory.buffer(&gpu.device, desc, "light keys")? });
+        for &sight in group.iter().flatten() {
+            let size = sight.view.size;
+            let desc = BufferDesc { bytes: 8 * size[0] as u64 * size[1] as u64, place: Place::Device };
+            pictures.push(Picture { sight, keys: gpu.memory.buffer(&gpu.device, desc, "light keys")? });
         }
         let last = number + 1 == groups.len();
         let marked = work.see(gpu, &mut room, &pictures, &mut done).and_then(|()| {
@@ -90,8 +91,8 @@ pub fn cast(gpu: &mut Gpu, index: &Index, light: Light, settings: &Settings, mem
 }
 
 /// Samples of the light, each with the pictures that it sees the cloud in; as many at a time as their keys take so many bytes, and at least one.
-fn groups(views: &[Vec<View>], bytes: u64) -> Vec<&[Vec<View>]> {
-    let of = |views: &Vec<View>| views.iter().map(|view| 8 * view.size[0] as u64 * view.size[1] as u64).sum::<u64>();
+fn groups(views: &[Vec<Sight>], bytes: u64) -> Vec<&[Vec<Sight>]> {
+    let of = |sights: &Vec<Sight>| sights.iter().map(|Sight { view, .. }| 8 * view.size[0] as u64 * view.size[1] as u64).sum::<u64>();
     let (mut groups, mut first, mut taken) = (Vec::new(), 0, 0);
     for (i, sample) in views.iter().enumerate() {
         if i > first && taken + of(sample) > bytes {
@@ -142,7 +143,7 @@ impl Work<'_> {
             self.bring(gpu, room, batch, done)?;
             let mut g = Graph::new(gpu);
             let mut seen = Vec::new();
-            for Picture { view, keys } in pictures {
+            for Picture { sight: Sight { view, .. }, keys } in pictures {
                 let mut keys = g.import("light keys", keys);
                 if number == 0 {
                     g.fill(&mut keys, u32::MAX);
@@ -170,9 +171,9 @@ impl Work<'_> {
             let mut g = Graph::new(gpu);
             let mut marks = g.buffer("marks", batch.len() as u64 * POINTS_PER_PAGE as u64);
             g.fill(&mut marks, 0);
-            for Picture { view, keys } in pictures {
-                let keys = g.import("light keys", keys);
-                let reached = reach(&mut g, view, &keys, &Layer::new(view, self.bounds, self.settings));
+            for Picture { sight, keys } in pictures {
+                let (keys, view) = (g.import("light keys", keys), &sight.view);
+                let reached = reach(&mut g, view, &keys, &Layer::of(sight, self.bounds, self.settings));
                 let drawn = project::draw(&mut g, view, room, Precision::Auto)?;
                 let all = drawn.all_shallow(&mut g);
                 by_depth(&mut g, view, &drawn, &all, &reached.limit, &mut marks);
