@@ -1,4 +1,4 @@
-// Keys of the light's picture -> which of its tiles hold points.
+// Keys of the light's picture, or its depths -> which of its tiles hold points, or points that are near enough.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -21,7 +21,8 @@ void cover(uint place) {
     [[unroll]] for (int row = 0; row < TILE_PX; ++row) {
         ivec2 at = top + ivec2(0, row);
         bool inside = all(lessThan(at, ivec2(push.size)));
-        any_point = any_point || (is_depth(depth_of(at.y * int(push.size.x) + at.x)) && inside);
+        float z = depth_of(at.y * int(push.size.x) + at.x);
+        any_point = any_point || (is_depth(z) && z < push.within && inside);
     }
     if (any_point) atomicOr(covered.tile[place], 1u);
 }

@@ -10,7 +10,7 @@ use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::cut::Detail;
 use pointillist::frame;
-use pointillist::graph::{Buffer, Frame, Gpu, Graph};
+use pointillist::graph::{Buffer, Gpu, Graph};
 use pointillist::index::build;
 use pointillist::index::file::Index;
 use pointillist::light::Light;
@@ -489,34 +489,29 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
     }
 }
 
-/// What the light's passes left, a picture and those half as wide and high: depths that they began with, gaps closed, limits, and both after they were joined with the coarser ones.
-struct Found {
-    depth: Vec<f32>,
-    filled: Vec<f32>,
-    limit: Vec<f32>,
-    front: Vec<f32>,
-    joined: Vec<f32>,
+/// Depths of a light's picture, gaps closed, and how deep it reaches; and the same of those half as wide and high, with the depths that they begin with.
+fn reached(gpu: &mut Gpu, view: &View, keys: &[[u32; 2]], layer: &Layer) -> Vec<[Vec<f32>; 3]> {
+    let raw: Vec<f32> = keys.iter().map(|[id, z]| if *id == u32::MAX { f32::INFINITY } else { f32::from_bits(*z) }).collect();
+    let mut g = Graph::new(gpu);
+    let uploaded = g.upload("keys", keys).unwrap();
+    let reached = shadows::reach(&mut g, view, &uploaded, layer);
+    assert_eq!(reached.filled.is_some(), layer.fill > 0);
+    let (mut picture, mut depth, mut downloads) = (Some(&reached), None, Vec::new());
+    while let Some(Reached { filled, limit, coarser, .. }) = picture {
+        downloads.push([depth, filled.as_ref(), Some(limit)].map(|buffer| buffer.map(|buffer| g.download_buffer(buffer))));
+        (depth, picture) = coarser.as_ref().map_or((None, None), |(depth, reached)| (Some(depth), Some(&**reached)));
+    }
+    let frame = g.submit(&[]).unwrap();
+    let read = |download: &Option<Buffer>| download.as_ref().map_or(raw.clone(), |buffer| frame.read(buffer).to_vec());
+    let pictures = downloads.iter().map(|buffers| buffers.each_ref().map(read)).collect();
+    frame.shelve(gpu);
+    pictures
 }
 
-/// Of every picture, from the finest on.
-fn found(g: &mut Graph, reached: &shadows::Reached, raw: &[f32]) -> impl FnOnce(&Frame) -> Vec<Found> + use<> {
-    let mut pictures = Vec::new();
-    let (mut reached, mut halved) = (Some(reached), None);
-    while let Some(Reached { filled, limit, coarser }) = reached {
-        let own = coarser.as_ref().map_or((filled.as_ref(), limit), |coarser| (Some(&coarser.own_filled), &coarser.own_limit));
-        let after = [filled.as_ref(), Some(limit)];
-        pictures.push([halved, own.0, Some(own.1), after[0], after[1]].map(|buffer| buffer.map(|buffer| g.download_buffer(buffer))));
-        (halved, reached) = coarser.as_ref().map_or((None, None), |coarser| (Some(&coarser.depth), Some(&coarser.reached)));
-    }
-    let raw = raw.to_vec();
-    move |frame| {
-        let read = |buffer: &Option<Buffer>| buffer.as_ref().map_or(raw.clone(), |buffer| frame.read(buffer).to_vec());
-        let found = |picture: &[Option<Buffer>; 5]| {
-            let [depth, filled, limit, front, joined] = picture.each_ref().map(read);
-            Found { depth, filled, limit, front, joined }
-        };
-        pictures.iter().map(found).collect()
-    }
+/// Whether a point lies so near to a texel, of so many a row.
+fn near_a_point(depth: &[f32], width: usize, fill: u32, i: usize) -> bool {
+    let span = |at: usize, end: usize| at.saturating_sub(fill as usize)..(at + fill as usize + 1).min(end);
+    span(i / width, depth.len() / width).any(|y| span(i % width, width).any(|x| depth[y * width + x].is_finite()))
 }
 
 #[test]
@@ -531,38 +526,27 @@ fn light_passes_agree_with_f64() {
                     let view = View::new(camera, size).unwrap();
                     let settings = Settings { fill: fill as f64, ..Settings::default() };
                     let usual = Layer::new(&view, (DVec3::ZERO, DVec3::ONE), &settings);
+                    let own = Layer { metres: 0.001, texels: texels.unwrap_or(usual.texels), ..usual };
+                    // Surfaces up to a depth of five are sparse, and of half as much once it is halved.
                     let layer = Layer {
-                        metres: 0.001,
-                        texels: texels.unwrap_or(usual.texels),
                         halvings,
-                        spacing_m: 2.0 / view.focal_px() * 5.0,
-                        ..usual
+                        spacing_m: if own.perspective { 5.01 * shadows::cameras::SPARSE * own.texel } else { 1.0 },
+                        ..own
                     };
                     let mut keys = random_keys(size, 1000, &mut random);
                     // Whole tiles without a point.
                     keys.iter_mut().enumerate().filter(|(i, _)| i % size[0] as usize >= 80).for_each(|(_, key)| *key = [u32::MAX; 2]);
-                    let raw: Vec<f32> =
-                        keys.iter().map(|[id, z]| if *id == u32::MAX { f32::INFINITY } else { f32::from_bits(*z) }).collect();
-                    let mut g = Graph::new(gpu);
-                    let uploaded = g.upload("keys", &keys).unwrap();
-                    let reached = shadows::reach(&mut g, &view, &uploaded, &layer);
-                    assert_eq!(reached.filled.is_some(), fill > 0);
-                    let read = found(&mut g, &reached, &raw);
-                    let frame = g.submit(&[]).unwrap();
-                    let pictures = read(&frame);
+                    let pictures = reached(gpu, &view, &keys, &layer);
                     assert_eq!(pictures.len(), 1 + halvings as usize);
-                    frame.shelve(gpu);
                     let (mut size, mut layer) = (size, layer);
-                    for (number, picture) in pictures.iter().enumerate() {
-                        let [width, height] = size.map(|side| side as usize);
-                        let Found { depth, filled, limit, front, joined } = picture;
-                        let near_a_point = |i: usize| {
-                            let span = |at: usize, end: usize| at.saturating_sub(fill as usize)..(at + fill as usize + 1).min(end);
-                            span(i / width, height).any(|y| span(i % width, width).any(|x| depth[y * width + x].is_finite()))
-                        };
-                        let half = size.map(|side| side.div_ceil(2) as usize);
+                    for (number, [depth, front, joined]) in pictures.iter().enumerate() {
+                        let keys: Vec<_> = depth.iter().map(|z| if z.is_finite() { [1, z.to_bits()] } else { [u32::MAX; 2] }).collect();
+                        // The same picture by itself.
+                        let alone = reached(gpu, &View::new(camera, size).unwrap(), &keys, &Layer { halvings: 0, ..layer });
+                        let [_, filled, limit] = &alone[0];
+                        let [width, half] = [size[0] as usize, size[0].div_ceil(2) as usize];
                         // Nobody asks how deep light reaches where no point is.
-                        for i in (0..width * height).filter(|&i| near_a_point(i)) {
+                        for i in (0..depth.len()).filter(|&i| near_a_point(depth, width, fill, i)) {
                             let possible = match fill {
                                 0 => vec![depth[i]],
                                 1 => oracle::fill(size, &layer, 0, depth, i),
@@ -573,24 +557,25 @@ fn light_passes_agree_with_f64() {
                             let bounds = oracle::limit(size, &layer, filled, i);
                             let holds = bounds.is_empty() && limit[i] == f32::INFINITY || bounds.iter().any(|bound| bound.holds(limit[i]));
                             assert!(holds, "{size:?} {i}: limit {} of {bounds:?}", limit[i]);
-                            let coarser = pictures.get(number + 1);
-                            let parent = i / width / 2 * half[0] + i % width / 2;
-                            // One product and one comparison, the same in f32 here.
-                            let takes = |coarser: &&Found| {
-                                let z = if layer.perspective { coarser.front[parent] } else { 1.0 };
-                                let sparse = (layer.spacing_m / shadows::cameras::SPARSE) as f32 > layer.texel as f32 * z;
-                                coarser.front[parent].is_finite() && coarser.joined[parent] < limit[i] && sparse
-                            };
-                            let expected = coarser
-                                .filter(takes)
-                                .map_or((filled[i], limit[i]), |coarser| (coarser.front[parent], coarser.joined[parent]));
-                            assert_eq!((front[i], joined[i]), expected, "{size:?} {i}");
-                            if coarser.is_some_and(|coarser| takes(&coarser)) { taken += 1 } else { kept += coarser.is_some() as usize }
+                            let parent = i / width / 2 * half + i % width / 2;
+                            // A picture that is halved is known where something in it is sparse in the finer one.
+                            let is_known = number == 0 || front[i].is_finite();
+                            let coarser = pictures.get(number + 1).map(|[_, front, joined]| (front[parent], joined[parent]));
+                            let taken_from = coarser.filter(|&(z, reach)| z < layer.sparse_m() && reach < limit[i]);
+                            if is_known {
+                                assert_eq!(
+                                    (front[i], joined[i]),
+                                    taken_from.unwrap_or((filled[i], limit[i])),
+                                    "{size:?} {i}, halved {number} times"
+                                );
+                            }
+                            taken += taken_from.is_some() as usize;
+                            kept += (coarser.is_some() && taken_from.is_none()) as usize;
                         }
-                        if let Some(coarser) = pictures.get(number + 1) {
-                            for (k, &z) in coarser.depth.iter().enumerate() {
-                                let [x, y] = [k % half[0], k / half[0]];
-                                let of = (0..4).map(|n| [2 * x + n % 2, 2 * y + n / 2]).filter(|at| at[0] < width && at[1] < height);
+                        if let Some([halved, ..]) = pictures.get(number + 1) {
+                            for (k, &z) in halved.iter().enumerate() {
+                                let of = (0..4).map(|n| [2 * (k % half) + n % 2, 2 * (k / half) + n / 2]);
+                                let of = of.filter(|at| at[0] < width && at[1] < size[1] as usize);
                                 assert_eq!(
                                     z,
                                     of.map(|at| depth[at[1] * width + at[0]]).fold(f32::INFINITY, f32::min),

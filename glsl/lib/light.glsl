@@ -24,6 +24,7 @@ layout(push_constant, scalar) uniform Push {
     float layer_px; // and texels' sides
     float steepest; // tangent of the angle to the light beyond which a surface counts as no steeper
     float filled;   // steps of filling so far
+    float within;   // of points that are nearer than this alone limits are wanted
     uint margin;    // texels along the borders that belong to other pictures of the light: nothing is lit there by this one
 } push;
 

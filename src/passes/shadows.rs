@@ -26,7 +26,7 @@ use super::project::{self, Band, Drawn, Precision, Shallow};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, gate, tiles};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
-use crate::graph::{Buffer, Graph, Kind, Tiles};
+use crate::graph::{Area, Buffer, Graph, Kind, Tiles};
 use crate::light::Light;
 use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode};
 use crate::shader::{self, light_cover, light_fill, light_halve, light_join, light_limit, shadow_depth};
@@ -381,6 +381,16 @@ impl Layer {
         Layer { margin, halvings, spacing_m, ..Layer::new(view, bounds, settings) }
     }
 
+    /// The depth up to which points of a surface lie so far apart in this picture that a coarser one closes the gaps between them, metres.
+    pub fn sparse_m(&self) -> f32 {
+        let apart_px = self.spacing_m / self.texel / cameras::SPARSE;
+        match self.perspective {
+            true => apart_px as f32,
+            false if apart_px > 1.0 => f32::INFINITY,
+            false => 0.0,
+        }
+    }
+
     /// Of a picture half as wide and high.
     fn halved(&self) -> Layer {
         Layer { texel: 2.0 * self.texel, margin: 0, halvings: self.halvings - 1, ..*self }
@@ -415,27 +425,19 @@ pub struct Reached {
     pub filled: Option<Buffer>,
     /// How deep it reaches; likewise.
     pub limit: Buffer,
-    /// Of a halved picture, and what it was before both were joined.
-    pub coarser: Option<Box<Coarser>>,
-}
-
-/// For who looks at how limits come about.
-pub struct Coarser {
-    /// Its depths: of 2 x 2 texels the nearest.
-    pub depth: Buffer,
-    pub reached: Reached,
-    /// How deep light reaches in the finer picture, by itself.
-    pub own_limit: Buffer,
-    pub own_filled: Buffer,
+    /// The halved picture that both were joined with, and its depths.
+    pub coarser: Option<(Buffer, Box<Reached>)>,
+    /// Where they are known.
+    area: Area,
 }
 
 /// Keys of the light's picture -> how deep it reaches, wherever points are and beside them.
 pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reached {
-    reach_of(g, camera.size, keys, true, layer)
+    reach_of(g, camera.size, (keys, true), layer, f32::INFINITY)
 }
 
-/// The same of depths.
-fn reach_of(g: &mut Graph, size: [u32; 2], depth: &Buffer, of_keys: bool, layer: &Layer) -> Reached {
+/// The same of depths, where that is said; wherever points are that are nearer than `within`, metres, and infinite elsewhere.
+fn reach_of(g: &mut Graph, size: [u32; 2], (depth, of_keys): (&Buffer, bool), layer: &Layer, within: f32) -> Reached {
     let across = tiles(size);
     let (count, bytes) = (across[0] * across[1], 4 * size[0] as u64 * size[1] as u64);
     let (perspective, texels) = (layer.perspective, g.gpu.device.texels);
@@ -449,48 +451,57 @@ fn reach_of(g: &mut Graph, size: [u32; 2], depth: &Buffer, of_keys: bool, layer:
                 layer_px: layer.texels as f32,
                 steepest: layer.steepest as f32,
                 filled: $filled as f32,
+                within,
                 margin: layer.margin,
             }
         };
     }
+    let sparse = layer.sparse_m();
     let coarser = (layer.halvings > 0).then(|| {
         let half = size.map(|side| side.div_ceil(2));
         let mut halved = g.buffer("light halved", 4 * half[0] as u64 * half[1] as u64);
         let spec = light_halve::Spec { perspective, texels, of_keys };
         let groups = Tiles::Groups([half[0].div_ceil(64), half[1], 1]);
         g.run(shader::LightHalve { depth, depth_words: depth, halved: &mut halved, push: push!(light_halve, 0), spec }, groups);
-        let reached = reach_of(g, half, &halved, false, &layer.halved());
-        (halved, reached)
+        let reached = reach_of(g, half, (&halved, false), &layer.halved(), sparse);
+        (halved, Box::new(reached))
     });
     let mut covered = g.buffer("light covered", 4 * count as u64);
     g.fill(&mut covered, 0);
     let spec = light_cover::Spec { perspective, texels, of_keys };
     g.run(shader::LightCover { depth, depth_words: depth, covered: &mut covered, push: push!(light_cover, 0), spec }, Tiles::ByEight(count));
     let area = gate::listed(g, &covered, across, layer.fill as f64);
-    g.within(Some(&area), |g| {
-        let mut filled: Option<Buffer> = None;
-        for step in 0..layer.fill {
-            let spec = light_fill::Spec { perspective, texels, of_keys: of_keys && filled.is_none() };
-            let mut closed = g.buffer("light filled", bytes);
-            let depth = filled.as_ref().unwrap_or(depth);
-            g.run(shader::LightFill { depth, depth_words: depth, filled: &mut closed, push: push!(light_fill, step), spec }, Tiles::ByEight(count));
-            filled = Some(closed);
+    let everywhere = within == f32::INFINITY;
+    let known = |g: &mut Graph, name: &str| {
+        let mut buffer = g.buffer(name, bytes);
+        if !everywhere {
+            g.fill(&mut buffer, f32::INFINITY.to_bits());
         }
-        let spec = light_limit::Spec { perspective, texels, of_keys: of_keys && filled.is_none() };
-        let mut limit = g.buffer("light limit", bytes);
-        let seen = filled.as_ref().unwrap_or(depth);
+        buffer
+    };
+    let mut closed: Vec<Buffer> = (0..layer.fill).map(|_| known(g, "light filled")).collect();
+    let mut limit = known(g, "light limit");
+    g.within(Some(&area), |g| {
+        for step in 0..layer.fill as usize {
+            let spec = light_fill::Spec { perspective, texels, of_keys: of_keys && step == 0 };
+            let (before, after) = closed.split_at_mut(step);
+            let depth = before.last().unwrap_or(depth);
+            g.run(shader::LightFill { depth, depth_words: depth, filled: &mut after[0], push: push!(light_fill, step), spec }, Tiles::ByEight(count));
+        }
+        let spec = light_limit::Spec { perspective, texels, of_keys: of_keys && layer.fill == 0 };
+        let seen = closed.last().unwrap_or(depth);
         g.run(shader::LightLimit { depth: seen, depth_words: seen, limit: &mut limit, push: push!(light_limit, layer.fill), spec }, Tiles::ByEight(count));
-        let Some((halved, reached)) = coarser else { return Reached { filled, limit, coarser: None } };
-        let own = filled.expect("pictures are halved where gaps are closed");
-        let (mut front, mut joined) = (g.buffer("light front", bytes), g.buffer("light joined", bytes));
-        let push = light_join::Push { size, sparse: (layer.spacing_m / cameras::SPARSE) as f32, texel: layer.texel as f32 };
-        let coarse_front = reached.filled.as_ref().expect("and there, too");
-        let (coarse_limit, spec) = (&reached.limit, light_join::Spec { perspective });
-        let to = (&mut front, &mut joined);
-        g.run(shader::LightJoin { filled: &own, limit: &limit, coarse_front, coarse_limit, front: to.0, joined: to.1, push, spec }, Tiles::ByEight(count));
-        let coarser = Coarser { depth: halved, reached, own_limit: limit, own_filled: own };
-        Reached { filled: Some(front), limit: joined, coarser: Some(Box::new(coarser)) }
-    })
+    });
+    let mut filled = closed.pop();
+    if let (Some(front), Some((_, coarse))) = (&mut filled, &coarser) {
+        let coarse_front = coarse.filled.as_ref().expect("pictures are halved where gaps are closed");
+        let push = light_join::Push { size, within: sparse };
+        let tiles = tiles(size.map(|side| side.div_ceil(2)));
+        g.within(Some(&coarse.area), |g| {
+            g.run(shader::LightJoin { coarse_front, coarse_limit: &coarse.limit, front, limit: &mut limit, push }, Tiles::ByEight(tiles[0] * tiles[1]));
+        });
+    }
+    Reached { filled, limit, coarser, area }
 }
 
 /// A sample more for every point that lies no deeper than its texel's limit, of chunks that have any which may.

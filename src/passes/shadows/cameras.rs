@@ -56,8 +56,9 @@ pub struct Sight {
 /// Gaps between points that are so many texels apart are closed; wider ones in a coarser picture.
 pub const SPARSE: f64 = 0.75;
 
-/// The coarsest picture still has so many texels.
+/// The coarsest picture still has so many texels, and is not halved more often: that makes gaps 24 texels wide, and margins that cost a third of a picture of 900.
 const COARSEST: f64 = 4.0;
+const MOST_HALVINGS: f64 = 5.0;
 
 impl Sight {
     fn of(view: View, margin: u32, wanted: &Wanted) -> Sight {
@@ -80,11 +81,11 @@ fn least_depth(wanted: &Wanted, eye: DVec3, [u, v]: [f64; 2]) -> f64 {
 pub fn halvings(apart_px: f64, side: f64) -> u32 {
     let [wanted, most] = [apart_px / SPARSE, side / COARSEST].map(f64::log2);
     // Of points without a distance there are no gaps.
-    if apart_px > 0.0 { wanted.ceil().min(most.floor()).max(0.0) as u32 } else { 0 }
+    if apart_px > 0.0 { wanted.ceil().min(most.floor()).clamp(0.0, MOST_HALVINGS) as u32 } else { 0 }
 }
 
 /// Texels of the coarsest picture that it is wider by on each side: gaps next to a border are closed as those in the middle.
-const BEYOND: u32 = 2;
+const BEYOND: u32 = 1;
 
 /// Half the angle of the largest light far away, degrees.
 pub const WIDEST_DEGREES: f64 = 45.0;
