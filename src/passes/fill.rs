@@ -6,7 +6,7 @@
 //! `dobrev` (Dobrev et al. 2010, sec. 3.2 and 3.3) needs no visibility: masks tell holes from background, and hidden pixels from those that are seen.
 //! `splat` and `pullpush` are what both are compared with. Each has a file of its own.
 //!
-//! How much of a light reaches a surface, where lighting is to come, is filled like its colour, by the same passes with it in the colour's place.
+//! How much of a light reaches a surface, where lighting is to come, is filled like its colour: from means by the same passes with it in the colour's place, from one point by looking that point up.
 
 mod dobrev;
 mod pullpush;

@@ -35,7 +35,7 @@ pub struct Layers {
     pub facings: Option<Buffer>,
     /// How much of a light reaches each point, where shadows are cast.
     pub marks: Option<shadows::Marks>,
-    /// How much of the light reaches each pixel's surface, where lighting is to take that into account: red, green and blue alike. What fills and smooths colours fills and smooths it like them.
+    /// How much of the light reaches each pixel's surface, where lighting is to take that into account: red, green and blue alike. What fills colours fills it like them.
     pub reached: Option<Image>,
     /// What each pixel's points add up to, where luminance is corrected.
     pub sums: Option<luminance::Sums>,
@@ -52,7 +52,7 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// What is filled and smoothed alike: colours, and how much of the light reaches them.
+    /// What is filled alike: colours, and how much of the light reaches them.
     pub fn colors(&self) -> impl Iterator<Item = &Image> {
         [Some(&self.color), self.reached.as_ref()].into_iter().flatten()
     }
@@ -255,7 +255,7 @@ effects! {
     shadows,    // marks, index, color -> color, or reached
     visibility, // depth, index, color -> the same without what is hidden; holes
     fill,       // depth, color, reached, holes -> depth, color, reached
-    smooth,     // depth, color, reached -> depth, color, reached
+    smooth,     // depth, color -> depth, color; all of it: reached, too
     shape,      // depth -> lit
     phong,      // depth, color, reached, index, normals of points -> color
     edl,        // depth, color -> color

@@ -26,7 +26,7 @@ use super::project::{self, Band, Drawn, Precision, Shallow};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, gate, tiles};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
-use crate::graph::{Area, Buffer, Graph, Kind, Tiles};
+use crate::graph::{Area, Buffer, Graph, Image, Kind, Tiles};
 use crate::light::Light;
 use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode};
 use crate::shader::{self, light_cover, light_fill, light_halve, light_join, light_limit, shadow_depth};
@@ -521,12 +521,25 @@ fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, shallow: &Shallow, limi
 }
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let Some(marks) = &layers.marks else { return layers };
-    let mut shaded = g.image("shaded", scene.view.size, Kind::Rgba32f);
+    match &layers.marks {
+        Some(marks) if marks.apart => reached(g, scene.view.size, layers),
+        Some(marks) => Layers { color: shaded(g, scene.view.size, marks, settings.ambient, &layers), ..layers },
+        None => layers,
+    }
+}
+
+/// How much of the light reaches the point of each pixel, where lighting comes after: again once pixels were given other points.
+pub fn reached(g: &mut Graph, size: [u32; 2], layers: Layers) -> Layers {
+    let reached = layers.marks.as_ref().filter(|marks| marks.apart).map(|marks| shaded(g, size, marks, 0.0, &layers));
+    Layers { reached, ..layers }
+}
+
+fn shaded(g: &mut Graph, size: [u32; 2], marks: &Marks, ambient: f64, layers: &Layers) -> Image {
+    let mut shaded = g.image(if marks.apart { "reached" } else { "shaded" }, size, Kind::Rgba32f);
     let full = marks.saved.unwrap_or(marks.facts.cast);
-    let push = shader::shadows::Push { size: scene.view.size, full: full as f32, ambient: settings.ambient as f32 };
+    let push = shader::shadows::Push { size, full: full as f32, ambient: ambient as f32 };
     let spec = shader::shadows::Spec { saved: marks.saved.is_some(), apart: marks.apart };
-    let Layers { index, color, .. } = &layers;
+    let Layers { index, color, .. } = layers;
     g.run(shader::Shadows { index, marks: &marks.counts, saved: &marks.counts, color, shaded: &mut shaded, push, spec }, Tiles::All);
-    if marks.apart { Layers { reached: Some(shaded), ..layers } } else { Layers { color: shaded, ..layers } }
+    shaded
 }

@@ -104,7 +104,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         }
         smoothed.expect("once at least")
     };
-    let reached = layers.reached.as_ref().map(|reached| smoothed(g, reached).1);
+    // Steps of depth and colour are everywhere that something was filled, those of the light only where its edges are; noise in it is taken away with all else.
+    let reached = if all { layers.reached.as_ref().map(|reached| smoothed(g, reached).1) } else { None };
     let (depth, color) = smoothed(g, &layers.color);
-    Layers { depth, color, reached, ..layers }
+    Layers { depth, color, reached: reached.or(layers.reached), ..layers }
 }

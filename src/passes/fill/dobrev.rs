@@ -14,7 +14,7 @@
 
 use super::Settings;
 use crate::graph::{Graph, Image, Kind, Tiles};
-use crate::passes::{Layers, Scene, TILE_PX, tiles};
+use crate::passes::{Layers, Scene, TILE_PX, shadows, tiles};
 use crate::shader::{self, fill_dobrev, fill_dobrev_close, fill_dobrev_open};
 use crate::view::Projection;
 
@@ -62,21 +62,15 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     }
 
     let [filled, source] = &from;
-    let mut closed = |color: &Image| {
-        let mut depth = g.image("filled depth", size, Kind::R32f);
-        let mut index = g.image("filled index", size, Kind::R32ui);
-        let mut filled_color = g.image("filled color", size, Kind::Rgba32f);
-        let to = (&mut depth, &mut index, &mut filled_color);
-        let push = fill_dobrev_close::Push { size };
-        g.run(
-            shader::FillDobrevClose { filled, source, index: &layers.index, color, filled_depth: to.0, filled_index: to.1, filled_color: to.2, push },
-            Tiles::Packed([size[0], size[1].div_ceil(4)]),
-        );
-        (depth, index, filled_color)
-    };
-    let reached = layers.reached.as_ref().map(&mut closed).map(|(_, _, reached)| reached);
-    let (depth, index, color) = closed(&layers.color);
-    Layers { depth, index, color, reached, flat_px: carried.min(super::WIDEST as u32), holes: None, ..layers }
+    let mut depth = g.image("filled depth", size, Kind::R32f);
+    let mut index = g.image("filled index", size, Kind::R32ui);
+    let mut color = g.image("filled color", size, Kind::Rgba32f);
+    let (to, push) = ((&mut depth, &mut index, &mut color), fill_dobrev_close::Push { size });
+    g.run(
+        shader::FillDobrevClose { filled, source, index: &layers.index, color: &layers.color, filled_depth: to.0, filled_index: to.1, filled_color: to.2, push },
+        Tiles::Packed([size[0], size[1].div_ceil(4)]),
+    );
+    shadows::reached(g, size, Layers { depth, index, color, flat_px: carried.min(super::WIDEST as u32), holes: None, ..layers })
 }
 
 /// Depth, and where it is from.

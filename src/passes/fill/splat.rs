@@ -4,8 +4,8 @@
 //! silhouettes grow by the radius.
 
 use super::Settings;
-use crate::graph::{Graph, Image, Kind, Tiles};
-use crate::passes::Layers;
+use crate::graph::{Graph, Kind, Tiles};
+use crate::passes::{Layers, shadows};
 use crate::shader::{self, fill_splat};
 use crate::view::View;
 
@@ -19,17 +19,13 @@ pub fn radius(settings: &Settings) -> f64 {
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
     let radius = radius(settings) as f32;
-    let mut splats = |color: &Image| {
-        let mut splat_depth = g.image("splat depth", view.size, Kind::R32f);
-        let mut splat_index = g.image("splat index", view.size, Kind::R32ui);
-        let mut splat_color = g.image("splat color", view.size, Kind::Rgba32f);
-        let Layers { depth, index, .. } = &layers;
-        let push = fill_splat::Push { size: view.size, radius };
-        let to = (&mut splat_depth, &mut splat_index, &mut splat_color);
-        g.run(shader::FillSplat { depth, index, color, splat_depth: to.0, splat_index: to.1, splat_color: to.2, push }, Tiles::All);
-        (splat_depth, splat_index, splat_color)
-    };
-    let reached = layers.reached.as_ref().map(&mut splats).map(|(_, _, reached)| reached);
-    let (depth, index, color) = splats(&layers.color);
-    Layers { depth, index, color, reached, flat_px: radius.ceil() as u32, holes: None, ..layers }
+    let mut splat_depth = g.image("splat depth", view.size, Kind::R32f);
+    let mut splat_index = g.image("splat index", view.size, Kind::R32ui);
+    let mut splat_color = g.image("splat color", view.size, Kind::Rgba32f);
+    let Layers { depth, index, color, .. } = &layers;
+    let push = fill_splat::Push { size: view.size, radius };
+    let (of_depth, of_index, of_color) = (&mut splat_depth, &mut splat_index, &mut splat_color);
+    g.run(shader::FillSplat { depth, index, color, splat_depth: of_depth, splat_index: of_index, splat_color: of_color, push }, Tiles::All);
+    let splats = Layers { depth: splat_depth, index: splat_index, color: splat_color, flat_px: radius.ceil() as u32, holes: None, ..layers };
+    shadows::reached(g, view.size, splats)
 }
