@@ -614,12 +614,14 @@ fn ply_lists_among_the_vertex_properties_are_passed_over() {
 
 #[test]
 fn text_columns_are_known_by_name_or_guessed() {
-    let cases: [(&str, &str, bool, bool, bool); 7] = [
+    let cases: [(&str, &str, bool, bool, bool); 8] = [
         ("a.xyz", "1 2 3\n4 5 6\n", false, false, false),
         ("b.csv", "X;Y;Z;Intensity\n1;2;3;10\n4;5;6;20\n", false, true, false),
         ("c.csv", "//X,Y,Z,R,G,B\n1,2,3,255,0,0\n4,5,6,0,255,0\n", true, false, false),
         ("d.txt", "# made by hand\n1\t2\t3\t255\t0\t9\n4 5 6 7 8 9\n", true, false, false),
         ("e.xyz", "1 2 3 0 0 -1\n4 5 6 1 0 0\n", false, false, true),
+        // None of which is one.
+        ("n.csv", "x,y,z,nx,ny,nz\n1,2,3,nan,nan,nan\n4,5,6,0,0,0\n", false, false, false),
         ("f.pts", "2\n1 2 3 -5 200 1 2\n4 5 6 7 8 9 10\n", true, true, false),
         ("g.txt", "1 2 3 0.5 1 0 7\n4 5 6 7 1 2 3\n", true, true, false),
     ];

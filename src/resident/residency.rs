@@ -368,7 +368,7 @@ impl Residency {
             Outcome::Failed(error) => {
                 self.retired.push((run, 0));
                 if self.unreadable.insert(node) {
-                    self.unsaid.errors.push(error.to_string());
+                    self.unsaid.errors.push(format!("{error}; of that node its parent is drawn, or nothing where it has none that is there"));
                 }
             }
         }
