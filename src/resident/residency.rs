@@ -368,7 +368,9 @@ impl Residency {
             Outcome::Failed(error) => {
                 self.retired.push((run, 0));
                 if self.unreadable.insert(node) {
-                    self.unsaid.errors.push(format!("{error}; of that node its parent is drawn, or nothing where it has none that is there"));
+                    self.unsaid
+                        .errors
+                        .push(format!("{error}; of that node its parent is drawn, or nothing where it has none that is there"));
                 }
             }
         }
