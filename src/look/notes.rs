@@ -6,7 +6,7 @@ use crate::passes::fill::Method;
 use crate::passes::phong::{Backfaces, Normals};
 use crate::passes::shadows::{self, cameras::WIDEST_DEGREES};
 use crate::passes::smooth::Pixels;
-use crate::passes::{Effects, Settings, Switch, significant};
+use crate::passes::{Effects, Setting, Settings, Switch, layer_m, significant};
 use crate::resident::Resident;
 
 impl Look {
@@ -39,13 +39,7 @@ impl Look {
         pairs
             .filter(|(own, _)| *own.switch == Switch::Auto && !self.decided.runs(own.name))
             .filter_map(|(own, usual)| {
-                let chosen: Vec<_> = own
-                    .settings
-                    .iter()
-                    .zip(&usual.settings)
-                    .filter(|(own, usual)| own.value.to_string() != usual.value.to_string())
-                    .collect();
-                let chosen: Vec<_> = chosen.into_iter().map(|(own, _)| own.name).collect();
+                let chosen = chosen(&own.settings, &usual.settings);
                 let why = self.decided.0.iter().find(|(name, _)| *name == own.name).map_or("", |(_, reason)| reason.why.as_str());
                 (!chosen.is_empty())
                     .then(|| format!("{}: nothing comes of {}, since it does not run: {why}", own.name, chosen.join(" and ")))
@@ -55,11 +49,10 @@ impl Look {
 
     /// That depths are not known as finely as what is asked of them (HARD_CASES 4).
     fn coarse(&self) -> Option<String> {
-        let layer =
-            |of_effect: f64| [of_effect, self.layer_m, 4.0 * self.spacing_m.max(self.pixel_m)].into_iter().find(|asked| *asked > 0.0);
+        let layer = |of_effect: f64| layer_m([of_effect, self.layer_m], self.spacing_m, self.pixel_m);
         let (fill, transparency) = (&self.effects.fill.settings, &self.effects.transparency.settings);
-        let masks = (self.decided.runs("fill") && fill.method == Method::Dobrev).then(|| layer(fill.layer)).flatten();
-        let peels = self.decided.runs("transparency").then(|| layer(transparency.layer)).flatten();
+        let masks = (self.decided.runs("fill") && fill.method == Method::Dobrev).then(|| layer(fill.layer));
+        let peels = self.decided.runs("transparency").then(|| layer(transparency.layer));
         let quantum_m = significant(self.quantum_m);
         if let Some(layer_m) = [masks, peels].into_iter().flatten().reduce(f64::min).filter(|layer_m| *layer_m < 2.0 * self.quantum_m) {
             let layer_m = significant(layer_m);
@@ -82,7 +75,9 @@ impl Look {
             notes.push("shadows=ambient changes nothing, since phong runs, whose own ambient is what shows in shadow".into());
         }
         if resident.light.as_ref().is_some_and(|saved| self.light.is_written(&saved.light)) {
-            let idle = unlike_usual(settings);
+            // But for how dark shadows are.
+            let (mut own, mut usual) = (settings, shadows::Settings { ambient: settings.ambient, ..Default::default() });
+            let idle = chosen(&own.list(), &usual.list());
             if !idle.is_empty() {
                 notes.push(format!(
                     "shadows are those that were saved, and take no account of {}; cast others with `pointillist shadows`",
@@ -102,9 +97,7 @@ impl Look {
     }
 }
 
-/// Settings of shadows that somebody has chosen, but for how dark shadows are.
-fn unlike_usual(mut settings: shadows::Settings) -> Vec<&'static str> {
-    let mut usual = shadows::Settings { ambient: settings.ambient, ..shadows::Settings::default() };
-    let pairs = settings.list().into_iter().zip(usual.list());
-    pairs.filter(|(own, usual)| own.value.to_string() != usual.value.to_string()).map(|(own, _)| own.name).collect()
+/// Names of those that are not as usual.
+fn chosen(own: &[Setting], usual: &[Setting]) -> Vec<&'static str> {
+    own.iter().zip(usual).filter(|(own, usual)| own.value.to_string() != usual.value.to_string()).map(|(own, _)| own.name).collect()
 }

@@ -139,12 +139,16 @@ impl<'s> Scene<'s> {
         }
     }
 
-    /// The layer distance: surfaces nearer to each other than this are taken for one, metres: as asked for of an effect, or of the picture. Where none is, four spacings of the points, or of the pixels where
-    /// those are wider, which holds what neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
+    /// As [`layer_m`], of an effect that has its own.
     pub fn layer_m(&self, of_effect: f64) -> f64 {
-        let automatic = 4.0 * self.spacing_m.max(self.pixel_m);
-        [of_effect, self.asked_layer_m].into_iter().find(|asked| *asked > 0.0).unwrap_or(automatic)
+        layer_m([of_effect, self.asked_layer_m], self.spacing_m, self.pixel_m)
     }
+}
+
+/// The layer distance: surfaces nearer to each other than this are taken for one, metres: as asked for, of an effect or else of the picture. Where nobody asks, four spacings of the points, or of the pixels
+/// where those are wider, which holds what neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
+pub fn layer_m(asked: [f64; 2], spacing_m: f64, pixel_m: f64) -> f64 {
+    asked.into_iter().find(|asked| *asked > 0.0).unwrap_or(4.0 * spacing_m.max(pixel_m))
 }
 
 /// A number to three digits, for people to read.
