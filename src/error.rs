@@ -44,6 +44,14 @@ impl Error {
         matches!(self, Error::Vulkan { code, .. } if code == "ERROR_DEVICE_LOST")
     }
 
+    /// The file that it is about, where it is about one.
+    pub fn path(&self) -> Option<&Path> {
+        match self {
+            Error::Io { path, .. } | Error::Format { path, .. } => Some(path),
+            _ => None,
+        }
+    }
+
     pub fn io(doing: &'static str, path: &Path, source: std::io::Error) -> Self {
         Error::Io { doing, path: path.to_owned(), source }
     }

@@ -164,6 +164,20 @@ fn put_away(viewer: &mut Viewer) {
     viewer.until("peace", |viewer| !is_in_trouble(viewer));
 }
 
+/// Those named beside it are there, wherever it stands among them; each that is wrong is said once.
+#[test]
+fn what_cannot_be_opened_keeps_nothing_else_from_being_opened() {
+    let place = Place::new();
+    let (cloud, bad, worse) = (place.scan("torus.las", Scene::Torus, 60_000), place.at("bad.las"), place.at("worse.ply"));
+    [&bad, &worse].iter().for_each(|path| std::fs::write(path, b"LASF, or so it says").unwrap());
+    let mut viewer = place.view(&[&bad, &cloud, &worse], "--view top");
+    viewer.until("both said", |viewer| ["bad.las", "worse.ply"].iter().all(|name| viewer.said().iter().any(|line| line.contains(name))));
+    put_away(&mut viewer);
+    viewer.shows(&place.picture(&[&cloud], "torus.png", "--view top"));
+    let said = viewer.close();
+    assert!(["bad.las", "worse.ply"].iter().all(|name| said.matches(name).count() == 1), "{said}");
+}
+
 #[test]
 fn what_is_dropped_and_cannot_be_opened_leaves_the_window_as_it_was() {
     let place = Place::new();

@@ -81,6 +81,9 @@ impl App {
                 )),
             },
             Deed::SavePath => self.save(&unused_name("path.json"), |app, path| app.facts.path.write(path)),
+            Deed::Export(_) if self.facts.measure.points.is_empty() => {
+                self.trouble(&Error::Request("nothing was picked that could be saved; a click picks a point".into()));
+            }
             Deed::Export(extension) => {
                 if extension == "csv" {
                     self.save_profile();

@@ -339,10 +339,15 @@ fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, 
 /// What is asked for of a picture of a cloud; until its strokes are found it is drawn without.
 fn wishes(scene: &Scene, resident: &Resident) -> Wishes {
     let mut wishes = scene.wishes.clone();
-    if resident.shown.strokes().is_none() {
+    if brushes_lack(scene, resident) {
         wishes.effects.strokes.switch = Switch::Off;
     }
     wishes
+}
+
+/// Whether it is to be painted, and what brushes need is not known yet.
+fn brushes_lack(scene: &Scene, resident: &Resident) -> bool {
+    scene.wishes.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
 }
 
 impl Thread {
@@ -601,7 +606,10 @@ impl Thread {
         // What is only a finer picture of the same gives way.
         let gives_way = self.wanted != Wanted::Now;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
-        let look = look::decide(&wishes(scene, resident), &View::new(scene.camera, present.size())?, resident);
+        let mut look = look::decide(&wishes(scene, resident), &View::new(scene.camera, present.size())?, resident);
+        if brushes_lack(scene, resident) {
+            look.decided.explain("strokes", "what brushes need to know is still being found");
+        }
         let mut drawn = if gives_way { look.gradual() } else { look.hurried(divisor) };
         if divisor > 1 && !drawn.overlap.is_everywhere() {
             drawn.overlap = Arc::new(resident.overlap(&view));

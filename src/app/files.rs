@@ -94,7 +94,11 @@ impl App {
         if self.paints_later() && self.whole.as_ref() == Some(&failed) {
             return self.not_painted(error);
         }
-        match self.last_opened.clone() {
+        let before = self.last_opened.clone();
+        let is_wrong = |file: &PathBuf| error.path() == Some(file) && before.as_ref().is_none_or(|before| !before.files.contains(file));
+        match before {
+            // What was asked for beside it may be in order.
+            _ if self.files.iter().any(is_wrong) => self.files.retain(|file| !is_wrong(file)),
             Some(Asked { files, color }) => (self.files, self.scene.color) = (files, color),
             // Whatever was dropped last may be what is wrong.
             None => drop(self.files.pop()),

@@ -62,7 +62,7 @@ pub const KEYS: &[Key] = &[
     key(&[KeyCode::F11], "F11", Act::Do(Deed::FullScreen), "full screen"),
     key(&[KeyCode::KeyH, KeyCode::F1], "H", Act::Do(Deed::Help), "these keys"),
     key(&[KeyCode::KeyN], "N", Act::Do(Deed::Panel), "without the panel, or with it"),
-    key(&[KeyCode::Escape], "Esc", Act::Close, "put away what went wrong, or close"),
+    key(&[KeyCode::Escape], "Esc", Act::Close, "put away what went wrong, or a profile, or close"),
 ];
 
 /// What the mouse does, for the hands of each program and what a drag does.

@@ -221,6 +221,8 @@ impl App {
 
     fn trouble(&mut self, error: &Error) {
         complain(&error.to_string());
-        self.facts.trouble = Some(error.to_string());
+        // Of several files each may be wrong in its own way.
+        let before = self.facts.trouble.take().filter(|before| *before != error.to_string());
+        self.facts.trouble = Some(before.map_or(error.to_string(), |before| format!("{before}\n{error}")));
     }
 }

@@ -75,9 +75,12 @@ pub struct Facts {
 }
 
 impl Facts {
-    /// Whether there was anything to put away.
+    /// Whether there was anything to put away: what went wrong, or else a profile.
     pub fn put_away(&mut self) -> bool {
         let was = self.trouble.take();
+        if was.is_none() && self.profile.take().is_some() {
+            return true;
+        }
         let any = was.is_some();
         self.put_away = was.or(self.put_away.take());
         any
@@ -619,13 +622,15 @@ fn passes(ui: &mut Ui, facts: &Facts) {
             None => by_name.push((name, *ms)),
         }
     }
-    for (name, ms) in by_name.into_iter().filter(|(_, ms)| *ms >= LEAST_SHARE * total) {
-        ui.add(ProgressBar::new((ms / total) as f32).text(format!("{name} {ms:.2} ms")));
-    }
+    // Once its driver has rasterised a panel it takes all timestamps at the end of a submission.
     if total < 0.5 * facts.took.as_secs_f64() * 1e3 {
         ui.label(
             RichText::new("a device that is software times no passes under a panel; render tells them with its option timings").weak(),
         );
+    } else {
+        for (name, ms) in by_name.into_iter().filter(|(_, ms)| *ms >= LEAST_SHARE * total) {
+            ui.add(ProgressBar::new((ms / total) as f32).text(format!("{name} {ms:.2} ms")));
+        }
     }
     ui.label(format!("from change to picture: {:.1} ms", facts.latency.as_secs_f64() * 1e3));
 }

@@ -26,6 +26,18 @@ impl Look {
             notes.push("smooth: nothing is filled, and so nothing is smoothed; smooth=pixels=all smooths points".into());
         }
         notes.extend(self.coarse());
+        let (fill, transparency) = (&self.effects.fill.settings, &self.effects.transparency.settings);
+        let own_layers = [
+            ("fill", fill.layer, fill.method == Method::Dobrev),
+            ("transparency", transparency.layer, true),
+            ("shadows", self.effects.shadows.settings.layer, true),
+        ];
+        if self.layer_m > 0.0 && !own_layers.iter().any(|&(effect, own, by_layers)| by_layers && own == 0.0 && self.decided.runs(effect)) {
+            notes.push(format!(
+                "a layer distance of {} m changes nothing: neither filling by masks, transparency nor shadows go by it here",
+                self.layer_m
+            ));
+        }
         if self.decided.runs("shadows") {
             notes.extend(self.of_shadows(resident));
         }

@@ -172,6 +172,11 @@ impl Decided {
     pub fn runs(&self, name: &str) -> bool {
         self.0.iter().any(|(effect, reason)| *effect == name && reason.runs)
     }
+
+    /// Why an effect runs or does not, for who knows better.
+    pub fn explain(&mut self, name: &str, why: &str) {
+        self.0.iter_mut().filter(|(effect, _)| *effect == name).for_each(|(_, reason)| reason.why = why.into());
+    }
 }
 
 /// The registry: one line an effect, in the order in which they run. It yields the module, the settings, the name on the command line, the switch and the call.
