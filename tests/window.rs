@@ -539,6 +539,8 @@ fn a_profile_has_the_points_of_the_file_that_lie_along_its_line() {
     assert!(expected.len() > 20 && found == expected, "{} of {}", found.len(), expected.len());
     assert!(said.contains(&format!("{} points, ", found.len())), "{said}");
     assert!(rows.iter().all(|row| row[0] >= 0.0 && row[0] <= slab.length && row[1] == row[5] && row[2].abs() <= width / 2.0));
+    // Once for the profile, and then for the window.
+    viewer.key("Escape");
     viewer.close();
 }
 
