@@ -6,8 +6,9 @@
 //   it stays    where all five pixels of any mask are behind: there it lies beyond a silhouette
 //   else        it takes the values of its nearest neighbour
 // Values are copied, never mixed: what goes along with a depth is from where it was taken, and how many steps it may still go (lib/source.glsl). Of neighbours that have none left, none is taken.
-// Where a pass before has found the holes, the background step fills those, whatever masks say; and of what it has not found pixels with a depth at five of their eight neighbours, which no straight
-// silhouette has beside it: masks would go on up to the diagonal, for as many steps as holes take. Both take their nearest neighbour's values as soon as they have one, however far these have come.
+// Where a pass before has found holes and what is hidden, the background step fills those, whatever masks say. Of what it has not found, pixels are filled of whose eight neighbours at most three are behind, as above,
+// which no straight silhouette has beside it: masks would go on up to the diagonal for as many steps as holes take. The background step takes the nearest neighbour's values as soon as there
+// are some, however far these have come.
 // A tile that nothing changed in the step before is left alone (lib/steps.glsl). Where depths change they fall, so that steps come to an end.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
@@ -81,7 +82,7 @@ Changes work(uint tile) {
                 behind |= uint(!(neighbour <= limit && neighbour < z[c])) << k;
             }
             bool inside = all(lessThan(ivec2(texel.x, 4 * texel.y + p), ivec2(push.size)));
-            bool stays = FOUND && !OCCLUDED ? !holes[p] && bitCount(behind) > MOST_BEHIND : any_mask(behind);
+            bool stays = FOUND ? !(holes[p] && !OCCLUDED) && bitCount(behind) > MOST_BEHIND : any_mask(behind);
             filling[p] = inside && has == OCCLUDED && !stays;
         }
         vec4 next = vec4(z[4], z[7], z[10], z[13]);

@@ -32,6 +32,7 @@ void column(uint place) {
     uvec2 across = (half_size() + uint(TILE_PX - 1)) / uint(TILE_PX);
     ivec2 top = column_of(LISTED ? listed_number(place, across.x) : place, across.x);
     [[dont_unroll]] for (int row = 0;; ++row) {
+        // What lies beyond the edges is the last texel once more, and gets the same.
         uvec2 coarse = min(uvec2(top + ivec2(0, row)), half_size() - 1u);
         uint at = coarse.y * half_size().x + coarse.x;
         float z = coarse_front.texel[at];

@@ -56,7 +56,7 @@ pub struct Sight {
 /// Gaps between points that are so many texels apart are closed; wider ones in a coarser picture.
 pub const SPARSE: f64 = 0.75;
 
-/// The coarsest picture still has so many texels, and is not halved more often: that makes gaps 24 texels wide, and margins that cost a third of a picture of 900.
+/// The coarsest picture still has so many texels, and is not halved more often: that makes gaps 24 texels wide, and margins a seventh of a picture of 860.
 const COARSEST: f64 = 4.0;
 const MOST_HALVINGS: f64 = 5.0;
 

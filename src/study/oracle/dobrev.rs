@@ -39,8 +39,8 @@ fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, ho
         (Some((own, ..)), Some((z, ..))) => z as f64 > own as f64 - layer as f64 || z >= own,
     };
     let mask = |first: usize| (first..first + 5).all(|k| behind(at(RING[k % 8])));
-    let stays = match hole.filter(|_| !occluded) {
-        Some(hole) => !hole && RING.iter().filter(|&&aside| behind(at(aside))).count() > 3,
+    let stays = match hole {
+        Some(hole) => !(hole && !occluded) && RING.iter().filter(|&&aside| behind(at(aside))).count() > 3,
         None => (0..8).any(mask),
     };
     if own.is_some() != occluded || stays {
