@@ -12,7 +12,7 @@ mod dobrev;
 mod pullpush;
 mod splat;
 
-pub use dobrev::{APART_LAYERS_PX, APART_PX};
+pub use dobrev::APART_PX;
 
 use super::{Decided, Effects, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, significant, tiles};
 use crate::graph::{Graph, Image, Kind, Tiles};

@@ -103,10 +103,9 @@ pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
 /// Before filling by masks.
 fn beside_masks(scene: &Scene) -> Reason {
     let apart_px = if scene.pixel_m > 0.0 { SPARSER * scene.spacing_m / scene.pixel_m } else { 0.0 };
-    let most_px = if scene.transparent { fill::APART_LAYERS_PX } else { fill::APART_PX };
-    let runs = apart_px > most_px;
+    let runs = apart_px > fill::APART_PX;
     let why = match runs {
-        true => format!("sparser points are {} pixels apart, and masks close gaps only between those up to {most_px}", significant(apart_px)),
+        true => format!("sparser points are {} pixels apart, and masks close gaps only between those up to {}", significant(apart_px), fill::APART_PX),
         false => "filling by masks hides what is occluded".to_string(),
     };
     Reason { runs, why }

@@ -25,10 +25,6 @@ const REACH: f64 = 1.5;
 /// picture (300,000 and 480,000 pixels) 194 pixels stay open where the sparser ones are 1.8 pixels apart, 131 at 1.7, 37 at 1.5 and none at 1.25 (counted by hand in `depth.Z`); hidden layers still show in some pixels of nested tori at 1.25.
 pub const APART_PX: f64 = 1.0;
 
-/// The same where layers are peeled off: there a depth that is carried farther than its slope is known makes a layer too many beside contours, which weighs more than a pixel that shows one less. Of nested tori of
-/// six million points at 1024 x 1024, 1.24 pixels apart, 0.43 % of the pixels have another number of layers with masks alone, and 0.87 % with both (`study layers`).
-pub const APART_LAYERS_PX: f64 = 2.0;
-
 /// Of either kind: as many as the sparsest points need, but as with visibility no hole is wider than its widest kernel; and as many as asked for, if a pixel can count them.
 pub(super) fn most_steps(settings: &Settings, spacing_px: f64) -> u32 {
     match settings.iterations {
