@@ -40,7 +40,7 @@ fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, ho
     };
     let mask = |first: usize| (first..first + 5).all(|k| behind(at(RING[k % 8])));
     let stays = match hole {
-        Some(hole) => !(hole && !occluded) && RING.iter().filter(|&&aside| behind(at(aside))).count() > 3,
+        Some(hole) => (occluded || !hole) && RING.iter().filter(|&&aside| behind(at(aside))).count() > 3,
         None => (0..8).any(mask),
     };
     if own.is_some() != occluded || stays {
