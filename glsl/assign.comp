@@ -5,8 +5,8 @@
 //
 // That spacing is the node's, or, where the nearest surface is sparser there than its node, its own, counted over the tile and its neighbours. Its pixels are those of quarters of tiles that hold points
 // of it, as the four beside them do: at a silhouette what lies beyond would be taken for gaps, and kernels would go over it. Where no quarter is such, gaps are as wide as quarters: there whole tiles are counted, this one and the
-// four beside it, if all five hold points of it. Tiles in which it is not nearest keep the node's. Of pixels that random points fall into a share p holds some where -ln(1 - p) fall into
-// one, which p / sqrt(1 - p) is near enough, and infinite where all do: dense surfaces keep the node's.
+// four beside it, if all five hold points of it. A sparse part beside a dense one has few such quarters, and dense ones speak for it: what any of the five alone is found to be (gaps.comp) counts as well, and the sparsest is
+// taken. Tiles in which the surface is not nearest keep the node's.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -17,6 +17,7 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
+layout(scalar) readonly buffer Gaps { float tile[]; } gaps;
 layout(scalar) buffer Lists { uint word[]; } lists;
 
 layout(push_constant, scalar) uniform Push {
@@ -62,12 +63,15 @@ void main() {
     if (push.all == 0u && (points == 0u || continuous)) return;
     // The quarters of the nine tiles, six across and six down: how many pixels each holds of the surface that is nearest, and of every row which hold any.
     uint held[9];
+    // Of this tile and those beside it, as far as they are of that surface: the widest.
+    float gap = 0.0;
     uint rows[6] = uint[6](0u, 0u, 0u, 0u, 0u, 0u);
     [[unroll]] for (int t = 0; t < 9; ++t) {
         ivec2 at = clamp(own + ivec2(t % 3 - 1, t / 3 - 1), ivec2(0), across - 1);
         Tile tile = tiles.tile[at.y * across.x + at.x];
         bool of_front = tile.points > 0u && in_front(tile.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
         held[t] = of_front ? tile.front : 0u;
+        if (t == 4 || t % 2 == 1) gap = max(gap, of_front ? gaps.tile[at.y * across.x + at.x] : 0.0);
         [[unroll]] for (int q = 0; q < 4; ++q) rows[2 * (t / 3) + q / 2] |= uint((held[t] >> (8 * q) & 255u) > 0u) << (2 * (t % 3) + q % 2);
     }
     uint inner[6] = uint[6](0u, 0u, 0u, 0u, 0u, 0u);
@@ -79,18 +83,18 @@ void main() {
         front += counts * (held[k / 4] >> (8 * (k % 4)) & 255u);
         extent += counts * uint(TILE_PX / 2 * TILE_PX / 2);
     }
-    const int five[5] = int[5](1, 3, 4, 5, 7); // this tile and the four beside it
-    bool whole = extent == 0u;
-    [[unroll]] for (int k = 0; k < 5; ++k) whole = whole && held[five[k]] > 0u;
-    if (whole) {
-        [[unroll]] for (int k = 0; k < 20; ++k) front += held[five[k / 4]] >> (8 * (k % 4)) & 255u;
-        extent = uint(5 * TILE_PX * TILE_PX);
+    uint beside = 0u;
+    bool crossed = true;
+    [[unroll]] for (int t = 0; t < 9; ++t) {
+        bool counts = t == 4 || t % 2 == 1;
+        beside += counts ? in_quarters(held[t]) : 0u;
+        crossed = crossed && (held[t] > 0u || !counts);
     }
+    if (extent > 0u) gap = max(gap, apart(float(front) / float(extent)));
+    else if (crossed) gap = max(gap, apart(float(beside) / float(5 * TILE_PX * TILE_PX)));
     Tile at = tiles.tile[number];
     bool is_front = at.points > 0u && in_front(at.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
-    bool counts = is_front && extent > 0u;
-    float gaps = counts ? float(extent - front) / float(extent) : 0.0;
-    float counted = counts ? min(push.sparser * sqrt(float(extent) / float(front) * sqrt(gaps)), push.sparsest * at.spacing) : 0.0;
+    float counted = is_front ? min(push.sparser * gap, push.sparsest * at.spacing) : 0.0;
     float kernel = (at.points > 0u ? max(at.spacing, counted) : spacing) * push.pixels_per_spacing;
     uint list = 0u;
     [[unroll]] for (int k = 0; k < 8; ++k) list += kernel > push.widths[k] ? 1u : 0u;

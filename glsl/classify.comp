@@ -61,21 +61,25 @@ void main() {
             z = right;
         }
     }
+    // Of the nearest surface: how many pixels of each quarter, and how many that have one of it to their right, or below.
     uint front = 0u;
-    for (uint quarter = 0u; quarter < 4u; ++quarter) {
-        ivec2 first = corner + TILE_PX / 2 * ivec2(quarter & 1u, quarter >> 1);
-        ivec2 beyond = first + TILE_PX / 2;
-        uint held = 0u;
-        for (int y = first.y; y < beyond.y; ++y) {
-            for (int x = first.x; x < beyond.x; ++x) {
-                float z = imageLoad(depth, ivec2(x, y)).r;
-                held += z <= FARTHEST && in_front(z, nearest, push.front_px, push.px_per_unit, PERSPECTIVE) ? 1u : 0u;
-            }
+    uint pairs = 0u;
+    uint above = 0u;
+    for (int y = corner.y; y < end.y; ++y) {
+        uint row = 0u;
+        for (int x = corner.x; x < end.x; ++x) {
+            float z = imageLoad(depth, ivec2(x, y)).r;
+            row |= uint(z <= FARTHEST && in_front(z, nearest, push.front_px, push.px_per_unit, PERSPECTIVE)) << (x - corner.x);
         }
-        front |= all(lessThanEqual(beyond, end)) ? held << (8u * quarter) : 0u;
+        front += (uint(bitCount(row & 15u)) | uint(bitCount(row >> 4)) << 8) << (16 * ((y - corner.y) / (TILE_PX / 2)));
+        pairs += uint(bitCount(row & row >> 1) + bitCount(row & above));
+        above = row;
     }
+    // Quarters in which the picture ends.
+    ivec2 whole = (end - corner) / (TILE_PX / 2);
+    front &= (whole.x == 2 ? 0xFFFFFFFFu : whole.x == 1 ? 0x00FF00FFu : 0u) & (whole.y == 2 ? 0xFFFFFFFFu : whole.y == 1 ? 0x0000FFFFu : 0u);
     uint node = imageLoad(index, nearest_at).r >> POINTS_PER_PAGE_LOG2;
     float spacing = uintBitsToFloat(imageLoad(spacings, points > 0u ? int(node) : 0).r);
     float spacing_px = spacing * push.px_per_unit / (PERSPECTIVE ? nearest : 1.0);
-    tiles.tile[number] = Tile(points, front, continuous ? 1u : 0u, nearest, points > 0u ? spacing_px : 0.0);
+    tiles.tile[number] = Tile(points, front, pairs, continuous ? 1u : 0u, nearest, points > 0u ? spacing_px : 0.0);
 }

@@ -17,6 +17,7 @@ const uint TILES_PER_GROUP = 8u;
 struct Tile {
     uint points;     // pixels that hold one
     uint front;      // of those, that are of the surface that is nearest in it: of each of its quarters a byte, 0 where the picture ends in one
+    uint pairs;      // of two of them, side by side or one above the other
     uint continuous; // 1: every pixel holds a point, and neighbours differ by less than a hidden layer would
     float nearest;   // depth, where it holds points
     float spacing;   // of its node's points where it is nearest, pixels; 0 where no point is
@@ -25,6 +26,17 @@ struct Tile {
 // Whether a depth is of the same surface as the nearest one: no more than `front_px` pixels' width behind it.
 bool in_front(float depth, float nearest, float front_px, float px_per_unit, bool perspective) {
     return (depth - nearest) * px_per_unit <= front_px * (perspective ? nearest : 1.0);
+}
+
+// Pixels of the nearest surface, of all quarters.
+uint in_quarters(uint front) {
+    return (front & 255u) + (front >> 8 & 255u) + (front >> 16 & 255u) + (front >> 24);
+}
+
+// Of points strewn over pixels a share of which hold one: from point to point, pixels. A share p of them holds some where -ln(1 - p) fall into one, which p / sqrt(1 - p) is near enough, and infinite where
+// all do: dense surfaces are not sparser than their nodes.
+float apart(float share) {
+    return sqrt(sqrt(max(1.0 - share, 0.0)) / share);
 }
 
 // The includer has a buffer `lists` of words.

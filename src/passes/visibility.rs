@@ -2,7 +2,8 @@
 //!
 //! ```text
 //!     classify     depth -> tiles           what each tile of 8 x 8 pixels holds
-//!     assign       tiles -> lists           which tiles have to be looked at, and how far around: a list a kernel
+//!     gaps         tiles -> gaps            how far apart points are where a tile lies within a surface
+//!     assign       tiles, gaps -> lists     which tiles have to be looked at, and how far around: a list a kernel
 //!     pack_depth   depth -> the same in the form that kernels read; only where a tile is listed
 //!     visibility   depth, lists -> a bit a pixel, and the list of tiles with invisible pixels; once a kernel
 //!     hide         takes those pixels out of the layers
@@ -13,7 +14,7 @@
 
 use super::{Decided, Effects, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles};
 use crate::graph::{Graph, Kind, Tiles};
-use crate::shader::{self, Tile, assign, classify, hide, pack_depth, visibility};
+use crate::shader::{self, Tile, assign, classify, gaps, hide, pack_depth, visibility};
 use crate::view::{Projection, View};
 use std::f64::consts::{SQRT_2, TAU};
 
@@ -127,6 +128,10 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         Tiles::Groups([count.div_ceil(64), 1, 1]),
     );
 
+    let mut gaps = g.buffer("gaps", 4 * count as u64);
+    let push = gaps::Push { tiles: across, px_per_unit, front_px: FRONT_PX as f32 };
+    g.run(shader::Gaps { tiles: &facts, gaps: &mut gaps, push, spec: gaps::Spec { perspective } }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+
     let packed_at = (KERNELS + 1) * stride;
     let mut lists = g.buffer("lists", 4 * (packed_at + 2 * LIST_HEADER) as u64);
     g.fill(&mut lists, 0);
@@ -154,7 +159,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         packed_at,
         pack_groups,
     };
-    g.run(shader::Assign { tiles: &facts, lists: &mut lists, push, spec: assign::Spec { perspective } }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+    g.run(shader::Assign { tiles: &facts, gaps: &gaps, lists: &mut lists, push, spec: assign::Spec { perspective } }, Tiles::Groups([count.div_ceil(64), 1, 1]));
 
     let packed = [1, 2].map(|span| {
         let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);

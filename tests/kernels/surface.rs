@@ -134,6 +134,8 @@ fn visibility_decides_as_f64_does() {
                 let settings = visibility::Settings { reach, tiles: ALL, ..Default::default() };
                 let keys = growing_keys(&view, canvas.spacing() * view.focal_px() * 5.5, random);
                 automatic.extend(check_seen(canvas, &view, &keys, settings, None, &mut tally));
+                let keys = patchy_keys(&view, canvas.spacing() * view.focal_px() / 2.0, random);
+                automatic.extend(check_seen(canvas, &view, &keys, settings, None, &mut tally));
             }
         }
     });
@@ -152,6 +154,33 @@ fn growing_keys(view: &View, reach_px: f64, random: &mut Random) -> Vec<[u32; 2]
         if empty { [NO_POINT; 2] } else { [point, (z as f32).to_bits()] }
     };
     layered_keys(view.size, random).into_iter().enumerate().map(key).collect()
+}
+
+/// A plane at a depth, and another twice as far behind it. Of the nearer one columns of 24 pixels hold three points in four pixels, or, every other column, one in eight.
+fn patchy_keys(view: &View, z: f64, random: &mut Random) -> Vec<[u32; 2]> {
+    let width = view.size[0];
+    let key = |i: u32| {
+        let sixteenths = if (i % width / 24).is_multiple_of(2) { 12 } else { 2 };
+        let depth = if random.bits() % 16 < sixteenths { z } else { 2.0 * z };
+        [(random.bits() % CANVAS_POINTS as u64) as u32, (depth as f32).to_bits()]
+    };
+    (0..width * view.size[1]).map(key).collect()
+}
+
+/// Kernels follow the sparse parts of a surface, not the dense ones beside them.
+#[test]
+fn sparse_parts_of_a_surface_hide_what_is_behind_them() {
+    let random = &mut Random(0xD1A);
+    canvas(|canvas| {
+        let view = &views([192, 96])[0];
+        // Points are two pixels apart by their node.
+        let z = canvas.spacing() * view.focal_px() / 2.0;
+        let surface = canvas.draw(view, &patchy_keys(view, z, random), &only_visibility(visibility::Settings::default()));
+        let behind = |depths: &[f32]| depths.iter().filter(|depth| depth.is_finite() && **depth as f64 > 1.5 * z).count();
+        let [all, shown] = [&surface.raw.depth, &surface.seen.depth].map(|depths| behind(depths));
+        println!("{shown} of {all} points behind the plane are shown");
+        assert!(all > 8000 && shown * 200 < all, "{shown} of {all}");
+    });
 }
 
 /// What filling starts from, or goes on from.

@@ -106,52 +106,74 @@ impl Depths<'_> {
         };
         let nearest = |at: [i64; 2]| pixels(at).filter_map(|[x, y]| self.at(x, y)).reduce(f64::min);
         let own = |at: [i64; 2]| nearest(at).map(|z| spacing * self.px_per_unit(z));
+        let is_front = |z: f64, first: f64, slack: f64| (z - first) * self.px_per_unit(first) <= FRONT_PX * slack;
+        // Beyond the edge, the tile at the edge once more.
+        let around = |at: [i64; 2]| {
+            let all = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy]));
+            all.map(move |by| [(at[0] + by[0]).clamp(0, across - 1), (at[1] + by[1]).clamp(0, down - 1)])
+        };
+        let first_of = |at: [i64; 2]| around(at).filter_map(nearest).reduce(f64::min);
+        // Whether a pixel shows what is nearest in its tile, if that is of the surface whose nearest point is `first`.
+        let shows = |tile_at: [i64; 2], first: f64, slack: f64| {
+            let least = nearest(tile_at).filter(|z| is_front(*z, first, slack));
+            move |[x, y]: [i64; 2]| least.is_some_and(|least| self.at(x, y).is_some_and(|z| is_front(z, least, slack)))
+        };
+        // Quarters in which the picture ends hold none.
+        let whole_quarter = |q: [i64; 2]| [(q[0], width), (q[1], height)].into_iter().all(|(q, side)| (q + 1) * tile / 2 <= side);
+        let in_quarter = |q: [i64; 2], first: f64, slack: f64| {
+            let tile_at = q.map(|q| q.div_euclid(2));
+            let shows = shows(tile_at, first, slack);
+            let own = pixels(tile_at).filter(|pixel| pixel.map(|side| side / (tile / 2)) == q && shows(*pixel));
+            if whole_quarter(q) { own.count() } else { 0 }
+        };
+        let in_tile = |[tx, ty]: [i64; 2], first: f64, slack: f64| -> usize {
+            [[0, 0], [1, 0], [0, 1], [1, 1]].into_iter().map(|[x, y]| in_quarter([2 * tx + x, 2 * ty + y], first, slack)).sum()
+        };
+        let apart = |share: f64| ((1.0 - share).max(0.0).sqrt() / share).sqrt();
+        // Of a tile within a surface, by its own points.
+        let gap = |at: [i64; 2], slack: f64| {
+            let first = first_of(at)?;
+            if around(at).any(|tile_at| in_tile(tile_at, first, slack) == 0) {
+                return None;
+            }
+            let shows = shows(at, nearest(at)?, slack);
+            let within = |[x, y]: [i64; 2]| [x / tile, y / tile] == at && x < width && y < height;
+            let pair = |[x, y]: [i64; 2]| [[x + 1, y], [x, y + 1]].into_iter().filter(|beside| within(*beside) && shows(*beside)).count();
+            let pairs: usize = pixels(at).filter(|pixel| shows(*pixel)).map(pair).sum();
+            let front = in_tile(at, first, slack) as f64;
+            let most = (2 * tile * (tile - 1)) as f64 / (tile * tile) as f64;
+            Some(apart((front / (tile * tile) as f64).max(pairs as f64 / (most * front))))
+        };
         let kernel = |i: i64| {
             let at = [i % across, i / across];
-            // Beyond the edge, the tile at the edge once more.
-            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy]));
-            let around = around.map(|by| [(at[0] + by[0]).clamp(0, across - 1), (at[1] + by[1]).clamp(0, down - 1)]);
-            let first = around.clone().filter_map(nearest).reduce(f64::min);
             let counted = |slack: f64| {
-                let is_front = |z: f64, first: f64| (z - first) * self.px_per_unit(first) <= FRONT_PX * slack;
-                nearest(at).filter(|z| is_front(*z, first.expect("one of these")))?;
-                // Quarters of tiles, from the upper left of the first tile around.
-                let held = |[qx, qy]: [i64; 2]| {
-                    let by = [qx, qy].map(|q| q.div_euclid(2) - 1);
-                    let tile_at = [(at[0] + by[0]).clamp(0, across - 1), (at[1] + by[1]).clamp(0, down - 1)];
-                    let least = nearest(tile_at).filter(|z| is_front(*z, first.expect("one of these")))?;
-                    let own = || {
-                        pixels(tile_at)
-                            .filter(|[x, y]| [x % tile, y % tile].map(|side| side / (tile / 2)) == [qx.rem_euclid(2), qy.rem_euclid(2)])
-                    };
-                    let count = own().filter(|[x, y]| self.at(*x, *y).is_some_and(|z| is_front(z, least))).count();
-                    (own().count() as i64 == tile * tile / 4 && count > 0).then_some(count as f64)
+                let first = first_of(at)?;
+                nearest(at).filter(|z| is_front(*z, first, slack))?;
+                let held = |q: [i64; 2]| {
+                    // Beyond the edge, the tile at the edge once more.
+                    let tile_at = [(q[0].div_euclid(2), across), (q[1].div_euclid(2), down)].map(|(t, most)| t.clamp(0, most - 1));
+                    in_quarter([2 * tile_at[0] + q[0].rem_euclid(2), 2 * tile_at[1] + q[1].rem_euclid(2)], first, slack)
                 };
-                let [mut points, mut extent] = [0.0; 2];
-                for [x, y] in (1..5).flat_map(|y| (1..5).map(move |x| [x, y])) {
-                    let Some(own) = held([x, y]) else { continue };
-                    if [[x - 1, y], [x + 1, y], [x, y - 1], [x, y + 1]].into_iter().all(|beside| held(beside).is_some()) {
-                        points += own;
-                        extent += (tile * tile / 4) as f64;
-                    }
+                let mut areas = Vec::new();
+                let quarters = (0..4).flat_map(|y| (0..4).map(move |x| [x, y])).map(|[x, y]| [2 * at[0] - 1 + x, 2 * at[1] - 1 + y]);
+                let inner = quarters
+                    .filter(|[x, y]| [[*x, *y], [x - 1, *y], [x + 1, *y], [*x, y - 1], [*x, y + 1]].into_iter().all(|q| held(q) > 0));
+                let inner: Vec<usize> = inner.map(held).collect();
+                let beside: Vec<[i64; 2]> =
+                    around(at).enumerate().filter(|(k, _)| k % 2 == 1 || *k == 4).map(|(_, tile_at)| tile_at).collect();
+                let whole: Vec<usize> = beside.iter().map(|tile_at| in_tile(*tile_at, first, slack)).collect();
+                if !inner.is_empty() {
+                    areas.push(apart(inner.iter().sum::<usize>() as f64 / (inner.len() as i64 * tile * tile / 4) as f64));
+                } else if !whole.contains(&0) {
+                    areas.push(apart(whole.iter().sum::<usize>() as f64 / (5 * tile * tile) as f64));
                 }
-                if extent == 0.0 {
-                    // Whole tiles, by their quarters: the middle one of three by three, and those beside it.
-                    for [tx, ty] in [[1, 0], [0, 1], [1, 1], [2, 1], [1, 2]] {
-                        let quarters = [0, 1].map(|down| [0, 1].map(|right| held([2 * tx + right, 2 * ty + down]).unwrap_or(0.0)));
-                        let own: f64 = quarters.as_flattened().iter().sum();
-                        if own == 0.0 {
-                            return None;
-                        }
-                        points += own;
-                        extent += (tile * tile) as f64;
-                    }
-                }
-                Some(SPARSER * (extent / points * ((extent - points) / extent).sqrt()).sqrt())
+                let same = beside.iter().filter(|tile_at| nearest(**tile_at).is_some_and(|z| is_front(z, first, slack)));
+                areas.extend(same.filter_map(|tile_at| gap(*tile_at, slack)));
+                areas.into_iter().reduce(f64::max).map(|gap| SPARSER * gap)
             };
             let spacing = |slack: f64| match own(at) {
                 Some(own) => own.max(counted(slack).unwrap_or(0.0).min(SPARSEST * own)),
-                None => around.clone().filter_map(own).reduce(f64::max).unwrap_or(0.0),
+                None => around(at).filter_map(own).reduce(f64::max).unwrap_or(0.0),
             };
             // Either rounding may go either way.
             let slacks = [1.0 - BAND, 1.0 + BAND];
