@@ -6,7 +6,7 @@
 // That spacing is the node's, or, where the nearest surface is sparser there than its node, its own, counted over the tile and its neighbours. Its pixels are those of quarters of tiles that hold points
 // of it, as the four beside them do: at a silhouette what lies beyond would be taken for gaps, and kernels would go over it. Where no quarter is such, gaps are as wide as quarters: there whole tiles are counted, this one and the
 // four beside it, if all five hold points of it. A sparse part beside a dense one has few such quarters, and dense ones speak for it: what any of the five alone is found to be (gaps.comp) counts as well, and the sparsest is
-// taken. Tiles in which the surface is not nearest keep the node's.
+// taken. Tiles in which the surface is not nearest keep the node's, but where two by two of them lie within it: there they lie in a gap.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -18,6 +18,7 @@ layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
 layout(scalar) readonly buffer Gaps { float tile[]; } gaps;
+layout(scalar) readonly buffer WideGaps { float block[]; } wide_gaps; // of two by two tiles
 layout(scalar) buffer Lists { uint word[]; } lists;
 
 layout(push_constant, scalar) uniform Push {
@@ -94,8 +95,11 @@ void main() {
     else if (crossed) gap = max(gap, apart(float(beside) / float(5 * TILE_PX * TILE_PX)));
     Tile at = tiles.tile[number];
     bool is_front = at.points > 0u && in_front(at.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
-    float counted = is_front ? min(push.sparser * gap, push.sparsest * at.spacing) : 0.0;
-    float kernel = (at.points > 0u ? max(at.spacing, counted) : spacing) * push.pixels_per_spacing;
+    ivec2 block = own / 2;
+    float wide = wide_gaps.block[block.y * ((across.x + 1) / 2) + block.x];
+    float counted = push.sparser * max(is_front ? gap : 0.0, wide);
+    float of_node = at.points > 0u ? at.spacing : spacing;
+    float kernel = clamp(counted, of_node, push.sparsest * of_node) * push.pixels_per_spacing;
     uint list = 0u;
     [[unroll]] for (int k = 0; k < 8; ++k) list += kernel > push.widths[k] ? 1u : 0u;
     list = clamp(list, push.least_list, push.most_list);

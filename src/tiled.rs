@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::frame;
 use crate::graph::Gpu;
 use crate::look::{self, Look, Wishes};
-use crate::passes::{TILE_PX, encode, visibility};
+use crate::passes::{BLOCK_PX, encode, visibility};
 use crate::picture::PngRows;
 use crate::progress::{Progress, Whole};
 use crate::source::{Brought, Taken};
@@ -48,14 +48,14 @@ pub struct Piece {
 
 /// Whether a picture has to be drawn in pieces; `asked`: of at most so many pixels a side.
 pub fn needs_pieces(gpu: &Gpu, size: [u32; 2], asked: Option<u32>) -> bool {
-    let largest = asked.map_or(gpu.device.limits.max_image_dimension2_d - visibility::BEYOND_PX, |asked| asked.max(TILE_PX));
+    let largest = asked.map_or(gpu.device.limits.max_image_dimension2_d - visibility::BEYOND_PX, |asked| asked.max(BLOCK_PX));
     let too_many = asked.is_none() && size[0] as u64 * size[1] as u64 > WHOLE_PIXELS;
     too_many || size.iter().any(|&side| side > largest)
 }
 
-/// Up to the next multiple of a tile of 8 x 8 pixels, which effects divide pictures into.
-fn in_tiles(pixels: u32) -> u32 {
-    pixels.next_multiple_of(TILE_PX)
+/// Up to the next multiple of a block of 16 x 16 pixels, which effects divide pictures into.
+fn in_blocks(pixels: u32) -> u32 {
+    pixels.next_multiple_of(BLOCK_PX)
 }
 
 impl Pieces {
@@ -71,8 +71,8 @@ impl Pieces {
             ))
         })?;
         let rows = (ROW_BYTES / (3 * whole[0] as u64)).max(1).min(PIECE[1] as u64) as u32;
-        let piece = asked.map_or([PIECE[0], rows], |asked| [asked; 2]).map(|side| in_tiles(side.max(1)));
-        Ok(Pieces { whole, piece, border: in_tiles(reach) })
+        let piece = asked.map_or([PIECE[0], rows], |asked| [asked; 2]).map(|side| in_blocks(side.max(1)));
+        Ok(Pieces { whole, piece, border: in_blocks(reach) })
     }
 
     /// From the top down, each from the left to the right.
@@ -90,7 +90,7 @@ impl Pieces {
 impl Piece {
     /// With a border as wide as the picture has it.
     fn around(corner: [u32; 2], end: [u32; 2], border: u32, whole: [u32; 2]) -> Piece {
-        // Whole tiles, but at the picture's own edges.
+        // Whole blocks, but at the picture's own edges.
         let window_corner = corner.map(|at| at.saturating_sub(border));
         let window_end = [0, 1].map(|axis| end[axis].saturating_add(border).min(whole[axis]));
         let size = |end: [u32; 2], corner: [u32; 2]| [0, 1].map(|axis| end[axis] - corner[axis]);
@@ -184,7 +184,7 @@ impl Tiled {
         let look = look::decide(&wishes, &view, cloud.resident());
         self.note(look.notes(cloud.resident()));
         let pieces = Pieces::of(gpu, &view, &look, piece)?;
-        let side_and_border = tile.zip(look.reach_px(&view)).map(|(side, reach)| (in_tiles(side.max(1)), in_tiles(reach)));
+        let side_and_border = tile.zip(look.reach_px(&view)).map(|(side, reach)| (in_blocks(side.max(1)), in_blocks(reach)));
         let tiles = pieces.rows().flat_map(|row| row_of_tiles(&view, &row, side_and_border)).collect();
         Ok(Plan { look, tiles, done: 0 })
     }
@@ -272,14 +272,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pieces_cover_every_pixel_once_and_have_whole_tiles_around_them() {
-        for (whole, piece, border) in [([1000, 77], [64, 32], 24), ([40, 40], [64, 64], 8), ([4097, 9], [8, 8], 0)] {
+    fn pieces_cover_every_pixel_once_and_have_whole_blocks_around_them() {
+        for (whole, piece, border) in [([1000, 77], [64, 32], 48), ([40, 40], [64, 64], 16), ([4097, 9], [16, 16], 0)] {
             let pieces = Pieces { whole, piece, border };
             let mut covered = vec![0u8; (whole[0] * whole[1]) as usize];
             for piece in pieces.rows().flatten() {
                 for (axis, whole) in whole.into_iter().enumerate() {
                     let (end, window_end) = (piece.corner[axis] + piece.size[axis], piece.window_corner[axis] + piece.window_size[axis]);
-                    assert!(piece.window_corner[axis] % TILE_PX == 0 && (window_end % TILE_PX == 0 || window_end == whole));
+                    assert!(piece.window_corner[axis] % BLOCK_PX == 0 && (window_end % BLOCK_PX == 0 || window_end == whole));
                     assert!(piece.corner[axis] - piece.window_corner[axis] == border.min(piece.corner[axis]));
                     assert!(window_end - end == border.min(whole - end));
                 }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!     classify     depth -> tiles           what each tile of 8 x 8 pixels holds
-//!     gaps         tiles -> gaps            how far apart points are where a tile lies within a surface
+//!     gaps         tiles -> gaps            how far apart points are where a tile, or two by two of them, lie within a surface
 //!     assign       tiles, gaps -> lists     which tiles have to be looked at, and how far around: a list a kernel
 //!     pack_depth   depth -> the same in the form that kernels read; only where a tile is listed
 //!     visibility   depth, lists -> a bit a pixel, and the list of tiles with invisible pixels; once a kernel
@@ -12,7 +12,7 @@
 //! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2; leaning lowers one sector's solid angle and raises the opposite one's by at least as much, but
 //! for the spread of directions within a sector, less than 0.71 lean. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
-use super::{Decided, Effects, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles};
+use super::{BLOCK_PX, Decided, Effects, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, Tile, assign, classify, gaps, hide, pack_depth, visibility};
 use crate::view::{Projection, View};
@@ -88,9 +88,9 @@ const MARGIN_PX: u32 = 16;
 /// By how much images are larger than the picture at most: whole tiles, and margins.
 pub const BEYOND_PX: u32 = 2 * MARGIN_PX + TILE_PX;
 
-/// As [`super::Effects::reach_px`]. Of the widest kernel; and which one it is, tiles decide with those around them.
+/// As [`super::Effects::reach_px`]. Of the widest kernel; and which one it is, tiles decide with the blocks around theirs.
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
-    Some(settings.kernel.max(fill::WIDEST) as u32 / 2 + 1 + 2 * TILE_PX)
+    Some(settings.kernel.max(fill::WIDEST) as u32 / 2 + 1 + 2 * BLOCK_PX)
 }
 
 pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
@@ -128,9 +128,15 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         Tiles::Groups([count.div_ceil(64), 1, 1]),
     );
 
-    let mut gaps = g.buffer("gaps", 4 * count as u64);
-    let push = gaps::Push { tiles: across, px_per_unit, front_px: FRONT_PX as f32 };
-    g.run(shader::Gaps { tiles: &facts, gaps: &mut gaps, push, spec: gaps::Spec { perspective } }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+    let [gaps, wide_gaps] = [("gaps", 1), ("wide gaps", 2)].map(|(name, span)| {
+        let blocks = across.map(|tiles| tiles.div_ceil(span));
+        let count = blocks[0] * blocks[1];
+        let mut gaps = g.buffer(name, 4 * count as u64);
+        let push = gaps::Push { tiles: across, blocks, px_per_unit, front_px: span as f32 * FRONT_PX as f32 };
+        let spec = gaps::Spec { perspective, tiles: span };
+        g.run(shader::Gaps { tiles: &facts, gaps: &mut gaps, push, spec }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+        gaps
+    });
 
     let packed_at = (KERNELS + 1) * stride;
     let mut lists = g.buffer("lists", 4 * (packed_at + 2 * LIST_HEADER) as u64);
@@ -159,7 +165,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         packed_at,
         pack_groups,
     };
-    g.run(shader::Assign { tiles: &facts, gaps: &gaps, lists: &mut lists, push, spec: assign::Spec { perspective } }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+    g.run(shader::Assign { tiles: &facts, gaps: &gaps, wide_gaps: &wide_gaps, lists: &mut lists, push, spec: assign::Spec { perspective } }, Tiles::Groups([count.div_ceil(64), 1, 1]));
 
     let packed = [1, 2].map(|span| {
         let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);

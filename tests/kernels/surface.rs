@@ -134,7 +134,7 @@ fn visibility_decides_as_f64_does() {
                 let settings = visibility::Settings { reach, tiles: ALL, ..Default::default() };
                 let keys = growing_keys(&view, canvas.spacing() * view.focal_px() * 5.5, random);
                 automatic.extend(check_seen(canvas, &view, &keys, settings, None, &mut tally));
-                let keys = patchy_keys(&view, canvas.spacing() * view.focal_px() / 2.0, random);
+                let keys = patchy_keys(&view, canvas.spacing() * view.focal_px() / 2.0, 24, 8, random);
                 automatic.extend(check_seen(canvas, &view, &keys, settings, None, &mut tally));
             }
         }
@@ -156,30 +156,34 @@ fn growing_keys(view: &View, reach_px: f64, random: &mut Random) -> Vec<[u32; 2]
     layered_keys(view.size, random).into_iter().enumerate().map(key).collect()
 }
 
-/// A plane at a depth, and another twice as far behind it. Of the nearer one columns of 24 pixels hold three points in four pixels, or, every other column, one in eight.
-fn patchy_keys(view: &View, z: f64, random: &mut Random) -> Vec<[u32; 2]> {
+/// A plane at a depth, and another twice as far behind it. Of the nearer one columns so many pixels wide hold three points in four pixels, or, every other column, one in so many.
+fn patchy_keys(view: &View, z: f64, wide: u32, one_in: u64, random: &mut Random) -> Vec<[u32; 2]> {
     let width = view.size[0];
     let key = |i: u32| {
-        let sixteenths = if (i % width / 24).is_multiple_of(2) { 12 } else { 2 };
-        let depth = if random.bits() % 16 < sixteenths { z } else { 2.0 * z };
+        let dense = (i % width / wide).is_multiple_of(2);
+        let nearer = if dense { !random.bits().is_multiple_of(4) } else { random.bits().is_multiple_of(one_in) };
+        let depth = if nearer { z } else { 2.0 * z };
         [(random.bits() % CANVAS_POINTS as u64) as u32, (depth as f32).to_bits()]
     };
     (0..width * view.size[1]).map(key).collect()
 }
 
-/// Kernels follow the sparse parts of a surface, not the dense ones beside them.
+/// Kernels follow the sparse parts of a surface, not the dense ones beside them, also where tiles lie in gaps.
 #[test]
 fn sparse_parts_of_a_surface_hide_what_is_behind_them() {
     let random = &mut Random(0xD1A);
     canvas(|canvas| {
-        let view = &views([192, 96])[0];
-        // Points are two pixels apart by their node.
-        let z = canvas.spacing() * view.focal_px() / 2.0;
-        let surface = canvas.draw(view, &patchy_keys(view, z, random), &only_visibility(visibility::Settings::default()));
-        let behind = |depths: &[f32]| depths.iter().filter(|depth| depth.is_finite() && **depth as f64 > 1.5 * z).count();
-        let [all, shown] = [&surface.raw.depth, &surface.seen.depth].map(|depths| behind(depths));
-        println!("{shown} of {all} points behind the plane are shown");
-        assert!(all > 8000 && shown * 200 < all, "{shown} of {all}");
+        let view = &views([320, 160])[0];
+        for (apart_px, wide, one_in, most) in [(2.0, 24, 8, 0.005), (3.0, 80, 20, 0.01)] {
+            // Points are so far apart by their node.
+            let z = canvas.spacing() * view.focal_px() / apart_px;
+            let keys = patchy_keys(view, z, wide, one_in, random);
+            let surface = canvas.draw(view, &keys, &only_visibility(visibility::Settings::default()));
+            let behind = |depths: &[f32]| depths.iter().filter(|depth| depth.is_finite() && **depth as f64 > 1.5 * z).count();
+            let [all, shown] = [&surface.raw.depth, &surface.seen.depth].map(|depths| behind(depths));
+            println!("one in {one_in}: {shown} of {all} points behind the plane are shown");
+            assert!(all > 20_000 && (shown as f64) < most * all as f64, "{shown} of {all}");
+        }
     });
 }
 

@@ -130,19 +130,35 @@ impl Depths<'_> {
             [[0, 0], [1, 0], [0, 1], [1, 1]].into_iter().map(|[x, y]| in_quarter([2 * tx + x, 2 * ty + y], first, slack)).sum()
         };
         let apart = |share: f64| ((1.0 - share).max(0.0).sqrt() / share).sqrt();
-        // Of a tile within a surface, by its own points.
-        let gap = |at: [i64; 2], slack: f64| {
-            let first = first_of(at)?;
-            if around(at).any(|tile_at| in_tile(tile_at, first, slack) == 0) {
-                return None;
-            }
-            let shows = shows(at, nearest(at)?, slack);
+        // Of a tile's nearest surface: pixels, and how many of two of them lie side by side or one above the other.
+        let front_of = |at: [i64; 2], slack: f64| {
+            let least = nearest(at).expect("it holds points");
+            let shows = shows(at, least, slack);
             let within = |[x, y]: [i64; 2]| [x / tile, y / tile] == at && x < width && y < height;
             let pair = |[x, y]: [i64; 2]| [[x + 1, y], [x, y + 1]].into_iter().filter(|beside| within(*beside) && shows(*beside)).count();
-            let pairs: usize = pixels(at).filter(|pixel| shows(*pixel)).map(pair).sum();
-            let front = in_tile(at, first, slack) as f64;
-            let most = (2 * tile * (tile - 1)) as f64 / (tile * tile) as f64;
-            Some(apart((front / (tile * tile) as f64).max(pairs as f64 / (most * front))))
+            [in_tile(at, least, slack), pixels(at).filter(|pixel| shows(*pixel)).map(pair).sum()]
+        };
+        // Of a block of tiles that lies within a surface, so many across and down, by its own points.
+        let gap = |at: [i64; 2], span: i64, slack: f64| {
+            let of_surface = |z: f64, first: f64| is_front(z, first, slack * span as f64);
+            let tiles_of = |[bx, by]: [i64; 2]| {
+                (0..span * span).map(move |k| [span * bx + k % span, span * by + k / span]).filter(|[x, y]| *x < across && *y < down)
+            };
+            let least_of = |block: [i64; 2]| tiles_of(block).filter_map(nearest).reduce(f64::min);
+            let front_of = |block: [i64; 2]| {
+                let least = least_of(block);
+                let same = tiles_of(block).filter(|tile_at| nearest(*tile_at).zip(least).is_some_and(|(z, least)| of_surface(z, least)));
+                same.map(|tile_at| front_of(tile_at, slack)).fold([0, 0], |sum, own| [sum[0] + own[0], sum[1] + own[1]])
+            };
+            let last = [across, down].map(|tiles| (tiles - 1) / span);
+            let around = (0..9).map(|k| [(at[0] + k % 3 - 1).clamp(0, last[0]), (at[1] + k / 3 - 1).clamp(0, last[1])]);
+            let first = around.clone().filter_map(least_of).reduce(f64::min)?;
+            if !around.clone().all(|block| least_of(block).is_some_and(|z| of_surface(z, first)) && front_of(block)[0] > 0) {
+                return None;
+            }
+            let [front, pairs] = front_of(at).map(|count| count as f64);
+            let most = (2 * (tile - 1)) as f64 / tile as f64;
+            Some(apart((front / (span * tile * span * tile) as f64).max(pairs / (most * front))))
         };
         let kernel = |i: i64| {
             let at = [i % across, i / across];
@@ -168,12 +184,13 @@ impl Depths<'_> {
                     areas.push(apart(whole.iter().sum::<usize>() as f64 / (5 * tile * tile) as f64));
                 }
                 let same = beside.iter().filter(|tile_at| nearest(**tile_at).is_some_and(|z| is_front(z, first, slack)));
-                areas.extend(same.filter_map(|tile_at| gap(*tile_at, slack)));
-                areas.into_iter().reduce(f64::max).map(|gap| SPARSER * gap)
+                areas.extend(same.filter_map(|tile_at| gap(*tile_at, 1, slack)));
+                areas.into_iter().reduce(f64::max)
             };
-            let spacing = |slack: f64| match own(at) {
-                Some(own) => own.max(counted(slack).unwrap_or(0.0).min(SPARSEST * own)),
-                None => around(at).filter_map(own).reduce(f64::max).unwrap_or(0.0),
+            let spacing = |slack: f64| {
+                let counted = counted(slack).into_iter().chain(gap(at.map(|side| side / 2), 2, slack)).reduce(f64::max).unwrap_or(0.0);
+                let of_node = own(at).unwrap_or_else(|| around(at).filter_map(own).reduce(f64::max).unwrap_or(0.0));
+                (SPARSER * counted).clamp(of_node, SPARSEST * of_node)
             };
             // Either rounding may go either way.
             let slacks = [1.0 - BAND, 1.0 + BAND];
