@@ -1,12 +1,10 @@
-// Smoothing (Dobrev et al. 2010, sec. 3.4; papers/README.md): depth and colour -> where something was filled in the 3 x 3, the weighted mean of those in it that have a depth.
+// Smoothing (Dobrev et al. 2010, sec. 3.4; papers/README.md), of listed tiles: depth and colour -> where something was filled in the 3 x 3, the weighted mean of those in it that have a depth.
 //
 //   alleviated Gaussian   1  2  1     Gaussian   1  2  1     box   1  1  1
 //                         2 16  2                2  4  2           1  1  1
 //                         1  2  1                1  2  1           1  1  1
 // Weights are whole numbers, divided by the sum of those that counted. Means are of differences to the pixel's own value: what is constant stays as it is, to the last bit (HARD_CASES 26). Background
-// neither gives nor takes. What was measured stays as it is where all around it was, unless all is asked for.
-//
-// It runs over all tiles: of a list of those with filled pixels lavapipe took more than twice as long a pixel, column by column, and copied what had changed back.
+// neither gives nor takes. What was measured stays as it is where all around it was.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -14,25 +12,24 @@
 
 #include "pixel.glsl"
 #include "tile.glsl"
-#include "area.glsl"
 
 layout(local_size_x = 64) in;
 
-// Depths as points were projected, and as filling left them: not the same where pixels were filled.
-layout(r32f) readonly uniform image2D raw;
-layout(r32f) readonly uniform image2D filled;
+layout(scalar) readonly buffer Lists { uint word[]; } lists;
+// As smooth_tiles.comp left them.
+layout(scalar) readonly buffer Pixels { uint column[]; } pixels;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D color;
+// How much of the light reaches a surface.
+layout(rgba32f) readonly uniform image2D reached;
 layout(r32f) writeonly uniform image2D smooth_depth;
 layout(rgba32f) writeonly uniform image2D smooth_color;
+layout(rgba32f) writeonly uniform image2D smooth_reached;
 
-// It has been smoothed before: `depth` is no longer what filling left.
-layout(constant_id = 1) const bool AGAIN = false;
-// Also where nothing was filled.
-layout(constant_id = 0) const bool ALL = false;
+layout(constant_id = 0) const bool REACHED = false;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size; // pixels
+    uvec2 tiles;
     vec3 weights; // of the pixel itself, of those beside, above and below it, and of those at its corners
 } push;
 
@@ -40,41 +37,89 @@ layout(push_constant, scalar) uniform Push {
 const float SMALL = 0.015625;
 const float LARGE = 64.0;
 
+// Three pixels side by side.
+struct Row {
+    float depths[3];
+    vec4 colors[3];
+    vec4 reached[3];
+};
+
 bool known(float z) {
     return has_depth(floatBitsToUint(z)) && z > 0.0;
 }
 
-// By the depth that is there now.
-bool is_filled(ivec2 pixel, float z) {
-    return floatBitsToUint(imageLoad(raw, pixel).r) != floatBitsToUint(AGAIN ? imageLoad(filled, pixel).r : z);
+Row row_at(ivec2 pixel) {
+    Row row;
+    [[unroll]] for (int k = 0; k < 3; ++k) {
+        ivec2 at = pixel + ivec2(k - 1, 0);
+        row.depths[k] = imageLoad(depth, at).r;
+        row.colors[k] = imageLoad(color, at);
+        row.reached[k] = REACHED ? imageLoad(reached, at) : vec4(0.0);
+    }
+    return row;
 }
 
-void smoothen(ivec2 pixel) {
-    if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
-    float z0 = imageLoad(depth, pixel).r;
-    vec4 c0 = imageLoad(color, pixel);
-    bool has = known(z0);
-    bool blends = ALL || is_filled(pixel, z0);
-    float weights = push.weights.x;
-    float rise = 0.0;
-    vec3 change = vec3(0.0);
-    [[unroll]] for (int k = 0; k < 8; ++k) {
-        ivec2 aside = ivec2((k + k / 4) % 3 - 1, (k + k / 4) / 3 - 1);
-        float z = imageLoad(depth, pixel + aside).r;
-        vec3 c = imageLoad(color, pixel + aside).rgb;
-        if (!ALL) blends = blends || is_filled(pixel + aside, z);
-        bool counts = has && known(z);
-        float weight = mix(0.0, abs(aside.x) + abs(aside.y) == 1 ? push.weights.y : push.weights.z, counts);
-        weights += weight;
-        // Where it does not count, the difference may be one of infinities; and where it is of the farthest depths, it must not grow into one.
-        rise += weight * mix(0.0, (z - z0) * SMALL, counts);
-        change += vec3(weight) * (c - c0.rgb);
+// Which pixels of a column of a tile have something filled in their 3 x 3, a bit each.
+uint near_filled(ivec2 tile, int column) {
+    uint near = 0u;
+    [[unroll]] for (int aside = -1; aside <= 1; ++aside) {
+        int x = TILE_PX * tile.x + column + aside;
+        if (x < 0 || x >= TILE_PX * int(push.tiles.x)) continue;
+        uint above = uint(max(tile.y - 1, 0)) * push.tiles.x * 8u + uint(x);
+        uint own = uint(tile.y) * push.tiles.x * 8u + uint(x);
+        uint below = uint(min(tile.y + 1, int(push.tiles.y) - 1)) * push.tiles.x * 8u + uint(x);
+        near |= pixels.column[own] << 1;
+        near |= tile.y > 0 ? pixels.column[above] >> 7 : 0u;
+        near |= tile.y + 1 < int(push.tiles.y) ? (pixels.column[below] & 1u) << 9 : 0u;
     }
-    float share = mix(0.0, 1.0 / weights, blends);
-    imageStore(smooth_depth, pixel, vec4(mix(z0, z0 + rise * share * LARGE, has && blends)));
-    imageStore(smooth_color, pixel, vec4(c0.rgb + change * vec3(share), c0.a));
+    return (near | near << 1 | near >> 1) >> 1;
+}
+
+void work(uint n) {
+    uint number = lists.word[LIST_HEADER + n];
+    ivec2 tile = in_rows(number, push.tiles.x);
+    int column = int(gl_LocalInvocationID.x % 8u);
+    ivec2 pixel = TILE_PX * tile + ivec2(column, 0);
+    uint blend = near_filled(tile, column);
+    Row above = row_at(pixel - ivec2(0, 1));
+    Row own = row_at(pixel);
+    // A column from top to bottom: its pixels share rows.
+    [[dont_unroll]] for (int line = 0;; ++line) {
+        Row below = row_at(pixel + ivec2(0, 1));
+        Row rows[3] = Row[3](above, own, below);
+        float z0 = own.depths[1];
+        vec4 c0 = own.colors[1];
+        vec4 m0 = own.reached[1];
+        bool has = known(z0);
+        float weights = push.weights.x;
+        float rise = 0.0;
+        vec3 change = vec3(0.0);
+        vec3 change_reached = vec3(0.0);
+        [[unroll]] for (int k = 0; k < 8; ++k) {
+            int across = (k + k / 4) % 3;
+            int down = (k + k / 4) / 3;
+            float z = rows[down].depths[across];
+            bool counts = has && known(z);
+            float weight = mix(0.0, across == 1 || down == 1 ? push.weights.y : push.weights.z, counts);
+            weights += weight;
+            // Where it does not count, the difference may be one of infinities; and where it is of the farthest depths, it must not grow into one.
+            rise += weight * mix(0.0, (z - z0) * SMALL, counts);
+            change += vec3(weight) * (rows[down].colors[across].rgb - c0.rgb);
+            if (REACHED) change_reached += vec3(weight) * (rows[down].reached[across].rgb - m0.rgb);
+        }
+        bool blends = (blend >> line & 1u) == 1u;
+        float share = mix(0.0, 1.0 / weights, blends);
+        // What lies beyond the picture is written nowhere.
+        imageStore(smooth_depth, pixel, vec4(mix(z0, z0 + rise * share * LARGE, has && blends)));
+        imageStore(smooth_color, pixel, vec4(c0.rgb + change * vec3(share), c0.a));
+        if (REACHED) imageStore(smooth_reached, pixel, vec4(m0.rgb + change_reached * vec3(share), m0.a));
+        if (line == TILE_PX - 1) break;
+        pixel.y += 1;
+        above = own;
+        own = below;
+    }
 }
 
 void main() {
-    EACH_OWN_PIXEL(smoothen)
+    EACH_OF(lists.word[3], work)
 }

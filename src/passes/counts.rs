@@ -11,6 +11,7 @@ pub struct Asked {
     steps: Option<Buffer>,
     masks: [Option<Buffer>; 2],
     rough: Option<Buffer>,
+    smoothed: Option<Buffer>,
     silhouettes: Option<Buffer>,
     unpeeled: Option<Buffer>,
     left: Option<Buffer>,
@@ -37,6 +38,8 @@ pub struct Counts {
     pub mask_steps: Option<[u32; 2]>,
     /// That are no planes: deeper levels of shape depiction shade them and those around them.
     pub rough: u64,
+    /// With pixels that were filled, or one beside them: smoothing works there; none where it does not run.
+    pub smoothed: Option<u64>,
     /// In which depth jumps: anti-aliasing blends there; none where it does not run.
     pub silhouettes: Option<u64>,
     /// Texels of the light's pictures where shadows by index peeling were cut off.
@@ -54,6 +57,7 @@ impl Asked {
             steps: named("steps"),
             masks: ["background steps", "occluded steps"].map(&mut named),
             rough: named("rough tiles"),
+            smoothed: named("smoothed tiles"),
             silhouettes: named("silhouettes"),
             unpeeled: named("unpeeled"),
             left,
@@ -89,6 +93,7 @@ impl Asked {
             unpeeled: words(&self.unpeeled).first().copied().unwrap_or_default() as u64,
             left_over: words(&self.left).first().is_some_and(|left| *left > 0),
             rough: listed(&self.rough),
+            smoothed: self.smoothed.is_some().then(|| listed(&self.smoothed)),
             silhouettes: self.silhouettes.is_some().then(|| listed(&self.silhouettes)),
         }
     }
@@ -139,8 +144,12 @@ impl std::fmt::Display for Counts {
             self.looked(),
             self.rough
         )?;
+        let percent = |tiles: u64| significant(100.0 * tiles as f64 / self.tiles as f64);
+        if let Some(smoothed) = self.smoothed {
+            write!(f, "; {smoothed} smoothed ({} %)", percent(smoothed))?;
+        }
         if let Some(silhouettes) = self.silhouettes {
-            write!(f, "; {silhouettes} with silhouettes ({} %)", significant(100.0 * silhouettes as f64 / self.tiles as f64))?;
+            write!(f, "; {silhouettes} with silhouettes ({} %)", percent(silhouettes))?;
         }
         cut_off(self.unpeeled).map_or(Ok(()), |cut_off| write!(f, "; {cut_off}"))?;
         if self.left_over {

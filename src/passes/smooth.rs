@@ -1,11 +1,18 @@
 //! Smoothing: depth and colour in, the weighted means of their 3 x 3 out (Dobrev, Rosenthal and Linsen 2010, sec. 3.4).
 //!
+//! ```text
+//!     smooth_tiles   raw, depth -> which pixels were filled, and the list of tiles with some in reach
+//!     smooth         depth, color -> smooth depth, smooth color   only there, and so often as is asked for
+//!     smooth_close   these -> depth, color
+//! ```
 //! Filling by the nearest neighbour leaves patches of one depth and colour; this takes the steps between them away. They lie where the depth of what was projected jumps: in gaps, and at what shows through. What was
 //! measured stays as it is where all around it was. Background neither gives nor takes, so that outlines stay.
+//!
+//! Patches are as wide as points lie apart. Once is enough where that is a pixel; where it is more, steps are taken away by as many times as spread a pixel's value over a patch.
 
-use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill};
-use crate::graph::{Graph, Image, Kind, Tiles};
-use crate::shader::{self, smooth::Push, smooth::Spec};
+use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, fill, tiles};
+use crate::graph::{Graph, Kind, Tiles};
+use crate::shader::{self, smooth, smooth_close, smooth_tiles};
 use crate::view::View;
 
 pub const SUMMARY: &str = "takes away steps between pixels of one surface: means of depth and colour over 3 x 3";
@@ -13,7 +20,7 @@ pub const SUMMARY: &str = "takes away steps between pixels of one surface: means
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub filter: Filter,
-    /// How often.
+    /// How often; 0: by the spacing of the points on the screen.
     pub iterations: f64,
     /// Which pixels.
     pub pixels: Pixels,
@@ -34,8 +41,10 @@ pub enum Pixels {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
-    /// 16, 2, 1: the paper's own, which hardly blurs.
+    /// Alleviated where points are about a pixel apart; else box, which comes as far in less than half as many times.
     #[default]
+    Auto,
+    /// 16, 2, 1: the paper's own, which hardly blurs.
     Alleviated,
     /// 4, 2, 1.
     Gaussian,
@@ -44,26 +53,33 @@ pub enum Filter {
 }
 
 impl Filter {
+    /// Of the pixel itself, of each of its sides, of each of its corners.
     pub fn weights(self) -> [f32; 3] {
         match self {
-            Filter::Alleviated => [16.0, 2.0, 1.0],
+            Filter::Auto | Filter::Alleviated => [16.0, 2.0, 1.0],
             Filter::Gaussian => [4.0, 2.0, 1.0],
             Filter::Box => [1.0; 3],
         }
+    }
+
+    /// How far it spreads a value across, or down: variance, square pixels.
+    fn variance(self) -> f64 {
+        let [own, side, corner] = self.weights().map(f64::from);
+        (2.0 * side + 4.0 * corner) / (own + 4.0 * side + 4.0 * corner)
     }
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { filter: Filter::Alleviated, iterations: 1.0, pixels: Pixels::Filled }
+        Settings { filter: Filter::Auto, iterations: 0.0, pixels: Pixels::Filled }
     }
 }
 
 impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
-            Setting { name: "filter", about: "weights: 16 2 1, 4 2 1 or 1 1 1 of the pixel, sides and corners", value: Value::Choice(&mut self.filter) },
-            Setting { name: "iterations", about: "how often", value: Value::Whole(&mut self.iterations, 1.0..=64.0) },
+            Setting { name: "filter", about: "weights: 16 2 1, 4 2 1 or 1 1 1 of the pixel, sides and corners; auto: by the spacing of the points", value: Value::Choice(&mut self.filter) },
+            Setting { name: "iterations", about: "how often; 0: by the spacing of the points", value: Value::Whole(&mut self.iterations, 0.0..=MOST) },
             Setting { name: "pixels", about: "filled: these and those beside them; all: the others, too", value: Value::Choice(&mut self.pixels) },
         ]
     }
@@ -74,15 +90,30 @@ impl super::Settings for Settings {
     }
 }
 
+/// Iterations.
+const MOST: f64 = 64.0;
+
+/// Which filter, and how often. Where nobody asks: until values have spread as far as half the points' spacing, as a standard deviation.
+fn chosen(settings: &Settings, spacing_px: f64) -> (Filter, u32) {
+    let wanted = 0.25 * spacing_px * spacing_px;
+    let often = |filter: Filter| (wanted / filter.variance()).round().clamp(1.0, MOST / 2.0) as u32;
+    let filter = match settings.filter {
+        Filter::Auto if often(Filter::Alleviated) > 1 => Filter::Box,
+        Filter::Auto => Filter::Alleviated,
+        asked => asked,
+    };
+    (filter, if settings.iterations > 0.0 { settings.iterations as u32 } else { often(filter) })
+}
+
 /// As [`super::Effects::reach_px`].
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
-    Some(settings.iterations as u32)
+    Some(if settings.iterations > 0.0 { settings.iterations } else { MOST / 2.0 } as u32)
 }
 
 pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     let (runs, why) = match (before.runs("fill"), asked.fill.settings.method) {
         (false, _) => (false, "points are not smoothed, and no surface was filled"),
-        (true, fill::Method::Dobrev) => (true, "filling from the nearest neighbour leaves patches of one depth and colour; where none were filled, pixels stay as they were measured"),
+        (true, fill::Method::Dobrev) => (true, "filling from the nearest neighbour leaves patches of one depth and colour; tiles in which nothing was filled are skipped"),
         (true, _) => (false, "filling leaves no patches of one depth and colour, and details stay as they are"),
     };
     Reason { runs, why: why.to_string() }
@@ -90,22 +121,63 @@ pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let size = scene.view.size;
-    let (push, all) = (Push { size, weights: settings.filter.weights() }, settings.pixels == Pixels::All);
-    let smoothed = |g: &mut Graph, color: &Image| {
-        let Layers { raw, depth: filled, .. } = &layers;
-        let mut smoothed: Option<(Image, Image)> = None;
-        for _ in 0..settings.iterations as u32 {
-            let mut smooth_depth = g.image("smooth depth", size, Kind::R32f);
-            let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
-            let (depth, color) = smoothed.as_ref().map_or((filled, color), |(depth, color)| (depth, color));
-            let (spec, to) = (Spec { all, again: smoothed.is_some() }, (&mut smooth_depth, &mut smooth_color));
-            g.run(shader::Smooth { raw, filled, depth, color, smooth_depth: to.0, smooth_color: to.1, push, spec }, Tiles::All);
-            smoothed = Some((smooth_depth, smooth_color));
-        }
-        smoothed.expect("once at least")
-    };
-    // Steps of depth and colour are everywhere that something was filled, those of the light only where its edges are; noise in it is taken away with all else.
-    let reached = if all { layers.reached.as_ref().map(|reached| smoothed(g, reached).1) } else { None };
-    let (depth, color) = smoothed(g, &layers.color);
-    Layers { depth, color, reached: reached.or(layers.reached), ..layers }
+    let tiles = tiles(size);
+    let count = tiles[0] * tiles[1];
+    let all = settings.pixels == Pixels::All;
+    let mut pixels = g.buffer("smoothed pixels", 4 * (TILE_PX * count) as u64);
+    let (mut found, mut lists) = (g.buffer("found", 4 * count as u64), g.buffer("smoothed tiles", 4 * (LIST_HEADER + count) as u64));
+    [&mut pixels, &mut found, &mut lists].into_iter().for_each(|words| g.fill(words, 0));
+    let push = smooth_tiles::Push { tiles, all: all as u32 };
+    let Layers { raw, mut depth, mut color, mut reached, .. } = layers;
+    g.run(
+        shader::SmoothTiles { raw: &raw, filled: &depth, pixels: &mut pixels, found: &mut found, lists: &mut lists, push },
+        Tiles::ByEight(count),
+    );
+
+    let mut smooth_depth = g.image("smooth depth", size, Kind::R32f);
+    let mut smooth_color = g.image("smooth color", size, Kind::Rgba32f);
+    // Steps of depth and colour are everywhere that something was filled, those of the light only where its edges are; noise in it is taken away with all else. Where it stays there is nothing to read or
+    // write; a binding wants an image all the same.
+    let lit_by = all && reached.is_some();
+    let mut nowhere = g.image("nowhere", [1, 1], Kind::Rgba32f);
+    let mut smooth_reached = g.image("smooth reached", if lit_by { size } else { [1, 1] }, Kind::Rgba32f);
+    let spacing_px = if scene.pixel_m > 0.0 { scene.spacing_m / scene.pixel_m } else { 0.0 };
+    let (filter, iterations) = chosen(settings, spacing_px);
+    for _ in 0..iterations {
+        let light = reached.as_ref().filter(|_| lit_by).unwrap_or(&color);
+        let to = (&mut smooth_depth, &mut smooth_color, &mut smooth_reached);
+        let (push, spec) = (smooth::Push { tiles, weights: filter.weights() }, smooth::Spec { reached: lit_by });
+        g.run(
+            shader::Smooth {
+                lists: &lists,
+                pixels: &pixels,
+                depth: &depth,
+                color: &color,
+                reached: light,
+                smooth_depth: to.0,
+                smooth_color: to.1,
+                smooth_reached: to.2,
+                push,
+                spec,
+            },
+            Tiles::From(&lists, 0),
+        );
+        let light = reached.as_mut().filter(|_| lit_by).unwrap_or(&mut nowhere);
+        let (push, spec) = (smooth_close::Push { tiles_across: tiles[0] }, smooth_close::Spec { reached: lit_by });
+        g.run(
+            shader::SmoothClose {
+                lists: &lists,
+                smooth_depth: &smooth_depth,
+                smooth_color: &smooth_color,
+                smooth_reached: &smooth_reached,
+                depth: &mut depth,
+                color: &mut color,
+                reached: light,
+                push,
+                spec,
+            },
+            Tiles::From(&lists, 0),
+        );
+    }
+    Layers { raw, depth, color, reached, ..layers }
 }

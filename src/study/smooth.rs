@@ -40,7 +40,8 @@ impl Question for Smooth {
     const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve", "hide", "fill"];
     const HOW: &'static str = "Surfaces are filled by masks, or where <em>pintus</em> is said by medians and means. <em>auto</em> is what is done after filling by masks when nothing is asked for: the \
-        alleviated Gaussian, once, of pixels that were filled and those beside them. Where <em>all</em> or <em>pintus</em> is said, the others are smoothed, too. Filling runs before, and is not timed here.";
+        alleviated Gaussian, once, where points are about a pixel apart, and the box as often as it takes where they are more, of pixels that were filled and those beside them. Filters run as often \
+        as points lie apart, too. Where <em>all</em> or <em>pintus</em> is said, the others are smoothed, too. Filling runs before, and is not timed here.";
     type Known = ();
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
@@ -54,7 +55,7 @@ impl Question for Smooth {
         });
         let all = |smooth: &str| if smooth == "smooth=off" { smooth.to_string() } else { format!("{smooth},pixels=all") };
         let measured_too = filters[1..].iter().map(|(filter, smooth)| masks("pixels", format!("all, {filter}"), &all(smooth)));
-        let filter = filters.iter().filter(|(filter, _)| *filter != "alleviated").map(|(filter, smooth)| masks("filter", filter.to_string(), smooth));
+        let filter = filters.iter().map(|(filter, smooth)| masks("filter", filter.to_string(), smooth));
         let iterations = ["2", "4", "8"].map(|often| masks("iterations", often.to_string(), &format!("smooth=on,iterations={often}")));
         let others = filters.iter().map(|(filter, smooth)| pintus("pintus", format!("pintus, {filter}"), &all(smooth)));
         [masks(AUTO, AUTO.to_string(), "smooth=auto")].into_iter().chain(filter).chain(measured_too).chain(iterations).chain(others).collect()

@@ -21,7 +21,7 @@ pub fn means(size: [u32; 2], filter: Filter, filled: &[bool], depth: &[f32], col
                 (Filter::Box, _) | (_, 2) => 1.0,
                 (_, 1) => 2.0,
                 (Filter::Gaussian, _) => 4.0,
-                (Filter::Alleviated, _) => 16.0,
+                (Filter::Auto | Filter::Alleviated, _) => 16.0,
             };
             weights += weight;
             rise = rise + Bounded::exact(weight) * (Bounded::exact(depth[k]) - Bounded::exact(depth[i]));

@@ -1,0 +1,38 @@
+// What smoothing made of listed tiles -> layers.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "tile.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(scalar) readonly buffer Lists { uint word[]; } lists;
+layout(r32f) readonly uniform image2D smooth_depth;
+layout(rgba32f) readonly uniform image2D smooth_color;
+layout(rgba32f) readonly uniform image2D smooth_reached;
+layout(r32f) writeonly uniform image2D depth;
+layout(rgba32f) writeonly uniform image2D color;
+layout(rgba32f) writeonly uniform image2D reached;
+
+layout(constant_id = 0) const bool REACHED = false;
+
+layout(push_constant, scalar) uniform Push {
+    uint tiles_across;
+} push;
+
+ivec2 tile_at(uint place) {
+    return in_rows(lists.word[LIST_HEADER + place], push.tiles_across);
+}
+
+// What lies beyond the picture is written nowhere.
+void close(ivec2 pixel) {
+    imageStore(depth, pixel, imageLoad(smooth_depth, pixel));
+    imageStore(color, pixel, imageLoad(smooth_color, pixel));
+    if (REACHED) imageStore(reached, pixel, imageLoad(smooth_reached, pixel));
+}
+
+void main() {
+    EACH_TEXEL_OF(lists.word[3], tile_at, 1, close)
+}
