@@ -15,6 +15,7 @@ const bool BEHIND = true;
 #include "tile.glsl"
 #include "area.glsl"
 #include "keys.glsl"
+#include "source.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -23,6 +24,8 @@ layout(r32f) readonly uniform image2D lit;
 // Of the layer: as shown, and as projected.
 layout(r32f) readonly uniform image2D depth;
 layout(r32f) readonly uniform image2D raw;
+// Where each pixel's depth was taken from (source.glsl), four rows a texel; any image where each is its own.
+layout(rgba32f) readonly uniform image2D source;
 // What the layers in front show. The same image as the one below, or any where there are none.
 layout(rgba32f) readonly uniform image2D front_before;
 layout(rgba32f) writeonly uniform image2D front;
@@ -40,12 +43,15 @@ layout(constant_id = 0) const bool LIT_BY = false;
 layout(constant_id = 1) const bool FIRST = false;
 layout(constant_id = 2) const bool LAST = false;
 layout(constant_id = 3) const bool TEXELS = true;
+// Depths were taken from other pixels.
+layout(constant_id = 4) const bool TAKEN = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;  // pixels of this band
     uint top;    // first row of this band in the picture
     float layer; // metres
-    float slant; // how much deeper than its slope over the following makes it a surface may be
+    float slant;  // how much deeper than its slope makes it a surface may be, within a pixel
+    float uphill; // and how much deeper for each pixel that its depth was carried
     int apart_px; // how far apart two pixels are that do not show the depth of one point
 } push;
 
@@ -87,7 +93,10 @@ void add(ivec2 at) {
     if (goes_on && is_first) atomicOr(left.any[0], 1u);
     if (LAST) return;
     float z = uintBitsToFloat(goes_on ? bits : 0u);
-    float layer = max(push.layer, push.slant * (fall(z, pixel, ivec2(push.apart_px, 0)) + fall(z, pixel, ivec2(0, push.apart_px))));
+    float slope = (fall(z, pixel, ivec2(push.apart_px, 0)) + fall(z, pixel, ivec2(0, push.apart_px))) / float(push.apart_px);
+    ivec2 way = abs(way_to(imageLoad(source, ivec2(pixel.x, pixel.y / 4))[pixel.y & 3]));
+    float carried = TAKEN ? float(max(way.x, way.y)) : float(push.apart_px - 1);
+    float layer = max(push.layer, (push.slant + push.uphill * carried) * slope);
     uint k = uint(at.y) * push.size.x + uint(at.x);
     // Positive floats order like their bits.
     uint least = FIRST ? 0u : TEXELS ? imageLoad(keys, int(WORDS_A_KEY * k)).r : key_words.word[WORDS_A_KEY * k];

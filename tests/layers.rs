@@ -16,7 +16,7 @@ use pointillist::progress::Silent;
 use pointillist::resident::Resident;
 use pointillist::study::oracle::transparency::{self as oracle, Over};
 use pointillist::synth::{self, World};
-use pointillist::view::{Camera, Preset, View};
+use pointillist::view::{Camera, Preset, Projection, View};
 
 const SIDE: usize = 192;
 
@@ -141,6 +141,25 @@ fn layers_of_sparse_points_have_no_holes() {
     println!("{found} pixels without both planes, {masks} by masks alone");
     assert!(masks > 1000, "{masks}");
     assert_eq!(found, 0);
+}
+
+/// Where surfaces turn away and points are two and a half pixels apart, their depths are those of points some pixels away: what is left of a surface is no layer of its own, and none of the next is left out.
+#[test]
+fn layers_of_sparse_surfaces_are_counted_where_these_turn_away() {
+    let (world, cloud) = tori(750_000);
+    // Onto the inner side of the tube that lies behind, from near the axis: beside each other its front, its back and its inside.
+    let (eye, target) = (DVec3::new(1.3, -2.6, 1.45), DVec3::new(-0.515, -0.497, 0.318));
+    let camera = Camera { eye, target, up: DVec3::Z, fov_y: 13.3, projection: Projection::Perspective, ortho_height: None };
+    let view = View::new(camera, [SIDE as u32; 2]).unwrap();
+    for fill in ["fill=method=dobrev", "fill=method=pintus"] {
+        let drawn = draw(&cloud, &view, Way::Compute64, &["0.5"], &[fill]);
+        let expected = |i: &usize| oracle::layers(&world, &view, drawn.layer_m, [(i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5]);
+        let counts: Vec<_> = (0..SIDE * SIDE).filter_map(|i| Some((i, expected(&i)?.len()))).collect();
+        let miscounted = counts.iter().filter(|(i, count)| drawn.peeled[*i] != *count as f32).count();
+        println!("{fill}: {miscounted} of {} pixels counted wrong", counts.len());
+        assert!(counts.len() > SIDE * SIDE / 2);
+        assert!(miscounted as f64 <= 0.01 * counts.len() as f64, "{fill}: {miscounted} of {} pixels", counts.len());
+    }
 }
 
 /// Opacity 0 leaves points out; opacity 1 stops at once; what is allowed is drawn, and what is left over is said.

@@ -45,8 +45,10 @@ pub struct Layers {
     pub spacings: Buffer,
     /// The least and the most that may be on the screen, pixels; infinite where the camera is within a node.
     pub spacing_px: [f64; 2],
-    /// How many pixels away the point may be that a depth is from; 1 where each is its own or lies between those around.
+    /// How far apart pixels are whose depths are not those of one point, pixels; 1 where each is its own or lies between those around.
     pub flat_px: u32,
+    /// Where each pixel's depth was taken from, if from others: four rows a texel (glsl/lib/source.glsl).
+    pub source: Option<Image>,
     /// Tiles with pixels of unknown depth, where a pass has looked for them.
     pub holes: Option<Holes>,
 }

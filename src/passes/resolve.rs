@@ -146,6 +146,7 @@ impl Resolved {
             spacings,
             spacing_px: spacing_px(&view.entire(), resident),
             flat_px: 1,
+            source: None,
             holes: None,
         })
     }

@@ -72,11 +72,11 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     Reason { runs: true, why: format!("some points are not opaque: up to {layers} layer{s}, {layer} m apart at least") }
 }
 
-/// A surface is this much deeper within a pixel than its slope says, which curves, and has noise.
-const SLANT: f32 = 2.0;
+/// A surface is this much deeper within a pixel than its slope says, which curves, has noise, and is steeper on the other side.
+const SLANT: f32 = 4.0;
 
-/// And this much more where depths are those of points up to some pixels away, the nearest of those around (Dobrev et al. 2010, sec. 3.2 and 3.3): without it, what is left of a steep surface is a layer of its own.
-const UPHILL: f32 = 1.0;
+/// And this much for each pixel that its depth was carried, as the nearest of those around (Dobrev et al. 2010, sec. 3.2 and 3.3): without it, what is left of a steep surface is a layer of its own.
+const UPHILL: f32 = 3.0;
 
 /// All layers so far.
 pub struct Front {
@@ -110,15 +110,12 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     let (color, push, spec) = (&layers.color, peeled::Push { size }, peeled::Spec { first: number == 0 });
     g.run(shader::Peeled { color, before: &peeled_before, peeled: &mut peeled, push, spec }, Tiles::All);
     let last = number + 1 == settings.layers as u32;
-    let spec = Spec { lit_by: layers.lit.is_some(), first: number == 0, last, texels: g.gpu.device.texels };
-    let slant = match (settings.layer, layers.flat_px) {
-        (0.0, 1) => SLANT,
-        (0.0, _) => SLANT + UPHILL,
-        _ => 0.0,
-    };
+    let spec = Spec { lit_by: layers.lit.is_some(), first: number == 0, last, texels: g.gpu.device.texels, taken: layers.source.is_some() };
+    let [slant, uphill] = if settings.layer == 0.0 { [SLANT, UPHILL] } else { [0.0; 2] };
     let layer = scene.layer_m(settings.layer) as f32;
     for (&Band { top, size }, next) in bands.iter().zip(&mut next) {
-        let push = Push { size, top, layer, slant, apart_px: layers.flat_px as i32 };
+        let push = Push { size, top, layer, slant, uphill, apart_px: layers.flat_px as i32 };
+        let source = layers.source.as_ref().unwrap_or(&layers.color);
         let Layers { color, depth, raw, .. } = &layers;
         let any_left = &left.racing();
         let keys = &if number == 0 { left.racing() } else { next.racing() };
@@ -128,6 +125,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
                 lit,
                 depth,
                 raw,
+                source,
                 front_before: &front_before,
                 front: &mut front,
                 keys,

@@ -21,6 +21,9 @@ use crate::view::Projection;
 /// Spacings that a point's values go: with one, gaps stay open in random clouds, and with two, notches between things that stand one behind the other close.
 const REACH: f64 = 1.5;
 
+/// Pixels beside each other often have one point's depth, and one farther seldom do.
+const FLAT_PX: u32 = 2;
+
 /// Where points are strewn, those of one surface that are farther apart leave here and there five pixels side by side in a ring without a point: what masks take for a silhouette. Of a plane that fills the
 /// picture (300,000 and 480,000 pixels) 194 pixels stay open where the sparser ones are 1.8 pixels apart, 131 at 1.7, 37 at 1.5 and none at 1.25 (counted by hand in `depth.Z`); hidden layers still show in some pixels of nested tori at 1.25.
 pub const APART_PX: f64 = 1.0;
@@ -42,8 +45,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let [opened, source] = &mut from;
     // As far as the widest kernel that has found holes has seen a point.
     let found = layers.holes.as_ref().filter(|_| settings.iterations == 0.0).map_or(0, |holes| holes.widest.div_ceil(2));
-    let carried = most_steps(settings, layers.spacing_px[1]);
-    let most = carried.max(found);
+    let most = most_steps(settings, layers.spacing_px[1]).max(found);
     let push = fill_dobrev_open::Push {
         texels,
         px_per_unit: scene.view.focal_px() as f32,
@@ -61,16 +63,16 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         [from, to] = steps(g, size, most, layer, spec, [from, to]);
     }
 
-    let [filled, source] = &from;
+    let [filled, source] = from;
     let mut depth = g.image("filled depth", size, Kind::R32f);
     let mut index = g.image("filled index", size, Kind::R32ui);
     let mut color = g.image("filled color", size, Kind::Rgba32f);
     let (to, push) = ((&mut depth, &mut index, &mut color), fill_dobrev_close::Push { size });
     g.run(
-        shader::FillDobrevClose { filled, source, index: &layers.index, color: &layers.color, filled_depth: to.0, filled_index: to.1, filled_color: to.2, push },
+        shader::FillDobrevClose { filled: &filled, source: &source, index: &layers.index, color: &layers.color, filled_depth: to.0, filled_index: to.1, filled_color: to.2, push },
         Tiles::Packed([size[0], size[1].div_ceil(4)]),
     );
-    shadows::reached(g, size, Layers { depth, index, color, flat_px: carried.min(super::WIDEST as u32), holes: None, ..layers })
+    shadows::reached(g, size, Layers { depth, index, color, flat_px: FLAT_PX, source: Some(source), holes: None, ..layers })
 }
 
 /// Depth, and where it is from.
