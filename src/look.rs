@@ -6,7 +6,7 @@ use crate::light::Light;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{Decided, Effects, Scene, Switch, resolve, strokes};
-use crate::resident::{Overlap, Resident};
+use crate::resident::{Overlap, Resident, Sampling};
 use crate::view::View;
 use std::sync::Arc;
 
@@ -104,10 +104,8 @@ pub struct Look {
     pub light_at_once: Option<u32>,
     /// Of the strokes that lie over each other in a pixel, those that this frame brings into order at most beside those that are; all where nothing is said.
     pub strokes_at_once: Option<u32>,
-    /// As [`Scene`] has them, of the whole picture: parts of it go by the same.
-    pub spacing_m: f64,
-    pub pixel_m: f64,
-    pub density: f64,
+    /// Of the whole picture: parts of it go by the same.
+    pub sampling: Sampling,
     /// As [`Wishes`] has it.
     pub layer_m: f64,
     /// How finely the depth of the farthest of what is in view is known, metres (HARD_CASES 4).
@@ -120,9 +118,7 @@ impl Look {
     /// What effects work on in a picture, or in a part of it.
     pub fn scene<'v>(&self, view: &'v View, resident: &'v Resident) -> Scene<'v> {
         Scene {
-            spacing_m: self.spacing_m,
-            pixel_m: self.pixel_m,
-            density: self.density,
+            sampling: self.sampling,
             asked_layer_m: self.layer_m,
             overlap: self.overlap.clone(),
             ..Scene::of(view, resident, self.light)
@@ -176,9 +172,7 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
     Look {
         effects: wishes.effects.clone(),
         decided,
-        spacing_m: scene.spacing_m,
-        pixel_m: scene.pixel_m,
-        density: scene.density,
+        sampling: scene.sampling,
         layer_m: wishes.layer_m,
         quantum_m: quantum_m(view, resident),
         overlap: if partly { scene.overlap } else { Arc::new(Overlap::everywhere(view.whole)) },
@@ -213,9 +207,7 @@ mod tests {
             precision: Precision::Auto,
             light_at_once: None,
             strokes_at_once: None,
-            spacing_m: 0.0,
-            pixel_m: 0.0,
-            density: 0.0,
+            sampling: Sampling::default(),
             layer_m: 0.0,
             quantum_m: 0.0,
             overlap: Arc::new(Overlap::everywhere([1, 1])),

@@ -143,6 +143,28 @@ fn layers_of_sparse_points_have_no_holes() {
     assert_eq!(found, 0);
 }
 
+/// What half of the picture is too sparse for has no holes there, however many points the other half has.
+#[test]
+fn a_sparse_part_beside_a_dense_one_has_no_holes() {
+    let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
+    // Ten pixels a metre: from point to point half a pixel to the left, and two and a half to the right.
+    let grid = |apart: i32, from: i32, to: i32| {
+        let across = (0..(to - from) / apart).map(move |i| from + apart * i);
+        let points: Vec<_> = across.flat_map(|x| (-5000 / apart..=5000 / apart).map(move |j| [x, 10_000, apart * j])).collect();
+        gpu::part(lattice, &points, Some(vec![COLORS[0]; points.len()]))
+    };
+    let cloud = gpu::cloud(vec![grid(50, -5000, 0), grid(250, 0, 5000)]);
+    let view = View::new(gpu::orthographic(DVec3::ZERO, DVec3::Y, 4.8), [48, 48]).unwrap();
+    let empty = |visibility: &str| {
+        let drawn = draw(&cloud, &view, Way::Compute64, &["0.5"], &["fill=method=dobrev", visibility]);
+        drawn.peeled.iter().filter(|count| **count != 1.0).count()
+    };
+    let (found, masks) = (empty("visibility=auto"), empty("visibility=off"));
+    println!("{found} pixels without the plane, {masks} by masks alone");
+    assert!(masks > 100, "{masks}");
+    assert_eq!(found, 0);
+}
+
 /// Where surfaces turn away and points are two and a half pixels apart, their depths are those of points some pixels away: what is left of a surface is no layer of its own, and none of the next is left out.
 #[test]
 fn layers_of_sparse_surfaces_are_counted_where_these_turn_away() {

@@ -249,7 +249,7 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
     let scene = look.scene(&facts.view, resident);
     text += &format!(
         "spacing: {} m between points, and {} m between layers, {}; depths are known to {} m\n",
-        significant(scene.spacing_m),
+        significant(scene.sampling.spacing_m),
         significant(scene.layer_m(0.0)),
         if look.layer_m > 0.0 { "as asked for" } else { "by the spacing of points or pixels" },
         significant(look.quantum_m),

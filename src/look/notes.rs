@@ -61,7 +61,7 @@ impl Look {
 
     /// That depths are not known as finely as what is asked of them (HARD_CASES 4).
     fn coarse(&self) -> Option<String> {
-        let layer = |of_effect: f64| layer_m([of_effect, self.layer_m], self.spacing_m, self.pixel_m);
+        let layer = |of_effect: f64| layer_m([of_effect, self.layer_m], &self.sampling);
         let (fill, transparency) = (&self.effects.fill.settings, &self.effects.transparency.settings);
         let masks = (self.decided.runs("fill") && fill.method == Method::Dobrev).then(|| layer(fill.layer));
         let peels = self.decided.runs("transparency").then(|| layer(transparency.layer));
@@ -75,9 +75,9 @@ impl Look {
         }
         // A surface that rises by a pixel's width from pixel to pixel is a staircase then.
         let surface = ["fill", "shape", "phong"].iter().any(|effect| self.decided.runs(effect));
-        let pixel_m = significant(self.pixel_m);
-        (surface && self.pixel_m > 0.0 && self.pixel_m < 2.0 * self.quantum_m)
-            .then(|| format!("depths so far away are known to {quantum_m} m only, and pixels are {pixel_m} m wide there: surfaces are torn and shaded in steps; look from nearer"))
+        let pixel_m = self.sampling.pixel_m;
+        (surface && pixel_m > 0.0 && pixel_m < 2.0 * self.quantum_m)
+            .then(|| format!("depths so far away are known to {quantum_m} m only, and pixels are {} m wide there: surfaces are torn and shaded in steps; look from nearer", significant(pixel_m)))
     }
 
     fn of_shadows(&self, resident: &Resident) -> Vec<String> {

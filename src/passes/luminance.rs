@@ -75,14 +75,14 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 const FEW: f64 = 0.05;
 
 pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
-    let (stations, density) = (scene.stations, super::significant(scene.density));
+    let (stations, density) = (scene.stations, super::significant(scene.sampling.density));
     let (runs, why) = match () {
         _ if scene.points == 0 => (false, "there is nothing to correct".to_string()),
         _ if !scene.shown.has_luminance() => (false, "what points show has no luminance: neither their colours nor an intensity".to_string()),
         _ if scene.shown == Attribute::Corrected => (false, "the colours that are shown are corrected already".to_string()),
         _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
         _ if scene.overlap.count == 0 => (false, format!("{stations} stations, of which no part of the picture shows more than one")),
-        _ if scene.density < ENOUGH => {
+        _ if scene.sampling.density < ENOUGH => {
             (false, format!("{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"))
         }
         _ if exposure::is_one(scene, before) && scene.balance.is_some_and(|balance| balance.uneven <= FEW) => {
@@ -131,11 +131,11 @@ const SPACINGS: f64 = 3.0;
 /// Pixels around one whose points count with its own. The 3 x 3 weigh as much as four pixels: where four times as many points as are enough lie in one, that one will do.
 fn around(scene: &Scene, settings: &Settings) -> u32 {
     let asked = settings.neighbourhood;
-    (if asked == 0.0 { scene.density < 4.0 * ENOUGH } else { asked >= 2.0 }) as u32
+    (if asked == 0.0 { scene.sampling.density < 4.0 * ENOUGH } else { asked >= 2.0 }) as u32
 }
 
 fn epsilon(scene: &Scene, settings: &Settings) -> f64 {
-    if settings.epsilon == 0.0 { SPACINGS * scene.spacing_m } else { settings.epsilon }
+    if settings.epsilon == 0.0 { SPACINGS * scene.sampling.spacing_m } else { settings.epsilon }
 }
 
 /// What the first walk is to find out for the second one; none where there is none.

@@ -13,7 +13,7 @@ use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
 use crate::index::exposure::Balance;
 use crate::light::Light;
-use crate::resident::{Overlap, Resident};
+use crate::resident::{Overlap, Resident, Sampling};
 use crate::view::View;
 use std::sync::Arc;
 
@@ -100,15 +100,11 @@ pub struct Scene<'s> {
     pub view: &'s View,
     pub light: Light,
     pub points: u64,
-    /// How far apart points are, metres; 0 where nobody knows.
-    pub spacing_m: f64,
+    /// How densely points sample the picture.
+    pub sampling: Sampling,
     pub stations: usize,
     /// What points show.
     pub shown: Attribute,
-    /// Points a pixel: half of the points in view lie so densely.
-    pub density: f64,
-    /// How wide a pixel is at the points in the middle, from near ones to far ones, metres; 0 where there are none.
-    pub pixel_m: f64,
     /// Some points let through what is behind them.
     pub transparent: bool,
     /// The layer distance that somebody has asked for, metres; 0: nobody has.
@@ -129,11 +125,9 @@ impl<'s> Scene<'s> {
             view,
             light,
             points: resident.points,
-            spacing_m: resident.spacing_m(),
+            sampling: Sampling::of(resident, &view.entire()),
             stations: resident.stations.len(),
             shown: resident.shown.attribute,
-            density: resident.density(&view.entire()),
-            pixel_m: resident.pixel_m(&view.entire()),
             transparent: resident.is_transparent(),
             asked_layer_m: 0.0,
             normals: resident.shown.normal().is_some(),
@@ -145,13 +139,13 @@ impl<'s> Scene<'s> {
 
     /// As [`layer_m`], of an effect that has its own.
     pub fn layer_m(&self, of_effect: f64) -> f64 {
-        layer_m([of_effect, self.asked_layer_m], self.spacing_m, self.pixel_m)
+        layer_m([of_effect, self.asked_layer_m], &self.sampling)
     }
 }
 
 /// The layer distance: surfaces nearer to each other than this are taken for one, metres: as asked for, of an effect or else of the picture. Where nobody asks, four spacings of the points, or of the pixels
 /// where those are wider, which holds what neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
-pub fn layer_m(asked: [f64; 2], spacing_m: f64, pixel_m: f64) -> f64 {
+pub fn layer_m(asked: [f64; 2], &Sampling { spacing_m, pixel_m, .. }: &Sampling) -> f64 {
     asked.into_iter().find(|asked| *asked > 0.0).unwrap_or(4.0 * spacing_m.max(pixel_m))
 }
 

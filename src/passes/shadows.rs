@@ -210,7 +210,7 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
     }
     let samples = settings.samples as u32;
     let wanted = |kept: u32| at_once.map_or(samples, |more| (kept + more).clamp(1, samples));
-    let around = cameras::Wanted::around(resident, bounds, scene.spacing_m, settings);
+    let around = cameras::Wanted::around(resident, bounds, scene.sampling.spacing_m, settings);
     let places = disc::spread(disc::places(samples, settings.pattern, 0));
     let views = |samples: Range<u32>| -> Result<Vec<Sight>> {
         let of = places[samples.start as usize..samples.end as usize].iter().map(|&place| cameras::cameras(scene.light, &around, place));

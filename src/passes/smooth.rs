@@ -141,8 +141,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let lit_by = all && reached.is_some();
     let mut nowhere = g.image("nowhere", [1, 1], Kind::Rgba32f);
     let mut smooth_reached = g.image("smooth reached", if lit_by { size } else { [1, 1] }, Kind::Rgba32f);
-    let spacing_px = if scene.pixel_m > 0.0 { scene.spacing_m / scene.pixel_m } else { 0.0 };
-    let (filter, iterations) = chosen(settings, spacing_px);
+    let (filter, iterations) = chosen(settings, scene.sampling.apart_px[0]);
     for _ in 0..iterations {
         let light = reached.as_ref().filter(|_| lit_by).unwrap_or(&color);
         let to = (&mut smooth_depth, &mut smooth_color, &mut smooth_reached);

@@ -1,7 +1,8 @@
 //! Nodes of an index in pages, some at a time: for passes over all points of a cloud larger than memory, which look at where they are and at nothing else.
 
 use super::pool::{PAGE_BYTES, Pages, Pool};
-use super::{Resident, ResidentNode, in_metres, middle};
+use super::sampling::middle;
+use super::{Resident, ResidentNode, in_metres};
 use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::config::POINTS_PER_PAGE;

@@ -13,11 +13,13 @@ pub mod overlap;
 pub mod pool;
 pub mod residency;
 mod ring;
+pub mod sampling;
 pub mod section;
 
 pub use filling::{Filling, Organise};
 pub use overlap::Overlap;
 pub use residency::Residency;
+pub use sampling::Sampling;
 
 use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
@@ -33,7 +35,7 @@ use crate::index::marks::Contents;
 use crate::index::pack::Frame;
 use crate::opacity::{Known, Opacities};
 use crate::progress::Progress;
-use crate::view::{Projection, View};
+use crate::view::View;
 use glam::DVec3;
 use pool::{PAGE_BYTES, Pool};
 
@@ -120,18 +122,6 @@ pub struct Resident {
     pub light: Option<Box<Contents>>,
     /// Which part of it is there.
     pub clips: Clips,
-}
-
-/// Of numbers that so many points have each, the middle one; 0 of none.
-fn middle(mut numbers: Vec<(f64, u64)>) -> f64 {
-    numbers.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let points: u64 = numbers.iter().map(|(_, count)| count).sum();
-    let mut before = 0;
-    let middle = numbers.iter().find(|(_, count)| {
-        before += count;
-        2 * before >= points
-    });
-    middle.map_or(0.0, |(number, _)| *number)
 }
 
 /// A length in cells of the coarsest plane, in metres; where a lattice has other steps along other axes, along the widest.
@@ -255,7 +245,7 @@ impl Resident {
 
     /// How far apart points are, metres: in the node that the middle one is in, from dense nodes to sparse ones; 0 where there are none.
     pub fn spacing_m(&self) -> f64 {
-        middle(self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect())
+        sampling::middle(self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect())
     }
 
     /// Nodes of which the view can see something, with the least and the greatest depth of each.
@@ -271,34 +261,6 @@ impl Resident {
     ) -> impl Iterator<Item = ((f64, f64), &'r ResidentNode)> {
         let is_left = |node: &&ResidentNode| self.clips.left(node.bounds()) != Left::Nothing;
         nodes.filter(is_left).filter_map(|node| Some((view.depths(node.bounds())?, node)))
-    }
-
-    /// How wide a pixel is, metres: in the middle of the node that the middle point is in, from near nodes to far ones, of those that the view sees; 0 where there are none.
-    pub fn pixel_m(&self, view: &View) -> f64 {
-        let seen = self.seen(view).map(|(depths, node)| (depths, node.count as u64));
-        let wide = |depth: f64| match view.camera.projection {
-            Projection::Perspective => depth / view.focal_px(),
-            Projection::Orthographic => 1.0 / view.focal_px(),
-        };
-        middle(seen.map(|((near, far), count)| (wide((near + far) / 2.0), count)).collect())
-    }
-
-    /// Points a pixel where the middle one of those in view is, from sparse nodes to dense ones; 0 where there are none. A node's points cover as much as their spacing says, and no more than its box
-    /// does: of a tree, many points lie behind each other.
-    pub fn density(&self, view: &View) -> f64 {
-        let way = view.basis.forward.abs();
-        let seen = self.seen(view).filter_map(|((near, far), node)| {
-            let px_per_m = match view.camera.projection {
-                Projection::Perspective => view.focal_px() / ((near + far) / 2.0),
-                Projection::Orthographic => view.focal_px(),
-            };
-            let extent = node.bounds().1 - node.bounds().0;
-            let faces = extent.x * extent.y * way.z + extent.y * extent.z * way.x + extent.z * extent.x * way.y;
-            let pixels = (node.count as f64 * node.spacing * node.spacing).min(faces) * px_per_m * px_per_m;
-            // Of points that are all in one place nobody knows.
-            (pixels > 0.0).then(|| (node.count as f64 / pixels, node.count as u64))
-        });
-        middle(seen.collect())
     }
 
     /// What is drawn, in numbers: the same ones only where a frame draws the same points under the same ids.

@@ -103,12 +103,12 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let off = wishes("off")?;
         let plain = draw(gpu, &view, &truth, &off)?;
         let scene = Scene::of(&view, &truth, Light::default());
-        let (layer_m, density) = (LAYER * scene.spacing_m, scene.density);
+        let (layer_m, density) = (LAYER * scene.sampling.spacing_m, scene.sampling.density);
         let sight = Sight { view, truth: values(&plain.color), station: draw(gpu, &view, &stations, &off)?.color.iter().map(|c| c.map(f32::to_bits)).collect(), depth: plain.depth, layer_m };
         let configurations = CONFIGURATIONS
             .iter()
             .map(|&(knob, value, luminance)| {
-                let epsilon = value.parse::<f64>().ok().filter(|_| knob == "epsilon").map_or(String::new(), |spacings| format!(",epsilon={}", spacings * scene.spacing_m));
+                let epsilon = value.parse::<f64>().ok().filter(|_| knob == "epsilon").map_or(String::new(), |spacings| format!(",epsilon={}", spacings * scene.sampling.spacing_m));
                 Ok((knob, value, wishes(&format!("{luminance}{epsilon}"))?))
             })
             .collect::<Result<Vec<_>>>()?;

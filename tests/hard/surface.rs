@@ -7,7 +7,7 @@ use pointillist::light::Light;
 use pointillist::look::Wishes;
 use pointillist::passes::{Scene, fill, shape, visibility};
 use pointillist::progress::Silent;
-use pointillist::resident::Overlap;
+use pointillist::resident::{Overlap, Sampling};
 use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
 use pointillist::study::oracle::visibility::{Depths, sector};
 use pointillist::study::oracle::{Bounded, shape as shape_oracle};
@@ -310,11 +310,9 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         view: &view,
         light: Light::default(),
         points: 1000,
-        spacing_m: 0.01,
+        sampling: Sampling { spacing_m: 0.01, density: 1.0, ..Sampling::default() },
         stations: 1,
         shown: Attribute::White,
-        density: 1.0,
-        pixel_m: 0.0,
         asked_layer_m: 0.0,
         overlap: Overlap::everywhere([16, 16]).into(),
         transparent: false,
