@@ -5,6 +5,7 @@ use glam::DVec3;
 use pointillist::config::NO_POINT;
 use pointillist::passes::{Effects, Switch, TILE_PX, fill, shape, tiles, visibility};
 use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
+use pointillist::study::oracle::kernels::kernels;
 use pointillist::study::oracle::shape as shape_oracle;
 use pointillist::study::oracle::visibility::{Depths, Verdict};
 use pointillist::view::View;
@@ -85,7 +86,7 @@ fn check_seen(
 ) -> Vec<visibility::Kernel> {
     let surface = canvas.draw(view, keys, &only_visibility(settings));
     let depths = Depths { view, depth: &surface.raw.depth };
-    let chosen = depths.kernels(&settings, canvas.spacing());
+    let chosen = kernels(depths, &settings, canvas.spacing());
     let width = view.size[0] as i64;
     let case = |i: usize| {
         let at = [i as i64 % width, i as i64 / width];
