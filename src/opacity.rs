@@ -134,6 +134,12 @@ impl Opacities {
         self.0.iter().any(|rule| rule.opacity == 0.0 && rule.what.is_of_some(known))
     }
 
+    /// Whether no point is drawn, whatever it is.
+    pub fn hides_all(&self, known: &Known) -> bool {
+        let table = self.table(known.stations);
+        table[..CLASSES].iter().all(|factor| *factor == 0.0) || table[CLASSES + RETURNS..].iter().all(|factor| *factor == 0.0)
+    }
+
     /// Of each rule that is about no point there is, that, in words.
     pub fn idle(&self, known: &Known) -> Vec<String> {
         let list = |kinds: &[(u8, u64)]| {

@@ -60,7 +60,7 @@ pub struct PictureOptions {
     #[arg(long, value_name = "KIND[:X,Y,Z]", default_value_t, allow_hyphen_values = true)]
     pub light: Light,
     /// Layer distance: surfaces nearer to each other than this are one, for filling by masks, transparency and shadows alike [default: four spacings of the points, or of the pixels where those are wider; of shadows as little as keeps surfaces from shading themselves]
-    #[arg(long, value_name = "METRES", value_parser = metres)]
+    #[arg(long, value_name = "METRES", value_parser = metres, allow_hyphen_values = true)]
     pub layer: Option<f64>,
     /// How opaque points are, 0 to 1: all, or those of a class, return number, station (its name, `source N`, or its number in the list of `info`) or file; what applies to a point is multiplied; 0 leaves it out. Repeatable
     #[arg(long, value_name = "[class:N|return:N|station:S|file:F=]OPACITY", allow_hyphen_values = true)]

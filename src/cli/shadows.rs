@@ -44,7 +44,11 @@ pub struct Arguments {
 }
 
 fn shadows(text: &str) -> std::result::Result<String, String> {
-    if text.starts_with("shadows=") { effect(text) } else { Err("only shadows are cast here".into()) }
+    match text.strip_prefix("shadows=") {
+        Some(settings) if settings.split(',').any(|setting| setting == "off") => Err("shadows are what this casts".into()),
+        Some(_) => effect(text),
+        None => Err("only shadows are cast here".into()),
+    }
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {

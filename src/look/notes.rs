@@ -12,6 +12,12 @@ use crate::resident::Resident;
 impl Look {
     pub fn notes(&self, resident: &Resident) -> Vec<String> {
         let mut notes = resident.opacities.idle(&resident.known());
+        if resident.opacities.hides_all(&resident.known()) {
+            notes.push("--opacity leaves no point".into());
+        }
+        if resident.is_transparent() && self.effects.transparency.switch == Switch::Off {
+            notes.push("transparency is off, so that points hide what is behind them, however opaque --opacity says they are".into());
+        }
         notes.extend(self.unused());
         let phong = self.effects.phong.settings;
         if phong.backfaces == Backfaces::Drop && self.decided.runs("phong") && !self.drops_back_faces(resident) {

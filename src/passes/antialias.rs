@@ -8,6 +8,7 @@
 //! Silhouettes are where the Laplacian of the depth is large. Blending is in linear light, of colour times coverage, so that it comes last of all effects and the background shows through in part.
 //! Depth and point ids stay as they are, and so does all of a tile in which depth jumps nowhere.
 
+use super::smooth::Pixels;
 use super::visibility::Looked;
 use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, Value, tiles};
 use crate::graph::{Graph, Kind, Tiles};
@@ -74,9 +75,10 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
     Some(2)
 }
 
-pub fn called_for(_scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+    let smooths = before.runs("smooth") && (before.runs("fill") || asked.smooth.settings.pixels == Pixels::All);
     let (runs, why) = match before.runs("fill") {
-        _ if before.runs("smooth") => (true, "what was smoothed ends in stairs against what lies behind; tiles without silhouettes are skipped"),
+        _ if smooths => (true, "what was smoothed ends in stairs against what lies behind; tiles without silhouettes are skipped"),
         true => (false, "pixels keep what they show, and nothing else was smoothed"),
         false => (false, "points have no silhouettes"),
     };

@@ -14,6 +14,7 @@ use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, smooth, smooth_close, smooth_tiles};
 use crate::view::View;
+use clap::ValueEnum;
 
 pub const SUMMARY: &str = "takes away steps between pixels of one surface: means of depth and colour over 3 x 3";
 
@@ -50,6 +51,12 @@ pub enum Filter {
     Gaussian,
     /// 1, 1, 1.
     Box,
+}
+
+impl std::fmt::Display for Filter {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        self.to_possible_value().expect("none is hidden").get_name().fmt(f)
+    }
 }
 
 impl Filter {
@@ -110,13 +117,15 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     Some(if settings.iterations > 0.0 { settings.iterations } else { MOST / 2.0 } as u32)
 }
 
-pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
+    let (filter, often) = chosen(&asked.smooth.settings, scene.sampling.spacing_px());
+    let often = if often == 1 { "once".to_string() } else { format!("{often} times") };
     let (runs, why) = match (before.runs("fill"), asked.fill.settings.method) {
-        (false, _) => (false, "points are not smoothed, and no surface was filled"),
-        (true, fill::Method::Dobrev) => (true, "filling from the nearest neighbour leaves patches of one depth and colour; tiles in which nothing was filled are skipped"),
-        (true, _) => (false, "filling leaves no patches of one depth and colour, and details stay as they are"),
+        (false, _) => (false, "points are not smoothed, and no surface was filled".to_string()),
+        (true, fill::Method::Dobrev) => (true, format!("filling from the nearest neighbour leaves patches of one depth and colour: {filter}, {often}; tiles in which nothing was filled are skipped")),
+        (true, _) => (false, "filling leaves no patches of one depth and colour, and details stay as they are".to_string()),
     };
-    Reason { runs, why: why.to_string() }
+    Reason { runs, why }
 }
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
@@ -141,7 +150,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let lit_by = all && reached.is_some();
     let mut nowhere = g.image("nowhere", [1, 1], Kind::Rgba32f);
     let mut smooth_reached = g.image("smooth reached", if lit_by { size } else { [1, 1] }, Kind::Rgba32f);
-    let (filter, iterations) = chosen(settings, scene.sampling.apart_px[0]);
+    let (filter, iterations) = chosen(settings, scene.sampling.spacing_px());
     for _ in 0..iterations {
         let light = reached.as_ref().filter(|_| lit_by).unwrap_or(&color);
         let to = (&mut smooth_depth, &mut smooth_color, &mut smooth_reached);

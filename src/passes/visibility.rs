@@ -103,7 +103,7 @@ pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
 
 /// Before filling by masks.
 fn beside_masks(scene: &Scene) -> Reason {
-    let apart_px = (SPARSER * scene.sampling.spacing_px()).max(scene.sampling.apart_px[1]);
+    let apart_px = (SPARSER * scene.sampling.spacing_px()).max(scene.sampling.apart_px);
     let runs = apart_px > fill::APART_PX;
     let why = match runs {
         true => format!("sparser points are {} pixels apart, and masks close gaps only between those up to {}", significant(apart_px), fill::APART_PX),

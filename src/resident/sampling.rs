@@ -11,8 +11,8 @@ pub struct Sampling {
     pub pixel_m: f64,
     /// Points a pixel where the middle point is, from sparse nodes to dense ones; 0 where there are none.
     pub density: f64,
-    /// How far apart points are on the screen, pixels: on half of what they cover no farther than the first, and on nine tenths no farther than the second; 0 where there are none.
-    pub apart_px: [f64; 2],
+    /// How far apart points are on the screen, pixels: on nine tenths of what they cover no farther; 0 where there are none.
+    pub apart_px: f64,
 }
 
 impl Sampling {
@@ -22,12 +22,11 @@ impl Sampling {
         let number = |of: fn(&Node) -> Option<f64>| seen.iter().filter_map(|node| Some((of(node)?, node.count))).collect();
         // Of points that are all in one place nobody knows how dense they are.
         let density = |node: &Node| (node.covered > 0.0).then(|| node.count as f64 / node.covered);
-        let areas: Vec<_> = seen.iter().map(|node| (node.apart, node.covered)).collect();
         Sampling {
             spacing_m: resident.spacing_m(),
             pixel_m: middle(number(|node| Some(node.pixel_m))),
             density: middle(number(density)),
-            apart_px: [0.5, 0.9].map(|share| quantile(areas.clone(), share)),
+            apart_px: quantile(seen.iter().map(|node| (node.apart, node.covered)).collect(), 0.9),
         }
     }
 
