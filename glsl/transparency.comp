@@ -3,7 +3,7 @@
 //     front <- front + (1 - front.a) layer          colours are multiplied by their opacity
 //
 //     nothing was there, or all layers let less than 2^-9 through    nothing is looked for: an infinite depth
-//     else                                                           depth of the layer + layer distance, or as deep as its slope makes it within a pixel
+//     else                                                           depth of the layer + layer distance, or as deep as its slope makes it within a pixel and as far as its depth was carried
 // and never less than before, since what is shown may have been filled. A point must lie deeper than that, so every layer is deeper than the one before it, also where the distance is less than a
 // quantum of the depth (HARD_CASES 15).
 #version 460
@@ -47,12 +47,13 @@ layout(constant_id = 3) const bool TEXELS = true;
 layout(constant_id = 4) const bool TAKEN = false;
 
 layout(push_constant, scalar) uniform Push {
-    uvec2 size;  // pixels of this band
-    uint top;    // first row of this band in the picture
-    float layer; // metres
-    float slant;  // how much deeper than its slope makes it a surface may be, within a pixel
-    float uphill; // and how much deeper for each pixel that its depth was carried
-    int apart_px; // how far apart two pixels are that do not show the depth of one point
+    uvec2 size;    // pixels of this band
+    uint top;      // first row of this band in the picture
+    float layer;   // metres
+    float slant;   // slopes that a surface may be deeper within a pixel
+    float uphill;  // and for each pixel that its depth was carried
+    float carried; // pixels, where a source does not tell
+    int apart_px;  // how far apart two pixels are that do not show the depth of one point
 } push;
 
 const uint NO_POINT = 0xFFFFFFFFu;
@@ -95,7 +96,7 @@ void add(ivec2 at) {
     float z = uintBitsToFloat(goes_on ? bits : 0u);
     float slope = (fall(z, pixel, ivec2(push.apart_px, 0)) + fall(z, pixel, ivec2(0, push.apart_px))) / float(push.apart_px);
     ivec2 way = abs(way_to(imageLoad(source, ivec2(pixel.x, pixel.y / 4))[pixel.y & 3]));
-    float carried = TAKEN ? float(max(way.x, way.y)) : float(push.apart_px - 1);
+    float carried = TAKEN ? float(max(way.x, way.y)) : push.carried;
     float layer = max(push.layer, (push.slant + push.uphill * carried) * slope);
     uint k = uint(at.y) * push.size.x + uint(at.x);
     // Positive floats order like their bits.

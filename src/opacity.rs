@@ -225,6 +225,9 @@ mod tests {
         let known = Known { stations: &stations, points: 3, counts: None };
         assert!(opacities.is_transparent(&known) && opacities.hides(&known) && opacities.needs_kinds());
         assert_eq!(opacities.lost(&stations), None);
+        let leaves_none = |rules: &[&str]| Opacities(rules.iter().map(|rule| rule.parse().unwrap()).collect()).hides_all(&known);
+        assert!(leaves_none(&["0.5", "0"]) && leaves_none(&["file:a.las=0", "station:b.ply=0"]));
+        assert!(!leaves_none(&[]) && !leaves_none(&["file:a.las=0"]) && !leaves_none(&["class:6=0", "return:1=0"]));
     }
 
     /// Rules about points that are not there peel no layers and leave nothing out; points that say nothing of their class are of class 0.

@@ -114,7 +114,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     let [slant, uphill] = if settings.layer == 0.0 { [SLANT, UPHILL] } else { [0.0; 2] };
     let layer = scene.layer_m(settings.layer) as f32;
     for (&Band { top, size }, next) in bands.iter().zip(&mut next) {
-        let push = Push { size, top, layer, slant, uphill, apart_px: layers.flat_px as i32 };
+        let push = Push { size, top, layer, slant, uphill, carried: (layers.flat_px - 1) as f32, apart_px: layers.flat_px as i32 };
         let source = layers.source.as_ref().unwrap_or(&layers.color);
         let Layers { color, depth, raw, .. } = &layers;
         let any_left = &left.racing();

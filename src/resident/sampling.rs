@@ -3,6 +3,7 @@
 use super::{Resident, ResidentNode};
 use crate::view::{Projection, View};
 
+/// Numbers of a picture, by the nodes that it shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sampling {
     /// As [`Resident::spacing_m`].
