@@ -6,7 +6,7 @@
 //   p0 - camera = z0 r0,  pi - camera = zi ri,  ri = r0 + (dx, dy, 0) / f
 //   cotangent of the angle at p0 between the ray to the camera and that to pi:
 //     t = ((z0 - zi) f r0.r0 - zi (d . r0)) / (zi sqrt(d.d + (d x r0)^2))        nothing cancels but z0 - zi, which is exact
-//   the sector's share of its hemisphere: 1 - cos = 1 - t / sqrt(1 + t t)         1 for a sector without a neighbour
+//   the sector's share of its hemisphere: 1 - cos = 1 - t / sqrt(1 + t t)         1 for a sector without a neighbour, or where that may be of the pixel's own surface: 0 < t <= `own_slope`
 // Since only the largest t of a sector counts, t |t| is compared, and roots are taken once a sector. A pixel without a point stands for one beyond all its neighbours: its cones are closed, or
 // hemispheres. A neighbour beyond the plane through p0 across the ray opens its cone beyond the hemisphere (t < 0).
 //
@@ -46,6 +46,7 @@ layout(push_constant, scalar) uniform Push {
     float px_per_unit;
     float threshold;   // steradians * SECTORS / 2 pi
     float holes;       // the same for a pixel without a point
+    float own_slope;   // t t up to which a neighbour closes nothing
 } push;
 
 const float FARTHEST = 3.402823466e38;
@@ -69,7 +70,7 @@ float share(float lean, bool empty) {
     float hypotenuse = 1.0 + square;
     float closed = 1.0 / (hypotenuse + sqrt(hypotenuse * square));
     float open = 2.0 - closed;
-    float known = empty ? 0.0 : lean > 0.0 ? closed : open;
+    float known = empty ? 0.0 : lean > push.own_slope ? closed : lean > 0.0 ? 1.0 : open;
     return lean <= NOTHING ? 1.0 : known;
 }
 

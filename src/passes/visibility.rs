@@ -10,7 +10,7 @@
 //! ```
 //! A tile is skipped where nothing in it can be invisible. Let no two adjacent pixels of it and its neighbours differ in depth by more than `slope` pixels' width. The cotangent of the angle to a
 //! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2; leaning lowers one sector's solid angle and raises the opposite one's by at least as much, but
-//! for the spread of directions within a sector, less than 0.71 lean. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
+//! for the spread of directions within a sector, less than 0.71 lean; `lead` only opens cones. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
 use super::{BLOCK_PX, Decided, Effects, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles};
 use crate::graph::{Graph, Kind, Tiles};
@@ -34,6 +34,8 @@ pub struct Settings {
     pub tiles: Looked,
     /// A pixel is visible from so much empty solid angle on, steradians.
     pub threshold: f64,
+    /// How far in front of a point a neighbour at the rim of a wide kernel has to be to close a cone, pixels' width; what is nearer to the ray by as much less ([`own_slope`]). 0: any, as in the paper.
+    pub lead: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -48,7 +50,7 @@ pub enum Looked {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { kernel: 0.0, reach: 5.5, sectors: 8.0, tiles: Looked::Needed, threshold: 2.0, holes: 0.7 }
+        Settings { kernel: 0.0, reach: 5.5, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 0.7, lead: 7.0 }
     }
 }
 
@@ -62,6 +64,7 @@ impl super::Settings for Settings {
             Setting { name: "holes", about: "empty solid angle from which a pixel without a point is background, steradians", value: number(&mut self.holes, 0.0..=TAU) },
             Setting { name: "tiles", about: "which tiles are looked at; the picture is the same", value: Value::Choice(&mut self.tiles) },
             Setting { name: "threshold", about: "empty solid angle from which a pixel is visible, steradians", value: number(&mut self.threshold, 0.0..=TAU) },
+            Setting { name: "lead", about: "how far in front of a point a neighbour at the rim of a wide kernel has to be to hide it, pixels' width; 0: any", value: number(&mut self.lead, 0.0..=1e9) },
         ]
     }
 
@@ -83,6 +86,8 @@ pub const FRONT_PX: f64 = 16.0;
 pub const SPARSER: f64 = 1.4;
 /// What is counted is at most so many times the node's spacing: a few stray points are no surface. Of layers behind others it is not asked: they have gaps where those in front have taken points with them.
 pub const SPARSEST: f64 = 2.0;
+/// Of a point's own surface, towards the camera, as it is taken to be at most: 45 degrees. With more, surfaces a few pixels behind each other show through each other; with less, contours grow.
+pub const STEEPEST: f64 = 1.0;
 /// As in glsl/lib/tile.glsl.
 const MARGIN_PX: u32 = 16;
 /// By how much images are larger than the picture at most: whole tiles, and margins.
@@ -181,7 +186,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let holes_at = KERNELS * stride;
     let sectors = if settings.sectors < 8.0 { 4 } else if settings.sectors < 16.0 { 8 } else { 16 };
     for list in least_list..=most_list {
-        let Kernel { span, radius } = Kernel::of(list, settings);
+        let kernel = Kernel::of(list, settings);
+        let Kernel { span, radius } = kernel;
         let push = visibility::Push {
             size: view.size,
             centre: view.centre().map(|at| at as f32),
@@ -191,6 +197,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             px_per_unit,
             threshold: (settings.threshold * sectors as f64 / TAU) as f32,
             holes: (settings.holes * sectors as f64 / TAU) as f32,
+            own_slope: own_slope(settings, kernel).powi(2) as f32,
         };
         let spec = visibility::Spec { radius, sectors, perspective, stride: span, texels: g.gpu.device.texels };
         let counted = lists.racing();
@@ -239,6 +246,13 @@ impl Kernel {
     pub fn taps(self) -> u32 {
         (2 * self.radius + 1).pow(2) - 1
     }
+}
+
+/// Slope of its own surface, towards the camera, that a point is not hidden by, as a cotangent of the angle at it between the ray to the camera and a neighbour: nothing that rises less closes a cone. Without it,
+/// points of a surface that rises away from something nearer lose their cones to both, and what is nearer grows over them. It is [`STEEPEST`], and less where kernels are so wide that what lies
+/// `lead` pixels' width behind would show.
+pub fn own_slope(settings: &Settings, kernel: Kernel) -> f64 {
+    (settings.lead / (kernel.span * kernel.radius) as f64).min(STEEPEST)
 }
 
 /// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.

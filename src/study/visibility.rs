@@ -1,6 +1,6 @@
 //! Study `visibility`: how well hidden points are told from visible ones, and holes from background, against what it costs.
 //!
-//! Knobs are kernel, sectors and threshold, one at a time. A point is visible where it belongs to the first surface of its pixel (`truth`). Pixels without a point are holes inside of the silhouette.
+//! Knobs are kernel, sectors, threshold, and how far ahead something must be to hide, one at a time. A point is visible where it belongs to the first surface of its pixel (`truth`). Pixels without a point are holes inside of the silhouette.
 
 use super::cases::Case;
 use super::chart::{Chart, Mark, Panel};
@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;
 
-pub const SUMMARY: &str = "kernel, sectors and threshold: hidden points told from visible ones, holes from background";
+pub const SUMMARY: &str = "kernel, sectors, threshold and lead: hidden points told from visible ones, holes from background";
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     configurations::run::<Visibility>(gpu, plan, progress)
@@ -49,7 +49,7 @@ const METRICS: &[Metric] = &[
 
 impl Question for Visibility {
     const NAME: &'static str = "visibility";
-    const TITLE: &'static str = "Visibility: kernel, sectors, threshold";
+    const TITLE: &'static str = "Visibility: kernel, sectors, threshold, lead";
     const METRICS: &'static [Metric] = METRICS;
     const COUNTERS: &'static [&'static str] = &["tiles looked at", "taps", "tiles with holes"];
     const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=off", "shape=off", "edl=off"];
@@ -64,11 +64,12 @@ impl Question for Visibility {
             let setting = if knob == AUTO { "visibility=on".into() } else { format!("visibility=on,{knob}={value}") };
             Configuration::new(knob, value, &["fill=off", "shape=off", "edl=off", &setting])
         };
-        let knobs: [(&str, &[&str]); 4] = [
+        let knobs: [(&str, &[&str]); 5] = [
             (AUTO, &[AUTO]),
             ("kernel", &["3", "5", "7", "9", "11", "13", "15"]),
             ("sectors", &["4", "16"]),
             ("threshold", &["0.25", "0.5", "1", "1.5", "2.5", "3", "4", "5"]),
+            ("lead", &["0", "3.5", "14", "28"]),
         ];
         knobs.into_iter().flat_map(|(knob, values)| values.iter().map(move |value| own(knob, value))).collect()
     }

@@ -41,18 +41,18 @@ fn hard_07_cone_solid_angle() {
                     let pixel = (at[1] * 9 + at[0]) as usize;
                     depths[pixel] = Some(own as f32);
                     let given: Vec<f32> = depths.iter().map(|z| z.unwrap()).collect();
-                    let sum = Depths { view: &view, depth: &given }.solid_angle(at, visibility::Kernel::of_width(width), sectors);
+                    let settings = visibility::Settings {
+                        kernel: width as f64,
+                        sectors: sectors as f64,
+                        tiles: visibility::Looked::All,
+                        lead: 0.0,
+                        ..visibility::Settings::default()
+                    };
+                    let [sum, _] = Depths { view: &view, depth: &given }.solid_angle(at, visibility::Kernel::of_width(width), &settings);
                     (least, greatest) = (least.min(sum), greatest.max(sum));
                     let mut visible = |threshold: f64| {
                         let mut effects = effects(&["visibility=on"]);
-                        let tiles = visibility::Looked::All;
-                        effects.visibility.settings = visibility::Settings {
-                            kernel: width as f64,
-                            sectors: sectors as f64,
-                            threshold,
-                            tiles,
-                            ..visibility::Settings::default()
-                        };
+                        effects.visibility.settings = visibility::Settings { threshold, ..settings };
                         canvas.draw(&view, &keys(&depths), &effects).seen.depth[pixel].is_finite()
                     };
                     // The kernel compares in units of a sector's hemisphere, in f32: thresholds that are such numbers.
@@ -146,7 +146,7 @@ fn hard_08_sector_index() {
 
 /// Every pixel without a point is a hole, and no point is hidden.
 const HOLES_EVERYWHERE: visibility::Settings =
-    visibility::Settings { kernel: 3.0, reach: 5.5, sectors: 8.0, holes: 100.0, tiles: visibility::Looked::All, threshold: 0.0 };
+    visibility::Settings { kernel: 3.0, reach: 5.5, sectors: 8.0, holes: 100.0, tiles: visibility::Looked::All, threshold: 0.0, lead: 0.0 };
 
 /// Each of the 2^9 sets of pixels of a 3 x 3 that hold points, on a plane, across a step, and all of one depth, where the colour alone says which was taken.
 #[test]

@@ -97,8 +97,8 @@ fn check_seen(
     let verdicts: Vec<_> = (0..keys.len()).into_par_iter().filter_map(case).map(verdict).collect();
     for &(i, at, kernel, verdict) in &verdicts {
         tally.count(verdict, &surface, i).unwrap_or_else(|why| {
-            let sum = depths.solid_angle(at, kernel, settings.sectors as usize);
-            panic!("{:?} {:?} {kernel:?} {settings:?} {at:?}, sum {sum}: {why}", view.camera.projection, view.size)
+            let sum = depths.solid_angle(at, kernel, &settings);
+            panic!("{:?} {:?} {kernel:?} {settings:?} {at:?}, sum {sum:?}: {why}", view.camera.projection, view.size)
         });
     }
     verdicts.into_iter().map(|(_, _, kernel, _)| kernel).collect()
@@ -118,11 +118,13 @@ fn visibility_decides_as_f64_does() {
                     let wild = (width as usize / 2 + n).is_multiple_of(2);
                     let keys = if wild { random_keys(size, CANVAS_POINTS, random) } else { layered_keys(size, random) };
                     let (threshold, holes) = (random.within(0.5, 5.0), random.within(0.3, 4.0));
+                    let lead = random.within(-10.0, 20.0).max(0.0);
                     let settings = visibility::Settings {
                         kernel: width as f64,
                         sectors: sectors as f64,
                         threshold,
                         holes,
+                        lead,
                         tiles: ALL,
                         ..Default::default()
                     };

@@ -1,9 +1,10 @@
 //! The f64 twin of the visibility passes: depths in, in the kernels' own f32 bits; of every pixel the empty solid angle out, and what follows from it.
 //!
-//! papers/README.md (Pintus, visibility), word for word: points in the camera's space, the largest `v . c` of every sector, the sum of `2 pi / S (1 - max v . c)`.
+//! papers/README.md (Pintus, visibility), word for word: points in the camera's space, the largest `v . c` of every sector, the sum of `2 pi / S (1 - max v . c)`; but that a neighbour which the point's own
+//! surface may reach ([`own_slope`]) closes nothing.
 //! The kernels' sum is within 2.1e-6 of that, relatively (HARD_CASES 7), and the threshold is rounded to f32, so that pixels within [`BAND`] of it may be decided either way.
 
-use crate::passes::visibility::{Kernel, Settings};
+use crate::passes::visibility::{Kernel, Settings, own_slope};
 use crate::view::{Projection, View};
 use glam::DVec3;
 use std::f64::consts::TAU;
@@ -55,8 +56,10 @@ impl Depths<'_> {
         }
     }
 
-    /// The empty solid angle of a pixel, steradians. One without a point lies beyond all neighbours: its cones are closed, or hemispheres.
-    pub fn solid_angle(&self, [x, y]: [i64; 2], kernel: Kernel, sectors: usize) -> f64 {
+    /// The empty solid angle of a pixel, steradians, at least and at most: two numbers where a sector's neighbour is too near to that slope to say. A pixel without a point lies beyond all neighbours: its
+    /// cones are closed, or hemispheres.
+    pub fn solid_angle(&self, [x, y]: [i64; 2], kernel: Kernel, settings: &Settings) -> [f64; 2] {
+        let (sectors, own_slope) = (settings.sectors as usize, own_slope(settings, kernel));
         let own = self.at(x, y).map(|z| self.point(x, y, z));
         let mut most: Vec<Option<f64>> = vec![None; sectors];
         let [radius, span] = [kernel.radius, kernel.span].map(i64::from);
@@ -81,16 +84,21 @@ impl Depths<'_> {
                 *sector = Some(sector.map_or(cos, |most| most.max(cos)));
             }
         }
-        most.iter().map(|cos| TAU / sectors as f64 * (1.0 - cos.unwrap_or(0.0))).sum()
+        let shares = |band: f64| {
+            let closes = |cos: f64| own.is_none() || cos <= 0.0 || cos > own_slope * (1.0 + band) * (1.0 - cos * cos).max(0.0).sqrt();
+            let share = |cos: &Option<f64>| 1.0 - cos.filter(|&cos| closes(cos)).unwrap_or(0.0);
+            TAU / sectors as f64 * most.iter().map(share).sum::<f64>()
+        };
+        [-BAND, BAND].map(shares)
     }
 
     pub fn verdict(&self, at: [i64; 2], kernel: Kernel, settings: &Settings) -> Verdict {
-        let sum = self.solid_angle(at, kernel, settings.sectors as usize);
+        let [least, most] = self.solid_angle(at, kernel, settings);
         let needed = if self.at(at[0], at[1]).is_some() { settings.threshold } else { settings.holes };
-        match sum - needed {
-            apart if apart.abs() <= BAND * sum => Verdict::InBand,
-            apart if apart >= 0.0 => Verdict::Visible,
-            _ => Verdict::Invisible,
+        match () {
+            () if least - needed > BAND * least => Verdict::Visible,
+            () if needed - most > BAND * most => Verdict::Invisible,
+            () => Verdict::InBand,
         }
     }
 
