@@ -102,6 +102,46 @@ fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
     });
 }
 
+/// A wall, strewn, that rises towards the camera, beside something far nearer that ends there: with any lead its points have no cone to either side, and those beside the contour are lost; but what the nearer thing has its own
+/// points in front of is hidden all the same.
+#[test]
+fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
+    canvas(|canvas| {
+        for view in views([127, 61]) {
+            let perspective = view.camera.projection == Projection::Perspective;
+            let random = &mut Random(0x0517);
+            let (edge, far) = (63, 10.0);
+            let px = if perspective { far / view.focal_px() } else { 1.0 / view.focal_px() };
+            let near = far - 60.0 * px;
+            let depths: Vec<_> = (0..127 * 61)
+                .map(|i| {
+                    let (strewn, hidden) = (random.bits().is_multiple_of(5), random.bits().is_multiple_of(5));
+                    let x = i % 127;
+                    let depth = if x < edge { near } else { far - 0.8 * (x - edge) as f64 * px };
+                    let behind = (x < edge && hidden).then_some(far as f32);
+                    if strewn { Some(depth as f32) } else { behind }
+                })
+                .collect();
+            let mut counts = |lead: &str| {
+                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,kernel=13,lead={lead}")])).seen;
+                let inside = |i: &usize| (16..45).contains(&(i / 127)) && depths[*i].is_some();
+                let part = |is_of: &dyn Fn(usize) -> bool| {
+                    let points: Vec<_> = (0..depths.len()).filter(inside).filter(|&i| is_of(i)).collect();
+                    (points.iter().filter(|&&i| seen.depth[i].is_finite()).count(), points.len())
+                };
+                let [beside, behind] = [
+                    part(&|i| (edge..edge + 7).contains(&(i % 127))),
+                    part(&|i| (16..edge - 7).contains(&(i % 127)) && depths[i] == Some(far as f32)),
+                ];
+                (beside, behind)
+            };
+            let (paper, ours) = (counts("0"), counts("7"));
+            println!("{:?}: points beside the contour that show, and points behind: {paper:?} with any lead, {ours:?}", view.camera.projection);
+            assert!(paper.0.0 < paper.0.1 * 2 / 3 && ours.0.0 == ours.0.1 && ours.1.0 == 0);
+        }
+    });
+}
+
 /// A pixel without a point, and each of the 2^8 sets of neighbours: how many sectors are empty, told by thresholds between whole numbers.
 #[test]
 fn hard_08_sector_index() {
