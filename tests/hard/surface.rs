@@ -136,7 +136,10 @@ fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
                 (beside, behind)
             };
             let (paper, ours) = (counts("0"), counts("7"));
-            println!("{:?}: points beside the contour that show, and points behind: {paper:?} with any lead, {ours:?}", view.camera.projection);
+            println!(
+                "{:?}: points beside the contour that show, and points behind: {paper:?} with any lead, {ours:?}",
+                view.camera.projection
+            );
             assert!(paper.0.0 < paper.0.1 * 2 / 3 && ours.0.0 == ours.0.1 && ours.1.0 == 0);
         }
     });
