@@ -56,7 +56,7 @@ impl Depths<'_> {
         }
     }
 
-    /// The empty solid angle of a pixel, steradians, at least and at most: two numbers where a sector's neighbour is too near to that slope to say. A pixel without a point lies beyond all neighbours: its
+    /// The empty solid angle of a pixel, steradians, at least and at most: they differ where a neighbour is within [`BAND`] of [`own_slope`], and f32 may say either. A pixel without a point lies beyond all neighbours: its
     /// cones are closed, or hemispheres.
     pub fn solid_angle(&self, [x, y]: [i64; 2], kernel: Kernel, settings: &Settings) -> [f64; 2] {
         let (sectors, own_slope) = (settings.sectors as usize, own_slope(settings, kernel));
@@ -95,10 +95,12 @@ impl Depths<'_> {
     pub fn verdict(&self, at: [i64; 2], kernel: Kernel, settings: &Settings) -> Verdict {
         let [least, most] = self.solid_angle(at, kernel, settings);
         let needed = if self.at(at[0], at[1]).is_some() { settings.threshold } else { settings.holes };
-        match () {
-            () if least - needed > BAND * least => Verdict::Visible,
-            () if needed - most > BAND * most => Verdict::Invisible,
-            () => Verdict::InBand,
+        if least - needed > BAND * least {
+            Verdict::Visible
+        } else if needed - most > BAND * most {
+            Verdict::Invisible
+        } else {
+            Verdict::InBand
         }
     }
 
