@@ -1,113 +1,113 @@
-// Tiles -> lists of tiles by kernel: where a hidden layer or a hole can be, and how far a pixel has to look to tell.
+// Tiles -> lists: which tiles each level of the pyramid has to judge, and then those that any level has to.
 //
-// A tile is left out where it and its neighbours are all empty, or all continuous. Elsewhere the kernel follows the spacing of the points where the tile is nearest: it is what others hide behind,
-// and gaps between its points are the holes. A tile without points goes by its neighbours.
+// A tile is left out of a level where nothing in the level's kernel can lead a point of it, or, of pixels without one, where there is no point at all. Fine levels are left out where all tiles around are
+// continuous (classify.comp). Of the others a cell is as large as a tile or larger, and its nearest point can be compared with the tile's farthest one: at a distance d of d_min pixels or more from a
+// ray that leans by l, it leads where   (z0 - z) f (1 + l l) > z d (own - l)   at most.
 //
-// That spacing is the node's, or, where the nearest surface is sparser there than its node, its own, counted over the tile and its neighbours. Its pixels are those of quarters of tiles that hold points
-// of it, as the four beside them do: at a silhouette what lies beyond would be taken for gaps, and kernels would go over it. Where no quarter is such, gaps are as wide as quarters: there whole tiles are counted, this one and the
-// four beside it, if all five hold points of it. A sparse part beside a dense one has few such quarters, and dense ones speak for it: what any of the five alone is found to be (gaps.comp) counts as well, and the sparsest is
-// taken. Tiles in which the surface is not nearest keep the node's, but where two by two of them lie within it: there they lie in a gap.
+// With a single level, which has no pyramid, that is where a tile or one beside it is not continuous.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 
 #include "tile.glsl"
+#include "levels.glsl"
 
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
-layout(scalar) readonly buffer Gaps { float tile[]; } gaps;
-layout(scalar) readonly buffer WideGaps { float block[]; } wide_gaps; // of two by two tiles
+layout(r32f) readonly uniform image2D pyramid;
+layout(r32f) readonly uniform image2D places;
+// Of every tile two words: pixels that something may lead, as far as is known; and that are known to be hidden.
+layout(scalar) readonly buffer Candidates { uint word[]; } candidates;
+layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
+// Of every tile three words: pixels that are to be judged, and a bit a level that has to.
+layout(scalar) writeonly buffer Asked { uint word[]; } asked;
 layout(scalar) buffer Lists { uint word[]; } lists;
 
+layout(constant_id = 0) const uint RADIUS = 3u;
+layout(constant_id = 1) const bool PERSPECTIVE = true;
+layout(constant_id = 2) const bool EMPTY = false;
+
 layout(push_constant, scalar) uniform Push {
+    uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
     uvec2 tiles;
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
-    uint stride;     // words from list to list
-    float widths[9]; // of the lists' kernels, pixels
-    uint fine;       // lists whose kernels look at every pixel; the others look at every second
-    uint least_list; // of those that the spacings of all points ask for
-    uint most_list;
-    float pixels_per_spacing; // width of the kernel
-    float front_px; // as in classify.comp
-    float sparser;  // counted spacings are multiplied by this, and are no more than
-    float sparsest; // so many times the node's
-    uint all; // 1: no tile is left out
-    uint packed_at; // dispatches of pack_depth, for the narrow kernels and for the wide ones
-    uvec2 pack_groups;
+    uint stride;       // words from list to list
+    int levels;
+    float own;         // slope up to which a neighbour may be of the point's own surface
+    uint all;          // 1: no tile is left out
 } push;
 
-layout(constant_id = 0) const bool PERSPECTIVE = true;
-
 const float FARTHEST = 3.402823466e38;
+// Of rounding.
+const float SURELY = 1.001;
+const int TILE_LEVEL = 3;
+const int R = int(RADIUS);
+
+// Whether something may be judged at a level whose cells are smaller than a tile.
+bool fine(ivec2 own, int level) {
+    ivec2 across = ivec2(push.tiles);
+    int span = (((R + 1) << level) + TILE_PX - 1) / TILE_PX;
+    bool covered = false;
+    bool continuous = true;
+    [[dont_unroll]] for (int dy = -span; dy <= span; ++dy) {
+        [[dont_unroll]] for (int dx = -span; dx <= span; ++dx) {
+            ivec2 at = clamp(own + ivec2(dx, dy), ivec2(0), across - 1);
+            Tile tile = tiles.tile[at.y * across.x + at.x];
+            covered = covered || (tile.points_left | tile.points_right) > 0u;
+            continuous = continuous && tile.continuous == 1u;
+        }
+    }
+    return covered && !continuous;
+}
+
+bool coarse(ivec2 own, int level, float z0) {
+    ivec2 size = ivec2(push.size);
+    ivec2 cells = level_size(size, level);
+    ivec2 corner = level_corner(size, level);
+    ivec2 top = TILE_PX * own;
+    ivec2 cell = top >> level;
+    vec2 first = vec2(top) + 0.5;
+    vec2 last = vec2(min(top + TILE_PX, size)) - 0.5;
+    vec2 ray = max(abs(first - push.centre), abs(last - push.centre)) / push.px_per_unit;
+    float lean = PERSPECTIVE ? sqrt(ray.x * ray.x + ray.y * ray.y) : 0.0;
+    float rise = push.px_per_unit * (1.0 + lean * lean) * SURELY;
+    float slope = max(push.own - lean, 0.0);
+    bool found = false;
+    [[dont_unroll]] for (int dy = -R; dy <= R; ++dy) {
+        [[dont_unroll]] for (int dx = -R; dx <= R; ++dx) {
+            ivec2 to = cell + ivec2(dx, dy);
+            ivec2 from = ivec2(at_edge(to.x, cells.x), at_edge(to.y, cells.y));
+            float z = imageLoad(pyramid, corner + from).r;
+            vec2 at = place_in(to, level, imageLoad(places, corner + from).r);
+            vec2 beside = max(max(first - at, at - last), 0.0);
+            float run = (PERSPECTIVE ? z : 1.0) * sqrt(beside.x * beside.x + beside.y * beside.y) * slope;
+            bool has = z <= FARTHEST;
+            found = found || (has && (EMPTY || (z < z0 && (z0 - z) * rise >= run)));
+        }
+    }
+    return found;
+}
 
 void main() {
     uint number = gl_GlobalInvocationID.x;
     if (number >= push.tiles.x * push.tiles.y) return;
-    ivec2 across = ivec2(push.tiles);
     ivec2 own = in_rows(number, uint(push.tiles.x));
-    uint points = 0u;
-    float spacing = 0.0;
-    float nearest = FARTHEST;
-    bool continuous = true;
-    [[dont_unroll]] for (int dy = -1; dy <= 1; ++dy) {
-        [[dont_unroll]] for (int dx = -1; dx <= 1; ++dx) {
-            ivec2 at = clamp(own + ivec2(dx, dy), ivec2(0), across - 1);
-            Tile tile = tiles.tile[at.y * across.x + at.x];
-            points += tile.points;
-            spacing = max(spacing, tile.spacing);
-            nearest = tile.points > 0u ? min(nearest, tile.nearest) : nearest;
-            continuous = continuous && tile.continuous == 1u;
-        }
+    Tile tile = tiles.tile[number];
+    uvec2 pixels = EMPTY ? uvec2(tile.empty_left, tile.empty_right) : uvec2(tile.points_left, tile.points_right);
+    pixels &= ~uvec2(invisible.word[2u * number], invisible.word[2u * number + 1u]);
+    pixels &= EMPTY ? uvec2(0xFFFFFFFFu) : uvec2(candidates.word[2u * number], candidates.word[2u * number + 1u]);
+    bool wanted = push.all == 1u || push.levels == 1 || pixels != uvec2(0u);
+    uint asking = 0u;
+    [[dont_unroll]] for (int level = 0; wanted && level < push.levels; ++level) {
+        bool looks = push.all == 1u || (level < TILE_LEVEL ? fine(own, level) : coarse(own, level, tile.farthest));
+        asking |= uint(looks) << level;
+        if (looks) APPEND(lists, uint(level) * push.stride, number)
     }
-    if (push.all == 0u && (points == 0u || continuous)) return;
-    // The quarters of the nine tiles, six across and six down: how many pixels each holds of the surface that is nearest, and of every row which hold any.
-    uint held[9];
-    // Of this tile and those beside it, as far as they are of that surface: the widest.
-    float gap = 0.0;
-    uint rows[6] = uint[6](0u, 0u, 0u, 0u, 0u, 0u);
-    [[unroll]] for (int t = 0; t < 9; ++t) {
-        ivec2 at = clamp(own + ivec2(t % 3 - 1, t / 3 - 1), ivec2(0), across - 1);
-        Tile tile = tiles.tile[at.y * across.x + at.x];
-        bool of_front = tile.points > 0u && in_front(tile.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
-        held[t] = of_front ? tile.front : 0u;
-        if (t == 4 || t % 2 == 1) gap = max(gap, of_front ? gaps.tile[at.y * across.x + at.x] : 0.0);
-        [[unroll]] for (int q = 0; q < 4; ++q) rows[2 * (t / 3) + q / 2] |= uint((held[t] >> (8 * q) & 255u) > 0u) << (2 * (t % 3) + q % 2);
-    }
-    uint inner[6] = uint[6](0u, 0u, 0u, 0u, 0u, 0u);
-    [[unroll]] for (int row = 1; row < 5; ++row) inner[row] = rows[row - 1] & rows[row] & rows[row + 1] & rows[row] << 1 & rows[row] >> 1;
-    uint front = 0u;
-    uint extent = 0u;
-    [[unroll]] for (int k = 0; k < 36; ++k) {
-        uint counts = inner[2 * (k / 12) + k % 4 / 2] >> (2 * (k / 4 % 3) + k % 2) & 1u;
-        front += counts * (held[k / 4] >> (8 * (k % 4)) & 255u);
-        extent += counts * uint(TILE_PX / 2 * TILE_PX / 2);
-    }
-    uint beside = 0u;
-    bool crossed = true;
-    [[unroll]] for (int t = 0; t < 9; ++t) {
-        bool counts = t == 4 || t % 2 == 1;
-        beside += counts ? in_quarters(held[t]) : 0u;
-        crossed = crossed && (held[t] > 0u || !counts);
-    }
-    if (extent > 0u) gap = max(gap, apart(float(front) / float(extent)));
-    else if (crossed) gap = max(gap, apart(float(beside) / float(5 * TILE_PX * TILE_PX)));
-    Tile at = tiles.tile[number];
-    bool is_front = at.points > 0u && in_front(at.nearest, nearest, push.front_px, push.px_per_unit, PERSPECTIVE);
-    ivec2 block = own / 2;
-    float wide = wide_gaps.block[block.y * ((across.x + 1) / 2) + block.x];
-    float counted = push.sparser * max(is_front ? gap : 0.0, wide);
-    float of_node = at.points > 0u ? at.spacing : spacing;
-    float kernel = clamp(counted, of_node, push.sparsest * of_node) * push.pixels_per_spacing;
-    uint list = 0u;
-    [[unroll]] for (int k = 0; k < 8; ++k) list += kernel > push.widths[k] ? 1u : 0u;
-    list = clamp(list, push.least_list, push.most_list);
-    uint packed_for = push.packed_at + (list < push.fine ? 0u : LIST_HEADER);
-    if (lists.word[packed_for] == 0u) {
-        lists.word[packed_for + 1u] = push.pack_groups.y;
-        lists.word[packed_for + 2u] = 1u;
-        lists.word[packed_for] = push.pack_groups.x;
-    }
-    APPEND(list * push.stride, number)
+    if (asking != 0u) APPEND(lists, uint(push.levels) * push.stride, number)
+    asked.word[3u * number] = pixels.x;
+    asked.word[3u * number + 1u] = pixels.y;
+    asked.word[3u * number + 2u] = asking;
 }

@@ -1,7 +1,8 @@
-// A level of a pyramid in, the next coarser one out: each pixel the mean of those of its 2 x 2 that have a value and belong to the nearest surface among them
+// A level of a pyramid in, the next coarser one out: each cell the mean of those of its 2 x 2 that have a value and belong to the nearest surface among them
 // (Grossman and Dally 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
 //
-// A pixel without a value is not known where one of its four is not, else background.
+// A mean is of places as well as of depths. With perspective it is of inverse depths, which are affine on planes, so that the mean lies on the plane that its points lie on. Ratios to the nearest depth
+// are averaged: what is constant stays so.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -11,10 +12,17 @@
 
 layout(local_size_x = 64) in;
 
-layout(r32f) readonly uniform image2D fine_depth;
+// Of the picture.
+layout(r32f) readonly uniform image2D depth;
+// Of other levels: depth, and where it is, in cells from the middle of its own.
+layout(rgba32f) readonly uniform image2D fine_places;
 layout(rgba32f) readonly uniform image2D fine_color;
-layout(r32f) writeonly uniform image2D depth;
+layout(rgba32f) writeonly uniform image2D places;
 layout(rgba32f) writeonly uniform image2D color;
+
+layout(constant_id = 0) const bool PERSPECTIVE = true;
+// From the picture, to level 1.
+layout(constant_id = 1) const bool FIRST = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 fine_size;
@@ -24,34 +32,36 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
+    ivec2 cell = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(cell, ivec2(push.size)))) return;
     ivec2 last = ivec2(push.fine_size) - 1;
-    float z[4];
+    vec3 place[4];
     float nearest = uintBitsToFloat(BACKGROUND_BITS);
-    bool unknown = false;
     [[unroll]] for (int k = 0; k < 4; ++k) {
-        ivec2 at = 2 * pixel + ivec2(k % 2, k / 2);
-        float found = imageLoad(fine_depth, min(at, last)).r;
-        z[k] = all(lessThanEqual(at, last)) ? found : uintBitsToFloat(BACKGROUND_BITS);
-        unknown = unknown || z[k] < 0.0;
-        nearest = z[k] >= 0.0 ? min(nearest, z[k]) : nearest;
+        ivec2 at = 2 * cell + ivec2(k % 2, k / 2);
+        vec3 found = FIRST ? vec3(imageLoad(depth, min(at, last)).r, 0.0, 0.0) : imageLoad(fine_places, min(at, last)).xyz;
+        place[k] = all(lessThanEqual(at, last)) && found.x >= 0.0 ? found : vec3(uintBitsToFloat(BACKGROUND_BITS), 0.0, 0.0);
+        nearest = min(nearest, place[k].x);
     }
     float tolerance = push.relative == 1u ? push.tolerance * nearest : push.tolerance;
     float count = 0.0;
-    float rise = 0.0;
-    vec4 sum = vec4(0.0);
+    float sum = 0.0;
+    vec2 offset = vec2(0.0);
+    vec4 colors = vec4(0.0);
     [[unroll]] for (int k = 0; k < 4; ++k) {
-        bool has = has_depth(floatBitsToUint(z[k])) && z[k] >= 0.0;
-        float difference = has ? z[k] - nearest : 0.0;
-        has = has && difference <= tolerance;
-        vec4 c = imageLoad(fine_color, min(2 * pixel + ivec2(k % 2, k / 2), last));
+        float z = place[k].x;
+        bool has = has_depth(floatBitsToUint(z));
+        has = has && z - nearest <= tolerance;
+        float part = PERSPECTIVE ? nearest / z : z - nearest;
+        vec4 c = imageLoad(fine_color, min(2 * cell + ivec2(k % 2, k / 2), last));
         count += has ? 1.0 : 0.0;
-        rise += has ? difference : 0.0;
-        sum += has ? c : vec4(0.0);
+        sum += has ? part : 0.0;
+        offset += has ? 0.5 * (place[k].yz + vec2(k % 2, k / 2) - 0.5) : vec2(0.0);
+        colors += has ? c : vec4(0.0);
     }
-    float mean = nearest + rise / max(count, 1.0);
     bool valued = count > 0.0;
-    imageStore(depth, pixel, vec4(valued ? mean : uintBitsToFloat(unknown ? UNKNOWN_BITS : BACKGROUND_BITS)));
-    imageStore(color, pixel, valued ? sum / count : vec4(0.0));
+    float many = max(count, 1.0);
+    float mean = PERSPECTIVE ? nearest / (valued ? sum / many : 1.0) : nearest + sum / many;
+    imageStore(places, cell, vec4(valued ? mean : uintBitsToFloat(BACKGROUND_BITS), offset / many, 0.0));
+    imageStore(color, cell, colors / many);
 }

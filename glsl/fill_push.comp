@@ -1,7 +1,9 @@
-// A level of a pyramid and the next coarser one in; pixels of the finer that are to be filled take the mean of the four coarse pixels around them, weighted bilinearly, out in place
-// (Grossman and Dally 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
+// A level of the pyramid and the filled next coarser one in, this level filled out (Grossman and Dally 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
 //
-// Only those of the four count that have a value and are of one surface with the coarse pixel that this one lies in; where that has none, with the nearest of them.
+//   a cell with a value:    that, carried from where it was found to the cell's middle by the slope of the coarser level
+//   one without:            the mean of the four coarser cells around it, weighted bilinearly, of those that are of one surface with the one that it lies in; where that has none, with the nearest
+//
+// Of the picture itself only pixels that are to be filled change. With perspective means are of inverse depths, as ratios to one of them.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -13,8 +15,17 @@ layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D coarse_depth;
 layout(rgba32f) readonly uniform image2D coarse_color;
-layout(r32f) uniform image2D depth;
-layout(rgba32f) uniform image2D color;
+// Of the picture; and of other levels (fill_pull.comp).
+layout(r32f) readonly uniform image2D depth;
+layout(rgba32f) readonly uniform image2D places;
+layout(rgba32f) readonly uniform image2D color;
+layout(r32f) writeonly uniform image2D filled_depth;
+layout(rgba32f) writeonly uniform image2D filled_color;
+
+layout(constant_id = 0) const bool PERSPECTIVE = true;
+// The coarsest level has none above it.
+layout(constant_id = 1) const bool COARSEST = false;
+layout(constant_id = 2) const bool PICTURE = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 coarse_size;
@@ -24,42 +35,85 @@ layout(push_constant, scalar) uniform Push {
     uint flood; // 1: background is to be filled, too
 } push;
 
+#define NONE uintBitsToFloat(BACKGROUND_BITS)
+
+// None outside.
+float coarse_at(ivec2 at) {
+    ivec2 size = ivec2(push.coarse_size);
+    bool inside = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size));
+    float z = imageLoad(coarse_depth, clamp(at, ivec2(0), size - 1)).r;
+    return inside ? z : NONE;
+}
+
+float tolerance_at(float z) {
+    return push.relative == 1u ? push.tolerance * z : push.tolerance;
+}
+
+// By how much the depth rises from a coarse cell to one beside it, or falls to the one on the other side, where they are of one surface: metres, or with perspective parts of inverse depth.
+float slope(float z, float before, float after) {
+    bool has_before = abs(before - z) <= tolerance_at(z);
+    bool has_after = abs(after - z) <= tolerance_at(z);
+    float fall = PERSPECTIVE ? 1.0 - z / before : z - before;
+    float rise = PERSPECTIVE ? z / after - 1.0 : after - z;
+    float both = (has_before ? fall : 0.0) + (has_after ? rise : 0.0);
+    return has_before && has_after ? 0.5 * both : both;
+}
+
+// A value at a place, carried to the middle of its cell.
+float in_middle(vec3 place, ivec2 parent) {
+    float z = coarse_at(parent);
+    vec2 slopes = vec2(slope(z, coarse_at(parent - ivec2(1, 0)), coarse_at(parent + ivec2(1, 0))), slope(z, coarse_at(parent - ivec2(0, 1)), coarse_at(parent + ivec2(0, 1))));
+    float away = 0.5 * (slopes.x * place.y + slopes.y * place.z);
+    // Of the place's own inverse depth.
+    float ratio = 1.0 - away * (place.x / z);
+    float carried = PERSPECTIVE ? place.x / (ratio > 0.5 && ratio < 2.0 ? ratio : 1.0) : place.x - away;
+    return z <= 3.402823466e38 ? carried : place.x;
+}
+
 void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(pixel, ivec2(push.size)))) return;
-    uint own = floatBitsToUint(imageLoad(depth, pixel).r);
+    ivec2 cell = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(cell, ivec2(push.size)))) return;
+    vec4 own_color = imageLoad(color, cell);
+    vec3 place = PICTURE ? vec3(imageLoad(depth, cell).r, 0.0, 0.0) : imageLoad(places, cell).xyz;
+    uint own = floatBitsToUint(place.x);
+    ivec2 parent = cell / 2;
+    bool has_own = has_depth(own) && place.x > 0.0;
+    if (COARSEST) {
+        imageStore(filled_depth, cell, vec4(place.x));
+        imageStore(filled_color, cell, own_color);
+        return;
+    }
+    bool filling = !has_own && (!PICTURE || own == UNKNOWN_BITS || push.flood == 1u);
+    float z = has_own && !PICTURE ? in_middle(place, parent) : place.x;
     // A loop for a condition: lavapipe leaves a loop that no lane runs, and walks through a branch that none takes.
-    for (bool filling = own == UNKNOWN_BITS || (push.flood == 1u && own == BACKGROUND_BITS); filling; filling = false) {
-        ivec2 parent = pixel / 2;
-        ivec2 toward = 2 * (pixel % 2) - 1;
-        float z[4];
+    for (; filling; filling = false) {
+        ivec2 toward = 2 * (cell % 2) - 1;
+        float from[4];
         vec4 c[4];
-        float nearest = uintBitsToFloat(BACKGROUND_BITS);
+        float nearest = NONE;
         [[unroll]] for (int k = 0; k < 4; ++k) {
             ivec2 at = parent + toward * ivec2(k % 2, k / 2);
-            bool inside = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, ivec2(push.coarse_size)));
-            at = clamp(at, ivec2(0), ivec2(push.coarse_size) - 1);
-            float found = imageLoad(coarse_depth, at).r;
-            z[k] = inside && found >= 0.0 ? found : uintBitsToFloat(BACKGROUND_BITS);
-            c[k] = imageLoad(coarse_color, at);
-            nearest = min(nearest, z[k]);
+            from[k] = coarse_at(at);
+            c[k] = imageLoad(coarse_color, clamp(at, ivec2(0), ivec2(push.coarse_size) - 1));
+            nearest = min(nearest, from[k]);
         }
         bool reached = has_depth(floatBitsToUint(nearest));
-        float like = has_depth(floatBitsToUint(z[0])) ? z[0] : nearest;
-        float tolerance = push.relative == 1u ? push.tolerance * like : push.tolerance;
+        float like = has_depth(floatBitsToUint(from[0])) ? from[0] : nearest;
         float weights = 0.0;
-        float rise = 0.0;
-        vec4 sum = vec4(0.0);
+        float sum = 0.0;
+        vec4 colors = vec4(0.0);
         [[unroll]] for (int k = 0; k < 4; ++k) {
-            bool has = has_depth(floatBitsToUint(z[k]));
-            float difference = has ? z[k] - like : 0.0;
-            float weight = has && abs(difference) <= tolerance ? (k == 0 ? 9.0 : k == 3 ? 1.0 : 3.0) : 0.0;
+            bool has = has_depth(floatBitsToUint(from[k]));
+            float difference = has ? from[k] - like : 0.0;
+            float weight = has && abs(difference) <= tolerance_at(like) ? (k == 0 ? 9.0 : k == 3 ? 1.0 : 3.0) : 0.0;
             weights += weight;
-            rise += weight * difference;
-            sum += weight * c[k];
+            sum += weight * (PERSPECTIVE ? like / (like + difference) : difference);
+            colors += weight * c[k];
         }
-        float mean = like + rise / max(weights, 1.0);
-        imageStore(depth, pixel, vec4(reached ? mean : uintBitsToFloat(BACKGROUND_BITS)));
-        imageStore(color, pixel, reached ? sum / max(weights, 1.0) : vec4(0.0));
+        float mean = PERSPECTIVE ? like / (reached ? sum / weights : 1.0) : like + sum / max(weights, 1.0);
+        z = reached ? mean : NONE;
+        own_color = reached ? colors / max(weights, 1.0) : vec4(0.0);
     }
+    imageStore(filled_depth, cell, vec4(z));
+    imageStore(filled_color, cell, own_color);
 }

@@ -10,10 +10,13 @@
 layout(local_size_x = 64) in;
 
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
-layout(scalar) readonly buffer Invisible { uint column[]; } invisible;
+layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
 layout(r32f) uniform image2D depth;
 layout(r32ui) uniform uimage2D index;
 layout(rgba32f) uniform image2D color;
+
+// Index and colour, too.
+layout(constant_id = 0) const bool ALL = true;
 
 layout(push_constant, scalar) uniform Push {
     uint tiles_across;
@@ -22,14 +25,14 @@ layout(push_constant, scalar) uniform Push {
 
 void work(uint n) {
     uint tile = lists.word[push.at + LIST_HEADER + n];
-    uint bits = invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u];
+    uint bits = column_bits(invisible.word[2u * tile], invisible.word[2u * tile + 1u], gl_LocalInvocationID.x % 8u);
     ivec2 pixel = column_of(tile, push.tiles_across);
     [[dont_unroll]] for (int row = 0;; ++row) {
         if ((bits >> row & 1u) == 1u) {
             ivec2 at = pixel + ivec2(0, row);
             imageStore(depth, at, vec4(uintBitsToFloat(UNKNOWN_BITS)));
-            imageStore(index, at, uvec4(NO_POINT));
-            imageStore(color, at, vec4(0.0));
+            if (ALL) imageStore(index, at, uvec4(NO_POINT));
+            if (ALL) imageStore(color, at, vec4(0.0));
         }
         if (row == TILE_PX - 1) break;
     }

@@ -27,5 +27,5 @@ void main() {
         for (int x = first.x; x <= last.x; ++x) near |= covered.tile[uint(y) * push.tiles.x + uint(x)];
     }
     if (near == 0u) return;
-    APPEND(0u, uint(tile.y) << 16 | uint(tile.x))
+    APPEND(lists, 0u, uint(tile.y) << 16 | uint(tile.x))
 }

@@ -14,9 +14,6 @@ layout(local_size_x = 64) in;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) writeonly uniform image2D packed_depth;
 
-// Each pixel is the nearest of so many x so many, itself at the top left.
-layout(constant_id = 0) const uint SPAN = 1u;
-
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     uvec2 packed_size; // texels
@@ -28,17 +25,12 @@ void main() {
     if (any(greaterThanEqual(texel, ivec2(push.packed_size)))) return;
     ivec2 size = ivec2(push.size);
     ivec2 top = ivec2(texel.x, 4 * texel.y) - push.margin;
-    vec4 four = vec4(uintBitsToFloat(BACKGROUND_BITS));
-    for (int i = 0; i < int(SPAN); ++i) {
-        int x = size.x - 1 - abs(size.x - 1 - abs(top.x + i));
-        [[unroll]] for (int row = 0; row < 5; ++row) {
-            if (row == 4 && SPAN == 1u) break;
-            int y = size.y - 1 - abs(size.y - 1 - abs(top.y + row));
-            // Without a margin, what lies beyond the picture reads as 0: no depth.
-            float z = imageLoad(depth, push.margin > 0 ? clamp(ivec2(x, y), ivec2(0), size - 1) : top + ivec2(i, row)).r;
-            if (row < 4) four[row] = min(four[row], z);
-            if (row > 0 && SPAN == 2u) four[row - 1] = min(four[row - 1], z);
-        }
+    int x = size.x - 1 - abs(size.x - 1 - abs(top.x));
+    vec4 four;
+    [[unroll]] for (int row = 0; row < 4; ++row) {
+        int y = size.y - 1 - abs(size.y - 1 - abs(top.y + row));
+        // Without a margin, what lies beyond the picture reads as 0: no depth.
+        four[row] = imageLoad(depth, push.margin > 0 ? clamp(ivec2(x, y), ivec2(0), size - 1) : top + ivec2(0, row)).r;
     }
     imageStore(packed_depth, texel, four);
 }

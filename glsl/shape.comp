@@ -36,7 +36,7 @@ void want(ivec2 tile) {
         for (int x = max(tile.x - push.rings, 0); x <= min(tile.x + push.rings, int(push.tiles.x) - 1); ++x) {
             bool near = max(abs(x - tile.x), abs(y - tile.y)) <= push.shaded;
             uint at = uint(y) * push.tiles.x + uint(x);
-            if ((atomicOr(wanted.tile[at], near ? 3u : 1u) & 3u) == 0u) APPEND(0u, at)
+            if ((atomicOr(wanted.tile[at], near ? 3u : 1u) & 3u) == 0u) APPEND(lists, 0u, at)
         }
     }
 }

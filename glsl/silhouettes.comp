@@ -42,7 +42,7 @@ void look(uint place) {
         above = own;
         own = below;
     }
-    if (any_found && atomicOr(found.tile[tile], 1u) == 0u) APPEND(0u, tile)
+    if (any_found && atomicOr(found.tile[tile], 1u) == 0u) APPEND(lists, 0u, tile)
 }
 
 void main() {

@@ -41,7 +41,7 @@ void look(uint place) {
     for (int y = first.y; y <= last.y; ++y) {
         for (int x = first.x; x <= last.x; ++x) {
             uint near = uint(y) * push.tiles.x + uint(x);
-            if (found.tile[near] == 0u && atomicExchange(found.tile[near], 1u) == 0u) APPEND(0u, near)
+            if (found.tile[near] == 0u && atomicExchange(found.tile[near], 1u) == 0u) APPEND(lists, 0u, near)
         }
     }
 }

@@ -23,29 +23,28 @@ layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D packed_depth;
-layout(scalar) buffer Lists { uint word[]; } lists;
+layout(scalar) readonly buffer Lists { uint word[]; } lists;
+// Tiles with invisible pixels.
+layout(scalar) buffer Holes { uint word[]; } holes;
 layout(r32ui) readonly uniform uimageBuffer listed_words;
-// Of every column of every tile, from the top, a bit a pixel; valid for tiles on the list of holes.
-layout(scalar) writeonly buffer Invisible { uint column[]; } invisible;
+// Of every tile two words, a bit a pixel (lib/tile.glsl).
+layout(scalar) buffer Invisible { uint word[]; } invisible;
 // Of every tile on that list, the width of the kernel that put it there, pixels; 0 of others.
 layout(scalar) buffer Kernels { uint tile[]; } kernels;
 
 layout(constant_id = 0) const uint RADIUS = 4u;
 layout(constant_id = 1) const uint SECTORS = 8u;
 layout(constant_id = 2) const bool PERSPECTIVE = true;
-// Pixels from neighbour to neighbour: 2 where `packed_depth` holds the nearest of 2 x 2.
-layout(constant_id = 3) const uint STRIDE = 1u;
-layout(constant_id = 4) const bool TEXELS = true;
+layout(constant_id = 3) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     vec2 centre;       // where the camera looks, pixels from the first
     uint tiles_across;
     uint at;           // the list of this kernel
-    uint holes_at;     // the list of tiles with invisible pixels
     float px_per_unit;
     float threshold;   // steradians * SECTORS / 2 pi
-    float holes;       // the same for a pixel without a point
+    float hole;        // the same for a pixel without a point
     float own_slope;   // t t up to which a neighbour closes nothing
 } push;
 
@@ -57,11 +56,10 @@ const float FARTHEST_PLACE = 1e15;
 const float NOTHING = -1e37;
 
 const int R = int(RADIUS);
-const int STEP = int(STRIDE);
 // Texels above and below a lane's own, and pixels from the first of them to the lane's first.
-const int REACH = (R * STEP + 3) / 4;
+const int REACH = (R + 3) / 4;
 const int ABOVE = 4 * REACH;
-const int MOST_ROWS = 36;
+const int MOST_ROWS = 20;
 const int PER_QUARTER = int(SECTORS) / 4;
 
 // Of a sector: its solid angle in hemispheres' shares, from its largest t |t|.
@@ -109,7 +107,7 @@ void work(uint n) {
                 float z[MOST_ROWS];
                 float zz[MOST_ROWS];
                 [[unroll]] for (int q = 0; q < 2 * REACH + 1; ++q) {
-                    vec4 four = imageLoad(packed_depth, texel + side * ivec2(STEP * dx, q - REACH));
+                    vec4 four = imageLoad(packed_depth, texel + side * ivec2(dx, q - REACH));
                     four = mix(four.wzyx, four, bvec4(side > 0));
                     [[unroll]] for (int c = 0; c < 4; ++c) {
                         float place = clamp(four[c], NEAREST_PLACE, farthest);
@@ -121,11 +119,11 @@ void work(uint n) {
                     // The half plane has the axis above the pixel, and not the one below it.
                     int sector = dy < 0 ? sector_of(-dy, dx) : dx > 0 ? sector_of(dx, dy) : PER_QUARTER;
                     [[unroll]] for (int p = 0; p < 4; ++p) {
-                        int i = ABOVE + p + STEP * dy;
-                        float aside = float(STEP * dx) * ray_x + float(STEP * dy) * ray_y[p];
-                        float twist = float(STEP * dx) * ray_y[p] - float(STEP * dy) * ray_x;
+                        int i = ABOVE + p + dy;
+                        float aside = float(dx) * ray_x + float(dy) * ray_y[p];
+                        float twist = float(dx) * ray_y[p] - float(dy) * ray_x;
                         float along = (z0[p] - z[i]) * f_rr[p] - (PERSPECTIVE ? z[i] * aside : 0.0);
-                        float across = zz[i] * (float(STEP * STEP * (dx * dx + dy * dy)) + (PERSPECTIVE ? twist * twist : 0.0));
+                        float across = zz[i] * (float(dx * dx + dy * dy) + (PERSPECTIVE ? twist * twist : 0.0));
                         float ratio = along * abs(along) / across;
                         float lean = mix(NOTHING, ratio, zz[i] > 0.0);
                         [[unroll]] for (int k = 0; k < PER_QUARTER; ++k) {
@@ -155,12 +153,13 @@ void work(uint n) {
         [[unroll]] for (int p = 0; p < 4; ++p) {
             bool inside = top.x < size.x && first + p < size.y;
             bool empty = !(own[p] <= FARTHEST);
-            bits |= inside && sum[p] < (empty ? push.holes : push.threshold) ? 1u << (4 * half_tile + p) : 0u;
+            bits |= inside && sum[p] < (empty ? push.hole : push.threshold) ? 1u << (4 * half_tile + p) : 0u;
         }
         if (half_tile == 1) break;
     }
-    invisible.column[tile * 8u + gl_LocalInvocationID.x % 8u] = bits;
-    if (bits != 0u && atomicExchange(kernels.tile[tile], 2u * STRIDE * (RADIUS + 1u) - 1u) == 0u) APPEND(push.holes_at, tile)
+    uint column = gl_LocalInvocationID.x % 8u;
+    if (bits != 0u) atomicOr(invisible.word[2u * tile + column / 4u], bits << (8u * (column % 4u)));
+    if (bits != 0u && atomicExchange(kernels.tile[tile], 2u * RADIUS + 1u) == 0u) APPEND(holes, 0u, tile)
 }
 
 void main() {

@@ -21,7 +21,7 @@ use crate::view::View;
 use std::path::{Path, PathBuf};
 
 /// A picture of more pixels is drawn in pieces: a frame takes a hundred bytes a pixel and more.
-const WHOLE_PIXELS: u64 = 1 << 25;
+const WHOLE_PIXELS: u64 = 3 << 23;
 
 /// Of a piece, pixels: a picture takes two gigabytes with these, since buffers of the smaller windows at its edges stay on the shelf beside the others.
 const PIECE: [u32; 2] = [4096, 1024];
@@ -67,7 +67,7 @@ impl Pieces {
         let reach = look.reach_px(view).ok_or_else(|| {
             let [width, height] = whole;
             Error::Request(format!(
-                "{width}x{height} pixels are drawn in pieces, and fill=method=pullpush, or ao=radius= in metres with perspective, depends on more than a piece; switch it off"
+                "{width}x{height} pixels are drawn in pieces, and ao=radius= in metres with perspective depends on more than a piece; switch it off"
             ))
         })?;
         let rows = (ROW_BYTES / (3 * whole[0] as u64)).max(1).min(PIECE[1] as u64) as u32;

@@ -259,7 +259,7 @@ fn layers_are_drawn_only_where_they_show_something_and_the_picture_is_the_same()
         &["visibility=off", "fill=off", "edl=on,radius=3"],
         &["visibility=off", "fill=on,method=splat,radius=9", "edl=on"],
         &["fill=method=pullpush", "phong=on"],
-        &["visibility=kernel=15", "fill=iterations=3,surrounded=4", "shadows=on,samples=2", "antialias=on"],
+        &["visibility=levels=1,kernel=15", "fill=method=pintus,iterations=3,surrounded=4", "shadows=on,samples=2", "antialias=on"],
     ];
     for way in [Way::Compute64, Way::Compute32] {
         for effects in looks {

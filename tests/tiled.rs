@@ -99,7 +99,6 @@ fn a_picture_is_larger_than_any_image_and_what_needs_all_of_it_is_refused() {
     assert!(wide.pixels.iter().any(|pixel| *pixel != wide.pixels[0]));
     for (line, word) in [
         (format!("--size 40000x24 --exr {}", place.at("wide.exr").display()), "--exr"),
-        ("--size 256x160 --piece 64 --effect fill=method=pullpush".to_string(), "pullpush"),
         ("--size 256x160 --piece 64 --effect ao=on,radius=2".to_string(), "ao"),
     ] {
         let said = failed(&place.render("street.las", "refused.png", &line), 1);

@@ -8,44 +8,34 @@
 #include "word.glsl"
 
 const int TILE_PX = 8;
-// Of packed depth, on every side: as far as the widest kernel looks.
-const int MARGIN_PX = 16;
+// Of packed depth, on every side: as far as the widest kernel looks, in whole texels.
+const int MARGIN_PX = 8;
 const uint LIST_HEADER = 4u;
 const uint MOST_GROUPS = 65535u;
 const uint TILES_PER_GROUP = 8u;
 
+// Bits of a tile's pixels are two words: of each column of pixels a byte, from the top.
 struct Tile {
-    uint points;     // pixels that hold one
-    uint front;      // of those, that are of the surface that is nearest in it: of each of its quarters a byte, 0 where the picture ends in one
-    uint pairs;      // of two of them, side by side or one above the other
-    uint continuous; // 1: every pixel holds a point, and neighbours differ by less than a hidden layer would
-    float nearest;   // depth, where it holds points
-    float spacing;   // of its node's points where it is nearest, pixels; 0 where no point is
+    uint points_left;  // pixels that hold a point
+    uint points_right;
+    uint empty_left;   // pixels that hold none
+    uint empty_right;
+    uint continuous;   // 1: every pixel holds a point, and neighbours differ by less than a hidden layer would
+    float farthest;    // depth of its points
 };
 
-// Whether a depth is of the same surface as the nearest one: no more than `front_px` pixels' width behind it.
-bool in_front(float depth, float nearest, float front_px, float px_per_unit, bool perspective) {
-    return (depth - nearest) * px_per_unit <= front_px * (perspective ? nearest : 1.0);
+// A byte of one of the two words.
+uint column_bits(uint left, uint right, uint column) {
+    return (column < 4u ? left : right) >> (8u * (column % 4u)) & 255u;
 }
 
-// Pixels of the nearest surface, of all quarters.
-uint in_quarters(uint front) {
-    return (front & 255u) + (front >> 8 & 255u) + (front >> 16 & 255u) + (front >> 24);
-}
-
-// Of points strewn over pixels a share of which hold one: from point to point, pixels. A share p of them holds some where -ln(1 - p) fall into one, which p / sqrt(1 - p) is near enough, and infinite where
-// all do: dense surfaces are not sparser than their nodes.
-float apart(float share) {
-    return sqrt(sqrt(max(1.0 - share, 0.0)) / share);
-}
-
-// The includer has a buffer `lists` of words.
-#define APPEND(at, tile) { \
-    uint place = atomicAdd(lists.word[(at) + 3u], 1u); \
-    lists.word[(at) + LIST_HEADER + place] = (tile); \
-    lists.word[(at) + 1u] = 1u; \
-    lists.word[(at) + 2u] = 1u; \
-    atomicMax(lists.word[at], min(place / TILES_PER_GROUP + 1u, MOST_GROUPS)); \
+// Puts a tile on the list that begins at a word of a buffer of words.
+#define APPEND(list, at, tile) { \
+    uint place = atomicAdd(list.word[(at) + 3u], 1u); \
+    list.word[(at) + LIST_HEADER + place] = (tile); \
+    list.word[(at) + 1u] = 1u; \
+    list.word[(at) + 2u] = 1u; \
+    atomicMax(list.word[at], min(place / TILES_PER_GROUP + 1u, MOST_GROUPS)); \
 }
 
 // Runs `work` for every tile of a list, by its place in it; local_size_x = 64.

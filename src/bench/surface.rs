@@ -1,7 +1,7 @@
 //! `bench surface`: what turning points into a surface costs, in plain 3 x 3 passes over the same image.
 //!
-//! Two walls on a lattice, one behind the other, one pixel a point; in some parts of the picture the front one keeps one point in six, so that the other shines through. All ways are interleaved
-//! round by round on the same device. Times are of passes alone: projecting and resolving are `bench project`'s.
+//! Two walls, one behind the other. On a lattice, one pixel a point, the front one keeps one point in six in some parts of the picture, so that the other shines through. Strewn, both are equally dense
+//! everywhere: what a surface costs should not depend on how dense. All ways are interleaved round by round on the same device. Times are of passes alone: projecting and resolving are `bench project`'s.
 
 use super::quartiles;
 use crate::cloud::attribute::{Attribute, Shown};
@@ -14,6 +14,7 @@ use crate::look::{self, Wishes};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::shader;
+use crate::synth::noise::Random;
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 use serde::Serialize;
@@ -46,31 +47,58 @@ pub struct Row {
     pub driver: String,
 }
 
-/// Name, the sparse share of the picture, effects, the passes that count, and the target in plain passes.
-type Way = (&'static str, f64, &'static [&'static str], &'static [&'static str], f64);
+/// What is drawn.
+#[derive(Clone, Copy, PartialEq)]
+enum Walls {
+    /// On a lattice, with this share of the picture sparse.
+    Lattice(f64),
+    /// So many points of each a pixel.
+    Strewn(f64),
+}
 
-const WAYS: [Way; 5] = [
-    ("plain", 0.0, &[], &["plain"], 1.0),
-    ("visibility", 1.0, &["visibility=on,kernel=9,tiles=all", "fill=off", "shape=off"], &["pack_depth", "visibility"], 9.0),
-    ("fill", 1.0, &["visibility=on,kernel=9", "fill=on,iterations=18", "shape=off"], &["fill_pintus"], 18.0),
-    ("dense", 0.0, &["visibility=auto", "fill=auto", "shape=auto"], SURFACE, 4.0),
-    ("tenth", 0.1, &["visibility=auto", "fill=auto", "shape=auto"], SURFACE, 10.0),
+/// Name, what is drawn, effects, the passes that count, and the target in plain passes; 0: none.
+type Way = (&'static str, Walls, &'static [&'static str], &'static [&'static str], f64);
+
+const WAYS: [Way; 9] = [
+    ("plain", Walls::Lattice(0.0), &[], &["plain"], 1.0),
+    ("visibility", Walls::Lattice(1.0), &["visibility=on,levels=1,kernel=9,tiles=all", "fill=off", "shape=off"], &["pack_depth", "visibility"], 9.0),
+    ("fill", Walls::Lattice(1.0), &["visibility=on,levels=1,kernel=9", "fill=on,method=pintus,iterations=18", "shape=off"], &["fill_pintus"], 18.0),
+    ("dense", Walls::Lattice(0.0), CHAIN, SURFACE, 4.0),
+    ("tenth", Walls::Lattice(0.1), CHAIN, SURFACE, 8.0),
+    ("0.003/px", Walls::Strewn(0.003), CHAIN, SURFACE, 0.0),
+    ("0.03/px", Walls::Strewn(0.03), CHAIN, SURFACE, 0.0),
+    ("0.3/px", Walls::Strewn(0.3), CHAIN, SURFACE, 0.0),
+    ("3/px", Walls::Strewn(3.0), CHAIN, SURFACE, 0.0),
 ];
 
+const CHAIN: &[&str] = &["visibility=auto", "fill=auto", "shape=auto"];
+
+/// All that turns points into a surface, with the buffers that it clears.
 const SURFACE: &[&str] = &[
     "pack_depth",
     "classify",
-    "clear lists",
+    "pyramid",
     "assign",
-    "clear listed",
     "visibility",
     "hide",
     "fill_",
+    "shape",
+    "unpack_light",
+    "clear pyramid",
+    "clear places",
+    "clear lists",
+    "clear empty",
+    "clear counts",
+    "clear no points",
+    "clear decided",
+    "clear led",
+    "clear holes",
+    "clear invisible",
+    "clear candidates",
+    "clear kernels",
     "clear steps",
     "clear rough",
     "clear wanted",
-    "shape",
-    "unpack_light",
 ];
 
 pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
@@ -86,18 +114,24 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
     };
     let view = View::new(camera, plan.size)?;
     let mut residents = Vec::new();
-    for share in [0.0, 0.1, 1.0] {
-        let cloud = walls(plan.size, share, plan.seed);
+    for (_, drawn, ..) in WAYS {
+        if residents.iter().any(|(made, _)| *made == drawn) {
+            continue;
+        }
+        let cloud = match drawn {
+            Walls::Lattice(share) => walls(plan.size, share, plan.seed),
+            Walls::Strewn(density) => strewn(plan.size, density, plan.seed),
+        };
         let shown = Shown::new(Attribute::White, &cloud);
-        residents.push((share, Resident::fill(&mut gpu, cloud, shown, progress)?));
+        residents.push((drawn, Resident::fill(&mut gpu, cloud, shown, progress)?));
     }
     let mut times = vec![Vec::new(); WAYS.len()];
     let mut parts = vec![BTreeMap::new(); WAYS.len()];
     // One round more, which warms up.
     for round in 0..=plan.repeat {
         progress.tick("bench surface", round as u64, plan.repeat as u64)?;
-        for (k, (_, share, effects, passes, _)) in WAYS.iter().enumerate() {
-            let (_, resident) = residents.iter().find(|(other, _)| other == share).expect("made above");
+        for (k, (_, drawn, effects, passes, _)) in WAYS.iter().enumerate() {
+            let (_, resident) = residents.iter().find(|(other, _)| other == drawn).expect("made above");
             parts[k] = draw(&mut gpu, &view, resident, effects, passes)?;
             if round > 0 {
                 times[k].push(parts[k].values().sum::<f64>());
@@ -157,6 +191,26 @@ fn walls(size: [u32; 2], sparse: f64, seed: u64) -> Cloud {
             }
         }
     }
+    cloud_of(columns)
+}
+
+/// Two walls at the same places, each with so many points a unit, strewn.
+fn strewn(size: [u32; 2], density: f64, seed: u64) -> Cloud {
+    let mut columns = Columns::default();
+    let count = (density * size[0] as f64 * size[1] as f64) as u64;
+    for behind in [0, 50] {
+        for i in 0..count {
+            let mut random = Random::new(seed, behind as u64, i);
+            let [x, z] = size.map(|side| (random.unit() * 4.0 * side as f64) as i32);
+            columns.x.push(x);
+            columns.y.push(4 * behind + x / 4);
+            columns.z.push(z);
+        }
+    }
+    cloud_of(columns)
+}
+
+fn cloud_of(columns: Columns) -> Cloud {
     let lattice = Lattice { step: DVec3::splat(0.25), offset: DVec3::ZERO };
     let part = Part {
         path: "walls".into(),

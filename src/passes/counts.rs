@@ -1,13 +1,14 @@
 //! What a frame looked at, tile by tile: the lists that passes made on the device, counted afterwards.
 
 use super::shadows::Method;
-use super::visibility::{self, Kernel};
+use super::visibility;
 use super::{Effects, LIST_HEADER, Layers, TILE_PX, fill, significant, tiles};
 use crate::graph::{Buffer, Frame, Graph};
 
 /// Lists that come back with the frame; none of a pass that does not run.
 pub struct Asked {
     lists: Option<Buffer>,
+    holes: Option<Buffer>,
     steps: Option<Buffer>,
     masks: [Option<Buffer>; 2],
     rough: Option<Buffer>,
@@ -22,13 +23,13 @@ pub struct Asked {
 pub struct Counts {
     /// Of the whole picture.
     pub tiles: u64,
-    /// Where something could be hidden or missing, by the width in pixels of the kernel that looked.
+    /// Where points could be hidden, by the width in pixels of the cells of the level that looked; 1 is the picture.
     pub looked_at: Vec<(u32, u64)>,
-    /// Which those are: a row of tiles a string, and of every tile the width of the kernel that looked, as a digit of base 32, or a dot.
+    /// Which those are: a row of tiles a string, and of every tile the number of the coarsest level that looked, 0 for the picture, or a dot.
     pub looked_at_map: Vec<String>,
     /// Which have pixels to fill: `#`, or a dot.
     pub holes_map: Vec<String>,
-    /// Neighbours of pixels that were looked at there.
+    /// Neighbours of pixels there, as many as are looked at where finer levels have decided nothing.
     pub taps: u64,
     /// With pixels to fill.
     pub holes: u64,
@@ -54,6 +55,7 @@ impl Asked {
         let mut named = |name: &str| g.named(name).map(|list| g.download_buffer(&list));
         Asked {
             lists: named("lists"),
+            holes: named("holes"),
             steps: named("steps"),
             masks: ["background steps", "occluded steps"].map(&mut named),
             rough: named("rough tiles"),
@@ -68,24 +70,22 @@ impl Asked {
         let words = |list: &Option<Buffer>| list.as_ref().map_or(&[][..], |list| frame.read::<u32>(list));
         let listed = |list: &Option<Buffer>| words(list).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64;
         let [across, down] = tiles(size);
-        let (by_kernel, holes) = visibility::listed(size, &effects.visibility.settings, words(&self.lists));
+        let by_level = visibility::listed(size, words(&self.lists));
+        let holes = visibility::in_list(words(&self.holes));
         let taken = |steps: &Option<Buffer>| fill::steps_taken(words(steps), across * down);
-        let taps = |(kernel, tiles): &(Kernel, &[u32])| tiles.len() as u64 * (TILE_PX * TILE_PX * kernel.taps()) as u64;
+        let neighbours = (effects.visibility.settings.kernel as u64).pow(2) - 1;
+        let taps = |(_, tiles): &(u32, &[u32])| tiles.len() as u64 * (TILE_PX * TILE_PX) as u64 * neighbours;
         let map = |marked: &mut dyn Iterator<Item = (char, u32)>| {
             let mut marks = vec![vec!['.'; across as usize]; down as usize];
             marked.for_each(|(mark, tile)| marks[(tile / across) as usize][(tile % across) as usize] = mark);
             marks.into_iter().map(String::from_iter).collect::<Vec<_>>()
         };
-        let digit = |kernel: &Kernel| char::from_digit(kernel.width(), 32).expect("no kernel is wider than 31");
+        let digit = |cells: &u32| char::from_digit(cells.ilog2(), 10).expect("there are fewer levels");
         Counts {
             tiles: across as u64 * down as u64,
-            taps: by_kernel.iter().map(taps).sum(),
-            looked_at: by_kernel
-                .iter()
-                .filter(|(_, tiles)| !tiles.is_empty())
-                .map(|(kernel, tiles)| (kernel.width(), tiles.len() as u64))
-                .collect(),
-            looked_at_map: map(&mut by_kernel.iter().flat_map(|(kernel, tiles)| tiles.iter().map(|tile| (digit(kernel), *tile)))),
+            taps: by_level.iter().map(taps).sum(),
+            looked_at: by_level.iter().filter(|(_, tiles)| !tiles.is_empty()).map(|(cells, tiles)| (*cells, tiles.len() as u64)).collect(),
+            looked_at_map: map(&mut by_level.iter().flat_map(|(cells, tiles)| tiles.iter().map(|tile| (digit(cells), *tile)))),
             holes_map: map(&mut holes.iter().map(|tile| ('#', *tile))),
             holes: holes.len() as u64,
             filling_steps: if !holes.is_empty() { taken(&self.steps) } else { 0 },
@@ -121,25 +121,26 @@ impl Warned {
 }
 
 impl Counts {
-    /// Tiles where something could be hidden or missing.
+    /// Tiles where points could be hidden.
     pub fn looked(&self) -> u64 {
-        self.looked_at.iter().map(|(_, tiles)| tiles).sum()
+        self.looked_at_map.iter().flat_map(|row| row.bytes()).filter(|mark| *mark != b'.').count() as u64
     }
 }
 
 impl std::fmt::Display for Counts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let kernels: Vec<_> = self.looked_at.iter().map(|(width, tiles)| format!("{tiles} with kernel {width}")).collect();
-        let kernels = if kernels.is_empty() { String::new() } else { format!(" ({})", kernels.join(", ")) };
+        let levels: Vec<_> = self.looked_at.iter().map(|(cells, tiles)| format!("{tiles} in cells of {cells}")).collect();
+        let levels = if levels.is_empty() { String::new() } else { format!(" ({})", levels.join(", ")) };
         let filled = match self.mask_steps {
             Some([background, occluded]) => {
                 format!("filled by masks, in {background} steps of the background and {occluded} of what is occluded")
             }
-            None => format!("{} with pixels to fill, in {} steps", self.holes, self.filling_steps),
+            None if self.filling_steps > 0 => format!("{} with pixels to fill, in {} steps", self.holes, self.filling_steps),
+            None => format!("{} with pixels to fill", self.holes),
         };
         write!(
             f,
-            "{} of {TILE_PX} x {TILE_PX} pixels; {} looked at for what is hidden or missing{kernels}; {filled}; {} shaded by more than the first level of shape",
+            "{} of {TILE_PX} x {TILE_PX} pixels; {} looked at for what is hidden{levels}; {filled}; {} shaded by more than the first level of shape",
             self.tiles,
             self.looked(),
             self.rough

@@ -1,10 +1,12 @@
 //! Filling: depths and colours with holes in, without out.
 //!
+//! `pullpush` fills from ever coarser pictures of what is seen. Holes of any width cost the same.
+//!
 //! `pintus` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of their neighbours, those that have been given one the weighted mean. It works on the tiles that
 //! `visibility` has listed, goes back and forth between two images, and stops where nothing changes any more.
 //!
 //! `dobrev` (Dobrev et al. 2010, sec. 3.2 and 3.3) needs no visibility: masks tell holes from background, and hidden pixels from those that are seen.
-//! `splat` and `pullpush` are what both are compared with. Each has a file of its own.
+//! `splat` is what others are compared with. Each has a file of its own.
 //!
 //! How much of a light reaches a surface, where lighting is to come, is filled like its colour: from means by the same passes with it in the colour's place, from one point by looking that point up.
 
@@ -14,7 +16,7 @@ mod splat;
 
 pub use dobrev::APART_PX;
 
-use super::{Decided, Effects, Holes, Layers, Reason, Scene, Setting, TILE_PX, Value, significant, tiles};
+use super::{Decided, Effects, Holes, Layers, MOST_LEVELS, Reason, Scene, Setting, TILE_PX, Value, significant, tiles};
 use crate::graph::{Graph, Image, Kind, Tiles};
 use crate::shader::{self, fill_close, fill_open, fill_pintus};
 use crate::view::{Projection, View};
@@ -24,10 +26,11 @@ pub const SUMMARY: &str = "fills the holes that visibility found from the surfac
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
     pub method: Method,
-    /// Steps at most; 0: the width of the widest kernel that looked for holes, and with dobrev, of either kind, one and a half of a point's spacings on the screen. Dobrev counts to 127.
+    /// Of pullpush, with the picture itself.
+    pub levels: f64,
+    /// Steps at most; 0: the width of the kernel that looked for holes, and with dobrev, of either kind, one and a half of a point's spacings on the screen. Dobrev counts to 127.
     pub iterations: f64,
-    /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as 31 pixels, those of the widest kernel, at that depth.
-    /// Twice as much is better in streets (`study fill`: of 0.1 points a pixel 20 % on a wrong layer, not 28) and worse on closed bodies (a torus 1.8 % instead of 0.4, the armadillo's vertices 0.54 instead of 0.22).
+    /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as eight cells of a level at that depth, and with pintus as 31 pixels.
     pub tolerance: f64,
     /// Background is a hole, too, where so many of its eight neighbours have a value; 9: never.
     pub surrounded: f64,
@@ -41,19 +44,19 @@ pub struct Settings {
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// Step by step from the rim of a hole inwards.
-    #[default]
     Pintus,
     /// From the nearest neighbour, where masks say that a pixel is a hole or hidden.
     Dobrev,
     /// Points as discs of one size; with visibility=off these are plain splats.
     Splat,
-    /// Means of ever coarser pictures.
+    /// From means of ever coarser pictures.
+    #[default]
     Pullpush,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Pintus, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0, layer: 0.0 }
+        Settings { method: Method::Pullpush, levels: 7.0, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0, layer: 0.0 }
     }
 }
 
@@ -62,10 +65,11 @@ impl super::Settings for Settings {
         let number = Value::Number;
         vec![
             Setting { name: "method", about: "how", value: Value::Choice(&mut self.method) },
-            Setting { name: "iterations", about: "steps at most; 0: the width of the widest kernel; with dobrev one and a half spacings of the points, 127 at most", value: Value::Whole(&mut self.iterations, 0.0..=1000.0) },
+            Setting { name: "levels", about: "of pullpush: each twice as coarse as the one before", value: Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64) },
+            Setting { name: "iterations", about: "of pintus: steps at most; 0: the width of the kernel; with dobrev one and a half spacings of the points, 127 at most", value: Value::Whole(&mut self.iterations, 0.0..=1000.0) },
             Setting {
                 name: "tolerance",
-                about: "difference in depth from which two surfaces are not mixed, metres; 0: 31 pixels' width, wherever a pixel is",
+                about: "difference in depth from which two surfaces are not mixed, metres; 0: eight cells of a level, wherever a pixel is; with pintus 31 pixels",
                 value: number(&mut self.tolerance, 0.0..=1e9),
             },
             Setting { name: "surrounded", about: "background is filled, too, where so many of its 8 neighbours are; 9: never", value: Value::Whole(&mut self.surrounded, 1.0..=9.0) },
@@ -80,8 +84,7 @@ impl super::Settings for Settings {
             Method::Pintus => self.iterations,
             Method::Dobrev => dobrev::most_steps(self, spacing_px) as f64,
             Method::Splat => splat::radius(self),
-            // Its coarsest picture is one pixel.
-            Method::Pullpush => f64::INFINITY,
+            Method::Pullpush => pullpush::reach_px(self) as f64,
         }
     }
 }
@@ -93,7 +96,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
         Method::Pintus => Some(steps + TILE_PX),
         Method::Dobrev => Some(2 * steps + TILE_PX),
         Method::Splat => Some(settings.radius.max(splat::RADIUS_PX).ceil() as u32),
-        Method::Pullpush => None,
+        Method::Pullpush => Some(pullpush::reach_px(settings)),
     }
 }
 
@@ -116,7 +119,7 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     }
 }
 
-/// Largest kernel of visibility.
+/// Pixels: as far as steps carry depths at most.
 pub(super) const WIDEST: f64 = 31.0;
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
@@ -155,11 +158,11 @@ fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth:
     );
 
     let texels = g.gpu.device.texels;
-    let most = if settings.iterations == 0.0 { *widest } else { settings.iterations as u32 };
+    let most = if settings.iterations == 0.0 { (*widest).min(WIDEST as u32) } else { settings.iterations as u32 };
     let woken_at = 4 * (most + 2);
     let mut steps = g.buffer("steps", 4 * (woken_at + count) as u64);
     g.fill(&mut steps, 0);
-    let (tolerance, relative) = tolerance(view, settings);
+    let (tolerance, relative) = tolerance_px(view, settings, WIDEST);
     for step in 1..=most {
         let push = fill_pintus::Push {
             tiles: across,
@@ -196,11 +199,19 @@ fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth:
     [from_depth, from_color]
 }
 
-/// Difference in depth from which two surfaces are not mixed, and 1 where it is parts of the depth.
-fn tolerance(view: &View, settings: &Settings) -> (f32, u32) {
+/// Cells of a level that depths of one surface differ by at most.
+const MIXED_CELLS: f64 = 8.0;
+
+/// Of a level of pullpush.
+fn tolerance(view: &View, settings: &Settings, level: u32) -> (f32, u32) {
+    tolerance_px(view, settings, MIXED_CELLS * 2f64.powi(level as i32))
+}
+
+/// Difference in depth from which two surfaces are not mixed, where none is asked for so many pixels' width; and 1 where it is parts of the depth.
+fn tolerance_px(view: &View, settings: &Settings, px: f64) -> (f32, u32) {
     let automatic = settings.tolerance == 0.0;
     let relative = automatic && view.camera.projection == Projection::Perspective;
-    (if automatic { WIDEST / view.focal_px() } else { settings.tolerance } as f32, relative as u32)
+    (if automatic { px / view.focal_px() } else { settings.tolerance } as f32, relative as u32)
 }
 
 /// Steps until nothing changed any more, from the words of a buffer of steps (glsl/lib/steps.glsl), for so many tiles, after the frame; none where there is no such buffer.

@@ -81,8 +81,10 @@ pub fn tiles(size: [u32; 2]) -> [u32; 2] {
 
 /// As in glsl/lib/tile.glsl.
 pub const TILE_PX: u32 = 8;
-/// Of blocks of two by two tiles: a part of a picture begins and ends with whole ones, but at the picture's own edges.
-pub const BLOCK_PX: u32 = 2 * TILE_PX;
+/// Cells of the coarsest level of any pyramid: a part of a picture begins and ends with whole ones, but at the picture's own edges.
+pub const BLOCK_PX: u32 = 1 << (MOST_LEVELS - 1);
+/// Of a pyramid over the picture, with the picture itself.
+pub const MOST_LEVELS: u32 = 8;
 pub const LIST_HEADER: u32 = 4;
 
 /// Off, on, or where the scene calls for it.

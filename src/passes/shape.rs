@@ -103,8 +103,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     g.fill(&mut lists, 0);
     g.fill(&mut wanted, 0);
     let push = pack_depth::Push { size, packed_size: packed, margin: 0 };
-    let spec = pack_depth::Spec { span: 1 };
-    g.run(shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push, spec }, Tiles::All);
+    g.run(shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push }, Tiles::All);
     let [shaded, rings] = rings(weights.len() as u32);
     let push = shape::Push { size, tiles: across, width, shaded, rings };
     g.run(

@@ -1,20 +1,26 @@
 //! Visibility: depths of projected points in, the same without hidden layers out, and which pixels have to be filled (Pintus et al. 2011, sec. 4).
 //!
+//! A minimum is associative, so that the nearest points of 2 x 2 pixels, of 2 x 2 of those, and so on, are the cloud projected at every resolution. Where points are about a cell apart every surface is an
+//! easy case for one small kernel. Levels judge from the finest on; each decides what it can tell, and leaves the rest to the next coarser one (glsl/visibility_levels.comp has the rule).
+//!
 //! ```text
-//!     classify     depth -> tiles           what each tile of 8 x 8 pixels holds
-//!     gaps         tiles -> gaps            how far apart points are where a tile, or two by two of them, lie within a surface
-//!     assign       tiles, gaps -> lists     which tiles have to be looked at, and how far around: a list a kernel
-//!     pack_depth   depth -> the same in the form that kernels read; only where a tile is listed
-//!     visibility   depth, lists -> a bit a pixel, and the list of tiles with invisible pixels; once a kernel
-//!     hide         takes those pixels out of the layers
+//!     twice, since what is taken out the first time hides nothing any more and opens nothing:
+//!         pyramid            depth -> nearest points of 2 x 2, 4 x 4, ..             once a level
+//!         classify, assign   depth, pyramid -> lists: which tiles a level has to judge
+//!         visibility_levels  depth, pyramid -> points that are hidden                once a level
+//!         hide               takes them out of the layers
+//!     and the same for pixels without a point: those that are enclosed are holes
 //! ```
+//! With `levels=1` it is the paper's own way: one kernel over the picture, of the width that is asked for.
+//!
 //! A tile is skipped where nothing in it can be invisible. Let no two adjacent pixels of it and its neighbours differ in depth by more than `slope` pixels' width. The cotangent of the angle to a
-//! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2; leaning lowers one sector's solid angle and raises the opposite one's by at least as much, but
-//! for the spread of directions within a sector, less than 0.71 lean; `lead` only opens cones. So the sum of solid angles is at least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
+//! neighbour is then at most `sqrt(2) slope r.r` plus a part by which the ray leans, `r.r` = 1 + lean^2. With levels, nothing leads where that is below [`STEEPEST`]. With one level, leaning lowers one
+//! sector's solid angle and raises the opposite one's by at least as much, but for the spread of directions within a sector, less than 0.71 lean; `lead` only opens cones. So the sum of solid angles is at
+//! least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
-use super::{BLOCK_PX, Decided, Effects, Holes, LIST_HEADER, Layers, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles};
-use crate::graph::{Graph, Kind, Tiles};
-use crate::shader::{self, Tile, assign, classify, gaps, hide, pack_depth, visibility};
+use super::{Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles};
+use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::shader::{self, Tile, assign, classify, hide, pack_depth, pyramid, visibility, visibility_levels};
 use crate::view::{Projection, View};
 use std::f64::consts::{SQRT_2, TAU};
 
@@ -22,19 +28,22 @@ pub const SUMMARY: &str = "removes hidden layers that shine through between poin
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
-    /// Width of the neighbourhood, pixels, odd; 0: by the density of points, a tile at a time.
+    /// Levels of the pyramid; 1: the picture alone.
+    pub levels: f64,
+    /// Width of the neighbourhood in cells of a level, odd.
     pub kernel: f64,
-    /// Width of an automatic kernel, in spacings of the points.
-    pub reach: f64,
-    /// Into which the neighbourhood is divided: 4, 8 or 16.
+    /// Into which the neighbourhood of a single level is divided: 4, 8 or 16.
     pub sectors: f64,
-    /// A pixel without a point is background from so much on, steradians: less than one sector's share demands that all are closed, and so keeps notches of silhouettes open.
+    /// A pixel without a point is background from so much on, steradians.
     pub holes: f64,
     /// Which tiles are looked at.
     pub tiles: Looked,
     /// A pixel is visible from so much empty solid angle on, steradians.
     pub threshold: f64,
-    /// How far in front of a point a neighbour at the rim of a wide kernel has to be to close a cone, pixels' width; what is nearer to the ray by as much less ([`own_slope`]). 0: any, as in the paper.
+    /// Points of the surface around that would be expected in an opening, where there are none, for it to be one.
+    pub expected: f64,
+    /// Of a single level, how far in front of a point a neighbour at the rim of a wide kernel has to be to close a cone, pixels' width; what is nearer to the ray by as much less ([`own_slope`]). 0: any,
+    /// as in the paper.
     pub lead: f64,
 }
 
@@ -44,13 +53,13 @@ pub enum Looked {
     /// Those where something can be invisible.
     #[default]
     Needed,
-    /// All; with a fixed kernel the picture is the same.
+    /// All; the picture is the same.
     All,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { kernel: 0.0, reach: 5.5, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 0.7, lead: 7.0 }
+        Settings { levels: 7.0, kernel: 7.0, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 1.0, expected: 32.0, lead: 7.0 }
     }
 }
 
@@ -58,44 +67,50 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "kernel", about: "width of the neighbourhood, pixels; 0: from the spacing of the points", value: Value::OneOf(&mut self.kernel, &[0.0, 3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 15.0]) },
-            Setting { name: "reach", about: "width of an automatic kernel, in spacings of the points", value: number(&mut self.reach, 0.0..=100.0) },
-            Setting { name: "sectors", about: "parts of the neighbourhood", value: Value::OneOf(&mut self.sectors, &[4.0, 8.0, 16.0]) },
+            Setting { name: "levels", about: "of the pyramid: each twice as coarse as the one before; 1: the picture alone", value: Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64) },
+            Setting { name: "kernel", about: "width of the neighbourhood, cells of a level", value: Value::OneOf(&mut self.kernel, &[3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 15.0]) },
+            Setting { name: "sectors", about: "parts of the neighbourhood, of a single level", value: Value::OneOf(&mut self.sectors, &[4.0, 8.0, 16.0]) },
             Setting { name: "holes", about: "empty solid angle from which a pixel without a point is background, steradians", value: number(&mut self.holes, 0.0..=TAU) },
             Setting { name: "tiles", about: "which tiles are looked at; the picture is the same", value: Value::Choice(&mut self.tiles) },
             Setting { name: "threshold", about: "empty solid angle from which a pixel is visible, steradians", value: number(&mut self.threshold, 0.0..=TAU) },
-            Setting { name: "lead", about: "how far in front of a point a neighbour at the rim of a wide kernel has to be to hide it, pixels' width; 0: any", value: number(&mut self.lead, 0.0..=1e9) },
+            Setting { name: "expected", about: "points of the surface around that an opening would hold if it were none", value: number(&mut self.expected, 0.0..=1e9) },
+            Setting { name: "lead", about: "of a single level: how far in front of a point a neighbour at the rim of the kernel has to be to hide it, pixels' width; 0: any", value: number(&mut self.lead, 0.0..=1e9) },
         ]
     }
 
     /// Between points pixels become unknown.
     fn grows_px(&self, _spacing_px: f64) -> f64 {
-        MARGIN_PX as f64
+        kernel_px(self) as f64
     }
 }
 
-/// Of automatic kernels, pixels: a list of tiles each, and then comes the list of tiles with holes. Those after the first `FINE` look at every second pixel. Every kernel is a pipeline, which software
-/// devices take a fifth of a second to make.
-pub const WIDTHS: [u32; 9] = [3, 5, 7, 9, 11, 15, 19, 23, 31];
-const KERNELS: u32 = WIDTHS.len() as u32;
-const FINE: u32 = 6;
-/// Points of a tile and its neighbours are of one surface where none is farther behind the nearest, pixels' width: two tiles', so that slopes are.
-pub const FRONT_PX: f64 = 16.0;
-/// Where points are strewn it is the sparser ones that gaps are between: this times the mean spacing, which is what counting finds. With less, the back of the dragon shows through its sparse parts; with
-/// more, nothing is gained there, and more of what truly shows between things is lost.
-pub const SPARSER: f64 = 1.4;
-/// What is counted is at most so many times the node's spacing: a few stray points are no surface. Of layers behind others it is not asked: they have gaps where those in front have taken points with them.
-pub const SPARSEST: f64 = 2.0;
 /// Of a point's own surface, towards the camera, as it is taken to be at most: 45 degrees. With more, surfaces a few pixels behind each other show through each other; with less, contours grow.
 pub const STEEPEST: f64 = 1.0;
 /// As in glsl/lib/tile.glsl.
-const MARGIN_PX: u32 = 16;
+const MARGIN_PX: u32 = 8;
 /// By how much images are larger than the picture at most: whole tiles, and margins.
 pub const BEYOND_PX: u32 = 2 * MARGIN_PX + TILE_PX;
 
-/// As [`super::Effects::reach_px`]. Of the widest kernel; and which one it is, tiles decide with the blocks around theirs.
+/// How often points are judged. Points of a surface in the middle are taken for openings of the one before it, until what it hides itself is gone: 2 % of the dragon's far side shows after one round, 1e-4
+/// after two, and a third changes nothing.
+const ROUNDS: u32 = 2;
+
+/// As [`super::Effects::reach_px`]: each round looks as far as the widest kernel.
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
-    Some(settings.kernel.max(fill::WIDEST) as u32 / 2 + 1 + 2 * BLOCK_PX)
+    Some(match is_single(settings) {
+        true => settings.kernel as u32 / 2 + 1 + 2 * TILE_PX,
+        false => ROUNDS * (kernel_px(settings) + TILE_PX),
+    })
+}
+
+/// The paper's own way.
+fn is_single(settings: &Settings) -> bool {
+    settings.levels == 1.0
+}
+
+/// Pixels to either side that the coarsest level looks at.
+fn kernel_px(settings: &Settings) -> u32 {
+    (settings.kernel as u32 / 2 + 1) << (settings.levels as u32 - 1)
 }
 
 pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
@@ -105,6 +120,9 @@ pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
         _ => Reason { runs: true, why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string() },
     }
 }
+
+/// Sparser points than the mean, which gaps are between.
+const SPARSER: f64 = 1.4;
 
 /// Before filling by masks.
 fn beside_masks(scene: &Scene) -> Reason {
@@ -117,163 +135,308 @@ fn beside_masks(scene: &Scene) -> Reason {
     Reason { runs, why }
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
-    let view = scene.view;
-    let Layers { mut depth, mut index, mut color, .. } = layers;
-    let across = tiles(view.size);
-    let count = across[0] * across[1];
-    let stride = LIST_HEADER + count;
-    let perspective = view.camera.projection == Projection::Perspective;
-    let px_per_unit = view.focal_px() as f32;
+pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Layers) -> Layers {
+    let mut judged = Judged::new(g, scene.view, settings, &layers.depth);
+    if is_single(settings) {
+        judged.at_once(g, &layers.depth);
+    } else {
+        let projected = Pyramid::of(g, &layers.depth, settings);
+        judged.by_levels(g, &layers.depth, &projected, Subject::Points);
+        for _ in 1..ROUNDS {
+            judged.hide(g, &mut layers, false);
+            let left = Pyramid::of(g, &layers.depth, settings);
+            judged.by_levels(g, &layers.depth, &left, Subject::Points);
+        }
+        // What was hidden covers its pixel all the same.
+        judged.by_levels(g, &layers.depth, &projected, Subject::Empty);
+    }
+    judged.hide(g, &mut layers, true);
+    let Judged { holes, kernels, .. } = judged;
+    Layers { holes: Some(Holes { lists: holes, at: 0, kernels, widest: 2 * kernel_px(settings) }), ..layers }
+}
 
-    let mut facts = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count as u64);
-    let push = classify::Push { size: view.size, tiles: across, px_per_unit, slope: slope(view, settings.threshold) as f32, front_px: FRONT_PX as f32 };
-    g.run(
-        shader::Classify { depth: &depth, index: &index, spacings: &layers.spacings, tiles: &mut facts, push, spec: classify::Spec { perspective } },
-        Tiles::Groups([count.div_ceil(64), 1, 1]),
-    );
+/// Which pixels are judged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Subject {
+    Points,
+    /// Those without.
+    Empty,
+}
 
-    let [gaps, wide_gaps] = [("gaps", 1), ("wide gaps", 2)].map(|(name, span)| {
-        let blocks = across.map(|tiles| tiles.div_ceil(span));
-        let count = blocks[0] * blocks[1];
-        let mut gaps = g.buffer(name, 4 * count as u64);
-        let push = gaps::Push { tiles: across, blocks, px_per_unit, front_px: span as f32 * FRONT_PX as f32 };
-        let spec = gaps::Spec { perspective, tiles: span };
-        g.run(shader::Gaps { tiles: &facts, gaps: &mut gaps, push, spec }, Tiles::Groups([count.div_ceil(64), 1, 1]));
-        gaps
-    });
+/// A picture, and what has been found in it.
+struct Judged<'s> {
+    view: &'s View,
+    settings: &'s Settings,
+    /// Tiles across and down.
+    across: [u32; 2],
+    perspective: bool,
+    /// What tiles hold.
+    tiles: Buffer,
+    /// Tiles with invisible pixels.
+    holes: Buffer,
+    /// Two words a tile, a bit a pixel (glsl/lib/tile.glsl).
+    invisible: Buffer,
+    /// The same: points that may be hidden. All may be at first, and then those that something leads.
+    candidates: Buffer,
+    /// Of every tile with invisible pixels the width of the kernel that has found some, pixels.
+    kernels: Buffer,
+}
 
-    let packed_at = (KERNELS + 1) * stride;
-    let mut lists = g.buffer("lists", 4 * (packed_at + 2 * LIST_HEADER) as u64);
-    g.fill(&mut lists, 0);
-    let sparsest = if layers.front.is_none() { SPARSEST } else { 1.0 };
-    // A kernel that no tile can ask for is not even made.
-    let [least_list, most_list] = match settings.kernel {
-        0.0 => [layers.spacing_px[0], sparsest * layers.spacing_px[1]].map(|px| list_of(px * settings.reach)),
-        width => [list_of(width); 2],
-    };
-    let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
-    let pack_groups = [packed_size[0].div_ceil(64), packed_size[1]];
-    let push = assign::Push {
-        tiles: across,
-        px_per_unit,
-        stride,
-        widths: WIDTHS.map(|width| width as f32),
-        fine: FINE,
-        least_list,
-        most_list,
-        pixels_per_spacing: settings.reach as f32,
-        front_px: FRONT_PX as f32,
-        sparser: SPARSER as f32,
-        sparsest: sparsest as f32,
-        all: (settings.tiles == Looked::All) as u32,
-        packed_at,
-        pack_groups,
-    };
-    g.run(shader::Assign { tiles: &facts, gaps: &gaps, wide_gaps: &wide_gaps, lists: &mut lists, push, spec: assign::Spec { perspective } }, Tiles::Groups([count.div_ceil(64), 1, 1]));
-
-    let packed = [1, 2].map(|span| {
-        let mut packed = g.image("packed depth", packed_size, Kind::Rgba32f);
-        let push = pack_depth::Push { size: view.size, packed_size, margin: MARGIN_PX as i32 };
-        let needed = Tiles::From(&lists, packed_at + (span - 1) * LIST_HEADER);
-        g.run(shader::PackDepth { depth: &depth, packed_depth: &mut packed, push, spec: pack_depth::Spec { span } }, needed);
-        packed
-    });
-
-    let mut invisible = g.buffer("invisible", 4 * TILE_PX as u64 * count as u64);
-    let mut kernels = g.buffer("kernels", 4 * count as u64);
-    g.fill(&mut kernels, 0);
-    let holes_at = KERNELS * stride;
-    let sectors = if settings.sectors < 8.0 { 4 } else if settings.sectors < 16.0 { 8 } else { 16 };
-    for list in least_list..=most_list {
-        let kernel = Kernel::of(list, settings);
-        let Kernel { span, radius } = kernel;
-        let push = visibility::Push {
-            size: view.size,
-            centre: view.centre().map(|at| at as f32),
-            tiles_across: across[0],
-            at: list * stride,
-            holes_at,
-            px_per_unit,
-            threshold: (settings.threshold * sectors as f64 / TAU) as f32,
-            holes: (settings.holes * sectors as f64 / TAU) as f32,
-            own_slope: own_slope(settings, kernel).powi(2) as f32,
+impl<'s> Judged<'s> {
+    fn new(g: &mut Graph, view: &'s View, settings: &'s Settings, depth: &Image) -> Judged<'s> {
+        let across = tiles(view.size);
+        let count = (across[0] * across[1]) as u64;
+        let mut filled = |name: &str, words: u64, word: u32| {
+            let mut buffer = g.buffer(name, 4 * words);
+            g.fill(&mut buffer, word);
+            buffer
         };
-        let spec = visibility::Spec { radius, sectors, perspective, stride: span, texels: g.gpu.device.texels };
-        let counted = lists.racing();
-        let tiles = Tiles::From(&counted, list * stride);
-        g.run(shader::Visibility { depth: &depth, packed_depth: &packed[span as usize - 1], listed_words: &counted, lists: &mut lists, invisible: &mut invisible, kernels: &mut kernels, push, spec }, tiles);
+        let holes = filled("holes", LIST_HEADER as u64 + count, 0);
+        let [invisible, candidates] = [("invisible", 0), ("candidates", u32::MAX)].map(|(name, word)| filled(name, 2 * count, word));
+        let kernels = filled("kernels", count, 0);
+        let mut tiles = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count);
+        let perspective = view.camera.projection == Projection::Perspective;
+        let push = classify::Push { size: view.size, tiles: across, px_per_unit: view.focal_px() as f32, slope: slope(view, settings) as f32 };
+        let spec = classify::Spec { perspective };
+        g.run(shader::Classify { depth, tiles: &mut tiles, push, spec }, Tiles::Groups([count.div_ceil(64) as u32, 1, 1]));
+        Judged { view, settings, across, perspective, tiles, holes, invisible, candidates, kernels }
     }
 
-    let push = hide::Push { tiles_across: across[0], at: holes_at };
-    g.run(
-        shader::Hide { lists: &lists, invisible: &invisible, depth: &mut depth, index: &mut index, color: &mut color, push },
-        Tiles::From(&lists, holes_at),
-    );
-    Layers { depth, index, color, holes: Some(Holes { lists, at: holes_at, kernels, widest: Kernel::of(most_list, settings).width() }), ..layers }
+    fn count(&self) -> u32 {
+        self.across[0] * self.across[1]
+    }
+
+    fn centre(&self) -> [f32; 2] {
+        self.view.centre().map(|at| at as f32)
+    }
+
+    fn px_per_unit(&self) -> f32 {
+        self.view.focal_px() as f32
+    }
+
+    fn radius(&self) -> u32 {
+        self.settings.kernel as u32 / 2
+    }
+
+    /// Which pixels are to be judged, and the tiles that each level has to look at: a list a level.
+    fn assign(&self, g: &mut Graph, pyramid: &Pyramid, subject: Subject) -> [Buffer; 2] {
+        let count = self.count();
+        let mut asked = g.buffer("asked", 12 * count as u64);
+        let mut lists = g.buffer(if subject == Subject::Points { "lists" } else { "empty lists" }, 4 * ((self.settings.levels as u32 + 1) * stride(self.across)) as u64);
+        g.fill(&mut lists, 0);
+        let push = assign::Push {
+            size: self.view.size,
+            centre: self.centre(),
+            tiles: self.across,
+            px_per_unit: self.px_per_unit(),
+            stride: stride(self.across),
+            levels: self.settings.levels as i32,
+            own: STEEPEST as f32,
+            all: (self.settings.tiles == Looked::All) as u32,
+        };
+        let spec = assign::Spec { radius: self.radius(), perspective: self.perspective, empty: subject == Subject::Empty };
+        let (Judged { tiles, candidates, invisible, .. }, Pyramid { depth: pyramid, places }) = (self, pyramid);
+        let shader = shader::Assign { tiles, pyramid, places, candidates, invisible, asked: &mut asked, lists: &mut lists, push, spec };
+        g.run(shader, Tiles::Groups([count.div_ceil(64), 1, 1]));
+        [asked, lists]
+    }
+
+    /// One kernel over the picture.
+    fn at_once(&mut self, g: &mut Graph, depth: &Image) {
+        let Settings { sectors, threshold, holes, kernel, .. } = *self.settings;
+        let (size, across) = (self.view.size, self.across);
+        let pyramid = Pyramid::of(g, depth, self.settings);
+        let [_, lists] = self.assign(g, &pyramid, Subject::Points);
+        let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
+        let mut packed_depth = g.image("packed depth", packed_size, Kind::Rgba32f);
+        let push = pack_depth::Push { size, packed_size, margin: MARGIN_PX as i32 };
+        g.run(shader::PackDepth { depth, packed_depth: &mut packed_depth, push }, Tiles::All);
+        let sectors = if sectors < 8.0 { 4 } else if sectors < 16.0 { 8 } else { 16 };
+        let in_sectors = |steradians: f64| (steradians * sectors as f64 / TAU) as f32;
+        let push = visibility::Push {
+            size,
+            centre: self.centre(),
+            tiles_across: across[0],
+            at: 0,
+            px_per_unit: self.px_per_unit(),
+            threshold: in_sectors(threshold),
+            hole: in_sectors(holes),
+            own_slope: own_slope(self.settings, Kernel::of_width(kernel as u32)).powi(2) as f32,
+        };
+        let spec = visibility::Spec { radius: self.radius(), sectors, perspective: self.perspective, texels: g.gpu.device.texels };
+        let Judged { holes, invisible, kernels, .. } = self;
+        g.run(
+            shader::Visibility { depth, packed_depth: &packed_depth, lists: &lists, listed_words: &lists, holes, invisible, kernels, push, spec },
+            Tiles::From(&lists, 0),
+        );
+    }
+
+    /// Every level of the pyramid, from the finest on.
+    fn by_levels(&mut self, g: &mut Graph, depth: &Image, pyramid: &Pyramid, subject: Subject) {
+        let Settings { threshold, holes: hole, expected, levels, .. } = *self.settings;
+        let [asked, lists] = self.assign(g, pyramid, subject);
+        let bits = 2 * self.count();
+        let mut zeros = |name: &str, words: u32| {
+            let mut buffer = g.buffer(name, 4 * words as u64);
+            g.fill(&mut buffer, 0);
+            buffer
+        };
+        let empty = subject == Subject::Empty;
+        let (mut decided, mut led) = (zeros("decided", if empty { levels as u32 * bits } else { 1 }), zeros("led", bits));
+        let (mut counts, mut from) = (zeros("counts", LIST_HEADER * (levels as u32 + 1)), zeros("no points", 1));
+        // Points that are left from level to level.
+        let room = if empty { 4 } else { 4 * self.view.size[0] as u64 * self.view.size[1] as u64 };
+        let [mut to, spare] = ["points left", "points left over"].map(|name| g.buffer(name, room));
+        let mut spare = Some(spare);
+        let least = if empty { hole } else { threshold };
+        for level in 0..levels as u32 {
+            // Points are listed by tiles for the first level, and one by one for the others.
+            let (list, tiles) = if empty { (level, true) } else { (levels as u32, level == 0) };
+            let at = list * stride(self.across);
+            let push = visibility_levels::Push {
+                size: self.view.size,
+                centre: self.centre(),
+                tiles_across: self.across[0],
+                level: level as i32,
+                at,
+                stride: bits,
+                px_per_unit: self.px_per_unit(),
+                closed: (least * SECTORS / TAU) as f32,
+                expected: expected as f32,
+                own_slope: STEEPEST.powi(2) as f32,
+            };
+            let spec = visibility_levels::Spec { radius: self.radius(), perspective: self.perspective, finest: level == 0, empty, texels: g.gpu.device.texels };
+            let (earlier, counted) = (decided.racing(), counts.racing());
+            let Judged { holes, invisible, kernels, .. } = self;
+            let (asked, lists, Pyramid { depth: pyramid, places }) = (&asked, &lists, pyramid);
+            let shader = shader::VisibilityLevels {
+                depth,
+                pyramid,
+                places,
+                asked,
+                asked_words: asked,
+                lists,
+                listed_words: lists,
+                holes,
+                from: &from,
+                from_words: &from,
+                to: &mut to,
+                counts: &mut counts,
+                decided: &mut decided,
+                decided_words: &earlier,
+                invisible,
+                led: &mut led,
+                kernels,
+                push,
+                spec,
+            };
+            g.run(shader, if tiles { Tiles::From(lists, at) } else { Tiles::From(&counted, LIST_HEADER * level) });
+            from = std::mem::replace(&mut to, spare.take().unwrap_or(from));
+        }
+        self.candidates = led;
+    }
+
+    /// Takes what is invisible out of the depths, or out of all layers.
+    fn hide(&self, g: &mut Graph, layers: &mut Layers, all: bool) {
+        let Layers { depth, index, color, .. } = layers;
+        let push = hide::Push { tiles_across: self.across[0], at: 0 };
+        let Judged { holes, invisible, .. } = self;
+        g.run(shader::Hide { lists: holes, invisible, depth, index, color, push, spec: hide::Spec { all } }, Tiles::From(holes, 0));
+    }
 }
 
-/// The list of the least kernel that is at least so wide, or of the widest; as in glsl/assign.comp.
-fn list_of(pixels: f64) -> u32 {
-    (0..KERNELS - 1).find(|&list| WIDTHS[list as usize] as f64 >= pixels).unwrap_or(KERNELS - 1)
+/// Of the kernels on a pyramid.
+const SECTORS: f64 = 8.0;
+
+/// Words from list to list.
+fn stride(across: [u32; 2]) -> u32 {
+    LIST_HEADER + across[0] * across[1]
 }
 
-/// Which neighbours a pixel looks at.
+/// The nearest points of every level but the picture itself: depths, and where they lie (glsl/lib/levels.glsl).
+struct Pyramid {
+    depth: Image,
+    places: Image,
+}
+
+impl Pyramid {
+    fn of(g: &mut Graph, picture: &Image, settings: &Settings) -> Pyramid {
+        let (size, levels) = (picture.desc.size, settings.levels as u32);
+        let level_size = |level: u32| size.map(|side| side.div_ceil(1 << level));
+        let [first, second] = [1, 2].map(level_size);
+        let below = (2..levels).map(|level| level_size(level)[1]).sum::<u32>();
+        let room = if levels == 1 { [1, 1] } else { [first[0] + second[0], first[1].max(below)] };
+        let [mut depth, mut places] = ["pyramid", "places"].map(|name| g.image(name, room, Kind::R32f));
+        // Levels are written one by one, and a pass that writes one reads the one before.
+        g.clear(&mut depth);
+        g.clear(&mut places);
+        for level in 1..levels {
+            let [width, height] = level_size(level);
+            let push = pyramid::Push { size, level: level as i32 };
+            let spec = pyramid::Spec { first: level == 1 };
+            let (pyramid, places) = (&mut depth, &mut places);
+            g.run(shader::Pyramid { depth: picture, pyramid, places, push, spec }, Tiles::Groups([width.div_ceil(64), height, 1]));
+        }
+        Pyramid { depth, places }
+    }
+}
+
+/// A neighbourhood of a single level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Kernel {
-    /// Pixels from one to the next: with 2, the nearest of 2 x 2 pixels, itself at their top left, stands for a neighbour.
-    pub span: u32,
     /// Neighbours to either side.
     pub radius: u32,
 }
 
 impl Kernel {
-    /// 3, 5, .. 15 pixels wide, or 19, 23, .. 31.
     pub fn of_width(width: u32) -> Kernel {
-        if width <= 15 { Kernel { span: 1, radius: (width / 2).max(1) } } else { Kernel { span: 2, radius: (width - 3) / 4 } }
+        Kernel { radius: (width / 2).max(1) }
     }
 
-    fn of(list: u32, settings: &Settings) -> Kernel {
-        Kernel::of_width(if settings.kernel == 0.0 { WIDTHS[list as usize] } else { settings.kernel as u32 })
-    }
-
-    /// Pixels: both sides, and the pixel itself or the 2 x 2 that it is one of.
+    /// Pixels.
     pub fn width(self) -> u32 {
-        2 * self.span * self.radius + 2 * self.span - 1
-    }
-
-    /// Neighbours of a pixel.
-    pub fn taps(self) -> u32 {
-        (2 * self.radius + 1).pow(2) - 1
+        2 * self.radius + 1
     }
 }
 
-/// Slope of its own surface, towards the camera, that a point is not hidden by, as a cotangent of the angle at it between the ray to the camera and a neighbour: nothing that rises less closes a cone. Without it,
-/// points of a surface that rises away from something nearer lose their cones to both, and what is nearer grows over them. It is [`STEEPEST`], and less where kernels are so wide that what lies
-/// `lead` pixels' width behind would show.
+/// Of a single level: slope of its own surface, towards the camera, that a point is not hidden by, as a cotangent of the angle at it between the ray to the camera and a neighbour: nothing that rises less
+/// closes a cone. Without it, points of a surface that rises away from something nearer lose their cones to both, and what is nearer grows over them. It is [`STEEPEST`], and less where kernels are so
+/// wide that what lies `lead` pixels' width behind would show.
 pub fn own_slope(settings: &Settings, kernel: Kernel) -> f64 {
-    (settings.lead / (kernel.span * kernel.radius) as f64).min(STEEPEST)
+    (settings.lead / kernel.radius as f64).min(STEEPEST)
 }
 
 /// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.
-fn slope(view: &View, threshold: f64) -> f64 {
-    let cos = 1.0 - threshold / TAU;
-    let cotangent = cos / (1.0 - cos * cos).sqrt();
+fn slope(view: &View, settings: &Settings) -> f64 {
     let lean = match view.camera.projection {
         Projection::Perspective => (view.whole[0] as f64).hypot(view.whole[1] as f64) / 2.0 / view.focal_px(),
         Projection::Orthographic => 0.0,
     };
-    ((cotangent - 0.71 * lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0)
+    if is_single(settings) {
+        let cos = 1.0 - settings.threshold / TAU;
+        let cotangent = cos / (1.0 - cos * cos).sqrt();
+        return ((cotangent - 0.71 * lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0);
+    }
+    let steepest = ((STEEPEST - lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0);
+    // Steps are parts of depths, which grow from step to step.
+    let steps = 2 * TILE_PX as i32 * (1 + FINE_TILES);
+    match view.camera.projection {
+        Projection::Perspective => steepest / (1.0 + steepest / view.focal_px()).powi(steps),
+        Projection::Orthographic => steepest,
+    }
 }
 
-/// Tiles that each kernel looked at, and those with pixels to be filled, from the words of the buffer `lists` after a frame.
-pub fn listed<'l>(size: [u32; 2], settings: &Settings, lists: &'l [u32]) -> (Vec<(Kernel, &'l [u32])>, &'l [u32]) {
-    let [across, down] = tiles(size);
-    let of = |list: u32| {
-        let at = (list * (LIST_HEADER + across * down)) as usize;
-        let length = lists.get(at + 3).copied().unwrap_or_default() as usize;
-        let first = at + LIST_HEADER as usize;
-        lists.get(first..first + length).unwrap_or_default()
-    };
-    ((0..KERNELS).map(|list| (Kernel::of(list, settings), of(list))).collect(), of(KERNELS))
+/// Tiles that a level finer than they are looks across, at most, with the default kernel.
+const FINE_TILES: i32 = 2;
+
+/// Tiles that each level looked at for hidden points first, as the buffer `lists` has them after a frame, by the width of the level's cells, pixels.
+pub fn listed<'l>(size: [u32; 2], lists: &'l [u32]) -> Vec<(u32, &'l [u32])> {
+    let stride = stride(tiles(size)) as usize;
+    lists.chunks_exact(stride).enumerate().map(|(level, list)| (1 << level, in_list(list))).collect()
+}
+
+/// Tiles of a list.
+pub fn in_list(list: &[u32]) -> &[u32] {
+    let length = list.get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as usize;
+    list.get(LIST_HEADER as usize..LIST_HEADER as usize + length).unwrap_or_default()
 }

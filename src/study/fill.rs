@@ -1,6 +1,6 @@
 //! Study `fill`: how far filled depths are from the surface, against what it costs, and against baselines.
 //!
-//! Knobs are iterations, tolerance and the neighbours from which background is filled, one at a time; and the method: fixed-size splats of points as they are, and pull-push with and without
+//! Knobs are levels and tolerance, one at a time, of pintus iterations and the neighbours from which background is filled; and the method: fixed-size splats of points as they are, and pull-push with and without
 //! visibility. Baselines get the sizes that suit them (STUDIES.md): splats are drawn with several radii.
 
 use super::cases::Case;
@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;
 
-pub const SUMMARY: &str = "iterations, tolerance, and methods: depths of filled pixels against the surface itself";
+pub const SUMMARY: &str = "levels, tolerance, and methods: depths of filled pixels against the surface itself";
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     configurations::run::<Fill>(gpu, plan, progress)
@@ -44,13 +44,13 @@ const METRICS: &[Metric] = &[
 
 impl Question for Fill {
     const NAME: &'static str = "fill";
-    const TITLE: &'static str = "Filling: iterations, tolerance, methods";
+    const TITLE: &'static str = "Filling: levels, tolerance, methods";
     const METRICS: &'static [Metric] = METRICS;
     const COUNTERS: &'static [&'static str] = &["tiles with holes", "pixels filled"];
     const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
     const HOW: &'static str = "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. <em>Splats</em> are discs of so many pixels' radius around \
-        points as they are; <em>dobrev</em> fills them by masks; <em>pullpush</em> fills what visibility asks for, and without visibility every empty pixel, the background too; <em>points</em> are all that methods are given. \
+        points as they are; <em>dobrev</em> fills them by masks; <em>pintus</em> fills step by step; <em>pullpush</em> without visibility fills every empty pixel, the background too; <em>points</em> are all that methods are given. \
         Milliseconds are those of visibility and filling together, since splats need none. Tolerance is in widths of a pixel at the scene's depth.";
     type Known = ();
 
@@ -67,10 +67,11 @@ impl Question for Fill {
                 ["1", "2", "3", "4", "6", "9"]
                     .map(|radius| bare(&format!("splat {radius} px"), &format!("fill=on,method=splat,radius={radius}"))),
             )
-            .chain([own("method", "pullpush", "fill=on,method=pullpush"), bare("pullpush, no visibility", "fill=on,method=pullpush")])
-            .chain(["2", "4", "8", "16", "32"].map(|steps| own("iterations", steps, &format!("fill=on,iterations={steps}"))))
+            .chain([own("method", "pintus", "fill=on,method=pintus"), bare("pullpush, no visibility", "fill=on,method=pullpush")])
+            .chain(["2", "4", "8", "16", "32"].map(|steps| own("iterations", steps, &format!("fill=on,method=pintus,iterations={steps}"))))
+            .chain(["3", "5", "8"].map(|levels| own("levels", levels, &format!("fill=on,levels={levels}"))))
             .chain([2.0, 4.0, 8.0, 16.0, 64.0, 128.0].map(tolerance))
-            .chain(["3", "4", "6", "7", "9"].map(|around| own("surrounded", around, &format!("fill=on,surrounded={around}"))))
+            .chain(["3", "4", "6", "7", "9"].map(|around| own("surrounded", around, &format!("fill=on,method=pintus,surrounded={around}"))))
             .collect()
     }
 

@@ -25,7 +25,7 @@ const STYLES: [(&str, &[&str]); 4] = [
     ("points", &["visibility=off", "fill=off", "shape=off", "edl=off"]),
     ("surface", &["visibility=auto", "fill=auto", "shape=off", "edl=off"]),
     ("splat", &["visibility=off", "fill=auto,method=splat", "shape=off", "edl=off"]),
-    ("pullpush", &["visibility=auto", "fill=auto,method=pullpush", "shape=off", "edl=off"]),
+    ("single", &["visibility=auto,levels=1,kernel=9", "fill=auto,method=pintus", "shape=off", "edl=off"]),
 ];
 
 /// Metric, its unit for axes, and what it is.

@@ -1,6 +1,6 @@
 //! Study `visibility`: how well hidden points are told from visible ones, and holes from background, against what it costs.
 //!
-//! Knobs are kernel, sectors, threshold, and how far ahead something must be to hide, one at a time. A point is visible where it belongs to the first surface of its pixel (`truth`). Pixels without a point are holes inside of the silhouette.
+//! Knobs are levels, kernel, threshold and what an opening takes, one at a time; and of a single level, the paper's own way, kernel, sectors, and how far ahead something must be to hide. A point is visible where it belongs to the first surface of its pixel (`truth`). Pixels without a point are holes inside of the silhouette.
 
 use super::cases::Case;
 use super::chart::{Chart, Mark, Panel};
@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;
 
-pub const SUMMARY: &str = "kernel, sectors, threshold and lead: hidden points told from visible ones, holes from background";
+pub const SUMMARY: &str = "levels, kernel, threshold and openings: hidden points told from visible ones, holes from background";
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     configurations::run::<Visibility>(gpu, plan, progress)
@@ -49,27 +49,35 @@ const METRICS: &[Metric] = &[
 
 impl Question for Visibility {
     const NAME: &'static str = "visibility";
-    const TITLE: &'static str = "Visibility: kernel, sectors, threshold, lead";
+    const TITLE: &'static str = "Visibility: levels, kernel, threshold, openings";
     const METRICS: &'static [Metric] = METRICS;
     const COUNTERS: &'static [&'static str] = &["tiles looked at", "taps", "tiles with holes"];
     const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
     const HOW: &'static str =
-        "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. Filling is off.";
+        "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. A single level has a kernel of 9 pixels unless another is said. Filling is off.";
     /// Depth as projected.
     type Known = Vec<f32>;
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
-        let own = |knob, value: &str| {
-            let setting = if knob == AUTO { "visibility=on".into() } else { format!("visibility=on,{knob}={value}") };
+        let single = "levels=1,kernel=9";
+        let own = |knob: &'static str, value: &str| {
+            let setting = match knob.strip_prefix("single ") {
+                _ if knob == AUTO => "visibility=on".into(),
+                Some(knob) => format!("visibility=on,{single},{knob}={value}"),
+                None => format!("visibility=on,{knob}={value}"),
+            };
             Configuration::new(knob, value, &["fill=off", "shape=off", "edl=off", &setting])
         };
-        let knobs: [(&str, &[&str]); 5] = [
+        let knobs: [(&str, &[&str]); 8] = [
             (AUTO, &[AUTO]),
-            ("kernel", &["3", "5", "7", "9", "11", "13", "15"]),
-            ("sectors", &["4", "16"]),
+            ("levels", &["2", "3", "5", "8"]),
+            ("kernel", &["3", "5", "9"]),
+            ("expected", &["8", "16", "24", "48", "96"]),
             ("threshold", &["0.25", "0.5", "1", "1.5", "2.5", "3", "4", "5"]),
-            ("lead", &["0", "3.5", "14", "28"]),
+            ("single kernel", &["3", "5", "7", "9", "13", "15"]),
+            ("single sectors", &["4", "16"]),
+            ("single lead", &["0", "3.5", "14"]),
         ];
         knobs.into_iter().flat_map(|(knob, values)| values.iter().map(move |value| own(knob, value))).collect()
     }

@@ -42,6 +42,7 @@ fn hard_07_cone_solid_angle() {
                     depths[pixel] = Some(own as f32);
                     let given: Vec<f32> = depths.iter().map(|z| z.unwrap()).collect();
                     let settings = visibility::Settings {
+                        levels: 1.0,
                         kernel: width as f64,
                         sectors: sectors as f64,
                         tiles: visibility::Looked::All,
@@ -71,8 +72,8 @@ fn hard_07_cone_solid_angle() {
     assert!(least < 1e-6 && greatest > 9.0);
 }
 
-/// A wall that is half as dense as its node says, strewn, and another behind it in every other pixel: kernels that follow the node leave some of that one, those that follow the wall do not; nor where its gaps are as wide as a
-/// quarter of a tile, so that whole tiles are counted.
+/// A wall that is half as dense as its node says, strewn, and another behind it in every other pixel: a kernel that follows the node leaves some of that one, levels do not; nor where gaps are as wide as a
+/// quarter of a tile.
 #[test]
 fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
     canvas(|canvas| {
@@ -84,7 +85,7 @@ fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
                 .map(|_| Some(if random.bits().is_multiple_of(pixels_a_point) { front } else { 2.0 * front } as f32))
                 .collect();
             let mut share = |kernel: &str| {
-                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,kernel={kernel}")])).seen;
+                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,{kernel}")])).seen;
                 // Within a kernel's reach of the picture's edge the wall ends, as in a mirror.
                 let inside = |i: &usize| (16..111).contains(&(i % 127)) && (16..45).contains(&(i / 127));
                 let (behind, all) = (0..depths.len()).filter(inside).fold((0, 0), |(behind, all), i| {
@@ -93,9 +94,9 @@ fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
                 behind as f64 / all as f64
             };
             let node = [3, 5, 7, 9, 11, 13, 15].into_iter().find(|kernel| *kernel as f64 >= 5.5 * spacing_px).expect("a kernel");
-            let (node, own) = (share(&node.to_string()), share("0"));
+            let (node, own) = (share(&format!("levels=1,kernel={node}")), share("levels=7"));
             println!(
-                "1 point in {pixels_a_point} pixels: {node} of the wall behind shows with the node's kernel, {own} with the wall's own"
+                "1 point in {pixels_a_point} pixels: {node} of the wall behind shows with the node's kernel, {own} by levels"
             );
             assert!(node > 1e-3 && own < 0.1 * node);
         }
@@ -123,7 +124,7 @@ fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
                 })
                 .collect();
             let mut counts = |lead: &str| {
-                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,kernel=13,lead={lead}")])).seen;
+                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,levels=1,kernel=13,lead={lead}")])).seen;
                 let inside = |i: &usize| (16..45).contains(&(i / 127)) && depths[*i].is_some();
                 let part = |is_of: &dyn Fn(usize) -> bool| {
                     let points: Vec<_> = (0..depths.len()).filter(inside).filter(|&i| is_of(i)).collect();
@@ -157,7 +158,7 @@ fn hard_07_walls_two_spacings_behind_each_other_do_not_show_through() {
                 })
                 .collect();
             let mut share = |lead: &str| {
-                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,kernel=11,lead={lead}")])).seen;
+                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,levels=1,kernel=11,lead={lead}")])).seen;
                 let inside = |i: &usize| (16..111).contains(&(i % 127)) && (16..45).contains(&(i / 127));
                 let behind: Vec<_> = (0..depths.len()).filter(inside).filter(|&i| depths[i] == Some(far as f32)).collect();
                 behind.iter().filter(|&&i| seen.depth[i].is_finite()).count() as f64 / behind.len() as f64
@@ -192,7 +193,7 @@ fn hard_08_sector_index() {
                     sectors - closed.len()
                 };
                 for empty in 0..=sectors {
-                    let mut effects = effects(&["visibility=on,tiles=all,kernel=3"]);
+                    let mut effects = effects(&["visibility=on,tiles=all,levels=1,kernel=3"]);
                     effects.visibility.settings.sectors = sectors as f64;
                     effects.visibility.settings.holes = (empty as f64 + 0.5) * TAU / sectors as f64;
                     let seen = canvas.draw(&view, &keys(&depths), &effects).seen;
@@ -213,7 +214,7 @@ fn hard_08_sector_index() {
 
 /// Every pixel without a point is a hole, and no point is hidden.
 const HOLES_EVERYWHERE: visibility::Settings =
-    visibility::Settings { kernel: 3.0, reach: 5.5, sectors: 8.0, holes: 100.0, tiles: visibility::Looked::All, threshold: 0.0, lead: 0.0 };
+    visibility::Settings { levels: 1.0, kernel: 3.0, sectors: 8.0, holes: 100.0, tiles: visibility::Looked::All, threshold: 0.0, expected: 0.0, lead: 0.0 };
 
 /// Each of the 2^9 sets of pixels of a 3 x 3 that hold points, on a plane, across a step, and all of one depth, where the colour alone says which was taken.
 #[test]
@@ -240,7 +241,7 @@ fn hard_09_filling() {
                     effects.visibility.settings = HOLES_EVERYWHERE;
                     let mut before: Option<Stage> = None;
                     for iterations in 1..=4 {
-                        effects.fill.settings = fill::Settings { tolerance, iterations: iterations as f64, ..fill::Settings::default() };
+                        effects.fill.settings = fill::Settings { method: fill::Method::Pintus, tolerance, iterations: iterations as f64, ..fill::Settings::default() };
                         let surface = canvas.draw(&view, &keys(&depths), &effects);
                         let after = surface.filled;
                         let stage = before.as_ref().unwrap_or(&surface.seen);
@@ -339,14 +340,17 @@ fn hard_00_nothing_that_is_no_number() {
         for size in [[1, 1], [7, 3], [65, 33]] {
             for view in views(size) {
                 for asked in [
-                    ["visibility=on,kernel=9", "fill=on", "shape=on"],
+                    ["visibility=on", "fill=on", "shape=on"],
+                    ["visibility=on,levels=8,kernel=3,threshold=6.2,holes=6.2,expected=0", "fill=on,levels=8,tolerance=1e-300", "shape=on"],
+                    ["visibility=on,levels=3,expected=1e9,tiles=all", "fill=on,levels=1,tolerance=1e9", "shape=on"],
+                    ["visibility=on,levels=1,kernel=9", "fill=on,method=pintus", "shape=on"],
                     [
-                        "visibility=on,kernel=3,threshold=6.2,holes=6.2,tiles=all",
-                        "fill=on,tolerance=1e9,surrounded=1",
+                        "visibility=on,levels=1,kernel=3,threshold=6.2,holes=6.2,tiles=all",
+                        "fill=on,method=pintus,tolerance=1e9,surrounded=1",
                         "shape=on,softness=0,levels=20",
                     ],
-                    ["visibility=on,kernel=9,threshold=0,holes=0", "fill=on,tolerance=1e-300", "shape=on,softness=1000,levels=1"],
-                    ["visibility=on,kernel=5,sectors=16", "fill=on,iterations=3", "shape=on,xi=0,first=1"],
+                    ["visibility=on,levels=1,kernel=9,threshold=0,holes=0", "fill=on,method=pintus,tolerance=1e-300", "shape=on,softness=1000,levels=1"],
+                    ["visibility=on,levels=1,kernel=5,sectors=16", "fill=on,method=pintus,iterations=3", "shape=on,xi=0,first=1"],
                 ] {
                     let mut depths = random_keys(size, CANVAS_POINTS, random);
                     // The nearest that is drawn, and the farthest that is a number.
@@ -390,7 +394,7 @@ fn hard_00_surfaces_are_part_of_every_picture() {
     assert!(["visibility", "fill", "shape"].iter().all(|effect| decided.runs(effect)), "{decided:?}");
 }
 
-/// With a fixed kernel, skipping tiles changes nothing: not which pixels are taken out, not what they are filled with, not the picture.
+/// Skipping tiles changes nothing: not which pixels are taken out, not what they are filled with, not the picture.
 #[test]
 fn hard_00_tiles_that_are_skipped_had_nothing_to_hide() {
     let (mut taken_out, mut pixels) = (0, 0);
@@ -404,16 +408,16 @@ fn hard_00_tiles_that_are_skipped_had_nothing_to_hide() {
             assert_eq!(flat.projection, Projection::Orthographic);
             for camera in [deep, flat] {
                 let view = View::new(camera, size).unwrap();
-                for kernel in [3, 9] {
+                for levels in ["levels=7", "levels=5,kernel=9", "levels=1,kernel=3", "levels=1,kernel=9"] {
                     let picture = |tiles: &str, rest: &str| -> Layers {
                         let mut wishes = Wishes::default();
-                        wishes.effects.set(&format!("visibility=on,kernel={kernel},tiles={tiles}")).unwrap();
+                        wishes.effects.set(&format!("visibility=on,{levels},tiles={tiles}")).unwrap();
                         wishes.effects.set(rest).unwrap();
                         draw(Way::Compute64, &cloud, &view, &wishes)
                     };
                     for rest in ["fill=off", "fill=on"] {
                         let [all, needed] = ["all", "needed"].map(|tiles| picture(tiles, rest));
-                        assert!(all.bits() == needed.bits(), "{scene:?} {:?} {size:?} kernel {kernel} {rest}", camera.projection);
+                        assert!(all.bits() == needed.bits(), "{scene:?} {:?} {size:?} {levels} {rest}", camera.projection);
                         taken_out += all.depth.iter().filter(|z| **z == f32::NEG_INFINITY).count();
                         pixels += all.depth.len() / 2;
                     }

@@ -44,7 +44,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut to = ["odd depth", "odd source"].map(|name| image(g, name));
     let [opened, source] = &mut from;
     // As far as the widest kernel that has found holes has seen a point.
-    let found = layers.holes.as_ref().filter(|_| settings.iterations == 0.0).map_or(0, |holes| holes.widest.div_ceil(2));
+    let found = layers.holes.as_ref().filter(|_| settings.iterations == 0.0).map_or(0, |holes| holes.widest.div_ceil(2).min(super::WIDEST as u32));
     let most = most_steps(settings, layers.spacing_px[1]).max(found);
     let push = fill_dobrev_open::Push {
         texels,

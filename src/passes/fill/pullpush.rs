@@ -1,47 +1,106 @@
 //! Pull-push: depth and colour with holes in, without out, through a pyramid of means (Grossman and Dally 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
 //!
 //! ```text
-//!     pull   level k -> k + 1   mean of those of 2 x 2 that have a value and are of the nearest surface among them, until one pixel is left
-//!     push   level k + 1 -> k   pixels without a value take the bilinear mean of the coarser level
+//!     pull    level k -> k + 1   mean of those of 2 x 2 that have a value and are of the nearest surface among them, with its place
+//!     push    level k + 1 -> k   what has no value takes the bilinear mean of the coarser level; what has one is carried to its cell's middle
+//!     relax   level k            what has no value takes the mean of those around it, so that coarse cells leave no corners
 //! ```
 //! Where visibility ran, its holes are filled and background gives and takes nothing. Where it did not, nobody knows which empty pixels are holes: all are filled, and the background is flooded.
 
 use super::{Settings, tolerance};
 use crate::graph::{Graph, Image, Kind, Tiles};
 use crate::passes::Layers;
-use crate::shader::{self, fill_pull, fill_push};
-use crate::view::View;
+use crate::shader::{self, fill_pull, fill_push, fill_relax};
+use crate::view::{Projection, View};
+
+/// A step leaves blocks of coarse cells where depths curve; with two they are gone, and with more surfaces flatten between their points (a fifth more pixels on a wrong layer after four).
+const RELAXATIONS: u32 = 2;
+
+/// Pixels: of every level, the coarser cells beside the one around it, and those that relaxing looks at.
+pub(super) fn reach_px(settings: &Settings) -> u32 {
+    (2 + RELAXATIONS) << settings.levels as u32
+}
 
 pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
     let flood = layers.holes.is_none();
-    let Layers { depth, color, reached, .. } = layers;
-    let reached = reached.map(|reached| {
-        let depth = g.copy("depth", &depth);
-        filled(g, view, settings, flood, depth, reached).1
-    });
-    let (depth, color) = filled(g, view, settings, flood, depth, color);
+    let pyramid = Pyramid { view, settings, flood, perspective: view.camera.projection == Projection::Perspective };
+    let (depth, color) = pyramid.filled(g, &layers.depth, &layers.color);
+    let reached = layers.reached.as_ref().map(|reached| pyramid.filled(g, &layers.depth, reached).1);
     Layers { depth, color, reached, holes: None, ..layers }
 }
 
-fn filled(g: &mut Graph, view: &View, settings: &Settings, flood: bool, depth: Image, color: Image) -> (Image, Image) {
-    let (tolerance, relative) = tolerance(view, settings);
-    let mut pyramid: Vec<(Image, Image)> = vec![(depth, color)];
-    while pyramid.len() == 1 || pyramid[pyramid.len() - 1].0.desc.size != [1, 1] {
-        let (fine_depth, fine_color) = &pyramid[pyramid.len() - 1];
-        let fine_size = fine_depth.desc.size;
+/// How a picture is filled.
+struct Pyramid<'s> {
+    view: &'s View,
+    settings: &'s Settings,
+    flood: bool,
+    perspective: bool,
+}
+
+/// A level above the picture: depths with their places, and colours.
+struct Level {
+    places: Image,
+    color: Image,
+}
+
+impl Pyramid<'_> {
+    fn filled(&self, g: &mut Graph, depth: &Image, color: &Image) -> (Image, Image) {
+        let mut levels: Vec<Level> = Vec::new();
+        for number in 1..self.settings.levels as u32 {
+            let (places, fine_color) = levels.last().map_or((color, color), |level| (&level.places, &level.color));
+            if places.desc.size == [1, 1] {
+                break;
+            }
+            let level = self.pull(g, depth, places, fine_color, number);
+            levels.push(level);
+        }
+        let mut coarser = None;
+        while let Some(Level { places, color }) = levels.pop() {
+            let number = levels.len() as u32 + 1;
+            coarser = Some(self.push(g, coarser.as_ref(), depth, Some(&places), &color, number));
+        }
+        self.push(g, coarser.as_ref(), depth, None, color, 0)
+    }
+
+    /// The next coarser level.
+    fn pull(&self, g: &mut Graph, depth: &Image, fine_places: &Image, fine_color: &Image, number: u32) -> Level {
+        let fine_size = fine_color.desc.size;
         let size = fine_size.map(|side| side.div_ceil(2));
-        let mut depth = g.image("pulled depth", size, Kind::R32f);
-        let mut color = g.image("pulled color", size, Kind::Rgba32f);
+        let mut level = Level { places: g.image("pulled places", size, Kind::Rgba32f), color: g.image("pulled color", size, Kind::Rgba32f) };
+        let (tolerance, relative) = tolerance(self.view, self.settings, number);
         let push = fill_pull::Push { fine_size, size, tolerance, relative };
-        g.run(shader::FillPull { fine_depth, fine_color, depth: &mut depth, color: &mut color, push }, Tiles::All);
-        pyramid.push((depth, color));
+        let spec = fill_pull::Spec { perspective: self.perspective, first: number == 1 };
+        let Level { places, color } = &mut level;
+        g.run(shader::FillPull { depth, fine_places, fine_color, places, color, push, spec }, Tiles::All);
+        level
     }
-    let mut filled = pyramid.pop().expect("one level at least");
-    while let Some((mut depth, mut color)) = pyramid.pop() {
-        let (coarse_depth, coarse_color) = &filled;
-        let push = fill_push::Push { coarse_size: coarse_depth.desc.size, size: depth.desc.size, tolerance, relative, flood: flood as u32 };
-        g.run(shader::FillPush { coarse_depth, coarse_color, depth: &mut depth, color: &mut color, push }, Tiles::All);
-        filled = (depth, color);
+
+    /// A level, filled from the next coarser one; without places it is the picture.
+    fn push(&self, g: &mut Graph, coarser: Option<&(Image, Image)>, depth: &Image, places: Option<&Image>, color: &Image, number: u32) -> (Image, Image) {
+        let size = color.desc.size;
+        let picture = places.is_none();
+        // Bindings want an image, whether it is read or not.
+        let places = places.unwrap_or(color);
+        let (coarse_depth, coarse_color) = coarser.map_or((depth, color), |(depth, color)| (depth, color));
+        let mut filled = [g.image("filled depth", size, Kind::R32f), g.image("relaxed depth", size, Kind::R32f)];
+        let mut filled_color = g.image("filled color", size, Kind::Rgba32f);
+        let (coarse_tolerance, relative) = tolerance(self.view, self.settings, number + 1);
+        let push = fill_push::Push { coarse_size: coarse_depth.desc.size, size, tolerance: coarse_tolerance, relative, flood: self.flood as u32 };
+        let spec = fill_push::Spec { perspective: self.perspective, coarsest: coarser.is_none(), picture };
+        let [filled_depth, _] = &mut filled;
+        g.run(
+            shader::FillPush { coarse_depth, coarse_color, depth, places, color, filled_depth, filled_color: &mut filled_color, push, spec },
+            Tiles::All,
+        );
+        let (tolerance, relative) = tolerance(self.view, self.settings, number);
+        for _ in 0..RELAXATIONS {
+            let [from_depth, to_depth] = &mut filled;
+            let push = fill_relax::Push { size, tolerance, relative };
+            let spec = fill_relax::Spec { perspective: self.perspective, picture };
+            g.run(shader::FillRelax { depth, places, from_depth, to_depth, push, spec }, Tiles::All);
+            filled.swap(0, 1);
+        }
+        let [filled_depth, _] = filled;
+        (filled_depth, filled_color)
     }
-    filled
 }

@@ -10,7 +10,7 @@ pub mod dobrev;
 pub mod edl;
 pub mod exposure;
 pub mod fill;
-pub mod kernels;
+pub mod levels;
 pub mod luminance;
 pub mod phong;
 pub mod points;

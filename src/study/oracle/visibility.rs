@@ -1,4 +1,4 @@
-//! The f64 twin of the visibility passes: depths in, in the kernels' own f32 bits; of every pixel the empty solid angle out, and what follows from it.
+//! The f64 twin of visibility on a single level: depths in, in the kernels' own f32 bits; of every pixel the empty solid angle out, and what follows from it.
 //!
 //! papers/README.md (Pintus, visibility), word for word: points in the camera's space, the largest `v . c` of every sector, the sum of `2 pi / S (1 - max v . c)`; but that a neighbour which the point's own
 //! surface may reach ([`own_slope`]) closes nothing.
@@ -28,21 +28,14 @@ pub struct Depths<'d> {
 }
 
 impl Depths<'_> {
-    pub(super) fn size(&self) -> [i64; 2] {
+    fn size(&self) -> [i64; 2] {
         self.view.size.map(|side| side as i64)
     }
 
-    pub(super) fn at(&self, x: i64, y: i64) -> Option<f64> {
+    fn at(&self, x: i64, y: i64) -> Option<f64> {
         let [width, height] = self.size();
         let z = self.depth[(mirrored(y, height) * width + mirrored(x, width)) as usize];
         z.is_finite().then_some(z as f64)
-    }
-
-    /// The point of a neighbour, if it holds one, at the middle of a pixel.
-    fn neighbour(&self, x: i64, y: i64, step: i64) -> Option<DVec3> {
-        let block = (0..step).flat_map(|dy| (0..step).map(move |dx| (dx, dy)));
-        let nearest = block.filter_map(|(dx, dy)| self.at(x + dx, y + dy)).fold(f64::INFINITY, f64::min);
-        nearest.is_finite().then(|| self.point(x, y, nearest))
     }
 
     /// In the camera's space: right, down, forward.
@@ -62,14 +55,13 @@ impl Depths<'_> {
         let (sectors, own_slope) = (settings.sectors as usize, own_slope(settings, kernel));
         let own = self.at(x, y).map(|z| self.point(x, y, z));
         let mut most: Vec<Option<f64>> = vec![None; sectors];
-        let [radius, span] = [kernel.radius, kernel.span].map(i64::from);
+        let radius = kernel.radius as i64;
         for dy in -radius..=radius {
             for dx in -radius..=radius {
-                let (dx, dy) = (dx * span, dy * span);
                 if (dx, dy) == (0, 0) {
                     continue;
                 }
-                let Some(pi) = self.neighbour(x + dx, y + dy, span) else { continue };
+                let Some(pi) = self.at(x + dx, y + dy).map(|z| self.point(x + dx, y + dy, z)) else { continue };
                 let cos = match own {
                     None => 1.0,
                     Some(p0) => {
@@ -101,14 +93,6 @@ impl Depths<'_> {
             Verdict::Invisible
         } else {
             Verdict::InBand
-        }
-    }
-
-    /// Pixels that a metre across is wide at a depth.
-    pub(super) fn px_per_unit(&self, z: f64) -> f64 {
-        match self.view.camera.projection {
-            Projection::Perspective => self.view.focal_px() / z,
-            Projection::Orthographic => self.view.focal_px(),
         }
     }
 }

@@ -1,0 +1,308 @@
+// One level of the pyramid judges what finer ones have left open: which points are hidden, or which pixels without a point are holes.
+//
+// A level looks at the nearest points of the cells in its kernel. Those that lead close cones: of a pixel with a point, those that are nearer to the camera than its own surface may be; of one without, all.
+//
+//   open     so many leading points would be expected in the open area around the pixel that its being empty is no chance:   lambda A >= `expected`
+//   closed   the cones that are left add up to less than `threshold` (Pintus et al. 2011, sec. 4), or to less than `holes`
+//   else     this level is too fine for the surface that leads here: the next coarser one judges
+//
+// lambda is how many of them a cell holds, from the share p of the neighbours of leading cells that lead too: -ln(1 - p), which p / sqrt(1 - p) is near enough. It is the density of the surface in front alone, whatever
+// shows behind it. A is made of eight sectors, each as far as its nearest leading point, or to the rim of the kernel. So a dense surface is judged where it is dense, and its openings stay open at any size;
+// a sparse one further up, where its points are about a cell apart.
+//
+// Cones are those of visibility.comp, which has the geometry. Sectors are told by where points lie in their cells, since a cell may lie in several.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "tile.glsl"
+#include "pixel.glsl"
+#include "levels.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(r32f) readonly uniform image2D depth;
+layout(r32f) readonly uniform image2D pyramid;
+layout(r32f) readonly uniform image2D places;
+// Of every tile three words: pixels that are to be judged, and the levels that are to judge them.
+layout(scalar) readonly buffer Asked { uint word[]; } asked;
+layout(r32ui) readonly uniform uimageBuffer asked_words;
+layout(scalar) readonly buffer Lists { uint word[]; } lists;
+// Tiles with invisible pixels.
+layout(scalar) buffer Holes { uint word[]; } holes;
+layout(r32ui) readonly uniform uimageBuffer listed_words;
+// Points that the levels so far have left open: pixels, 16 bits across and 16 down. Each level reads those of the one before, and leaves its own to the next.
+layout(scalar) readonly buffer From { uint pixel[]; } from;
+layout(r32ui) readonly uniform uimageBuffer from_words;
+layout(scalar) writeonly buffer To { uint pixel[]; } to;
+// Of every level, of those that are left to it, three words of an indirect dispatch, and how many they are.
+layout(scalar) buffer Counts { uint word[]; } counts;
+// Of pixels without a point, of every level two words a tile: those that it has decided. Each level reads what those before it wrote.
+layout(scalar) buffer Decided { uint word[]; } decided;
+layout(r32ui) readonly uniform uimageBuffer decided_words;
+// Of every tile two words: pixels that are hidden, or holes; and that something leads.
+layout(scalar) buffer Invisible { uint word[]; } invisible;
+layout(scalar) buffer Led { uint word[]; } led;
+// Of every tile on the list of holes, the width of the kernel that put it there, pixels; 0 of others.
+layout(scalar) buffer Kernels { uint tile[]; } kernels;
+
+layout(constant_id = 0) const uint RADIUS = 3u;
+layout(constant_id = 1) const bool PERSPECTIVE = true;
+// Of level 0, which is the picture itself.
+layout(constant_id = 2) const bool FINEST = true;
+// Pixels without a point are judged, not those with one.
+layout(constant_id = 3) const bool EMPTY = false;
+layout(constant_id = 4) const bool TEXELS = true;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 size;        // pixels
+    vec2 centre;       // where the camera looks, pixels from the first
+    uint tiles_across;
+    int level;
+    uint at;           // the list of this level
+    uint stride;       // words from level to level of `decided`
+    float px_per_unit;
+    float closed;      // solid angle in sectors' hemispheres, below which a pixel is invisible
+    float expected;    // points
+    float own_slope;   // t t up to which a neighbour may be of the point's own surface
+} push;
+
+const float FARTHEST = 3.402823466e38;
+// Depths beyond these count as these, so that squares neither overflow nor vanish.
+const float NEAREST_PLACE = 1e-15;
+const float FARTHEST_PLACE = 1e15;
+const float EIGHTH_OF_DISC = 0.39269908;
+// Where every neighbour leads the density is unknown, but not infinite.
+const float MOST_SHARE = 0.93;
+
+const int R = int(RADIUS);
+const int WIDTH = 2 * R + 1;
+const int MOST_WIDTH = 15;
+
+// Eighths of a turn from the x axis, each with its first border.
+int sector_of(vec2 offset) {
+    bool upper = offset.y > 0.0 || (offset.y == 0.0 && offset.x > 0.0);
+    int quarter = upper ? (offset.x > 0.0 ? 0 : 1) : (offset.x < 0.0 ? 2 : 3);
+    vec2 along = quarter % 2 == 0 ? abs(offset) : abs(offset.yx);
+    return 2 * quarter + int(along.y >= along.x);
+}
+
+// Whether a point of a cell may lie in a sector, seen from anywhere in the middle cell.
+bool may_lie(ivec2 cell, int sector) {
+    int quarter = sector / 2;
+    ivec2 turned = quarter == 0 ? cell : quarter == 1 ? ivec2(cell.y, -cell.x) : quarter == 2 ? -cell : ivec2(-cell.y, cell.x);
+    turned = sector % 2 == 0 ? turned : turned.yx;
+    return FINEST ? sector_of(vec2(cell)) == sector : turned.y + 1 >= 0 && turned.x + 1 >= max(turned.y - 1, 0);
+}
+
+const uint LEADS_NOTHING = 0u;
+const uint UNDECIDED = 1u;
+const uint OPEN = 2u;
+const uint CLOSED = 3u;
+
+// Seen from the middle of so many pixels across and down.
+uint judge(ivec2 pixel, int across) {
+    ivec2 size = ivec2(push.size);
+    ivec2 cells = FINEST ? size : level_size(size, push.level);
+    ivec2 corner = FINEST ? ivec2(0) : level_corner(size, push.level);
+    ivec2 cell = pixel >> push.level;
+    float side = float(1 << push.level);
+    vec2 at = vec2(pixel) + 0.5 * float(across);
+    float own = imageLoad(depth, pixel).r;
+    vec2 ray = (at - push.centre) / push.px_per_unit;
+    float farthest = PERSPECTIVE ? FARTHEST_PLACE : FARTHEST_PLACE / push.px_per_unit;
+    float z0 = clamp(own, NEAREST_PLACE, farthest);
+    float f_rr = PERSPECTIVE ? push.px_per_unit * (1.0 + ray.x * ray.x + ray.y * ray.y) : push.px_per_unit;
+    float rim = (float(R) + 0.5) * side;
+    float most[8];
+    float nearest[8];
+    [[unroll]] for (int s = 0; s < 8; ++s) {
+        most[s] = -1.0;
+        nearest[s] = rim * rim;
+    }
+    uint rows[MOST_WIDTH];
+    int columns[MOST_WIDTH];
+    [[unroll]] for (int dx = -R; dx <= R; ++dx) columns[dx + R] = at_edge(cell.x + dx, cells.x);
+    [[unroll]] for (int dy = -R; dy <= R; ++dy) {
+        int y = at_edge(cell.y + dy, cells.y);
+        uint row = 0u;
+        [[unroll]] for (int dx = -R; dx <= R; ++dx) {
+            if (FINEST && dx == 0 && dy == 0) continue;
+            ivec2 from = ivec2(columns[dx + R], y);
+            float code = FINEST ? 0.0 : imageLoad(places, corner + from).r;
+            float found = FINEST ? imageLoad(depth, from).r : EMPTY ? 0.0 : imageLoad(pyramid, corner + from).r;
+            vec2 offset = FINEST ? vec2(dx, dy) : place_in(cell + ivec2(dx, dy), push.level, code) - at;
+            // What is hidden covers its pixel, too.
+            bool has = FINEST ? found <= FARTHEST && (EMPTY || found > 0.0) : code > NO_PLACE;
+            float z = clamp(found, NEAREST_PLACE, farthest);
+            float square = offset.x * offset.x + offset.y * offset.y;
+            float ratio = 0.0;
+            bool leads = has;
+            if (!EMPTY) {
+                float twist = offset.x * ray.y - offset.y * ray.x;
+                float along = (z0 - z) * f_rr - (PERSPECTIVE ? z * (offset.x * ray.x + offset.y * ray.y) : 0.0);
+                float across = PERSPECTIVE ? z * z * (square + twist * twist) : square;
+                ratio = along * along / across;
+                leads = has && z < z0 && along > 0.0 && ratio > push.own_slope;
+            }
+            row |= leads ? 1u << (dx + R) : 0u;
+            ratio = leads ? ratio : -1.0;
+            square = leads ? square : rim * rim;
+            int sector = sector_of(offset);
+            [[unroll]] for (int s = 0; s < 8; ++s) {
+                if (!may_lie(ivec2(dx, dy), s)) continue;
+                bool here = sector == s;
+                most[s] = here ? max(most[s], ratio) : most[s];
+                nearest[s] = here ? min(nearest[s], square) : nearest[s];
+            }
+        }
+        rows[dy + R] = row;
+    }
+    // Of leading cells: how many neighbours they have in the kernel, and how many of these lead.
+    const uint EDGES = 1u | 1u << (WIDTH - 1);
+    int neighbours = 0;
+    int leading = 0;
+    [[unroll]] for (int y = 0; y < WIDTH; ++y) {
+        int tall = y == 0 || y == WIDTH - 1 ? 2 : 3;
+        neighbours += (3 * tall - 1) * bitCount(rows[y]) - tall * bitCount(rows[y] & EDGES);
+        leading += bitCount(rows[y] & rows[y] >> 1);
+        if (y > 0) leading += bitCount(rows[y] & rows[y - 1]) + bitCount(rows[y] & rows[y - 1] >> 1) + bitCount(rows[y] >> 1 & rows[y - 1]);
+    }
+    float share = min(2.0 * float(leading) / float(max(neighbours, 1)), MOST_SHARE);
+    float area = 0.0;
+    float cones = 0.0;
+    bool any = false;
+    [[unroll]] for (int s = 0; s < 8; ++s) {
+        area += min(nearest[s], rim * rim);
+        float hypotenuse = 1.0 + max(most[s], 0.0);
+        float left = EMPTY ? 0.0 : 1.0 / (hypotenuse + sqrt(hypotenuse * max(most[s], 0.0)));
+        cones += most[s] < 0.0 ? 1.0 : left;
+        any = any || most[s] >= 0.0;
+    }
+    area *= EIGHTH_OF_DISC / (side * side);
+    bool is_open = share * area >= push.expected * sqrt(1.0 - share);
+    return !any ? LEADS_NOTHING : is_open ? OPEN : cones < push.closed ? CLOSED : UNDECIDED;
+}
+
+// The first pixel of those that are left, as a number: down its column, then the next column.
+int first_of(uvec2 bits) {
+    return bits.x != 0u ? findLSB(bits.x) : 32 + findLSB(bits.y);
+}
+
+uvec2 without_first(uvec2 bits) {
+    return bits.x != 0u ? uvec2(bits.x & (bits.x - 1u), bits.y) : uvec2(0u, bits.y & (bits.y - 1u));
+}
+
+// Pixels of a square, by its first one.
+uvec2 square_at(int first, int across) {
+    uvec2 bits = uvec2(0u);
+    uint column = ((1u << across) - 1u) << (first % 8);
+    [[dont_unroll]] for (int x = first / 8; x < first / 8 + across; ++x) {
+        bits.x |= x < 4 ? column << (8 * x) : 0u;
+        bits.y |= x < 4 ? 0u : column << (8 * (x - 4));
+    }
+    return bits;
+}
+
+// Leaves so many points to the next level; the place of the first among them.
+uint leave(uint many) {
+    uint at = 4u * uint(push.level + 1);
+    uint place = atomicAdd(counts.word[at + 3u], many);
+    if (place / 64u != (place + many) / 64u || place % 64u == 0u) {
+        atomicMax(counts.word[at], min((place + many) / 64u + 1u, MOST_GROUPS));
+        counts.word[at + 1u] = 1u;
+        counts.word[at + 2u] = 1u;
+    }
+    return place;
+}
+
+// What has been found of pixels of a tile.
+void keep(uint tile, uvec2 closed, uvec2 leads) {
+    [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
+        uint word = 2u * tile + uint(half_tile);
+        if (closed[half_tile] != 0u) atomicOr(invisible.word[word], closed[half_tile]);
+        if (!EMPTY && leads[half_tile] != 0u) atomicOr(led.word[word], leads[half_tile]);
+    }
+    uint width = uint(WIDTH) << push.level;
+    if (closed != uvec2(0u) && atomicExchange(kernels.tile[tile], width) == 0u) APPEND(holes, 0u, tile)
+}
+
+// All pixels of a tile that are asked for. So many lanes share it, and take them in turn.
+//
+// Pixels without a point are taken by squares a quarter of a cell wide, from whose middle the level looks nearly the same.
+void judge_tile(uint n, uint lane, uint lanes) {
+    uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
+    uvec2 pixels = uvec2(WORD(asked_words, asked, 3u * tile), WORD(asked_words, asked, 3u * tile + 1u));
+    uint levels = WORD(asked_words, asked, 3u * tile + 2u);
+    [[dont_unroll]] for (int level = 0; EMPTY && level < push.level; ++level) {
+        uint word = uint(level) * push.stride + 2u * tile;
+        pixels &= ~uvec2(WORD(decided_words, decided, word), WORD(decided_words, decided, word + 1u));
+    }
+    uvec2 left = pixels;
+    int across = EMPTY ? clamp(1 << push.level >> 2, 1, TILE_PX) : 1;
+    [[dont_unroll]] for (int first = 0; across > 1 && first < 64; first += first % 8 + across < 8 ? across : 8 * across - first % 8) {
+        uvec2 square = square_at(first, across);
+        bool any = (square & pixels) != uvec2(0u);
+        left = (left & ~square) | (any ? square_at(first, 1) : uvec2(0u));
+    }
+    ivec2 corner = tile_corner(tile, push.tiles_across);
+    [[dont_unroll]] for (uint skipped = 0u; skipped < lane; ++skipped) left = without_first(left);
+    uvec2 settled = uvec2(0u);
+    uvec2 closed = uvec2(0u);
+    uvec2 leads = uvec2(0u);
+    uvec2 open = uvec2(0u);
+    bool here = (levels >> push.level & 1u) == 1u;
+    for (; left != uvec2(0u);) {
+        int first = first_of(left);
+        uint verdict = LEADS_NOTHING;
+        for (bool asks = here; asks; asks = false) verdict = judge(corner + ivec2(first / 8, first % 8), across);
+        uvec2 square = square_at(first, across) & pixels;
+        settled |= verdict == OPEN || verdict == CLOSED ? square : uvec2(0u);
+        closed |= verdict == CLOSED ? square : uvec2(0u);
+        leads |= verdict != LEADS_NOTHING ? square : uvec2(0u);
+        open |= verdict == LEADS_NOTHING || verdict == UNDECIDED ? square : uvec2(0u);
+        [[dont_unroll]] for (uint skipped = 0u; skipped < lanes; ++skipped) left = without_first(left);
+    }
+    keep(tile, closed, leads);
+    if (EMPTY) {
+        [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
+            uint word = uint(push.level) * push.stride + 2u * tile + uint(half_tile);
+            if (settled[half_tile] != 0u) atomicOr(decided.word[word], settled[half_tile]);
+        }
+    } else if (levels >> (push.level + 1) != 0u && open != uvec2(0u)) {
+        uint place = leave(uint(bitCount(open.x) + bitCount(open.y)));
+        for (; open != uvec2(0u); open = without_first(open)) {
+            int pixel = first_of(open);
+            to.pixel[place] = uint(corner.x + pixel / 8) | uint(corner.y + pixel % 8) << 16;
+            place += 1u;
+        }
+    }
+}
+
+// A point that finer levels have left.
+void judge_point(uint n) {
+    uint entry = WORD_OF(from_words, from.pixel, n);
+    ivec2 pixel = ivec2(entry & 0xFFFFu, entry >> 16);
+    ivec2 at = pixel % TILE_PX;
+    uint tile = uint(pixel.y / TILE_PX) * push.tiles_across + uint(pixel.x / TILE_PX);
+    uint levels = WORD(asked_words, asked, 3u * tile + 2u);
+    uint verdict = LEADS_NOTHING;
+    for (bool asks = (levels >> push.level & 1u) == 1u; asks; asks = false) verdict = judge(pixel, 1);
+    uvec2 bits = square_at(8 * at.x + at.y, 1);
+    keep(tile, verdict == CLOSED ? bits : uvec2(0u), verdict != LEADS_NOTHING ? bits : uvec2(0u));
+    if ((verdict == LEADS_NOTHING || verdict == UNDECIDED) && levels >> (push.level + 1) != 0u) to.pixel[leave(1u)] = entry;
+}
+
+void main() {
+    bool by_tiles = EMPTY || FINEST;
+    uint lanes = !by_tiles ? 1u : push.level < 4 ? 8u : push.level < 5 ? 4u : 1u;
+    uint end = by_tiles ? WORD(listed_words, lists, push.at + 3u) : counts.word[4u * uint(push.level) + 3u];
+    uint n = (64u * gl_WorkGroupID.x + gl_LocalInvocationID.x) / lanes;
+    if (n < end) for (;;) {
+        if (by_tiles) judge_tile(n, gl_LocalInvocationID.x % lanes, lanes);
+        else judge_point(n);
+        n += 64u / lanes * gl_NumWorkGroups.x;
+        if (n >= end) break;
+    }
+}

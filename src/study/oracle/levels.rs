@@ -1,0 +1,210 @@
+//! The f64 twin of visibility on a pyramid: depths in, in the kernels' own f32 bits; of every pixel out whether it is visible, hidden, or a hole.
+//!
+//! The rule is that of glsl/visibility_levels.comp, level by level, two rounds for points and one for pixels without. Where f32 may decide either way, what depends on that is not known either: [`Verdict::InBand`].
+
+use super::visibility::{Verdict, sector};
+use crate::passes::visibility::{STEEPEST, Settings};
+use crate::view::{Projection, View};
+use std::f64::consts::{PI, TAU};
+
+/// Relative, of every comparison: a dozen roundings of f32.
+const BAND: f64 = 4e-6;
+const SECTORS: usize = 8;
+const MOST_SHARE: f64 = 0.93;
+
+/// A pixel, or the nearest point of a cell.
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    /// Depth, and where it lies, pixels.
+    point: Option<(f64, [f64; 2])>,
+    /// Whether the kernels are certain to have the same.
+    sure: bool,
+}
+
+struct Level {
+    size: [i64; 2],
+    cells: Vec<Cell>,
+}
+
+impl Level {
+    fn at(&self, x: i64, y: i64) -> Cell {
+        self.cells[(y * self.size[0] + x) as usize]
+    }
+
+    /// The next coarser one.
+    fn coarser(&self) -> Level {
+        let size = self.size.map(|side| (side + 1) / 2);
+        let cell = |i: i64| {
+            let (x, y) = (i % size[0], i / size[0]);
+            let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| (2 * x + dx, 2 * y + dy));
+            let inside = four.into_iter().filter(|&(x, y)| x < self.size[0] && y < self.size[1]).map(|(x, y)| self.at(x, y));
+            let none = Cell { point: None, sure: true };
+            inside.fold(none, |nearest, cell| {
+                let nearer = match (nearest.point, cell.point) {
+                    (Some((a, _)), Some((b, _))) => b < a,
+                    (before, after) => before.is_none() && after.is_some(),
+                };
+                Cell { point: if nearer { cell.point } else { nearest.point }, sure: nearest.sure && cell.sure }
+            })
+        };
+        Level { size, cells: (0..size[0] * size[1]).map(cell).collect() }
+    }
+}
+
+/// What a level says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Said {
+    LeadsNothing,
+    Undecided,
+    Open,
+    Closed,
+    Either,
+}
+
+/// Which pixels are judged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Subject {
+    Points,
+    Empty,
+}
+
+/// Verdicts of all pixels, row by row.
+pub fn verdicts(view: &View, settings: &Settings, depth: &[f32]) -> Vec<Verdict> {
+    let size = view.size.map(i64::from);
+    let place = |i: usize| [(i as i64 % size[0]) as f64 + 0.5, (i as i64 / size[0]) as f64 + 0.5];
+    let cell = |(i, z): (usize, &f32)| Cell { point: z.is_finite().then(|| (*z as f64, place(i))), sure: true };
+    let mut picture: Vec<Cell> = depth.iter().enumerate().map(cell).collect();
+    let projected = Pyramid::of(size, picture.clone(), settings);
+    let mut verdicts = vec![Verdict::Visible; depth.len()];
+    // What nothing leads at first is not judged again.
+    let mut candidates = vec![true; depth.len()];
+    for _ in 0..2 {
+        let pyramid = Pyramid::of(size, picture.clone(), settings);
+        for i in (0..depth.len()).filter(|&i| picture[i].point.is_some() && std::mem::take(&mut candidates[i])).collect::<Vec<_>>() {
+            let (said, led) = pyramid.judge(view, settings, i, Subject::Points);
+            candidates[i] = led;
+            match said {
+                Said::Closed => (verdicts[i], picture[i]) = (Verdict::Invisible, Cell { point: None, sure: true }),
+                Said::Either => (verdicts[i], picture[i]) = (Verdict::InBand, Cell { point: None, sure: false }),
+                _ => {}
+            }
+        }
+    }
+    // What was hidden covers its pixel all the same.
+    for i in (0..depth.len()).filter(|&i| !depth[i].is_finite()) {
+        verdicts[i] = match projected.judge(view, settings, i, Subject::Empty).0 {
+            Said::Closed => Verdict::Invisible,
+            Said::Either => Verdict::InBand,
+            _ => Verdict::Visible,
+        };
+    }
+    verdicts
+}
+
+struct Pyramid {
+    levels: Vec<Level>,
+}
+
+impl Pyramid {
+    fn of(size: [i64; 2], cells: Vec<Cell>, settings: &Settings) -> Pyramid {
+        let mut levels = vec![Level { size, cells }];
+        while levels.len() < settings.levels as usize {
+            levels.push(levels[levels.len() - 1].coarser());
+        }
+        Pyramid { levels }
+    }
+
+    /// What the first level says that decides, and whether anything leads.
+    fn judge(&self, view: &View, settings: &Settings, i: usize, subject: Subject) -> (Said, bool) {
+        let width = view.size[0] as i64;
+        let pixel = [i as i64 % width, i as i64 / width];
+        let mut led = false;
+        for level in 0..self.levels.len() {
+            let said = self.at_level(view, settings, pixel, level, subject);
+            led |= said != Said::LeadsNothing;
+            if said != Said::LeadsNothing && said != Said::Undecided {
+                return (said, led);
+            }
+        }
+        (Said::Undecided, led)
+    }
+
+    fn at_level(&self, view: &View, settings: &Settings, [x, y]: [i64; 2], number: usize, subject: Subject) -> Said {
+        let level = &self.levels[number];
+        let own = self.levels[0].at(x, y).point;
+        // Pixels without a point are judged by squares of a quarter of a cell, no larger than a tile, from the middle.
+        let across = if subject == Subject::Empty { ((1i64 << number) / 4).clamp(1, 8) } else { 1 };
+        let [x, y] = [x, y].map(|at| at / across * across);
+        let at = [x, y].map(|at| at as f64 + across as f64 / 2.0);
+        let perspective = view.camera.projection == Projection::Perspective;
+        let f = view.focal_px() as f32 as f64;
+        let ray = [0, 1].map(|axis| (at[axis] - view.size[axis] as f64 / 2.0) / f);
+        let (side, radius) = (1i64 << number, settings.kernel as i64 / 2);
+        let rim = (radius as f64 + 0.5) * side as f64;
+        let (mut most, mut nearest) = ([None::<f64>; SECTORS], [rim; SECTORS]);
+        let mut leads = std::collections::HashSet::new();
+        for (dx, dy) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dx, dy))) {
+            if number == 0 && (dx, dy) == (0, 0) {
+                continue;
+            }
+            let cell = [x / side + dx, y / side + dy];
+            let inside = [0, 1].map(|axis| cell[axis].clamp(0, level.size[axis] - 1));
+            let Cell { point, sure } = level.at(inside[0], inside[1]);
+            if !sure {
+                return Said::Either;
+            }
+            let Some((z, place)) = point else { continue };
+            let offset = [0, 1].map(|axis| place[axis] + ((cell[axis] - inside[axis]) * side) as f64 - at[axis]);
+            let distance = offset[0].hypot(offset[1]);
+            let mut ratio = 0.0;
+            if let Some((z0, _)) = own {
+                let (rr, aside) = match perspective {
+                    true => (1.0 + ray[0] * ray[0] + ray[1] * ray[1], z * (offset[0] * ray[0] + offset[1] * ray[1])),
+                    false => (1.0, 0.0),
+                };
+                let twist = if perspective { offset[0] * ray[1] - offset[1] * ray[0] } else { 0.0 };
+                let along = (z0 - z) * f * rr - aside;
+                let across = if perspective { z } else { 1.0 } * distance.hypot(twist);
+                let error = BAND * (((z0 - z) * f * rr).abs() + aside.abs() + across);
+                if z < z0 && (along - STEEPEST * across).abs() <= error {
+                    return Said::Either;
+                }
+                if z >= z0 || along <= STEEPEST * across {
+                    continue;
+                }
+                ratio = along / across;
+            }
+            leads.insert((dx, dy));
+            // In half pixels, which are whole numbers.
+            let [to_x, to_y] = offset.map(|along| (2.0 * along) as i64);
+            let sector = sector(to_x, to_y, SECTORS);
+            most[sector] = Some(most[sector].map_or(ratio, |most| most.max(ratio)));
+            nearest[sector] = nearest[sector].min(distance);
+        }
+        if leads.is_empty() {
+            return Said::LeadsNothing;
+        }
+        let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
+        let in_kernel = |at: &(i64, i64)| at.0.abs() <= radius && at.1.abs() <= radius;
+        let neighbours = leads.iter().flat_map(|(x, y)| around.clone().map(move |(dx, dy)| (x + dx, y + dy))).filter(in_kernel);
+        let (count, leading) = neighbours.fold((0, 0), |(count, leading), at| (count + 1, leading + leads.contains(&at) as u32));
+        let share = (leading as f64 / count.max(1) as f64).min(MOST_SHARE);
+        let area = nearest.iter().map(|d| PI / 8.0 * d * d).sum::<f64>() / (side * side) as f64;
+        let (there, needed) = (share * area, settings.expected * (1.0 - share).sqrt());
+        let cone = |most: &Option<f64>| match (most, own) {
+            (None, _) => 1.0,
+            (Some(_), None) => 0.0,
+            (Some(cotangent), _) => 1.0 - cotangent / (1.0 + cotangent * cotangent).sqrt(),
+        };
+        let cones: f64 = most.iter().map(cone).sum();
+        let closed = if own.is_some() { settings.threshold } else { settings.holes } * SECTORS as f64 / TAU;
+        let near = |a: f64, b: f64| (a - b).abs() <= BAND * a.abs().max(b.abs());
+        match (there >= needed, cones < closed) {
+            _ if near(there, needed) => Said::Either,
+            (true, _) => Said::Open,
+            _ if near(cones, closed) => Said::Either,
+            (false, true) => Said::Closed,
+            (false, false) => Said::Undecided,
+        }
+    }
+}
