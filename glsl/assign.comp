@@ -4,6 +4,8 @@
 // continuous (classify.comp). Of the others a cell is as large as a tile or larger, and its nearest point can be compared with the tile's farthest one: at a distance d of d_min pixels or more from a
 // ray that leans by l, it leads where   (z0 - z) f (1 + l l) > z d (own - l)   at most.
 //
+// Levels end where points a cell apart would be sparser than surfaces are: those are strays. That goes by the spacing of the node of the tile's nearest point; where the tile has none, of those around.
+//
 // With a single level, which has no pyramid, that is where a tile or one beside it is not continuous.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
@@ -37,6 +39,7 @@ layout(push_constant, scalar) uniform Push {
     uint stride;       // words from list to list
     int levels;
     float own;         // slope up to which a neighbour may be of the point's own surface
+    float sparsest;    // points so many of their node's spacings apart are still of a surface
     uint all;          // 1: no tile is left out
 } push;
 
@@ -100,9 +103,16 @@ void main() {
     pixels &= ~uvec2(invisible.word[2u * number], invisible.word[2u * number + 1u]);
     pixels &= EMPTY ? uvec2(0xFFFFFFFFu) : uvec2(candidates.word[2u * number], candidates.word[2u * number + 1u]);
     bool wanted = push.all == 1u || push.levels == 1 || pixels != uvec2(0u);
+    float spacing = tile.spacing;
+    [[dont_unroll]] for (int k = 0; k < 9; ++k) {
+        ivec2 at = clamp(own + ivec2(k % 3, k / 3) - 1, ivec2(0), ivec2(push.tiles) - 1);
+        float beside = tiles.tile[at.y * int(push.tiles.x) + at.x].spacing;
+        spacing = tile.spacing > 0.0 ? spacing : max(spacing, beside);
+    }
     uint asking = 0u;
     [[dont_unroll]] for (int level = 0; wanted && level < push.levels; ++level) {
-        bool looks = push.all == 1u || (level < TILE_LEVEL ? fine(own, level) : coarse(own, level, tile.farthest));
+        bool may = level == 0 || spacing == 0.0 || float(1 << level) <= push.sparsest * spacing;
+        bool looks = may && (push.all == 1u || (level < TILE_LEVEL ? fine(own, level) : coarse(own, level, tile.farthest)));
         asking |= uint(looks) << level;
         if (looks) APPEND(lists, uint(level) * push.stride, number)
     }

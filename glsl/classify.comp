@@ -6,11 +6,15 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
 
+#include "node.glsl"
 #include "tile.glsl"
 
 layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D depth;
+layout(r32ui) readonly uniform uimage2D index;
+// Of every node of the frame, how far apart its points are: bits of a float, metres.
+layout(r32ui) readonly uniform uimageBuffer spacings;
 layout(scalar) writeonly buffer Tiles { Tile tile[]; } tiles;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
@@ -43,6 +47,8 @@ void main() {
     uint empty[2] = uint[2](0u, 0u);
     bool continuous = true;
     float farthest = 0.0;
+    float nearest = FARTHEST;
+    ivec2 nearest_at = corner;
     for (int y = corner.y; y < end.y; ++y) {
         float z = imageLoad(depth, ivec2(corner.x, y)).r;
         for (int x = corner.x; x < end.x; ++x) {
@@ -55,9 +61,14 @@ void main() {
             points[half_tile] |= has ? bit : 0u;
             empty[half_tile] |= z > FARTHEST ? bit : 0u;
             farthest = has ? max(farthest, z) : farthest;
+            nearest_at = has && z < nearest ? ivec2(x, y) : nearest_at;
+            nearest = has ? min(nearest, z) : nearest;
             continuous = continuous && has && adjoin(z, right) && adjoin(z, below);
             z = right;
         }
     }
-    tiles.tile[number] = Tile(points[0], points[1], empty[0], empty[1], continuous ? 1u : 0u, farthest);
+    bool any = farthest > 0.0;
+    uint node = imageLoad(index, nearest_at).r >> POINTS_PER_PAGE_LOG2;
+    float spacing = uintBitsToFloat(imageLoad(spacings, any ? int(node) : 0).r) * push.px_per_unit / (PERSPECTIVE ? nearest : 1.0);
+    tiles.tile[number] = Tile(points[0], points[1], empty[0], empty[1], continuous ? 1u : 0u, farthest, any ? spacing : 0.0);
 }

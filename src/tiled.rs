@@ -273,7 +273,7 @@ mod tests {
 
     #[test]
     fn pieces_cover_every_pixel_once_and_have_whole_blocks_around_them() {
-        for (whole, piece, border) in [([1000, 77], [64, 32], 48), ([40, 40], [64, 64], 16), ([4097, 9], [16, 16], 0)] {
+        for (whole, piece, border) in [([1000, 177], [256, 128], 384), ([40, 40], [128, 128], 128), ([4097, 9], [128, 128], 0)] {
             let pieces = Pieces { whole, piece, border };
             let mut covered = vec![0u8; (whole[0] * whole[1]) as usize];
             for piece in pieces.rows().flatten() {

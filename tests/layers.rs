@@ -80,7 +80,7 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
     let view = view(&cloud);
     let opacities = [0.3, 0.5, 1.0];
     for (way, fill) in
-        [(Way::Compute64, "fill=method=dobrev"), (Way::Compute32, "fill=method=dobrev"), (Way::Compute64, "fill=method=pintus")]
+        [(Way::Compute64, "fill=method=dobrev"), (Way::Compute32, "fill=method=dobrev"), (Way::Compute64, "fill=auto")]
     {
         for opaque in [true, false] {
             let of = |class: u8| if opaque { opacities[3 - class as usize] } else { 0.5 };
@@ -102,7 +102,7 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
                     continue;
                 }
                 // What medians and means bring is packed into 8 bits of the square root.
-                let packed = if fill.ends_with("pintus") { count as f64 * 0.5 / 255.0 } else { 0.0 };
+                let packed = if fill == "fill=auto" { count as f64 * 0.5 / 255.0 } else { 0.0 };
                 let bound = 3.0 * count as f64 * 2f64.powi(-23) + 2f64.powi(-9) + packed;
                 let off = (0..3)
                     .map(|c| (drawn.front[i][c] as f64 - expected[c]).abs())
@@ -173,7 +173,7 @@ fn layers_of_sparse_surfaces_are_counted_where_these_turn_away() {
     let (eye, target) = (DVec3::new(1.3, -2.6, 1.45), DVec3::new(-0.515, -0.497, 0.32));
     let camera = Camera { eye, target, up: DVec3::Z, fov_y: 13.3, projection: Projection::Perspective, ortho_height: None };
     let view = View::new(camera, [SIDE as u32; 2]).unwrap();
-    for fill in ["fill=method=dobrev", "fill=method=pintus"] {
+    for fill in ["fill=method=dobrev", "fill=auto"] {
         let drawn = draw(&cloud, &view, Way::Compute64, &["0.5"], &[fill]);
         let expected = |i: &usize| oracle::layers(&world, &view, drawn.layer_m, [(i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5]);
         let counts: Vec<_> = (0..SIDE * SIDE).filter_map(|i| Some((i, expected(&i)?.len()))).collect();

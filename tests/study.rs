@@ -367,7 +367,7 @@ fn configured(name: &str, configurations: usize, metrics: usize, figures: usize)
     for (group, rows) in groups(&rows) {
         assert_eq!((rows.len(), rows.iter().filter(|row| row.auto).count()), (configurations, 1), "{group:?}");
         // What floods the background can spill more than the silhouette holds.
-        let most = if group.2 == "spilled" { f64::INFINITY } else { 1.0 };
+        let most = if ["spilled", "false_holes"].contains(&group.2) { f64::INFINITY } else { 1.0 };
         assert!(rows.iter().all(|row| row.n == 2 && (0.0..=most).contains(&row.error) && row.ms[0] >= 0.0), "{group:?}");
     }
     rows
@@ -380,7 +380,7 @@ fn of(rows: &[Row], scene: &str, metric: &str, value: &str) -> f64 {
 
 #[test]
 fn the_visibility_study_keeps_its_promises() {
-    let rows = configured("visibility", 32, 4, 4 * 4 + 1);
+    let rows = configured("visibility", 32, 4, 4 * 7 + 1);
     let thresholds: Vec<_> = rows.iter().filter(|row| row.knob == "threshold").cloned().collect();
     for scene in ["all scenes", "sphere", "torus"] {
         // A higher threshold takes more for hidden.
@@ -393,7 +393,7 @@ fn the_visibility_study_keeps_its_promises() {
 
 #[test]
 fn the_fill_study_keeps_its_promises() {
-    let rows = configured("fill", 30, 4, 4 * 4);
+    let rows = configured("fill", 30, 4, 4 * 5);
     for scene in ["all scenes", "sphere", "torus"] {
         let error = |metric: &str, value: &str| of(&rows, scene, metric, value);
         // Larger splats leave fewer holes and spill more; without visibility pull-push floods the background; what is only points spills nothing.

@@ -22,6 +22,7 @@ struct Tile {
     uint empty_right;
     uint continuous;   // 1: every pixel holds a point, and neighbours differ by less than a hidden layer would
     float farthest;    // depth of its points
+    float spacing;     // of its nearest point's node, pixels from point to point; 0 where no point is
 };
 
 // A byte of one of the two words.

@@ -84,7 +84,8 @@ impl super::Settings for Settings {
             Method::Pintus => self.iterations,
             Method::Dobrev => dobrev::most_steps(self, spacing_px) as f64,
             Method::Splat => splat::radius(self),
-            Method::Pullpush => pullpush::reach_px(self) as f64,
+            // Of layers behind others, which are filled step by step.
+            Method::Pullpush => WIDEST,
         }
     }
 }
@@ -119,12 +120,17 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     }
 }
 
+/// What a layer begins behind has to be the depth of a surface nearby, not a mean from afar: where points are transparent, holes are filled step by step.
+fn method(scene: &Scene, settings: &Settings) -> Method {
+    if scene.transparent && settings.method == Method::Pullpush { Method::Pintus } else { settings.method }
+}
+
 /// Pixels: as far as steps carry depths at most.
 pub(super) const WIDEST: f64 = 31.0;
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let view = scene.view;
-    match settings.method {
+    match method(scene, settings) {
         Method::Pintus => {}
         Method::Dobrev => return dobrev::record(g, scene, settings, layers),
         Method::Splat => return splat::record(g, view, settings, layers),

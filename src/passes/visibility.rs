@@ -59,7 +59,7 @@ pub enum Looked {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { levels: 7.0, kernel: 7.0, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 1.0, expected: 32.0, lead: 7.0 }
+        Settings { levels: 7.0, kernel: 7.0, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 1.0, expected: 36.0, lead: 7.0 }
     }
 }
 
@@ -79,8 +79,9 @@ impl super::Settings for Settings {
     }
 
     /// Between points pixels become unknown.
-    fn grows_px(&self, _spacing_px: f64) -> f64 {
-        kernel_px(self) as f64
+    fn grows_px(&self, spacing_px: f64) -> f64 {
+        let sparsest = (SPARSEST * spacing_px).max(1.0) * (self.kernel / 2.0).ceil();
+        if is_single(self) { self.kernel } else { sparsest.min(kernel_px(self) as f64) }
     }
 }
 
@@ -135,8 +136,9 @@ fn beside_masks(scene: &Scene) -> Reason {
     Reason { runs, why }
 }
 
-pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Layers) -> Layers {
-    let mut judged = Judged::new(g, scene.view, settings, &layers.depth);
+pub fn record(g: &mut Graph, scene: &Scene, asked: &Settings, mut layers: Layers) -> Layers {
+    let settings = &if layers.front.is_some() { behind(asked, layers.spacing_px[1]) } else { *asked };
+    let mut judged = Judged::new(g, scene.view, settings, &layers);
     if is_single(settings) {
         judged.at_once(g, &layers.depth);
     } else {
@@ -155,6 +157,19 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     Layers { holes: Some(Holes { lists: holes, at: 0, kernels, widest: 2 * kernel_px(settings) }), ..layers }
 }
 
+/// Points so many times as far apart as their node's are still of a surface; sparser ones are strays.
+pub const SPARSEST: f64 = 8.0;
+/// Layers behind others have strays where something of those in front was left over, and none of their surfaces is sparser than its node.
+const SPARSEST_BEHIND: f64 = 1.0;
+/// Nor does a kernel have to be wider than so many spacings of the sparsest.
+const BEHIND_SPACINGS: f64 = 5.5;
+
+/// Of layers behind others.
+fn behind(asked: &Settings, spacing_px: f64) -> Settings {
+    let widest = 2.0 * ((BEHIND_SPACINGS * spacing_px - 1.0) / 2.0).ceil() + 1.0;
+    Settings { kernel: asked.kernel.min(widest.max(3.0)), ..*asked }
+}
+
 /// Which pixels are judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Subject {
@@ -170,6 +185,8 @@ struct Judged<'s> {
     /// Tiles across and down.
     across: [u32; 2],
     perspective: bool,
+    /// As [`SPARSEST`].
+    sparsest: f64,
     /// What tiles hold.
     tiles: Buffer,
     /// Tiles with invisible pixels.
@@ -183,7 +200,7 @@ struct Judged<'s> {
 }
 
 impl<'s> Judged<'s> {
-    fn new(g: &mut Graph, view: &'s View, settings: &'s Settings, depth: &Image) -> Judged<'s> {
+    fn new(g: &mut Graph, view: &'s View, settings: &'s Settings, layers: &Layers) -> Judged<'s> {
         let across = tiles(view.size);
         let count = (across[0] * across[1]) as u64;
         let mut filled = |name: &str, words: u64, word: u32| {
@@ -198,8 +215,10 @@ impl<'s> Judged<'s> {
         let perspective = view.camera.projection == Projection::Perspective;
         let push = classify::Push { size: view.size, tiles: across, px_per_unit: view.focal_px() as f32, slope: slope(view, settings) as f32 };
         let spec = classify::Spec { perspective };
-        g.run(shader::Classify { depth, tiles: &mut tiles, push, spec }, Tiles::Groups([count.div_ceil(64) as u32, 1, 1]));
-        Judged { view, settings, across, perspective, tiles, holes, invisible, candidates, kernels }
+        let Layers { depth, index, spacings, .. } = layers;
+        g.run(shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec }, Tiles::Groups([count.div_ceil(64) as u32, 1, 1]));
+        let sparsest = if layers.front.is_none() { SPARSEST } else { SPARSEST_BEHIND };
+        Judged { sparsest, view, settings, across, perspective, tiles, holes, invisible, candidates, kernels }
     }
 
     fn count(&self) -> u32 {
@@ -232,6 +251,7 @@ impl<'s> Judged<'s> {
             stride: stride(self.across),
             levels: self.settings.levels as i32,
             own: STEEPEST as f32,
+            sparsest: self.sparsest as f32,
             all: (self.settings.tiles == Looked::All) as u32,
         };
         let spec = assign::Spec { radius: self.radius(), perspective: self.perspective, empty: subject == Subject::Empty };

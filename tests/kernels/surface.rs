@@ -132,7 +132,7 @@ fn levels_decide_as_f64_does() {
                     let (threshold, holes, expected) = (random.within(0.5, 5.0), random.within(0.3, 4.0), random.within(2.0, 40.0));
                     let settings = visibility::Settings { levels, kernel, threshold, holes, expected, tiles: ALL, ..Default::default() };
                     let surface = canvas.draw(&view, &keys, &only_visibility(settings));
-                    for (i, verdict) in levels::verdicts(&view, &settings, &surface.raw.depth).into_iter().enumerate() {
+                    for (i, verdict) in levels::verdicts(&view, &settings, canvas.spacing() as f32 as f64, &surface.raw.depth).into_iter().enumerate() {
                         let at = [i as u32 % size[0], i as u32 / size[0]];
                         tally.count(verdict, &surface, i).unwrap_or_else(|why| panic!("{:?} {size:?} {settings:?} {at:?}: {why}", view.camera.projection));
                     }
