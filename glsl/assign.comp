@@ -4,7 +4,7 @@
 // continuous (classify.comp). Of the others a cell is as large as a tile or larger, and its nearest point can be compared with the tile's farthest one: at a distance d of d_min pixels or more from a
 // ray that leans by l, it leads where   (z0 - z) f (1 + l l) > z d (own - l)   at most.
 //
-// Levels end where points a cell apart would be sparser than surfaces are: those are strays. That goes by the spacing of the node of the tile's nearest point; where the tile has none, of those around.
+// Levels end where points a cell apart would be sparser than surfaces are: those are strays. That goes by the spacing of the node of the tile's nearest point; where the tile has none, of those around; and where those have none, of the sparsest node in view.
 //
 // With a single level, which has no pyramid, that is where a tile or one beside it is not continuous.
 #version 460
@@ -40,6 +40,7 @@ layout(push_constant, scalar) uniform Push {
     int levels;
     float own;         // slope up to which a neighbour may be of the point's own surface
     float sparsest;    // points so many of their node's spacings apart are still of a surface
+    float widest;      // spacing of the sparsest node in view, pixels
     uint all;          // 1: no tile is left out
 } push;
 
@@ -109,9 +110,10 @@ void main() {
         float beside = tiles.tile[at.y * int(push.tiles.x) + at.x].spacing;
         spacing = tile.spacing > 0.0 ? spacing : max(spacing, beside);
     }
+    spacing = spacing > 0.0 ? spacing : push.widest;
     uint asking = 0u;
     [[dont_unroll]] for (int level = 0; wanted && level < push.levels; ++level) {
-        bool may = level == 0 || spacing == 0.0 || float(1 << level) <= push.sparsest * spacing;
+        bool may = level == 0 || float(1 << level) <= push.sparsest * spacing;
         bool looks = may && (push.all == 1u || (level < TILE_LEVEL ? fine(own, level) : coarse(own, level, tile.farthest)));
         asking |= uint(looks) << level;
         if (looks) APPEND(lists, uint(level) * push.stride, number)

@@ -1,7 +1,7 @@
-// A level of a pyramid in, the next coarser one out: each cell the mean of those of its 2 x 2 that have a value and belong to the nearest surface among them
+// A level of a pyramid in, the next coarser one out: each cell the mean of those of its 2 x 2 that have a value and belong to the surface that most of their pixels show
 // (Grossman and Dally 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
 //
-// A mean is of places as well as of depths. With perspective it is of inverse depths, which are affine on planes, so that the mean lies on the plane that its points lie on. Ratios to the nearest depth
+// A mean is of places as well as of depths. With perspective it is of inverse depths, which are affine on planes, so that the mean lies on the plane that its points lie on. Ratios to one of the depths
 // are averaged: what is constant stays so.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
@@ -14,7 +14,7 @@ layout(local_size_x = 64) in;
 
 // Of the picture.
 layout(r32f) readonly uniform image2D depth;
-// Of other levels: depth, and where it is, in cells from the middle of its own.
+// Of other levels: depth, where it is, in cells from the middle of its own, and how many pixels it is of.
 layout(rgba32f) readonly uniform image2D fine_places;
 layout(rgba32f) readonly uniform image2D fine_color;
 layout(rgba32f) writeonly uniform image2D places;
@@ -35,24 +35,34 @@ void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(cell, ivec2(push.size)))) return;
     ivec2 last = ivec2(push.fine_size) - 1;
-    vec3 place[4];
-    float nearest = uintBitsToFloat(BACKGROUND_BITS);
+    vec4 place[4];
     [[unroll]] for (int k = 0; k < 4; ++k) {
         ivec2 at = 2 * cell + ivec2(k % 2, k / 2);
-        vec3 found = FIRST ? vec3(imageLoad(depth, min(at, last)).r, 0.0, 0.0) : imageLoad(fine_places, min(at, last)).xyz;
-        place[k] = all(lessThanEqual(at, last)) && found.x >= 0.0 ? found : vec3(uintBitsToFloat(BACKGROUND_BITS), 0.0, 0.0);
-        nearest = min(nearest, place[k].x);
+        vec4 found = FIRST ? vec4(imageLoad(depth, min(at, last)).r, 0.0, 0.0, 1.0) : imageLoad(fine_places, min(at, last));
+        bool has = all(lessThanEqual(at, last)) && found.x >= 0.0 && has_depth(floatBitsToUint(found.x));
+        place[k] = has ? found : vec4(uintBitsToFloat(BACKGROUND_BITS), vec3(0.0));
     }
-    float tolerance = push.relative == 1u ? push.tolerance * nearest : push.tolerance;
+    // The surface that holds most pixels; of equals the nearest.
+    float like = uintBitsToFloat(BACKGROUND_BITS);
+    float most = 0.0;
+    [[unroll]] for (int k = 0; k < 4; ++k) {
+        float z = place[k].x;
+        float tolerance = push.relative == 1u ? push.tolerance * z : push.tolerance;
+        float pixels = 0.0;
+        [[unroll]] for (int i = 0; i < 4; ++i) pixels += abs(place[i].x - z) <= tolerance ? place[i].w : 0.0;
+        bool better = place[k].w > 0.0 && (pixels > most || (pixels == most && z < like));
+        like = better ? z : like;
+        most = better ? pixels : most;
+    }
+    float tolerance = push.relative == 1u ? push.tolerance * like : push.tolerance;
     float count = 0.0;
     float sum = 0.0;
     vec2 offset = vec2(0.0);
     vec4 colors = vec4(0.0);
     [[unroll]] for (int k = 0; k < 4; ++k) {
         float z = place[k].x;
-        bool has = has_depth(floatBitsToUint(z));
-        has = has && z - nearest <= tolerance;
-        float part = PERSPECTIVE ? nearest / z : z - nearest;
+        bool has = place[k].w > 0.0 && abs(z - like) <= tolerance;
+        float part = PERSPECTIVE ? like / z : z - like;
         vec4 c = imageLoad(fine_color, min(2 * cell + ivec2(k % 2, k / 2), last));
         count += has ? 1.0 : 0.0;
         sum += has ? part : 0.0;
@@ -61,7 +71,7 @@ void main() {
     }
     bool valued = count > 0.0;
     float many = max(count, 1.0);
-    float mean = PERSPECTIVE ? nearest / (valued ? sum / many : 1.0) : nearest + sum / many;
-    imageStore(places, cell, vec4(valued ? mean : uintBitsToFloat(BACKGROUND_BITS), offset / many, 0.0));
+    float mean = PERSPECTIVE ? like / (valued ? sum / many : 1.0) : like + sum / many;
+    imageStore(places, cell, vec4(valued ? mean : uintBitsToFloat(BACKGROUND_BITS), offset / many, most));
     imageStore(color, cell, colors / many);
 }

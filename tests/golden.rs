@@ -133,7 +133,13 @@ fn visibility_alone() {
 
 #[test]
 fn fill_of_sparse_points() {
-    check_style(Style::Surface, "fill", Attribute::Rgb, "visibility=on,levels=1,kernel=9 fill=on,method=pintus shape=off edl=off", Preset::Iso);
+    check_style(
+        Style::Surface,
+        "fill",
+        Attribute::Rgb,
+        "visibility=on,levels=1,kernel=9 fill=on,method=pintus shape=off edl=off",
+        Preset::Iso,
+    );
 }
 
 #[test]

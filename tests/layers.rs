@@ -79,9 +79,7 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
     let (world, cloud) = tori(3_000_000);
     let view = view(&cloud);
     let opacities = [0.3, 0.5, 1.0];
-    for (way, fill) in
-        [(Way::Compute64, "fill=method=dobrev"), (Way::Compute32, "fill=method=dobrev"), (Way::Compute64, "fill=auto")]
-    {
+    for (way, fill) in [(Way::Compute64, "fill=method=dobrev"), (Way::Compute32, "fill=method=dobrev"), (Way::Compute64, "fill=auto")] {
         for opaque in [true, false] {
             let of = |class: u8| if opaque { opacities[3 - class as usize] } else { 0.5 };
             let rules = ["class:3=0.3", "class:2=0.5"];

@@ -393,7 +393,7 @@ fn the_visibility_study_keeps_its_promises() {
 
 #[test]
 fn the_fill_study_keeps_its_promises() {
-    let rows = configured("fill", 30, 4, 4 * 5);
+    let rows = configured("fill", 31, 4, 4 * 5);
     for scene in ["all scenes", "sphere", "torus"] {
         let error = |metric: &str, value: &str| of(&rows, scene, metric, value);
         // Larger splats leave fewer holes and spill more; without visibility pull-push floods the background; what is only points spills nothing.

@@ -61,8 +61,20 @@ type Way = (&'static str, Walls, &'static [&'static str], &'static [&'static str
 
 const WAYS: [Way; 9] = [
     ("plain", Walls::Lattice(0.0), &[], &["plain"], 1.0),
-    ("visibility", Walls::Lattice(1.0), &["visibility=on,levels=1,kernel=9,tiles=all", "fill=off", "shape=off"], &["pack_depth", "visibility"], 9.0),
-    ("fill", Walls::Lattice(1.0), &["visibility=on,levels=1,kernel=9", "fill=on,method=pintus,iterations=18", "shape=off"], &["fill_pintus"], 18.0),
+    (
+        "visibility",
+        Walls::Lattice(1.0),
+        &["visibility=on,levels=1,kernel=9,tiles=all", "fill=off", "shape=off"],
+        &["pack_depth", "visibility"],
+        9.0,
+    ),
+    (
+        "fill",
+        Walls::Lattice(1.0),
+        &["visibility=on,levels=1,kernel=9", "fill=on,method=pintus,iterations=18", "shape=off"],
+        &["fill_pintus"],
+        18.0,
+    ),
     ("dense", Walls::Lattice(0.0), CHAIN, SURFACE, 4.0),
     ("tenth", Walls::Lattice(0.1), CHAIN, SURFACE, 8.0),
     ("0.003/px", Walls::Strewn(0.003), CHAIN, SURFACE, 0.0),

@@ -1,9 +1,9 @@
 //! Filling: depths and colours with holes in, without out.
 //!
-//! `pullpush` fills from ever coarser pictures of what is seen. Holes of any width cost the same.
-//!
 //! `pintus` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of their neighbours, those that have been given one the weighted mean. It works on the tiles that
 //! `visibility` has listed, goes back and forth between two images, and stops where nothing changes any more.
+//!
+//! `pullpush` fills all from means of ever coarser pictures: holes of any width cost the same, and surfaces are smooth, but contours between them are less exact.
 //!
 //! `dobrev` (Dobrev et al. 2010, sec. 3.2 and 3.3) needs no visibility: masks tell holes from background, and hidden pixels from those that are seen.
 //! `splat` is what others are compared with. Each has a file of its own.
@@ -43,6 +43,9 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
+    /// Pintus where points are dense or transparent, else pullpush.
+    #[default]
+    Auto,
     /// Step by step from the rim of a hole inwards.
     Pintus,
     /// From the nearest neighbour, where masks say that a pixel is a hole or hidden.
@@ -50,13 +53,12 @@ pub enum Method {
     /// Points as discs of one size; with visibility=off these are plain splats.
     Splat,
     /// From means of ever coarser pictures.
-    #[default]
     Pullpush,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Pullpush, levels: 7.0, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0, layer: 0.0 }
+        Settings { method: Method::Auto, levels: 7.0, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0, layer: 0.0 }
     }
 }
 
@@ -80,12 +82,12 @@ impl super::Settings for Settings {
 
     fn grows_px(&self, spacing_px: f64) -> f64 {
         match self.method {
-            Method::Pintus if self.iterations == 0.0 => WIDEST,
-            Method::Pintus => self.iterations,
+            // Layers behind others are filled step by step.
+            Method::Auto | Method::Pintus if self.iterations == 0.0 => WIDEST,
+            Method::Auto | Method::Pintus => self.iterations,
             Method::Dobrev => dobrev::most_steps(self, spacing_px) as f64,
             Method::Splat => splat::radius(self),
-            // Of layers behind others, which are filled step by step.
-            Method::Pullpush => WIDEST,
+            Method::Pullpush => pullpush::reach_px(self) as f64,
         }
     }
 }
@@ -94,6 +96,7 @@ impl super::Settings for Settings {
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     let steps = settings.iterations.max(WIDEST) as u32;
     match settings.method {
+        Method::Auto => Some((steps + TILE_PX).max(pullpush::reach_px(settings))),
         Method::Pintus => Some(steps + TILE_PX),
         Method::Dobrev => Some(2 * steps + TILE_PX),
         Method::Splat => Some(settings.radius.max(splat::RADIUS_PX).ceil() as u32),
@@ -104,7 +107,7 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     let settings = &asked.fill.settings;
     match settings.method {
-        Method::Pintus => {}
+        Method::Auto | Method::Pintus => {}
         _ if scene.points == 0 => return Reason { runs: false, why: "there is nothing to fill with".to_string() },
         Method::Dobrev => {
             let layer_m = scene.layer_m(settings.layer);
@@ -120,9 +123,17 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     }
 }
 
-/// What a layer begins behind has to be the depth of a surface nearby, not a mean from afar: where points are transparent, holes are filled step by step.
-fn method(scene: &Scene, settings: &Settings) -> Method {
-    if scene.transparent && settings.method == Method::Pullpush { Method::Pintus } else { settings.method }
+/// Pixels from point to point, of the sparsest node in view, up to which holes are filled step by step. Contours are more exact then (`study fill`); where points are farther apart steps leave facets that are
+/// seen, and do not reach the middle of wide holes.
+const STEPS_PX: f64 = 3.0;
+
+/// How a picture is filled. Layers behind others begin behind the depth of a surface nearby, not behind a mean from afar.
+fn chosen(scene: &Scene, settings: &Settings, layers: &Layers) -> Method {
+    match settings.method {
+        Method::Auto if scene.transparent || layers.spacing_px[1] <= STEPS_PX => Method::Pintus,
+        Method::Auto => Method::Pullpush,
+        asked => asked,
+    }
 }
 
 /// Pixels: as far as steps carry depths at most.
@@ -130,8 +141,8 @@ pub(super) const WIDEST: f64 = 31.0;
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let view = scene.view;
-    match method(scene, settings) {
-        Method::Pintus => {}
+    match chosen(scene, settings, &layers) {
+        Method::Auto | Method::Pintus => {}
         Method::Dobrev => return dobrev::record(g, scene, settings, layers),
         Method::Splat => return splat::record(g, view, settings, layers),
         Method::Pullpush => return pullpush::record(g, view, settings, layers),

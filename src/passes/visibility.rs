@@ -157,8 +157,10 @@ pub fn record(g: &mut Graph, scene: &Scene, asked: &Settings, mut layers: Layers
     Layers { holes: Some(Holes { lists: holes, at: 0, kernels, widest: 2 * kernel_px(settings) }), ..layers }
 }
 
-/// Points so many times as far apart as their node's are still of a surface; sparser ones are strays.
-pub const SPARSEST: f64 = 8.0;
+/// Points so many times as far apart as their node's still hide what is behind them; sparser ones are strays. With half as much, what lies behind flat parts of a mesh shows between its vertices.
+pub const SPARSEST: f64 = 4.0;
+/// So many times as far apart, they still enclose holes. With twice as much, strays close the sky.
+pub const SPARSEST_AROUND: f64 = 2.0;
 /// Layers behind others have strays where something of those in front was left over, and none of their surfaces is sparser than its node.
 const SPARSEST_BEHIND: f64 = 1.0;
 /// Nor does a kernel have to be wider than so many spacings of the sparsest.
@@ -187,6 +189,8 @@ struct Judged<'s> {
     perspective: bool,
     /// As [`SPARSEST`].
     sparsest: f64,
+    /// Spacing of the sparsest node in view, pixels.
+    widest_px: f64,
     /// What tiles hold.
     tiles: Buffer,
     /// Tiles with invisible pixels.
@@ -218,7 +222,8 @@ impl<'s> Judged<'s> {
         let Layers { depth, index, spacings, .. } = layers;
         g.run(shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec }, Tiles::Groups([count.div_ceil(64) as u32, 1, 1]));
         let sparsest = if layers.front.is_none() { SPARSEST } else { SPARSEST_BEHIND };
-        Judged { sparsest, view, settings, across, perspective, tiles, holes, invisible, candidates, kernels }
+        let widest_px = layers.spacing_px[1];
+        Judged { sparsest, widest_px, view, settings, across, perspective, tiles, holes, invisible, candidates, kernels }
     }
 
     fn count(&self) -> u32 {
@@ -251,7 +256,8 @@ impl<'s> Judged<'s> {
             stride: stride(self.across),
             levels: self.settings.levels as i32,
             own: STEEPEST as f32,
-            sparsest: self.sparsest as f32,
+            sparsest: if subject == Subject::Points { self.sparsest } else { self.sparsest.min(SPARSEST_AROUND) } as f32,
+            widest: self.widest_px as f32,
             all: (self.settings.tiles == Looked::All) as u32,
         };
         let spec = assign::Spec { radius: self.radius(), perspective: self.perspective, empty: subject == Subject::Empty };

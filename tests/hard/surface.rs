@@ -95,9 +95,7 @@ fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
             };
             let node = [3, 5, 7, 9, 11, 13, 15].into_iter().find(|kernel| *kernel as f64 >= 5.5 * spacing_px).expect("a kernel");
             let (node, own) = (share(&format!("levels=1,kernel={node}")), share("levels=7"));
-            println!(
-                "1 point in {pixels_a_point} pixels: {node} of the wall behind shows with the node's kernel, {own} by levels"
-            );
+            println!("1 point in {pixels_a_point} pixels: {node} of the wall behind shows with the node's kernel, {own} by levels");
             assert!(node > 1e-3 && own < 0.1 * node);
         }
     });
@@ -213,8 +211,16 @@ fn hard_08_sector_index() {
 }
 
 /// Every pixel without a point is a hole, and no point is hidden.
-const HOLES_EVERYWHERE: visibility::Settings =
-    visibility::Settings { levels: 1.0, kernel: 3.0, sectors: 8.0, holes: 100.0, tiles: visibility::Looked::All, threshold: 0.0, expected: 0.0, lead: 0.0 };
+const HOLES_EVERYWHERE: visibility::Settings = visibility::Settings {
+    levels: 1.0,
+    kernel: 3.0,
+    sectors: 8.0,
+    holes: 100.0,
+    tiles: visibility::Looked::All,
+    threshold: 0.0,
+    expected: 0.0,
+    lead: 0.0,
+};
 
 /// Each of the 2^9 sets of pixels of a 3 x 3 that hold points, on a plane, across a step, and all of one depth, where the colour alone says which was taken.
 #[test]
@@ -241,7 +247,12 @@ fn hard_09_filling() {
                     effects.visibility.settings = HOLES_EVERYWHERE;
                     let mut before: Option<Stage> = None;
                     for iterations in 1..=4 {
-                        effects.fill.settings = fill::Settings { method: fill::Method::Pintus, tolerance, iterations: iterations as f64, ..fill::Settings::default() };
+                        effects.fill.settings = fill::Settings {
+                            method: fill::Method::Pintus,
+                            tolerance,
+                            iterations: iterations as f64,
+                            ..fill::Settings::default()
+                        };
                         let surface = canvas.draw(&view, &keys(&depths), &effects);
                         let after = surface.filled;
                         let stage = before.as_ref().unwrap_or(&surface.seen);
@@ -349,7 +360,11 @@ fn hard_00_nothing_that_is_no_number() {
                         "fill=on,method=pintus,tolerance=1e9,surrounded=1",
                         "shape=on,softness=0,levels=20",
                     ],
-                    ["visibility=on,levels=1,kernel=9,threshold=0,holes=0", "fill=on,method=pintus,tolerance=1e-300", "shape=on,softness=1000,levels=1"],
+                    [
+                        "visibility=on,levels=1,kernel=9,threshold=0,holes=0",
+                        "fill=on,method=pintus,tolerance=1e-300",
+                        "shape=on,softness=1000,levels=1",
+                    ],
                     ["visibility=on,levels=1,kernel=5,sectors=16", "fill=on,method=pintus,iterations=3", "shape=on,xi=0,first=1"],
                 ] {
                     let mut depths = random_keys(size, CANVAS_POINTS, random);

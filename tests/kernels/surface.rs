@@ -107,7 +107,8 @@ fn visibility_decides_as_f64_does() {
                     let (threshold, holes) = (random.within(0.5, 5.0), random.within(0.3, 4.0));
                     let lead = random.within(-10.0, 20.0).max(0.0);
                     let (kernel, sectors) = (width as f64, sectors as f64);
-                    let settings = visibility::Settings { levels: 1.0, kernel, sectors, threshold, holes, lead, tiles: ALL, ..Default::default() };
+                    let settings =
+                        visibility::Settings { levels: 1.0, kernel, sectors, threshold, holes, lead, tiles: ALL, ..Default::default() };
                     check_seen(canvas, &view, &keys, settings, &mut tally);
                 }
             }
@@ -127,14 +128,23 @@ fn levels_decide_as_f64_does() {
             for (n, size) in SIZES.into_iter().enumerate() {
                 for view in views(size) {
                     let thin = random.bits() % 30 + 1;
-                    let keys = if (n + kernel as usize / 2).is_multiple_of(3) { random_keys(size, CANVAS_POINTS, random) } else { layered_keys(size, random) };
-                    let keys: Vec<_> = keys.into_iter().map(|key| if random.bits().is_multiple_of(thin) { key } else { [NO_POINT; 2] }).collect();
+                    let keys = if (n + kernel as usize / 2).is_multiple_of(3) {
+                        random_keys(size, CANVAS_POINTS, random)
+                    } else {
+                        layered_keys(size, random)
+                    };
+                    let keys: Vec<_> =
+                        keys.into_iter().map(|key| if random.bits().is_multiple_of(thin) { key } else { [NO_POINT; 2] }).collect();
                     let (threshold, holes, expected) = (random.within(0.5, 5.0), random.within(0.3, 4.0), random.within(2.0, 40.0));
                     let settings = visibility::Settings { levels, kernel, threshold, holes, expected, tiles: ALL, ..Default::default() };
                     let surface = canvas.draw(&view, &keys, &only_visibility(settings));
-                    for (i, verdict) in levels::verdicts(&view, &settings, canvas.spacing() as f32 as f64, &surface.raw.depth).into_iter().enumerate() {
+                    for (i, verdict) in
+                        levels::verdicts(&view, &settings, canvas.spacing() as f32 as f64, &surface.raw.depth).into_iter().enumerate()
+                    {
                         let at = [i as u32 % size[0], i as u32 / size[0]];
-                        tally.count(verdict, &surface, i).unwrap_or_else(|why| panic!("{:?} {size:?} {settings:?} {at:?}: {why}", view.camera.projection));
+                        tally
+                            .count(verdict, &surface, i)
+                            .unwrap_or_else(|why| panic!("{:?} {size:?} {settings:?} {at:?}: {why}", view.camera.projection));
                     }
                 }
             }
@@ -220,8 +230,10 @@ fn filling_takes_every_step_as_f64_does() {
             for view in views(size) {
                 for (tolerance, surrounded, holes) in [(0.0, 5.0, 0.7), (0.05, 9.0, 3.0), (1e9, 1.0, 1.6), (1e-300, 3.0, 10.0)] {
                     let keys = if surrounded == 9.0 { random_keys(size, CANVAS_POINTS, random) } else { layered_keys(size, random) };
-                    let mut effects = only_visibility(visibility::Settings { levels: 1.0, kernel: 5.0, holes, ..visibility::Settings::default() });
-                    effects.fill.settings = fill::Settings { method: fill::Method::Pintus, tolerance, surrounded, ..fill::Settings::default() };
+                    let mut effects =
+                        only_visibility(visibility::Settings { levels: 1.0, kernel: 5.0, holes, ..visibility::Settings::default() });
+                    effects.fill.settings =
+                        fill::Settings { method: fill::Method::Pintus, tolerance, surrounded, ..fill::Settings::default() };
                     for steps in [0, 1, 6] {
                         let [(seen, before), (_, after)] =
                             [steps, steps + 1].map(|steps| after_steps(canvas, &view, &keys, &effects, steps));
@@ -256,7 +268,8 @@ fn filling_sleeps_where_nothing_changes_and_nowhere_else() {
         }
         for view in views(size) {
             // Every pixel without a point is a hole.
-            let effects = only_visibility(visibility::Settings { levels: 1.0, kernel: 5.0, holes: 10.0, ..visibility::Settings::default() });
+            let effects =
+                only_visibility(visibility::Settings { levels: 1.0, kernel: 5.0, holes: 10.0, ..visibility::Settings::default() });
             let (seen, mut before) = after_steps(canvas, &view, &keys, &effects, 0);
             let mut at_rest = 0;
             for step in 1..=24 {

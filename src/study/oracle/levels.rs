@@ -3,7 +3,7 @@
 //! The rule is that of glsl/visibility_levels.comp, level by level, two rounds for points and one for pixels without. Where f32 may decide either way, what depends on that is not known either: [`Verdict::InBand`].
 
 use super::visibility::{Verdict, sector};
-use crate::passes::visibility::{SPARSEST, STEEPEST, Settings};
+use crate::passes::visibility::{SPARSEST, SPARSEST_AROUND, STEEPEST, Settings};
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, TAU};
 
@@ -74,8 +74,9 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     let place = |i: usize| [(i as i64 % size[0]) as f64 + 0.5, (i as i64 / size[0]) as f64 + 0.5];
     let cell = |(i, z): (usize, &f32)| Cell { point: z.is_finite().then(|| (*z as f64, place(i))), sure: true };
     let mut picture: Vec<Cell> = depth.iter().enumerate().map(cell).collect();
-    let levels = levels_of_tiles(view, settings, spacing_m, depth);
-    let levels_at = |i: usize| levels[i / size[0] as usize / TILE * (size[0] as usize).div_ceil(TILE) + i % size[0] as usize / TILE];
+    let [levels, around] = [SPARSEST, SPARSEST_AROUND].map(|sparsest| levels_of_tiles(view, settings, spacing_m, sparsest, depth));
+    let levels_at =
+        |levels: &[usize], i: usize| levels[i / size[0] as usize / TILE * (size[0] as usize).div_ceil(TILE) + i % size[0] as usize / TILE];
     let projected = Pyramid::of(size, picture.clone(), settings);
     let mut verdicts = vec![Verdict::Visible; depth.len()];
     // What nothing leads at first is not judged again.
@@ -83,7 +84,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     for _ in 0..2 {
         let pyramid = Pyramid::of(size, picture.clone(), settings);
         for i in (0..depth.len()).filter(|&i| picture[i].point.is_some() && std::mem::take(&mut candidates[i])).collect::<Vec<_>>() {
-            let (said, led) = pyramid.judge(view, settings, i, levels_at(i), Subject::Points);
+            let (said, led) = pyramid.judge(view, settings, i, levels_at(&levels, i), Subject::Points);
             candidates[i] = led;
             match said {
                 Said::Closed => (verdicts[i], picture[i]) = (Verdict::Invisible, Cell { point: None, sure: true }),
@@ -94,7 +95,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     }
     // What was hidden covers its pixel all the same.
     for i in (0..depth.len()).filter(|&i| !depth[i].is_finite()) {
-        verdicts[i] = match projected.judge(view, settings, i, levels_at(i), Subject::Empty).0 {
+        verdicts[i] = match projected.judge(view, settings, i, levels_at(&around, i), Subject::Empty).0 {
             Said::Closed => Verdict::Invisible,
             Said::Either => Verdict::InBand,
             _ => Verdict::Visible,
@@ -106,7 +107,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
 const TILE: usize = 8;
 
 /// How many levels each tile of 8 x 8 pixels asks: up to cells as wide as points of a surface may be apart. The spacing is that of the tile's nearest point; where it has none, the widest around it.
-fn levels_of_tiles(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32]) -> Vec<usize> {
+fn levels_of_tiles(view: &View, settings: &Settings, spacing_m: f64, sparsest: f64, depth: &[f32]) -> Vec<usize> {
     let [width, height] = view.size.map(|side| side as usize);
     let across = [width, height].map(|side| side.div_ceil(TILE));
     let spacing = |tile: [usize; 2]| {
@@ -119,11 +120,12 @@ fn levels_of_tiles(view: &View, settings: &Settings, spacing_m: f64, depth: &[f3
     let spacings: Vec<f64> = (0..across[0] * across[1]).map(|i| spacing([i % across[0], i / across[0]])).collect();
     let levels = |i: usize| {
         let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).map(|(dx, dy): (i64, i64)| {
-            let [x, y] = [((i % across[0]) as i64 + dx, across[0]), ((i / across[0]) as i64 + dy, across[1])].map(|(at, side)| at.clamp(0, side as i64 - 1) as usize);
+            let [x, y] = [((i % across[0]) as i64 + dx, across[0]), ((i / across[0]) as i64 + dy, across[1])]
+                .map(|(at, side)| at.clamp(0, side as i64 - 1) as usize);
             spacings[y * across[0] + x]
         });
         let apart = if spacings[i] > 0.0 { spacings[i] } else { around.fold(0.0, f64::max) };
-        let asks = |level: &usize| *level == 0 || apart == 0.0 || (1u64 << level) as f64 <= SPARSEST * apart;
+        let asks = |level: &usize| *level == 0 || apart == 0.0 || (1u64 << level) as f64 <= sparsest * apart;
         (0..settings.levels as usize).take_while(asks).count()
     };
     (0..spacings.len()).map(levels).collect()
