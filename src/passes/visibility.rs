@@ -456,9 +456,11 @@ fn slope(view: &View, settings: &Settings) -> f64 {
 const FINE_TILES: i32 = 2;
 
 /// Tiles that each level looked at for hidden points first, as the buffer `lists` has them after a frame, by the width of the level's cells, pixels.
-pub fn listed<'l>(size: [u32; 2], lists: &'l [u32]) -> Vec<(u32, &'l [u32])> {
+pub fn listed(size: [u32; 2], lists: &[u32]) -> Vec<(u32, &[u32])> {
     let stride = stride(tiles(size)) as usize;
-    lists.chunks_exact(stride).enumerate().map(|(level, list)| (1 << level, in_list(list))).collect()
+    // The last is of those that any level looked at.
+    let levels = (lists.len() / stride).saturating_sub(1);
+    lists.chunks_exact(stride).take(levels).enumerate().map(|(level, list)| (1 << level, in_list(list))).collect()
 }
 
 /// Tiles of a list.
