@@ -59,7 +59,7 @@ pub enum Looked {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { levels: 7.0, kernel: 7.0, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 1.0, expected: 36.0, lead: 7.0 }
+        Settings { levels: 6.0, kernel: 7.0, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 1.0, expected: 36.0, lead: 7.0 }
     }
 }
 

@@ -17,7 +17,7 @@ use crate::view::View;
 use std::path::{Path, PathBuf};
 
 /// Of a tile, pixels: one takes no longer than a picture of a small window.
-const TILE: u32 = 512;
+const TILE: u32 = 2048;
 
 /// A picture on its way into a file, and what it leaves out.
 pub(super) struct Saving {
