@@ -79,7 +79,7 @@ fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothi
     assert!(said.contains("pointillist-1.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
 
     let small = place.scan("small.las", Scene::Street, 60_000);
-    let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 30");
+    let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 8");
     let fit = place.picture(&[&small], "fit.png", "");
     viewer.key("F9");
     viewer.until("lost device", |viewer| {
