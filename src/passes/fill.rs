@@ -67,16 +67,32 @@ impl super::Settings for Settings {
         let number = Value::Number;
         vec![
             Setting { name: "method", about: "how", value: Value::Choice(&mut self.method) },
-            Setting { name: "levels", about: "of pullpush: each twice as coarse as the one before", value: Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64) },
-            Setting { name: "iterations", about: "of pintus: steps at most; 0: the width of the kernel; with dobrev one and a half spacings of the points, 127 at most", value: Value::Whole(&mut self.iterations, 0.0..=1000.0) },
+            Setting {
+                name: "levels",
+                about: "of pullpush: each twice as coarse as the one before",
+                value: Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64),
+            },
+            Setting {
+                name: "iterations",
+                about: "of pintus: steps at most; 0: the width of the kernel; with dobrev one and a half spacings of the points, 127 at most",
+                value: Value::Whole(&mut self.iterations, 0.0..=1000.0),
+            },
             Setting {
                 name: "tolerance",
                 about: "difference in depth from which two surfaces are not mixed, metres; 0: eight cells of a level, wherever a pixel is; with pintus 31 pixels",
                 value: number(&mut self.tolerance, 0.0..=1e9),
             },
-            Setting { name: "surrounded", about: "background is filled, too, where so many of its 8 neighbours are; 9: never", value: Value::Whole(&mut self.surrounded, 1.0..=9.0) },
+            Setting {
+                name: "surrounded",
+                about: "background is filled, too, where so many of its 8 neighbours are; 9: never",
+                value: Value::Whole(&mut self.surrounded, 1.0..=9.0),
+            },
             Setting { name: "radius", about: "of splats, pixels; 0: 2", value: number(&mut self.radius, 0.0..=31.0) },
-            Setting { name: "layer", about: "of dobrev: layer distance of this effect alone, metres; 0: that of --layer", value: number(&mut self.layer, 0.0..=1e9) },
+            Setting {
+                name: "layer",
+                about: "of dobrev: layer distance of this effect alone, metres; 0: that of --layer",
+                value: number(&mut self.layer, 0.0..=1e9),
+            },
         ]
     }
 
@@ -111,11 +127,18 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
         _ if scene.points == 0 => return Reason { runs: false, why: "there is nothing to fill with".to_string() },
         Method::Dobrev => {
             let layer_m = scene.layer_m(settings.layer);
-            return Reason { runs: true, why: format!("masks find the holes, and what is hidden: surfaces are {} m apart at least", significant(layer_m)) };
+            return Reason {
+                runs: true,
+                why: format!("masks find the holes, and what is hidden: surfaces are {} m apart at least", significant(layer_m)),
+            };
         }
-        Method::Splat => return Reason { runs: true, why: "splats cover the gaps between points; they need not know where gaps are".to_string() },
+        Method::Splat => {
+            return Reason { runs: true, why: "splats cover the gaps between points; they need not know where gaps are".to_string() };
+        }
         Method::Pullpush if before.runs("visibility") => {}
-        Method::Pullpush => return Reason { runs: true, why: "without visibility every pixel without a point is a hole, the background too".to_string() },
+        Method::Pullpush => {
+            return Reason { runs: true, why: "without visibility every pixel without a point is a hole, the background too".to_string() };
+        }
     }
     match before.runs("visibility") {
         true => Reason { runs: true, why: "visibility leaves holes; tiles without are skipped".to_string() },

@@ -47,8 +47,16 @@ impl super::Settings for Settings {
             Setting { name: "levels", about: "levels of smoothing; 1: single pass", value: Value::Whole(&mut self.levels, 1.0..=64.0) },
             Setting { name: "xi", about: "level k weighs 1 / (k + 1)^xi", value: number(&mut self.xi, 0.0..=16.0) },
             Setting { name: "first", about: "1: the first level weighs as much as all others", value: number(&mut self.first, 0.0..=1.0) },
-            Setting { name: "softness", about: "rise from pixel to pixel that still faces the viewer, pixels' widths", value: number(&mut self.softness, 0.0..=1e3) },
-            Setting { name: "base", about: "what is shaded; --color elevation makes it a ramp of heights", value: Value::Choice(&mut self.base) },
+            Setting {
+                name: "softness",
+                about: "rise from pixel to pixel that still faces the viewer, pixels' widths",
+                value: number(&mut self.softness, 0.0..=1e3),
+            },
+            Setting {
+                name: "base",
+                about: "what is shaded; --color elevation makes it a ramp of heights",
+                value: Value::Choice(&mut self.base),
+            },
         ]
     }
 
@@ -123,7 +131,17 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         let push = shape_level::Push { tiles_across: across[0], width, before, weight: weight as f32 };
         let spec = shape_level::Spec { perspective, texels: g.gpu.device.texels };
         g.run(
-            shader::ShapeLevel { from: &from, to: &mut to, shade: &mut shade, lists: &lists, listed_words: &lists, wanted: &wanted, wanted_words: &wanted, push, spec },
+            shader::ShapeLevel {
+                from: &from,
+                to: &mut to,
+                shade: &mut shade,
+                lists: &lists,
+                listed_words: &lists,
+                wanted: &wanted,
+                wanted_words: &wanted,
+                push,
+                spec,
+            },
             Tiles::From(&lists, 0),
         );
         std::mem::swap(&mut from, &mut to);

@@ -18,13 +18,16 @@
 //! sector's solid angle and raises the opposite one's by at least as much, but for the spread of directions within a sector, less than 0.71 lean; `lead` only opens cones. So the sum of solid angles is at
 //! least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
-use super::{Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles};
+use super::{
+    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles,
+};
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::shader::{self, Tile, assign, classify, hide, pack_depth, pyramid, visibility, visibility_levels};
 use crate::view::{Projection, View};
 use std::f64::consts::{SQRT_2, TAU};
 
-pub const SUMMARY: &str = "removes hidden layers that shine through between points, and finds the holes, by the empty cone towards the camera";
+pub const SUMMARY: &str =
+    "removes hidden layers that shine through between points, and finds the holes, by the empty cone towards the camera";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -67,14 +70,42 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "levels", about: "of the pyramid: each twice as coarse as the one before; 1: the picture alone", value: Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64) },
-            Setting { name: "kernel", about: "width of the neighbourhood, cells of a level", value: Value::OneOf(&mut self.kernel, &[3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 15.0]) },
-            Setting { name: "sectors", about: "parts of the neighbourhood, of a single level", value: Value::OneOf(&mut self.sectors, &[4.0, 8.0, 16.0]) },
-            Setting { name: "holes", about: "empty solid angle from which a pixel without a point is background, steradians", value: number(&mut self.holes, 0.0..=TAU) },
+            Setting {
+                name: "levels",
+                about: "of the pyramid: each twice as coarse as the one before; 1: the picture alone",
+                value: Value::Whole(&mut self.levels, 1.0..=MOST_LEVELS as f64),
+            },
+            Setting {
+                name: "kernel",
+                about: "width of the neighbourhood, cells of a level",
+                value: Value::OneOf(&mut self.kernel, &[3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 15.0]),
+            },
+            Setting {
+                name: "sectors",
+                about: "parts of the neighbourhood, of a single level",
+                value: Value::OneOf(&mut self.sectors, &[4.0, 8.0, 16.0]),
+            },
+            Setting {
+                name: "holes",
+                about: "empty solid angle from which a pixel without a point is background, steradians",
+                value: number(&mut self.holes, 0.0..=TAU),
+            },
             Setting { name: "tiles", about: "which tiles are looked at; the picture is the same", value: Value::Choice(&mut self.tiles) },
-            Setting { name: "threshold", about: "empty solid angle from which a pixel is visible, steradians", value: number(&mut self.threshold, 0.0..=TAU) },
-            Setting { name: "expected", about: "points of the surface around that an opening would hold if it were none", value: number(&mut self.expected, 0.0..=1e9) },
-            Setting { name: "lead", about: "of a single level: how far in front of a point a neighbour at the rim of the kernel has to be to hide it, pixels' width; 0: any", value: number(&mut self.lead, 0.0..=1e9) },
+            Setting {
+                name: "threshold",
+                about: "empty solid angle from which a pixel is visible, steradians",
+                value: number(&mut self.threshold, 0.0..=TAU),
+            },
+            Setting {
+                name: "expected",
+                about: "points of the surface around that an opening would hold if it were none",
+                value: number(&mut self.expected, 0.0..=1e9),
+            },
+            Setting {
+                name: "lead",
+                about: "of a single level: how far in front of a point a neighbour at the rim of the kernel has to be to hide it, pixels' width; 0: any",
+                value: number(&mut self.lead, 0.0..=1e9),
+            },
         ]
     }
 
@@ -118,7 +149,10 @@ pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to hide".to_string() },
         _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Dobrev => beside_masks(scene),
-        _ => Reason { runs: true, why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string() },
+        _ => Reason {
+            runs: true,
+            why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string(),
+        },
     }
 }
 
@@ -130,7 +164,11 @@ fn beside_masks(scene: &Scene) -> Reason {
     let apart_px = (SPARSER * scene.sampling.spacing_px()).max(scene.sampling.apart_px);
     let runs = apart_px > fill::APART_PX;
     let why = match runs {
-        true => format!("sparser points are {} pixels apart, and masks close gaps only between those up to {}", significant(apart_px), fill::APART_PX),
+        true => format!(
+            "sparser points are {} pixels apart, and masks close gaps only between those up to {}",
+            significant(apart_px),
+            fill::APART_PX
+        ),
         false => "filling by masks hides what is occluded".to_string(),
     };
     Reason { runs, why }
@@ -217,7 +255,8 @@ impl<'s> Judged<'s> {
         let kernels = filled("kernels", count, 0);
         let mut tiles = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count);
         let perspective = view.camera.projection == Projection::Perspective;
-        let push = classify::Push { size: view.size, tiles: across, px_per_unit: view.focal_px() as f32, slope: slope(view, settings) as f32 };
+        let push =
+            classify::Push { size: view.size, tiles: across, px_per_unit: view.focal_px() as f32, slope: slope(view, settings) as f32 };
         let spec = classify::Spec { perspective };
         let Layers { depth, index, spacings, .. } = layers;
         g.run(shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec }, Tiles::Groups([count.div_ceil(64) as u32, 1, 1]));
@@ -246,7 +285,10 @@ impl<'s> Judged<'s> {
     fn assign(&self, g: &mut Graph, pyramid: &Pyramid, subject: Subject) -> [Buffer; 2] {
         let count = self.count();
         let mut asked = g.buffer("asked", 12 * count as u64);
-        let mut lists = g.buffer(if subject == Subject::Points { "lists" } else { "empty lists" }, 4 * ((self.settings.levels as u32 + 1) * stride(self.across)) as u64);
+        let mut lists = g.buffer(
+            if subject == Subject::Points { "lists" } else { "empty lists" },
+            4 * ((self.settings.levels as u32 + 1) * stride(self.across)) as u64,
+        );
         g.fill(&mut lists, 0);
         let push = assign::Push {
             size: self.view.size,
@@ -277,7 +319,13 @@ impl<'s> Judged<'s> {
         let mut packed_depth = g.image("packed depth", packed_size, Kind::Rgba32f);
         let push = pack_depth::Push { size, packed_size, margin: MARGIN_PX as i32 };
         g.run(shader::PackDepth { depth, packed_depth: &mut packed_depth, push }, Tiles::All);
-        let sectors = if sectors < 8.0 { 4 } else if sectors < 16.0 { 8 } else { 16 };
+        let sectors = if sectors < 8.0 {
+            4
+        } else if sectors < 16.0 {
+            8
+        } else {
+            16
+        };
         let in_sectors = |steradians: f64| (steradians * sectors as f64 / TAU) as f32;
         let push = visibility::Push {
             size,
@@ -292,7 +340,17 @@ impl<'s> Judged<'s> {
         let spec = visibility::Spec { radius: self.radius(), sectors, perspective: self.perspective, texels: g.gpu.device.texels };
         let Judged { holes, invisible, kernels, .. } = self;
         g.run(
-            shader::Visibility { depth, packed_depth: &packed_depth, lists: &lists, listed_words: &lists, holes, invisible, kernels, push, spec },
+            shader::Visibility {
+                depth,
+                packed_depth: &packed_depth,
+                lists: &lists,
+                listed_words: &lists,
+                holes,
+                invisible,
+                kernels,
+                push,
+                spec,
+            },
             Tiles::From(&lists, 0),
         );
     }
@@ -331,7 +389,13 @@ impl<'s> Judged<'s> {
                 expected: expected as f32,
                 own_slope: STEEPEST.powi(2) as f32,
             };
-            let spec = visibility_levels::Spec { radius: self.radius(), perspective: self.perspective, finest: level == 0, empty, texels: g.gpu.device.texels };
+            let spec = visibility_levels::Spec {
+                radius: self.radius(),
+                perspective: self.perspective,
+                finest: level == 0,
+                empty,
+                texels: g.gpu.device.texels,
+            };
             let (earlier, counted) = (decided.racing(), counts.racing());
             let Judged { holes, invisible, kernels, .. } = self;
             let (asked, lists, Pyramid { depth: pyramid, places }) = (&asked, &lists, pyramid);

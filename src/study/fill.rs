@@ -67,7 +67,11 @@ impl Question for Fill {
                 ["1", "2", "3", "4", "6", "9"]
                     .map(|radius| bare(&format!("splat {radius} px"), &format!("fill=on,method=splat,radius={radius}"))),
             )
-            .chain([own("method", "pintus", "fill=on,method=pintus"), own("method", "pullpush", "fill=on,method=pullpush"), bare("pullpush, no visibility", "fill=on,method=pullpush")])
+            .chain([
+                own("method", "pintus", "fill=on,method=pintus"),
+                own("method", "pullpush", "fill=on,method=pullpush"),
+                bare("pullpush, no visibility", "fill=on,method=pullpush"),
+            ])
             .chain(["2", "4", "8", "16", "32"].map(|steps| own("iterations", steps, &format!("fill=on,method=pintus,iterations={steps}"))))
             .chain(["3", "5", "8"].map(|levels| own("levels", levels, &format!("fill=on,method=pullpush,levels={levels}"))))
             .chain([2.0, 4.0, 8.0, 16.0, 64.0, 128.0].map(tolerance))

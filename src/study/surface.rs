@@ -31,7 +31,11 @@ const STYLES: [(&str, &[&str]); 4] = [
 /// Metric, its unit for axes, and what it is.
 const METRICS: [(&str, &str, &str); 6] = [
     ("depth_share", "share of pixels", "Depth: interior pixels farther than 0.5 % of the depth from the surface in them"),
-    ("layer_share", "share of pixels", "Layers: interior pixels outside of the true depths of their 3x3, by more than 0.05 % of the depth and the noise"),
+    (
+        "layer_share",
+        "share of pixels",
+        "Layers: interior pixels outside of the true depths of their 3x3, by more than 0.05 % of the depth and the noise",
+    ),
     ("holes", "share of pixels", "Holes: pixels of the silhouette without a depth"),
     ("spilled", "share of pixels", "Spilled: pixels with a depth more than 1 px outside of the silhouette"),
     ("shown_hidden", "1 - precision", "Hidden points that show: of the points taken for visible, the share that is not"),
@@ -69,15 +73,10 @@ fn values(errors: &Errors) -> [f64; 6] {
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
-    let options =
-        Options { size: plan.size, seed: plan.seed, most_points: plan.points, scenes: plan.scenes.clone(), ..Options::default() };
+    let options = Options { size: plan.size, seed: plan.seed, most_points: plan.points, scenes: plan.scenes.clone(), ..Options::default() };
     let mut rows = Vec::new();
     let mut marks = Vec::new();
-    let mut table = Table {
-        title: "All cases".into(),
-        head: HEAD.map(String::from).to_vec(),
-        rows: Vec::new(),
-    };
+    let mut table = Table { title: "All cases".into(), head: HEAD.map(String::from).to_vec(), rows: Vec::new() };
     let left_out = cases::each(&options, progress, |case| {
         progress.tick("study surface", 0, 0)?;
         let resident = Resident::fill(gpu, case.cloud.clone(), Shown::new(Attribute::White, &case.cloud), progress)?;

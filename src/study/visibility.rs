@@ -54,8 +54,7 @@ impl Question for Visibility {
     const COUNTERS: &'static [&'static str] = &["tiles looked at", "taps", "tiles with holes"];
     const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
-    const HOW: &'static str =
-        "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. A single level has a kernel of 9 pixels unless another is said. Filling is off.";
+    const HOW: &'static str = "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. A single level has a kernel of 9 pixels unless another is said. Filling is off.";
     /// Depth as projected.
     type Known = Vec<f32>;
 

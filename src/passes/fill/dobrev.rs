@@ -44,7 +44,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut to = ["odd depth", "odd source"].map(|name| image(g, name));
     let [opened, source] = &mut from;
     // As far as the widest kernel that has found holes has seen a point.
-    let found = layers.holes.as_ref().filter(|_| settings.iterations == 0.0).map_or(0, |holes| holes.widest.div_ceil(2).min(super::WIDEST as u32));
+    let found =
+        layers.holes.as_ref().filter(|_| settings.iterations == 0.0).map_or(0, |holes| holes.widest.div_ceil(2).min(super::WIDEST as u32));
     let most = most_steps(settings, layers.spacing_px[1]).max(found);
     let push = fill_dobrev_open::Push {
         texels,
@@ -69,7 +70,16 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut color = g.image("filled color", size, Kind::Rgba32f);
     let (to, push) = ((&mut depth, &mut index, &mut color), fill_dobrev_close::Push { size });
     g.run(
-        shader::FillDobrevClose { filled: &filled, source: &source, index: &layers.index, color: &layers.color, filled_depth: to.0, filled_index: to.1, filled_color: to.2, push },
+        shader::FillDobrevClose {
+            filled: &filled,
+            source: &source,
+            index: &layers.index,
+            color: &layers.color,
+            filled_depth: to.0,
+            filled_index: to.1,
+            filled_color: to.2,
+            push,
+        },
         Tiles::Packed([size[0], size[1].div_ceil(4)]),
     );
     shadows::reached(g, size, Layers { depth, index, color, flat_px: FLAT_PX, source: Some(source), holes: None, ..layers })
@@ -90,7 +100,10 @@ fn steps(g: &mut Graph, size: [u32; 2], most: u32, layer: f32, spec: fill_dobrev
         let counted = steps.racing();
         let run = if step == 1 { Tiles::ByEight(count) } else { Tiles::From(&counted, 4 * step) };
         let ([from_depth, from_source], [to_depth, to_source]) = (&from, &mut to);
-        g.run(shader::FillDobrev { steps: &mut steps, step_words: &counted, from_depth, from_source, to_depth, to_source, push, spec }, run);
+        g.run(
+            shader::FillDobrev { steps: &mut steps, step_words: &counted, from_depth, from_source, to_depth, to_source, push, spec },
+            run,
+        );
         std::mem::swap(&mut from, &mut to);
     }
     [from, to]

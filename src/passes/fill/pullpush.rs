@@ -66,7 +66,8 @@ impl Pyramid<'_> {
     fn pull(&self, g: &mut Graph, depth: &Image, fine_places: &Image, fine_color: &Image, number: u32) -> Level {
         let fine_size = fine_color.desc.size;
         let size = fine_size.map(|side| side.div_ceil(2));
-        let mut level = Level { places: g.image("pulled places", size, Kind::Rgba32f), color: g.image("pulled color", size, Kind::Rgba32f) };
+        let mut level =
+            Level { places: g.image("pulled places", size, Kind::Rgba32f), color: g.image("pulled color", size, Kind::Rgba32f) };
         let (tolerance, relative) = tolerance(self.view, self.settings, number);
         let push = fill_pull::Push { fine_size, size, tolerance, relative };
         let spec = fill_pull::Spec { perspective: self.perspective, first: number == 1 };
@@ -76,7 +77,15 @@ impl Pyramid<'_> {
     }
 
     /// A level, filled from the next coarser one; without places it is the picture.
-    fn push(&self, g: &mut Graph, coarser: Option<&(Image, Image)>, depth: &Image, places: Option<&Image>, color: &Image, number: u32) -> (Image, Image) {
+    fn push(
+        &self,
+        g: &mut Graph,
+        coarser: Option<&(Image, Image)>,
+        depth: &Image,
+        places: Option<&Image>,
+        color: &Image,
+        number: u32,
+    ) -> (Image, Image) {
         let size = color.desc.size;
         let picture = places.is_none();
         // Bindings want an image, whether it is read or not.
@@ -85,11 +94,22 @@ impl Pyramid<'_> {
         let mut filled = [g.image("filled depth", size, Kind::R32f), g.image("relaxed depth", size, Kind::R32f)];
         let mut filled_color = g.image("filled color", size, Kind::Rgba32f);
         let (coarse_tolerance, relative) = tolerance(self.view, self.settings, number + 1);
-        let push = fill_push::Push { coarse_size: coarse_depth.desc.size, size, tolerance: coarse_tolerance, relative, flood: self.flood as u32 };
+        let push =
+            fill_push::Push { coarse_size: coarse_depth.desc.size, size, tolerance: coarse_tolerance, relative, flood: self.flood as u32 };
         let spec = fill_push::Spec { perspective: self.perspective, coarsest: coarser.is_none(), picture };
         let [filled_depth, _] = &mut filled;
         g.run(
-            shader::FillPush { coarse_depth, coarse_color, depth, places, color, filled_depth, filled_color: &mut filled_color, push, spec },
+            shader::FillPush {
+                coarse_depth,
+                coarse_color,
+                depth,
+                places,
+                color,
+                filled_depth,
+                filled_color: &mut filled_color,
+                push,
+                spec,
+            },
             Tiles::All,
         );
         let (tolerance, relative) = tolerance(self.view, self.settings, number);
