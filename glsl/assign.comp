@@ -6,7 +6,7 @@
 //
 // Levels end where points a cell apart would be sparser than surfaces are: those are strays. That goes by the spacing of the node of the tile's nearest point; where the tile has none, of those around; and where those have none, of the sparsest node in view.
 //
-// With a single level, which has no pyramid, that is where a tile or one beside it is not continuous.
+// A single level has no pyramid: its list holds tiles that are not continuous, or have one beside them that is not.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -20,10 +20,11 @@ layout(local_size_x = 64) in;
 layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
 layout(r32f) readonly uniform image2D pyramid;
 layout(r32f) readonly uniform image2D places;
-// Of every tile two words: pixels that something may lead, as far as is known; and that are known to be hidden.
+// Two words a tile: points that may be hidden.
 layout(scalar) readonly buffer Candidates { uint word[]; } candidates;
+// Two words a tile: points that are known to be hidden.
 layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
-// Of every tile three words: pixels that are to be judged, and a bit a level that has to.
+// Three words a tile: two of pixels to judge, and one with a bit for each level that has to judge them.
 layout(scalar) writeonly buffer Asked { uint word[]; } asked;
 layout(scalar) buffer Lists { uint word[]; } lists;
 
@@ -45,12 +46,12 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 const float FARTHEST = 3.402823466e38;
-// Of rounding.
+// Margin for rounding.
 const float SURELY = 1.001;
 const int TILE_LEVEL = 3;
 const int R = int(RADIUS);
 
-// Whether something may be judged at a level whose cells are smaller than a tile.
+// Says whether a level whose cells are smaller than a tile has something to judge.
 bool fine(ivec2 own, int level) {
     ivec2 across = ivec2(push.tiles);
     int span = (((R + 1) << level) + TILE_PX - 1) / TILE_PX;
@@ -67,6 +68,7 @@ bool fine(ivec2 own, int level) {
     return covered && !continuous;
 }
 
+// Says the same of a level with cells as large as a tile or larger.
 bool coarse(ivec2 own, int level, float z0) {
     ivec2 size = ivec2(push.size);
     ivec2 cells = level_size(size, level);

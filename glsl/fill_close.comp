@@ -19,11 +19,10 @@ layout(rgba32f) uniform image2D color;
 layout(push_constant, scalar) uniform Push {
     uvec2 size; // pixels
     uint tiles_across;
-    uint at;    // the list of tiles with pixels to fill
 } push;
 
 void work(uint n) {
-    uint tile = lists.word[push.at + LIST_HEADER + n];
+    uint tile = lists.word[LIST_HEADER + n];
     ivec2 top = column_of(tile, push.tiles_across);
     [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
         ivec2 texel = ivec2(top.x, top.y / 4 + half_tile);
@@ -42,5 +41,5 @@ void work(uint n) {
 }
 
 void main() {
-    EACH_OF(lists.word[push.at + 3u], work)
+    EACH_OF(lists.word[3u], work)
 }

@@ -20,7 +20,6 @@ layout(rgba32f) writeonly uniform image2D odd_color;
 
 layout(push_constant, scalar) uniform Push {
     uint tiles_across;
-    uint at; // the list of tiles with pixels to fill
 } push;
 
 void open(ivec2 texel) {
@@ -39,7 +38,7 @@ void open(ivec2 texel) {
 }
 
 void work(uint n) {
-    uint tile = lists.word[push.at + LIST_HEADER + n];
+    uint tile = lists.word[LIST_HEADER + n];
     ivec2 corner = tile_corner(tile, push.tiles_across) / ivec2(1, 4);
     // The tile's two rows of texels, one above, one below, and a column on either side.
     [[dont_unroll]] for (int i = int(gl_LocalInvocationID.x % 8u);; i += 8) {
@@ -49,5 +48,5 @@ void work(uint n) {
 }
 
 void main() {
-    EACH_OF(lists.word[push.at + 3u], work)
+    EACH_OF(lists.word[3u], work)
 }

@@ -33,7 +33,6 @@ layout(constant_id = 0) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
-    uint at;         // the list of tiles with pixels to fill
     uint step;       // from 1
     uint woken_at; // the first tile's word in `steps`
     float tolerance; // of depth: metres, or, where it is relative, parts of the depth
@@ -59,7 +58,7 @@ int depth_bits(uint word) {
 #define AROUND(k, c) ((c) - 4 + (k) + (k) / 4)
 
 uint tile_at(uint place) {
-    return WORD(listed_words, lists, push.at + LIST_HEADER + place);
+    return WORD(listed_words, lists, LIST_HEADER + place);
 }
 
 Changes work(uint tile) {
@@ -160,5 +159,5 @@ Changes work(uint tile) {
 }
 
 void main() {
-    take_step(WORD(listed_words, lists, push.at + 3u), lists.word[push.at]);
+    take_step(WORD(listed_words, lists, 3u), lists.word[0]);
 }

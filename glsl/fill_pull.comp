@@ -12,16 +12,16 @@
 
 layout(local_size_x = 64) in;
 
-// Of the picture.
+// Depths of the picture; level 1 is made of these.
 layout(r32f) readonly uniform image2D depth;
-// Of other levels: depth, where it is, in cells from the middle of its own, and how many pixels it is of.
+// Values of other levels: depth, place in cells from the middle of the cell, and number of pixels.
 layout(rgba32f) readonly uniform image2D fine_places;
 layout(rgba32f) readonly uniform image2D fine_color;
 layout(rgba32f) writeonly uniform image2D places;
 layout(rgba32f) writeonly uniform image2D color;
 
 layout(constant_id = 0) const bool PERSPECTIVE = true;
-// From the picture, to level 1.
+// True for level 1, which is made of the picture.
 layout(constant_id = 1) const bool FIRST = true;
 
 layout(push_constant, scalar) uniform Push {

@@ -3,7 +3,7 @@
 //   a cell with a value:    that, carried from where it was found to the cell's middle by the slope of the coarser level
 //   one without:            the mean of the four coarser cells around it, weighted bilinearly, of those that are of one surface with the one that it lies in; where that has none, with the nearest
 //
-// Of the picture itself only pixels that are to be filled change. With perspective means are of inverse depths, as ratios to one of them.
+// Pixels of the picture that have a value keep it. Means with perspective are of inverse depths, as ratios to one of them.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -15,7 +15,7 @@ layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D coarse_depth;
 layout(rgba32f) readonly uniform image2D coarse_color;
-// Of the picture; and of other levels (fill_pull.comp).
+// Depths of the picture, and values of other levels (fill_pull.comp).
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D places;
 layout(rgba32f) readonly uniform image2D color;

@@ -20,11 +20,10 @@ layout(constant_id = 0) const bool ALL = true;
 
 layout(push_constant, scalar) uniform Push {
     uint tiles_across;
-    uint at; // the list of tiles with invisible pixels
 } push;
 
 void work(uint n) {
-    uint tile = lists.word[push.at + LIST_HEADER + n];
+    uint tile = lists.word[LIST_HEADER + n];
     uint bits = column_bits(invisible.word[2u * tile], invisible.word[2u * tile + 1u], gl_LocalInvocationID.x % 8u);
     ivec2 pixel = column_of(tile, push.tiles_across);
     [[dont_unroll]] for (int row = 0;; ++row) {
@@ -39,5 +38,5 @@ void work(uint n) {
 }
 
 void main() {
-    EACH_OF(lists.word[push.at + 3u], work)
+    EACH_OF(lists.word[3u], work)
 }

@@ -15,7 +15,7 @@ layout(r32f) readonly uniform image2D depth;
 layout(r32f) uniform image2D pyramid;
 layout(r32f) uniform image2D places;
 
-// From the picture, to level 1.
+// True for level 1, which is made of the picture.
 layout(constant_id = 0) const bool FIRST = true;
 
 layout(push_constant, scalar) uniform Push {

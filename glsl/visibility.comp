@@ -41,7 +41,6 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     vec2 centre;       // where the camera looks, pixels from the first
     uint tiles_across;
-    uint at;           // the list of this kernel
     float px_per_unit;
     float threshold;   // steradians * SECTORS / 2 pi
     float hole;        // the same for a pixel without a point
@@ -83,7 +82,7 @@ int sector_of(int along, int beside) {
 void work(uint n) {
     ivec2 size = ivec2(push.size);
     float farthest = PERSPECTIVE ? FARTHEST_PLACE : FARTHEST_PLACE / push.px_per_unit;
-    uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
+    uint tile = WORD(listed_words, lists, LIST_HEADER + n);
     ivec2 top = column_of(tile, push.tiles_across);
     uint bits = 0u;
     [[dont_unroll]] for (int half_tile = 0;; ++half_tile) {
@@ -163,5 +162,5 @@ void work(uint n) {
 }
 
 void main() {
-    EACH_OF(WORD(listed_words, lists, push.at + 3u), work)
+    EACH_OF(WORD(listed_words, lists, 3u), work)
 }

@@ -25,33 +25,34 @@ layout(local_size_x = 64) in;
 layout(r32f) readonly uniform image2D depth;
 layout(r32f) readonly uniform image2D pyramid;
 layout(r32f) readonly uniform image2D places;
-// Of every tile three words: pixels that are to be judged, and the levels that are to judge them.
+// Three words a tile: two of pixels to judge, and one with a bit for each level that has to judge them.
 layout(scalar) readonly buffer Asked { uint word[]; } asked;
 layout(r32ui) readonly uniform uimageBuffer asked_words;
 layout(scalar) readonly buffer Lists { uint word[]; } lists;
+layout(r32ui) readonly uniform uimageBuffer listed_words;
 // Tiles with invisible pixels.
 layout(scalar) buffer Holes { uint word[]; } holes;
-layout(r32ui) readonly uniform uimageBuffer listed_words;
 // Points that the levels so far have left open: pixels, 16 bits across and 16 down. Each level reads those of the one before, and leaves its own to the next.
 layout(scalar) readonly buffer From { uint pixel[]; } from;
 layout(r32ui) readonly uniform uimageBuffer from_words;
 layout(scalar) writeonly buffer To { uint pixel[]; } to;
-// Of every level, of those that are left to it, three words of an indirect dispatch, and how many they are.
+// Four words a level: an indirect dispatch over the points that are left to it, and their number.
 layout(scalar) buffer Counts { uint word[]; } counts;
-// Of pixels without a point, of every level two words a tile: those that it has decided. Each level reads what those before it wrote.
+// Two words a tile and level: pixels without a point that the level has decided. Each level reads what those before it wrote.
 layout(scalar) buffer Decided { uint word[]; } decided;
 layout(r32ui) readonly uniform uimageBuffer decided_words;
-// Of every tile two words: pixels that are hidden, or holes; and that something leads.
+// Two words a tile: pixels that are hidden, or holes.
 layout(scalar) buffer Invisible { uint word[]; } invisible;
+// Two words a tile: points that something leads.
 layout(scalar) buffer Led { uint word[]; } led;
-// Of every tile on the list of holes, the width of the kernel that put it there, pixels; 0 of others.
+// Width of the kernel that put a tile on the list of holes, pixels; 0 for other tiles.
 layout(scalar) buffer Kernels { uint tile[]; } kernels;
 
 layout(constant_id = 0) const uint RADIUS = 3u;
 layout(constant_id = 1) const bool PERSPECTIVE = true;
-// Of level 0, which is the picture itself.
+// True for level 0, which is the picture itself.
 layout(constant_id = 2) const bool FINEST = true;
-// Pixels without a point are judged, not those with one.
+// True where pixels without a point are judged, false for those with one.
 layout(constant_id = 3) const bool EMPTY = false;
 layout(constant_id = 4) const bool TEXELS = true;
 
@@ -80,7 +81,7 @@ const int R = int(RADIUS);
 const int WIDTH = 2 * R + 1;
 const int MOST_WIDTH = 15;
 
-// Eighths of a turn from the x axis, each with its first border.
+// Returns the eighth of a turn from the x axis that an offset lies in; each has its first border.
 int sector_of(vec2 offset) {
     bool upper = offset.y > 0.0 || (offset.y == 0.0 && offset.x > 0.0);
     int quarter = upper ? (offset.x > 0.0 ? 0 : 1) : (offset.x < 0.0 ? 2 : 3);
@@ -88,7 +89,7 @@ int sector_of(vec2 offset) {
     return 2 * quarter + int(along.y >= along.x);
 }
 
-// Whether a point of a cell may lie in a sector, seen from anywhere in the middle cell.
+// Says whether a point of a cell may lie in a sector, seen from anywhere in the middle cell.
 bool may_lie(ivec2 cell, int sector) {
     int quarter = sector / 2;
     ivec2 turned = quarter == 0 ? cell : quarter == 1 ? ivec2(cell.y, -cell.x) : quarter == 2 ? -cell : ivec2(-cell.y, cell.x);
@@ -101,7 +102,7 @@ const uint UNDECIDED = 1u;
 const uint OPEN = 2u;
 const uint CLOSED = 3u;
 
-// Seen from the middle of so many pixels across and down.
+// Judges from the middle of a square of pixels, by its first pixel and its side.
 uint judge(ivec2 pixel, int across) {
     ivec2 size = ivec2(push.size);
     ivec2 cells = FINEST ? size : level_size(size, push.level);
@@ -159,7 +160,7 @@ uint judge(ivec2 pixel, int across) {
         }
         rows[dy + R] = row;
     }
-    // Of leading cells: how many neighbours they have in the kernel, and how many of these lead.
+    // Neighbours of leading cells within the kernel, and those of them that lead.
     const uint EDGES = 1u | 1u << (WIDTH - 1);
     int neighbours = 0;
     int leading = 0;
@@ -185,7 +186,7 @@ uint judge(ivec2 pixel, int across) {
     return !any ? LEADS_NOTHING : is_open ? OPEN : cones < push.closed ? CLOSED : UNDECIDED;
 }
 
-// The first pixel of those that are left, as a number: down its column, then the next column.
+// Returns the first pixel of those that are left: numbers run down a column, then down the next.
 int first_of(uvec2 bits) {
     return bits.x != 0u ? findLSB(bits.x) : 32 + findLSB(bits.y);
 }
@@ -194,7 +195,7 @@ uvec2 without_first(uvec2 bits) {
     return bits.x != 0u ? uvec2(bits.x & (bits.x - 1u), bits.y) : uvec2(0u, bits.y & (bits.y - 1u));
 }
 
-// Pixels of a square, by its first one.
+// Returns the pixels of a square, by its first pixel and its side.
 uvec2 square_at(int first, int across) {
     uvec2 bits = uvec2(0u);
     uint column = ((1u << across) - 1u) << (first % 8);
@@ -205,7 +206,7 @@ uvec2 square_at(int first, int across) {
     return bits;
 }
 
-// Leaves so many points to the next level; the place of the first among them.
+// Leaves points to the next level, and returns the place of the first among them.
 uint leave(uint many) {
     uint at = 4u * uint(push.level + 1);
     uint place = atomicAdd(counts.word[at + 3u], many);
@@ -217,7 +218,7 @@ uint leave(uint many) {
     return place;
 }
 
-// What has been found of pixels of a tile.
+// Records what has been found of pixels of a tile.
 void keep(uint tile, uvec2 closed, uvec2 leads) {
     [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
         uint word = 2u * tile + uint(half_tile);
@@ -228,7 +229,7 @@ void keep(uint tile, uvec2 closed, uvec2 leads) {
     if (closed != uvec2(0u) && atomicExchange(kernels.tile[tile], width) == 0u) APPEND(holes, 0u, tile)
 }
 
-// All pixels of a tile that are asked for. So many lanes share it, and take them in turn.
+// Judges all pixels of a tile that are asked for. Several lanes share it, and take them in turn.
 //
 // Pixels without a point are taken by squares a quarter of a cell wide, from whose middle the level looks nearly the same.
 void judge_tile(uint n, uint lane, uint lanes) {
@@ -280,7 +281,7 @@ void judge_tile(uint n, uint lane, uint lanes) {
     }
 }
 
-// A point that finer levels have left.
+// Judges a point that finer levels have left.
 void judge_point(uint n) {
     uint entry = WORD_OF(from_words, from.pixel, n);
     ivec2 pixel = ivec2(entry & 0xFFFFu, entry >> 16);

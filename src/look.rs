@@ -5,7 +5,7 @@ mod notes;
 use crate::light::Light;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
-use crate::passes::{Decided, Effects, Scene, Switch, resolve, strokes};
+use crate::passes::{Decided, Effects, Scene, Switch, fill, resolve, strokes, visibility};
 use crate::resident::{Overlap, Resident, Sampling};
 use crate::view::View;
 use std::sync::Arc;
@@ -169,8 +169,9 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
     let decided = wishes.effects.decide(&scene);
     // Who asks for means gets them everywhere.
     let partly = decided.runs("luminance") && wishes.effects.luminance.switch == Switch::Auto;
+    let effects = settled(&wishes.effects, resolve::spacing_px(&view.entire(), resident)[1], scene.transparent);
     Look {
-        effects: wishes.effects.clone(),
+        effects,
         decided,
         sampling: scene.sampling,
         layer_m: wishes.layer_m,
@@ -182,6 +183,14 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
         light_at_once: None,
         strokes_at_once: None,
     }
+}
+
+/// What settings leave to the picture, where the sparsest points are so many pixels apart; the same for all its parts.
+fn settled(asked: &Effects, widest_px: f64, transparent: bool) -> Effects {
+    let mut effects = asked.clone();
+    effects.visibility.settings = visibility::settled(&asked.visibility.settings, widest_px);
+    effects.fill.settings = fill::settled(&asked.fill.settings, transparent, widest_px);
+    effects
 }
 
 /// Of f32, at the farthest depth in view.

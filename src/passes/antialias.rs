@@ -58,9 +58,17 @@ impl Default for Settings {
 impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
-            Setting { name: "threshold", about: "low: between surfaces, too; high: against the background only", value: Value::Choice(&mut self.threshold) },
+            Setting {
+                name: "threshold",
+                about: "low: between surfaces, too; high: against the background only",
+                value: Value::Choice(&mut self.threshold),
+            },
             Setting { name: "laplacian", about: "of 1 / depth, or of the depth", value: Value::Choice(&mut self.laplacian) },
-            Setting { name: "jump", about: "least Laplacian of a silhouette, parts of the depth", value: Value::Number(&mut self.jump, 0.0..=4.0) },
+            Setting {
+                name: "jump",
+                about: "least Laplacian of a silhouette, parts of the depth",
+                value: Value::Number(&mut self.jump, 0.0..=4.0),
+            },
             Setting { name: "tiles", about: "which tiles are worked on; the picture is the same", value: Value::Choice(&mut self.tiles) },
         ]
     }
@@ -107,10 +115,16 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let push = antialias::Push { size, tiles_across: across[0], jump };
     let spec = antialias::Spec { inverse, high, lit_by };
     let run = Tiles::From(&lists, 0);
-    g.run(shader::Antialias { lists: &lists, depth: &depth, color: &color, lit: light, blended: &mut blended, left: &mut left, push, spec }, run);
+    g.run(
+        shader::Antialias { lists: &lists, depth: &depth, color: &color, lit: light, blended: &mut blended, left: &mut left, push, spec },
+        run,
+    );
     let mut nowhere = lit.is_none().then(|| g.image("nowhere", [1, 1], Kind::R32f));
     let light = lit.as_mut().or(nowhere.as_mut()).expect("one of them");
     let (push, spec) = (antialias_close::Push { tiles_across: across[0] }, antialias_close::Spec { lit_by });
-    g.run(shader::AntialiasClose { lists: &lists, blended: &blended, left: &left, color: &mut color, lit: light, push, spec }, Tiles::From(&lists, 0));
+    g.run(
+        shader::AntialiasClose { lists: &lists, blended: &blended, left: &left, color: &mut color, lit: light, push, spec },
+        Tiles::From(&lists, 0),
+    );
     Layers { depth, color, lit, ..layers }
 }

@@ -27,7 +27,11 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "strength", about: "halvings of the light for each unit of mean slope", value: number(&mut self.strength, 0.0..=100.0) },
+            Setting {
+                name: "strength",
+                about: "halvings of the light for each unit of mean slope",
+                value: number(&mut self.strength, 0.0..=100.0),
+            },
             Setting { name: "radius", about: "distance of the neighbours, pixels", value: Value::Whole(&mut self.radius, 1.0..=64.0) },
             Setting { name: "cap", about: "the steepest slope that counts", value: number(&mut self.cap, 0.0..=1e6) },
         ]

@@ -6,8 +6,8 @@
 use super::{Decided, Effects, Layers, Reason, Scene, Setting};
 use crate::cloud::attribute::{Attribute, station_code};
 use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
-use crate::index::exposure::Balance;
 use crate::graph::Graph;
+use crate::index::exposure::Balance;
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -41,10 +41,18 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
         _ if scene.shown != Attribute::Rgb => (false, "points do not show their colours".to_string()),
         _ if stations < 2 => (false, "there is one station, and with it one exposure".to_string()),
         None => (false, "nobody knows by how much stations differ: none overlap, or their index is of an earlier version".to_string()),
-        Some(balance) if stops(balance) < SEEN => (false, format!("{stations} stations have the same exposure, to {:.2} stops", stops(balance))),
+        Some(balance) if stops(balance) < SEEN => {
+            (false, format!("{stations} stations have the same exposure, to {:.2} stops", stops(balance)))
+        }
         Some(balance) => {
             let uneven = super::significant(100.0 * balance.uneven);
-            (true, format!("{stations} stations, {:.2} stops from the darkest to the brightest where they overlap; {uneven} % of what they share differs all the same", stops(balance)))
+            (
+                true,
+                format!(
+                    "{stations} stations, {:.2} stops from the darkest to the brightest where they overlap; {uneven} % of what they share differs all the same",
+                    stops(balance)
+                ),
+            )
         }
     };
     Reason { runs, why }

@@ -16,7 +16,7 @@ mod splat;
 
 pub use dobrev::APART_PX;
 
-use super::{Decided, Effects, Holes, Layers, MOST_LEVELS, Reason, Scene, Setting, TILE_PX, Value, significant, tiles};
+use super::{Decided, Effects, Holes, Layers, MOST_LEVELS, Reason, Scene, Setting, TILE_PX, Value, significant, tiles, visibility};
 use crate::graph::{Graph, Image, Kind, Tiles};
 use crate::shader::{self, fill_close, fill_open, fill_pintus};
 use crate::view::{Projection, View};
@@ -43,7 +43,7 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Pintus where points are dense or transparent, else pullpush.
+    /// Pintus where points are dense or transparent, else pullpush ([`settled`]).
     #[default]
     Auto,
     /// Step by step from the rim of a hole inwards.
@@ -58,7 +58,7 @@ pub enum Method {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Auto, levels: 6.0, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0, layer: 0.0 }
+        Settings { method: Method::Auto, levels: 7.0, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0, layer: 0.0 }
     }
 }
 
@@ -98,12 +98,11 @@ impl super::Settings for Settings {
 
     fn grows_px(&self, spacing_px: f64) -> f64 {
         match self.method {
-            // Layers behind others are filled step by step.
-            Method::Auto | Method::Pintus if self.iterations == 0.0 => WIDEST,
-            Method::Auto | Method::Pintus => self.iterations,
+            Method::Pintus if self.iterations == 0.0 => WIDEST,
+            Method::Pintus => self.iterations,
             Method::Dobrev => dobrev::most_steps(self, spacing_px) as f64,
             Method::Splat => splat::radius(self),
-            Method::Pullpush => pullpush::reach_px(self) as f64,
+            Method::Auto | Method::Pullpush => pullpush::reach_px(self) as f64,
         }
     }
 }
@@ -112,11 +111,10 @@ impl super::Settings for Settings {
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     let steps = settings.iterations.max(WIDEST) as u32;
     match settings.method {
-        Method::Auto => Some((steps + TILE_PX).max(pullpush::reach_px(settings))),
         Method::Pintus => Some(steps + TILE_PX),
         Method::Dobrev => Some(2 * steps + TILE_PX),
         Method::Splat => Some(settings.radius.max(splat::RADIUS_PX).ceil() as u32),
-        Method::Pullpush => Some(pullpush::reach_px(settings)),
+        Method::Auto | Method::Pullpush => Some(pullpush::reach_px(settings)),
     }
 }
 
@@ -150,13 +148,17 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
 /// seen, and do not reach the middle of wide holes.
 const STEPS_PX: f64 = 3.0;
 
-/// How a picture is filled. Layers behind others begin behind the depth of a surface nearby, not behind a mean from afar.
-fn chosen(scene: &Scene, settings: &Settings, layers: &Layers) -> Method {
-    match settings.method {
-        Method::Auto if scene.transparent || layers.spacing_px[1] <= STEPS_PX => Method::Pintus,
+/// Levels in whose cells there are always points to fill with, however dense.
+const LEAST_LEVELS: f64 = 4.0;
+
+/// Settings of a picture in which the sparsest points are so many pixels apart. Layers behind others begin behind the depth of a surface nearby, not behind a mean from afar, so that these are filled by steps.
+pub fn settled(asked: &Settings, transparent: bool, widest_px: f64) -> Settings {
+    let method = match asked.method {
+        Method::Auto if transparent || widest_px <= STEPS_PX => Method::Pintus,
         Method::Auto => Method::Pullpush,
         asked => asked,
-    }
+    };
+    Settings { method, levels: asked.levels.min(visibility::levels_for(widest_px).max(LEAST_LEVELS)), ..*asked }
 }
 
 /// Pixels: as far as steps carry depths at most.
@@ -164,37 +166,37 @@ pub(super) const WIDEST: f64 = 31.0;
 
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let view = scene.view;
-    match chosen(scene, settings, &layers) {
-        Method::Auto | Method::Pintus => {}
+    match settings.method {
+        Method::Pintus => {}
         Method::Dobrev => return dobrev::record(g, scene, settings, layers),
         Method::Splat => return splat::record(g, view, settings, layers),
-        Method::Pullpush => return pullpush::record(g, view, settings, layers),
+        Method::Auto | Method::Pullpush => return pullpush::record(g, view, settings, layers),
     }
     let Some(holes) = &layers.holes else { return layers };
     let filled: Vec<_> = layers.colors().map(|color| pintus(g, view, settings, holes, &layers.depth, color)).collect();
     let Layers { mut depth, mut color, mut reached, .. } = layers;
     for (color, [filled_depth, filled_color]) in [Some(&mut color), reached.as_mut()].into_iter().flatten().zip(&filled) {
-        let push = fill_close::Push { size: view.size, tiles_across: tiles(view.size)[0], at: holes.at };
-        let listed = Tiles::From(&holes.lists, holes.at);
-        g.run(shader::FillClose { lists: &holes.lists, filled_depth, filled_color, depth: &mut depth, color, push }, listed);
+        let push = fill_close::Push { size: view.size, tiles_across: tiles(view.size)[0] };
+        let listed = Tiles::From(&holes.list, 0);
+        g.run(shader::FillClose { lists: &holes.list, filled_depth, filled_color, depth: &mut depth, color, push }, listed);
     }
     Layers { depth, color, reached, holes: None, ..layers }
 }
 
 /// Depths and colours with what steps have filled, in the form that they go back and forth in.
 fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth: &Image, color: &Image) -> [Image; 2] {
-    let Holes { lists, at, kernels, widest } = holes;
-    let (at, across) = (*at, tiles(view.size));
+    let Holes { list: lists, kernels, widest } = holes;
+    let across = tiles(view.size);
     let count = across[0] * across[1];
 
     let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
     let pair = |g: &mut Graph, name: &str| ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32f));
     let ([mut from_depth, mut from_color], [mut to_depth, mut to_color]) = (pair(g, "even"), pair(g, "odd"));
-    let push = fill_open::Push { tiles_across: across[0], at };
+    let push = fill_open::Push { tiles_across: across[0] };
     let (even, odd) = ((&mut from_depth, &mut from_color), (&mut to_depth, &mut to_color));
     g.run(
         shader::FillOpen { lists, depth, color, even_depth: even.0, even_color: even.1, odd_depth: odd.0, odd_color: odd.1, push },
-        Tiles::From(lists, at),
+        Tiles::From(lists, 0),
     );
 
     let texels = g.gpu.device.texels;
@@ -206,7 +208,6 @@ fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth:
     for step in 1..=most {
         let push = fill_pintus::Push {
             tiles: across,
-            at,
             step,
             woken_at,
             tolerance,
@@ -215,7 +216,7 @@ fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth:
             most_groups: g.gpu.device.most_groups,
         };
         let counted = steps.racing();
-        let listed = if step == 1 { Tiles::From(lists, at) } else { Tiles::From(&counted, 4 * step) };
+        let listed = if step == 1 { Tiles::From(lists, 0) } else { Tiles::From(&counted, 4 * step) };
         g.run(
             shader::FillPintus {
                 lists,

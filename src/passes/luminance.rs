@@ -50,9 +50,21 @@ impl Default for Settings {
 impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
-            Setting { name: "space", about: "what is averaged: V, with hue and saturation of the front point, or all of the colour", value: Value::Choice(&mut self.space) },
-            Setting { name: "neighbourhood", about: "pixels across whose points are averaged, 1 or 3; 0: as many as hold enough points", value: Value::OneOf(&mut self.neighbourhood, &[0.0, 1.0, 3.0]) },
-            Setting { name: "epsilon", about: "depth of a surface, metres; 0: three spacings of the points", value: Value::Number(&mut self.epsilon, 0.0..=1e9) },
+            Setting {
+                name: "space",
+                about: "what is averaged: V, with hue and saturation of the front point, or all of the colour",
+                value: Value::Choice(&mut self.space),
+            },
+            Setting {
+                name: "neighbourhood",
+                about: "pixels across whose points are averaged, 1 or 3; 0: as many as hold enough points",
+                value: Value::OneOf(&mut self.neighbourhood, &[0.0, 1.0, 3.0]),
+            },
+            Setting {
+                name: "epsilon",
+                about: "depth of a surface, metres; 0: three spacings of the points",
+                value: Value::Number(&mut self.epsilon, 0.0..=1e9),
+            },
         ]
     }
 
@@ -78,19 +90,29 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     let (stations, density) = (scene.stations, super::significant(scene.sampling.density));
     let (runs, why) = match () {
         _ if scene.points == 0 => (false, "there is nothing to correct".to_string()),
-        _ if !scene.shown.has_luminance() => (false, "what points show has no luminance: neither their colours nor an intensity".to_string()),
+        _ if !scene.shown.has_luminance() => {
+            (false, "what points show has no luminance: neither their colours nor an intensity".to_string())
+        }
         _ if scene.shown == Attribute::Corrected => (false, "the colours that are shown are corrected already".to_string()),
         _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
         _ if scene.overlap.count == 0 => (false, format!("{stations} stations, of which no part of the picture shows more than one")),
-        _ if scene.sampling.density < ENOUGH => {
-            (false, format!("{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"))
-        }
+        _ if scene.sampling.density < ENOUGH => (
+            false,
+            format!(
+                "{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"
+            ),
+        ),
         _ if exposure::is_one(scene, before) && scene.balance.is_some_and(|balance| balance.uneven <= FEW) => {
             (false, "with one exposure stations hardly differ; --effect luminance=on".to_string())
         }
         _ => {
             let shared = super::significant(100.0 * scene.overlap.count as f64 / scene.overlap.seen as f64);
-            (true, format!("{stations} stations, several in {shared} % of what the picture shows; half of the points in view lie at {density} a pixel or more, where {ENOUGH} tell what they have in common"))
+            (
+                true,
+                format!(
+                    "{stations} stations, several in {shared} % of what the picture shows; half of the points in view lie at {density} a pixel or more, where {ENOUGH} tell what they have in common"
+                ),
+            )
         }
     };
     Reason { runs, why }
@@ -147,7 +169,15 @@ pub fn shallow(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn,
 const SUM_BYTES: u64 = 8;
 
 /// Sums of all pixels, of the points at most epsilon behind the front.
-pub fn sums(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, shallow: &Shallow, paint: &Paint, front: &Image) -> Result<Sums> {
+pub fn sums(
+    g: &mut Graph,
+    scene: &Scene,
+    settings: &Settings,
+    drawn: &Drawn,
+    shallow: &Shallow,
+    paint: &Paint,
+    front: &Image,
+) -> Result<Sums> {
     if drawn.statistics.points_drawn > MOST_POINTS {
         return Err(Error::Request(format!(
             "luminance correction adds up to {MOST_POINTS} points, and {} are drawn; draw fewer with --budget, or --effect luminance=off",
@@ -197,11 +227,43 @@ fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
         if g.gpu.device.int64_atomics {
             let push = luminance_sum64::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon: *epsilon, top, lo, scale };
             let spec = luminance_sum64::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum64 { nodes, chunks, shallow, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
+            g.run(
+                shader::LuminanceSum64 {
+                    nodes,
+                    chunks,
+                    shallow,
+                    opacities,
+                    within,
+                    pages,
+                    page_words: pages,
+                    front,
+                    levels,
+                    sums,
+                    push,
+                    spec,
+                },
+                tiles,
+            );
         } else {
             let push = luminance_sum32::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon: *epsilon, top, lo, scale };
             let spec = luminance_sum32::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
-            g.run(shader::LuminanceSum32 { nodes, chunks, shallow, opacities, within, pages, page_words: pages, front, levels, sums, push, spec }, tiles);
+            g.run(
+                shader::LuminanceSum32 {
+                    nodes,
+                    chunks,
+                    shallow,
+                    opacities,
+                    within,
+                    pages,
+                    page_words: pages,
+                    front,
+                    levels,
+                    sums,
+                    push,
+                    spec,
+                },
+                tiles,
+            );
         }
     }
 }
@@ -216,7 +278,16 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         let spec = kernel::Spec { channels: *channels, around, texels, transparent, by_kind, partly, mode };
         for Summed { rows, band, sums } in bands {
             let [lo, scale] = paint.ramp;
-            let push = kernel::Push { width, rows: *rows, summed: [band.top, band.top + band.size[1]], epsilon: *epsilon, lo, scale, corner, tiles_across: scene.overlap.size[0] };
+            let push = kernel::Push {
+                width,
+                rows: *rows,
+                summed: [band.top, band.top + band.size[1]],
+                epsilon: *epsilon,
+                lo,
+                scale,
+                corner,
+                tiles_across: scene.overlap.size[0],
+            };
             g.run(
                 shader::Luminance {
                     sums,

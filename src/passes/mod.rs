@@ -62,9 +62,7 @@ impl Layers {
 
 /// A list of tiles of 8 x 8 pixels, made on the device (glsl/lib/tile.glsl).
 pub struct Holes {
-    pub lists: Buffer,
-    /// The list's first word.
-    pub at: u32,
+    pub list: Buffer,
     /// Of every tile, the width of the kernel that has found some, pixels; u32.
     pub kernels: Buffer,
     /// Of the widest kernel that has looked for them.

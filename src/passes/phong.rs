@@ -47,7 +47,15 @@ pub enum Normals {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { ambient: 0.2, diffuse: 0.8, specular: 0.08, shininess: 24.0, normals: Normals::Auto, backfaces: Backfaces::Keep, radius: 3.0 }
+        Settings {
+            ambient: 0.2,
+            diffuse: 0.8,
+            specular: 0.08,
+            shininess: 24.0,
+            normals: Normals::Auto,
+            backfaces: Backfaces::Keep,
+            radius: 3.0,
+        }
     }
 }
 
@@ -55,13 +63,37 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "ambient", about: "part of the colour that shows without light", value: number(&mut self.ambient, 0.0..=100.0) },
-            Setting { name: "diffuse", about: "part of the colour that shows where the surface faces the light", value: number(&mut self.diffuse, 0.0..=100.0) },
+            Setting {
+                name: "ambient",
+                about: "part of the colour that shows without light",
+                value: number(&mut self.ambient, 0.0..=100.0),
+            },
+            Setting {
+                name: "diffuse",
+                about: "part of the colour that shows where the surface faces the light",
+                value: number(&mut self.diffuse, 0.0..=100.0),
+            },
             Setting { name: "specular", about: "white of highlights", value: number(&mut self.specular, 0.0..=100.0) },
-            Setting { name: "shininess", about: "how narrow highlights are, the exponent", value: Value::Whole(&mut self.shininess, 1.0..=255.0) },
-            Setting { name: "normals", about: "where they come from: file, those of the points; depth, the screen; auto, the points where they have any", value: Value::Choice(&mut self.normals) },
-            Setting { name: "backfaces", about: "points that face away from the camera; drop: where normals are those of files, which say which side is outside", value: Value::Choice(&mut self.backfaces) },
-            Setting { name: "radius", about: "of the neighbourhood that a normal is fitted to, pixels", value: Value::Whole(&mut self.radius, 1.0..=15.0) },
+            Setting {
+                name: "shininess",
+                about: "how narrow highlights are, the exponent",
+                value: Value::Whole(&mut self.shininess, 1.0..=255.0),
+            },
+            Setting {
+                name: "normals",
+                about: "where they come from: file, those of the points; depth, the screen; auto, the points where they have any",
+                value: Value::Choice(&mut self.normals),
+            },
+            Setting {
+                name: "backfaces",
+                about: "points that face away from the camera; drop: where normals are those of files, which say which side is outside",
+                value: Value::Choice(&mut self.backfaces),
+            },
+            Setting {
+                name: "radius",
+                about: "of the neighbourhood that a normal is fitted to, pixels",
+                value: Value::Whole(&mut self.radius, 1.0..=15.0),
+            },
         ]
     }
 
@@ -143,7 +175,14 @@ pub fn facing(g: &mut Graph, view: &View, layers: &Layers) -> Option<Image> {
     let mut facing = g.image("facing", view.size, Kind::Rgba32f);
     let axis = |axis: DVec3| axis.as_vec3().to_array();
     let basis = &view.basis;
-    let push = facing::Push { size: view.size, centre: view.centre().map(|at| at as f32), px_per_unit: view.focal_px() as f32, right: axis(basis.right), down: axis(-basis.up), forward: axis(basis.forward) };
+    let push = facing::Push {
+        size: view.size,
+        centre: view.centre().map(|at| at as f32),
+        px_per_unit: view.focal_px() as f32,
+        right: axis(basis.right),
+        down: axis(-basis.up),
+        forward: axis(basis.forward),
+    };
     let spec = facing::Spec { perspective: view.camera.projection == Projection::Perspective };
     g.run(shader::Facing { index: &layers.index, facings, facing: &mut facing, push, spec }, Tiles::All);
     Some(facing)
@@ -167,7 +206,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         shininess: settings.shininess as u32,
     };
     let Layers { depth, color, reached, .. } = &layers;
-    let spec = Spec { perspective: view.camera.projection == Projection::Perspective, of_points: facing.is_some(), shadowed: reached.is_some() };
+    let spec =
+        Spec { perspective: view.camera.projection == Projection::Perspective, of_points: facing.is_some(), shadowed: reached.is_some() };
     // What is not looked at wants a binding all the same.
     let [facing, reached] = [facing.as_ref(), reached.as_ref()].map(|image| image.unwrap_or(color));
     g.run(shader::Phong { depth, color, facing, reached, lit: &mut lit, push, spec }, Tiles::All);

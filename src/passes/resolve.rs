@@ -153,7 +153,7 @@ impl Resolved {
 }
 
 /// Of all nodes that the view can see, the least and the most that their points' spacing may be, pixels.
-fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
+pub fn spacing_px(view: &View, resident: &Resident) -> [f64; 2] {
     let f = view.focal_px();
     let seen = resident.nodes.iter().filter_map(|node| {
         let (near, far) = view.depths(node.bounds())?;

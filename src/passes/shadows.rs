@@ -76,7 +76,19 @@ pub enum Method {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Depth, samples: 1.0, pattern: disc::Pattern::Stratified, radius: 0.5, size: 0.0, ambient: 0.35, layer: 0.0, least: 0.0, fill: 2.0, peels: 0.0, limit: 0.2 }
+        Settings {
+            method: Method::Depth,
+            samples: 1.0,
+            pattern: disc::Pattern::Stratified,
+            radius: 0.5,
+            size: 0.0,
+            ambient: 0.35,
+            layer: 0.0,
+            least: 0.0,
+            fill: 2.0,
+            peels: 0.0,
+            limit: 0.2,
+        }
     }
 }
 
@@ -88,15 +100,47 @@ impl super::Settings for Settings {
         let number = Value::Number;
         vec![
             Setting { name: "method", about: "how points that light reaches are found", value: Value::Choice(&mut self.method) },
-            Setting { name: "samples", about: "places on the light; 1: hard shadows", value: Value::Whole(&mut self.samples, 1.0..=MOST_SAMPLES) },
+            Setting {
+                name: "samples",
+                about: "places on the light; 1: hard shadows",
+                value: Value::Whole(&mut self.samples, 1.0..=MOST_SAMPLES),
+            },
             Setting { name: "pattern", about: "how they are spread", value: Value::Choice(&mut self.pattern) },
-            Setting { name: "radius", about: "of the light: degrees of one far away (45 at most), metres of one at a place", value: number(&mut self.radius, 0.0..=1e6) },
-            Setting { name: "size", about: "of the light's picture, texels; 0: from the spacing of the points", value: Value::Whole(&mut self.size, 0.0..=4096.0) },
-            Setting { name: "ambient", about: "what is left of a colour in full shadow; of phong, where that runs, its own ambient", value: number(&mut self.ambient, 0.0..=1.0) },
-            Setting { name: "layer", about: "layer distance of this effect alone, metres; 0: that of --layer where that is given, and at least what keeps surfaces from shading themselves", value: number(&mut self.layer, 0.0..=1e9) },
-            Setting { name: "fill", about: "width of gaps that light does not fall through, texels", value: Value::Whole(&mut self.fill, 0.0..=16.0) },
-            Setting { name: "peels", about: "passes of method=index at most, as many as points of a texel can be lit; 0: until nothing is left, 512 at most", value: Value::Whole(&mut self.peels, 0.0..=4096.0) },
-            Setting { name: "limit", about: "least cosine of the angle between light and surface", value: number(&mut self.limit, 0.01..=1.0) },
+            Setting {
+                name: "radius",
+                about: "of the light: degrees of one far away (45 at most), metres of one at a place",
+                value: number(&mut self.radius, 0.0..=1e6),
+            },
+            Setting {
+                name: "size",
+                about: "of the light's picture, texels; 0: from the spacing of the points",
+                value: Value::Whole(&mut self.size, 0.0..=4096.0),
+            },
+            Setting {
+                name: "ambient",
+                about: "what is left of a colour in full shadow; of phong, where that runs, its own ambient",
+                value: number(&mut self.ambient, 0.0..=1.0),
+            },
+            Setting {
+                name: "layer",
+                about: "layer distance of this effect alone, metres; 0: that of --layer where that is given, and at least what keeps surfaces from shading themselves",
+                value: number(&mut self.layer, 0.0..=1e9),
+            },
+            Setting {
+                name: "fill",
+                about: "width of gaps that light does not fall through, texels",
+                value: Value::Whole(&mut self.fill, 0.0..=16.0),
+            },
+            Setting {
+                name: "peels",
+                about: "passes of method=index at most, as many as points of a texel can be lit; 0: until nothing is left, 512 at most",
+                value: Value::Whole(&mut self.peels, 0.0..=4096.0),
+            },
+            Setting {
+                name: "limit",
+                about: "least cosine of the angle between light and surface",
+                value: number(&mut self.limit, 0.01..=1.0),
+            },
         ]
     }
 
@@ -158,14 +202,26 @@ pub struct Facts {
 impl Facts {
     fn new(cameras: &[Sight], bounds: (DVec3, DVec3), settings: &Settings) -> Facts {
         let samples = settings.samples as u32;
-        let Some(Sight { view: first, halvings, spacing_m, .. }) = cameras.first() else { return Facts { samples, cast: samples, ..Facts::default() } };
+        let Some(Sight { view: first, halvings, spacing_m, .. }) = cameras.first() else {
+            return Facts { samples, cast: samples, ..Facts::default() };
+        };
         let layer = Layer::new(first, bounds, settings);
         let middle = (bounds.0 + bounds.1) / 2.0 - first.camera.eye;
         let texel_m = layer.texel * if layer.perspective { middle.length() } else { 1.0 };
         // Of the picture that closes gaps between points there.
         let taken = cameras::halvings(spacing_m / texel_m, f64::INFINITY).min(*halvings);
         let layer_m = layer.metres + layer.texels * texel_m * (1u64 << taken) as f64;
-        Facts { saved: false, samples, cast: samples, marked: 0, pictures: cameras.len() as u32, size: first.size, halvings: *halvings, texel_m, layer_m }
+        Facts {
+            saved: false,
+            samples,
+            cast: samples,
+            marked: 0,
+            pictures: cameras.len() as u32,
+            size: first.size,
+            halvings: *halvings,
+            texel_m,
+            layer_m,
+        }
     }
 }
 
@@ -176,18 +232,34 @@ fn plural(count: u32) -> &'static str {
 impl std::fmt::Display for Facts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [width, height] = self.size;
-        let halved = if self.halvings == 0 { String::new() } else { format!(", and {} coarser where points are sparse in it", self.halvings) };
+        let halved =
+            if self.halvings == 0 { String::new() } else { format!(", and {} coarser where points are sparse in it", self.halvings) };
         write!(
             f,
             "{}{} sample{} of the light, {} cast, points of {} nodes marked by this frame, {} picture{} each of {width} x {height} texels of {:.6} m{}; shadow begins {:.6} m behind a surface",
             if self.saved { "saved ones, of all points, so that no light pass runs; " } else { "" },
-            self.samples, plural(self.samples), self.cast, self.marked, self.pictures, plural(self.pictures), self.texel_m, halved, self.layer_m
+            self.samples,
+            plural(self.samples),
+            self.cast,
+            self.marked,
+            self.pictures,
+            plural(self.pictures),
+            self.texel_m,
+            halved,
+            self.layer_m
         )
     }
 }
 
 /// Marks of all points of the frame; none where shadows do not run. Of the light's samples `at_once` at most are added to those that are kept, and one where there are none; all, where nothing is said.
-pub fn marks(g: &mut Graph, scene: &Scene, resident: &Resident, effects: &Effects, decided: &Decided, at_once: Option<u32>) -> Result<Option<Marks>> {
+pub fn marks(
+    g: &mut Graph,
+    scene: &Scene,
+    resident: &Resident,
+    effects: &Effects,
+    decided: &Decided,
+    at_once: Option<u32>,
+) -> Result<Option<Marks>> {
     if !decided.runs("shadows") {
         return Ok(None);
     }
@@ -223,9 +295,15 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
     let place = (0..2).find(|&place| g.held(PLACES[place]).is_some_and(|(of, _)| of.starts_with(&light))).unwrap_or(0);
     let before = g.held(PLACES[place]).filter(|(of, _)| of.starts_with(&light)).map(|(of, steps)| (of.to_vec(), steps));
     // A frame that is in a hurry does not cast many samples anew, if only for some nodes: it begins with one.
-    if let Some((before, kept)) = before.filter(|(before, kept)| *before != made_of && settings.method == Method::Depth && (*kept == 1 || at_once != Some(0)))
+    if let Some((before, kept)) =
+        before.filter(|(before, kept)| *before != made_of && settings.method == Method::Depth && (*kept == 1 || at_once != Some(0)))
         && let sights = views(0..kept)?
-        && let Some(Changed { stay, again }) = changed::changed(&before[light.len()..], resident, &sights.iter().map(|sight| sight.view).collect::<Vec<_>>(), travel_px(settings, &sights))
+        && let Some(Changed { stay, again }) = changed::changed(
+            &before[light.len()..],
+            resident,
+            &sights.iter().map(|sight| sight.view).collect::<Vec<_>>(),
+            travel_px(settings, &sights),
+        )
     {
         let end = wanted(kept);
         let bytes_before = (before.len() - light.len()) as u64 / IDENTITY_WORDS as u64 * POINTS_PER_PAGE as u64;
@@ -244,7 +322,12 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
         for view in views(kept..end)? {
             cast(g, &view, resident, around.bounds, settings, &mut tally)?;
         }
-        return Ok(Some(Marks { counts: tally.marks, saved: None, apart: false, facts: Facts { cast: end, marked: again.len() as u32, ..facts } }));
+        return Ok(Some(Marks {
+            counts: tally.marks,
+            saved: None,
+            apart: false,
+            facts: Facts { cast: end, marked: again.len() as u32, ..facts },
+        }));
     }
     let (counts, kept) = g.kept(PLACES[place], bytes, made_of, wanted)?;
     let end = wanted(kept);
@@ -255,7 +338,12 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
     for view in views(kept..end)? {
         cast(g, &view, resident, around.bounds, settings, &mut tally)?;
     }
-    Ok(Some(Marks { counts: tally.marks, saved: None, apart: false, facts: Facts { cast: end, marked: resident.nodes.len() as u32, ..facts } }))
+    Ok(Some(Marks {
+        counts: tally.marks,
+        saved: None,
+        apart: false,
+        facts: Facts { cast: end, marked: resident.nodes.len() as u32, ..facts },
+    }))
 }
 
 /// Where marks are kept: those of other nodes go to the other one, beside those that they were made of.
@@ -318,7 +406,14 @@ fn bounds(resident: &Resident) -> Option<(DVec3, DVec3)> {
 }
 
 /// A sample more for every point that the camera's light reaches; what the light sees, and how deep it reaches. `bounds` are those that the light sees, world corners.
-pub fn cast(g: &mut Graph, sight: &Sight, resident: &Resident, bounds: (DVec3, DVec3), settings: &Settings, tally: &mut Tally) -> Result<Reached> {
+pub fn cast(
+    g: &mut Graph,
+    sight: &Sight,
+    resident: &Resident,
+    bounds: (DVec3, DVec3),
+    settings: &Settings,
+    tally: &mut Tally,
+) -> Result<Reached> {
     let all: Vec<_> = resident.nodes.iter().collect();
     cast_on(g, sight, resident, [&all, &all], bounds, settings, tally)
 }
@@ -361,7 +456,20 @@ fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, shallow: &Shallow, limi
         let spec = shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
         let (pages, opacities, within) = (&drawn.pages[group.block], drawn.opacities(), drawn.within());
         g.run(
-            shader::ShadowDepth { nodes: &drawn.nodes, chunks: &drawn.chunks, shallow: &shallow.chunks, opacities, within, pages, page_words: pages, limit, limit_words: limit, marks, push, spec },
+            shader::ShadowDepth {
+                nodes: &drawn.nodes,
+                chunks: &drawn.chunks,
+                shallow: &shallow.chunks,
+                opacities,
+                within,
+                pages,
+                page_words: pages,
+                limit,
+                limit_words: limit,
+                marks,
+                push,
+                spec,
+            },
             group.tiles(),
         );
     }

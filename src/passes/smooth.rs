@@ -85,9 +85,21 @@ impl Default for Settings {
 impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
-            Setting { name: "filter", about: "weights: 16 2 1, 4 2 1 or 1 1 1 of the pixel, sides and corners; auto: by the spacing of the points", value: Value::Choice(&mut self.filter) },
-            Setting { name: "iterations", about: "how often; 0: by the spacing of the points", value: Value::Whole(&mut self.iterations, 0.0..=MOST) },
-            Setting { name: "pixels", about: "filled: these and those beside them; all: the others, too", value: Value::Choice(&mut self.pixels) },
+            Setting {
+                name: "filter",
+                about: "weights: 16 2 1, 4 2 1 or 1 1 1 of the pixel, sides and corners; auto: by the spacing of the points",
+                value: Value::Choice(&mut self.filter),
+            },
+            Setting {
+                name: "iterations",
+                about: "how often; 0: by the spacing of the points",
+                value: Value::Whole(&mut self.iterations, 0.0..=MOST),
+            },
+            Setting {
+                name: "pixels",
+                about: "filled: these and those beside them; all: the others, too",
+                value: Value::Choice(&mut self.pixels),
+            },
         ]
     }
 
@@ -122,7 +134,12 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     let often = if often == 1 { "once".to_string() } else { format!("{often} times") };
     let (runs, why) = match (before.runs("fill"), asked.fill.settings.method) {
         (false, _) => (false, "points are not smoothed, and no surface was filled".to_string()),
-        (true, fill::Method::Dobrev) => (true, format!("filling from the nearest neighbour leaves patches of one depth and colour: {filter}, {often}; tiles in which nothing was filled are skipped")),
+        (true, fill::Method::Dobrev) => (
+            true,
+            format!(
+                "filling from the nearest neighbour leaves patches of one depth and colour: {filter}, {often}; tiles in which nothing was filled are skipped"
+            ),
+        ),
         (true, _) => (false, "filling leaves no patches of one depth and colour, and details stay as they are".to_string()),
     };
     Reason { runs, why }

@@ -169,7 +169,8 @@ impl Painting<'_> {
     pub fn bands(&self, limit: u64) -> Vec<Band> {
         let [width, height] = self.view.size;
         let around = 2 * ground::ENCLOSED_PX;
-        let bands = project::bands([width + around, height], project::KEY_BYTES, limit.saturating_sub(8 * (width + around) as u64 * around as u64));
+        let bands =
+            project::bands([width + around, height], project::KEY_BYTES, limit.saturating_sub(8 * (width + around) as u64 * around as u64));
         bands.into_iter().map(|band| Band { size: [width, band.size[1]], ..band }).collect()
     }
 
@@ -319,7 +320,9 @@ impl Painting<'_> {
     /// Where nodes lie on the device, and their points among those of all that are drawn: in the order of their numbers, four by four.
     fn homes(&self) -> (u32, Vec<Home>) {
         let mut places = vec![0; self.resident.nodes.len().max(1)];
-        self.resident.seen(&self.wide).for_each(|(_, node)| places[(node.first_point() / POINTS_PER_PAGE) as usize] = node.count.next_multiple_of(4));
+        self.resident
+            .seen(&self.wide)
+            .for_each(|(_, node)| places[(node.first_point() / POINTS_PER_PAGE) as usize] = node.count.next_multiple_of(4));
         let mut first_place = 0;
         let homes = self.resident.homes().into_iter().zip(places).map(|((page, planes), places)| {
             first_place += places;

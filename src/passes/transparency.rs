@@ -40,7 +40,11 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
             Setting { name: "layers", about: "surfaces behind each other at most", value: Value::Whole(&mut self.layers, 1.0..=64.0) },
-            Setting { name: "tiles", about: "where layers behind others are looked for; the picture is the same", value: Value::Choice(&mut self.tiles) },
+            Setting {
+                name: "tiles",
+                about: "where layers behind others are looked for; the picture is the same",
+                value: Value::Choice(&mut self.tiles),
+            },
             Setting {
                 name: "layer",
                 about: "layer distance of this effect alone, metres; 0: that of --layer, and more where a surface is steep",
@@ -106,7 +110,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     // Without light there is nothing to read; a binding wants an image all the same.
     let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
     // The first layer is of the whole picture, and reads neither.
-    let (front_before, peeled_before) = if number == 0 { (layers.color.again(), layers.depth.again()) } else { (front.again(), peeled.again()) };
+    let (front_before, peeled_before) =
+        if number == 0 { (layers.color.again(), layers.depth.again()) } else { (front.again(), peeled.again()) };
     let (color, push, spec) = (&layers.color, peeled::Push { size }, peeled::Spec { first: number == 0 });
     g.run(shader::Peeled { color, before: &peeled_before, peeled: &mut peeled, push, spec }, Tiles::All);
     let last = number + 1 == settings.layers as u32;

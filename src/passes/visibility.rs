@@ -4,12 +4,14 @@
 //! easy case for one small kernel. Levels judge from the finest on; each decides what it can tell, and leaves the rest to the next coarser one (glsl/visibility_levels.comp has the rule).
 //!
 //! ```text
-//!     twice, since what is taken out the first time hides nothing any more and opens nothing:
-//!         pyramid            depth -> nearest points of 2 x 2, 4 x 4, ..             once a level
-//!         classify, assign   depth, pyramid -> lists: which tiles a level has to judge
-//!         visibility_levels  depth, pyramid -> points that are hidden                once a level
-//!         hide               takes them out of the layers
-//!     and the same for pixels without a point: those that are enclosed are holes
+//!     classify                   depth -> tiles                          what each tile of 8 x 8 pixels holds
+//!     pyramid                    depth -> nearest points of 2 x 2, ..    once a level
+//!     assign                     tiles, pyramid -> lists                 which tiles each level has to judge
+//!     visibility_levels          depth, pyramid, lists -> hidden points  once a level
+//!     hide                       takes those out of the depths
+//!     pyramid, assign, visibility_levels  once more: what was taken out hides nothing, and opens nothing
+//!     assign, visibility_levels  the same of pixels without a point: those that are enclosed are holes
+//!     hide                       takes all that is invisible out of the layers
 //! ```
 //! With `levels=1` it is the paper's own way: one kernel over the picture, of the width that is asked for.
 //!
@@ -62,7 +64,7 @@ pub enum Looked {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { levels: 6.0, kernel: 7.0, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 1.0, expected: 36.0, lead: 7.0 }
+        Settings { levels: 7.0, kernel: 7.0, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 1.0, expected: 36.0, lead: 7.0 }
     }
 }
 
@@ -192,7 +194,7 @@ pub fn record(g: &mut Graph, scene: &Scene, asked: &Settings, mut layers: Layers
     }
     judged.hide(g, &mut layers, true);
     let Judged { holes, kernels, .. } = judged;
-    Layers { holes: Some(Holes { lists: holes, at: 0, kernels, widest: 2 * kernel_px(settings) }), ..layers }
+    Layers { holes: Some(Holes { list: holes, kernels, widest: 2 * kernel_px(settings) }), ..layers }
 }
 
 /// Points so many times as far apart as their node's still hide what is behind them; sparser ones are strays. With half as much, what lies behind flat parts of a mesh shows between its vertices.
@@ -203,6 +205,16 @@ pub const SPARSEST_AROUND: f64 = 2.0;
 const SPARSEST_BEHIND: f64 = 1.0;
 /// Nor does a kernel have to be wider than so many spacings of the sparsest.
 const BEHIND_SPACINGS: f64 = 5.5;
+
+/// Levels up to cells in which the points of a surface may be a cell apart, where the sparsest node's are so many pixels apart; two at least.
+pub fn levels_for(widest_px: f64) -> f64 {
+    (SPARSEST * widest_px).max(2.0).log2().floor() + 1.0
+}
+
+/// Settings of a picture in which the sparsest points are so many pixels apart.
+pub fn settled(asked: &Settings, widest_px: f64) -> Settings {
+    Settings { levels: asked.levels.min(levels_for(widest_px)), ..*asked }
+}
 
 /// Of layers behind others.
 fn behind(asked: &Settings, spacing_px: f64) -> Settings {
@@ -331,7 +343,6 @@ impl<'s> Judged<'s> {
             size,
             centre: self.centre(),
             tiles_across: across[0],
-            at: 0,
             px_per_unit: self.px_per_unit(),
             threshold: in_sectors(threshold),
             hole: in_sectors(holes),
@@ -429,7 +440,7 @@ impl<'s> Judged<'s> {
     /// Takes what is invisible out of the depths, or out of all layers.
     fn hide(&self, g: &mut Graph, layers: &mut Layers, all: bool) {
         let Layers { depth, index, color, .. } = layers;
-        let push = hide::Push { tiles_across: self.across[0], at: 0 };
+        let push = hide::Push { tiles_across: self.across[0] };
         let Judged { holes, invisible, .. } = self;
         g.run(shader::Hide { lists: holes, invisible, depth, index, color, push, spec: hide::Spec { all } }, Tiles::From(holes, 0));
     }
@@ -508,16 +519,13 @@ fn slope(view: &View, settings: &Settings) -> f64 {
         return ((cotangent - 0.71 * lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0);
     }
     let steepest = ((STEEPEST - lean) / (SQRT_2 * (1.0 + lean * lean))).max(0.0);
-    // Steps are parts of depths, which grow from step to step.
-    let steps = 2 * TILE_PX as i32 * (1 + FINE_TILES);
+    // Steps are parts of depths, which grow from step to step: as many as the widest level looks across whose cells are smaller than a tile, there and down.
+    let steps = 2 * (settings.kernel as i32 / 2 + 1) * (TILE_PX as i32 / 2);
     match view.camera.projection {
         Projection::Perspective => steepest / (1.0 + steepest / view.focal_px()).powi(steps),
         Projection::Orthographic => steepest,
     }
 }
-
-/// Tiles that a level finer than they are looks across, at most, with the default kernel.
-const FINE_TILES: i32 = 2;
 
 /// Tiles that each level looked at for hidden points first, as the buffer `lists` has them after a frame, by the width of the level's cells, pixels.
 pub fn listed(size: [u32; 2], lists: &[u32]) -> Vec<(u32, &[u32])> {

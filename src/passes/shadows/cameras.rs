@@ -3,9 +3,9 @@
 //! A light far away has one camera without perspective. A light at a place has one with, where the cloud lies within a right angle of it; else six, the sides of a cube, of which those count that see
 //! something, each a little wider than its side, so that gaps at its borders are closed as well. Texels are square, and the longer side of a picture, or of a cube, has as many as asked for.
 
+use super::Settings;
 use crate::config::SUN;
 use crate::error::Result;
-use super::Settings;
 use crate::light::Light;
 use crate::resident::Resident;
 use crate::view::{Camera, Projection, View};

@@ -103,8 +103,7 @@ mod tests {
 
     /// Of a line through log error over log samples, by least squares.
     fn slope(pattern: Pattern) -> f64 {
-        let points: Vec<[f64; 2]> =
-            [4u32, 9, 16, 36, 64, 144, 256].map(|n| [(n as f64).ln(), error(n, pattern).ln()]).to_vec();
+        let points: Vec<[f64; 2]> = [4u32, 9, 16, 36, 64, 144, 256].map(|n| [(n as f64).ln(), error(n, pattern).ln()]).to_vec();
         let mean = |k: usize| points.iter().map(|point| point[k]).sum::<f64>() / points.len() as f64;
         let (x, y) = (mean(0), mean(1));
         points.iter().map(|p| (p[0] - x) * (p[1] - y)).sum::<f64>() / points.iter().map(|p| (p[0] - x).powi(2)).sum::<f64>()

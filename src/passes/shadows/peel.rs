@@ -9,8 +9,8 @@
 
 use super::Tally;
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Tiles};
 use crate::graph::GATED_PASSES;
+use crate::graph::{Buffer, Graph, Tiles};
 use crate::passes::gate;
 use crate::passes::project::{Band, Drawn, Group, Walk};
 use crate::shader::{self, shadow_mark, shadow_peel};
@@ -55,9 +55,18 @@ pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Buffer, asked
 }
 
 /// Of each texel the next point.
-fn one(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Buffer, [keys, last]: [&mut Buffer; 2], peeled: &mut Buffer, marks: &mut Buffer) {
+fn one(
+    g: &mut Graph,
+    camera: &View,
+    drawn: &Drawn,
+    limit: &Buffer,
+    [keys, last]: [&mut Buffer; 2],
+    peeled: &mut Buffer,
+    marks: &mut Buffer,
+) {
     let size = camera.size;
-    let Walk { centre, corner, size: across, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, camera, Band { top: 0, size });
+    let Walk { centre, corner, size: across, near, lanes, perspective, texels, points_per_chunk } =
+        Walk::new(g, camera, Band { top: 0, size });
     for step in [0, 1] {
         for group in &drawn.groups {
             let &Group { block, planes, filtered, first_chunk, chunk_count, .. } = group;
@@ -65,7 +74,23 @@ fn one(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Buffer, [keys, last]
             let spec = shadow_peel::Spec { lanes, planes, perspective, texels, points_per_chunk, step, filtered };
             let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
             let (opacities, within) = (drawn.opacities(), drawn.within());
-            g.run(shader::ShadowPeel { nodes, chunks, opacities, within, pages, page_words: pages, limit, limit_words: limit, last, keys, push, spec }, group.tiles());
+            g.run(
+                shader::ShadowPeel {
+                    nodes,
+                    chunks,
+                    opacities,
+                    within,
+                    pages,
+                    page_words: pages,
+                    limit,
+                    limit_words: limit,
+                    last,
+                    keys,
+                    push,
+                    spec,
+                },
+                group.tiles(),
+            );
         }
     }
     let push = shadow_mark::Push { size };

@@ -133,7 +133,10 @@ fn reach_of(g: &mut Graph, size: [u32; 2], (depth, of_keys): (&Buffer, bool), la
     let mut covered = g.buffer("light covered", 4 * count as u64);
     g.fill(&mut covered, 0);
     let spec = light_cover::Spec { perspective, texels, of_keys };
-    g.run(shader::LightCover { depth, depth_words: depth, covered: &mut covered, push: push!(light_cover, 0), spec }, Tiles::ByEight(count));
+    g.run(
+        shader::LightCover { depth, depth_words: depth, covered: &mut covered, push: push!(light_cover, 0), spec },
+        Tiles::ByEight(count),
+    );
     let area = gate::listed(g, &covered, across, layer.fill as f64);
     let everywhere = within == f32::INFINITY;
     let known = |g: &mut Graph, name: &str| {
@@ -150,11 +153,17 @@ fn reach_of(g: &mut Graph, size: [u32; 2], (depth, of_keys): (&Buffer, bool), la
             let spec = light_fill::Spec { perspective, texels, of_keys: of_keys && step == 0 };
             let (before, after) = closed.split_at_mut(step);
             let depth = before.last().unwrap_or(depth);
-            g.run(shader::LightFill { depth, depth_words: depth, filled: &mut after[0], push: push!(light_fill, step), spec }, Tiles::ByEight(count));
+            g.run(
+                shader::LightFill { depth, depth_words: depth, filled: &mut after[0], push: push!(light_fill, step), spec },
+                Tiles::ByEight(count),
+            );
         }
         let spec = light_limit::Spec { perspective, texels, of_keys: of_keys && layer.fill == 0 };
         let seen = closed.last().unwrap_or(depth);
-        g.run(shader::LightLimit { depth: seen, depth_words: seen, limit: &mut limit, push: push!(light_limit, layer.fill), spec }, Tiles::ByEight(count));
+        g.run(
+            shader::LightLimit { depth: seen, depth_words: seen, limit: &mut limit, push: push!(light_limit, layer.fill), spec },
+            Tiles::ByEight(count),
+        );
     });
     let mut filled = closed.pop();
     if let (Some(front), Some((_, coarse))) = (&mut filled, &coarser) {
@@ -162,7 +171,10 @@ fn reach_of(g: &mut Graph, size: [u32; 2], (depth, of_keys): (&Buffer, bool), la
         let push = light_join::Push { size, within: sparse };
         let tiles = tiles(size.map(|side| side.div_ceil(2)));
         g.within(Some(&coarse.area), |g| {
-            g.run(shader::LightJoin { coarse_front, coarse_limit: &coarse.limit, front, limit: &mut limit, push }, Tiles::ByEight(tiles[0] * tiles[1]));
+            g.run(
+                shader::LightJoin { coarse_front, coarse_limit: &coarse.limit, front, limit: &mut limit, push },
+                Tiles::ByEight(tiles[0] * tiles[1]),
+            );
         });
     }
     Reached { filled, limit, coarser, area }

@@ -41,7 +41,15 @@ struct Picture {
 }
 
 /// Casts shadows of all points of an index, within so many bytes, and writes what they leave of the light beside it.
-pub fn cast(gpu: &mut Gpu, index: &Index, light: Light, settings: &Settings, memory: u64, path: &Path, progress: &dyn Progress) -> Result<Summary> {
+pub fn cast(
+    gpu: &mut Gpu,
+    index: &Index,
+    light: Light,
+    settings: &Settings,
+    memory: u64,
+    path: &Path,
+    progress: &dyn Progress,
+) -> Result<Summary> {
     if settings.method == Method::Index {
         return Err(Error::Request("shadows of a whole index are cast by comparing depths; leave out method=index".into()));
     }

@@ -50,16 +50,51 @@ impl Painting<'_> {
 
     /// All that fragments depend on.
     pub(super) fn made_of(&self, paint: &Paint) -> Vec<u64> {
-        let Settings { brush, blend, sort: _, order, tangents, size: _, amplitude: _, gamma: _, sigma_x: _, sigma_y: _, dev: _, gaussians: _, noise, long, detail, largest, passes: _, memory: _, radius: _ } =
-            self.settings;
+        let Settings {
+            brush,
+            blend,
+            sort: _,
+            order,
+            tangents,
+            size: _,
+            amplitude: _,
+            gamma: _,
+            sigma_x: _,
+            sigma_y: _,
+            dev: _,
+            gaussians: _,
+            noise,
+            long,
+            detail,
+            largest,
+            passes: _,
+            memory: _,
+            radius: _,
+        } = self.settings;
         let Bristles { size, amplitude, gamma, sigma_x, sigma_y, dev, gaussians } = Bristles::of(&self.settings);
         let View { camera, size: pixels, whole, corner, basis: _ } = self.view;
         let Camera { eye, target, up, fov_y, projection, ortho_height } = camera;
-        let numbers = [size, amplitude, gamma, sigma_x, sigma_y, dev, brush.ground(), noise, long, detail, largest, *fov_y, ortho_height.unwrap_or(0.0)];
+        let numbers = [
+            size,
+            amplitude,
+            gamma,
+            sigma_x,
+            sigma_y,
+            dev,
+            brush.ground(),
+            noise,
+            long,
+            detail,
+            largest,
+            *fov_y,
+            ortho_height.unwrap_or(0.0),
+        ];
         let places = [eye, target, up].map(|place| place.to_array()).concat();
-        let of_points = self.resident.opacities.table(&self.resident.stations).into_iter().map(f64::from).chain(paint.gains.iter().copied());
+        let of_points =
+            self.resident.opacities.table(&self.resident.stations).into_iter().map(f64::from).chain(paint.gains.iter().copied());
         let factors: Vec<u64> = of_points.chain(paint.ramp.map(f64::from)).map(f64::to_bits).collect();
-        let choices = [blend as u64, order as u64, tangents as u64, gaussians as u64, *projection as u64, paint.mode as u64, factors.len() as u64];
+        let choices =
+            [blend as u64, order as u64, tangents as u64, gaussians as u64, *projection as u64, paint.mode as u64, factors.len() as u64];
         let shape = [*pixels, *whole, corner.map(|at| at as u32)].concat();
         let numbers = numbers.into_iter().chain(places).map(f64::to_bits);
         choices.into_iter().chain(shape.into_iter().map(u64::from)).chain(numbers).chain(factors).chain(self.resident.identity()).collect()

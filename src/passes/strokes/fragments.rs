@@ -1,8 +1,8 @@
 //! Strokes of tiles in, so many of each at a time; the nearest of each pixel out, and its fragments or how many they are.
 
-use super::{Desk, Found, Painting, TILE_PIXELS, groups};
 use super::lists::Bins;
 use super::settings::Order;
+use super::{Desk, Found, Painting, TILE_PIXELS, groups};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph};
 use crate::passes::project::Band;
@@ -15,13 +15,21 @@ const STROKES_AT_ONCE: usize = 8192;
 
 impl Painting<'_> {
     /// Of every pixel of some tiles, tile by tile, how many fragments it has, before hiders that are known; and how deep the nearest of them lies that covers it wholly.
-    pub(super) fn count(&mut self, g: &mut Graph, band: Band, found: &Found, tiles: Range<u32>, hiders: Option<&[u32]>) -> Result<(Vec<u32>, Vec<u32>)> {
+    pub(super) fn count(
+        &mut self,
+        g: &mut Graph,
+        band: Band,
+        found: &Found,
+        tiles: Range<u32>,
+        hiders: Option<&[u32]>,
+    ) -> Result<(Vec<u32>, Vec<u32>)> {
         let mut counting = g.before();
         let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
         let desk = self.lay(&mut counting, band, &paint)?;
         let starts = counting.upload("starts", &[0u32])?;
         let bytes = 4 * tiles.len() as u64 * TILE_PIXELS as u64;
-        let (mut keys, mut fragments, mut counts) = (counting.buffer("keys", 8), counting.buffer("fragments", 8), counting.buffer("counts", bytes));
+        let (mut keys, mut fragments, mut counts) =
+            (counting.buffer("keys", 8), counting.buffer("fragments", 8), counting.buffer("counts", bytes));
         [&mut keys, &mut counts].into_iter().for_each(|words| counting.fill(words, 0));
         let what = (false, hiders.is_some());
         let mut hiders = match hiders {
@@ -33,7 +41,14 @@ impl Painting<'_> {
             }
         };
         let surface = counting.upload("surface", &found.surface)?;
-        self.strokes(&mut counting, &desk, (&found.listed, &surface, &tiles), &starts, what, [&mut keys, &mut counts, &mut fragments, &mut hiders])?;
+        self.strokes(
+            &mut counting,
+            &desk,
+            (&found.listed, &surface, &tiles),
+            &starts,
+            what,
+            [&mut keys, &mut counts, &mut fragments, &mut hiders],
+        )?;
         let read = [&counts, &hiders].map(|words| counting.download_buffer(words));
         let frame = counting.submit(&[])?;
         self.facts.counting_ms += frame.ms("");

@@ -1,6 +1,6 @@
 //! Points in, which strokes may touch each tile out: how many first, since only then is it known how much room they need.
 
-use super::{Desk, Painting, PLACE_BYTES};
+use super::{Desk, PLACE_BYTES, Painting};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph};
 use crate::passes::project::{self, Band};
@@ -71,7 +71,19 @@ impl Painting<'_> {
             let push = stroke_bins::Push { centre, corner, size, near, first_chunk, chunk_count };
             let Desk { drawn, homes, canvas, turns, paint, .. } = desk;
             let (mode, transparent, by_kind) = (paint.mode, paint.opacities.is_some(), paint.kinds.is_some());
-            let spec = stroke_bins::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, step, mode, transparent, by_kind, slices_of_chunk };
+            let spec = stroke_bins::Spec {
+                lanes,
+                planes,
+                perspective,
+                texels,
+                points_per_chunk,
+                filtered,
+                step,
+                mode,
+                transparent,
+                by_kind,
+                slices_of_chunk,
+            };
             let pages = &drawn.pages[block];
             g.run(
                 shader::StrokeBins {

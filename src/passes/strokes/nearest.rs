@@ -23,7 +23,10 @@ impl Painting<'_> {
         let [width, height] = band.size;
         let mut keys = g.buffer("keys", 8 * width as u64 * height as u64);
         let push = stroke_keys::Push { width, border: ENCLOSED_PX };
-        g.run(shader::StrokeKeys { surface: &surface, around: &around, keys: &mut keys, push }, Tiles::Groups([width.div_ceil(64), height, 1]));
+        g.run(
+            shader::StrokeKeys { surface: &surface, around: &around, keys: &mut keys, push },
+            Tiles::Groups([width.div_ceil(64), height, 1]),
+        );
         Ok(keys)
     }
 }

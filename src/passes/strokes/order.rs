@@ -14,7 +14,15 @@ const ROUNDS: u32 = 60_000;
 
 impl Painting<'_> {
     /// Fragments of some tiles, so many in a pixel at most -> the colours that they give when as many are in order as shall be.
-    pub(super) fn blend(&mut self, g: &mut Graph, [canvases, part]: [&Buffer; 2], band: Band, tiles: u32, abuffer: Abuffer, deepest: u32) -> Result<()> {
+    pub(super) fn blend(
+        &mut self,
+        g: &mut Graph,
+        [canvases, part]: [&Buffer; 2],
+        band: Band,
+        tiles: u32,
+        abuffer: Abuffer,
+        deepest: u32,
+    ) -> Result<()> {
         let Some(color) = &mut self.blended else { return Ok(()) };
         let Abuffer { starts, mut fragments, ordered, kept } = abuffer;
         let wanted = ordered.end.min(deepest);

@@ -16,7 +16,10 @@ pub fn on_device(gpu: &mut Gpu, way: Tangents, directions: &[Direction]) -> Resu
     g.fill(&mut tangents, 0);
     let groups = count.div_ceil(64).max(1);
     let push = shader::tangents::Push { count, way: way as u32 };
-    g.run(shader::Tangents { directions: &directions, tangents: &mut tangents, push }, Tiles::Groups([groups.min(ROW), groups.div_ceil(ROW), 1]));
+    g.run(
+        shader::Tangents { directions: &directions, tangents: &mut tangents, push },
+        Tiles::Groups([groups.min(ROW), groups.div_ceil(ROW), 1]),
+    );
     let found = g.download_buffer(&tangents);
     let frame = g.submit(&[])?;
     let found = (frame.read::<[f32; 3]>(&found)[..count as usize].to_vec(), frame.ms("tangents"));
