@@ -1,6 +1,6 @@
 // Tiles -> lists: which tiles each level of the pyramid has to judge, and then those that any level has to.
 //
-// A tile is left out of a level where nothing in the level's kernel can lead a point of it, or, of pixels without one, where there is no point at all. Fine levels are left out where all tiles around are
+// A tile is left out of a level where too few cells of the level's kernels can lead a point of it, or, of pixels without one, hold a point at all. Fine levels are left out where all tiles around are
 // continuous (classify.comp). Of the others a cell is as large as a tile or larger, and its nearest point can be compared with the tile's farthest one: at a distance d of d_min pixels or more from a
 // ray that leans by l, it leads where   (z0 - z) f (1 + l l) > z d (own - l)   at most.
 //
@@ -20,7 +20,7 @@ layout(local_size_x = 64) in;
 layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
 layout(r32f) readonly uniform image2D pyramid;
 layout(r32f) readonly uniform image2D places;
-// Two words a tile: points that may be hidden.
+// Two words a tile: points that may be hidden; or pixels without one that the finest level has decided.
 layout(scalar) readonly buffer Candidates { uint word[]; } candidates;
 // Two words a tile: points that are known to be hidden.
 layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
@@ -39,9 +39,11 @@ layout(push_constant, scalar) uniform Push {
     float px_per_unit; // perspective: focal length in pixels; orthographic: pixels per metre
     uint stride;       // words from list to list
     int levels;
+    int fewest;        // points without which a level can judge nothing
     float own;         // slope up to which a neighbour may be of the point's own surface
     float sparsest;    // points so many of their node's spacings apart are still of a surface
     float widest;      // spacing of the sparsest node in view, pixels
+    uint empties;      // 1: pixels without a point are judged together with points, by the finest level
     uint all;          // 1: no tile is left out
 } push;
 
@@ -51,21 +53,54 @@ const float SURELY = 1.001;
 const int TILE_LEVEL = 3;
 const int R = int(RADIUS);
 
-// Says whether a level whose cells are smaller than a tile has something to judge.
-bool fine(ivec2 own, int level) {
+// Returns the first or last bytes of a word.
+uint some_bytes(int many, bool last) {
+    uint shift = uint(32 - 8 * clamp(many, 0, 4));
+    return many <= 0 ? 0u : last ? 0xFFFFFFFFu << shift : 0xFFFFFFFFu >> shift;
+}
+
+// Returns how many tiles to either side begin within so many pixels.
+int tiles_within(int reach) {
+    return (reach + TILE_PX - 1) / TILE_PX;
+}
+
+// Returns the pixels of a tile that are no farther than `reach` from another, which it lies so many tiles beside.
+uvec2 within(ivec2 beside, int reach) {
+    ivec2 many = mix(min(reach - TILE_PX * (abs(beside) - 1), TILE_PX), ivec2(TILE_PX), equal(beside, ivec2(0)));
+    uint rows = beside.y < 0 ? 0xFFu << (TILE_PX - many.y) & 0xFFu : 0xFFu >> (TILE_PX - many.y);
+    bool last = beside.x < 0;
+    return uvec2(some_bytes(last ? many.x - 4 : many.x, last), some_bytes(last ? many.x : many.x - 4, last)) & rows * 0x01010101u;
+}
+
+// Returns the levels with cells smaller than a tile that have something to judge, a bit each.
+uint fine(ivec2 own) {
     ivec2 across = ivec2(push.tiles);
-    int span = (((R + 1) << level) + TILE_PX - 1) / TILE_PX;
-    bool covered = false;
-    bool continuous = true;
+    int levels = min(push.levels, TILE_LEVEL);
+    int span = tiles_within(R << (levels - 1));
+    int covered[TILE_LEVEL] = int[TILE_LEVEL](0, 0, 0);
+    bool continuous[TILE_LEVEL] = bool[TILE_LEVEL](true, true, true);
     [[dont_unroll]] for (int dy = -span; dy <= span; ++dy) {
         [[dont_unroll]] for (int dx = -span; dx <= span; ++dx) {
-            ivec2 at = clamp(own + ivec2(dx, dy), ivec2(0), across - 1);
-            Tile tile = tiles.tile[at.y * across.x + at.x];
-            covered = covered || (tile.points_left | tile.points_right) > 0u;
-            continuous = continuous && tile.continuous == 1u;
+            ivec2 at = own + ivec2(dx, dy);
+            ivec2 inside = clamp(at, ivec2(0), across - 1);
+            Tile tile = tiles.tile[inside.y * across.x + inside.x];
+            uvec2 points = EMPTY ? ~uvec2(tile.empty_left, tile.empty_right) : uvec2(tile.points_left, tile.points_right);
+            [[unroll]] for (int level = 0; level < TILE_LEVEL; ++level) {
+                int reach = R << level;
+                uvec2 near = points & within(ivec2(dx, dy), reach);
+                bool reached = max(abs(dx), abs(dy)) <= tiles_within(reach);
+                // Beyond the picture's edge points stand for many.
+                int many = at == inside ? bitCount(near.x) + bitCount(near.y) : near != uvec2(0u) ? push.fewest : 0;
+                covered[level] += reached ? many : 0;
+                continuous[level] = continuous[level] && (!reached || tile.continuous == 1u);
+            }
         }
     }
-    return covered && !continuous;
+    uint looks = 0u;
+    [[unroll]] for (int level = 0; level < TILE_LEVEL; ++level) {
+        looks |= level < levels && covered[level] >= push.fewest && !continuous[level] ? 1u << level : 0u;
+    }
+    return looks;
 }
 
 // Says the same of a level with cells as large as a tile or larger.
@@ -81,7 +116,7 @@ bool coarse(ivec2 own, int level, float z0) {
     float lean = PERSPECTIVE ? sqrt(ray.x * ray.x + ray.y * ray.y) : 0.0;
     float rise = push.px_per_unit * (1.0 + lean * lean) * SURELY;
     float slope = max(push.own - lean, 0.0);
-    bool found = false;
+    int found = 0;
     [[dont_unroll]] for (int dy = -R; dy <= R; ++dy) {
         [[dont_unroll]] for (int dx = -R; dx <= R; ++dx) {
             ivec2 to = cell + ivec2(dx, dy);
@@ -91,10 +126,10 @@ bool coarse(ivec2 own, int level, float z0) {
             vec2 beside = max(max(first - at, at - last), 0.0);
             float run = (PERSPECTIVE ? z : 1.0) * sqrt(beside.x * beside.x + beside.y * beside.y) * slope;
             bool has = z <= FARTHEST;
-            found = found || (has && (EMPTY || (z < z0 && (z0 - z) * rise >= run)));
+            found += int(has && (EMPTY || (z < z0 && (z0 - z) * rise >= run)));
         }
     }
-    return found;
+    return found >= push.fewest;
 }
 
 void main() {
@@ -104,8 +139,11 @@ void main() {
     Tile tile = tiles.tile[number];
     uvec2 pixels = EMPTY ? uvec2(tile.empty_left, tile.empty_right) : uvec2(tile.points_left, tile.points_right);
     pixels &= ~uvec2(invisible.word[2u * number], invisible.word[2u * number + 1u]);
-    pixels &= EMPTY ? uvec2(0xFFFFFFFFu) : uvec2(candidates.word[2u * number], candidates.word[2u * number + 1u]);
+    uvec2 candidate = uvec2(candidates.word[2u * number], candidates.word[2u * number + 1u]);
+    pixels &= EMPTY ? ~candidate : candidate;
     bool wanted = push.all == 1u || push.levels == 1 || pixels != uvec2(0u);
+    // The finest level judges pixels without a point together with the others.
+    bool finest = wanted || (push.empties == 1u && (tile.empty_left | tile.empty_right) != 0u);
     float spacing = tile.spacing;
     [[dont_unroll]] for (int k = 0; k < 9; ++k) {
         ivec2 at = clamp(own + ivec2(k % 3, k / 3) - 1, ivec2(0), ivec2(push.tiles) - 1);
@@ -114,9 +152,10 @@ void main() {
     }
     spacing = spacing > 0.0 ? spacing : push.widest;
     uint asking = 0u;
-    [[dont_unroll]] for (int level = 0; wanted && level < push.levels; ++level) {
+    uint fine_levels = finest ? fine(own) : 0u;
+    [[dont_unroll]] for (int level = EMPTY ? 1 : 0; level < (wanted ? push.levels : finest ? 1 : 0); ++level) {
         bool may = level == 0 || float(1 << level) <= push.sparsest * spacing;
-        bool looks = may && (push.all == 1u || (level < TILE_LEVEL ? fine(own, level) : coarse(own, level, tile.farthest)));
+        bool looks = may && (push.all == 1u || (level < TILE_LEVEL ? (fine_levels >> level & 1u) == 1u : coarse(own, level, tile.farthest)));
         asking |= uint(looks) << level;
         if (looks) APPEND(lists, uint(level) * push.stride, number)
     }

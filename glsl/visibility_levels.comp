@@ -4,7 +4,7 @@
 //
 //   open     so many leading points would be expected in the open area around the pixel that its being empty is no chance:   lambda A >= `expected`
 //   closed   the cones that are left add up to less than `threshold` (Pintus et al. 2011, sec. 4), or to less than `holes`
-//   else     this level is too fine for the surface that leads here: the next coarser one judges
+//   else     this level is too fine for the surface that leads here: the next coarser one judges. So it does where fewer points lead than could close enough sectors.
 //
 // lambda is how many of them a cell holds, from the share p of the neighbours of leading cells that lead too: -ln(1 - p), which p / sqrt(1 - p) is near enough. It is the density of the surface in front alone, whatever
 // shows behind it. A is made of eight sectors, each as far as its nearest leading point, or to the rim of the kernel. So a dense surface is judged where it is dense, and its openings stay open at any size;
@@ -50,11 +50,9 @@ layout(scalar) buffer Kernels { uint tile[]; } kernels;
 
 layout(constant_id = 0) const uint RADIUS = 3u;
 layout(constant_id = 1) const bool PERSPECTIVE = true;
-// True for level 0, which is the picture itself.
-layout(constant_id = 2) const bool FINEST = true;
 // True where pixels without a point are judged, false for those with one.
-layout(constant_id = 3) const bool EMPTY = false;
-layout(constant_id = 4) const bool TEXELS = true;
+layout(constant_id = 2) const bool EMPTY = false;
+layout(constant_id = 3) const bool TEXELS = true;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
@@ -65,6 +63,7 @@ layout(push_constant, scalar) uniform Push {
     uint stride;       // words from level to level of `decided`
     float px_per_unit;
     float closed;      // solid angle in sectors' hemispheres, below which a pixel is invisible
+    int fewest;        // leading points without which that many sectors cannot be closed
     float expected;    // points
     float own_slope;   // t t up to which a neighbour may be of the point's own surface
 } push;
@@ -73,9 +72,6 @@ const float FARTHEST = 3.402823466e38;
 // Depths beyond these count as these, so that squares neither overflow nor vanish.
 const float NEAREST_PLACE = 1e-15;
 const float FARTHEST_PLACE = 1e15;
-const float EIGHTH_OF_DISC = 0.39269908;
-// Where every neighbour leads the density is unknown, but not infinite.
-const float MOST_SHARE = 0.93;
 
 const int R = int(RADIUS);
 const int WIDTH = 2 * R + 1;
@@ -94,19 +90,14 @@ bool may_lie(ivec2 cell, int sector) {
     int quarter = sector / 2;
     ivec2 turned = quarter == 0 ? cell : quarter == 1 ? ivec2(cell.y, -cell.x) : quarter == 2 ? -cell : ivec2(-cell.y, cell.x);
     turned = sector % 2 == 0 ? turned : turned.yx;
-    return FINEST ? sector_of(vec2(cell)) == sector : turned.y + 1 >= 0 && turned.x + 1 >= max(turned.y - 1, 0);
+    return turned.y + 1 >= 0 && turned.x + 1 >= max(turned.y - 1, 0);
 }
-
-const uint LEADS_NOTHING = 0u;
-const uint UNDECIDED = 1u;
-const uint OPEN = 2u;
-const uint CLOSED = 3u;
 
 // Judges from the middle of a square of pixels, by its first pixel and its side.
 uint judge(ivec2 pixel, int across) {
     ivec2 size = ivec2(push.size);
-    ivec2 cells = FINEST ? size : level_size(size, push.level);
-    ivec2 corner = FINEST ? ivec2(0) : level_corner(size, push.level);
+    ivec2 cells = level_size(size, push.level);
+    ivec2 corner = level_corner(size, push.level);
     ivec2 cell = pixel >> push.level;
     float side = float(1 << push.level);
     vec2 at = vec2(pixel) + 0.5 * float(across);
@@ -129,13 +120,11 @@ uint judge(ivec2 pixel, int across) {
         int y = at_edge(cell.y + dy, cells.y);
         uint row = 0u;
         [[unroll]] for (int dx = -R; dx <= R; ++dx) {
-            if (FINEST && dx == 0 && dy == 0) continue;
             ivec2 from = ivec2(columns[dx + R], y);
-            float code = FINEST ? 0.0 : imageLoad(places, corner + from).r;
-            float found = FINEST ? imageLoad(depth, from).r : EMPTY ? 0.0 : imageLoad(pyramid, corner + from).r;
-            vec2 offset = FINEST ? vec2(dx, dy) : place_in(cell + ivec2(dx, dy), push.level, code) - at;
-            // What is hidden covers its pixel, too.
-            bool has = FINEST ? found <= FARTHEST && (EMPTY || found > 0.0) : code > NO_PLACE;
+            float code = imageLoad(places, corner + from).r;
+            float found = EMPTY ? 0.0 : imageLoad(pyramid, corner + from).r;
+            vec2 offset = place_in(cell + ivec2(dx, dy), push.level, code) - at;
+            bool has = code > NO_PLACE;
             float z = clamp(found, NEAREST_PLACE, farthest);
             float square = offset.x * offset.x + offset.y * offset.y;
             float ratio = 0.0;
@@ -162,28 +151,25 @@ uint judge(ivec2 pixel, int across) {
     }
     // Neighbours of leading cells within the kernel, and those of them that lead.
     const uint EDGES = 1u | 1u << (WIDTH - 1);
+    int leaders = 0;
     int neighbours = 0;
-    int leading = 0;
+    int pairs = 0;
     [[unroll]] for (int y = 0; y < WIDTH; ++y) {
+        leaders += bitCount(rows[y]);
         int tall = y == 0 || y == WIDTH - 1 ? 2 : 3;
         neighbours += (3 * tall - 1) * bitCount(rows[y]) - tall * bitCount(rows[y] & EDGES);
-        leading += bitCount(rows[y] & rows[y] >> 1);
-        if (y > 0) leading += bitCount(rows[y] & rows[y - 1]) + bitCount(rows[y] & rows[y - 1] >> 1) + bitCount(rows[y] >> 1 & rows[y - 1]);
+        pairs += bitCount(rows[y] & rows[y] >> 1);
+        if (y > 0) pairs += bitCount(rows[y] & rows[y - 1]) + bitCount(rows[y] & rows[y - 1] >> 1) + bitCount(rows[y] >> 1 & rows[y - 1]);
     }
-    float share = min(2.0 * float(leading) / float(max(neighbours, 1)), MOST_SHARE);
-    float area = 0.0;
+    float squares = 0.0;
     float cones = 0.0;
-    bool any = false;
     [[unroll]] for (int s = 0; s < 8; ++s) {
-        area += min(nearest[s], rim * rim);
+        squares += min(nearest[s], rim * rim);
         float hypotenuse = 1.0 + max(most[s], 0.0);
         float left = EMPTY ? 0.0 : 1.0 / (hypotenuse + sqrt(hypotenuse * max(most[s], 0.0)));
         cones += most[s] < 0.0 ? 1.0 : left;
-        any = any || most[s] >= 0.0;
     }
-    area *= EIGHTH_OF_DISC / (side * side);
-    bool is_open = share * area >= push.expected * sqrt(1.0 - share);
-    return !any ? LEADS_NOTHING : is_open ? OPEN : cones < push.closed ? CLOSED : UNDECIDED;
+    return verdict(leaders, push.fewest, pairs, neighbours, squares / (side * side), cones, push.closed, push.expected);
 }
 
 // Returns the first pixel of those that are left: numbers run down a column, then down the next.
@@ -206,18 +192,6 @@ uvec2 square_at(int first, int across) {
     return bits;
 }
 
-// Leaves points to the next level, and returns the place of the first among them.
-uint leave(uint many) {
-    uint at = 4u * uint(push.level + 1);
-    uint place = atomicAdd(counts.word[at + 3u], many);
-    if (place / 64u != (place + many) / 64u || place % 64u == 0u) {
-        atomicMax(counts.word[at], min((place + many) / 64u + 1u, MOST_GROUPS));
-        counts.word[at + 1u] = 1u;
-        counts.word[at + 2u] = 1u;
-    }
-    return place;
-}
-
 // Records what has been found of pixels of a tile.
 void keep(uint tile, uvec2 closed, uvec2 leads) {
     [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
@@ -235,13 +209,12 @@ void keep(uint tile, uvec2 closed, uvec2 leads) {
 void judge_tile(uint n, uint lane, uint lanes) {
     uint tile = WORD(listed_words, lists, push.at + LIST_HEADER + n);
     uvec2 pixels = uvec2(WORD(asked_words, asked, 3u * tile), WORD(asked_words, asked, 3u * tile + 1u));
-    uint levels = WORD(asked_words, asked, 3u * tile + 2u);
-    [[dont_unroll]] for (int level = 0; EMPTY && level < push.level; ++level) {
+    [[dont_unroll]] for (int level = 1; level < push.level; ++level) {
         uint word = uint(level) * push.stride + 2u * tile;
         pixels &= ~uvec2(WORD(decided_words, decided, word), WORD(decided_words, decided, word + 1u));
     }
     uvec2 left = pixels;
-    int across = EMPTY ? clamp(1 << push.level >> 2, 1, TILE_PX) : 1;
+    int across = clamp(1 << push.level >> 2, 1, TILE_PX);
     [[dont_unroll]] for (int first = 0; across > 1 && first < 64; first += first % 8 + across < 8 ? across : 8 * across - first % 8) {
         uvec2 square = square_at(first, across);
         bool any = (square & pixels) != uvec2(0u);
@@ -251,33 +224,19 @@ void judge_tile(uint n, uint lane, uint lanes) {
     [[dont_unroll]] for (uint skipped = 0u; skipped < lane; ++skipped) left = without_first(left);
     uvec2 settled = uvec2(0u);
     uvec2 closed = uvec2(0u);
-    uvec2 leads = uvec2(0u);
-    uvec2 open = uvec2(0u);
-    bool here = (levels >> push.level & 1u) == 1u;
-    for (; left != uvec2(0u);) {
+    if (left != uvec2(0u)) for (;;) {
         int first = first_of(left);
-        uint verdict = LEADS_NOTHING;
-        for (bool asks = here; asks; asks = false) verdict = judge(corner + ivec2(first / 8, first % 8), across);
+        uint said = judge(corner + ivec2(first / 8, first % 8), across);
         uvec2 square = square_at(first, across) & pixels;
-        settled |= verdict == OPEN || verdict == CLOSED ? square : uvec2(0u);
-        closed |= verdict == CLOSED ? square : uvec2(0u);
-        leads |= verdict != LEADS_NOTHING ? square : uvec2(0u);
-        open |= verdict == LEADS_NOTHING || verdict == UNDECIDED ? square : uvec2(0u);
+        settled |= said == OPEN || said == CLOSED ? square : uvec2(0u);
+        closed |= said == CLOSED ? square : uvec2(0u);
         [[dont_unroll]] for (uint skipped = 0u; skipped < lanes; ++skipped) left = without_first(left);
+        if (left == uvec2(0u)) break;
     }
-    keep(tile, closed, leads);
-    if (EMPTY) {
-        [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
-            uint word = uint(push.level) * push.stride + 2u * tile + uint(half_tile);
-            if (settled[half_tile] != 0u) atomicOr(decided.word[word], settled[half_tile]);
-        }
-    } else if (levels >> (push.level + 1) != 0u && open != uvec2(0u)) {
-        uint place = leave(uint(bitCount(open.x) + bitCount(open.y)));
-        for (; open != uvec2(0u); open = without_first(open)) {
-            int pixel = first_of(open);
-            to.pixel[place] = uint(corner.x + pixel / 8) | uint(corner.y + pixel % 8) << 16;
-            place += 1u;
-        }
+    keep(tile, closed, uvec2(0u));
+    [[unroll]] for (int half_tile = 0; half_tile < 2; ++half_tile) {
+        uint word = uint(push.level) * push.stride + 2u * tile + uint(half_tile);
+        if (settled[half_tile] != 0u) atomicOr(decided.word[word], settled[half_tile]);
     }
 }
 
@@ -288,20 +247,23 @@ void judge_point(uint n) {
     ivec2 at = pixel % TILE_PX;
     uint tile = uint(pixel.y / TILE_PX) * push.tiles_across + uint(pixel.x / TILE_PX);
     uint levels = WORD(asked_words, asked, 3u * tile + 2u);
-    uint verdict = LEADS_NOTHING;
-    for (bool asks = (levels >> push.level & 1u) == 1u; asks; asks = false) verdict = judge(pixel, 1);
+    uint said = judge(pixel, 1);
+    said = (levels >> push.level & 1u) == 1u ? said : TOO_FEW;
     uvec2 bits = square_at(8 * at.x + at.y, 1);
-    keep(tile, verdict == CLOSED ? bits : uvec2(0u), verdict != LEADS_NOTHING ? bits : uvec2(0u));
-    if ((verdict == LEADS_NOTHING || verdict == UNDECIDED) && levels >> (push.level + 1) != 0u) to.pixel[leave(1u)] = entry;
+    keep(tile, said == CLOSED ? bits : uvec2(0u), said != TOO_FEW ? bits : uvec2(0u));
+    if ((said == TOO_FEW || said == UNDECIDED) && levels >> (push.level + 1) != 0u) {
+        uint place;
+        LEAVE(counts, push.level + 1, 1u, place)
+        to.pixel[place] = entry;
+    }
 }
 
 void main() {
-    bool by_tiles = EMPTY || FINEST;
-    uint lanes = !by_tiles ? 1u : push.level < 4 ? 8u : push.level < 5 ? 4u : 1u;
-    uint end = by_tiles ? WORD(listed_words, lists, push.at + 3u) : counts.word[4u * uint(push.level) + 3u];
+    uint lanes = !EMPTY ? 1u : push.level < 4 ? 8u : push.level < 5 ? 4u : 1u;
+    uint end = EMPTY ? WORD(listed_words, lists, push.at + 3u) : counts.word[4u * uint(push.level) + 3u];
     uint n = (64u * gl_WorkGroupID.x + gl_LocalInvocationID.x) / lanes;
     if (n < end) for (;;) {
-        if (by_tiles) judge_tile(n, gl_LocalInvocationID.x % lanes, lanes);
+        if (EMPTY) judge_tile(n, gl_LocalInvocationID.x % lanes, lanes);
         else judge_point(n);
         n += 64u / lanes * gl_NumWorkGroups.x;
         if (n >= end) break;

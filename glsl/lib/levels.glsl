@@ -26,3 +26,32 @@ ivec2 level_corner(ivec2 size, int level) {
 int at_edge(int at, int side) {
     return clamp(at, 0, side - 1);
 }
+
+// What a level says of a pixel.
+const uint TOO_FEW = 0u;
+const uint UNDECIDED = 1u;
+const uint OPEN = 2u;
+const uint CLOSED = 3u;
+
+const float EIGHTH_OF_DISC = 0.39269908;
+// Where every neighbour leads the density is unknown, but not infinite.
+const float MOST_SHARE = 0.93;
+
+// Judges a pixel by what leads in a kernel (passes/visibility.rs has the rule): how many points, how many neighbours they have there and how many of those pairs lead, the squares of the distances
+// to the nearest in each sector, in cells, and the solid angle that is left, in sectors' hemispheres.
+uint verdict(int leaders, int fewest, int pairs, int neighbours, float squares, float cones, float closed, float expected) {
+    float share = min(2.0 * float(pairs) / float(max(neighbours, 1)), MOST_SHARE);
+    bool is_open = share * squares * EIGHTH_OF_DISC >= expected * sqrt(1.0 - share);
+    return leaders < fewest ? TOO_FEW : is_open ? OPEN : cones < closed ? CLOSED : UNDECIDED;
+}
+
+// Leaves points to the next level, whose words in `counts` are an indirect dispatch and their number: `place` is that of the first.
+#define LEAVE(counts, next, many, place) { \
+    uint words = 4u * uint(next); \
+    place = atomicAdd(counts.word[words + 3u], many); \
+    if (place / 64u != (place + many) / 64u || place % 64u == 0u) { \
+        atomicMax(counts.word[words], min((place + many) / 64u + 1u, MOST_GROUPS)); \
+        counts.word[words + 1u] = 1u; \
+        counts.word[words + 2u] = 1u; \
+    } \
+}

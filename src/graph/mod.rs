@@ -232,11 +232,13 @@ impl Drop for Gpu {
     }
 }
 
-/// Workgroups of passes that the device decides on as one.
+/// Passes that the device decides on as one.
 struct Gate {
+    /// Those that they want, and the buffer that will hold them.
     wanted: ResourceId,
+    words: Vec<[u32; 3]>,
+    /// Those that they get.
     groups: ResourceId,
-    passes: usize,
 }
 
 /// Passes of one gate at most.
@@ -256,6 +258,8 @@ pub struct Graph<'g> {
     progress: Option<&'g dyn Progress>,
     /// Where passes are recorded that the device may skip.
     gate: Option<Gate>,
+    /// Contents of upload buffers that are known when all has been recorded.
+    wanted: Vec<(ResourceId, Vec<[u32; 3]>)>,
     /// What passes keep to that can.
     within: Option<Within>,
     again: Option<Again>,
@@ -275,6 +279,7 @@ impl<'g> Graph<'g> {
             keeps: Vec::new(),
             progress: None,
             gate: None,
+            wanted: Vec::new(),
             within: None,
             again: None,
             without_barriers: false,
@@ -435,20 +440,20 @@ impl<'g> Graph<'g> {
         self.passes.last_mut().expect("pushed").own_pixels = matches!(tiles, Tiles::Own);
     }
 
-    /// Passes that run only where the device says so: `decide` records a pass from the workgroups that they want to those that they get, three words a pass.
+    /// Records passes that run only where the device says so: `decide` records a pass from the workgroups that they want to those that they get, three words a pass. Within another gate, that one decides.
     /// What only they write is undefined where they do not run. Clears and copies run in any case.
-    pub fn gated<T>(
-        &mut self,
-        decide: impl FnOnce(&mut Self, &Buffer, &mut Buffer, u32),
-        record: impl FnOnce(&mut Self) -> Result<T>,
-    ) -> Result<T> {
-        assert!(self.gate.is_none(), "a gate within a gate");
-        let wanted = self.upload("wanted groups", &[[0u32; 3]; GATED_PASSES])?;
-        let mut groups = self.buffer("groups", wanted.desc.bytes);
+    pub fn gated<T>(&mut self, decide: impl FnOnce(&mut Self, &Buffer, &mut Buffer, u32), record: impl FnOnce(&mut Self) -> T) -> T {
+        if self.gate.is_some() {
+            return record(self);
+        }
+        let desc = BufferDesc { bytes: size_of::<[[u32; 3]; GATED_PASSES]>() as u64, place: Place::Upload };
+        let wanted = Buffer { id: self.add("wanted groups", Shape::Buffer(desc)), desc };
+        let mut groups = self.buffer("groups", desc.bytes);
         decide(self, &wanted, &mut groups, 3 * GATED_PASSES as u32);
-        self.gate = Some(Gate { wanted: wanted.id, groups: groups.id, passes: 0 });
+        self.gate = Some(Gate { wanted: wanted.id, groups: groups.id, words: Vec::new() });
         let recorded = record(self);
-        self.gate = None;
+        let gate = self.gate.take().expect("put there");
+        self.wanted.push((gate.wanted, gate.words));
         recorded
     }
 
@@ -474,12 +479,9 @@ impl<'g> Graph<'g> {
     /// The workgroups of a pass, or where the device finds them.
     fn gate(&mut self, groups: [u32; 3]) -> Groups {
         let Some(gate) = &mut self.gate else { return Groups::Fixed(groups) };
-        assert!(gate.passes < GATED_PASSES, "more than {GATED_PASSES} passes behind one gate");
-        let byte = size_of_val(&groups) * gate.passes;
-        gate.passes += 1;
-        let (_, raw) = self.uploads.iter_mut().find(|(id, _)| *id == gate.wanted).expect("uploaded by gated");
-        raw.bytes_mut()[byte..][..size_of_val(&groups)].copy_from_slice(bytemuck::bytes_of(&groups));
-        Groups::Listed(gate.groups, byte as u64)
+        assert!(gate.words.len() < GATED_PASSES, "more than {GATED_PASSES} passes behind one gate");
+        gate.words.push(groups);
+        Groups::Listed(gate.groups, (size_of_val(&groups) * (gate.words.len() - 1)) as u64)
     }
 
     /// A pass that sets every word of a buffer.
@@ -589,7 +591,13 @@ impl<'g> Graph<'g> {
         running.finish(gpu)
     }
 
-    fn begin(self, wanted: &[ResourceId]) -> Result<(Running, &'g mut Gpu)> {
+    fn begin(mut self, wanted: &[ResourceId]) -> Result<(Running, &'g mut Gpu)> {
+        for (id, words) in std::mem::take(&mut self.wanted) {
+            let Shape::Buffer(desc) = self.resources[id.0].shape else { unreachable!("made by gated") };
+            let mut raw = self.gpu.memory.buffer(&self.gpu.device, desc, "wanted groups")?;
+            raw.bytes_mut()[..size_of_val(&words[..])].copy_from_slice(bytemuck::cast_slice(&words));
+            self.uploads.push((id, raw));
+        }
         let mut wanted = wanted.to_vec();
         wanted.extend(self.resources.iter().enumerate().filter_map(|(i, resource)| match resource.shape {
             Shape::Buffer(BufferDesc { place: Place::Download, .. }) => Some(ResourceId(i)),

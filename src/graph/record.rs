@@ -59,7 +59,21 @@ pub struct Running {
 }
 
 pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g mut Gpu)> {
-    let Graph { gpu, passes, work, resources, uploads, imports, keeps, progress, gate: _, within: _, again: _, without_barriers } = graph;
+    let Graph {
+        gpu,
+        passes,
+        work,
+        resources,
+        uploads,
+        imports,
+        keeps,
+        progress,
+        gate: _,
+        wanted: _,
+        within: _,
+        again: _,
+        without_barriers,
+    } = graph;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
     let mut realised = Realised::default();
     let begun = realise(gpu, &plan, &resources, uploads, &imports, &mut realised)

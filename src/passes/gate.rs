@@ -1,12 +1,11 @@
 //! A COUNT -> whether passes run, and where: what the device finds empty costs it one look, and the CPU need not wait to hear of it.
 
 use super::{LIST_HEADER, TILE_PX, tiles};
-use crate::error::Result;
 use crate::graph::{Area, Buffer, Graph, Image, Tiles};
 use crate::shader::{self, cover, gate::Push, list};
 
 /// Passes that run only where the count, the buffer's first word, is not 0.
-pub fn only_where<T>(g: &mut Graph, count: &Buffer, record: impl FnOnce(&mut Graph) -> Result<T>) -> Result<T> {
+pub fn only_where<T>(g: &mut Graph, count: &Buffer, record: impl FnOnce(&mut Graph) -> T) -> T {
     let decide = |g: &mut Graph, wanted: &Buffer, groups: &mut Buffer, words: u32| {
         g.run(shader::Gate { count, wanted, groups, push: Push { words } }, Tiles::Groups([words.div_ceil(64), 1, 1]));
     };

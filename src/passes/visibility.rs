@@ -21,7 +21,8 @@
 //! least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
 use super::{
-    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, significant, tiles,
+    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, gate, significant,
+    tiles,
 };
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::shader::{self, Tile, assign, classify, hide, pack_depth, pyramid, visibility, visibility_levels};
@@ -179,18 +180,16 @@ fn beside_masks(scene: &Scene) -> Reason {
 pub fn record(g: &mut Graph, scene: &Scene, asked: &Settings, mut layers: Layers) -> Layers {
     let settings = &if layers.front.is_some() { behind(asked, layers.spacing_px[1]) } else { *asked };
     let mut judged = Judged::new(g, scene.view, settings, &layers);
-    if is_single(settings) {
-        judged.at_once(g, &layers.depth);
-    } else {
-        let projected = Pyramid::of(g, &layers.depth, settings);
-        judged.by_levels(g, &layers.depth, &projected, Subject::Points);
-        for _ in 1..ROUNDS {
-            judged.hide(g, &mut layers, false);
-            let left = Pyramid::of(g, &layers.depth, settings);
-            judged.by_levels(g, &layers.depth, &left, Subject::Points);
-        }
-        // What was hidden covers its pixel all the same.
-        judged.by_levels(g, &layers.depth, &projected, Subject::Empty);
+    judged.points(g, &layers.depth, 0);
+    if !is_single(settings) {
+        judged.empties(g, &layers.depth);
+        let holes = judged.holes.again();
+        gate::only_where(g, &holes, |g| {
+            for round in 1..ROUNDS {
+                judged.hide(g, &mut layers, false);
+                judged.points(g, &layers.depth, round);
+            }
+        });
     }
     judged.hide(g, &mut layers, true);
     let Judged { holes, kernels, .. } = judged;
@@ -247,8 +246,12 @@ struct Judged<'s> {
     holes: Buffer,
     /// Two words a tile, a bit a pixel (glsl/lib/tile.glsl).
     invisible: Buffer,
-    /// The same: points that may be hidden. All may be at first, and then those that something leads.
+    /// The same: points that may be hidden. All may be at first, and then those that enough leads.
     candidates: Buffer,
+    /// The same, for every level: pixels without a point that it has decided.
+    decided: Buffer,
+    /// Of the picture before anything was hidden.
+    projected: Option<Pyramid>,
     /// Of every tile with invisible pixels the width of the kernel that has found some, pixels.
     kernels: Buffer,
 }
@@ -265,6 +268,7 @@ impl<'s> Judged<'s> {
         let holes = filled("holes", LIST_HEADER as u64 + count, 0);
         let [invisible, candidates] = [("invisible", 0), ("candidates", u32::MAX)].map(|(name, word)| filled(name, 2 * count, word));
         let kernels = filled("kernels", count, 0);
+        let decided = filled("decided", 2 * count, 0);
         let mut tiles = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count);
         let perspective = view.camera.projection == Projection::Perspective;
         let push =
@@ -274,7 +278,21 @@ impl<'s> Judged<'s> {
         g.run(shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec }, Tiles::Groups([count.div_ceil(64) as u32, 1, 1]));
         let sparsest = if layers.front.is_none() { SPARSEST } else { SPARSEST_BEHIND };
         let widest_px = layers.spacing_px[1];
-        Judged { sparsest, widest_px, view, settings, across, perspective, tiles, holes, invisible, candidates, kernels }
+        Judged {
+            sparsest,
+            widest_px,
+            view,
+            settings,
+            across,
+            perspective,
+            tiles,
+            holes,
+            invisible,
+            candidates,
+            kernels,
+            decided,
+            projected: None,
+        }
     }
 
     fn count(&self) -> u32 {
@@ -294,7 +312,7 @@ impl<'s> Judged<'s> {
     }
 
     /// Which pixels are to be judged, and the tiles that each level has to look at: a list a level.
-    fn assign(&self, g: &mut Graph, pyramid: &Pyramid, subject: Subject) -> [Buffer; 2] {
+    fn assign(&self, g: &mut Graph, pyramid: &Pyramid, subject: Subject, round: u32) -> [Buffer; 2] {
         let count = self.count();
         let mut asked = g.buffer("asked", 12 * count as u64);
         let mut lists = g.buffer(
@@ -309,132 +327,156 @@ impl<'s> Judged<'s> {
             px_per_unit: self.px_per_unit(),
             stride: stride(self.across),
             levels: self.settings.levels as i32,
+            fewest: if is_single(self.settings) { 1 } else { fewest(self.settings, subject) },
             own: STEEPEST as f32,
             sparsest: if subject == Subject::Points { self.sparsest } else { self.sparsest.min(SPARSEST_AROUND) } as f32,
             widest: self.widest_px as f32,
+            empties: (subject == Subject::Points && round == 0) as u32,
             all: (self.settings.tiles == Looked::All) as u32,
         };
         let spec = assign::Spec { radius: self.radius(), perspective: self.perspective, empty: subject == Subject::Empty };
-        let (Judged { tiles, candidates, invisible, .. }, Pyramid { depth: pyramid, places }) = (self, pyramid);
+        let (Judged { tiles, invisible, .. }, Pyramid { depth: pyramid, places }) = (self, pyramid);
+        let candidates = if subject == Subject::Points { &self.candidates } else { &self.decided };
         let shader = shader::Assign { tiles, pyramid, places, candidates, invisible, asked: &mut asked, lists: &mut lists, push, spec };
         g.run(shader, Tiles::Groups([count.div_ceil(64), 1, 1]));
         [asked, lists]
     }
 
-    /// One kernel over the picture.
-    fn at_once(&mut self, g: &mut Graph, depth: &Image) {
-        let Settings { sectors, threshold, holes, kernel, .. } = *self.settings;
+    /// The picture itself: the paper's single kernel, or the finest level of a pyramid, which leaves points to the next one.
+    fn picture(&mut self, g: &mut Graph, depth: &Image, [asked, lists]: [&Buffer; 2], left: &mut Left, round: u32) {
+        let Settings { sectors, threshold, holes, kernel, expected, levels, .. } = *self.settings;
         let (size, across) = (self.view.size, self.across);
-        let pyramid = Pyramid::of(g, depth, self.settings);
-        let [_, lists] = self.assign(g, &pyramid, Subject::Points);
         let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
         let mut packed_depth = g.image("packed depth", packed_size, Kind::Rgba32f);
         let push = pack_depth::Push { size, packed_size, margin: MARGIN_PX as i32 };
         g.run(shader::PackDepth { depth, packed_depth: &mut packed_depth, push }, Tiles::All);
-        let sectors = if sectors < 8.0 {
-            4
-        } else if sectors < 16.0 {
-            8
-        } else {
-            16
+        let single = is_single(self.settings);
+        let sectors = match sectors {
+            _ if !single => SECTORS as u32,
+            few if few < 8.0 => 4,
+            some if some < 16.0 => 8,
+            _ => 16,
         };
         let in_sectors = |steradians: f64| (steradians * sectors as f64 / TAU) as f32;
+        let own_slope = if single { own_slope(self.settings, Kernel::of_width(kernel as u32)) } else { STEEPEST };
+        // Of the tiles that any level asks for.
+        let at = if single { 0 } else { levels as u32 * stride(across) };
         let push = visibility::Push {
             size,
             centre: self.centre(),
             tiles_across: across[0],
+            at,
+            empties: (round == 0) as u32,
             px_per_unit: self.px_per_unit(),
             threshold: in_sectors(threshold),
             hole: in_sectors(holes),
-            own_slope: own_slope(self.settings, Kernel::of_width(kernel as u32)).powi(2) as f32,
+            own_slope: own_slope.powi(2) as f32,
+            expected: expected as f32,
+            fewest: [Subject::Points, Subject::Empty].map(|subject| fewest(self.settings, subject)),
         };
-        let spec = visibility::Spec { radius: self.radius(), sectors, perspective: self.perspective, texels: g.gpu.device.texels };
-        let Judged { holes, invisible, kernels, .. } = self;
-        g.run(
-            shader::Visibility {
-                depth,
-                packed_depth: &packed_depth,
-                lists: &lists,
-                listed_words: &lists,
-                holes,
-                invisible,
-                kernels,
-                push,
-                spec,
-            },
-            Tiles::From(&lists, 0),
-        );
+        let texels = g.gpu.device.texels;
+        let spec = visibility::Spec { radius: self.radius(), sectors, perspective: self.perspective, texels, finest: !single };
+        let Judged { holes, invisible, kernels, decided, candidates: led, .. } = self;
+        let Left { to, counts, .. } = left;
+        let packed_depth = &packed_depth;
+        let shader = shader::Visibility {
+            depth,
+            packed_depth,
+            lists,
+            listed_words: lists,
+            holes,
+            invisible,
+            kernels,
+            asked,
+            asked_words: asked,
+            to,
+            counts,
+            decided,
+            led,
+            push,
+            spec,
+        };
+        g.run(shader, Tiles::From(lists, at));
     }
 
-    /// Every level of the pyramid, from the finest on.
-    fn by_levels(&mut self, g: &mut Graph, depth: &Image, pyramid: &Pyramid, subject: Subject) {
-        let Settings { threshold, holes: hole, expected, levels, .. } = *self.settings;
-        let [asked, lists] = self.assign(g, pyramid, subject);
-        let bits = 2 * self.count();
-        let mut zeros = |name: &str, words: u32| {
-            let mut buffer = g.buffer(name, 4 * words as u64);
-            g.fill(&mut buffer, 0);
-            buffer
-        };
-        let empty = subject == Subject::Empty;
-        let (mut decided, mut led) = (zeros("decided", if empty { levels as u32 * bits } else { 1 }), zeros("led", bits));
-        let (mut counts, mut from) = (zeros("counts", LIST_HEADER * (levels as u32 + 1)), zeros("no points", 1));
-        // Points that are left from level to level.
-        let room = if empty { 4 } else { 4 * self.view.size[0] as u64 * self.view.size[1] as u64 };
-        let [mut to, spare] = ["points left", "points left over"].map(|name| g.buffer(name, room));
-        let mut spare = Some(spare);
-        let least = if empty { hole } else { threshold };
-        for level in 0..levels as u32 {
-            // Points are listed by tiles for the first level, and one by one for the others.
-            let (list, tiles) = if empty { (level, true) } else { (levels as u32, level == 0) };
-            let at = list * stride(self.across);
-            let push = visibility_levels::Push {
-                size: self.view.size,
-                centre: self.centre(),
-                tiles_across: self.across[0],
-                level: level as i32,
-                at,
-                stride: bits,
-                px_per_unit: self.px_per_unit(),
-                closed: (least * SECTORS / TAU) as f32,
-                expected: expected as f32,
-                own_slope: STEEPEST.powi(2) as f32,
-            };
-            let spec = visibility_levels::Spec {
-                radius: self.radius(),
-                perspective: self.perspective,
-                finest: level == 0,
-                empty,
-                texels: g.gpu.device.texels,
-            };
-            let (earlier, counted) = (decided.racing(), counts.racing());
-            let Judged { holes, invisible, kernels, .. } = self;
-            let (asked, lists, Pyramid { depth: pyramid, places }) = (&asked, &lists, pyramid);
-            let shader = shader::VisibilityLevels {
-                depth,
-                pyramid,
-                places,
-                asked,
-                asked_words: asked,
-                lists,
-                listed_words: lists,
-                holes,
-                from: &from,
-                from_words: &from,
-                to: &mut to,
-                counts: &mut counts,
-                decided: &mut decided,
-                decided_words: &earlier,
-                invisible,
-                led: &mut led,
-                kernels,
-                push,
-                spec,
-            };
-            g.run(shader, if tiles { Tiles::From(lists, at) } else { Tiles::From(&counted, LIST_HEADER * level) });
-            from = std::mem::replace(&mut to, spare.take().unwrap_or(from));
+    /// Points, by every level of the pyramid, from the finest on.
+    fn points(&mut self, g: &mut Graph, depth: &Image, round: u32) {
+        let pyramid = Pyramid::of(g, depth, self.settings);
+        let lists = self.assign(g, &pyramid, Subject::Points, round);
+        self.candidates = zeros(g, "led", 2 * self.count());
+        let mut left = Left::new(g, self.settings, self.view.size);
+        self.picture(g, depth, [&lists[0], &lists[1]], &mut left, round);
+        for level in 1..self.settings.levels as u32 {
+            left.turn();
+            self.level(g, depth, &pyramid, [&lists[0], &lists[1]], &mut left, Subject::Points, level);
         }
-        self.candidates = led;
+        self.projected.get_or_insert(pyramid);
+    }
+
+    /// Pixels without a point, by the levels after the finest: what was hidden covers its pixel all the same.
+    fn empties(&mut self, g: &mut Graph, depth: &Image) {
+        let Some(pyramid) = self.projected.take() else { return };
+        let lists = self.assign(g, &pyramid, Subject::Empty, 0);
+        let mut left = Left::none(g);
+        self.decided = zeros(g, "decided", self.settings.levels as u32 * 2 * self.count());
+        for level in 1..self.settings.levels as u32 {
+            self.level(g, depth, &pyramid, [&lists[0], &lists[1]], &mut left, Subject::Empty, level);
+        }
+    }
+
+    /// One level of the pyramid, but the finest.
+    #[expect(clippy::too_many_arguments, reason = "what a level reads and writes")]
+    fn level(
+        &mut self,
+        g: &mut Graph,
+        depth: &Image,
+        Pyramid { depth: pyramid, places }: &Pyramid,
+        [asked, lists]: [&Buffer; 2],
+        left: &mut Left,
+        subject: Subject,
+        level: u32,
+    ) {
+        let empty = subject == Subject::Empty;
+        let at = level * stride(self.across);
+        let push = visibility_levels::Push {
+            size: self.view.size,
+            centre: self.centre(),
+            tiles_across: self.across[0],
+            level: level as i32,
+            at,
+            stride: 2 * self.count(),
+            px_per_unit: self.px_per_unit(),
+            closed: closed(self.settings, subject) as f32,
+            fewest: fewest(self.settings, subject),
+            expected: self.settings.expected as f32,
+            own_slope: STEEPEST.powi(2) as f32,
+        };
+        let spec = visibility_levels::Spec { radius: self.radius(), perspective: self.perspective, empty, texels: g.gpu.device.texels };
+        let Left { from, to, counts } = left;
+        let (earlier, counted) = (self.decided.racing(), counts.racing());
+        let Judged { holes, invisible, kernels, decided, candidates: led, .. } = self;
+        let shader = shader::VisibilityLevels {
+            depth,
+            pyramid,
+            places,
+            asked,
+            asked_words: asked,
+            lists,
+            listed_words: lists,
+            holes,
+            from,
+            from_words: from,
+            to,
+            counts,
+            decided,
+            decided_words: &earlier,
+            invisible,
+            led,
+            kernels,
+            push,
+            spec,
+        };
+        g.run(shader, if empty { Tiles::From(lists, at) } else { Tiles::From(&counted, LIST_HEADER * level) });
     }
 
     /// Takes what is invisible out of the depths, or out of all layers.
@@ -449,9 +491,52 @@ impl<'s> Judged<'s> {
 /// Of the kernels on a pyramid.
 const SECTORS: f64 = 8.0;
 
+/// Empty solid angle below which a pixel is invisible, in hemispheres' shares of a sector: 1 is a sector without a leading point.
+fn closed(settings: &Settings, subject: Subject) -> f64 {
+    let steradians = if subject == Subject::Empty { settings.holes } else { settings.threshold };
+    steradians * SECTORS / TAU
+}
+
+/// Leading points that it takes at least: one in each sector but those that may be empty.
+fn fewest(settings: &Settings, subject: Subject) -> i32 {
+    ((SECTORS - closed(settings, subject)).floor() as i32 + 1).clamp(1, SECTORS as i32)
+}
+
 /// Words from list to list.
 fn stride(across: [u32; 2]) -> u32 {
     LIST_HEADER + across[0] * across[1]
+}
+
+fn zeros(g: &mut Graph, name: &str, words: u32) -> Buffer {
+    let mut buffer = g.buffer(name, 4 * words as u64);
+    g.fill(&mut buffer, 0);
+    buffer
+}
+
+/// Points that are left from level to level.
+struct Left {
+    from: Buffer,
+    to: Buffer,
+    /// Of each level an indirect dispatch, and how many points are left to it.
+    counts: Buffer,
+}
+
+impl Left {
+    fn new(g: &mut Graph, settings: &Settings, size: [u32; 2]) -> Left {
+        let room = if is_single(settings) { 4 } else { 4 * size[0] as u64 * size[1] as u64 };
+        let [from, to] = ["points left over", "points left"].map(|name| g.buffer(name, room));
+        Left { from, to, counts: zeros(g, "counts", LIST_HEADER * (settings.levels as u32 + 1)) }
+    }
+
+    fn none(g: &mut Graph) -> Left {
+        let [from, to, counts] = ["no points", "no points left", "no counts"].map(|name| zeros(g, name, 4));
+        Left { from, to, counts }
+    }
+
+    /// Passes what one level has left to the next.
+    fn turn(&mut self) {
+        std::mem::swap(&mut self.from, &mut self.to);
+    }
 }
 
 /// The nearest points of every level but the picture itself: depths, and where they lie (glsl/lib/levels.glsl).

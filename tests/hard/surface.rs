@@ -111,7 +111,7 @@ fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
             let random = &mut Random(0x0517);
             let (edge, far) = (63, 10.0);
             let px = if perspective { far / view.focal_px() } else { 1.0 / view.focal_px() };
-            let near = far - 60.0 * px;
+            let near = far - 20.0 * px;
             let depths: Vec<_> = (0..127 * 61)
                 .map(|i| {
                     let (strewn, hidden) = (random.bits().is_multiple_of(5), random.bits().is_multiple_of(5));

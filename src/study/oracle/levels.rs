@@ -2,7 +2,7 @@
 //!
 //! The rule is that of glsl/visibility_levels.comp, level by level, two rounds for points and one for pixels without. Where f32 may decide either way, what depends on that is not known either: [`Verdict::InBand`].
 
-use super::visibility::{Verdict, sector};
+use super::visibility::{Verdict, mirrored, sector};
 use crate::passes::visibility::{SPARSEST, SPARSEST_AROUND, STEEPEST, Settings};
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, TAU};
@@ -54,7 +54,7 @@ impl Level {
 /// What a level says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Said {
-    LeadsNothing,
+    TooFew,
     Undecided,
     Open,
     Closed,
@@ -144,15 +144,15 @@ impl Pyramid {
         Pyramid { levels }
     }
 
-    /// What the first level says that decides, and whether anything leads.
+    /// What the first level says that decides, and whether enough leads to be judged again.
     fn judge(&self, view: &View, settings: &Settings, i: usize, levels: usize, subject: Subject) -> (Said, bool) {
         let width = view.size[0] as i64;
         let pixel = [i as i64 % width, i as i64 / width];
         let mut led = false;
         for level in 0..levels {
             let said = self.at_level(view, settings, pixel, level, subject);
-            led |= said != Said::LeadsNothing;
-            if said != Said::LeadsNothing && said != Said::Undecided {
+            led |= said != Said::TooFew;
+            if said != Said::TooFew && said != Said::Undecided {
                 return (said, led);
             }
         }
@@ -178,7 +178,11 @@ impl Pyramid {
                 continue;
             }
             let cell = [x / side + dx, y / side + dy];
-            let inside = [0, 1].map(|axis| cell[axis].clamp(0, level.size[axis] - 1));
+            // Beyond the edge the picture is as in a mirror, and its coarser levels go on as they end.
+            let inside = [0, 1].map(|axis| match number {
+                0 => mirrored(cell[axis], level.size[axis]),
+                _ => cell[axis].clamp(0, level.size[axis] - 1),
+            });
             let Cell { point, sure } = level.at(inside[0], inside[1]);
             if !sure {
                 return Said::Either;
@@ -211,8 +215,11 @@ impl Pyramid {
             most[sector] = Some(most[sector].map_or(ratio, |most| most.max(ratio)));
             nearest[sector] = nearest[sector].min(distance);
         }
-        if leads.is_empty() {
-            return Said::LeadsNothing;
+        let closed = if own.is_some() { settings.threshold } else { settings.holes } * SECTORS as f64 / TAU;
+        // Each closes one sector at most.
+        let fewest = ((SECTORS as f64 - closed).floor() as i64 + 1).clamp(1, SECTORS as i64);
+        if (leads.len() as i64) < fewest {
+            return Said::TooFew;
         }
         let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
         let in_kernel = |at: &(i64, i64)| at.0.abs() <= radius && at.1.abs() <= radius;
@@ -227,7 +234,6 @@ impl Pyramid {
             (Some(cotangent), _) => 1.0 - cotangent / (1.0 + cotangent * cotangent).sqrt(),
         };
         let cones: f64 = most.iter().map(cone).sum();
-        let closed = if own.is_some() { settings.threshold } else { settings.holes } * SECTORS as f64 / TAU;
         let near = |a: f64, b: f64| (a - b).abs() <= BAND * a.abs().max(b.abs());
         match (there >= needed, cones < closed) {
             _ if near(there, needed) => Said::Either,
