@@ -30,6 +30,8 @@ layout(rgba32f) writeonly uniform image2D to_depth;
 layout(rgba32f) writeonly uniform image2D to_color;
 
 layout(constant_id = 0) const bool TEXELS = true;
+// True where colours are labels, which are never mixed.
+layout(constant_id = 1) const bool LABELS = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 tiles;
@@ -126,7 +128,7 @@ Changes work(uint tile) {
                 float z = mix(z0 + step, z0, abs(step) * at_rest < tolerance);
                 bool mean = filling[p] != none[p];
                 next[p] = mix(next[p], floatBitsToUint(z) | FILLING, mean);
-                next_colors[p] = mix(next_colors[p], pack_light(light * share, opacity_bits(colors[c])), mean);
+                if (!LABELS) next_colors[p] = mix(next_colors[p], pack_light(light * share, opacity_bits(colors[c])), mean);
             }
             if (any(none)) {
                 [[unroll]] for (int p = 0; p < 4; ++p) {

@@ -23,6 +23,8 @@ layout(rgba32f) writeonly uniform image2D color;
 layout(constant_id = 0) const bool PERSPECTIVE = true;
 // True for level 1, which is made of the picture.
 layout(constant_id = 1) const bool FIRST = true;
+// True where colours are labels, which are never mixed.
+layout(constant_id = 2) const bool LABELS = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 fine_size;
@@ -59,6 +61,8 @@ void main() {
     float sum = 0.0;
     vec2 offset = vec2(0.0);
     vec4 colors = vec4(0.0);
+    vec4 label = vec4(0.0);
+    float labelled = 0.0;
     [[unroll]] for (int k = 0; k < 4; ++k) {
         float z = place[k].x;
         bool has = place[k].w > 0.0 && abs(z - like) <= tolerance;
@@ -68,10 +72,14 @@ void main() {
         sum += has ? part : 0.0;
         offset += has ? 0.5 * (place[k].yz + vec2(k % 2, k / 2) - 0.5) : vec2(0.0);
         colors += has ? c : vec4(0.0);
+        // The label of most pixels.
+        bool more = has && place[k].w > labelled;
+        label = more ? c : label;
+        labelled = more ? place[k].w : labelled;
     }
     bool valued = count > 0.0;
     float many = max(count, 1.0);
     float mean = PERSPECTIVE ? like / (valued ? sum / many : 1.0) : like + sum / many;
     imageStore(places, cell, vec4(valued ? mean : uintBitsToFloat(BACKGROUND_BITS), offset / many, most));
-    imageStore(color, cell, colors / many);
+    imageStore(color, cell, LABELS ? label : colors / many);
 }

@@ -26,6 +26,8 @@ layout(constant_id = 0) const bool PERSPECTIVE = true;
 // The coarsest level has none above it.
 layout(constant_id = 1) const bool COARSEST = false;
 layout(constant_id = 2) const bool PICTURE = false;
+// True where colours are labels, which are never mixed.
+layout(constant_id = 3) const bool LABELS = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 coarse_size;
@@ -85,8 +87,7 @@ void main() {
     }
     bool filling = !has_own && (!PICTURE || own == UNKNOWN_BITS || push.flood == 1u);
     float z = has_own && !PICTURE ? in_middle(place, parent) : place.x;
-    // A loop for a condition: lavapipe leaves a loop that no lane runs, and walks through a branch that none takes.
-    for (; filling; filling = false) {
+    if (filling) {
         ivec2 toward = 2 * (cell % 2) - 1;
         float from[4];
         vec4 c[4];
@@ -102,6 +103,8 @@ void main() {
         float weights = 0.0;
         float sum = 0.0;
         vec4 colors = vec4(0.0);
+        vec4 label = vec4(0.0);
+        float heaviest = 0.0;
         [[unroll]] for (int k = 0; k < 4; ++k) {
             bool has = has_depth(floatBitsToUint(from[k]));
             float difference = has ? from[k] - like : 0.0;
@@ -109,10 +112,12 @@ void main() {
             weights += weight;
             sum += weight * (PERSPECTIVE ? like / (like + difference) : difference);
             colors += weight * c[k];
+            label = weight > heaviest ? c[k] : label;
+            heaviest = max(heaviest, weight);
         }
         float mean = PERSPECTIVE ? like / (reached ? sum / weights : 1.0) : like + sum / max(weights, 1.0);
         z = reached ? mean : NONE;
-        own_color = reached ? colors / max(weights, 1.0) : vec4(0.0);
+        own_color = reached ? (LABELS ? label : colors / max(weights, 1.0)) : vec4(0.0);
     }
     imageStore(filled_depth, cell, vec4(z));
     imageStore(filled_color, cell, own_color);

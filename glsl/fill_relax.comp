@@ -33,7 +33,7 @@ void main() {
     float z0 = imageLoad(from_depth, cell).r;
     float z = z0;
     bool has_own = has_depth(floatBitsToUint(own)) && own > 0.0;
-    for (bool smooths = !has_own && has_depth(floatBitsToUint(z0)); smooths; smooths = false) {
+    if (!has_own && has_depth(floatBitsToUint(z0))) {
         float tolerance = push.relative == 1u ? push.tolerance * z0 : push.tolerance;
         // Where there is no tolerance, only equal depths are of one surface.
         float strictness = tolerance > 0.0 ? min(1.0 / tolerance, 3.402823466e38) : 3.402823466e38;

@@ -170,10 +170,12 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         Method::Pintus => {}
         Method::Dobrev => return dobrev::record(g, scene, settings, layers),
         Method::Splat => return splat::record(g, view, settings, layers),
-        Method::Auto | Method::Pullpush => return pullpush::record(g, view, settings, layers),
+        Method::Auto | Method::Pullpush => return pullpush::record(g, view, settings, scene.shown.is_label(), layers),
     }
     let Some(holes) = &layers.holes else { return layers };
-    let filled: Vec<_> = layers.colors().map(|color| pintus(g, view, settings, holes, &layers.depth, color)).collect();
+    let labels = [scene.shown.is_label(), false];
+    let filled: Vec<_> =
+        layers.colors().zip(labels).map(|(color, labels)| pintus(g, view, settings, holes, &layers.depth, color, labels)).collect();
     let Layers { mut depth, mut color, mut reached, .. } = layers;
     for (color, [filled_depth, filled_color]) in [Some(&mut color), reached.as_mut()].into_iter().flatten().zip(&filled) {
         let push = fill_close::Push { size: view.size, tiles_across: tiles(view.size)[0] };
@@ -184,7 +186,15 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
 }
 
 /// Depths and colours with what steps have filled, in the form that they go back and forth in.
-fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth: &Image, color: &Image) -> [Image; 2] {
+fn pintus(
+    g: &mut Graph,
+    view: &View,
+    settings: &Settings,
+    holes: &Holes,
+    depth: &Image,
+    color: &Image,
+    labels: bool,
+) -> [Image; 2] {
     let Holes { list: lists, kernels, widest } = holes;
     let across = tiles(view.size);
     let count = across[0] * across[1];
@@ -230,7 +240,7 @@ fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth:
                 to_depth: &mut to_depth,
                 to_color: &mut to_color,
                 push,
-                spec: fill_pintus::Spec { texels },
+                spec: fill_pintus::Spec { texels, labels },
             },
             listed,
         );

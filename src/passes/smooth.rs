@@ -133,6 +133,7 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     let (filter, often) = chosen(&asked.smooth.settings, scene.sampling.spacing_px());
     let often = if often == 1 { "once".to_string() } else { format!("{often} times") };
     let (runs, why) = match (before.runs("fill"), asked.fill.settings.method) {
+        _ if scene.shown.is_label() => (false, "what points show are labels, which are not mixed".to_string()),
         (false, _) => (false, "points are not smoothed, and no surface was filled".to_string()),
         (true, fill::Method::Dobrev) => (
             true,

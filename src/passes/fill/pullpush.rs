@@ -21,10 +21,11 @@ pub(super) fn reach_px(settings: &Settings) -> u32 {
     (2 + RELAXATIONS) << settings.levels as u32
 }
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -> Layers {
+pub fn record(g: &mut Graph, view: &View, settings: &Settings, labels: bool, layers: Layers) -> Layers {
     let flood = layers.holes.is_none();
-    let pyramid = Pyramid { view, settings, flood, perspective: view.camera.projection == Projection::Perspective };
+    let mut pyramid = Pyramid { view, settings, flood, labels, perspective: view.camera.projection == Projection::Perspective };
     let (depth, color) = pyramid.filled(g, &layers.depth, &layers.color);
+    pyramid.labels = false;
     let reached = layers.reached.as_ref().map(|reached| pyramid.filled(g, &layers.depth, reached).1);
     Layers { depth, color, reached, holes: None, ..layers }
 }
@@ -35,6 +36,8 @@ struct Pyramid<'s> {
     settings: &'s Settings,
     flood: bool,
     perspective: bool,
+    /// Colours are labels, which are never mixed.
+    labels: bool,
 }
 
 /// A level above the picture: depths with their places, and colours.
@@ -70,7 +73,7 @@ impl Pyramid<'_> {
             Level { places: g.image("pulled places", size, Kind::Rgba32f), color: g.image("pulled color", size, Kind::Rgba32f) };
         let (tolerance, relative) = tolerance(self.view, self.settings, number);
         let push = fill_pull::Push { fine_size, size, tolerance, relative };
-        let spec = fill_pull::Spec { perspective: self.perspective, first: number == 1 };
+        let spec = fill_pull::Spec { perspective: self.perspective, first: number == 1, labels: self.labels };
         let Level { places, color } = &mut level;
         g.run(shader::FillPull { depth, fine_places, fine_color, places, color, push, spec }, Tiles::All);
         level
@@ -96,7 +99,7 @@ impl Pyramid<'_> {
         let (coarse_tolerance, relative) = tolerance(self.view, self.settings, number + 1);
         let push =
             fill_push::Push { coarse_size: coarse_depth.desc.size, size, tolerance: coarse_tolerance, relative, flood: self.flood as u32 };
-        let spec = fill_push::Spec { perspective: self.perspective, coarsest: coarser.is_none(), picture };
+        let spec = fill_push::Spec { perspective: self.perspective, coarsest: coarser.is_none(), picture, labels: self.labels };
         let [filled_depth, _] = &mut filled;
         g.run(
             shader::FillPush {
