@@ -4,6 +4,7 @@ use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::core::without_strays;
 use crate::cloud::counts::Counts;
+use crate::cloud::strays::{Core, Strays};
 use crate::cloud::stream::About;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
@@ -363,17 +364,31 @@ pub fn shown(index: &Index, attribute: Attribute) -> Shown {
     let contents = &index.directory.contents;
     let stretch = match attribute {
         Attribute::Intensity => contents.intensity_stretch,
-        Attribute::Elevation => contents.elevation_stretch,
         _ => [0, 255],
     };
-    let mut shown = Shown::indexed(attribute, contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]), stretch);
+    let mut shown = match attribute {
+        Attribute::Elevation => elevation(index),
+        _ => Shown::indexed(attribute, [0.0; 2], stretch),
+    };
     // Who knows no exposures need not read which station points are of.
     shown.coded = attribute == Attribute::Rgb && contents.balance.is_some();
     shown
 }
 
-/// As [`Cloud::core_points`], of the roots' samples.
-fn core_samples(index: &Index) -> Vec<DVec3> {
+/// Heights: those of all points, or where some are strays those of the roots' other samples.
+fn elevation(index: &Index) -> Shown {
+    let contents = &index.directory.contents;
+    let (samples, core) = root_samples(index);
+    let Some(core) = core else {
+        let heights = contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]);
+        return Shown::indexed(Attribute::Elevation, heights, contents.elevation_stretch);
+    };
+    let heights = samples.into_iter().filter(|(p, _)| core.has(*p)).map(|(p, weight)| (p.z, weight as u64));
+    Shown::of_heights(heights.collect())
+}
+
+/// Samples of the roots with the points that each stands for, and the box around those that are no strays, where some are.
+fn root_samples(index: &Index) -> (Vec<(DVec3, u32)>, Option<Core>) {
     let mut samples = Vec::new();
     for root in 0..index.directory.roots as usize {
         // A root that cannot be read is said when it is drawn; until then its box will do.
@@ -382,7 +397,21 @@ fn core_samples(index: &Index) -> Vec<DVec3> {
             vec![(lo, 1), (hi, 1)]
         }));
     }
-    without_strays(samples)
+    let core = Core::of(samples.len(), |i| samples[i].0);
+    (samples, core)
+}
+
+/// Points of an index that lie far outside, by the samples of its roots.
+pub fn strays(index: &Index) -> Strays {
+    let (samples, core) = root_samples(index);
+    let Some(core) = core else { return Strays::default() };
+    let outside: Vec<(DVec3, u32)> = samples.into_iter().filter(|(p, _)| !core.has(*p)).collect();
+    Strays::listed(outside.iter().map(|&(_, weight)| weight as u64).sum(), outside.iter().map(|(p, _)| *p))
+}
+
+/// As [`Cloud::core_points`], of the roots' samples.
+fn core_samples(index: &Index) -> Vec<DVec3> {
+    without_strays(root_samples(index).0)
 }
 
 /// A source on the device.

@@ -1,15 +1,17 @@
 //! `pointillist info cloud.pnti`: what went into an index, and the tree.
 //!
-//! The JSON object has `points`, `bounds`, `spacing`, `parts`, `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would
+//! The JSON object has `points`, `bounds`, `spacing`, `strays`, `parts`, `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would
 //! need every point), of `exposures` the `balance` where it was found, where they were counted `classes` [{`class`, `points`}] and `returns` [{`return`, `points`}], and `index` {`bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
 //! `spacing`}], `planes` {name: bytes}, `leaf_points` {`least`, `median`, `most`}}.
 
 use super::info::{Bounds, Class, LISTED, Spacing, gain, listed, uneven, words};
 use crate::cloud::Station;
 use crate::cloud::counts::Counts;
+use crate::cloud::strays::Strays;
 use crate::error::{Error, Result};
 use crate::index::exposure::Balance;
 use crate::index::file::{Index, IndexedPart, PLANES};
+use crate::source;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -22,6 +24,8 @@ struct Report<'a> {
     points: u64,
     bounds: Option<Bounds>,
     spacing: Spacing,
+    /// As far as samples of the roots tell.
+    strays: Strays,
     index: Tree,
     parts: &'a [IndexedPart],
     stations: &'a [Station],
@@ -91,6 +95,7 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
         points: contents.points,
         bounds: contents.bounds.map(|[min, max]| Bounds { min, max }),
         spacing: Spacing { value: spacing(&index)?, how: HOW_SPACING },
+        strays: source::strays(&index),
         index: Tree::new(&index),
         parts: &contents.parts,
         stations: &contents.stations,
@@ -186,6 +191,7 @@ impl Report<'_> {
         if self.stations.len() > LISTED {
             line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));
         }
+        self.strays.said().into_iter().for_each(|said| line("strays", said));
         self.notes.iter().for_each(|note| line("note", note.clone()));
         out.truncate(out.trim_end().len());
         out

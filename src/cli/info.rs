@@ -12,6 +12,7 @@
 
 use super::indexed_info;
 use crate::cloud::counts::Counts;
+use crate::cloud::strays::Strays;
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
 use crate::index::exposure::{Balance, Exposures, exposures};
@@ -75,6 +76,8 @@ struct Report<'a> {
     points: u64,
     bounds: Option<Bounds>,
     spacing: Spacing,
+    /// Points that lie far outside of their part.
+    strays: Strays,
     parts: Vec<PartReport<'a>>,
     stations: &'a [Station],
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -186,6 +189,7 @@ impl<'a> Report<'a> {
             bounds: bounds(cloud.bounds()),
             spacing: Spacing { value: spacing::spacing(cloud), how: HOW_SPACING },
             parts: cloud.parts.iter().enumerate().map(|(index, part)| PartReport::new(part, index, cloud)).collect(),
+            strays: cloud.strays(),
             stations: &cloud.stations,
             exposures: exposures(cloud),
             notes: &cloud.notes,

@@ -26,6 +26,11 @@ pub const STRETCH: [f64; 2] = [0.02, 0.98];
 const ELEVATION_LEVELS: f64 = 65_535.0;
 
 impl Attribute {
+    /// Says whether values are names of kinds, which have no mean.
+    pub fn is_label(self) -> bool {
+        matches!(self, Attribute::Class | Attribute::Source | Attribute::Return)
+    }
+
     /// As `--color` says it.
     pub fn name(self) -> String {
         format!("{self:?}").to_lowercase()
@@ -69,7 +74,7 @@ impl Attribute {
 #[derive(Clone, Copy, Debug)]
 pub struct Shown {
     pub attribute: Attribute,
-    /// World heights of the whole cloud, for elevation.
+    /// World heights of the whole cloud but its strays, for elevation.
     heights: [f64; 2],
     /// The words at the ends of a ramp.
     pub stretch: [u32; 2],
@@ -150,10 +155,24 @@ pub type Words = [u32; 5];
 
 impl Shown {
     pub fn new(attribute: Attribute, cloud: &Cloud) -> Shown {
-        let heights = cloud.bounds().map_or([0.0, 0.0], |(min, max)| [min.z, max.z]);
+        let heights = match attribute {
+            Attribute::Elevation => cloud.heights(),
+            _ => None,
+        };
+        let heights = heights.unwrap_or_default();
         let coded = attribute == Attribute::Rgb && cloud.stations.len() > 1;
         let shown = Shown { attribute, heights, stretch: [0, 255], coded, further: Further::default() };
         Shown { stretch: shown.stretched(cloud), ..shown }
+    }
+
+    /// Elevation over these heights, each with how many points lie there.
+    pub fn of_heights(heights: Vec<(f64, u64)>) -> Shown {
+        let fold = |pick: fn(f64, f64) -> f64, from: f64| heights.iter().map(|&(height, _)| height).fold(from, pick);
+        let ends = [fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY)];
+        let shown = Shown::indexed(Attribute::Elevation, ends, [0, 255]);
+        let mut counts = vec![0u64; 1 << 16];
+        heights.iter().for_each(|&(height, points)| counts[shown.elevation(height) as usize & 0xFFFF] += points);
+        Shown { stretch: percentiles(&counts), ..shown }
     }
 
     /// Of an indexed cloud, whose heights and stretch are known.
@@ -283,19 +302,22 @@ impl Shown {
                 .reduce(zero, add);
             counts = add(counts, own);
         }
-        let total: u64 = counts.iter().sum();
-        STRETCH.map(|share| {
-            let wanted = (share * total as f64) as u64;
-            let mut sum = 0;
-            counts
-                .iter()
-                .position(|&count| {
-                    sum += count;
-                    sum > wanted
-                })
-                .unwrap_or(0) as u32
-        })
+        percentiles(&counts)
     }
+}
+
+/// Returns the words at the ends of [`STRETCH`], by how often each occurs.
+fn percentiles(counts: &[u64]) -> [u32; 2] {
+    let total: u64 = counts.iter().sum();
+    STRETCH.map(|share| {
+        let wanted = (share * total as f64) as u64;
+        let mut sum = 0;
+        let reached = counts.iter().position(|&count| {
+            sum += count;
+            sum > wanted
+        });
+        reached.unwrap_or(0) as u32
+    })
 }
 
 impl FromStr for Attribute {

@@ -1,5 +1,6 @@
 //! The points that a camera should frame: all but strays, since one return from a bird would push the rest into a corner.
 
+use super::strays::Core;
 use super::{Cloud, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -19,6 +20,7 @@ impl Cloud {
     pub fn core_points(&self) -> Vec<DVec3> {
         let every = self.len() / SAMPLES + 1;
         let samples: Vec<_> = self.places(|_| |q| scatter(q).is_multiple_of(every)).into_iter().map(|p| (p, 1)).collect();
+        let samples = near(samples);
         let certain = Certain::of(samples.clone());
         let mut core: Vec<DVec3> = samples.into_iter().map(|(p, _)| p).filter(|&p| certain.beyond(p) == 0.0).collect();
         // Of a spire's tip a sample would have nothing.
@@ -46,10 +48,19 @@ impl Cloud {
 
 /// Samples, each as often as the points that it stands for, without strays.
 pub fn without_strays(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
+    let samples = near(samples);
     let certain = Certain::of(samples.clone());
     let (mut core, outside): (Vec<DVec3>, Vec<DVec3>) = samples.into_iter().map(|(p, _)| p).partition(|&p| certain.beyond(p) == 0.0);
     core.extend(certain.tied(outside));
     core
+}
+
+/// Leaves out what lies far outside: of few samples one alone is more than the share that percentiles leave out.
+fn near(mut samples: Vec<(DVec3, u32)>) -> Vec<(DVec3, u32)> {
+    if let Some(core) = Core::of(samples.len(), |i| samples[i].0) {
+        samples.retain(|(p, _)| core.has(*p));
+    }
+    samples
 }
 
 /// The box between the 0.2nd and the 99.8th percentile of every axis, which no stray has made.

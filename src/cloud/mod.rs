@@ -21,6 +21,7 @@ pub mod obj;
 pub mod octahedral;
 pub mod ply;
 pub mod spacing;
+pub mod strays;
 pub mod stream;
 mod text;
 pub mod xyz;
@@ -119,6 +120,28 @@ impl Columns {
             source: cut(&self.source, &points),
             normal: cut(&self.normal, &points),
             gps_time: cut(&self.gps_time, &points),
+        }
+    }
+
+    /// A copy of these points.
+    pub fn pick(&self, points: &[u32]) -> Columns {
+        fn some<T: Copy>(column: &[T], points: &[u32]) -> Vec<T> {
+            points.iter().map(|&i| column[i as usize]).collect()
+        }
+        fn pick<T: Copy>(column: &Option<Vec<T>>, points: &[u32]) -> Option<Vec<T>> {
+            column.as_ref().map(|column| some(column, points))
+        }
+        Columns {
+            x: some(&self.x, points),
+            y: some(&self.y, points),
+            z: some(&self.z, points),
+            rgb: pick(&self.rgb, points),
+            intensity: pick(&self.intensity, points),
+            class: pick(&self.class, points),
+            returns: pick(&self.returns, points),
+            source: pick(&self.source, points),
+            normal: pick(&self.normal, points),
+            gps_time: pick(&self.gps_time, points),
         }
     }
 
@@ -264,6 +287,7 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
         for part in parts {
             let index = cloud.parts.len();
             cloud.notes.extend(bounds_note(path, &part.title(), &part.header, part.lattice, part.bounds(), options.strict)?);
+            cloud.notes.extend(part.strays().said().map(|said| format!("{}: {said}", part.title())));
             cloud.stations.extend(stations(&part, index));
             cloud.parts.push(part);
         }

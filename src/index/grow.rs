@@ -3,7 +3,7 @@
 //! ```text
 //! sort the records by Morton code, a bucket at a time                                             (`sort`)
 //! grow(cell of the kd-tree: a run of the order):
-//!   at most M points: a leaf                                     (one step wide with more, which cannot be split: several leaves; HARD_CASES 27)
+//!   at most M points: a leaf, and one of their strays            (one step wide with more, which cannot be split: several leaves; HARD_CASES 27)
 //!   else the cell's halves differ in one bit of the code: grow both, and put their open nodes together
 //!   once the open nodes hold G samples, `merge` makes a parent of them, which is then the only open node
 //! ```
@@ -17,9 +17,11 @@ use super::morton;
 use super::record::{Colors, Layout};
 use super::samples::{Derive, Derived, Samples};
 use super::sort::RadixSorter;
+use crate::cloud::strays::Core;
 use crate::cloud::{Lattice, Wanted};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
+use glam::DVec3;
 use std::sync::Arc;
 
 /// Open nodes with so many samples between them get a parent.
@@ -137,10 +139,16 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         }
         let fits = left.div_ceil(3) <= BITS_PER_PLANE * POSITION_PLANES;
         if order.len() <= POINTS_PER_PAGE as usize && fits {
-            return vec![self.leaf(order)];
+            return self.leaves(order);
         }
         if left == 0 {
-            let open = order.chunks(POINTS_PER_PAGE as usize).map(|run| self.leaf(run)).collect();
+            let open = order
+                .chunks(POINTS_PER_PAGE as usize)
+                .map(|run| {
+                    let samples = self.read(run);
+                    self.leaf(samples)
+                })
+                .collect();
             return self.parent(open);
         }
         let layout = &self.tree.layout;
@@ -153,8 +161,20 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         if joined { self.parent(open) } else { open }
     }
 
-    fn leaf(&mut self, order: &[u32]) -> Open {
-        let mut samples = self.tree.layout.read(self.records, order, self.tree.kind.has, self.station);
+    /// Makes a leaf, and where some of its points are strays another one of these: else they would decide how wide it is.
+    fn leaves(&mut self, order: &[u32]) -> Vec<Open> {
+        let samples = self.read(order);
+        let place = |i: usize| DVec3::from_array(samples.q[i].map(f64::from));
+        let Some(core) = Core::of(samples.len(), place) else { return vec![self.leaf(samples)] };
+        let (inside, strays): (Vec<usize>, Vec<usize>) = (0..order.len()).partition(|&i| core.has(place(i)));
+        [inside, strays].map(|some| self.read(&some.iter().map(|&i| order[i]).collect::<Vec<_>>())).map(|some| self.leaf(some)).into()
+    }
+
+    fn read(&self, order: &[u32]) -> Samples {
+        self.tree.layout.read(self.records, order, self.tree.kind.has, self.station)
+    }
+
+    fn leaf(&mut self, mut samples: Samples) -> Open {
         if let Some(column) = &samples.intensity {
             self.intensities.resize(1 << 16, 0);
             column.iter().for_each(|&v| self.intensities[v as usize] += 1);

@@ -5,13 +5,15 @@
 //!     and cut the cells, in Morton order, into the largest kd-cells that hold at most M points;
 //!   a single grid cell with more than M is split again by itself;
 //!   a cell of one lattice step with more than M (coincident points) is cut into full nodes: it cannot be split (HARD_CASES 27).
-//! Every point is in exactly one node. The order of points within a node is made by `pack`.
+//! Strays are split by themselves. Every point is in exactly one node. The order of points within a node is made by `pack`.
 
 use super::morton;
 use crate::cloud::Columns;
+use crate::cloud::strays::Core;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
 use crate::progress::Progress;
+use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -52,14 +54,18 @@ pub fn organise(columns: &Columns, progress: &dyn Progress) -> Result<Organised>
     if columns.is_empty() {
         return Ok(organised);
     }
-    let bounds = |column: &[i32]| column.par_iter().map(|&v| (v, v)).reduce(|| (i32::MAX, i32::MIN), |a, b| (a.0.min(b.0), a.1.max(b.1)));
-    let bounds = [bounds(&columns.x), bounds(&columns.y), bounds(&columns.z)];
-    let min = bounds.map(|(lo, _)| lo as i64);
-    let extent = bounds.map(|(lo, hi)| hi as i64 - lo as i64).into_iter().max().unwrap_or(0);
-    let bits = 64 - (extent as u64).leading_zeros();
     organised.order = (0..columns.len() as u32).collect();
+    // Strays have nodes of their own: those of all other points are as they would be without.
+    let core = Core::in_steps(columns).map_or(organised.order.len(), |core| {
+        let place = |i: u32| DVec3::new(columns.x[i as usize].into(), columns.y[i as usize].into(), columns.z[i as usize].into());
+        let (inside, strays): (Vec<u32>, Vec<u32>) = organised.order.iter().partition(|&&i| core.has(place(i)));
+        organised.order = [&inside[..], &strays[..]].concat();
+        inside.len()
+    });
     let mut splitting = Splitting { columns, nodes: Vec::new(), progress };
-    splitting.split(&mut organised.order, 0, min, bits)?;
+    let (inside, strays) = organised.order.split_at_mut(core);
+    splitting.whole(inside, 0)?;
+    splitting.whole(strays, core)?;
     organised.nodes = splitting.nodes;
     Ok(organised)
 }
@@ -88,6 +94,21 @@ struct Splitting<'s> {
 }
 
 impl Splitting<'_> {
+    /// Splits these points, which start at `first` of the whole order, by the cube around them.
+    fn whole(&mut self, points: &mut [u32], first: usize) -> Result<()> {
+        if points.is_empty() {
+            return Ok(());
+        }
+        let range = |column: &[i32]| {
+            let values = points.par_iter().map(|&i| (column[i as usize], column[i as usize]));
+            values.reduce(|| (i32::MAX, i32::MIN), |a, b| (a.0.min(b.0), a.1.max(b.1)))
+        };
+        let ranges = [range(&self.columns.x), range(&self.columns.y), range(&self.columns.z)];
+        let min = ranges.map(|(lo, _)| lo as i64);
+        let extent = ranges.map(|(lo, hi)| hi as i64 - lo as i64).into_iter().max().unwrap_or(0);
+        self.split(points, first, min, 64 - (extent as u64).leading_zeros())
+    }
+
     /// `points` lie in the cube of 2^bits steps at `min`; they start at `first` of the whole order.
     fn split(&mut self, points: &mut [u32], first: usize, min: [i64; 3], bits: u32) -> Result<()> {
         let limit = POINTS_PER_PAGE as usize;

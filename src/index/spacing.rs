@@ -11,10 +11,13 @@ const ASKED: usize = 64;
 const WINDOW: usize = 64;
 const NEIGHBOURS: usize = 8;
 
-/// In cells of the coarsest position plane, whose words these are. 0 of a single place.
+/// Returns it in cells of the coarsest position plane, whose words these are; 0 of a single place. A place counts once, however often it was measured.
 pub fn spacing(count: usize, word: impl Fn(usize) -> u32) -> f64 {
+    let mut places: Vec<u32> = (0..count).map(word).collect();
+    places.dedup();
+    let count = places.len();
     let place = |i: usize| {
-        let axis = |k: u32| (word(i) >> (BITS_PER_PLANE * k) & ((1 << BITS_PER_PLANE) - 1)) as f64;
+        let axis = |k: u32| (places[i] >> (BITS_PER_PLANE * k) & ((1 << BITS_PER_PLANE) - 1)) as f64;
         DVec3::new(axis(0), axis(1), axis(2))
     };
     let mut spacings = Vec::with_capacity(ASKED);

@@ -1,0 +1,139 @@
+//! Points far outside and points that occur many times decide nothing: pictures, spacing and elevation colours are those of the cloud without them, from files and through an index.
+
+mod support;
+
+use glam::DVec3;
+use las::point::Classification;
+use las::{Builder, Point, Transform, Vector, Writer};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use support::{Png, read_png, render, run, succeeded, text};
+
+/// Returns a wavy sheet of 20 x 20 m.
+fn sheet(points: usize, corner: DVec3) -> Vec<DVec3> {
+    let place = |i: usize| {
+        let (x, y) = (((i * 7919) % 20_011) as f64 / 1000.55, ((i * 104_729) % 19_997) as f64 / 999.85);
+        corner + DVec3::new(x, y, 3.0 * (0.3 * x).sin() * (0.3 * y).cos())
+    };
+    (0..points).map(place).collect()
+}
+
+fn write(path: &Path, points: &[DVec3], class: impl Fn(usize) -> u8) {
+    let mut builder = Builder::from((1, 4));
+    builder.point_format = las::point::Format::new(6).unwrap();
+    let axis = Transform { scale: 0.001, offset: 0.0 };
+    builder.transforms = Vector { x: axis, y: axis, z: axis };
+    let mut writer = Writer::from_path(path, builder.into_header().unwrap()).unwrap();
+    for (i, p) in points.iter().enumerate() {
+        let classification = Classification::new(class(i)).unwrap();
+        let point = Point {
+            x: p.x,
+            y: p.y,
+            z: p.z,
+            classification,
+            gps_time: Some(0.0),
+            return_number: 1,
+            number_of_returns: 1,
+            ..Point::default()
+        };
+        writer.write_point(point).unwrap();
+    }
+    writer.close().unwrap();
+}
+
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    fn new() -> Place {
+        Place { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn las(&self, name: &str, points: &[DVec3]) -> PathBuf {
+        let path = self.folder.path().join(format!("{name}.las"));
+        write(&path, points, |_| 1);
+        path
+    }
+
+    fn index(&self, las: &Path) -> PathBuf {
+        let path = las.with_extension("pnti");
+        succeeded(&run([Path::new("index"), las, Path::new("-o"), &path]));
+        path
+    }
+
+    fn picture(&self, cloud: &Path, options: &str) -> Png {
+        let path = cloud.with_extension("png");
+        succeeded(&render(cloud, &format!("-o {} --size 320x240 {options}", path.display())));
+        read_png(&path)
+    }
+
+    fn info(&self, cloud: &Path) -> serde_json::Value {
+        serde_json::from_str(&succeeded_text(cloud)).unwrap()
+    }
+}
+
+fn succeeded_text(cloud: &Path) -> String {
+    let output = run([Path::new("info"), cloud, Path::new("--json")]);
+    succeeded(&output);
+    text(&output.stdout)
+}
+
+/// Returns the share of pixels that differ by more than a few levels.
+fn differing(a: &Png, b: &Png) -> f64 {
+    assert_eq!(a.size, b.size);
+    let differ = a.pixels.iter().zip(&b.pixels).filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 8)).count();
+    differ as f64 / a.pixels.len() as f64
+}
+
+#[test]
+fn pictures_are_those_of_the_cloud_without_strays() {
+    let place = Place::new();
+    let far = DVec3::new(500_000.0, 1_000_000.0, 100.0);
+    for (name, corner, strays) in [
+        ("up", DVec3::ZERO, vec![DVec3::new(10.0, 10.0, 1000.0)]),
+        ("zero", far, vec![DVec3::ZERO]),
+        ("down", DVec3::ZERO, (0..4).map(|i| DVec3::new(5.0 * i as f64, 3.0, -3e5)).collect()),
+        ("few", DVec3::ZERO, vec![DVec3::new(0.0, 0.0, 500.0)]),
+    ] {
+        let points = sheet(if name == "few" { 300 } else { 5000 }, corner);
+        let without = place.las(&format!("{name}_without"), &points);
+        let with = place.las(&format!("{name}_with"), &[&points[..], &strays[..]].concat());
+        let (one, other) = (place.picture(&without, ""), place.picture(&with, ""));
+        assert_eq!(differing(&one, &other), 0.0, "{name}");
+        let [one, other] = [without, with.clone()].map(|las| place.picture(&place.index(&las), ""));
+        assert!(differing(&one, &other) < 2e-3, "{name}, indexed: {}", differing(&one, &other));
+        for cloud in [with.clone(), with.with_extension("pnti")] {
+            let said = place.info(&cloud);
+            assert_eq!(said["strays"]["points"], strays.len(), "{name}: {said}");
+            let at: Vec<f64> = said["strays"]["places"][0].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+            assert!((DVec3::from_slice(&at) - strays[0]).length() < 1.0, "{name}: {at:?}");
+        }
+    }
+}
+
+#[test]
+fn points_that_occur_ten_times_are_drawn_as_one() {
+    let place = Place::new();
+    let points = sheet(5000, DVec3::ZERO);
+    let ten: Vec<DVec3> = points.iter().flat_map(|&p| [p; 10]).collect();
+    let (once, often) = (place.las("once", &points), place.las("often", &ten));
+    assert_eq!(differing(&place.picture(&once, ""), &place.picture(&often, "")), 0.0);
+    let [once, often] = [once, often].map(|las| place.picture(&place.index(&las), ""));
+    assert!(differing(&once, &often) < 2e-3, "{}", differing(&once, &often));
+}
+
+#[test]
+fn pictures_of_classes_have_the_colours_of_classes_alone() {
+    let place = Place::new();
+    let path = place.folder.path().join("classes.las");
+    write(&path, &sheet(5000, DVec3::ZERO), |i| 2 + (i * 31 % 7) as u8 / 2);
+    for cloud in [path.clone(), place.index(&path)] {
+        for fill in ["fill=method=pintus", "fill=method=pullpush", "fill=method=dobrev", "fill=auto"] {
+            let picture = place.picture(&cloud, &format!("--color class --effect shape=off --effect edl=off --effect {fill}"));
+            let colors: BTreeSet<[u8; 3]> = picture.pixels.iter().copied().collect();
+            assert!(colors.len() <= 5, "{fill}: {colors:?}");
+            assert!(colors.len() > 3, "{fill}: {colors:?}");
+        }
+    }
+}
