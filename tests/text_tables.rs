@@ -695,6 +695,31 @@ fn what_is_asked_for_is_not_found_out() {
 }
 
 #[test]
+fn names_are_known_whatever_stands_around_them() {
+    let cloud = read("a.txt", "Point ID X [m] Y [m] Z [m] Gps Time\n7 1 2 3 1000.5\n");
+    assert_eq!(points(&cloud), [[1.0, 2.0, 3.0]]);
+    assert_eq!(cloud.parts[0].columns.gps_time, Some(vec![1000.5]));
+    assert!(cloud.parts[0].header.facts.contains(&("names".into(), "Point ID, X [m], Y [m], Z [m], Gps Time".into())));
+    // Latin-1, a directive of Excel, a line of units, numbers of rows without a name.
+    let latin = b"sep=;\nRechtswert;Hochwert;H\xF6he\nm;m;m\n1,5;2,5;3,5\n";
+    let cloud = read_as("b.csv", latin, &ALL).unwrap();
+    assert_eq!(points(&cloud), [[1.5, 2.5, 3.5]]);
+    assert!(says(&cloud, "2 lines before them passed over"), "{:?}", cloud.notes);
+    assert_eq!(points(&read("c.csv", ",x,y,z\n0,1,2,3\n1,4,5,6\n")), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+    // Remarks may be anything.
+    let cloud = read("d.txt", "# x y z of an old church\n1 2 3 10 20 30\n");
+    assert_eq!(points(&cloud), [[1.0, 2.0, 3.0]]);
+    assert!(says(&cloud, "columns are taken as x y z red green blue; line 1 names 7 columns, but rows have 6"), "{:?}", cloud.notes);
+    let cloud = read("e.csv", "# x y z r g b\n1,2,3,10,20,30\n");
+    assert!(says(&cloud, "by their names in line 1"), "{:?}", cloud.notes);
+    let cloud = read("f.csv", "a,b,c,intensity\n1,2,3,7\n4,5,6,9\n");
+    assert_eq!((points(&cloud)[1], cloud.parts[0].columns.intensity.clone()), ([4.0, 5.0, 6.0], Some(vec![7, 9])));
+    assert!(says(&cloud, "no x, y and z among the names in line 1"), "{:?}", cloud.notes);
+    // Words of several parts between blanks.
+    assert_eq!(read("g.txt", "1 2 3 a tree\n4 5 6 grass\n7 8 9 a big tree\n").len(), 3);
+}
+
+#[test]
 fn lines_that_are_no_rows_are_counted_and_the_first_is_shown() {
     let text = "x y z i\r\n1 2 3 4\r\n# remark\r\n\r\n1 2 3\r\n5 6 7 8 9\r\n1 two 3 4\r\n4 5 6 -\r\n";
     let cloud = read("a.txt", text);

@@ -306,12 +306,15 @@ fn read_one(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         return Err(input.wrong("is empty (0 bytes)"));
     }
     if start.starts_with(las::MAGIC) {
+        notes.extend(options.text.idle(input));
         return las::read(input, options, progress, notes);
     }
     if start.starts_with(b"ASTM-E57") {
+        notes.extend(options.text.idle(input));
         return e57::read(input, options, progress, notes);
     }
     if start.starts_with(b"ply") && start.get(3).is_none_or(u8::is_ascii_whitespace) {
+        notes.extend(options.text.idle(input));
         return ply::read(input, options, progress, notes);
     }
     let extension = input.path.extension().unwrap_or_default().to_string_lossy().to_lowercase();

@@ -3,11 +3,14 @@
 //! In: the beginning of a text ([`sniff`]), and what was asked for ([`TextOptions`]). Out: a [`Table`], decided once, that every line is then read by
 //! ([`line`]), and that says itself in one sentence, which a note repeats. Nothing about a line is guessed anew.
 
+mod heading;
 pub mod line;
 mod names;
 pub mod sniff;
+mod values;
 
 use super::floats::{ColorUnit, Role};
+use super::input::Input;
 use super::text;
 use std::fmt;
 use std::str::FromStr;
@@ -108,6 +111,12 @@ pub struct TextOptions {
 impl TextOptions {
     /// Everything is found out.
     pub const NONE: TextOptions = TextOptions { delimiter: None, columns: None };
+
+    /// The note on a file that is no table, where something is said of tables.
+    pub(super) fn idle(&self, input: &Input) -> Option<String> {
+        (*self != TextOptions::NONE)
+            .then(|| format!("{}: is no table of text, so that --columns and --delimiter change nothing", input.name()))
+    }
 }
 
 /// How a line becomes fields, and a field a number.
@@ -162,6 +171,8 @@ pub struct Table {
     /// Where the first row begins, bytes from the beginning of the text, and how many lines lie before.
     pub body_at: usize,
     pub lines_before: u64,
+    /// A remark that seems to name other columns.
+    pub unfit: Option<String>,
     /// Lines with numbers before the first row that are no row: which they are, and what is in them.
     pub odd: Vec<(u64, String)>,
     /// Lines of words before the first row that are no names and no comments.
@@ -231,6 +242,9 @@ impl fmt::Display for Table {
         let aside = self.left_aside();
         if !aside.is_empty() && self.source != Source::Asked {
             write!(f, "; not kept: {}", aside.join(", "))?;
+        }
+        if let Some(unfit) = &self.unfit {
+            write!(f, "; {unfit}")?;
         }
         if self.lacks_returns {
             f.write_str("; no numbers of returns, so that each return counts as the last")?;

@@ -26,7 +26,9 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     tell(input, &table, &rows, options, notes)?;
     let points = table.count.map(|first| first.saturating_add(rows.counted));
     let format = if table.count.is_some() && table.source == Source::Values { "PTS" } else { "XYZ" };
-    let facts = vec![("columns".into(), table.words())];
+    let names = table.columns.iter().map(|column| column.name.clone().unwrap_or_default()).collect::<Vec<_>>().join(", ");
+    let named = Some(("names".to_string(), names)).filter(|_| table.columns.iter().any(|column| column.name.is_some()));
+    let facts = [("columns".into(), table.words())].into_iter().chain(named).collect();
     let header = Header { format: format.into(), points, facts, ..Header::default() };
     Ok(vec![rows.floats.into_part(input, header, table.color_unit(), None, notes)])
 }

@@ -129,18 +129,25 @@ fn ranked(name: &str) -> Option<(Role, usize)> {
     NAMES.iter().find_map(|(role, names)| Some((*role, names.iter().position(|known| *known == key)?)))
 }
 
-/// The roles of columns with these names; each role once.
+/// The roles of columns with these names; each role once, and triples only if they are whole: a column `b` alone is no blue.
 pub fn roles<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Role> {
     let ranked: Vec<Option<(Role, usize)>> = names.map(ranked).collect();
     let is_best = |place: usize, (role, rank): (Role, usize)| {
         let others = ranked.iter().enumerate().filter_map(|(other, found)| Some((other, (*found)?)));
         others.filter(|(_, (other, _))| *other == role).map(|(other, (_, rank))| (rank, other)).min() == Some((rank, place))
     };
-    ranked
-        .iter()
-        .enumerate()
-        .map(|(place, found)| found.filter(|&found| is_best(place, found)).map_or(Role::Other, |found| found.0))
-        .collect()
+    let is_whole = |role: Role| {
+        let has = |wanted: Role| ranked.iter().flatten().any(|(role, _)| *role == wanted);
+        match role {
+            Role::Color(_) => (0..3).map(Role::Color).all(has),
+            Role::Normal(_) => (0..3).map(Role::Normal).all(has),
+            _ => true,
+        }
+    };
+    let role = |(place, found): (usize, &Option<(Role, usize)>)| {
+        found.filter(|&found| is_whole(found.0) && is_best(place, found)).map_or(Role::Other, |(role, _)| role)
+    };
+    ranked.iter().enumerate().map(role).collect()
 }
 
 /// All roles, as they may be asked for.

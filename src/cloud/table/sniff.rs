@@ -4,8 +4,10 @@
 //! that find rows of one width with three coordinates in (nearly) all lines. Where names are found, only readings that they fit. Two readings that
 //! find other coordinates in one line are two meanings, and none of them is taken.
 
+use super::heading::Heading;
 use super::line::{self, count, is_comment, is_whole, split};
-use super::{Column, Delimiter, Reading, Role, Source, Table, TextOptions, names, word};
+use super::values::{Kind, Values};
+use super::{Column, Delimiter, Reading, Role, Source, Table, TextOptions};
 use crate::cloud::text;
 use std::collections::BTreeSet;
 
@@ -31,11 +33,11 @@ const fn reading(delimiter: Delimiter, decimal_comma: bool) -> Reading {
 }
 
 /// A line of the sample that holds something.
-struct Sampled<'a> {
+pub struct Sampled<'a> {
     /// Counted from 1.
-    number: u64,
-    at: usize,
-    bytes: &'a [u8],
+    pub number: u64,
+    pub at: usize,
+    pub bytes: &'a [u8],
 }
 
 /// A reading, and what it makes of the sample.
@@ -50,6 +52,8 @@ struct Candidate<'a> {
     matched: usize,
     /// Names of columns that are no names of these rows.
     misfit: Option<String>,
+    /// A remark that seems to name other columns.
+    unfit: Option<String>,
 }
 
 impl Candidate<'_> {
@@ -58,18 +62,11 @@ impl Candidate<'_> {
     }
 }
 
-struct Row<'a> {
+pub struct Row<'a> {
     line: &'a Sampled<'a>,
-    fields: Vec<Vec<u8>>,
+    pub fields: Vec<Vec<u8>>,
     /// Where it is a row.
     position: Option<[f64; 3]>,
-}
-
-/// The names in a line.
-struct Names {
-    line: u64,
-    names: Vec<String>,
-    roles: Vec<Role>,
 }
 
 pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table, String> {
@@ -106,7 +103,9 @@ pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table,
 
 fn no_table(lines: &[Sampled], asked: &TextOptions) -> String {
     let what = match asked.columns {
-        Some(columns) => format!("no rows of the {} columns that were asked for", columns.roles().len()),
+        Some(columns) => {
+            format!("no rows of the {} columns that were asked for (one for every field, - for one to leave aside)", columns.roles().len())
+        }
         None => "no rows of at least three numbers, all of one width".into(),
     };
     let shown = lines.iter().max_by_key(|line| numbers_within(line.bytes)).map(|line| (line.number, text::shown(line.bytes)));
@@ -142,17 +141,25 @@ fn candidate<'a>(lines: &'a [Sampled<'a>], reading: Reading, asked: &TextOptions
         Some(columns) => columns.roles().len(),
         None => width(rows.iter().map(|(_, row)| row.fields.as_slice()).filter(|fields| is_row(fields)), reading, is_number)?,
     };
-    let begin = rows.iter().position(|(_, row)| is_row(&row.fields) && fits(&row.fields, width))?;
+    // Rows that end in a text of several words.
+    let longer = rows.iter().filter(|(_, row)| is_row(&row.fields) && row.fields.len() > width).count();
+    let words_at_end = reading.delimiter == Delimiter::Space && longer > 1 && longer * 10 >= rows.len() && {
+        let ends =
+            || rows.iter().filter(|(_, row)| is_row(&row.fields) && row.fields.len() >= width).map(|(_, row)| &row.fields[width - 1]);
+        ends().all(|field| !is_number(field))
+    };
+    let fits = |fields: &[Vec<u8>]| fits(fields, width) || words_at_end && fields.len() > width;
+    let begin = rows.iter().position(|(_, row)| is_row(&row.fields) && fits(&row.fields))?;
     rows.drain(..begin);
     let first = rows[0].0;
     let mut rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
 
     let kinds: Vec<Kind> = (0..width).map(|place| Kind::of(&rows, place, width, &is_number)).collect();
-    let (names, misfit) = find_names(&lines[..first], reading, width, &kinds);
+    let Heading { names, misfit, unfit } = Heading::find(&lines[..first], reading, width, kinds.last() == Some(&Kind::Empty));
     let misfit = misfit.filter(|_| asked.columns.is_none());
     if misfit.is_some() {
         let matched = rows.len();
-        return Some(Candidate { reading, columns: Vec::new(), words_at_end: false, source: Source::Values, rows, matched, misfit });
+        return Some(Candidate { reading, columns: Vec::new(), words_at_end: false, source: Source::Values, rows, matched, misfit, unfit });
     }
     let roles_by_name = names.as_ref().map_or(vec![Role::Other; width], |names| names.roles.clone());
     let is_named = (0..3).map(Role::Position).all(|role| roles_by_name.contains(&role));
@@ -193,17 +200,14 @@ fn candidate<'a>(lines: &'a [Sampled<'a>], reading: Reading, asked: &TextOptions
     }
     let axes = (0..3).map(|axis| columns.iter().position(|column| column.role == Role::Position(axis)));
     let axes: Vec<usize> = axes.collect::<Option<_>>()?;
-    let longer = rows.iter().filter(|row| row.fields.len() > width).count();
-    let words_at_end =
-        reading.delimiter == Delimiter::Space && kinds.last() == Some(&Kind::Text) && longer > 1 && longer * 10 >= rows.len();
     for row in &mut rows {
-        if fits(&row.fields, width) || words_at_end && row.fields.len() > width {
+        if fits(&row.fields) {
             let value = |axis: usize| text::number_with(&row.fields[axes[axis]], reading.decimal_comma);
             row.position = value(0).zip(value(1)).zip(value(2)).map(|((x, y), z)| [x, y, z]);
         }
     }
     let matched = rows.iter().filter(|row| row.position.is_some()).count();
-    Some(Candidate { reading, columns, words_at_end, source, rows, matched, misfit: None })
+    Some(Candidate { reading, columns, words_at_end, source, rows, matched, misfit: None, unfit })
 }
 
 /// So many fields, or one more that is empty, behind a delimiter at the end.
@@ -229,107 +233,6 @@ fn width<'r>(rows: impl Iterator<Item = &'r [Vec<u8>]>, reading: Reading, is_num
     counts.into_iter().rev().max_by_key(|&(_, count)| count).map(|(width, _)| width)
 }
 
-/// What the fields of a column are.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
-    Numbers,
-    /// Words now and then.
-    Mixed,
-    Text,
-    Empty,
-}
-
-impl Kind {
-    fn of(rows: &[Row], place: usize, width: usize, is_number: &impl Fn(&Vec<u8>) -> bool) -> Kind {
-        let fields = || rows.iter().filter(|row| row.fields.len() >= width).map(|row| &row.fields[place]).filter(|field| !field.is_empty());
-        let (all, numbers) = (fields().count(), fields().filter(|field| is_number(field)).count());
-        match (all, numbers) {
-            (0, _) => Kind::Empty,
-            (_, 0) => Kind::Text,
-            _ if numbers * 2 >= all => Kind::Numbers,
-            _ => Kind::Mixed,
-        }
-    }
-}
-
-/// The names of the columns, in the last line before the first row that has some; and what is wrong where there are names of other rows.
-fn find_names(before: &[Sampled], reading: Reading, width: usize, kinds: &[Kind]) -> (Option<Names>, Option<String>) {
-    let mut found: Option<Names> = None;
-    let mut misfit = None;
-    for line in before {
-        let remark = is_comment(line.bytes, reading.delimiter);
-        let bare = if remark { without_marks(line.bytes) } else { line.bytes };
-        let own = words(split(bare, Reading { paired: false, ..reading }), reading.delimiter);
-        // Names may have other marks between them than rows have.
-        let other = words(text::fields(bare).map(<[u8]>::to_vec).collect(), Delimiter::Space);
-        let other = if remark || own.len() == 1 { other } else { Vec::new() };
-        if own.iter().any(|name| text::number(name.as_bytes()).is_some()) {
-            continue;
-        }
-        let fitting = [own.clone(), other].into_iter().find_map(|names| fitted(names, width, kinds));
-        let has_all = |roles: &[Role]| (0..3).map(Role::Position).all(|role| roles.contains(&role));
-        match fitting {
-            Some(names) => {
-                let roles = names::roles(names.iter().map(String::as_str));
-                let some = (0..3).map(Role::Position).filter(|role| roles.contains(role)).count();
-                if (1..3).contains(&some) && !remark {
-                    let named = roles.iter().filter(|role| matches!(role, Role::Position(_))).map(|role| word(*role));
-                    misfit = Some(format!(
-                        "line {} names {}, but not all of x, y and z; say what columns are with --columns",
-                        line.number,
-                        named.collect::<Vec<_>>().join(" and ")
-                    ));
-                }
-                let better = has_all(&roles) || !remark && found.as_ref().is_none_or(|found| !has_all(&found.roles));
-                if better {
-                    found = Some(Names { line: line.number, names, roles });
-                }
-            }
-            None if !remark && has_all(&names::roles(own.iter().map(String::as_str))) => {
-                misfit = Some(format!(
-                    "line {} names {} columns, but rows have {width} fields; say what they are with --columns",
-                    line.number,
-                    own.len()
-                ));
-            }
-            None => {}
-        }
-    }
-    // Whatever was wrong about others.
-    let misfit = misfit.filter(|_| !found.as_ref().is_some_and(|found| (0..3).map(Role::Position).all(|role| found.roles.contains(&role))));
-    (found, misfit)
-}
-
-/// A remark without what makes it one.
-fn without_marks(line: &[u8]) -> &[u8] {
-    let line = line.trim_ascii_start();
-    &line[line.iter().take_while(|byte| matches!(byte, b'#' | b'/' | b'%' | b';')).count()..]
-}
-
-/// As many names as there are columns; a delimiter at the end of one or the other does not matter.
-fn fitted(mut names: Vec<String>, width: usize, kinds: &[Kind]) -> Option<Vec<String>> {
-    if names.len() == width + 1 && names.last().is_some_and(String::is_empty) {
-        names.pop();
-    }
-    if names.len() + 1 == width && kinds.last() == Some(&Kind::Empty) {
-        names.push(String::new());
-    }
-    (names.len() == width).then_some(names)
-}
-
-/// Fields as names; between blanks a unit belongs to the name before it.
-fn words(fields: Vec<Vec<u8>>, delimiter: Delimiter) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for field in fields {
-        let name = String::from_utf8_lossy(&field).into_owned();
-        match names.last_mut() {
-            Some(last) if delimiter == Delimiter::Space && name.starts_with(['[', '(']) => *last += &format!(" {name}"),
-            _ => names.push(name),
-        }
-    }
-    names
-}
-
 /// A number with the other decimal mark.
 fn is_other_number(field: &[u8], decimal_comma: bool) -> bool {
     text::number_with(field, decimal_comma).is_none() && text::number_with(field, !decimal_comma).is_some()
@@ -343,68 +246,6 @@ fn is_list_of_numbers(field: &[u8]) -> bool {
         && parts.all(|part| text::number(part).is_some())
         // A number with a decimal comma is one.
         && text::number_with(field, true).is_none()
-}
-
-/// Columns without names.
-struct Values<'r, 'a> {
-    rows: &'r [Row<'a>],
-    kinds: &'r [Kind],
-    decimal_comma: bool,
-}
-
-impl Values<'_, '_> {
-    /// x, y and z are the first columns of numbers that have no other meaning by name. What follows them is told by how many there are and what their
-    /// values are: one is intensity, three are colours or normals, four are both, six are colours and normals.
-    fn roles(&self, mut roles: Vec<Role>) -> Option<Vec<Role>> {
-        let is_named = roles.iter().any(|&role| role != Role::Other);
-        roles.iter_mut().filter(|role| matches!(role, Role::Position(_))).for_each(|role| *role = Role::Other);
-        let free: Vec<usize> =
-            (0..roles.len()).filter(|&place| roles[place] == Role::Other && self.kinds[place] == Kind::Numbers).collect();
-        let [x, y, z, rest @ ..] = free.as_slice() else { return None };
-        [x, y, z].into_iter().enumerate().for_each(|(axis, &place)| roles[place] = Role::Position(axis));
-        // What has a name that is not known is not guessed at.
-        if is_named {
-            return Some(roles);
-        }
-        let mut assign =
-            |places: &[usize], role: fn(usize) -> Role| places.iter().enumerate().for_each(|(i, &place)| roles[place] = role(i));
-        let intensity: fn(usize) -> Role = |_| Role::Intensity;
-        match rest {
-            [first] | [first, _] => assign(&[*first], intensity),
-            [triple @ .., last] if triple.len() == 3 && self.are_bytes(triple) && !self.are_bytes(&[*last]) => {
-                assign(triple, Role::Color);
-                assign(&[*last], intensity);
-            }
-            [first, triple @ ..] if (3..5).contains(&triple.len()) => {
-                assign(&[*first], intensity);
-                assign(&triple[..3], self.triple(&triple[..3]));
-            }
-            [..] if rest.len() >= 3 => {
-                let kind = self.triple(&rest[..3]);
-                assign(&rest[..3], kind);
-                if let Some(second) = rest.get(3..6).filter(|second| self.triple(second)(0) != kind(0)) {
-                    assign(second, self.triple(second));
-                }
-            }
-            _ => {}
-        }
-        Some(roles)
-    }
-
-    fn values(&self, places: &[usize]) -> impl Iterator<Item = f64> {
-        let fields = self.rows.iter().flat_map(move |row| places.iter().filter_map(|&place| row.fields.get(place)));
-        fields.filter_map(|field| text::number_with(field, self.decimal_comma))
-    }
-
-    fn are_bytes(&self, places: &[usize]) -> bool {
-        self.values(places).all(|v| v.fract() == 0.0 && (0.0..=255.0).contains(&v))
-    }
-
-    /// Normals are within -1 and 1, and some below 0.
-    fn triple(&self, places: &[usize]) -> fn(usize) -> Role {
-        let are_normals = self.values(places).all(|v| v.abs() <= 1.0) && self.values(places).any(|v| v < 0.0);
-        if are_normals { Role::Normal } else { Role::Color }
-    }
 }
 
 /// Takes out whichever is contradicted: whole numbers between commas, or numbers with decimal commas between commas.
@@ -454,7 +295,7 @@ fn two_meanings(candidates: &[Candidate]) -> Option<String> {
 }
 
 fn table(lines: &[Sampled], chosen: Candidate) -> Table {
-    let Candidate { reading, columns, words_at_end, source, rows, .. } = chosen;
+    let Candidate { reading, columns, words_at_end, source, rows, unfit, .. } = chosen;
     let has = |role: Role| columns.iter().any(|column| column.role == role);
     let first = &rows[0].line;
     let before = lines.iter().take_while(|line| line.number < first.number);
@@ -468,6 +309,7 @@ fn table(lines: &[Sampled], chosen: Candidate) -> Table {
     Table {
         reading,
         words_at_end,
+        unfit: unfit.filter(|_| matches!(source, Source::Values | Source::Partly(_))),
         lacks_returns: has(Role::Return) && !has(Role::Returns),
         columns,
         source,
