@@ -461,7 +461,7 @@ fn full() -> Values {
     }
 }
 
-fn table() -> impl Strategy<Value = (Style, Vec<Column>, Vec<Values>)> {
+fn table() -> impl Strategy<Value = Written> {
     style().boxed().prop_flat_map(|style| {
         let named = style.heading != Heading::None;
         // A table of one point, whose colours are 0 and 1, could be anything.
@@ -484,7 +484,7 @@ fn tables_are_read_as_written_or_refused_with_the_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("table.txt");
     let refusals = Cell::new(0);
-    let test = |(style, columns, mut rows): (Style, Vec<Column>, Vec<Values>)| {
+    let test = |(style, columns, mut rows): Written| {
         // A column of which nothing is there is one of words; whole intensities up to 1 are fractions.
         rows[0] = Values { position: rows[0].position, ..full() };
         if style.form == Form::Whole {
@@ -568,6 +568,11 @@ fn plainly(line: &str, style: &Style, columns: &[Column]) -> Plain {
     }
 }
 
+type Written = (Style, Vec<Column>, Vec<Values>);
+
+/// A byte changed, some cut out, or one put in; where, which, and how many.
+type Edit = (usize, prop::sample::Index, u8, usize);
+
 #[test]
 fn what_damage_changes_is_said_or_is_what_the_damaged_line_says() {
     let folder = tempfile::tempdir().unwrap();
@@ -575,7 +580,7 @@ fn what_damage_changes_is_said_or_is_what_the_damaged_line_says() {
     let [exact, said, refused] = [(); 3].map(|()| Cell::new(0));
     let bytes = prop_oneof![prop::sample::select(&b"0123456789.,;-+eD \t\n\r\"#/x\0\xff"[..]), any::<u8>()];
     let edits = prop::collection::vec((0..3usize, any::<prop::sample::Index>(), bytes, 1..30usize), 1..4);
-    let test = |((style, columns, rows), edits): ((Style, Vec<Column>, Vec<Values>), Vec<(usize, prop::sample::Index, u8, usize)>)| {
+    let test = |((style, columns, rows), edits): (Written, Vec<Edit>)| {
         let decimal = if style.delimiter.contains(',') { '.' } else { style.decimal };
         let style = Style { encoding: Encoding::Utf8, quotes: Quotes::None, decimal, ..style };
         let mut text = style.write(&columns, &rows);
@@ -789,11 +794,22 @@ fn ptx_scans_stand_where_their_matrices_say() {
     let cut = &PTX[..PTX.len() - 8];
     let cloud = read("cut.ptx", cut);
     assert_eq!(cloud.len(), 2);
-    assert!(says(&cloud, "says 4 lines, and the file ends after 3"), "{:?}", cloud.notes);
-    let odd = PTX.replace("0 2 0 0.25\n", "");
-    let cloud = read("odd.ptx", &format!("{odd}{PTX}"));
-    assert!(says(&cloud, "line 16 should begin scan 2, and does not"), "{:?}", cloud.notes);
-    assert!(read_as("odd.ptx", format!("{odd}{PTX}").as_bytes(), &ReadOptions::new(Wanted::ALL, true)).is_err());
+    assert!(says(&cloud, "says 4 lines, and has 3"), "{:?}", cloud.notes);
+    // A line is missing, or too many: the next scan is found where it begins.
+    let missing = PTX.replace("0 2 0 0.25\n", "") + PTX;
+    let cloud = read("missing.ptx", &missing);
+    assert_eq!((cloud.parts.len(), cloud.len()), (2, 5), "{:?}", cloud.notes);
+    assert!(says(&cloud, "scan 1: says 4 lines, and has 3"), "{:?}", cloud.notes);
+    let many = PTX.replace("0 2 0 0.25\n", "0 2 0 0.25\n0 2 0 0.5\n") + PTX;
+    let cloud = read("many.ptx", &many);
+    assert_eq!((cloud.parts.len(), cloud.len()), (2, 7), "{:?}", cloud.notes);
+    let strict = ReadOptions::new(Wanted::ALL, true);
+    assert!([missing, many].iter().all(|text| read_as("odd.ptx", text.as_bytes(), &strict).is_err()));
+    for end in ["\n", "\r\n", "\r"] {
+        let cloud = read("rest.ptx", &format!("{PTX}1 2 3 4\n5 6 7 8\n").replace('\n', end));
+        let what = "line 15 should begin scan 2, and does not: \"1 2 3 4\"; the rest was left out";
+        assert!(says(&cloud, what), "{:?}", cloud.notes);
+    }
 }
 
 #[test]
@@ -819,8 +835,10 @@ fn decimal_commas_of_ply() {
 
 // ---- files of known contents
 
-/// Bounds of the sheet, and what notes have to say.
-const CASES: &[(&str, u64, [[f64; 3]; 2], &[&str])] = &[
+/// A file, its points, their bounds, and what notes have to say.
+type Case = (&'static str, u64, [[f64; 3]; 2], &'static [&'static str]);
+
+const CASES: &[Case] = &[
     ("riegl.csv", 3000, [[0.015, 0.004, -2.992], [19.992, 20.0, 2.998]], &["intensity \"Reflectance (dB)\"", "not kept: \"Point ID\""]),
     ("cc_full.txt", 3000, [[0.015, 0.004, -2.992], [19.992, 20.0, 2.998]], &["red \"Rf\"", "nz \"Nz\"", "\"Illuminance (PCV)\""]),
     ("units_head.csv", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["x \"X [m]\"", "blue \"B\""]),

@@ -6,10 +6,12 @@
 
 use super::floats::{ColorUnit, Floats, Point, Role, there};
 use super::input::{Input, Meter};
+use super::table::line;
 use super::{Header, Part, ReadOptions, text};
 use crate::error::Result;
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use glam::{DMat4, DVec3};
+use std::ops::Range;
 
 /// Numbers in each line of a scan's head.
 const HEAD: [usize; 10] = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4];
@@ -41,6 +43,7 @@ fn head(start: &[u8]) -> Option<Head> {
         let Some(&count) = next else { break };
         lines += 1;
         end = line.as_ptr().addr() - start.as_ptr().addr() + line.len();
+        end += if start[end..].starts_with(b"\r\n") { 2 } else { start.len().min(end + 1) - end };
         if line.trim_ascii().is_empty() {
             continue;
         }
@@ -73,11 +76,7 @@ pub fn read(input: &Input, begin: u64, options: &ReadOptions, progress: &dyn Pro
         }
         let Some(head) = head(&start) else {
             let shown = text::lines(&start).next().map(text::shown).unwrap_or_default();
-            let what = format!(
-                "line {} should begin scan {}, and does not: {shown}; a line before it is missing or too many, and nothing from there on can be placed",
-                line + 1,
-                parts.len() + 1
-            );
+            let what = format!("line {} should begin scan {}, and does not: {shown}; the rest was left out", line + 1, parts.len() + 1);
             if options.strict || parts.is_empty() {
                 return Err(input.wrong(what));
             }
@@ -116,7 +115,7 @@ struct Scan {
 
 /// The points from `at` on, after so many lines.
 fn scan(input: &Input, at: u64, before: u64, head: &Head, options: &ReadOptions, meter: &Meter) -> Result<Scan> {
-    let (end, records) = text::skip_lines(input, at, head.columns.saturating_mul(head.rows))?;
+    let (end, records) = end(input, at, head.columns.saturating_mul(head.rows))?;
     let start = input.take(at, HEAD_BYTES.min(end - at))?;
     let width = text::lines(&start).next().map_or(0, |line| text::blanks(line).count());
     let roles: Vec<Role> = match width {
@@ -147,6 +146,47 @@ fn scan(input: &Input, at: u64, before: u64, head: &Head, options: &ReadOptions,
     text::parse(input, at..end, meter, parse, |block, _| scan.append(block))?;
     scan.lines -= before;
     Ok(scan)
+}
+
+/// Where a scan of so many lines ends, and how many there are. Where neither the file ends there nor another scan begins, lines are missing or too
+/// many: it ends where the next one does begin.
+fn end(input: &Input, at: u64, stated: u64) -> Result<(u64, u64)> {
+    let (end, records) = text::skip_lines(input, at, stated)?;
+    let next = input.take(end, HEAD_BYTES)?;
+    if next.trim_ascii().is_empty() || is_one(&next) {
+        return Ok((end, records));
+    }
+    match next_head(input, at)? {
+        Some(begin) => Ok((begin, lines_within(input, at..begin)?)),
+        None => Ok((end, records)),
+    }
+}
+
+fn lines_within(input: &Input, range: Range<u64>) -> Result<u64> {
+    let mut count = 0;
+    let silent = Meter::new(&Silent, input, range.end - range.start);
+    text::parse(input, range, &silent, |block| text::lines(block).count() as u64, |lines, _| count += lines)?;
+    Ok(count)
+}
+
+/// Where the next head begins: at a line of one number.
+fn next_head(input: &Input, mut at: u64) -> Result<Option<u64>> {
+    const BLOCK_BYTES: u64 = 1 << 20;
+    loop {
+        let block = input.take(at, BLOCK_BYTES)?;
+        let is_last = at + block.len() as u64 >= input.length;
+        let end = if is_last { block.len() } else { text::last_end(&block).unwrap_or(block.len()) };
+        for line in text::all_lines(&block[..end]).filter(|line| line::count(line).is_some()) {
+            let begin = at + (line.as_ptr().addr() - block.as_ptr().addr()) as u64;
+            if is_one(&input.take(begin, HEAD_BYTES)?) {
+                return Ok(Some(begin));
+            }
+        }
+        if is_last {
+            return Ok(None);
+        }
+        at += end as u64;
+    }
 }
 
 fn position() -> Vec<Role> {
@@ -193,8 +233,8 @@ impl Scan {
     fn tell(&self, input: &Input, name: &str, head: &Head, options: &ReadOptions, notes: &mut Vec<String>) -> Result<()> {
         let stated = head.columns.saturating_mul(head.rows);
         let mut lost = Vec::new();
-        if self.records < stated {
-            lost.push(format!("says {stated} lines, and the file ends after {}", self.records));
+        if self.records != stated {
+            lost.push(format!("says {stated} lines, and has {}", self.records));
         }
         if let Some((line, shown)) = &self.first_bad {
             lost.push(format!("{} no points, and left out; line {line}: {shown}", text::lines_in_words(self.bad)));

@@ -133,7 +133,7 @@ pub fn number_with(field: &[u8], decimal_comma: bool) -> Option<f64> {
 fn fortran(field: &[u8]) -> Option<f64> {
     let is_exponent = |byte: &u8| matches!(byte, b'd' | b'D');
     let is_number = field.iter().all(|byte| byte.is_ascii_digit() || is_exponent(byte) || matches!(byte, b'+' | b'-' | b'.'));
-    (is_number && field.iter().any(|byte| is_exponent(byte))).then_some(())?;
+    (is_number && field.iter().any(is_exponent)).then_some(())?;
     replaced(field, |byte| if is_exponent(&byte) { b'e' } else { byte }, plain)
 }
 
@@ -178,7 +178,8 @@ pub fn skip_lines(input: &Input, at: u64, count: u64) -> Result<(u64, u64)> {
                 seen += inked as u64;
                 inked = false;
                 if seen == count {
-                    return Ok((block_at + i as u64 + 1, seen));
+                    let ends = if block[i..].starts_with(b"\r\n") { 2 } else { 1 };
+                    return Ok((block_at + i as u64 + ends, seen));
                 }
             } else {
                 inked |= !byte.is_ascii_whitespace();

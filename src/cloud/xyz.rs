@@ -150,15 +150,12 @@ fn tell(input: &Input, table: &Table, rows: &Rows, options: &ReadOptions, notes:
         ));
     }
     let read = rows.floats.len() as u64 + rows.floats.not_finite + rows.no_data.lines;
-    match table.count.map(|first| first.saturating_add(rows.counted)).filter(|&count| count != read) {
-        Some(count) => {
-            let what = format!("the lines of counts say {count} points, {read} could be read");
-            if options.strict {
-                return Err(input.wrong(what));
-            }
-            notes.push(format!("{}: {what}", input.name()));
+    if let Some(count) = table.count.map(|first| first.saturating_add(rows.counted)).filter(|&count| count != read) {
+        let what = format!("the lines of counts say {count} points, {read} could be read");
+        if options.strict {
+            return Err(input.wrong(what));
         }
-        None => {}
+        notes.push(format!("{}: {what}", input.name()));
     }
     Ok(())
 }

@@ -130,8 +130,19 @@ pub fn split(line: &[u8], reading: Reading) -> Vec<Vec<u8>> {
     if reading.paired { pairs(&fields) } else { fields }
 }
 
-/// Fields by the rules of CSV, within one line.
+/// Fields by the rules of CSV, within one line. Blanks before a quote are none of its field.
 fn quoted(line: &[u8], delimiter: u8) -> Vec<Vec<u8>> {
+    let mut bare: Vec<u8> = Vec::with_capacity(line.len());
+    for &byte in line {
+        if byte == b'"' {
+            let kept = bare.trim_ascii_end().len();
+            if kept == 0 || bare[kept - 1] == delimiter {
+                bare.truncate(kept);
+            }
+        }
+        bare.push(byte);
+    }
+    let line = bare.as_slice();
     let mut reader = csv_core::ReaderBuilder::new().delimiter(delimiter).build();
     // One field more than there are delimiters at most; one byte more than the line has, so that nothing is ever full.
     let (mut bytes, mut ends) = (vec![0; line.len() + 1], vec![0; line.len() + 2]);
@@ -171,6 +182,7 @@ mod tests {
     #[test]
     fn quotes_hold_delimiters_and_quotes() {
         assert_eq!(fields(r#""a, b", 2,"3","4 ""x""""#, COMMA), ["a, b", "2", "3", r#"4 "x""#]);
+        assert_eq!(fields(r#" "1.5" , "2.5",  "a, b""#, COMMA), ["1.5", "2.5", "a, b"]);
         assert_eq!(fields(r#"1,"cut"#, COMMA), ["1", "cut"]);
         assert_eq!(fields("", COMMA), [""]);
         assert_eq!(fields("1,,3,", COMMA), ["1", "", "3", ""]);
