@@ -39,12 +39,14 @@ impl Heading {
             }
             let ways = [(&own, reading.delimiter), (&other, Delimiter::Space)];
             // A sentence may have as many words as one likes.
-            let is_heading = |names: &Vec<String>| {
-                let known = roles(names).iter().filter(|role| **role != Role::Other).count();
-                !remark || own.len() == width || other.len() == width || known * 2 > names.len()
+            let is_heading = |names: &[String], fitted: &[String]| {
+                let known = roles(fitted).iter().filter(|role| **role != Role::Other).count();
+                !remark || names.len() <= width || known * 2 > fitted.len()
             };
-            let fitting = ways.into_iter().find_map(|(names, delimiter)| fitted(names, delimiter, width, ends_empty));
-            match fitting.filter(is_heading) {
+            let fitting = ways
+                .into_iter()
+                .find_map(|(names, delimiter)| fitted(names, delimiter, width, ends_empty).filter(|fitted| is_heading(names, fitted)));
+            match fitting {
                 Some(names) => heading.take(line.number, names, remark),
                 None if [&own, &other].into_iter().any(|names| has_all(&roles(names))) => {
                     let what = format!("line {} names {} columns, but rows have {width} fields", line.number, own.len().max(other.len()));

@@ -135,7 +135,7 @@ fn quoted(line: &[u8], delimiter: u8) -> Vec<Vec<u8>> {
     let mut bare: Vec<u8> = Vec::with_capacity(line.len());
     for &byte in line {
         if byte == b'"' {
-            let kept = bare.trim_ascii_end().len();
+            let kept = bare.iter().rposition(|&byte| byte != b' ').map_or(0, |last| last + 1);
             if kept == 0 || bare[kept - 1] == delimiter {
                 bare.truncate(kept);
             }

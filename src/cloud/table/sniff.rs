@@ -4,10 +4,10 @@
 //! that find rows of one width with three coordinates in (nearly) all lines. Where names are found, only readings that they fit. Two readings that
 //! find other coordinates in one line are two meanings, and none of them is taken.
 
-use super::heading::Heading;
+use super::heading::{Heading, Names, has_all};
 use super::line::{self, count, is_comment, is_whole, split};
 use super::values::{Kind, Values};
-use super::{Column, Delimiter, Reading, Role, Source, Table, TextOptions};
+use super::{Column, Delimiter, Reading, Role, Source, Table, TextOptions, names};
 use crate::cloud::text;
 use std::collections::BTreeSet;
 
@@ -131,23 +131,19 @@ fn sampled(start: &[u8], is_whole: bool) -> Vec<Sampled<'_>> {
     lines.filter(|line| !line.bytes.trim_ascii().is_empty()).take(SAMPLE_LINES).collect()
 }
 
+/// What a reading makes of the sample; none where it finds no rows.
 fn candidate<'a>(lines: &'a [Sampled<'a>], reading: Reading, asked: &TextOptions) -> Option<Candidate<'a>> {
     let is_number = |field: &Vec<u8>| text::number_with(field, reading.decimal_comma).is_some();
     let is_row = |fields: &[Vec<u8>]| fields.iter().filter(|field| is_number(field)).count() >= 3;
     let could_be = lines.iter().enumerate().filter(|(_, line)| !is_comment(line.bytes, reading.delimiter) && count(line.bytes).is_none());
     let mut rows: Vec<(usize, Row)> =
         could_be.map(|(place, line)| (place, Row { line, fields: split(line.bytes, reading), position: None })).collect();
+    let numeric: Vec<&[Vec<u8>]> = rows.iter().map(|(_, row)| row.fields.as_slice()).filter(|fields| is_row(fields)).collect();
     let width = match asked.columns {
         Some(columns) => columns.roles().len(),
-        None => width(rows.iter().map(|(_, row)| row.fields.as_slice()).filter(|fields| is_row(fields)), reading, is_number)?,
+        None => width(&numeric, reading, is_number)?,
     };
-    // Rows that end in a text of several words.
-    let longer = rows.iter().filter(|(_, row)| is_row(&row.fields) && row.fields.len() > width).count();
-    let words_at_end = reading.delimiter == Delimiter::Space && longer > 1 && longer * 10 >= rows.len() && {
-        let ends =
-            || rows.iter().filter(|(_, row)| is_row(&row.fields) && row.fields.len() >= width).map(|(_, row)| &row.fields[width - 1]);
-        ends().all(|field| !is_number(field))
-    };
+    let words_at_end = ends_in_words(&numeric, width, rows.len(), reading, is_number);
     let fits = |fields: &[Vec<u8>]| fits(fields, width) || words_at_end && fields.len() > width;
     let begin = rows.iter().position(|(_, row)| is_row(&row.fields) && fits(&row.fields))?;
     rows.drain(..begin);
@@ -159,55 +155,67 @@ fn candidate<'a>(lines: &'a [Sampled<'a>], reading: Reading, asked: &TextOptions
     let misfit = misfit.filter(|_| asked.columns.is_none());
     if misfit.is_some() {
         let matched = rows.len();
-        return Some(Candidate { reading, columns: Vec::new(), words_at_end: false, source: Source::Values, rows, matched, misfit, unfit });
+        return Some(Candidate { reading, columns: Vec::new(), words_at_end, source: Source::Values, rows, matched, misfit, unfit });
     }
-    let roles_by_name = names.as_ref().map_or(vec![Role::Other; width], |names| names.roles.clone());
-    let is_named = (0..3).map(Role::Position).all(|role| roles_by_name.contains(&role));
-    let (roles, source) = match (asked.columns, &names) {
-        (Some(columns), _) => (columns.roles().to_vec(), Source::Asked),
-        (None, Some(names)) if is_named => (roles_by_name, Source::Names(names.line)),
-        (None, names) => {
-            let values = Values { rows: &rows, kinds: &kinds, decimal_comma: reading.decimal_comma };
-            let source = names.as_ref().map_or(Source::Values, |names| Source::Partly(names.line));
-            (values.roles(roles_by_name)?, source)
-        }
-    };
-    let columns: Vec<Column> = roles
-        .iter()
-        .enumerate()
-        .map(|(place, &role)| Column {
-            name: names.as_ref().and_then(|names| names.names.get(place).cloned()).filter(|name| !name.is_empty()),
-            role: match role {
-                _ if source == Source::Asked => role,
-                _ if kinds[place] == Kind::Text => Role::Other,
-                // Of no use alone.
-                Role::Returns if !roles.contains(&Role::Return) => Role::Other,
-                _ => role,
-            },
-            is_text: kinds[place] == Kind::Text,
-        })
-        .collect();
-    let is_known = matches!(source, Source::Names(_) | Source::Asked);
-    let hides_number = |place: usize, field: &[u8]| {
-        let is_used = columns.get(place).is_some_and(|column| roles[place] != Role::Other && column.name.is_some());
-        (!is_known || is_used) && is_other_number(field, reading.decimal_comma)
-            || !is_known && asked.delimiter.is_none() && is_list_of_numbers(field)
-    };
-    let hiding = rows.iter().filter(|row| row.fields.iter().enumerate().any(|(place, field)| hides_number(place, field))).count();
+    let (columns, source) = columns(&rows, &kinds, names, reading, asked)?;
+    let contradicted = rows.iter().filter(|row| contradicts(&row.fields, &columns, source, reading, asked)).count();
     // A line or two may be damaged.
-    if hiding * 10 >= rows.len() {
+    if contradicted * 10 >= rows.len() {
         return None;
     }
     let axes = (0..3).map(|axis| columns.iter().position(|column| column.role == Role::Position(axis)));
     let axes: Vec<usize> = axes.collect::<Option<_>>()?;
-    for row in &mut rows {
-        if fits(&row.fields) {
-            let value = |axis: usize| text::number_with(&row.fields[axes[axis]], reading.decimal_comma);
-            row.position = value(0).zip(value(1)).zip(value(2)).map(|((x, y), z)| [x, y, z]);
-        }
+    for row in rows.iter_mut().filter(|row| fits(&row.fields)) {
+        let value = |axis: usize| text::number_with(&row.fields[axes[axis]], reading.decimal_comma);
+        row.position = value(0).zip(value(1)).zip(value(2)).map(|((x, y), z)| [x, y, z]);
     }
     let matched = rows.iter().filter(|row| row.position.is_some()).count();
     Some(Candidate { reading, columns, words_at_end, source, rows, matched, misfit: None, unfit })
+}
+
+/// What the columns are taken for, and what says so: what was asked for, their names, or their values.
+fn columns(rows: &[Row], kinds: &[Kind], names: Option<Names>, reading: Reading, asked: &TextOptions) -> Option<(Vec<Column>, Source)> {
+    let by_name = names.as_ref().map_or(vec![Role::Other; kinds.len()], |names| names.roles.clone());
+    let (roles, source) = match (asked.columns, &names) {
+        (Some(columns), _) => (columns.roles().to_vec(), Source::Asked),
+        (None, Some(names)) if has_all(&by_name) => (by_name, Source::Names(names.line)),
+        (None, names) => {
+            let values = Values { rows, kinds, decimal_comma: reading.decimal_comma };
+            (values.roles(by_name)?, names.as_ref().map_or(Source::Values, |names| Source::Partly(names.line)))
+        }
+    };
+    let column = |(place, &role): (usize, &Role)| Column {
+        name: names.as_ref().and_then(|names| names.names.get(place).cloned()).filter(|name| !name.is_empty()),
+        role: match role {
+            _ if source == Source::Asked => role,
+            _ if kinds[place] == Kind::Text => Role::Other,
+            // Of no use alone.
+            Role::Returns if !roles.contains(&Role::Return) => Role::Other,
+            _ => role,
+        },
+        is_text: kinds[place] == Kind::Text,
+    };
+    Some((roles.iter().enumerate().map(column).collect(), source))
+}
+
+/// Whether the fields of a row say that it is read in the wrong way: numbers with the other decimal mark where numbers are, and lists of numbers.
+fn contradicts(fields: &[Vec<u8>], columns: &[Column], source: Source, reading: Reading, asked: &TextOptions) -> bool {
+    let is_known = matches!(source, Source::Names(_) | Source::Asked);
+    fields.iter().enumerate().any(|(place, field)| {
+        // Of a column that is known by its name, its values have not yet decided whether it is a text.
+        let is_used = columns
+            .get(place)
+            .is_some_and(|column| column.role != Role::Other || column.name.as_deref().is_some_and(|name| names::role(name).is_some()));
+        (!is_known || is_used) && is_other_number(field, reading.decimal_comma)
+            || !is_known && asked.delimiter.is_none() && is_list_of_numbers(field)
+    })
+}
+
+/// Whether rows end in a text of several words, between blanks.
+fn ends_in_words(numeric: &[&[Vec<u8>]], width: usize, rows: usize, reading: Reading, is_number: impl Fn(&Vec<u8>) -> bool) -> bool {
+    let longer = numeric.iter().filter(|fields| fields.len() > width).count();
+    let mut ends = numeric.iter().filter_map(|fields| fields.get(width - 1));
+    reading.delimiter == Delimiter::Space && longer > 1 && longer * 10 >= rows && ends.all(|field| !is_number(field))
 }
 
 /// So many fields, or one more that is empty, behind a delimiter at the end.
@@ -216,8 +224,7 @@ fn fits(fields: &[Vec<u8>], width: usize) -> bool {
 }
 
 /// How many fields rows have: as many as most have. Where words between blanks end them, as many as the shortest.
-fn width<'r>(rows: impl Iterator<Item = &'r [Vec<u8>]>, reading: Reading, is_number: impl Fn(&Vec<u8>) -> bool) -> Option<usize> {
-    let rows: Vec<&[Vec<u8>]> = rows.collect();
+fn width(rows: &[&[Vec<u8>]], reading: Reading, is_number: impl Fn(&Vec<u8>) -> bool) -> Option<usize> {
     let least = rows.iter().map(|fields| fields.len()).min()?;
     if reading.delimiter == Delimiter::Space && least > 3 && rows.iter().all(|fields| !is_number(&fields[least - 1])) {
         return Some(least);
