@@ -5,7 +5,7 @@
 
 use super::floats::{Floats, Point, there};
 use super::input::{Input, Meter};
-use super::table::line::{Line, Missing};
+use super::table::line::{Line, Missing, Splitter};
 use super::table::{Source, Table, sniff};
 use super::{Header, Part, ReadOptions, encoding, ptx, text};
 use crate::error::Result;
@@ -72,9 +72,10 @@ fn rows(input: &Input, at: u64, table: &Table, options: &ReadOptions, progress: 
     };
     let parse = |block: &[u8]| {
         let mut rows = empty();
+        let mut splitter = Splitter::new(table.reading);
         for line in text::all_lines(block) {
             rows.lines += 1;
-            rows.add(line, table);
+            rows.add(line, table, &mut splitter);
         }
         rows
     };
@@ -94,12 +95,12 @@ fn rows(input: &Input, at: u64, table: &Table, options: &ReadOptions, progress: 
 }
 
 impl Rows {
-    fn add(&mut self, line: &[u8], table: &Table) {
+    fn add(&mut self, line: &[u8], table: &Table, splitter: &mut Splitter) {
         if line.trim_ascii().is_empty() {
             return;
         }
         let mut point = Point::default();
-        match table.line(line, self.lines, &mut point, &mut self.missing) {
+        match table.line(line, self.lines, splitter, &mut point, &mut self.missing) {
             Line::Point => self.floats.push(&point),
             Line::Comment => {}
             Line::Count(count) => self.counted = self.counted.saturating_add(count),

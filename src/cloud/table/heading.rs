@@ -1,6 +1,6 @@
 //! LINES BEFORE THE FIRST ROW -> NAMES of the columns, where they are names of these columns.
 
-use super::line::{is_comment, split};
+use super::line::{Splitter, is_comment};
 use super::sniff::Sampled;
 use super::{Delimiter, Reading, Role, names, word};
 use crate::cloud::text;
@@ -27,10 +27,11 @@ impl Heading {
     /// `ends_empty` says that the last of the columns, so many, is one of nothing, behind a delimiter at the end.
     pub fn find(before: &[Sampled], reading: Reading, width: usize, ends_empty: bool) -> Heading {
         let mut heading = Heading::default();
+        let mut splitter = Splitter::new(Reading { paired: false, ..reading });
         for line in before {
             let remark = is_comment(line.bytes, reading.delimiter);
             let bare = if remark { without_marks(line.bytes) } else { line.bytes };
-            let own = words(split(bare, Reading { paired: false, ..reading }), reading.delimiter);
+            let own = words(splitter.split(bare), reading.delimiter);
             // Names may have other marks between them than rows have.
             let other = words(text::fields(bare).map(<[u8]>::to_vec).collect(), Delimiter::Space);
             let other = if remark || own.len() == 1 { other } else { Vec::new() };

@@ -43,7 +43,7 @@ impl Missing {
 
 impl Table {
     /// Reads the line with this number into `point`, which is as it begins, and counts the columns that it lacks.
-    pub fn line(&self, line: &[u8], number: u64, point: &mut Point, missing: &mut [Missing]) -> Line {
+    pub fn line(&self, line: &[u8], number: u64, splitter: &mut Splitter, point: &mut Point, missing: &mut [Missing]) -> Line {
         if is_comment(line, self.reading.delimiter) {
             return Line::Comment;
         }
@@ -52,9 +52,12 @@ impl Table {
         {
             return Line::Count(count);
         }
-        if self.reading.paired || line.contains(&b'"') {
-            let fields = split(line, self.reading);
+        if self.reading.paired {
+            let fields = splitter.split(line);
             return self.row(fields.iter().map(Vec::as_slice), number, point, missing);
+        }
+        if memchr::memchr(b'"', line).is_some() {
+            return self.row(splitter.quoted(line), number, point, missing);
         }
         match self.reading.delimiter.byte() {
             Some(byte) => self.row(line.split(|&b| b == byte).map(<[u8]>::trim_ascii), number, point, missing),
@@ -115,41 +118,58 @@ pub fn count(line: &[u8]) -> Option<u64> {
     std::str::from_utf8(digits).ok()?.parse().ok()
 }
 
-/// The fields of a line, quotes taken off.
-pub fn split(line: &[u8], reading: Reading) -> Vec<Vec<u8>> {
-    let trimmed = |field: &[u8]| field.trim_ascii().to_vec();
-    let fields: Vec<Vec<u8>> = match reading.delimiter.byte() {
-        Some(byte) if line.contains(&b'"') => quoted(line, byte).iter().map(|field| trimmed(field)).collect(),
-        Some(byte) => line.split(|&b| b == byte).map(trimmed).collect(),
-        None if line.contains(&b'"') => {
-            let spaced: Vec<u8> = line.iter().map(|&byte| if byte == b'\t' { b' ' } else { byte }).collect();
-            quoted(spaced.trim_ascii(), b' ').iter().map(|field| trimmed(field)).filter(|field| !field.is_empty()).collect()
-        }
-        None => text::blanks(line).map(<[u8]>::to_vec).collect(),
-    };
-    if reading.paired { pairs(&fields) } else { fields }
+/// Takes lines apart; what quotes enclose stays together.
+pub struct Splitter {
+    reading: Reading,
+    quotes: csv_core::Reader,
+    /// A line without blanks before quotes, its fields one behind the other, and where each ends.
+    bare: Vec<u8>,
+    bytes: Vec<u8>,
+    ends: Vec<usize>,
 }
 
-/// Fields by the rules of CSV, within one line. Blanks before a quote are none of its field.
-fn quoted(line: &[u8], delimiter: u8) -> Vec<Vec<u8>> {
-    let mut bare: Vec<u8> = Vec::with_capacity(line.len());
-    for &byte in line {
-        if byte == b'"' {
-            let kept = bare.iter().rposition(|&byte| byte != b' ').map_or(0, |last| last + 1);
-            if kept == 0 || bare[kept - 1] == delimiter {
-                bare.truncate(kept);
-            }
-        }
-        bare.push(byte);
+impl Splitter {
+    pub fn new(reading: Reading) -> Self {
+        let quotes = csv_core::ReaderBuilder::new().delimiter(reading.delimiter.byte().unwrap_or(b' ')).build();
+        Splitter { reading, quotes, bare: Vec::new(), bytes: Vec::new(), ends: Vec::new() }
     }
-    let line = bare.as_slice();
-    let mut reader = csv_core::ReaderBuilder::new().delimiter(delimiter).build();
-    // One field more than there are delimiters at most; one byte more than the line has, so that nothing is ever full.
-    let (mut bytes, mut ends) = (vec![0; line.len() + 1], vec![0; line.len() + 2]);
-    let (_, _, written, fields) = reader.read_record(line, &mut bytes, &mut ends);
-    let (_, _, _, more) = reader.read_record(&[], &mut bytes[written..], &mut ends[fields..]);
-    let mut start = 0;
-    ends[..fields + more].iter().map(|&end| bytes[std::mem::replace(&mut start, end)..end].to_vec()).collect()
+
+    /// The fields of a line, quotes taken off.
+    pub fn split(&mut self, line: &[u8]) -> Vec<Vec<u8>> {
+        let fields: Vec<Vec<u8>> = match self.reading.delimiter.byte() {
+            _ if line.contains(&b'"') => self.quoted(line).map(<[u8]>::to_vec).collect(),
+            Some(byte) => line.split(|&b| b == byte).map(|field| field.trim_ascii().to_vec()).collect(),
+            None => text::blanks(line).map(<[u8]>::to_vec).collect(),
+        };
+        if self.reading.paired { pairs(&fields) } else { fields }
+    }
+
+    /// Fields by the rules of CSV, within one line. Blanks before a quote are none of its field.
+    fn quoted(&mut self, line: &[u8]) -> impl Iterator<Item = &[u8]> {
+        let byte = self.reading.delimiter.byte();
+        let delimiter = byte.unwrap_or(b' ');
+        self.bare.clear();
+        for &byte in line {
+            let byte = if self.reading.delimiter == Delimiter::Space && byte == b'\t' { b' ' } else { byte };
+            if byte == b'"' {
+                let kept = self.bare.iter().rposition(|&byte| byte != b' ').map_or(0, |last| last + 1);
+                if delimiter != b' ' && (kept == 0 || self.bare[kept - 1] == delimiter) {
+                    self.bare.truncate(kept);
+                }
+            }
+            self.bare.push(byte);
+        }
+        let bare = if byte.is_none() { self.bare.trim_ascii() } else { &self.bare };
+        // One field more than there are delimiters at most; one byte more than the line has, so that nothing is ever full.
+        self.bytes.resize(bare.len() + 1, 0);
+        self.ends.resize(bare.len() + 2, 0);
+        self.quotes.reset();
+        let (_, _, written, fields) = self.quotes.read_record(bare, &mut self.bytes, &mut self.ends);
+        let (_, _, _, more) = self.quotes.read_record(&[], &mut self.bytes[written..], &mut self.ends[fields..]);
+        let mut start = 0;
+        let fields = self.ends[..fields + more].iter().map(move |&end| std::mem::replace(&mut start, end)..end);
+        fields.map(|range| self.bytes[range].trim_ascii()).filter(move |field| byte.is_some() || !field.is_empty())
+    }
 }
 
 /// Two and two fields as one number; none where some do not make one.
@@ -176,7 +196,7 @@ mod tests {
     const COMMA: Reading = Reading { delimiter: Delimiter::Comma, decimal_comma: false, paired: false };
 
     fn fields(line: &str, reading: Reading) -> Vec<String> {
-        split(line.as_bytes(), reading).into_iter().map(|field| String::from_utf8(field).unwrap()).collect()
+        Splitter::new(reading).split(line.as_bytes()).into_iter().map(|field| String::from_utf8(field).unwrap()).collect()
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! find other coordinates in one line are two meanings, and none of them is taken.
 
 use super::heading::{Heading, Names, has_all};
-use super::line::{self, count, is_comment, is_whole, split};
+use super::line::{self, Splitter, count, is_comment, is_whole};
 use super::values::{Kind, Values};
 use super::{Column, Delimiter, Reading, Role, Source, Table, TextOptions, names};
 use crate::cloud::text;
@@ -136,8 +136,9 @@ fn candidate<'a>(lines: &'a [Sampled<'a>], reading: Reading, asked: &TextOptions
     let is_number = |field: &Vec<u8>| text::number_with(field, reading.decimal_comma).is_some();
     let is_row = |fields: &[Vec<u8>]| fields.iter().filter(|field| is_number(field)).count() >= 3;
     let could_be = lines.iter().enumerate().filter(|(_, line)| !is_comment(line.bytes, reading.delimiter) && count(line.bytes).is_none());
+    let mut splitter = Splitter::new(reading);
     let mut rows: Vec<(usize, Row)> =
-        could_be.map(|(place, line)| (place, Row { line, fields: split(line.bytes, reading), position: None })).collect();
+        could_be.map(|(place, line)| (place, Row { line, fields: splitter.split(line.bytes), position: None })).collect();
     let numeric: Vec<&[Vec<u8>]> = rows.iter().map(|(_, row)| row.fields.as_slice()).filter(|fields| is_row(fields)).collect();
     let width = match asked.columns {
         Some(columns) => columns.roles().len(),
@@ -309,8 +310,9 @@ fn table(lines: &[Sampled], chosen: Candidate) -> Table {
     let rows_before = before.clone().filter(|line| !is_comment(line.bytes, reading.delimiter));
     let count = rows_before.clone().filter_map(|line| line::count(line.bytes)).last();
     let named = if let Source::Names(line) | Source::Partly(line) = source { Some(line) } else { None };
-    let has_number =
-        |line: &Sampled| split(line.bytes, reading).iter().any(|field| text::number_with(field, reading.decimal_comma).is_some());
+    let mut splitter = Splitter::new(reading);
+    let mut has_number =
+        |line: &Sampled| splitter.split(line.bytes).iter().any(|field| text::number_with(field, reading.decimal_comma).is_some());
     let others: Vec<&Sampled> = rows_before.filter(|line| line::count(line.bytes).is_none() && Some(line.number) != named).collect();
     let (odd, passed): (Vec<&Sampled>, Vec<&Sampled>) = others.into_iter().partition(|line| has_number(line));
     Table {
