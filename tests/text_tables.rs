@@ -733,6 +733,9 @@ fn lines_that_are_no_rows_are_counted_and_the_first_is_shown() {
     assert!(says(&cloud, "1 line without a value for \"i\", the first is line 8"), "{:?}", cloud.notes);
     let error = read_as("a.txt", text.as_bytes(), &ReadOptions::new(Wanted::ALL, true)).unwrap_err().to_string();
     assert!(error.contains("line 5 is no row of the table: \"1 2 3\": 3 fields, not 4"), "{error}");
+    // What a line lacks that is no row is not counted.
+    let cloud = read("gaps.csv", "x,y,z,i,class\n1,2,3,,5\n4,5,6,\n-1.7e38,0,0,,1\n7,8,9,1,2\n");
+    assert!(says(&cloud, "1 line without a value for \"i\", the first is line 2"), "{:?}", cloud.notes);
     // In a later block, too.
     let mut long: String = (0..700_000).map(|i| format!("{i}.25 {} -7\n", i % 1000)).collect();
     long += "one two three\n1 2 3\n";

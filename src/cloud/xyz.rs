@@ -43,6 +43,8 @@ struct Rows {
     no_data: Missing,
     /// Of every column.
     missing: Vec<Missing>,
+    /// Columns that the last line has no value for.
+    gaps: Vec<usize>,
 }
 
 /// Lines that are no rows.
@@ -69,6 +71,7 @@ fn rows(input: &Input, at: u64, table: &Table, options: &ReadOptions, progress: 
         bad: Bad::default(),
         no_data: Missing::default(),
         missing: vec![Missing::default(); table.columns.len()],
+        gaps: Vec::new(),
     };
     let parse = |block: &[u8]| {
         let mut rows = empty();
@@ -100,8 +103,12 @@ impl Rows {
             return;
         }
         let mut point = Point::default();
-        match table.line(line, self.lines, splitter, &mut point, &mut self.missing) {
-            Line::Point => self.floats.push(&point),
+        self.gaps.clear();
+        match table.line(line, splitter, &mut point, &mut self.gaps) {
+            Line::Point => {
+                self.floats.push(&point);
+                self.gaps.iter().for_each(|&place| self.missing[place].add(self.lines));
+            }
             Line::Comment => {}
             Line::Count(count) => self.counted = self.counted.saturating_add(count),
             Line::NoData => self.no_data.join(Missing { lines: 1, first: self.lines }),

@@ -28,7 +28,7 @@ pub struct Missing {
 }
 
 impl Missing {
-    fn add(&mut self, line: u64) {
+    pub fn add(&mut self, line: u64) {
         self.join(Missing { lines: 1, first: line });
     }
 
@@ -42,8 +42,8 @@ impl Missing {
 }
 
 impl Table {
-    /// Reads the line with this number into `point`, which is as it begins, and counts the columns that it lacks.
-    pub fn line(&self, line: &[u8], number: u64, splitter: &mut Splitter, point: &mut Point, missing: &mut [Missing]) -> Line {
+    /// Reads a line into `point`, which is as it begins, and appends to `gaps` the columns that it has no value for.
+    pub fn line(&self, line: &[u8], splitter: &mut Splitter, point: &mut Point, gaps: &mut Vec<usize>) -> Line {
         if is_comment(line, self.reading.delimiter) {
             return Line::Comment;
         }
@@ -54,18 +54,18 @@ impl Table {
         }
         if self.reading.paired {
             let fields = splitter.split(line);
-            return self.row(fields.iter().map(Vec::as_slice), number, point, missing);
+            return self.row(fields.iter().map(Vec::as_slice), point, gaps);
         }
         if memchr::memchr(b'"', line).is_some() {
-            return self.row(splitter.quoted(line), number, point, missing);
+            return self.row(splitter.quoted(line), point, gaps);
         }
         match self.reading.delimiter.byte() {
-            Some(byte) => self.row(line.split(|&b| b == byte).map(<[u8]>::trim_ascii), number, point, missing),
-            None => self.row(text::blanks(line), number, point, missing),
+            Some(byte) => self.row(line.split(|&b| b == byte).map(<[u8]>::trim_ascii), point, gaps),
+            None => self.row(text::blanks(line), point, gaps),
         }
     }
 
-    fn row<'a>(&self, mut fields: impl Iterator<Item = &'a [u8]>, number: u64, point: &mut Point, missing: &mut [Missing]) -> Line {
+    fn row<'a>(&self, mut fields: impl Iterator<Item = &'a [u8]>, point: &mut Point, gaps: &mut Vec<usize>) -> Line {
         for (place, column) in self.columns.iter().enumerate() {
             let Some(field) = fields.next() else {
                 return Line::Bad(format!("{place} fields, not {}", self.columns.len()));
@@ -80,7 +80,7 @@ impl Table {
                 }
                 None => {
                     point.set(column.role, f64::NAN);
-                    missing[place].add(number);
+                    gaps.push(place);
                 }
             }
         }
