@@ -70,6 +70,11 @@ impl Opening {
         Ok(Source::Index(Arc::new(index)))
     }
 
+    /// How an index of the files is made.
+    fn build(&self) -> build::Options {
+        build::Options { text: self.read.text, ..build::Options::usual(self.read.strict) }
+    }
+
     fn place(&self) -> Result<cache::Place> {
         self.place.clone().map_or_else(cache::Place::usual, Ok)
     }
@@ -109,7 +114,7 @@ impl Source {
             }
             return Ok(Source::Files(cloud::read(paths, &opening.read, progress)?));
         };
-        let (place, build) = (opening.place()?, build::Options::usual(opening.read.strict));
+        let (place, build) = (opening.place()?, opening.build());
         let Cached { index, made } = cache::find_or_build(paths, &place, &build, progress)?;
         match made {
             Some(made) => eprintln!("pointillist: indexed in {:.1} s, because {why}; kept: {}", made.seconds, kept(&place)),
@@ -125,7 +130,7 @@ impl Source {
         }
         let About { points, compressed } = cloud::stream::about(paths)?;
         let (soon, some) = match opening.needs_index(paths)? {
-            Some(_) => (cache::is_there(paths, &opening.place()?, &build::Options::usual(opening.read.strict))?, points),
+            Some(_) => (cache::is_there(paths, &opening.place()?, &opening.build())?, points),
             None => (points + compressed * (config::DECOMPRESSION - 1) < config::SLOW_POINTS, points / config::PREVIEW_SHARE),
         };
         if soon {

@@ -4,6 +4,7 @@
 
 use glam::DVec3;
 use pointillist::cloud::find::{self, Extras, Sought};
+use pointillist::cloud::table::TextOptions;
 use pointillist::cloud::{self, Cloud, ReadOptions, Wanted, spacing};
 use pointillist::error::{Error, Result};
 use pointillist::progress::{Progress, Silent};
@@ -22,11 +23,11 @@ fn shared(relative: &str) -> Option<PathBuf> {
 }
 
 fn read(path: &Path) -> Result<Cloud> {
-    cloud::read(&[path.to_owned()], &ReadOptions { wanted: Wanted::ALL, strict: false }, &Silent)
+    cloud::read(&[path.to_owned()], &ReadOptions::new(Wanted::ALL, false), &Silent)
 }
 
 fn read_strictly(path: &Path) -> Result<Cloud> {
-    cloud::read(&[path.to_owned()], &ReadOptions { wanted: Wanted::ALL, strict: true }, &Silent)
+    cloud::read(&[path.to_owned()], &ReadOptions::new(Wanted::ALL, true), &Silent)
 }
 
 /// Reads bytes as a file of this name; the file lives as long as the call.
@@ -164,7 +165,7 @@ fn laz_layers_that_are_not_wanted_change_nothing_else() {
     let path = data.join("formats/las1.4_pf9.laz");
     let all = read(&path).unwrap();
     let wanted = Wanted { intensity: true, ..Wanted::default() };
-    let some = cloud::read(&[path], &ReadOptions { wanted, strict: true }, &Silent).unwrap();
+    let some = cloud::read(&[path], &ReadOptions::new(wanted, true), &Silent).unwrap();
     assert_eq!(all.parts[0].columns.z, some.parts[0].columns.z);
     assert_eq!(all.parts[0].columns.intensity, some.parts[0].columns.intensity);
 }
@@ -764,7 +765,7 @@ fn a_point_that_is_looked_up_comes_with_every_attribute_of_its_file() {
         let position = |i: usize| part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from));
         for i in [0, part.columns.len() / 2, part.columns.len() - 1] {
             let sought = Sought { position: position(i), ..Sought::default() };
-            let found = find::find(std::slice::from_ref(&path), &sought, &Silent).unwrap().unwrap();
+            let found = find::find(std::slice::from_ref(&path), TextOptions::NONE, &sought, &Silent).unwrap().unwrap();
             let record = &records[found.point as usize];
             assert_eq!(
                 [record.x, record.y, record.z].map(|c| (c * 1e3).round()),

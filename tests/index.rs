@@ -20,6 +20,7 @@ mod stopped;
 use glam::DVec3;
 use pointillist::clip::Clips;
 use pointillist::cloud::counts::Counts;
+use pointillist::cloud::table::TextOptions;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions, Wanted};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::cut::{self, Detail};
@@ -38,8 +39,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use support::{names, scan, shared, shuffled};
 
-const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, derive: Derive::NONE };
-const READ: ReadOptions = ReadOptions { wanted: Wanted::ALL, strict: false };
+const OPTIONS: Options =
+    Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, text: TextOptions::NONE, derive: Derive::NONE };
+const READ: ReadOptions = ReadOptions::new(Wanted::ALL, false);
 
 // ---- clouds made here
 

@@ -2,6 +2,7 @@
 
 mod support;
 
+use pointillist::cloud::table::TextOptions;
 use pointillist::cloud::{self, ReadOptions, Wanted};
 use pointillist::index::build::{self, Derive, Options};
 use pointillist::index::exposure;
@@ -13,8 +14,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use support::scan;
 
-const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, derive: Derive::NONE };
-const READ: ReadOptions = ReadOptions { wanted: Wanted::ALL, strict: false };
+const OPTIONS: Options =
+    Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, text: TextOptions::NONE, derive: Derive::NONE };
+const READ: ReadOptions = ReadOptions::new(Wanted::ALL, false);
 
 /// Of LAS 1.2, point format 3, as `synth` writes it: bytes before the points, of a point, and before its source.
 const HEAD: usize = 227;

@@ -106,7 +106,7 @@ fn agree(path: &Path, options: &ReadOptions) -> std::result::Result<usize, Strin
     }
 }
 
-const ALL: ReadOptions = ReadOptions { wanted: Wanted::ALL, strict: false };
+const ALL: ReadOptions = ReadOptions::new(Wanted::ALL, false);
 
 fn agree_bytes(name: &str, bytes: &[u8], options: &ReadOptions) -> std::result::Result<usize, String> {
     let folder = tempfile::tempdir().unwrap();
@@ -163,7 +163,7 @@ fn columns_that_are_not_wanted_are_not_in_batches() {
     for wanted in
         [Wanted::default(), Wanted { intensity: true, ..Wanted::default() }, Wanted { rgb: true, source: true, ..Wanted::default() }]
     {
-        assert!(agree(&path, &ReadOptions { wanted, strict: true }).is_ok());
+        assert!(agree(&path, &ReadOptions::new(wanted, true)).is_ok());
     }
 }
 
@@ -396,7 +396,7 @@ fn a_sample_is_points_of_the_file_from_all_over_it() {
         let path = folder.path().join(name);
         support::scan(&path, pointillist::synth::Scene::Street, 300_000);
         let wanted = Wanted { rgb: true, ..Wanted::default() };
-        let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions { wanted, strict: true }, &Silent).unwrap();
+        let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent).unwrap();
         let sample = cloud::sample(std::slice::from_ref(&path), wanted, asked, &Silent).unwrap().expect("a sample");
         assert!(expected.contains(&sample.len()), "{name}: {} points", sample.len());
         let points = |cloud: &pointillist::cloud::Cloud| -> Vec<([i32; 3], [u8; 3])> {
@@ -419,7 +419,7 @@ fn a_sample_is_coarse_and_has_no_gaps() {
         let path = folder.path().join(name);
         support::scan(&path, pointillist::synth::Scene::Street, 2_000_000);
         let wanted = Wanted::default();
-        let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions { wanted, strict: true }, &Silent).unwrap();
+        let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent).unwrap();
         let sample = cloud::sample(std::slice::from_ref(&path), wanted, 200_000, &Silent).unwrap().expect("a sample");
         // Cells of two metres.
         let cells = |cloud: &pointillist::cloud::Cloud| {

@@ -1,6 +1,6 @@
 //! `pointillist index`: files in, one index out, complete or absent.
 
-use super::options::ends_in;
+use super::options::{TextArguments, ends_in};
 use super::render::refuse_to_overwrite;
 use crate::cloud::Wanted;
 use crate::config;
@@ -22,7 +22,7 @@ The folder of OUT.pnti needs room for the index, about 16 bytes a point, and whi
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC; also PLY, E57, OBJ, XYZ, CSV, TXT, which are read into memory whole
+    /// Point clouds: LAS, LAZ, COPC; also PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, which are read into memory whole
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The index to write
@@ -52,6 +52,8 @@ pub struct Arguments {
     /// Print what was made as JSON
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub text: TextArguments,
 }
 
 /// A number of bytes: 512MiB, 2GiB, 1000000.
@@ -99,7 +101,8 @@ impl Arguments {
         let usual = Options::usual(self.strict);
         let threads = self.threads.map_or(usual.threads, |threads| threads as usize);
         let derive = Derive { normals: self.normals, strokes: self.strokes, luminance: self.luminance };
-        Ok(Options { memory: self.memory.0, threads, wanted: Wanted { gps_time: self.gps_time, ..usual.wanted }, derive, ..usual })
+        let wanted = Wanted { gps_time: self.gps_time, ..usual.wanted };
+        Ok(Options { memory: self.memory.0, threads, wanted, text: self.text.options(), derive, ..usual })
     }
 }
 

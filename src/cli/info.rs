@@ -11,6 +11,7 @@
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use super::indexed_info;
+use super::options::TextArguments;
 use crate::cloud::counts::Counts;
 use crate::cloud::strays::Strays;
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
@@ -31,7 +32,7 @@ use std::path::{Path, PathBuf};
   pointillist info site.pnti                 an index: what went into it, and the tree
   pointillist info --strict survey.las       exit code 1 if anything is cut off or the header lies")]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
 
@@ -42,6 +43,9 @@ pub struct Arguments {
     /// Refuse a truncated or lying file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
+
+    #[command(flatten)]
+    pub text: TextArguments,
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
@@ -59,7 +63,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 }
 
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
-    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict };
+    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict, text: arguments.text.options() };
     let cloud = cloud::read(&arguments.files, &options, progress)?;
     let report = Report::new(&cloud);
     if arguments.json {

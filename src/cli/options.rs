@@ -3,6 +3,7 @@
 use super::index::Bytes;
 use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::{Attribute, Further, Shown};
+use crate::cloud::table::{Columns, Delimiter, TextOptions};
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config;
 use crate::cut::Fineness;
@@ -76,6 +77,8 @@ pub struct PictureOptions {
     pub abuffer_memory: Option<Bytes>,
     #[command(flatten)]
     pub detail: DetailOptions,
+    #[command(flatten)]
+    pub text: TextArguments,
     /// That of --scene.
     #[arg(skip)]
     pub saved_camera: Option<Camera>,
@@ -103,6 +106,24 @@ pub struct DetailOptions {
     /// Shadows of an index that `pointillist shadows` has saved, of the same --light
     #[arg(long, value_name = "FILE.shadows")]
     pub shadows: Option<PathBuf>,
+}
+
+/// How text files are read, where that is not to be found out.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[command(next_help_heading = "Text files")]
+pub struct TextArguments {
+    /// What the columns are, in their order, - for one to leave aside: x,y,z,-,red,green,blue; also nx ny nz intensity class return returns source time [default: by their names, else by their order and values]
+    #[arg(long, value_name = "NAME,...")]
+    pub columns: Option<Columns>,
+    /// What lies between fields: , ; tab space [default: found out]
+    #[arg(long, value_name = "MARK", allow_hyphen_values = true)]
+    pub delimiter: Option<Delimiter>,
+}
+
+impl TextArguments {
+    pub fn options(&self) -> TextOptions {
+        TextOptions { delimiter: self.delimiter, columns: self.columns }
+    }
 }
 
 impl DetailOptions {
@@ -242,7 +263,7 @@ impl PictureOptions {
     }
 
     pub fn read_options(&self, strict: bool) -> ReadOptions {
-        ReadOptions { wanted: self.wanted(), strict }
+        ReadOptions { wanted: self.wanted(), strict, text: self.text.options() }
     }
 
     /// What the points show, and why.

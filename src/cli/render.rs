@@ -37,7 +37,7 @@ Examples:
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = help())]
 pub struct Arguments {
-    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT; or one index, PNTI
+    /// Point clouds: LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX; or one index, PNTI
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// The picture to write, PNG

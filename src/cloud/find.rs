@@ -2,6 +2,7 @@
 
 use super::las::single;
 use super::stream::{self, Batch, Source};
+use super::table::TextOptions;
 use super::{Lattice, ReadOptions, Wanted};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -64,9 +65,9 @@ struct Candidate {
     part: usize,
 }
 
-/// The record of a point, or none where no point of these files lies in its place.
-pub fn find(paths: &[PathBuf], sought: &Sought, progress: &dyn Progress) -> Result<Option<Record>> {
-    let options = ReadOptions { wanted: Wanted::ALL, strict: false };
+/// The record of a point, or none where no point of these files lies in its place; text files are read as before.
+pub fn find(paths: &[PathBuf], text: TextOptions, sought: &Sought, progress: &dyn Progress) -> Result<Option<Record>> {
+    let options = ReadOptions { wanted: Wanted::ALL, strict: false, text };
     let mut best: Option<Candidate> = None;
     let mut found = 0;
     let sources = stream::open(paths, &options, progress, &mut Vec::new())?;

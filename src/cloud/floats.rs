@@ -23,6 +23,10 @@ pub struct Floats {
     pub intensity: Option<Vec<f32>>,
     pub class: Option<Vec<u8>>,
     pub normal: Option<Vec<[i8; 3]>>,
+    /// As in [`Columns`].
+    pub returns: Option<Vec<u8>>,
+    pub source: Option<Vec<u16>>,
+    pub gps_time: Option<Vec<f64>>,
     /// Points left out because a coordinate is NaN or infinite.
     pub not_finite: u64,
     /// Points whose byte colours were out of range.
@@ -51,17 +55,42 @@ pub struct Point {
     pub intensity: f32,
     pub class: u8,
     pub normal: [f32; 3],
+    /// Return number (low four bits) and number of returns (high four bits).
+    pub returns: u8,
+    pub source: u16,
+    pub gps_time: f64,
 }
 
 /// What a column or property of a file is taken for.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     Position(usize),
     Color(usize),
     Normal(usize),
     Intensity,
     Class,
+    /// Return number.
+    Return,
+    /// Number of returns.
+    Returns,
+    /// Point source id.
+    Source,
+    /// GPS time.
+    Time,
     Other,
+}
+
+impl Role {
+    /// Whether the column that it fills has room for a value.
+    pub fn holds(self, value: f64) -> bool {
+        let whole = |most: f64| value.fract() == 0.0 && (0.0..=most).contains(&value);
+        match self {
+            Role::Class => whole(u8::MAX.into()),
+            Role::Return | Role::Returns => whole(15.0),
+            Role::Source => whole(u16::MAX.into()),
+            _ => true,
+        }
+    }
 }
 
 /// The columns that these roles fill: triples only if they are whole.
@@ -72,7 +101,9 @@ pub fn there(roles: &[Role]) -> Wanted {
         normal: whole(Role::Normal),
         intensity: roles.contains(&Role::Intensity),
         class: roles.contains(&Role::Class),
-        ..Wanted::default()
+        returns: roles.contains(&Role::Return),
+        source: roles.contains(&Role::Source),
+        gps_time: roles.contains(&Role::Time),
     }
 }
 
@@ -88,6 +119,10 @@ impl Point {
             Role::Normal(axis) => self.normal[axis] = value as f32,
             Role::Intensity => self.intensity = value as f32,
             Role::Class => self.class = value as u8,
+            Role::Return => self.returns = self.returns & 0xF0 | value as u8 & 15,
+            Role::Returns => self.returns = self.returns & 15 | (value as u8 & 15) << 4,
+            Role::Source => self.source = value as u16,
+            Role::Time => self.gps_time = value,
             Role::Other => {}
         }
     }
@@ -105,6 +140,9 @@ impl Floats {
             intensity: (there.intensity && wanted.intensity).then(Vec::new),
             class: (there.class && wanted.class).then(Vec::new),
             normal: (there.normal && wanted.normal).then(Vec::new),
+            returns: (there.returns && wanted.returns).then(Vec::new),
+            source: (there.source && wanted.source).then(Vec::new),
+            gps_time: (there.gps_time && wanted.gps_time).then(Vec::new),
             not_finite: 0,
             clamped: 0,
         }
@@ -127,6 +165,9 @@ impl Floats {
         hint(&mut self.intensity, count);
         hint(&mut self.class, count);
         hint(&mut self.normal, count);
+        hint(&mut self.returns, count);
+        hint(&mut self.source, count);
+        hint(&mut self.gps_time, count);
     }
 
     pub fn push(&mut self, point: &Point) {
@@ -143,6 +184,9 @@ impl Floats {
         self.intensity.iter_mut().for_each(|column| column.push(point.intensity));
         self.class.iter_mut().for_each(|column| column.push(point.class));
         self.normal.iter_mut().for_each(|column| column.push(unit_normal(point.normal)));
+        self.returns.iter_mut().for_each(|column| column.push(point.returns));
+        self.source.iter_mut().for_each(|column| column.push(point.source));
+        self.gps_time.iter_mut().for_each(|column| column.push(point.gps_time));
     }
 
     /// Appends a block that has the same columns.
@@ -158,6 +202,9 @@ impl Floats {
         join(&mut self.intensity, block.intensity);
         join(&mut self.class, block.class);
         join(&mut self.normal, block.normal);
+        join(&mut self.returns, block.returns);
+        join(&mut self.source, block.source);
+        join(&mut self.gps_time, block.gps_time);
         self.not_finite += block.not_finite;
         self.clamped += block.clamped;
     }
@@ -179,6 +226,9 @@ impl Floats {
             y: y.quantise(extent.offset[1], extent.step),
             z: z.quantise(extent.offset[2], extent.step),
             class: self.class,
+            returns: self.returns,
+            source: self.source,
+            gps_time: self.gps_time,
             // Zeros and NaN alone are no normals.
             normal: self.normal.filter(|normal| normal.iter().any(|normal| *normal != [0; 3])),
             ..Columns::default()
@@ -204,7 +254,7 @@ impl Floats {
         if let Some(intensity) = self.intensity {
             let undefined = intensity.iter().filter(|v| !v.is_finite()).count();
             if undefined > 0 {
-                notes.push(format!("{name}: {undefined} intensities are NaN or infinite, and taken as the smallest"));
+                notes.push(format!("{name}: {undefined} intensities are missing, NaN or infinite, and taken as the smallest"));
             }
             let (column, range) = intensities(&intensity, limits);
             (columns.intensity, intensity_range) = (Some(column), range);
@@ -286,7 +336,7 @@ fn intensities(stored: &[f32], limits: Option<[f64; 2]>) -> (Vec<u16>, [f64; 2])
         return (vec![0; stored.len()], [0.0, 0.0]);
     }
     if lo >= 0.0 && hi <= 65535.0 && hi > 1.0 && finite().all(|v| v.fract() == 0.0) {
-        return (stored.iter().map(|&v| v as u16).collect(), [0.0, 65535.0]);
+        return (stored.iter().map(|&v| if v.is_finite() { v as u16 } else { lo as u16 }).collect(), [0.0, 65535.0]);
     }
     let own = [lo as f64, hi as f64];
     let [lo, hi] = limits.filter(|[a, b]| a.is_finite() && b.is_finite() && *a <= own[0] && own[1] <= *b).unwrap_or(own);

@@ -14,7 +14,13 @@ pub struct Input {
     pub path: PathBuf,
     /// When it was opened; a shorter file later is an error of the read that finds it.
     pub length: u64,
-    file: File,
+    contents: Contents,
+}
+
+enum Contents {
+    File(File),
+    /// What a reader made of the file's bytes, to be read in their place.
+    Made(Vec<u8>),
 }
 
 impl Input {
@@ -28,14 +34,19 @@ impl Input {
             return Err(Error::format(path, "is not a regular file (a pipe or a device); save it to a file first"));
         }
         let file = File::open(path).map_err(|source| Error::io("open", path, source))?;
-        Ok(Self { path: path.to_owned(), length: metadata.len(), file })
+        Ok(Self { path: path.to_owned(), length: metadata.len(), contents: Contents::File(file) })
+    }
+
+    /// The same file with other bytes in place of its own.
+    pub fn with(&self, bytes: Vec<u8>) -> Input {
+        Input { path: self.path.clone(), length: bytes.len() as u64, contents: Contents::Made(bytes) }
     }
 
     /// Fills `bytes` from `offset` on, less at the end of the file; returns how many there were.
     pub fn read_at(&self, offset: u64, bytes: &mut [u8]) -> Result<usize> {
         let mut filled = 0;
         while filled < bytes.len() {
-            match read_some_at(&self.file, &mut bytes[filled..], offset.saturating_add(filled as u64)) {
+            match self.contents.read_some_at(&mut bytes[filled..], offset.saturating_add(filled as u64)) {
                 Ok(0) => break,
                 Ok(count) => filled += count,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
@@ -81,6 +92,20 @@ pub fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
+impl Contents {
+    fn read_some_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+        match self {
+            Contents::File(file) => read_some_at(file, bytes, offset),
+            Contents::Made(made) => {
+                let rest = usize::try_from(offset).ok().and_then(|offset| made.get(offset..)).unwrap_or_default();
+                let count = rest.len().min(bytes.len());
+                bytes[..count].copy_from_slice(&rest[..count]);
+                Ok(count)
+            }
+        }
+    }
+}
+
 #[cfg(unix)]
 fn read_some_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
     std::os::unix::fs::FileExt::read_at(file, bytes, offset)
@@ -98,7 +123,7 @@ pub struct Stream<'a> {
 
 impl io::Read for Stream<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        let count = read_some_at(&self.input.file, bytes, self.offset)?;
+        let count = self.input.contents.read_some_at(bytes, self.offset)?;
         self.offset += count as u64;
         Ok(count)
     }

@@ -12,6 +12,7 @@ pub mod color;
 pub mod core;
 pub mod counts;
 pub mod e57;
+mod encoding;
 pub mod find;
 mod floats;
 mod guard;
@@ -20,9 +21,11 @@ pub mod las;
 pub mod obj;
 pub mod octahedral;
 pub mod ply;
+pub mod ptx;
 pub mod spacing;
 pub mod strays;
 pub mod stream;
+pub mod table;
 mod text;
 pub mod xyz;
 
@@ -33,6 +36,7 @@ use input::Input;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use table::TextOptions;
 
 /// The integer grid that a part's points lie on: `world = offset + step * q`, per axis, metres (or the file's unit), f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -192,6 +196,14 @@ pub struct ReadOptions {
     pub wanted: Wanted,
     /// Refuse a truncated or lying file instead of keeping what is readable.
     pub strict: bool,
+    pub text: TextOptions,
+}
+
+impl ReadOptions {
+    /// With everything about text files found out.
+    pub const fn new(wanted: Wanted, strict: bool) -> ReadOptions {
+        ReadOptions { wanted, strict, text: TextOptions::NONE }
+    }
 }
 
 /// What a file's header says, for `info` to hold against the points themselves.
@@ -318,22 +330,25 @@ fn read_one(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         return Err(input.wrong("is empty (0 bytes)"));
     }
     if start.starts_with(las::MAGIC) {
+        notes.extend(options.text.idle(input));
         return las::read(input, options, progress, notes);
     }
     if start.starts_with(b"ASTM-E57") {
+        notes.extend(options.text.idle(input));
         return e57::read(input, options, progress, notes);
     }
     if start.starts_with(b"ply") && start.get(3).is_none_or(u8::is_ascii_whitespace) {
+        notes.extend(options.text.idle(input));
         return ply::read(input, options, progress, notes);
     }
     let extension = input.path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     match extension.as_str() {
         "obj" => obj::read(input, options, progress, notes),
-        "xyz" | "csv" | "txt" | "asc" | "pts" | "xyzrgb" => xyz::read(input, options, progress, notes),
+        "xyz" | "csv" | "tsv" | "txt" | "asc" | "pts" | "ptx" | "xyzrgb" | "xyzi" | "xyzn" => xyz::read(input, options, progress, notes),
         "las" | "laz" | "ply" | "e57" => {
             Err(input.wrong(format!("does not begin as a {} file does; it is damaged or misnamed", extension.to_uppercase())))
         }
-        _ => Err(input.wrong("is none of LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, by its content or by its name")),
+        _ => Err(input.wrong("is none of LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, by its content or by its name")),
     }
 }
 

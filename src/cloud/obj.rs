@@ -43,7 +43,8 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
 
 fn vertex(line: &[u8]) -> Option<Point> {
     let mut point = Point::default();
-    let mut fields = text::fields(line);
+    // A comma within a number is none of its delimiters.
+    let mut fields = text::blanks(line);
     for value in &mut point.position {
         *value = text::number(fields.next()?)?;
     }

@@ -19,6 +19,10 @@ use std::io::{BufReader, Read};
 /// Bytes a task: fits the cache with the block it becomes.
 const TASK_BYTES: u64 = 512 << 10;
 
+/// What decides how the numbers of an ascii body are written.
+const SAMPLE_BYTES: u64 = 16 << 10;
+const SAMPLE_LINES: usize = 64;
+
 /// Tasks between two appends: bounds what is held besides the columns.
 const TASKS: u64 = 32;
 
@@ -48,7 +52,13 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let found = match (skip(input, &layout, &layout.elements[..index])?, vertex.record_bytes()) {
         _ if vertex.count == 0 => Found { floats: empty, records: 0 },
         (None, _) => Found { floats: empty, records: 0 },
-        (Some(at), _) if layout.coding == Coding::Ascii => ascii(input, vertex, at, empty, progress)?,
+        (Some(at), _) if layout.coding == Coding::Ascii => {
+            let decimal_comma = has_decimal_commas(&input.take(at, SAMPLE_BYTES)?, vertex);
+            if decimal_comma {
+                notes.push(format!("{}: numbers have decimal commas", input.name()));
+            }
+            ascii(input, vertex, at, decimal_comma, empty, progress)?
+        }
         (Some(at), Some(stride)) => fixed(input, vertex, at, stride, layout.coding == Coding::Big, empty, progress)?,
         (Some(at), None) => listed(input, vertex, at, layout.coding == Coding::Big, empty, progress)?,
     };
@@ -102,7 +112,19 @@ fn skip(input: &Input, layout: &Layout, elements: &[Element]) -> Result<Option<u
     Ok(Some(at))
 }
 
-fn ascii(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &dyn Progress) -> Result<Found> {
+/// Whether the first lines are records if commas are decimal marks, and some have one.
+fn has_decimal_commas(start: &[u8], vertex: &Element) -> bool {
+    let lines = || text::lines(start).take(SAMPLE_LINES.min(vertex.count as usize));
+    let is_record = |line: &[u8]| {
+        let fields = text::blanks(line).filter(|field| text::number_with(field, true).is_some());
+        fields.count() == text::blanks(line).count() && header::parse_line(line, &vertex.properties, true, |_, _| {}).is_some()
+    };
+    // The last line of the sample may be cut, and one may be damaged.
+    let (all, records) = (lines().count(), lines().filter(|line| is_record(line)).count());
+    lines().any(|line| line.contains(&b',')) && records * 10 >= all * 9
+}
+
+fn ascii(input: &Input, vertex: &Element, at: u64, decimal_comma: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
     let (end, lines) = text::skip_lines(input, at, vertex.count)?;
     let meter = Meter::new(progress, input, end - at);
     let mut floats = empty.clone();
@@ -114,7 +136,7 @@ fn ascii(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &dyn
         let mut records = 0u64;
         for line in text::lines(block) {
             let mut point = Point::default();
-            if header::parse_line(line, &vertex.properties, |role, value| point.set(role, value)).is_some() {
+            if header::parse_line(line, &vertex.properties, decimal_comma, |role, value| point.set(role, value)).is_some() {
                 floats.push(&point);
                 records += 1;
             }

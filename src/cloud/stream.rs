@@ -65,6 +65,7 @@ pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, n
         let input = Input::open(path)?;
         let mut push = |contents| sources.push(Source { path: path.clone(), strict: options.strict, contents });
         if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
+            notes.extend(options.text.idle(&input));
             let las = Box::new(Las::open(&input, options.wanted, notes)?);
             push(Contents::Las { las, length: input.length });
         } else {

@@ -2,6 +2,7 @@
 //!
 //! In: a range of a file and a parser for a block of lines. Out: what the parser made of each block, in the file's order.
 //! A few MiB are read at a time and cut at line ends, one piece a thread: a text of any length passes through bounded memory.
+//! Lines end in LF, CRLF or CR. Numbers have a decimal point, or where a format's reader says so a decimal comma; `1.5D+03` is one, too.
 
 use super::input::{Input, Meter};
 use crate::error::Result;
@@ -31,7 +32,7 @@ pub fn parse<T: Send>(
         block.extend_from_slice(&read);
         let last = read.is_empty() || at >= range.end;
         if !last {
-            let end = block.iter().rposition(|&byte| byte == b'\n').map_or(block.len(), |newline| newline + 1);
+            let end = last_end(&block).unwrap_or(block.len());
             carried = block.split_off(end);
         }
         let pieces = pieces(&block);
@@ -51,8 +52,8 @@ fn pieces(block: &[u8]) -> Vec<&[u8]> {
     let mut rest = block;
     let mut pieces = Vec::new();
     while rest.len() > PIECE_BYTES {
-        let Some(newline) = rest[PIECE_BYTES..].iter().position(|&byte| byte == b'\n') else { break };
-        let (piece, after) = rest.split_at(PIECE_BYTES + newline + 1);
+        let Some(end) = first_end(&rest[PIECE_BYTES..]) else { break };
+        let (piece, after) = rest.split_at(PIECE_BYTES + end);
         pieces.push(piece);
         rest = after;
     }
@@ -60,9 +61,40 @@ fn pieces(block: &[u8]) -> Vec<&[u8]> {
     pieces
 }
 
+/// Where the line after the first end of one begins. A CR that is the last byte may have its LF in the next block, so that it ends nothing.
+fn first_end(block: &[u8]) -> Option<usize> {
+    let end = memchr::memchr2(b'\n', b'\r', block)?;
+    match &block[end..] {
+        [b'\r', b'\n', ..] => Some(end + 2),
+        [b'\r'] => None,
+        _ => Some(end + 1),
+    }
+}
+
+/// Where the line after the last end of one begins.
+pub fn last_end(block: &[u8]) -> Option<usize> {
+    let block = block.strip_suffix(b"\r").unwrap_or(block);
+    memchr::memrchr2(b'\n', b'\r', block).map(|end| end + 1)
+}
+
+/// All lines, without their ends; blank ones too, so that they can be counted.
+pub fn all_lines(block: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let mut rest = Some(block).filter(|block| !block.is_empty());
+    std::iter::from_fn(move || {
+        let block = rest?;
+        let end = memchr::memchr2(b'\n', b'\r', block).unwrap_or(block.len());
+        let next = match &block[end..] {
+            [b'\r', b'\n', ..] => end + 2,
+            _ => end + 1,
+        };
+        rest = block.get(next..).filter(|rest| !rest.is_empty());
+        Some(&block[..end])
+    })
+}
+
 /// Lines that hold something, without their ends.
 pub fn lines(block: &[u8]) -> impl Iterator<Item = &[u8]> {
-    block.split(|&byte| byte == b'\n').map(<[u8]>::trim_ascii).filter(|line| !line.is_empty())
+    all_lines(block).map(<[u8]>::trim_ascii).filter(|line| !line.is_empty())
 }
 
 /// Fields between any of space, tab, comma, semicolon.
@@ -70,8 +102,62 @@ pub fn fields(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(|byte| matches!(byte, b' ' | b'\t' | b',' | b';' | b'\r')).filter(|field| !field.is_empty())
 }
 
+/// Fields between spaces and tabs.
+pub fn blanks(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    line.split(|byte| matches!(byte, b' ' | b'\t')).filter(|field| !field.is_empty())
+}
+
 pub fn number(field: &[u8]) -> Option<f64> {
-    std::str::from_utf8(field).ok()?.parse().ok()
+    plain(field).or_else(|| fortran(field))
+}
+
+/// A number with a decimal comma, or with a point: not with either.
+pub fn number_with(field: &[u8], decimal_comma: bool) -> Option<f64> {
+    if !decimal_comma {
+        return number(field);
+    }
+    let Some(comma) = field.iter().position(|&byte| byte == b',') else {
+        return Some(field).filter(|field| !field.contains(&b'.')).and_then(number);
+    };
+    // A digit behind it, so that a comma between words is none.
+    field.get(comma + 1).filter(|byte| byte.is_ascii_digit())?;
+    let points = |byte| match byte {
+        b',' => b'.',
+        b'.' => b',',
+        other => other,
+    };
+    replaced(field, points, number)
+}
+
+/// `1.5D+03`.
+fn fortran(field: &[u8]) -> Option<f64> {
+    let is_exponent = |byte: &u8| matches!(byte, b'd' | b'D');
+    let is_number = field.iter().all(|byte| byte.is_ascii_digit() || is_exponent(byte) || matches!(byte, b'+' | b'-' | b'.'));
+    (is_number && field.iter().any(is_exponent)).then_some(())?;
+    replaced(field, |byte| if is_exponent(&byte) { b'e' } else { byte }, plain)
+}
+
+fn plain(field: &[u8]) -> Option<f64> {
+    fast_float2::parse(field).ok()
+}
+
+/// The number that a field is with other bytes for some. A field of more bytes is no number.
+fn replaced(field: &[u8], other: impl Fn(u8) -> u8, parse: fn(&[u8]) -> Option<f64>) -> Option<f64> {
+    let mut bytes = [0; 64];
+    let bytes = bytes.get_mut(..field.len())?;
+    bytes.iter_mut().zip(field).for_each(|(slot, &byte)| *slot = other(byte));
+    parse(bytes)
+}
+
+/// A line for a message, in quotes, as far as one wants to see it.
+pub fn shown(line: &[u8]) -> String {
+    const MOST: usize = 80;
+    let text = String::from_utf8_lossy(&line[..line.len().min(MOST)]);
+    format!("\"{}{}\"", text.escape_debug(), if line.len() > MOST { "..." } else { "" })
+}
+
+pub fn lines_in_words(count: u64) -> String {
+    if count == 1 { "1 line".into() } else { format!("{count} lines") }
 }
 
 /// Skips `count` lines that hold something, from `at` on; returns where the next line begins and how many there were.
@@ -88,16 +174,54 @@ pub fn skip_lines(input: &Input, at: u64, count: u64) -> Result<(u64, u64)> {
             return Ok((block_at, seen + inked as u64));
         }
         for (i, &byte) in block.iter().enumerate() {
-            if byte == b'\n' {
+            if matches!(byte, b'\n' | b'\r') {
                 seen += inked as u64;
                 inked = false;
                 if seen == count {
-                    return Ok((block_at + i as u64 + 1, seen));
+                    let ends = if block[i..].starts_with(b"\r\n") { 2 } else { 1 };
+                    return Ok((block_at + i as u64 + ends, seen));
                 }
             } else {
                 inked |= !byte.is_ascii_whitespace();
             }
         }
         block_at += block.len() as u64;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_end_in_lf_crlf_and_cr() {
+        let lines: Vec<&[u8]> = all_lines(b"a\r\nb\n\nc\rd\r\n").collect();
+        assert_eq!(lines, [b"a".as_slice(), b"b", b"", b"c", b"d"]);
+        assert_eq!(all_lines(b"").count(), 0);
+        assert_eq!((first_end(b"ab\r\nc"), first_end(b"ab\r"), last_end(b"a\rb\r"), last_end(b"ab")), (Some(4), None, Some(2), None));
+    }
+
+    #[test]
+    fn numbers_are_those_of_the_standard_library() {
+        for text in ["1", "-1.5", "+2.25", ".5", "5.", "1e-320", "1.7976931348623157e308", "-0", "1E+05", "123456789.123456789", "0.1"] {
+            assert_eq!(number(text.as_bytes()), text.parse().ok(), "{text}");
+        }
+        assert!(number(b"NaN").unwrap().is_nan() && number(b"-inf") == Some(f64::NEG_INFINITY) && number(b"1e999") == Some(f64::INFINITY));
+        for text in ["", "-", ".", "0x1F", "1 2", "1,5", "tree", "dead", "d", "1e", "--1", "1.2.3", "infinit", "1d", "e5"] {
+            assert_eq!(number(text.as_bytes()), None, "{text}");
+        }
+        assert_eq!(number(b"1.5D+03"), Some(1500.0));
+        assert_eq!(number(b"-2d-1"), Some(-0.2));
+    }
+
+    #[test]
+    fn decimal_commas_are_no_points() {
+        assert_eq!(number_with(b"500000,25", true), Some(500000.25));
+        assert_eq!(number_with(b"-7", true), Some(-7.0));
+        assert_eq!(number_with(b"1,5E+03", true), Some(1500.0));
+        assert_eq!(number_with(b"1,5D+03", true), Some(1500.0));
+        for text in ["1.5", "1,5,5", "1.000,5", "1,", ","] {
+            assert_eq!(number_with(text.as_bytes(), true), None, "{text}");
+        }
     }
 }

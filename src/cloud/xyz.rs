@@ -1,178 +1,169 @@
-//! XYZ, CSV and TXT -> one part.
+//! Tables of text (XYZ, CSV, TXT, ASC, PTS) -> one part.
 //!
-//! In: lines of numbers between spaces, tabs, commas or semicolons. Out: positions and whatever the columns are taken for.
-//! A line of names decides what a column is; without one the number of columns and the first lines' values do, and a note says what was decided.
-//! `#` and `//` begin comments; a single number on the first line is a count (PTS). Lines that do not parse are counted.
+//! In: text of any encoding that begins with a byte order mark, or UTF-8. Out: the points, and in notes how the table was read, what was taken for
+//! what, which lines are no rows, and which columns lack numbers. PTX, which is no table, is known by its content and handed on.
 
-use super::floats::{ColorUnit, Floats, Point, Role, there};
+use super::floats::{Floats, Point, there};
 use super::input::{Input, Meter};
-use super::{Header, Part, ReadOptions, text};
+use super::table::line::{Line, Missing, Splitter};
+use super::table::{Source, Table, sniff};
+use super::{Header, Part, ReadOptions, encoding, ptx, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
-/// Lines that decide what columns are, where no names do.
-const SAMPLE_LINES: usize = 256;
-
 pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
-    let start = input.take(0, 64 << 10)?;
-    let Plan { roles, named, count } =
-        plan(&start).ok_or_else(|| input.wrong("has no line of at least three numbers near its beginning: not a text point cloud"))?;
-    let there = there(&roles);
-    if !named {
-        notes.push(format!("{}: columns taken as {}", input.name(), words(&roles)));
+    let decoded = encoding::decoded(input, notes)?;
+    let input = decoded.as_ref().unwrap_or(input);
+    let begin = encoding::mark_bytes(input)?;
+    let start = input.take(begin, sniff::SAMPLE_BYTES)?;
+    if ptx::is_one(&start) {
+        return ptx::read(input, begin, options, progress, notes);
     }
-    let meter = Meter::new(progress, input, input.length);
-    let mut floats = Floats::new(there, options.wanted, false, false);
-    let mut bad = 0;
-    let parse = |block: &[u8]| {
-        let mut floats = Floats::new(there, options.wanted, false, false);
-        let mut bad = 0u64;
-        for line in text::lines(block).filter(|line| !is_comment(line)) {
-            match point(line, &roles) {
-                Some(point) => floats.push(&point),
-                None => bad += 1,
-            }
-        }
-        (floats, bad)
+    let is_whole = begin + start.len() as u64 >= input.length;
+    let table = sniff::sniff(&start, is_whole, &options.text).map_err(|what| input.wrong(what))?;
+    notes.push(format!("{}: {table}", input.name()));
+    let rows = rows(input, begin + table.body_at as u64, &table, options, progress)?;
+    tell(input, &table, &rows, options, notes)?;
+    let points = table.count.map(|first| first.saturating_add(rows.counted));
+    let format = if table.count.is_some() && table.source == Source::Values { "PTS" } else { "XYZ" };
+    let names = table.columns.iter().map(|column| column.name.clone().unwrap_or_default()).collect::<Vec<_>>().join(", ");
+    let named = Some(("names".to_string(), names)).filter(|_| table.columns.iter().any(|column| column.name.is_some()));
+    let facts = [("columns".into(), table.words())].into_iter().chain(named).collect();
+    let header = Header { format: format.into(), points, facts, ..Header::default() };
+    Ok(vec![rows.floats.into_part(input, header, table.color_unit(), None, notes)])
+}
+
+/// What became of lines.
+struct Rows {
+    floats: Floats,
+    lines: u64,
+    /// What the counts of blocks after the first say.
+    counted: u64,
+    bad: Bad,
+    no_data: Missing,
+    /// Of every column.
+    missing: Vec<Missing>,
+    /// Columns that the last line has no value for.
+    gaps: Vec<usize>,
+}
+
+/// Lines that are no rows.
+#[derive(Default)]
+struct Bad {
+    lines: u64,
+    /// Its number, what is wrong about it, and itself.
+    first: Option<(u64, String)>,
+}
+
+impl Bad {
+    fn add(&mut self, line: u64, what: impl FnOnce() -> String) {
+        self.lines += 1;
+        self.first.get_or_insert_with(|| (line, what()));
+    }
+}
+
+fn rows(input: &Input, at: u64, table: &Table, options: &ReadOptions, progress: &dyn Progress) -> Result<Rows> {
+    let there = there(&table.roles());
+    let empty = || Rows {
+        floats: Floats::new(there, options.wanted, false, false),
+        lines: 0,
+        counted: 0,
+        bad: Bad::default(),
+        no_data: Missing::default(),
+        missing: vec![Missing::default(); table.columns.len()],
+        gaps: Vec::new(),
     };
-    text::parse(input, 0..input.length, &meter, parse, |(block, its_bad), bytes| {
-        if floats.len() == 0 {
-            floats.reserve((block.len() as u64 * input.length / bytes.max(1) as u64) as usize);
+    let parse = |block: &[u8]| {
+        let mut rows = empty();
+        let mut splitter = Splitter::new(table.reading);
+        for line in text::all_lines(block) {
+            rows.lines += 1;
+            rows.add(line, table, &mut splitter);
         }
-        floats.append(block);
-        bad += its_bad;
+        rows
+    };
+    let mut rows = Rows { lines: table.lines_before, ..empty() };
+    for (number, line) in &table.odd {
+        rows.bad.add(*number, || line.clone());
+    }
+    let length = input.length - at;
+    let meter = Meter::new(progress, input, length);
+    text::parse(input, at..input.length, &meter, parse, |block, bytes| {
+        if rows.floats.len() == 0 {
+            rows.floats.reserve((block.floats.len() as u64 * length / bytes.max(1) as u64) as usize);
+        }
+        rows.append(block);
     })?;
-    // The lines of names and of the count are no points, and are known.
-    let header_lines = text::lines(&start).filter(|line| !is_comment(line)).take_while(|line| !is_data(line)).count() as u64;
-    bad -= header_lines.min(bad);
-    if bad > 0 {
-        let what = format!("{bad} lines are not points, and were left out");
+    Ok(rows)
+}
+
+impl Rows {
+    fn add(&mut self, line: &[u8], table: &Table, splitter: &mut Splitter) {
+        if line.trim_ascii().is_empty() {
+            return;
+        }
+        let mut point = Point::default();
+        self.gaps.clear();
+        match table.line(line, splitter, &mut point, &mut self.gaps) {
+            Line::Point => {
+                self.floats.push(&point);
+                self.gaps.iter().for_each(|&place| self.missing[place].add(self.lines));
+            }
+            Line::Comment => {}
+            Line::Count(count) => self.counted = self.counted.saturating_add(count),
+            Line::NoData => self.no_data.join(Missing { lines: 1, first: self.lines }),
+            Line::Bad(why) => self.bad.add(self.lines, || format!("{}: {why}", text::shown(line))),
+        }
+    }
+
+    /// Adds the lines that follow.
+    fn append(&mut self, block: Rows) {
+        let before = self.lines;
+        let later = |missing: Missing| Missing { first: missing.first + before, ..missing };
+        self.floats.append(block.floats);
+        self.lines += block.lines;
+        self.counted = self.counted.saturating_add(block.counted);
+        self.bad.lines += block.bad.lines;
+        self.bad.first = self.bad.first.take().or(block.bad.first.map(|(line, what)| (line + before, what)));
+        self.no_data.join(later(block.no_data));
+        self.missing.iter_mut().zip(block.missing).for_each(|(sum, missing)| sum.join(later(missing)));
+    }
+}
+
+/// Says what is no row and what rows lack; where it is strict, lines that are lost end it.
+fn tell(input: &Input, table: &Table, rows: &Rows, options: &ReadOptions, notes: &mut Vec<String>) -> Result<()> {
+    let lines = |count: u64| text::lines_in_words(count);
+    if let Some((line, what)) = &rows.bad.first {
+        if options.strict {
+            return Err(input.wrong(format!("line {line} is no row of the table: {what}")));
+        }
+        let are = if rows.bad.lines == 1 { "is no point, and was left out" } else { "are not points, and were left out" };
+        notes.push(format!("{}: {} {are}; line {line}: {what}", input.name(), lines(rows.bad.lines)));
+    }
+    if rows.no_data.lines > 0 {
+        let Missing { lines: count, first } = rows.no_data;
+        notes.push(format!(
+            "{}: {} without data (coordinates such as -1.70141E+38) left out, the first is line {first}",
+            input.name(),
+            lines(count)
+        ));
+    }
+    for (place, missing) in rows.missing.iter().enumerate().filter(|(_, missing)| missing.lines > 0) {
+        notes.push(format!(
+            "{}: {} without a value for {}, the first is line {}",
+            input.name(),
+            lines(missing.lines),
+            table.title(place),
+            missing.first
+        ));
+    }
+    let read = rows.floats.len() as u64 + rows.floats.not_finite + rows.no_data.lines;
+    if let Some(count) = table.count.map(|first| first.saturating_add(rows.counted)).filter(|&count| count != read) {
+        let what = format!("the lines of counts say {count} points, {read} could be read");
         if options.strict {
             return Err(input.wrong(what));
         }
         notes.push(format!("{}: {what}", input.name()));
     }
-    if let Some(count) = count
-        && count != floats.len() as u64 + floats.not_finite
-    {
-        notes.push(format!("{}: the first line says {count} points, {} could be read", input.name(), floats.len()));
-    }
-    let header = Header { format: "XYZ".into(), points: count, facts: vec![("columns".into(), words(&roles))], ..Header::default() };
-    Ok(vec![floats.into_part(input, header, ColorUnit::Guess, None, notes)])
-}
-
-struct Plan {
-    roles: Vec<Role>,
-    named: bool,
-    /// The count on the first line, as PTS files have it.
-    count: Option<u64>,
-}
-
-fn plan(start: &[u8]) -> Option<Plan> {
-    // The last line of the sample may be cut.
-    let whole = if start.len() < 64 << 10 { start } else { &start[..start.iter().rposition(|&byte| byte == b'\n').unwrap_or(0)] };
-    let mut names = None;
-    let mut count = None;
-    for line in text::lines(whole) {
-        let bare = line.strip_prefix(b"#").or(line.strip_prefix(b"//")).unwrap_or(line);
-        if is_data(line) {
-            break;
-        }
-        names = roles_by_name(bare).or(names);
-        if count.is_none() && text::fields(line).count() == 1 {
-            count = std::str::from_utf8(line).ok().and_then(|text| text.parse().ok());
-        }
-    }
-    let sample: Vec<Vec<f64>> = text::lines(whole)
-        .filter(|line| is_data(line))
-        .take(SAMPLE_LINES)
-        .map(|line| text::fields(line).map_while(text::number).collect())
-        .collect();
-    let columns = sample.iter().map(Vec::len).min()?;
-    let named = names.is_some();
-    Some(Plan { roles: names.unwrap_or_else(|| roles_by_values(columns, &sample)), named, count })
-}
-
-fn is_comment(line: &[u8]) -> bool {
-    line.starts_with(b"#") || line.starts_with(b"//")
-}
-
-fn is_data(line: &[u8]) -> bool {
-    !is_comment(line) && text::fields(line).take(3).filter(|field| text::number(field).is_some()).count() == 3
-}
-
-fn roles_by_name(line: &[u8]) -> Option<Vec<Role>> {
-    let roles: Vec<Role> = text::fields(line)
-        .map(|field| {
-            let name = String::from_utf8_lossy(field).trim_matches(['"', '\'', '/', '#']).to_lowercase();
-            match name.as_str() {
-                "x" | "easting" | "east" => Role::Position(0),
-                "y" | "northing" | "north" => Role::Position(1),
-                "z" | "height" | "elevation" | "altitude" => Role::Position(2),
-                "r" | "red" => Role::Color(0),
-                "g" | "green" => Role::Color(1),
-                "b" | "blue" => Role::Color(2),
-                "nx" | "normal_x" | "normalx" => Role::Normal(0),
-                "ny" | "normal_y" | "normaly" => Role::Normal(1),
-                "nz" | "normal_z" | "normalz" => Role::Normal(2),
-                "i" | "intensity" | "scalar_intensity" | "reflectance" => Role::Intensity,
-                "class" | "classification" | "label" => Role::Class,
-                _ => Role::Other,
-            }
-        })
-        .collect();
-    (0..3).all(|i| roles.contains(&Role::Position(i))).then_some(roles)
-}
-
-/// x y z, then by what is left: one is intensity, three are colours or normals, four are intensity and colours, six are both.
-fn roles_by_values(columns: usize, sample: &[Vec<f64>]) -> Vec<Role> {
-    let triple = |at: usize| {
-        let values = || sample.iter().flat_map(|row| &row[at..at + 3]);
-        let directions = values().all(|v| v.abs() <= 1.0) && values().any(|&v| v < 0.0);
-        if directions { Role::Normal as fn(usize) -> Role } else { Role::Color }
-    };
-    let mut roles: Vec<Role> = (0..3).map(Role::Position).collect();
-    match columns {
-        4 | 5 => roles.push(Role::Intensity),
-        6 => roles.extend((0..3).map(triple(3))),
-        7 | 8 => {
-            roles.push(Role::Intensity);
-            roles.extend((0..3).map(triple(4)));
-        }
-        9.. => {
-            roles.extend((0..3).map(triple(3)));
-            let second = triple(6);
-            if second(0) != roles[3] {
-                roles.extend((0..3).map(second));
-            }
-        }
-        _ => {}
-    }
-    roles.resize(columns.max(3), Role::Other);
-    roles
-}
-
-fn point(line: &[u8], roles: &[Role]) -> Option<Point> {
-    let mut point = Point::default();
-    let mut positions = 0;
-    for (field, role) in text::fields(line).zip(roles) {
-        if *role == Role::Other {
-            continue;
-        }
-        point.set(*role, text::number(field)?);
-        positions += matches!(role, Role::Position(_)) as usize;
-    }
-    (positions == 3).then_some(point)
-}
-
-fn words(roles: &[Role]) -> String {
-    let word = |role: &Role| match role {
-        Role::Position(axis) => ["x", "y", "z"][*axis],
-        Role::Color(channel) => ["red", "green", "blue"][*channel],
-        Role::Normal(axis) => ["nx", "ny", "nz"][*axis],
-        Role::Intensity => "intensity",
-        Role::Class => "class",
-        Role::Other => "-",
-    };
-    roles.iter().map(word).collect::<Vec<_>>().join(" ")
+    Ok(())
 }

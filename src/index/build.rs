@@ -31,6 +31,7 @@ use super::unite;
 use crate::cloud::attribute::STRETCH;
 use crate::cloud::counts::Tally;
 use crate::cloud::stream::{self, Source};
+use crate::cloud::table::TextOptions;
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config::INDEX_MEMORY;
 use crate::error::{Error, Result};
@@ -52,6 +53,8 @@ pub struct Options {
     pub wanted: Wanted,
     /// Refuse files that are cut off or lie, instead of indexing what is readable.
     pub strict: bool,
+    /// How text files are read.
+    pub text: TextOptions,
     /// What is found out of the points beside what the files say.
     pub derive: Derive,
 }
@@ -60,7 +63,8 @@ impl Options {
     /// As `index` does it when nothing is asked for.
     pub fn usual(strict: bool) -> Options {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Options { memory: INDEX_MEMORY, threads, wanted: Wanted { gps_time: false, ..Wanted::ALL }, strict, derive: Derive::NONE }
+        let wanted = Wanted { gps_time: false, ..Wanted::ALL };
+        Options { memory: INDEX_MEMORY, threads, wanted, strict, text: TextOptions::NONE, derive: Derive::NONE }
     }
 }
 
@@ -117,7 +121,7 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
     let pool = pool.map_err(|error| Error::Request(format!("cannot start {} threads: {error}", options.threads)))?;
     pool.install(|| {
         let mut notes = Vec::new();
-        let read = ReadOptions { wanted: options.wanted, strict: options.strict };
+        let read = ReadOptions { wanted: options.wanted, strict: options.strict, text: options.text };
         let sources = stream::open(paths, &read, progress, &mut notes)?;
         if sources.len() > u16::MAX as usize {
             return Err(Error::Request(format!("{} files are more than the 65,535 that one index takes", sources.len())));

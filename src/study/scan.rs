@@ -2,6 +2,7 @@
 
 use super::precision::UTM;
 use crate::cloud::Wanted;
+use crate::cloud::table::TextOptions;
 use crate::error::{Error, Result};
 use crate::index::build::{self, Options};
 use crate::index::file::Index;
@@ -64,7 +65,7 @@ impl Scan {
         build::build(
             &[input],
             &output,
-            &Options { memory: 1 << 30, threads, wanted: WANTED, strict: true, derive: build::Derive::NONE },
+            &Options { memory: 1 << 30, threads, wanted: WANTED, strict: true, text: TextOptions::NONE, derive: build::Derive::NONE },
             progress,
         )?;
         Ok(Scan { world, index: Arc::new(Index::open(&output)?), source, _folder: folder })

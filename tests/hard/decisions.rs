@@ -148,7 +148,7 @@ fn hard_24_16_bit_colours() {
     let mut file = LasFile::create(&path, lattice, 1 << 16).unwrap();
     file.write(&chunk).unwrap();
     file.finish().unwrap();
-    let cloud = cloud::read(&[path], &ReadOptions { wanted: Wanted::ALL, strict: true }, &Silent).unwrap();
+    let cloud = cloud::read(&[path], &ReadOptions::new(Wanted::ALL, true), &Silent).unwrap();
     let part = &cloud.parts[0];
     assert_eq!(part.rgb_bits, 16);
     // 65535 = 255 * 257, and v / 257 is never a half: rounding has one answer.

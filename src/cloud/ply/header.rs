@@ -193,13 +193,25 @@ fn shown(word: &[u8]) -> String {
     String::from_utf8_lossy(&word[..word.len().min(64)]).escape_debug().to_string()
 }
 
-/// Sets what one line of an ascii body says; `None` if it is not such a record.
-pub fn parse_line(line: &[u8], properties: &[Property], mut set: impl FnMut(Role, f64)) -> Option<()> {
-    let mut fields = text::fields(line);
+/// Sets what one line of an ascii body says; `None` if it is not such a record. Where commas are decimal marks, only blanks are between numbers.
+pub fn parse_line(line: &[u8], properties: &[Property], decimal_comma: bool, set: impl FnMut(Role, f64)) -> Option<()> {
+    if decimal_comma {
+        parse_fields(text::blanks(line), properties, |field| text::number_with(field, true), set)
+    } else {
+        parse_fields(text::fields(line), properties, text::number, set)
+    }
+}
+
+fn parse_fields<'a>(
+    mut fields: impl Iterator<Item = &'a [u8]>,
+    properties: &[Property],
+    number: impl Fn(&[u8]) -> Option<f64>,
+    mut set: impl FnMut(Role, f64),
+) -> Option<()> {
     for property in properties {
         match property.length {
             None if property.role == Role::Other => drop(fields.next()?),
-            None => set(property.role, text::number(fields.next()?)?),
+            None => set(property.role, number(fields.next()?)?),
             Some(_) => {
                 let length: u32 = std::str::from_utf8(fields.next()?).ok()?.parse().ok()?;
                 for _ in 0..length {
