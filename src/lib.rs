@@ -25,7 +25,7 @@
 //! use pointillist::{cloud, frame, gpu, graph, look, passes::encode, picture, progress::Silent, resident::Resident, view};
 //!
 //! # fn main() -> pointillist::error::Result<()> {
-//! let options = cloud::ReadOptions { wanted: cloud::Wanted { rgb: true, ..Default::default() }, strict: false };
+//! let options = cloud::ReadOptions { wanted: cloud::Wanted { rgb: true, ..Default::default() }, strict: false, rgb_range: None };
 //! let cloud = cloud::read(&["scan.laz".into()], &options, &Silent)?;
 //! let camera = view::Camera::framing(view::Preset::Fit, &cloud.core_points(), [1920, 1080]);
 //! let view = view::View::new(camera, [1920, 1080])?;

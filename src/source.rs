@@ -2,6 +2,7 @@
 
 use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Further, Shown};
+use crate::cloud::color::RgbRange;
 use crate::cloud::core::without_strays;
 use crate::cloud::counts::Counts;
 use crate::cloud::stream::About;
@@ -23,7 +24,7 @@ use crate::progress::Progress;
 use crate::resident::{Filling, Residency, Resident, residency::Update};
 use crate::view::View;
 use glam::DVec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -74,6 +75,17 @@ impl Opening {
     }
 }
 
+/// An index has the colours that it was made with.
+pub fn refuse_rgb_range(index: &Path, asked: Option<RgbRange>) -> Result<()> {
+    match asked {
+        Some(_) => Err(Error::Request(format!(
+            "--rgb-range: {} is an index, whose colours were read when it was made; give --rgb-range to `pointillist index`",
+            index.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// Some points of files.
 pub struct Preview {
     pub source: Source,
@@ -90,7 +102,10 @@ impl Source {
     /// An index is opened alone: what belongs together is indexed together. Files too large to be drawn whole are indexed first, or their index is found.
     pub fn open(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Source> {
         match paths.iter().find(|path| Index::is_one(path)) {
-            Some(path) if paths.len() == 1 => return opening.equipped(Index::open(path)?),
+            Some(path) if paths.len() == 1 => {
+                refuse_rgb_range(path, opening.read.rgb_range)?;
+                return opening.equipped(Index::open(path)?);
+            }
             Some(path) => {
                 return Err(Error::Request(format!(
                     "{} is an index, and is drawn alone; `pointillist index` makes one of several files",
@@ -108,7 +123,7 @@ impl Source {
             }
             return Ok(Source::Files(cloud::read(paths, &opening.read, progress)?));
         };
-        let (place, build) = (opening.place()?, build::Options::usual(opening.read.strict));
+        let (place, build) = (opening.place()?, build::Options::reading(&opening.read));
         let Cached { index, made } = cache::find_or_build(paths, &place, &build, progress)?;
         match made {
             Some(made) => eprintln!("pointillist: indexed in {:.1} s, because {why}; kept: {}", made.seconds, kept(&place)),
@@ -124,14 +139,14 @@ impl Source {
         }
         let About { points, compressed } = cloud::stream::about(paths)?;
         let (soon, some) = match opening.needs_index(paths)? {
-            Some(_) => (cache::is_there(paths, &opening.place()?, &build::Options::usual(opening.read.strict))?, points),
+            Some(_) => (cache::is_there(paths, &opening.place()?, &build::Options::reading(&opening.read))?, points),
             None => (points + compressed * (config::DECOMPRESSION - 1) < config::SLOW_POINTS, points / config::PREVIEW_SHARE),
         };
         if soon {
             return Ok(None);
         }
         let some = some.min(config::PREVIEW_POINTS);
-        let sample = cloud::sample(paths, opening.read.wanted, some, progress)?;
+        let sample = cloud::sample(paths, &opening.read, some, progress)?;
         Ok(sample.map(|cloud| Preview { source: Source::Files(cloud), points }))
     }
 

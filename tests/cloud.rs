@@ -22,11 +22,11 @@ fn shared(relative: &str) -> Option<PathBuf> {
 }
 
 fn read(path: &Path) -> Result<Cloud> {
-    cloud::read(&[path.to_owned()], &ReadOptions { wanted: Wanted::ALL, strict: false }, &Silent)
+    cloud::read(&[path.to_owned()], &ReadOptions { wanted: Wanted::ALL, strict: false, rgb_range: None }, &Silent)
 }
 
 fn read_strictly(path: &Path) -> Result<Cloud> {
-    cloud::read(&[path.to_owned()], &ReadOptions { wanted: Wanted::ALL, strict: true }, &Silent)
+    cloud::read(&[path.to_owned()], &ReadOptions { wanted: Wanted::ALL, strict: true, rgb_range: None }, &Silent)
 }
 
 /// Reads bytes as a file of this name; the file lives as long as the call.
@@ -133,7 +133,7 @@ fn attributes_are_those_of_the_table() {
     let Some(data) = shared("data") else { return };
     let cloud = read(&data.join("aerial/sample_c.las")).unwrap();
     let columns = &cloud.parts[0].columns;
-    assert_eq!(cloud.parts[0].rgb_bits, 16);
+    assert_eq!(cloud.parts[0].rgb_scale.bits(), 16);
     assert_eq!(cloud::range(columns.intensity.as_ref().unwrap()), Some((103, 2687)));
     assert_eq!(cloud.stations.len(), 4);
     assert_eq!(cloud.stations.iter().map(|station| station.points).sum::<u64>(), 14_408);
@@ -164,7 +164,7 @@ fn laz_layers_that_are_not_wanted_change_nothing_else() {
     let path = data.join("formats/las1.4_pf9.laz");
     let all = read(&path).unwrap();
     let wanted = Wanted { intensity: true, ..Wanted::default() };
-    let some = cloud::read(&[path], &ReadOptions { wanted, strict: true }, &Silent).unwrap();
+    let some = cloud::read(&[path], &ReadOptions { wanted, strict: true, rgb_range: None }, &Silent).unwrap();
     assert_eq!(all.parts[0].columns.z, some.parts[0].columns.z);
     assert_eq!(all.parts[0].columns.intensity, some.parts[0].columns.intensity);
 }
@@ -478,24 +478,29 @@ fn hard_24_sixteen_bit_colours_are_rounded_exactly() {
         let exact = (v as f64 / 257.0).round() as u8;
         assert_eq!(*color, [exact, 0, exact], "{v}");
     }
-    assert_eq!(cloud.parts[0].rgb_bits, 16);
+    assert_eq!(cloud.parts[0].rgb_scale.bits(), 16);
 }
 
 #[test]
 fn hard_24_colour_depth_is_decided_over_the_whole_file() {
     let count = 20_000;
     let narrow = read_bytes("narrow.las", &las(&colors((0..count).map(|i| (i % 256) as u16)))).unwrap();
-    assert_eq!(narrow.parts[0].rgb_bits, 8);
+    assert_eq!(narrow.parts[0].rgb_scale.bits(), 8);
     assert!(narrow.parts[0].columns.rgb.as_ref().unwrap().iter().enumerate().all(|(i, color)| color[0] as usize == i % 256));
     assert!(narrow.notes.iter().any(|note| note.contains("8-bit values in 16-bit fields")), "{:?}", narrow.notes);
 
-    // One wide value, at the beginning, in the middle, at the end: all others are 16-bit values too, wherever they were read.
+    // One wide value is an outlier; wide ones in a fifth of the file are none, wherever they were read, and then all others are 16-bit values too.
     for wide_at in [0, 8191, 8192, 10_000, count - 1] {
         let values = (0..count).map(|i| if i == wide_at { 256 } else { (i % 256) as u16 });
+        let one = read_bytes("one.las", &las(&colors(values.clone()))).unwrap();
+        let rgb = one.parts[0].columns.rgb.as_ref().unwrap();
+        assert!(rgb.iter().zip(values).all(|(color, v)| color[0] as u16 == v.min(255)), "wide at {wide_at}");
+        assert!(one.notes.iter().any(|note| note.contains("but for 1 of 199")), "{:?}", one.notes);
+        let values = (0..count).map(|i| if usize::abs_diff(i, wide_at) < count / 5 { 256 } else { (i % 256) as u16 });
         let wide = read_bytes("wide.las", &las(&colors(values.clone()))).unwrap();
-        assert_eq!(wide.parts[0].rgb_bits, 16);
+        assert_eq!(wide.parts[0].rgb_scale.bits(), 16);
         let rgb = wide.parts[0].columns.rgb.as_ref().unwrap();
-        assert!(rgb.iter().zip(values).all(|(color, v)| color[0] == (v as f64 / 257.0).round() as u8), "wide at {wide_at}");
+        assert!(rgb.iter().zip(values).all(|(color, v)| color[0] == (v as f64 / 257.0).round() as u8), "wide about {wide_at}");
     }
     let black = read_bytes("black.las", &las(&colors((0..count).map(|_| 0)))).unwrap();
     assert!(black.parts[0].columns.rgb.is_none());
@@ -585,7 +590,7 @@ fn ply_colours_of_all_kinds_become_the_same_bytes() {
         let properties = format!("{XYZ}property {kind} red\nproperty {kind} green\nproperty {kind} blue\n");
         let cloud = read_bytes("color.ply", &ply("ascii", &properties, 1, format!("1 2 3 {values}\n").as_bytes())).unwrap();
         assert_eq!(cloud.parts[0].columns.rgb, Some(vec![[0, 128, 255]]), "{kind}");
-        assert_eq!(cloud.parts[0].rgb_bits, bits, "{kind}");
+        assert_eq!(cloud.parts[0].rgb_scale.bits(), bits, "{kind}");
     }
     let properties = format!("{XYZ}property float red\nproperty float green\nproperty float blue\n");
     let cloud = read_bytes("odd.ply", &ply("ascii", &properties, 2, b"1 2 3 nan 0.5 2\n1 2 4 -1 1 1\n")).unwrap();
@@ -764,7 +769,7 @@ fn a_point_that_is_looked_up_comes_with_every_attribute_of_its_file() {
         let position = |i: usize| part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from));
         for i in [0, part.columns.len() / 2, part.columns.len() - 1] {
             let sought = Sought { position: position(i), ..Sought::default() };
-            let found = find::find(std::slice::from_ref(&path), &sought, &Silent).unwrap().unwrap();
+            let found = find::find(std::slice::from_ref(&path), &sought, None, &Silent).unwrap().unwrap();
             let record = &records[found.point as usize];
             assert_eq!(
                 [record.x, record.y, record.z].map(|c| (c * 1e3).round()),

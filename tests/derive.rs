@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use support::{failed, names, render, scan, succeeded};
 
-const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, derive: Derive::ALL };
+const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, rgb_range: None, derive: Derive::ALL };
 
 /// A folder with a scan.
 struct Place {
@@ -45,7 +45,7 @@ impl Place {
     }
 
     fn cloud(&self) -> Cloud {
-        cloud::read(&[self.at("scan.las")], &ReadOptions { wanted: Wanted::ALL, strict: true }, &Silent).unwrap()
+        cloud::read(&[self.at("scan.las")], &ReadOptions { wanted: Wanted::ALL, strict: true, rgb_range: None }, &Silent).unwrap()
     }
 
     fn build(&self, options: &Options) -> (Index, Summary) {
@@ -363,7 +363,7 @@ fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
     // Two trees, and what stands above them, which knows all that they do.
     assert_eq!((index.directory.roots, index.directory.contents.lattices.len()), (1, 6));
     assert!(Derive::ALL.planes().into_iter().all(|plane| index.nodes()[0].has(plane)) && index.nodes()[0].lattice >= 4);
-    let mut cloud = cloud::read(&files, &ReadOptions { wanted: Wanted::ALL, strict: false }, &Silent).unwrap();
+    let mut cloud = cloud::read(&files, &ReadOptions { wanted: Wanted::ALL, strict: false, rgb_range: None }, &Silent).unwrap();
     luminance::correct(&mut cloud, NEIGHBOURS, &Silent).unwrap();
     let mut expected: [HashMap<[i32; 3], Vec<[u8; 3]>>; 2] = Default::default();
     for (part, expected) in cloud.parts.iter().zip(&mut expected) {

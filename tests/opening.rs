@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, mpsc};
 
 fn opening() -> Opening {
-    let read = ReadOptions { wanted: Wanted { rgb: true, ..Wanted::default() }, strict: false };
+    let read = ReadOptions { wanted: Wanted { rgb: true, ..Wanted::default() }, strict: false, rgb_range: None };
     Opening { read, index: None, place: Some(Place::Nowhere), shadows: None, fault: None }
 }
 
@@ -126,7 +126,7 @@ fn source(folder: &Path, points: [u64; 2], color: Option<Attribute>, further: Fu
         support::scan(&path, Scene::Street, points);
         path
     });
-    let read = ReadOptions { wanted: Wanted { rgb: true, ..Wanted::default() }.and(further.wanted()), strict: true };
+    let read = ReadOptions { wanted: Wanted { rgb: true, ..Wanted::default() }.and(further.wanted()), strict: true, rgb_range: None };
     let source = Source::open(&files, &Opening { read, ..opening() }, &Silent).unwrap();
     let (mut shown, _) = source.shown(color).unwrap();
     shown.further = further;

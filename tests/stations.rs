@@ -13,8 +13,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use support::scan;
 
-const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, derive: Derive::NONE };
-const READ: ReadOptions = ReadOptions { wanted: Wanted::ALL, strict: false };
+const OPTIONS: Options = Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, rgb_range: None, derive: Derive::NONE };
+const READ: ReadOptions = ReadOptions { wanted: Wanted::ALL, strict: false, rgb_range: None };
 
 /// Of LAS 1.2, point format 3, as `synth` writes it: bytes before the points, of a point, and before its source.
 const HEAD: usize = 227;

@@ -494,7 +494,7 @@ fn where_stations_meet_on_a_wall_the_correction_leaves_less_than_the_reference()
 #[test]
 fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
     let Some(path) = support::shared("data/aerial/ign_2strips.laz") else { return };
-    let mut strips = cloud::read(&[path], &ReadOptions { wanted: Wanted::ALL, strict: false }, &Silent).unwrap();
+    let mut strips = cloud::read(&[path], &ReadOptions { wanted: Wanted::ALL, strict: false, rgb_range: None }, &Silent).unwrap();
     // The reference is one of colours.
     let columns = &mut strips.parts[0].columns;
     let intensity = columns.intensity.take().unwrap();

@@ -255,7 +255,7 @@ fn one_ctrl_c_closes_the_window_and_leaves_nothing_half_written() {
 
 /// All that a file says.
 fn read(file: &Path) -> cloud::Part {
-    cloud::read(&[file.to_owned()], &ReadOptions { wanted: Wanted::ALL, strict: true }, &Silent).unwrap().parts.remove(0)
+    cloud::read(&[file.to_owned()], &ReadOptions { wanted: Wanted::ALL, strict: true, rgb_range: None }, &Silent).unwrap().parts.remove(0)
 }
 
 /// Position of a point of a file.

@@ -18,7 +18,7 @@ use support::{names, pointillist, read_png, succeeded};
 
 /// Of a file, in the world.
 fn points(file: &Path) -> Vec<DVec3> {
-    let read = ReadOptions { wanted: Wanted::default(), strict: true };
+    let read = ReadOptions { wanted: Wanted::default(), strict: true, rgb_range: None };
     let part = cloud::read(&[file.to_owned()], &read, &Silent).unwrap().parts.remove(0);
     let columns = &part.columns;
     (0..columns.len()).map(|i| part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))).collect()

@@ -26,9 +26,10 @@ impl App {
         };
         let (files, done) = (self.origins.clone(), self.events.clone());
         let errand = self.looking_up.clone();
+        let rgb_range = self.options.opening.read.rgb_range;
         let watch = self.watch(errand.clone());
         let work = move || {
-            let looked = find::find(&files, &sought, &watch);
+            let looked = find::find(&files, &sought, rgb_range, &watch);
             drop(done.send_event(Event::LookedUp(sought.position, looked, errand)));
         };
         match std::thread::Builder::new().name("looking up".into()).spawn(work) {

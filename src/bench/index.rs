@@ -110,7 +110,7 @@ fn measure(plan: &Plan, points: u64, progress: &dyn Progress) -> Result<Row> {
 /// Reads and decodes every point and keeps none.
 fn read_alone(input: &Path, progress: &dyn Progress) -> Result<f64> {
     let began = Instant::now();
-    let options = ReadOptions { wanted: Wanted { gps_time: false, ..Wanted::ALL }, strict: false };
+    let options = ReadOptions { wanted: Wanted { gps_time: false, ..Wanted::ALL }, strict: false, rgb_range: None };
     for source in stream::open(&[input.to_owned()], &options, progress, &mut Vec::new())? {
         source.stream(progress, &|_| Ok(()))?;
     }

@@ -79,7 +79,11 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
         rows.extend(of(&mut gpu, name, cloud, plan, progress)?);
     }
     for path in &plan.models {
-        let cloud = cloud::read(std::slice::from_ref(path), &ReadOptions { wanted: Attribute::Rgb.wanted(), strict: false }, progress)?;
+        let cloud = cloud::read(
+            std::slice::from_ref(path),
+            &ReadOptions { wanted: Attribute::Rgb.wanted(), strict: false, rgb_range: None },
+            progress,
+        )?;
         rows.extend(of(&mut gpu, &path.file_name().unwrap_or_default().to_string_lossy(), cloud, plan, progress)?);
     }
     Ok(rows)

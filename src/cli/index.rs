@@ -1,6 +1,6 @@
 //! `pointillist index`: files in, one index out, complete or absent.
 
-use super::options::ends_in;
+use super::options::{ColorOptions, ends_in};
 use super::render::refuse_to_overwrite;
 use crate::cloud::Wanted;
 use crate::config;
@@ -49,6 +49,8 @@ pub struct Arguments {
     /// Refuse a truncated or lying file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
+    #[command(flatten)]
+    pub colors: ColorOptions,
     /// Print what was made as JSON
     #[arg(long)]
     pub json: bool,
@@ -99,7 +101,14 @@ impl Arguments {
         let usual = Options::usual(self.strict);
         let threads = self.threads.map_or(usual.threads, |threads| threads as usize);
         let derive = Derive { normals: self.normals, strokes: self.strokes, luminance: self.luminance };
-        Ok(Options { memory: self.memory.0, threads, wanted: Wanted { gps_time: self.gps_time, ..usual.wanted }, derive, ..usual })
+        Ok(Options {
+            memory: self.memory.0,
+            threads,
+            wanted: Wanted { gps_time: self.gps_time, ..usual.wanted },
+            derive,
+            rgb_range: self.colors.rgb_range,
+            ..usual
+        })
     }
 }
 

@@ -6,17 +6,20 @@
 //! The JSON object is stable; fields may be added:
 //! `points` · `bounds` {`min`, `max`} or null · `spacing` {`value` or null, `how`} ·
 //! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]]}, `bounds`, `step`, `offset`,
-//! `attributes` {`rgb` {`bits`, `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
+//! `attributes` {`rgb` {`bits`, `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
 //! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use super::indexed_info;
+use super::options::ColorOptions;
+use crate::cloud::color::Scale;
 use crate::cloud::counts::Counts;
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
 use crate::index::exposure::{Balance, Exposures, exposures};
 use crate::index::file::Index;
 use crate::progress::Progress;
+use crate::source;
 use glam::DVec3;
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -41,11 +44,17 @@ pub struct Arguments {
     /// Refuse a truncated or lying file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
+
+    #[command(flatten)]
+    pub colors: ColorOptions,
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut text = match arguments.files.iter().find(|path| Index::is_one(path)) {
-        Some(path) if arguments.files.len() == 1 => indexed_info::report(path, arguments.json)?,
+        Some(path) if arguments.files.len() == 1 => {
+            source::refuse_rgb_range(path, arguments.colors.rgb_range)?;
+            indexed_info::report(path, arguments.json)?
+        }
         Some(path) => return Err(Error::Request(format!("{} is an index; ask about it alone", path.display()))),
         None => of_files(arguments, progress)?,
     };
@@ -58,7 +67,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 }
 
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
-    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict };
+    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict, rgb_range: arguments.colors.rgb_range };
     let cloud = cloud::read(&arguments.files, &options, progress)?;
     let report = Report::new(&cloud);
     if arguments.json {
@@ -130,6 +139,9 @@ struct Attributes {
 struct Rgb {
     /// As stored in the file.
     bits: u8,
+    /// What the file's own count to, and who says so.
+    #[serde(flatten)]
+    scale: Scale,
     /// Of 255.
     min: [u8; 3],
     max: [u8; 3],
@@ -304,7 +316,7 @@ impl Attributes {
                 let extremes = colors.iter().fold(([255; 3], [0; 3]), |(min, max): ([u8; 3], [u8; 3]), color| {
                     (std::array::from_fn(|i| min[i].min(color[i])), std::array::from_fn(|i| max[i].max(color[i])))
                 });
-                Rgb { bits: part.rgb_bits, min: extremes.0, max: extremes.1 }
+                Rgb { bits: part.rgb_scale.bits(), scale: part.rgb_scale, min: extremes.0, max: extremes.1 }
             }),
             intensity: columns.intensity.as_ref().and_then(|column| cloud::range(column)).map(|(min, max)| {
                 let value = |stored: u16| lo + (hi - lo) * stored as f64 / 65535.0;
@@ -329,10 +341,13 @@ impl Attributes {
     }
 
     fn write(&self, line: &mut impl FnMut(&str, String)) {
-        if let Some(Rgb { bits, min, max }) = &self.rgb {
+        if let Some(Rgb { bits, scale, min, max }) = &self.rgb {
             line(
                 "rgb",
-                format!("{bits} bits; red {}..{}, green {}..{}, blue {}..{} of 255", min[0], max[0], min[1], max[1], min[2], max[2]),
+                format!(
+                    "{bits} bits, {scale}; red {}..{}, green {}..{}, blue {}..{} of 255",
+                    min[0], max[0], min[1], max[1], min[2], max[2]
+                ),
             );
         }
         if let Some(Range { min, max }) = &self.intensity {

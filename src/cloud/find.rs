@@ -1,5 +1,6 @@
 //! PLACE -> RECORD: all that a file says of the point at a place. Files are streamed again for it, since nobody keeps every attribute of every point in memory.
 
+use super::color::RgbRange;
 use super::las::single;
 use super::stream::{self, Batch, Source};
 use super::{Lattice, ReadOptions, Wanted};
@@ -64,9 +65,9 @@ struct Candidate {
     part: usize,
 }
 
-/// The record of a point, or none where no point of these files lies in its place.
-pub fn find(paths: &[PathBuf], sought: &Sought, progress: &dyn Progress) -> Result<Option<Record>> {
-    let options = ReadOptions { wanted: Wanted::ALL, strict: false };
+/// The record of a point, or none where no point of these files lies in its place. Colours are read as [`ReadOptions::rgb_range`] says.
+pub fn find(paths: &[PathBuf], sought: &Sought, rgb_range: Option<RgbRange>, progress: &dyn Progress) -> Result<Option<Record>> {
+    let options = ReadOptions { wanted: Wanted::ALL, strict: false, rgb_range };
     let mut best: Option<Candidate> = None;
     let mut found = 0;
     let sources = stream::open(paths, &options, progress, &mut Vec::new())?;

@@ -6,7 +6,8 @@
 //! `f32` far from zero), the step grows by them, which loses nothing and makes the numbers small.
 
 use super::axis::Axis;
-use super::color;
+use super::color::{By, Scale};
+use super::colors;
 use super::input::Input;
 use super::{Columns, Header, Lattice, Part, Wanted};
 use glam::DVec3;
@@ -29,15 +30,30 @@ pub struct Floats {
     pub clamped: u64,
 }
 
-/// What a stored colour channel counts in.
+/// What a stored colour channel counts in, as the file or its format says.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ColorUnit {
     /// 0 to 1.
     Unit,
-    /// 16-bit fields: 8 or 16 bits, decided over the whole file.
+    /// 16-bit fields.
     Fields,
-    /// Nothing says it: fractions up to 1 are [`ColorUnit::Unit`], anything else [`ColorUnit::Fields`].
+    /// 0 to 1, and nothing else: made so here.
+    Harmonics,
+    /// From one number to another, channel by channel.
+    Limits([[f64; 2]; 3]),
+    /// Nothing says it.
     Guess,
+}
+
+impl ColorUnit {
+    fn limits(self) -> Option<[[f64; 2]; 3]> {
+        match self {
+            ColorUnit::Unit | ColorUnit::Harmonics => Some([[0.0, 1.0]; 3]),
+            ColorUnit::Fields => Some([[0.0, 65535.0]; 3]),
+            ColorUnit::Limits(limits) => Some(limits),
+            ColorUnit::Guess => None,
+        }
+    }
 }
 
 /// One point on its way into [`Floats`]; what the format has no column for stays as it is.
@@ -185,16 +201,19 @@ impl Floats {
         };
         lattice.step *= coarsen(&mut columns) as f64;
 
-        let mut rgb_bits = 8;
+        let mut rgb_scale = Scale::default();
         let mut clamped = self.clamped;
         columns.rgb = self.rgb;
         if let Some(color) = self.color {
-            let (rgb, bits, beyond) = colors(&color, unit);
-            (columns.rgb, rgb_bits) = (Some(rgb), bits);
-            clamped += beyond;
-            if bits == 8 && unit == ColorUnit::Fields {
-                notes.push(format!("{name}: {}", color::NOTE_8_IN_16));
-            }
+            let asked = input.rgb_range.filter(|_| unit != ColorUnit::Harmonics);
+            let converted = colors::convert(&color, unit.limits(), asked);
+            clamped += converted.clamped;
+            rgb_scale = converted.scale;
+            notes.extend(converted.note.map(|note| format!("{name}: {note}")));
+            columns.rgb = Some(converted.rgb);
+        } else if let (Some(rgb), Some(asked)) = (&mut columns.rgb, input.rgb_range) {
+            rgb_scale = Scale::new(asked, By::Request);
+            rgb.iter_mut().for_each(|color| *color = color.map(|v| asked.to_8_bits(v.into())));
         }
         if clamped > 0 {
             notes.push(format!("{name}: {clamped} points have NaN or out-of-range colours, which were clamped"));
@@ -209,7 +228,7 @@ impl Floats {
             let (column, range) = intensities(&intensity, limits);
             (columns.intensity, intensity_range) = (Some(column), range);
         }
-        Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_bits }
+        Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_scale }
     }
 }
 
@@ -255,27 +274,6 @@ fn coarsen(columns: &mut Columns) -> u32 {
         }
     }
     1 << shared
-}
-
-/// Colours as bytes, how many bits they had, and how many points had to be clamped.
-fn colors(stored: &[[f32; 3]], unit: ColorUnit) -> (Vec<[u8; 3]>, u8, u64) {
-    let largest = stored.iter().flatten().fold(0f32, |largest, &v| largest.max(v));
-    let fractions = || stored.iter().flatten().any(|v| v.fract() != 0.0);
-    let in_units = unit == ColorUnit::Unit || unit == ColorUnit::Guess && largest <= 1.0 && fractions();
-    let (full, bits) = if in_units {
-        (1.0, 8)
-    } else if largest > 255.0 {
-        (65535.0, 16)
-    } else {
-        (255.0, 8)
-    };
-    let clamped = stored.par_iter().with_min_len(1 << 16).filter(|color| color.iter().any(|v| !(0.0..=full).contains(v))).count() as u64;
-    let channel = |v: f32| {
-        // `max` takes 0 for NaN.
-        let v = v.max(0.0).min(full);
-        if bits == 16 { color::to_8_bits(v.round() as u16) } else { (v * (255.0 / full)).round() as u8 }
-    };
-    (stored.par_iter().with_min_len(1 << 16).map(|color| color.map(channel)).collect(), bits, clamped)
 }
 
 /// Intensities over 0..=65535. Integers that fit are kept as they are; others are spread over the stated limits, or over their own range.

@@ -3,6 +3,7 @@
 //! In: a path. Out: its length and any range of its bytes. Readers ask for ranges from several threads at once, so there is no shared
 //! file position; and nothing is mapped, because a mapped file that shrinks kills the process (RELIABILITY, file shrinks).
 
+use super::color::RgbRange;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use std::fs::File;
@@ -14,6 +15,8 @@ pub struct Input {
     pub path: PathBuf,
     /// When it was opened; a shorter file later is an error of the read that finds it.
     pub length: u64,
+    /// What its colours count to, where that was said.
+    pub rgb_range: Option<RgbRange>,
     file: File,
 }
 
@@ -28,7 +31,12 @@ impl Input {
             return Err(Error::format(path, "is not a regular file (a pipe or a device); save it to a file first"));
         }
         let file = File::open(path).map_err(|source| Error::io("open", path, source))?;
-        Ok(Self { path: path.to_owned(), length: metadata.len(), file })
+        Ok(Self { path: path.to_owned(), length: metadata.len(), rgb_range: None, file })
+    }
+
+    /// With what was said of its colours.
+    pub fn counting_to(self, rgb_range: Option<RgbRange>) -> Self {
+        Self { rgb_range, ..self }
     }
 
     /// Fills `bytes` from `offset` on, less at the end of the file; returns how many there were.

@@ -9,6 +9,7 @@
 pub mod attribute;
 mod axis;
 pub mod color;
+mod colors;
 pub mod core;
 pub mod counts;
 pub mod e57;
@@ -27,6 +28,7 @@ pub mod xyz;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use color::{RgbRange, Scale};
 use glam::DVec3;
 use input::Input;
 use rayon::prelude::*;
@@ -169,6 +171,8 @@ pub struct ReadOptions {
     pub wanted: Wanted,
     /// Refuse a truncated or lying file instead of keeping what is readable.
     pub strict: bool,
+    /// What colours count to, whatever the files say or look like.
+    pub rgb_range: Option<RgbRange>,
 }
 
 /// What a file's header says, for `info` to hold against the points themselves.
@@ -195,8 +199,8 @@ pub struct Part {
     pub columns: Columns,
     /// How the stored intensity maps back: `lo + (hi - lo) * v / 65535` for float formats, `[0, 65535]` for LAS.
     pub intensity_range: [f64; 2],
-    /// Colours as stored: 8 or 16 bits (8 also for 8-bit values in 16-bit fields, which a note then says).
-    pub rgb_bits: u8,
+    /// What the file's own colours count to; a note says where that is not what its format means.
+    pub rgb_scale: Scale,
 }
 
 /// One scanner position: a LAS point source id, an E57 scan, or a whole file that knows neither.
@@ -259,7 +263,7 @@ pub fn range<T: Copy + Ord + Send + Sync>(column: &[T]) -> Option<(T, T)> {
 pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -> Result<Cloud> {
     let mut cloud = Cloud::default();
     for path in paths {
-        let input = Input::open(path)?;
+        let input = Input::open(path)?.counting_to(options.rgb_range);
         let parts = read_one(&input, options, progress, &mut cloud.notes)?;
         for part in parts {
             let index = cloud.parts.len();
@@ -272,15 +276,15 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
 }
 
 /// About so many points from all over the files, for a first look at large ones; none where some file is of a format that has to be read to know where its points are.
-pub fn sample(paths: &[PathBuf], wanted: Wanted, points: u64, progress: &dyn Progress) -> Result<Option<Cloud>> {
+pub fn sample(paths: &[PathBuf], options: &ReadOptions, points: u64, progress: &dyn Progress) -> Result<Option<Cloud>> {
     let mut cloud = Cloud::default();
     let share = points / paths.len().max(1) as u64;
     for path in paths {
-        let input = Input::open(path)?;
+        let input = Input::open(path)?.counting_to(options.rgb_range);
         if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
             return Ok(None);
         }
-        let Some(part) = las::sample(&input, wanted, share, progress)? else { return Ok(None) };
+        let Some(part) = las::sample(&input, options.wanted, share, progress)? else { return Ok(None) };
         cloud.stations.extend(stations(&part, cloud.parts.len()));
         cloud.parts.push(part);
     }

@@ -36,6 +36,7 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     }
     let color = vertex.properties.iter().find(|property| property.role == Role::Color(0)).map(|property| property.scalar);
     let (bytes, unit) = match color {
+        _ if vertex.is_splats() => (false, ColorUnit::Harmonics),
         Some(Scalar::F32 | Scalar::F64) => (false, ColorUnit::Unit),
         Some(Scalar::U8 | Scalar::I8) | None => (true, ColorUnit::Unit),
         Some(_) => (false, ColorUnit::Fields),
@@ -59,6 +60,9 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         }
         notes.push(format!("{}: {what}", input.name()));
     }
+    if vertex.is_splats() && options.wanted.rgb {
+        notes.push(format!("{}: colours are those of Gaussian splats seen from all around, 0.5 + {HARMONIC} f_dc", input.name()));
+    }
     let header = Header {
         format: format!("PLY {}", layout.coding.name()),
         points: Some(vertex.count),
@@ -66,6 +70,15 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         facts: layout.comments.iter().map(|comment| ("comment".into(), comment.clone())).collect(),
     };
     Ok(vec![found.floats.into_part(input, header, unit, None, notes)])
+}
+
+/// The constant spherical harmonic, 1 / (2 sqrt(pi)).
+const HARMONIC: f64 = 0.282_094_79;
+
+/// Of splats colours are what their coefficients make of them, and no more than light can be.
+fn set(point: &mut Point, role: Role, value: f64, splats: bool) {
+    let is_color = splats && matches!(role, Role::Color(_));
+    point.set(role, if is_color { (0.5 + HARMONIC * value).clamp(0.0, 1.0) } else { value });
 }
 
 struct Found {
@@ -105,6 +118,7 @@ fn skip(input: &Input, layout: &Layout, elements: &[Element]) -> Result<Option<u
 fn ascii(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &dyn Progress) -> Result<Found> {
     let (end, lines) = text::skip_lines(input, at, vertex.count)?;
     let meter = Meter::new(progress, input, end - at);
+    let splats = vertex.is_splats();
     let mut floats = empty.clone();
     // A vertex takes two bytes a property at least; a line is that long, or it is a bad one.
     floats.reserve(lines.min((end - at) / (2 * vertex.properties.len() as u64)) as usize);
@@ -114,7 +128,7 @@ fn ascii(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &dyn
         let mut records = 0u64;
         for line in text::lines(block) {
             let mut point = Point::default();
-            if header::parse_line(line, &vertex.properties, |role, value| point.set(role, value)).is_some() {
+            if header::parse_line(line, &vertex.properties, |role, value| set(&mut point, role, value, splats)).is_some() {
                 floats.push(&point);
                 records += 1;
             }
@@ -131,6 +145,7 @@ fn ascii(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &dyn
 fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
     let records = vertex.count.min((input.length - at) / stride);
     let meter = Meter::new(progress, input, records);
+    let splats = vertex.is_splats();
     let mut fields = Vec::new();
     let mut offset = 0;
     for property in &vertex.properties {
@@ -155,7 +170,7 @@ fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty
                 for record in bytes.chunks_exact(stride as usize) {
                     let mut point = Point::default();
                     for &(offset, scalar, role) in &fields {
-                        point.set(role, scalar.value(&record[offset..], big));
+                        set(&mut point, role, scalar.value(&record[offset..], big), splats);
                     }
                     floats.push(&point);
                 }
@@ -171,11 +186,12 @@ fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty
 fn listed(input: &Input, vertex: &Element, at: u64, big: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
     let meter = Meter::new(progress, input, vertex.count);
     let mut source = Records { source: BufReader::new(input.stream(at)), big, bytes: 0 };
+    let splats = vertex.is_splats();
     let mut floats = empty;
     let mut records = 0;
     while records < vertex.count {
         let mut point = Point::default();
-        if source.record(vertex, |role, value| point.set(role, value)).is_none() {
+        if source.record(vertex, |role, value| set(&mut point, role, value, splats)).is_none() {
             break;
         }
         floats.push(&point);

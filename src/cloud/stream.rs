@@ -6,7 +6,7 @@
 //! (`floats`), so [`open`] reads them whole, and a source of theirs holds its part's columns for as long as it lives.
 //! Files are judged as [`super::read`] judges them, with the same notes and errors; what only the points can tell, [`Streamed`] says.
 
-use super::color::Depth;
+use super::color::{Occurred, Scale};
 use super::input::{Input, Meter};
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
@@ -42,15 +42,15 @@ pub struct Batch<'a> {
     pub columns: &'a Columns,
     /// Which of the file's points is its first, counted from 0.
     pub first: u64,
-    /// Of this batch's colours: not wide ones are low bytes, and need [`super::color::narrow`] if those of the whole file turn out wide.
-    pub depth: Depth,
 }
 
 /// What was handed out, all in all.
 pub struct Streamed {
     pub points: u64,
-    /// Of the whole file's colours. As that of every batch the default, with nothing to narrow, where the format is none of LAS.
-    pub depth: Depth,
+    /// What the file's own colours count to.
+    pub rgb_scale: Scale,
+    /// The colours that batches had are wrong: all points together show them to count to something else than some did. Those of the next call are right.
+    pub again: bool,
     /// What batches had, less colours that were all 0: those are none.
     pub available: Wanted,
     /// The box around the points, lattice steps; `None` if there are none.
@@ -62,7 +62,7 @@ pub struct Streamed {
 pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Source>> {
     let mut sources = Vec::new();
     for path in paths {
-        let input = Input::open(path)?;
+        let input = Input::open(path)?.counting_to(options.rgb_range);
         let mut push = |contents| sources.push(Source { path: path.clone(), strict: options.strict, contents });
         if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
             let las = Box::new(Las::open(&input, options.wanted, notes)?);
@@ -144,6 +144,14 @@ impl Source {
         }
     }
 
+    /// As [`Part::rgb_scale`]; of LAS as some points show it, until all have been streamed.
+    pub fn rgb_scale(&self) -> Scale {
+        match &self.contents {
+            Contents::Las { las, .. } => las.scale(),
+            Contents::Part(part) => part.rgb_scale,
+        }
+    }
+
     /// As many as the header promises and the file can hold; exact where the format is none of LAS.
     pub fn points(&self) -> u64 {
         match &self.contents {
@@ -179,7 +187,7 @@ impl Source {
     /// Calls `sink` with every batch, from all threads, in no particular order. An error of `sink` ends it. It may be called again.
     pub fn stream(&self, progress: &dyn Progress, sink: &(dyn Fn(&Batch) -> Result<()> + Sync)) -> Result<Streamed> {
         let desk = Desk { sink, available: self.available(), spare: Mutex::default(), sum: Mutex::default() };
-        let mut notes = Vec::new();
+        let (mut notes, mut again) = (Vec::new(), false);
         match &self.contents {
             Contents::Las { las, length } => {
                 let input = Input::open(&self.path)?;
@@ -195,24 +203,25 @@ impl Source {
                     Places::Sequence(_) => las.read_sequence(&input, &mut desk.lane(0), progress)?,
                 };
                 let sum = desk.sum();
-                notes.extend(las.verdict(&input, sum.points, sum.depth, why, self.strict)?);
+                again = las.reconsiders(sum.occurred);
+                notes.extend(las.verdict(&input, sum.points, sum.occurred, why, self.strict)?);
             }
             Contents::Part(part) => {
                 let count = part.columns.len();
                 let meter = Meter::named(progress, &self.title(), count as u64);
                 (0..count.div_ceil(BATCH)).into_par_iter().try_for_each(|batch| {
                     let columns = part.columns.slice(batch * BATCH..count.min((batch + 1) * BATCH));
-                    desk.deliver(&columns, (batch * BATCH) as u64, Depth::default())?;
+                    desk.deliver(&columns, (batch * BATCH) as u64, Occurred::default())?;
                     meter.advance(columns.len() as u64)
                 })?;
             }
         }
-        let Sum { points, depth, bounds } = *desk.sum();
+        let Sum { points, occurred, bounds } = *desk.sum();
         let world = bounds.map(|bounds| self.lattice().world_box(bounds));
         notes.extend(super::bounds_note(&self.path, &self.title(), self.header(), self.lattice(), world, self.strict)?);
-        let black = matches!(self.contents, Contents::Las { .. }) && depth.is_black();
+        let black = matches!(self.contents, Contents::Las { .. }) && occurred.is_black();
         let available = Wanted { rgb: desk.available.rgb && !black, ..desk.available };
-        Ok(Streamed { points, depth, available, bounds, notes })
+        Ok(Streamed { points, rgb_scale: self.rgb_scale(), again, available, bounds, notes })
     }
 }
 
@@ -228,7 +237,7 @@ struct Desk<'a> {
 #[derive(Clone, Copy, Default)]
 struct Sum {
     points: u64,
-    depth: Depth,
+    occurred: Occurred,
     bounds: Option<[[i32; 3]; 2]>,
 }
 
@@ -250,17 +259,17 @@ impl Desk<'_> {
         self.sum.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 
-    fn deliver(&self, columns: &Columns, first: u64, depth: Depth) -> Result<()> {
+    fn deliver(&self, columns: &Columns, first: u64, occurred: Occurred) -> Result<()> {
         let Some(own) = columns.bounds() else { return Ok(()) };
         let mut sum = self.sum();
         sum.points += columns.len() as u64;
-        sum.depth = sum.depth.join(depth);
+        sum.occurred = sum.occurred.join(occurred);
         sum.bounds = Some(sum.bounds.map_or(own, |[lo, hi]| {
             let pick = |a: [i32; 3], b: [i32; 3], pick: fn(i32, i32) -> i32| std::array::from_fn(|axis| pick(a[axis], b[axis]));
             [pick(lo, own[0], i32::min), pick(hi, own[1], i32::max)]
         }));
         drop(sum);
-        (self.sink)(&Batch { columns, first, depth })
+        (self.sink)(&Batch { columns, first })
     }
 }
 
@@ -286,7 +295,7 @@ impl Lane for BatchLane<'_> {
     fn settle(&mut self) -> Result<()> {
         let Some(mut pile) = self.pile.take() else { return Ok(()) };
         let filled = pile.cut();
-        self.desk.deliver(&pile.columns, self.first, filled.depth)?;
+        self.desk.deliver(&pile.columns, self.first, filled.occurred)?;
         self.first += filled.points as u64;
         self.desk.take_back(pile.columns);
         Ok(())

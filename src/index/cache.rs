@@ -13,7 +13,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Changes whenever an index of the same files would be another one.
-const GENERATION: u32 = 3;
+const GENERATION: u32 = 4;
 
 const SAMPLES: u64 = 64;
 const SAMPLE_BYTES: u64 = 16 << 10;
@@ -90,7 +90,7 @@ fn stem(path: &Path) -> String {
 fn key(paths: &[PathBuf], options: &Options) -> Result<String> {
     let mut hash = blake3::Hasher::new();
     hash.update(&GENERATION.to_le_bytes());
-    hash.update(format!("{:?} {}", options.wanted, options.strict).as_bytes());
+    hash.update(format!("{:?} {} {:?}", options.wanted, options.strict, options.rgb_range).as_bytes());
     for path in paths {
         let failed = |error| Error::io("read", path, error);
         let place = path.canonicalize().map_err(failed)?;

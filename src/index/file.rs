@@ -14,6 +14,7 @@ use super::fault::Fault;
 use super::map::Map;
 use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
+use crate::cloud::color::Scale;
 use crate::cloud::counts::Counts;
 use crate::cloud::{Header, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
@@ -221,6 +222,9 @@ pub struct IndexedPart {
     pub points: u64,
     pub intensity_range: [f64; 2],
     pub rgb_bits: u8,
+    /// What the file's own colours count to; indexes that were made before anybody asked say nothing of it.
+    #[serde(default)]
+    pub rgb_scale: Scale,
 }
 
 /// A path as text, or as its bytes where it is none: JSON has no other way.

@@ -64,7 +64,7 @@ impl Scan {
         build::build(
             &[input],
             &output,
-            &Options { memory: 1 << 30, threads, wanted: WANTED, strict: true, derive: build::Derive::NONE },
+            &Options { memory: 1 << 30, threads, wanted: WANTED, strict: true, rgb_range: None, derive: build::Derive::NONE },
             progress,
         )?;
         Ok(Scan { world, index: Arc::new(Index::open(&output)?), source, _folder: folder })
