@@ -6,6 +6,7 @@ use crate::cloud::color::RgbRange;
 use crate::cloud::core::without_strays;
 use crate::cloud::counts::Counts;
 use crate::cloud::stream::About;
+use crate::cloud::system::Reference;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
 use crate::cut::Detail;
@@ -189,6 +190,14 @@ impl Source {
         match self {
             Source::Files(cloud) => &cloud.stations,
             Source::Index(index) => &index.directory.contents.stations,
+        }
+    }
+
+    /// What its coordinates mean.
+    pub fn reference(&self) -> Reference {
+        match self {
+            Source::Files(cloud) => Reference::of(cloud.parts.iter().map(|part| (&part.header, part.lattice))),
+            Source::Index(index) => index.reference(),
         }
     }
 

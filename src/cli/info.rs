@@ -4,8 +4,9 @@
 //! are shown beside them, and where the two differ a note says so.
 //!
 //! The JSON object is stable; fields may be added:
-//! `points` · `bounds` {`min`, `max`} or null · `spacing` {`value` or null, `how`} ·
-//! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]]}, `bounds`, `step`, `offset`,
+//! `points` · `bounds` {`min`, `max`} or null · `unit` {`name`, `metres`} of all lengths · `unit_is_stated` · `spacing` {`value` or null, `how`} ·
+//! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]],
+//! `system` {`name`, `epsg`, `kind` (`projected`, `geographic`, `geocentric`, `local`), `unit`, `height_unit`, `degrees`, `proj`, `plane` {`longitude`, `latitude`, `metres_per_degree`}}}, `bounds`, `step`, `offset`,
 //! `attributes` {`rgb` {`bits`, `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
 //! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
@@ -14,6 +15,8 @@ use super::indexed_info;
 use super::options::ColorOptions;
 use crate::cloud::color::Scale;
 use crate::cloud::counts::Counts;
+use crate::cloud::digits::{self, Digits};
+use crate::cloud::system::{Reference, System, Unit};
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
 use crate::index::exposure::{Balance, Exposures, exposures};
@@ -83,6 +86,10 @@ const HOW_SPACING: &str = "median distance to the nearest other point, of about 
 struct Report<'a> {
     points: u64,
     bounds: Option<Bounds>,
+    /// Of lengths.
+    unit: Unit,
+    /// Whether a file names it; metres are assumed where none does.
+    unit_is_stated: bool,
     spacing: Spacing,
     parts: Vec<PartReport<'a>>,
     stations: &'a [Station],
@@ -193,9 +200,12 @@ struct Normals {
 
 impl<'a> Report<'a> {
     fn new(cloud: &'a Cloud) -> Self {
+        let reference = Reference::of(cloud.parts.iter().map(|part| (&part.header, part.lattice)));
         Self {
             points: cloud.len(),
-            bounds: bounds(cloud.bounds()),
+            bounds: bounds(cloud.bounds(), &reference.digits),
+            unit: reference.unit(),
+            unit_is_stated: reference.says_unit(),
             spacing: Spacing { value: spacing::spacing(cloud), how: HOW_SPACING },
             parts: cloud.parts.iter().enumerate().map(|(index, part)| PartReport::new(part, index, cloud)).collect(),
             stations: &cloud.stations,
@@ -214,7 +224,8 @@ impl<'a> Report<'a> {
             line("all", format!("{} points in {} parts", self.points, self.parts.len()));
             line("bounds", words(&self.bounds));
         }
-        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| format!("{value:.6}"));
+        line("unit", unit_words(&self.unit, self.unit_is_stated));
+        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
         line("spacing", format!("{value} ({})", self.spacing.how));
         line("stations", self.stations.len().to_string());
         let exposures = self.exposures.as_ref();
@@ -280,7 +291,7 @@ impl<'a> PartReport<'a> {
             format: &part.header.format,
             points: part.columns.len() as u64,
             header: &part.header,
-            bounds: bounds(part.bounds()),
+            bounds: bounds(part.bounds(), &Digits::of([part.lattice])),
             step: part.lattice.step,
             offset: part.lattice.offset,
             attributes: Attributes::new(part, cloud.stations.iter().filter(|station| station.part == index).count()),
@@ -299,6 +310,9 @@ impl<'a> PartReport<'a> {
         }
         line("lattice", format!("steps of {}, from {}", self.step.to_array().map(significant).join(" "), triple(self.offset)));
         self.attributes.write(&mut line);
+        if let Some(system) = &self.header.system {
+            line("system", system_words(system));
+        }
         for (what, value) in &self.header.facts {
             line(what, value.clone());
         }
@@ -378,8 +392,24 @@ fn push(out: &mut String, what: &str, value: &str) {
     let _ = writeln!(out, "  {what:<18} {value}");
 }
 
-fn bounds(bounds: Option<(DVec3, DVec3)>) -> Option<Bounds> {
-    bounds.map(|(min, max)| Bounds { min, max })
+fn bounds(bounds: Option<(DVec3, DVec3)>, digits: &Digits) -> Option<Bounds> {
+    bounds.map(|(min, max)| Bounds { min: digits.round(min), max: digits.round(max) })
+}
+
+/// A coordinate system, its unit, and where its degrees are drawn.
+pub fn system_words(system: &System) -> String {
+    let unit = match &system.unit {
+        Some(unit) if unit.is_metre() => ", in metres".into(),
+        Some(unit) => format!(", in {} ({} m)", unit.name, unit.metres),
+        None => ", in a unit that it does not name".into(),
+    };
+    let heights = system.height_unit.as_ref().map(|unit| format!(", heights in {} ({} m)", unit.name, unit.metres)).unwrap_or_default();
+    let plane = system.plane.map(|plane| format!("; {plane}")).unwrap_or_default();
+    format!("{system}{unit}{heights}{plane}")
+}
+
+pub fn unit_words(unit: &Unit, is_stated: bool) -> String {
+    if is_stated { unit.name.clone() } else { format!("{}, which no file says", unit.name) }
 }
 
 /// Two corners.
@@ -396,5 +426,5 @@ fn significant(step: f64) -> String {
 
 fn triple(v: DVec3) -> String {
     // No zero is below zero.
-    v.to_array().map(|v| ((v * 1e9).round() / 1e9 + 0.0).to_string()).join(" ")
+    v.to_array().map(|v| digits::round(v, 9).to_string()).join(" ")
 }

@@ -8,6 +8,7 @@ use super::color::By;
 use super::floats::{ColorUnit, Floats, Point, Role, there};
 use super::guard::guard;
 use super::input::{Input, Meter};
+use super::system;
 use super::{Header, Part, ReadOptions};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -50,6 +51,8 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
             points: Some(scan.records),
             bounds: bounds(scan),
             facts: file_facts.iter().cloned().chain(scan_facts(scan)).collect(),
+            system: reader.coordinate_metadata().and_then(system::wkt::system),
+            sample: None,
         };
         let unit = ColorUnit::Limits(found.color_limits);
         let mut part = found.floats.into_part(input, header, unit, found.intensity_limits, notes);

@@ -63,6 +63,8 @@ struct Candidate {
     unlike: (bool, bool, u64),
     record: Record,
     part: usize,
+    /// In the file's own coordinates.
+    place: DVec3,
 }
 
 /// The record of a point, or none where no point of these files lies in its place. Colours are read as [`ReadOptions::rgb_range`] says.
@@ -83,18 +85,20 @@ pub fn find(paths: &[PathBuf], sought: &Sought, rgb_range: Option<RgbRange>, pro
         })?;
         let candidates = candidates.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         found += candidates.len() as u64;
+        let own = source.own_lattice().world(steps.map(i64::from));
         for mut candidate in candidates {
+            candidate.place = own;
             candidate.record.rgb.take_if(|_| !streamed.available.rgb);
             if best.as_ref().is_none_or(|best| candidate.unlike < best.unlike) {
                 best = Some(candidate);
             }
         }
     }
-    Ok(best.map(|Candidate { mut record, part, .. }| {
+    Ok(best.map(|Candidate { mut record, part, place, .. }| {
         // Batches do not know yet how wide the colours of a whole file are.
         if sources[part].is_las() {
             let (rgb, extras) =
-                single::record(sources[part].path(), record.point, sought.position, sources[part].lattice().step).unwrap_or_default();
+                single::record(sources[part].path(), record.point, place, sources[part].own_lattice().step).unwrap_or_default();
             (record.rgb, record.extras) = (rgb.filter(|_| record.rgb.is_some()), extras);
         }
         Record { others: found - 1, ..record }
@@ -130,7 +134,7 @@ fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: us
     let kind = [record.class.unwrap_or(0), record.return_number.unwrap_or(0)];
     let is_elsewhere = sought.station.is_some_and(|(other, id)| other != part || (id.is_some() && id != record.source));
     let unlike = (is_elsewhere, sought.kind.is_some_and(|other| other != kind), record.point);
-    Candidate { unlike, record, part }
+    Candidate { unlike, record, part, place: DVec3::ZERO }
 }
 
 /// In words, but for the position.

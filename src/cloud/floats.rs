@@ -9,6 +9,7 @@ use super::axis::Axis;
 use super::color::{By, Scale};
 use super::colors;
 use super::input::Input;
+use super::system::System;
 use super::{Columns, Header, Lattice, Part, Wanted};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -184,16 +185,17 @@ impl Floats {
         if self.not_finite > 0 {
             notes.push(format!("{name}: {} points with NaN or infinite coordinates were left out", self.not_finite));
         }
-        let extent = extent(&self.axes);
-        let mut lattice = Lattice { step: DVec3::splat(extent.step), offset: DVec3::from_array(extent.offset) };
-        if extent.step > LARGEST_QUIET_STEP {
-            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", extent.step));
+        let is_angular = System::of(&header).is_some_and(|system| system.degrees.is_some());
+        let Extent { offset, step } = extent(&self.axes, is_angular);
+        let mut lattice = Lattice { step: DVec3::from_array(step), offset: DVec3::from_array(offset) };
+        if step[2] > LARGEST_QUIET_STEP {
+            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", step[2]));
         }
         let [x, y, z] = self.axes;
         let mut columns = Columns {
-            x: x.quantise(extent.offset[0], extent.step),
-            y: y.quantise(extent.offset[1], extent.step),
-            z: z.quantise(extent.offset[2], extent.step),
+            x: x.quantise(offset[0], step[0]),
+            y: y.quantise(offset[1], step[1]),
+            z: z.quantise(offset[2], step[2]),
             class: self.class,
             // Zeros and NaN alone are no normals.
             normal: self.normal.filter(|normal| normal.iter().any(|normal| *normal != [0; 3])),
@@ -240,23 +242,34 @@ const STEP_EXPONENTS: std::ops::RangeInclusive<i32> = -100..=1000;
 
 struct Extent {
     offset: [f64; 3],
-    step: f64,
+    step: [f64; 3],
 }
 
-fn extent(axes: &[Axis; 3]) -> Extent {
+/// Angles are finer than the heights beside them.
+fn extent(axes: &[Axis; 3], is_angular: bool) -> Extent {
     let ranges = axes.each_ref().map(Axis::range);
+    let horizontal = step(&ranges[..2]);
+    let step = if is_angular { [horizontal, horizontal, step(&ranges[2..])] } else { [step(&ranges); 3] };
+    let is_place = ranges.iter().all(|(lo, hi)| lo == hi);
+    let aligned = |lo: f64, step: f64| {
+        let steps = (lo / step).floor() * step;
+        if steps.is_finite() && !is_place { steps } else { lo }
+    };
+    let mut offset = std::array::from_fn(|axis| aligned(ranges[axis].0, step[axis]));
+    if ranges[2].0 == ranges[2].1 && is_angular {
+        offset[2] = ranges[2].0;
+    }
+    Extent { offset, step }
+}
+
+fn step(ranges: &[(f64, f64)]) -> f64 {
     // Halves, because the whole width of the largest finite range is infinite.
     let half = ranges.iter().fold(0.0, |widest: f64, (lo, hi)| widest.max(hi / 2.0 - lo / 2.0));
     if half == 0.0 {
-        return Extent { offset: ranges.map(|(lo, _)| lo), step: 1.0 / 1024.0 };
+        return 1.0 / 1024.0;
     }
     let exponent = (floor_log2(half) + 2 - 30).clamp(*STEP_EXPONENTS.start(), *STEP_EXPONENTS.end());
-    let step = 2f64.powi(exponent);
-    let aligned = |lo: f64| {
-        let steps = (lo / step).floor() * step;
-        if steps.is_finite() { steps } else { lo }
-    };
-    Extent { offset: ranges.map(|(lo, _)| aligned(lo)), step }
+    2f64.powi(exponent)
 }
 
 /// The exponent of a positive normal number; subnormal ones count as the smallest normal.

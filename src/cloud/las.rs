@@ -13,6 +13,7 @@ mod sample;
 pub mod single;
 
 use super::input::{Input, Meter};
+use super::system::Sample;
 use super::{Part, ReadOptions, Wanted, color};
 use crate::error::Result;
 use crate::progress::{Progress, Silent};
@@ -129,15 +130,19 @@ impl Las {
             (None, places, odd)
         };
         let range = Mutex::new(input.rgb_range.unwrap_or(RgbRange::Words));
-        let las = Self { layout, available, places, fields, range, asked: input.rgb_range, coding, odd };
-        if available.rgb && las.asked.is_none() {
-            las.reconsiders(las.census(input)?);
+        let mut las = Self { layout, available, places, fields, range, asked: input.rgb_range, coding, odd };
+        let are_angles = las.layout.header.system.as_ref().is_some_and(|system| system.degrees.is_some());
+        if are_angles || available.rgb && las.asked.is_none() {
+            let Census { occurred, places } = las.census(input)?;
+            las.reconsiders(occurred);
+            let places = places.into_iter().map(|q| las.layout.lattice.world(q.map(i64::from)));
+            las.layout.header.sample = are_angles.then(|| Sample::of(places.collect())).flatten();
         }
         Ok(las)
     }
 
-    /// What occurs in the colours of some points.
-    fn census(&self, input: &Input) -> Result<Occurred> {
+    /// Looks at some points.
+    fn census(&self, input: &Input) -> Result<Census> {
         let mut census = Census::default();
         match sample::few(self) {
             Places::Known(stretches) => {
@@ -147,7 +152,7 @@ impl Las {
             }
             Places::Sequence(sequence) => drop(self.sequence(input, &sequence, &mut &mut census, &Silent)?),
         }
-        Ok(census.occurred)
+        Ok(census)
     }
 
     /// Takes colours for what these values show them to be; whether they were taken for something else so far.

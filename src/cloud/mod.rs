@@ -12,6 +12,7 @@ pub mod color;
 mod colors;
 pub mod core;
 pub mod counts;
+pub mod digits;
 pub mod e57;
 pub mod find;
 mod floats;
@@ -23,6 +24,7 @@ pub mod octahedral;
 pub mod ply;
 pub mod spacing;
 pub mod stream;
+pub mod system;
 mod text;
 pub mod xyz;
 
@@ -34,6 +36,7 @@ use input::Input;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use system::{Sample, System};
 
 /// The integer grid that a part's points lie on: `world = offset + step * q`, per axis, metres (or the file's unit), f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -186,6 +189,12 @@ pub struct Header {
     pub bounds: Option<[[f64; 3]; 2]>,
     /// Software that wrote the file, coordinate system, creation date, extra attributes: in the file's own words.
     pub facts: Vec<(String, String)>,
+    /// What its coordinates mean, where it says so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub system: Option<System>,
+    /// Where some of its points are, while that is still to be used.
+    #[serde(skip)]
+    pub sample: Option<Sample>,
 }
 
 /// One file, or one scan of an E57 file.
@@ -243,11 +252,24 @@ impl Part {
         title(self.name.as_deref(), &self.path)
     }
 
+    /// Looks where some points are, of a part whose coordinates may be angles, unless its reader has.
+    fn look_around(&mut self) {
+        if self.header.sample.is_none() && System::of(&self.header).is_some_and(|system| system.degrees.is_some()) {
+            let Columns { x, y, z, .. } = &self.columns;
+            let every = x.len().div_ceil(SAMPLE).max(1);
+            let places = (0..x.len()).step_by(every).map(|i| self.lattice.world([x[i], y[i], z[i]].map(i64::from)));
+            self.header.sample = Sample::of(places.collect());
+        }
+    }
+
     /// The box around this part's points, world; exact up to one rounding of `offset + step * q`.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.columns.bounds().map(|bounds| self.lattice.world_box(bounds))
     }
 }
+
+/// Points that tell where a part is, at most.
+const SAMPLE: usize = 4096;
 
 fn title(name: Option<&str>, path: &Path) -> String {
     name.map_or_else(|| input::name_of(path), str::to_owned)
@@ -261,30 +283,35 @@ pub fn range<T: Copy + Ord + Send + Sync>(column: &[T]) -> Option<(T, T)> {
 
 /// Opens `paths` as one cloud, in their order. The first file that cannot be read at all ends it.
 pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -> Result<Cloud> {
-    let mut cloud = Cloud::default();
+    let (mut cloud, mut plane) = (Cloud::default(), None);
     for path in paths {
         let input = Input::open(path)?.counting_to(options.rgb_range);
         let parts = read_one(&input, options, progress, &mut cloud.notes)?;
-        for part in parts {
+        for mut part in parts {
             let index = cloud.parts.len();
-            cloud.notes.extend(bounds_note(path, &part.title(), &part.header, part.lattice, part.bounds(), options.strict)?);
+            let title = part.title();
+            cloud.notes.extend(bounds_note(path, &title, &part.header, part.lattice, part.bounds(), options.strict)?);
+            part.look_around();
+            part.lattice = system::settle(&mut part.header, part.lattice, &mut plane, &title, &mut cloud.notes);
             cloud.stations.extend(stations(&part, index));
             cloud.parts.push(part);
         }
     }
+    cloud.notes.extend(system::differences(cloud.parts.iter().map(|part| &part.header)));
     Ok(cloud)
 }
 
 /// About so many points from all over the files, for a first look at large ones; none where some file is of a format that has to be read to know where its points are.
 pub fn sample(paths: &[PathBuf], options: &ReadOptions, points: u64, progress: &dyn Progress) -> Result<Option<Cloud>> {
-    let mut cloud = Cloud::default();
+    let (mut cloud, mut plane) = (Cloud::default(), None);
     let share = points / paths.len().max(1) as u64;
     for path in paths {
         let input = Input::open(path)?.counting_to(options.rgb_range);
         if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
             return Ok(None);
         }
-        let Some(part) = las::sample(&input, options.wanted, share, progress)? else { return Ok(None) };
+        let Some(mut part) = las::sample(&input, options.wanted, share, progress)? else { return Ok(None) };
+        part.lattice = system::settle(&mut part.header, part.lattice, &mut plane, &input.name(), &mut cloud.notes);
         cloud.stations.extend(stations(&part, cloud.parts.len()));
         cloud.parts.push(part);
     }

@@ -68,6 +68,7 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         points: Some(vertex.count),
         bounds: None,
         facts: layout.comments.iter().map(|comment| ("comment".into(), comment.clone())).collect(),
+        ..Header::default()
     };
     Ok(vec![found.floats.into_part(input, header, unit, None, notes)])
 }

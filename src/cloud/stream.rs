@@ -10,6 +10,7 @@ use super::color::{Occurred, Scale};
 use super::input::{Input, Meter};
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
+use super::system::{self, plane::Plane};
 use super::{Columns, Header, Lattice, Part, ReadOptions, Wanted};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -25,6 +26,10 @@ pub const BATCH: usize = 65_536;
 pub struct Source {
     path: PathBuf,
     strict: bool,
+    /// That points are drawn on: the file's own, or that on a plane of what it gives as angles.
+    lattice: Lattice,
+    /// Of the coordinate system.
+    notes: Vec<String>,
     contents: Contents,
 }
 
@@ -60,10 +65,10 @@ pub struct Streamed {
 
 /// Opens `paths`, in their order. The first file that cannot be read at all ends it.
 pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Source>> {
-    let mut sources = Vec::new();
+    let (mut sources, mut plane) = (Vec::new(), None);
     for path in paths {
         let input = Input::open(path)?.counting_to(options.rgb_range);
-        let mut push = |contents| sources.push(Source { path: path.clone(), strict: options.strict, contents });
+        let mut push = |contents| sources.push(Source::new(path, options.strict, contents, &mut plane));
         if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
             let las = Box::new(Las::open(&input, options.wanted, notes)?);
             push(Contents::Las { las, length: input.length });
@@ -71,6 +76,7 @@ pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, n
             super::read_one(&input, options, progress, notes)?.into_iter().for_each(|part| push(Contents::Part(Box::new(part))));
         }
     }
+    notes.extend(system::differences(sources.iter().map(Source::header)));
     Ok(sources)
 }
 
@@ -101,6 +107,19 @@ pub fn about(paths: &[PathBuf]) -> Result<About> {
 }
 
 impl Source {
+    fn new(path: &Path, strict: bool, mut contents: Contents, plane: &mut Option<Plane>) -> Source {
+        let (lattice, title, header) = match &mut contents {
+            Contents::Las { las, .. } => (las.layout.lattice, super::title(None, path), &mut las.layout.header),
+            Contents::Part(part) => {
+                part.look_around();
+                (part.lattice, part.title(), &mut part.header)
+            }
+        };
+        let mut notes = Vec::new();
+        let lattice = system::settle(header, lattice, plane, &title, &mut notes);
+        Source { path: path.to_owned(), strict, lattice, notes, contents }
+    }
+
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -130,6 +149,11 @@ impl Source {
     }
 
     pub fn lattice(&self) -> Lattice {
+        self.lattice
+    }
+
+    /// As the file has it, before angles become metres.
+    pub fn own_lattice(&self) -> Lattice {
         match &self.contents {
             Contents::Las { las, .. } => las.layout.lattice,
             Contents::Part(part) => part.lattice,
@@ -217,8 +241,10 @@ impl Source {
             }
         }
         let Sum { points, occurred, bounds } = *desk.sum();
-        let world = bounds.map(|bounds| self.lattice().world_box(bounds));
-        notes.extend(super::bounds_note(&self.path, &self.title(), self.header(), self.lattice(), world, self.strict)?);
+        let own = self.own_lattice();
+        let world = bounds.map(|bounds| own.world_box(bounds));
+        notes.extend(super::bounds_note(&self.path, &self.title(), self.header(), own, world, self.strict)?);
+        notes.extend(self.notes.iter().cloned());
         let black = matches!(self.contents, Contents::Las { .. }) && occurred.is_black();
         let available = Wanted { rgb: desk.available.rgb && !black, ..desk.available };
         Ok(Streamed { points, rgb_scale: self.rgb_scale(), again, available, bounds, notes })

@@ -16,6 +16,7 @@ use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
 use crate::cloud::color::Scale;
 use crate::cloud::counts::Counts;
+use crate::cloud::system::Reference;
 use crate::cloud::{Header, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::{Error, Result};
@@ -468,6 +469,12 @@ impl Index {
 
     pub fn path(&self) -> &Path {
         self.map.path()
+    }
+
+    /// What the coordinates of its points mean.
+    pub fn reference(&self) -> Reference {
+        let lattice = |part: &IndexedPart| Lattice { step: part.step, offset: part.offset };
+        Reference::of(self.directory.contents.parts.iter().map(|part| (&part.header, lattice(part))))
     }
 
     /// Of this index, and of none with other points.

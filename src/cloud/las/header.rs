@@ -5,6 +5,7 @@
 //! about projections is not. So every field that steers the reading is checked here, and every other one is only reported.
 
 use crate::cloud::input::Input;
+use crate::cloud::system::{System, geotiff, wkt};
 use crate::cloud::{Header, Lattice};
 use crate::error::Result;
 use glam::DVec3;
@@ -85,7 +86,7 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         copc: false,
         header: Header::default(),
     };
-    let mut facts = Vec::new();
+    let (mut facts, mut projection) = (Vec::new(), Projection::default());
     for (what, range) in [("system", 26..58), ("software", 58..90)] {
         push_fact(&mut facts, what, &head[range]);
     }
@@ -93,7 +94,10 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         facts.push(("created".into(), format!("day {} of {}", u16_at(&head, 90), u16_at(&head, 92))));
     }
     let first_vlr = if header_bytes >= least_header && header_bytes <= points_at { header_bytes } else { least_header };
-    vlrs(input, first_vlr, u32_at(&head, 100), &mut layout, &mut facts, notes)?;
+    vlrs(input, first_vlr, u32_at(&head, 100), &mut layout, &mut facts, &mut projection, notes)?;
+    if has_wide_count {
+        evlrs(input, u64_at(&head, 235), u32_at(&head, 243), &mut facts, &mut projection)?;
+    }
 
     let kind = if layout.copc {
         "COPC"
@@ -108,6 +112,8 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         points: Some(points),
         bounds: Some([[bound(1), bound(3), bound(5)], [bound(0), bound(2), bound(4)]]),
         facts,
+        system: projection.system(),
+        sample: None,
     };
     Ok(layout)
 }
@@ -134,6 +140,7 @@ fn vlrs(
     count: u32,
     layout: &mut Layout,
     facts: &mut Vec<(String, String)>,
+    projection: &mut Projection,
     notes: &mut Vec<String>,
 ) -> Result<()> {
     let mut at = first;
@@ -149,8 +156,7 @@ fn vlrs(
         match (user.as_str(), record) {
             ("laszip encoded", 22204) => layout.laszip = Some(contents()?),
             ("copc", 1) => layout.copc = true,
-            ("LASF_Projection", 2112) => push_fact(facts, "coordinate system", &contents()?),
-            ("LASF_Projection", 34737) => push_fact(facts, "coordinate system", &contents()?),
+            ("LASF_Projection", _) => projection.take(record, contents()?, facts),
             ("LASF_Spec", 4) => {
                 for attribute in contents()?.chunks_exact(192) {
                     push_fact(facts, "extra attribute", &attribute[4..36]);
@@ -162,6 +168,63 @@ fn vlrs(
     }
     Ok(())
 }
+
+/// What records say of the coordinate system.
+#[derive(Default)]
+struct Projection {
+    wkt: Option<Vec<u8>>,
+    geotiff: geotiff::Records,
+}
+
+impl Projection {
+    fn take(&mut self, record: u16, contents: Vec<u8>, facts: &mut Vec<(String, String)>) {
+        match record {
+            2112 => {
+                push_fact(facts, "coordinate system", &contents);
+                self.wkt = Some(contents);
+            }
+            34735 => self.geotiff.keys = contents,
+            34736 => self.geotiff.numbers = contents,
+            34737 => {
+                push_fact(facts, "coordinate system", &contents);
+                self.geotiff.texts = contents;
+            }
+            _ => {}
+        }
+    }
+
+    /// Text goes before keys, which say less.
+    fn system(&self) -> Option<System> {
+        let text = self.wkt.as_ref().and_then(|text| wkt::system(&String::from_utf8_lossy(text)));
+        text.or_else(|| self.geotiff.system())
+    }
+}
+
+const EVLR_HEADER_BYTES: u64 = 60;
+
+/// Longer ones are not about projections.
+const PROJECTION_BYTES: u64 = 1 << 20;
+
+/// Walks the records behind the points, of which nothing but the coordinate system is looked at.
+fn evlrs(input: &Input, first: u64, count: u32, facts: &mut Vec<(String, String)>, projection: &mut Projection) -> Result<()> {
+    let mut at = first;
+    for _ in 0..count.min(MOST_EVLRS) {
+        let head = input.take(at, EVLR_HEADER_BYTES)?;
+        if head.len() < EVLR_HEADER_BYTES as usize {
+            return Ok(());
+        }
+        let (user, record, length) = (text(&head[2..18]), u16_at(&head, 18), u64_at(&head, 20));
+        if user == "LASF_Projection" && length <= PROJECTION_BYTES {
+            projection.take(record, input.take(at + EVLR_HEADER_BYTES, length)?, facts);
+        }
+        let Some(next) = at.checked_add(EVLR_HEADER_BYTES).and_then(|at| at.checked_add(length)) else { return Ok(()) };
+        at = next;
+    }
+    Ok(())
+}
+
+/// A header that says more is not believed.
+const MOST_EVLRS: u32 = 4096;
 
 fn push_fact(facts: &mut Vec<(String, String)>, what: &str, bytes: &[u8]) {
     let value = text(bytes);

@@ -219,10 +219,11 @@ impl Lane for &mut Window<'_> {
     }
 }
 
-/// Looks at colours, and keeps none.
+/// Looks at places and colours of few points.
 #[derive(Default)]
 pub struct Census {
     pub occurred: Occurred,
+    pub places: Vec<[i32; 3]>,
 }
 
 impl Lane for &mut Census {
@@ -231,6 +232,8 @@ impl Lane for &mut Census {
     }
 
     fn put(&mut self, records: &[u8], fields: &Fields) {
+        let place = |row: &[u8]| [0, 4, 8].map(|at| i32::from_le_bytes(part(row, at)));
+        self.places.extend(records.chunks_exact(fields.record_bytes).map(place));
         if let Some(offset) = fields.rgb {
             self.occurred.add(records.chunks_exact(fields.record_bytes).map(|row| color(row, offset)));
         }
