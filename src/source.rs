@@ -2,10 +2,12 @@
 
 use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Further, Shown};
+use crate::cloud::color::RgbRange;
 use crate::cloud::core::without_strays;
 use crate::cloud::counts::Counts;
 use crate::cloud::strays::{Core, Strays};
 use crate::cloud::stream::About;
+use crate::cloud::system::Reference;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
 use crate::cut::Detail;
@@ -24,7 +26,7 @@ use crate::progress::Progress;
 use crate::resident::{Filling, Residency, Resident, residency::Update};
 use crate::view::View;
 use glam::DVec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -70,13 +72,19 @@ impl Opening {
         Ok(Source::Index(Arc::new(index)))
     }
 
-    /// How an index of the files is made.
-    fn build(&self) -> build::Options {
-        build::Options { text: self.read.text, ..build::Options::usual(self.read.strict) }
-    }
-
     fn place(&self) -> Result<cache::Place> {
         self.place.clone().map_or_else(cache::Place::usual, Ok)
+    }
+}
+
+/// An index has the colours that it was made with.
+pub fn refuse_rgb_range(index: &Path, asked: Option<RgbRange>) -> Result<()> {
+    match asked {
+        Some(_) => Err(Error::Request(format!(
+            "--rgb-range: {} is an index, whose colours were read when it was made; give --rgb-range to `pointillist index`",
+            index.display()
+        ))),
+        None => Ok(()),
     }
 }
 
@@ -96,7 +104,10 @@ impl Source {
     /// An index is opened alone: what belongs together is indexed together. Files too large to be drawn whole are indexed first, or their index is found.
     pub fn open(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Source> {
         match paths.iter().find(|path| Index::is_one(path)) {
-            Some(path) if paths.len() == 1 => return opening.equipped(Index::open(path)?),
+            Some(path) if paths.len() == 1 => {
+                refuse_rgb_range(path, opening.read.rgb_range)?;
+                return opening.equipped(Index::open(path)?);
+            }
             Some(path) => {
                 return Err(Error::Request(format!(
                     "{} is an index, and is drawn alone; `pointillist index` makes one of several files",
@@ -114,7 +125,7 @@ impl Source {
             }
             return Ok(Source::Files(cloud::read(paths, &opening.read, progress)?));
         };
-        let (place, build) = (opening.place()?, opening.build());
+        let (place, build) = (opening.place()?, build::Options::reading(&opening.read));
         let Cached { index, made } = cache::find_or_build(paths, &place, &build, progress)?;
         match made {
             Some(made) => eprintln!("pointillist: indexed in {:.1} s, because {why}; kept: {}", made.seconds, kept(&place)),
@@ -130,14 +141,14 @@ impl Source {
         }
         let About { points, compressed } = cloud::stream::about(paths)?;
         let (soon, some) = match opening.needs_index(paths)? {
-            Some(_) => (cache::is_there(paths, &opening.place()?, &opening.build())?, points),
+            Some(_) => (cache::is_there(paths, &opening.place()?, &build::Options::reading(&opening.read))?, points),
             None => (points + compressed * (config::DECOMPRESSION - 1) < config::SLOW_POINTS, points / config::PREVIEW_SHARE),
         };
         if soon {
             return Ok(None);
         }
         let some = some.min(config::PREVIEW_POINTS);
-        let sample = cloud::sample(paths, opening.read.wanted, some, progress)?;
+        let sample = cloud::sample(paths, &opening.read, some, progress)?;
         Ok(sample.map(|cloud| Preview { source: Source::Files(cloud), points }))
     }
 
@@ -180,6 +191,14 @@ impl Source {
         match self {
             Source::Files(cloud) => &cloud.stations,
             Source::Index(index) => &index.directory.contents.stations,
+        }
+    }
+
+    /// What its coordinates mean.
+    pub fn reference(&self) -> Reference {
+        match self {
+            Source::Files(cloud) => Reference::of(cloud.parts.iter().map(|part| (&part.header, part.lattice))),
+            Source::Index(index) => index.reference(),
         }
     }
 

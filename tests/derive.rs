@@ -28,7 +28,7 @@ use std::sync::Arc;
 use support::{failed, names, render, scan, succeeded};
 
 const OPTIONS: Options =
-    Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, text: TextOptions::NONE, derive: Derive::ALL };
+    Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, text: TextOptions::NONE, rgb_range: None, derive: Derive::ALL };
 
 /// A folder with a scan.
 struct Place {

@@ -40,7 +40,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use support::{names, scan, shared, shuffled};
 
 const OPTIONS: Options =
-    Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, text: TextOptions::NONE, derive: Derive::NONE };
+    Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, text: TextOptions::NONE, rgb_range: None, derive: Derive::NONE };
 const READ: ReadOptions = ReadOptions::new(Wanted::ALL, false);
 
 // ---- clouds made here
@@ -334,7 +334,7 @@ fn check_contents(index: &Index, cloud: &Cloud) {
     assert_eq!(contents.parts.len(), cloud.parts.len());
     for (own, part) in contents.parts.iter().zip(&cloud.parts) {
         assert_eq!((&own.path, &own.name, own.points), (&part.path, &part.name, part.columns.len() as u64));
-        assert_eq!((own.step, own.offset, own.rgb_bits), (part.lattice.step, part.lattice.offset, part.rgb_bits));
+        assert_eq!((own.step, own.offset, own.rgb_scale), (part.lattice.step, part.lattice.offset, part.rgb_scale));
         assert_eq!(own.intensity_range, part.intensity_range);
         assert_eq!((&own.header.format, own.header.points), (&part.header.format, part.header.points));
     }

@@ -2,7 +2,7 @@
 
 use super::drawing::Message;
 use super::navigation::Input;
-use super::profile::{self, Profile};
+use super::profile;
 use super::{App, boxes};
 use crate::error::{Error, Result};
 use crate::resident::section::Slab;
@@ -133,7 +133,7 @@ impl App {
     }
 
     fn save_profile(&mut self) {
-        if let Some(text) = self.facts.profile.as_ref().map(Profile::csv) {
+        if let Some(text) = self.facts.profile.as_ref().map(|profile| profile.csv(&self.facts.measure.reference)) {
             self.save(&unused_name("profile.csv"), |_, path| write(path, text));
         }
     }

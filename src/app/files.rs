@@ -146,6 +146,7 @@ impl App {
         }
         self.origins = origins;
         (self.facts.points, self.facts.shown, self.facts.kinds) = (points, Some(shown), kinds);
+        self.facts.measure.reference = self.facts.kinds.reference.clone();
         self.facts.why_shown = why_shown;
         (self.facts.loading, self.facts.bytes_read) = (None, 0);
         // As `render` does; once, however often the files are read.

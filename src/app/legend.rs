@@ -1,6 +1,7 @@
 //! What colours mean: a ramp with its two ends, and swatches.
 
 use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::system::Reference;
 use crate::passes::resolve;
 use egui::{Color32, Rect, Sense, Ui, pos2, vec2};
 
@@ -10,7 +11,7 @@ const SIDE: f32 = 12.0;
 const PARTS: u32 = 64;
 
 /// Of what points show, where that is a number.
-pub fn ramp(ui: &mut Ui, shown: &Shown) {
+pub fn ramp(ui: &mut Ui, shown: &Shown, reference: &Reference) {
     let Some(ends) = shown.ends() else { return };
     let (all, _) = ui.allocate_exact_size(vec2(ui.available_width(), SIDE), Sense::hover());
     let [lo, hi] = shown.stretch;
@@ -21,10 +22,11 @@ pub fn ramp(ui: &mut Ui, shown: &Shown) {
         let rect = Rect::from_min_max(pos2(x(part), all.top()), pos2(x(part + 1), all.bottom()));
         ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(r, g, b));
     }
-    let unit = if shown.attribute == Attribute::Elevation { " m" } else { "" };
+    let unit = reference.height_unit();
+    let said = |end: f64| if shown.attribute == Attribute::Elevation { unit.length(end, 2) } else { format!("{end:.2}") };
     ui.horizontal(|ui| {
-        ui.label(format!("{:.2}{unit}", ends[0]));
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| ui.label(format!("{:.2}{unit}", ends[1])));
+        ui.label(said(ends[0]));
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| ui.label(said(ends[1])));
     });
 }
 

@@ -24,11 +24,11 @@ impl App {
             kind: point.kind.map(|kind| [kind as u8, (kind >> 8) as u8 & 15]),
             station: station.map(|station| (station.part, station.source)),
         };
-        let (files, done, text) = (self.origins.clone(), self.events.clone(), self.options.opening.read.text);
+        let (files, done, read) = (self.origins.clone(), self.events.clone(), self.options.opening.read);
         let errand = self.looking_up.clone();
         let watch = self.watch(errand.clone());
         let work = move || {
-            let looked = find::find(&files, text, &sought, &watch);
+            let looked = find::find(&files, read, &sought, &watch);
             drop(done.send_event(Event::LookedUp(sought.position, looked, errand)));
         };
         match std::thread::Builder::new().name("looking up".into()).spawn(work) {

@@ -1,7 +1,9 @@
 //! Picked points in, what they are and what lies between them out: lengths, heights, angles, areas. Pure, f64.
 
 use crate::cloud::attribute::STATION_SHIFT;
+use crate::cloud::digits::{number, round};
 use crate::cloud::find::{Extras, Record, hex};
+use crate::cloud::system::Reference;
 use crate::resident::Point;
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -10,6 +12,8 @@ use serde_json::{Value, json};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measure {
     pub points: Vec<Picked>,
+    /// What their coordinates mean.
+    pub reference: Reference,
 }
 
 /// A picked point, and what its file says of it.
@@ -63,22 +67,22 @@ impl Measure {
         found.into_iter().map(|number| number + 1).collect()
     }
 
-    /// Along all points, metres.
+    /// Along all points, in the unit of the points.
     pub fn length(&self) -> f64 {
         self.places().windows(2).map(|pair| pair[0].distance(pair[1])).sum()
     }
 
-    /// From the first to the last, straight, metres.
+    /// From the first to the last, straight, in the unit of the points.
     pub fn distance(&self) -> f64 {
         self.ends().map_or(0.0, |[first, last]| first.distance(last))
     }
 
-    /// How much higher the last is than the first, metres.
+    /// How much higher the last is than the first, in the unit of the points.
     pub fn height(&self) -> f64 {
         self.ends().map_or(0.0, |[first, last]| last.z - first.z)
     }
 
-    /// Without the height, metres.
+    /// Without the height, in the unit of the points.
     pub fn horizontal(&self) -> f64 {
         self.ends().map_or(0.0, |[first, last]| (last - first).truncate().length())
     }
@@ -92,7 +96,7 @@ impl Measure {
         Some(u.cross(v).length().atan2(u.dot(v)).to_degrees())
     }
 
-    /// Within the points, in the plane that fits them best, square metres; none of fewer than three.
+    /// Within the points, in the plane that fits them best, squares of the unit; none of fewer than three.
     pub fn area(&self) -> Option<f64> {
         let places = self.places();
         let (&first, rest) = places.split_first()?;
@@ -109,7 +113,8 @@ impl Measure {
     /// A line a point; what is not known is left empty.
     pub fn csv(&self) -> String {
         let line = |picked: &Picked| {
-            let DVec3 { x, y, z } = picked.point.position;
+            let place = self.reference.digits.round(picked.point.position);
+            let DVec3 { x, y, z } = place;
             let kind = kind(&picked.point).map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
             let record = picked.record().cloned().unwrap_or_default();
             fn word(number: Option<impl ToString>) -> String {
@@ -117,51 +122,95 @@ impl Measure {
             }
             let [r, g, b] = [0, 1, 2].map(|channel| word(record.rgb.map(|rgb| rgb[channel])));
             let (returns, source) = (word(record.returns), word(record.source));
-            let (intensity, time) = (word(record.intensity), word(record.gps_time));
+            let (intensity, time) = (word(record.intensity), word(record.gps_time.map(number)));
             let (point, file) = (word(picked.record().map(|record| record.point)), record.file.replace('"', "\"\""));
             let file = if file.contains([',', '"']) { format!("\"{file}\"") } else { file };
             let Extras { near_infrared, scan_angle_deg, user_data, marks, extra_bytes } = record.extras;
             let (infrared, angle, data) = (word(near_infrared), word(scan_angle_deg), word(user_data));
             let (marks, extra) = (marks.join(" and "), hex(&extra_bytes));
             format!(
-                "{x},{y},{z},{kind},{returns},{source},{intensity},{r},{g},{b},{time},{point},{file},{infrared},{angle},{data},{marks},{extra}\n"
+                "{x},{y},{z},{kind},{returns},{source},{intensity},{r},{g},{b},{time},{point},{file},{infrared},{angle},{data},{marks},{extra},{}\n",
+                self.unit_columns(place)
             )
         };
-        let head = "x,y,z,class,return,station,returns,source,intensity,red,green,blue,gps_time,point,file,near_infrared,scan_angle,user_data,marks,extra_bytes\n";
+        let head = "x,y,z,class,return,station,returns,source,intensity,red,green,blue,gps_time,point,file,near_infrared,scan_angle,user_data,marks,extra_bytes,unit,x_m,y_m,z_m\n";
         std::iter::once(head.to_string()).chain(self.points.iter().map(line)).collect()
     }
 
+    /// The unit of a place, and the place in metres where it is another; nothing where no file names one.
+    fn unit_columns(&self, place: DVec3) -> String {
+        let unit = self.reference.unit();
+        if !self.reference.says_unit() {
+            return ",,,".into();
+        }
+        if unit.is_metre() && self.reference.height_unit().is_metre() {
+            return "m,,,".into();
+        }
+        let [x, y, z] = self.reference.metres(place).to_array().map(|v| round(v, 4));
+        format!("{},{x},{y},{z}", unit.symbol())
+    }
+
     /// The points as a line, and where there are three or more also what they enclose; then each by itself, with all that its file says of it.
+    /// In longitude and latitude where they are known; else as the files have them, with their system, and a note that says so.
     pub fn geojson(&self) -> Value {
-        let mut places: Vec<[f64; 3]> = self.places().into_iter().map(|place| place.to_array()).collect();
+        let reference = &self.reference;
+        let on_earth: Option<Vec<[f64; 3]>> = self.places().into_iter().map(|place| reference.on_earth(place)).collect();
+        let is_on_earth = on_earth.is_some();
+        let own = || self.places().into_iter().map(|place| reference.digits.round(place).to_array()).collect();
+        let mut places: Vec<[f64; 3]> = on_earth.unwrap_or_else(own);
+        let each = places.clone();
         let feature = |geometry: Value, properties: Value| json!({ "type": "Feature", "geometry": geometry, "properties": properties });
         let line = match &places[..] {
             [one] => json!({ "type": "Point", "coordinates": one }),
             _ => json!({ "type": "LineString", "coordinates": places }),
         };
-        let facts =
-            json!({ "length_m": self.length(), "distance_m": self.distance(), "height_m": self.height(), "angle_deg": self.angle() });
+        let (unit, height_unit) = (reference.unit(), reference.height_unit());
+        let [length, distance, height] = [self.length(), self.distance(), self.height()];
+        let (to_metres, up) = (unit.metres, height_unit.metres);
+        let mut facts = json!({
+            "length_m": length * to_metres, "distance_m": distance * to_metres, "height_m": height * up, "angle_deg": self.angle()
+        });
+        if !unit.is_metre() {
+            let own = [("length", json!(length)), ("distance", json!(distance)), ("height", json!(height)), ("unit", json!(unit.symbol()))];
+            own.into_iter().for_each(|(key, value)| facts[key] = value);
+        }
         let mut features = vec![feature(line, facts)];
         if let Some(area) = self.area() {
             // A ring ends where it began.
             places.push(places[0]);
-            features.push(feature(json!({ "type": "Polygon", "coordinates": [places] }), json!({ "area_m2": area })));
+            features
+                .push(feature(json!({ "type": "Polygon", "coordinates": [places] }), json!({ "area_m2": area * to_metres * to_metres })));
         }
-        features.extend(self.points.iter().map(|picked| {
+        features.extend(self.points.iter().zip(each).map(|(picked, coordinates)| {
+            let position = reference.digits.round(picked.point.position).to_array();
             let kind = kind(&picked.point).map(|[class, number, station]| json!({ "class": class, "return": number, "station": station }));
-            let properties = json!({ "exact": picked.point.exact, "kind": kind, "record": picked.record() });
-            feature(json!({ "type": "Point", "coordinates": picked.point.position.to_array() }), properties)
+            let properties = json!({ "exact": picked.point.exact, "kind": kind, "position": position, "record": picked.record() });
+            feature(json!({ "type": "Point", "coordinates": coordinates }), properties)
         }));
-        json!({ "type": "FeatureCollection", "features": features })
+        let mut collection = json!({ "type": "FeatureCollection", "features": features });
+        collection["coordinate_system"] = json!(reference.system);
+        if !is_on_earth {
+            let system = reference.system.as_ref();
+            let named = system.map_or("that no file names".into(), |system| system.to_string());
+            let unit = if reference.says_unit() { format!(", in {}", unit.name) } else { String::new() };
+            collection["note"] =
+                json!(format!("coordinates are not longitude and latitude but those of the system of the files: {named}{unit}"));
+            if let Some(code) = system.and_then(|system| system.epsg) {
+                let name = format!("urn:ogc:def:crs:EPSG::{code}");
+                collection["crs"] = json!({ "type": "name", "properties": { "name": name } });
+            }
+        }
+        collection
     }
 }
 
-/// The last point in every digit, and what lies between all: two lines for a terminal, one where there is one point.
+/// The last point in every digit that its lattice has, and what lies between all: two lines for a terminal, one where there is one point.
 impl std::fmt::Display for Measure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Some(last) = self.points.last() else { return Ok(()) };
+        let unit = self.reference.unit();
         let last = &last.point;
-        let DVec3 { x, y, z } = last.position;
+        let DVec3 { x, y, z } = self.reference.digits.round(last.position);
         write!(f, "point {}: {x} {y} {z}", self.points.len())?;
         if let Some([class, number, station]) = kind(last) {
             write!(f, " class {class} return {number} station {station}")?;
@@ -170,12 +219,14 @@ impl std::fmt::Display for Measure {
             write!(f, " (about: the rest of its digits is not loaded)")?;
         }
         if self.points.len() > 1 {
-            write!(f, "\ndistance {:.4} m, height {:.4} m, horizontal {:.4} m", self.distance(), self.height(), self.horizontal())?;
+            let [distance, horizontal] = [self.distance(), self.horizontal()].map(|length| unit.length(length, 4));
+            let height = self.reference.height_unit().length(self.height(), 4);
+            write!(f, "\ndistance {distance}, height {height}, horizontal {horizontal}")?;
         }
         if let Some(angle) = self.angle() {
-            write!(f, ", length {:.4} m, angle {angle:.3} degrees", self.length())?;
+            write!(f, ", length {}, angle {angle:.3} degrees", unit.length(self.length(), 4))?;
         }
-        self.area().map_or(Ok(()), |area| write!(f, ", area {area:.4} m2"))
+        self.area().map_or(Ok(()), |area| write!(f, ", area {}", unit.area(area, 4)))
     }
 }
 
@@ -187,7 +238,7 @@ mod tests {
 
     fn measure(points: &[[f64; 3]]) -> Measure {
         let point = |&p: &[f64; 3]| Point { position: ORIGIN + DVec3::from_array(p), exact: true, kind: Some(6 | 2 << 8 | 1 << 16) };
-        Measure { points: points.iter().map(point).map(Picked::new).collect() }
+        Measure { points: points.iter().map(point).map(Picked::new).collect(), ..Measure::default() }
     }
 
     fn is(value: f64, wanted: f64) {
@@ -222,7 +273,7 @@ mod tests {
         let row = csv.lines().nth(1).unwrap();
         let read: Vec<f64> = row.split(',').take(6).map(|number| number.parse().unwrap()).collect();
         assert_eq!((DVec3::from_slice(&read), &read[3..]), (points.place(0), &[6.0, 2.0, 2.0][..]));
-        assert!(row.ends_with(",,,,1,2,3,0.30000000000000004,41,\"a, b.las\",,,,,"), "{row}");
+        assert!(row.ends_with(",,,,1,2,3,0.30000000000000004,41,\"a, b.las\",,,,,,,,,"), "{row}");
         assert!(points.to_string().contains("class 6 return 2 station 2\ndistance"), "{points}");
         let json = points.geojson();
         assert_eq!(json["features"][0]["geometry"]["coordinates"][0][0].as_f64().unwrap(), points.place(0).x);

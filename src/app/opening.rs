@@ -4,6 +4,7 @@ use super::errand::Errand;
 use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::counts::Counts;
+use crate::cloud::system::Reference;
 use crate::cloud::{ReadOptions, Station, Wanted};
 use crate::error::{Error, Result};
 use crate::index::strokes::Found;
@@ -51,12 +52,14 @@ pub struct Kinds {
     pub classes: Vec<(u8, u64)>,
     pub returns: Vec<(u8, u64)>,
     pub stations: Vec<Station>,
+    /// What coordinates mean.
+    pub reference: Reference,
 }
 
 impl Kinds {
     fn of(source: &Source) -> Kinds {
         let Counts { classes, returns } = source.counts().unwrap_or_default();
-        Kinds { classes, returns, stations: source.stations().to_vec() }
+        Kinds { classes, returns, stations: source.stations().to_vec(), reference: source.reference() }
     }
 }
 

@@ -212,7 +212,9 @@ impl Panel {
                 reaches = if at_the_left { rect.right() } else { 0.0 };
             }
             if let Some(profile) = &mut facts.profile {
-                egui::Window::new("profile").default_pos([WIDTH + 60.0, 60.0]).show(ui.ctx(), |ui| profile.show(ui, &mut deeds));
+                egui::Window::new("profile")
+                    .default_pos([WIDTH + 60.0, 60.0])
+                    .show(ui.ctx(), |ui| profile.show(ui, &facts.measure.reference, &mut deeds));
             }
             trouble(ui.ctx(), facts);
             if facts.help {
@@ -356,7 +358,7 @@ fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
         combo.response.on_hover_text(format!("because {}", facts.why_shown));
     }
     if let Some(shown) = &facts.shown {
-        legend::ramp(ui, shown);
+        legend::ramp(ui, shown, &facts.kinds.reference);
     }
     ui.horizontal(|ui| {
         ui.color_edit_button_srgb(&mut scene.wishes.background);
@@ -470,7 +472,7 @@ fn setting(ui: &mut Ui, setting: Setting) {
 
 /// What is not ticked is not drawn: a rule of opacity 0. Beside it the colour that it is drawn in.
 fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
-    let Kinds { classes, returns, stations } = &facts.kinds;
+    let Kinds { classes, returns, stations, .. } = &facts.kinds;
     let class = |&(number, count): &(u8, u64)| {
         let name = class_name(number).map_or(String::new(), |name| format!(" {name}"));
         (What::Class(number), number, format!("{number}{name}: {}", grouped(count)))
@@ -533,8 +535,8 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
     let Facts { measure, width, .. } = facts;
     let Some(measure::Picked { point, record }) = measure.points.last() else { return };
     CollapsingHeader::new("picked").default_open(true).show(ui, |ui| {
-        let DVec3 { x, y, z } = point.position;
-        ui.label(format!("x {x:.4}\ny {y:.4}\nz {z:.4}{}", if point.exact { "" } else { "\nabout: the rest of its digits is not loaded" }));
+        let DVec3 { x, y, z } = measure.reference.digits.round(point.position);
+        ui.label(format!("x {x}\ny {y}\nz {z}{}", if point.exact { "" } else { "\nabout: the rest of its digits is not loaded" }));
         if let Some([class, number, station]) = measure::kind(point) {
             ui.label(format!("class {class}, return {number}, station {station}"));
         }
@@ -544,21 +546,24 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
             Looked::Nowhere => "a sample that stands for several points of the file; nearer by there are these".into(),
         });
         if measure.points.len() > 1 {
+            let (unit, height) = (measure.reference.unit(), measure.reference.height_unit());
             let mut text = format!(
-                "{} points\ndistance {:.4} m\nheight {:.4} m\nhorizontal {:.4} m",
+                "{} points\ndistance {}\nheight {}\nhorizontal {}",
                 measure.points.len(),
-                measure.distance(),
-                measure.height(),
-                measure.horizontal()
+                unit.length(measure.distance(), 4),
+                height.length(measure.height(), 4),
+                unit.length(measure.horizontal(), 4)
             );
-            text += &measure.angle().map_or(String::new(), |angle| format!("\nlength {:.4} m\nangle {angle:.3}°", measure.length()));
-            text += &measure.area().map_or(String::new(), |area| format!("\narea {area:.4} m²"));
+            let length = || unit.length(measure.length(), 4);
+            text += &measure.angle().map_or(String::new(), |angle| format!("\nlength {}\nangle {angle:.3}°", length()));
+            text += &measure.area().map_or(String::new(), |area| format!("\narea {}", unit.area(area, 4)));
             ui.label(text);
             ui.horizontal(|ui| {
                 if ui.button("profile").on_hover_text("X: of the points along the line").clicked() {
                     deeds.push(Deed::Profile);
                 }
-                let said = |width: f64, _| if width == 0.0 { "wide by its length".into() } else { format!("{width:.4} m wide") };
+                let said =
+                    |width: f64, _| if width == 0.0 { "wide by its length".into() } else { format!("{width:.4} {} wide", unit.symbol()) };
                 let read = |text: &str| text.split_whitespace().next().and_then(|number| number.parse().ok());
                 ui.add(DragValue::new(width).range(0.0..=f64::INFINITY).speed(0.01).custom_formatter(said).custom_parser(read));
             });
@@ -592,7 +597,7 @@ fn marks(ui: &Ui, measure: &Measure, view: &View) {
         painter.rect_filled(rect.expand(2.0), 2.0, Color32::from_black_alpha(160));
         painter.galley(rect.min, text, Color32::WHITE);
     };
-    let places = measure.places();
+    let (places, unit) = (measure.places(), measure.reference.unit());
     for pair in places.windows(2) {
         if let [Some(a), Some(b)] = [seen(pair[0]), seen(pair[1])] {
             painter.line_segment([a, b], stroke);
@@ -602,14 +607,14 @@ fn marks(ui: &Ui, measure: &Measure, view: &View) {
         painter.circle_stroke(at, 5.0, stroke);
     }
     for pair in places.windows(2) {
-        say(pair[0].midpoint(pair[1]), ABOVE, format!("{:.3} m", pair[0].distance(pair[1])));
+        say(pair[0].midpoint(pair[1]), ABOVE, unit.length(pair[0].distance(pair[1]), 3));
     }
     if let (Some(angle), &[.., corner, _]) = (measure.angle(), &places[..]) {
         say(corner, ABOVE, format!("{angle:.2}°"));
     }
     if let (Some(area), Some(&first)) = (measure.area(), places.first()) {
         let from_first: DVec3 = places.iter().map(|&place| place - first).sum();
-        say(first + from_first / places.len() as f64, -ABOVE, format!("{area:.3} m²"));
+        say(first + from_first / places.len() as f64, -ABOVE, unit.area(area, 3));
     }
 }
 

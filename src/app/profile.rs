@@ -3,6 +3,7 @@
 use super::deeds::Deed;
 use super::measure;
 use crate::cloud::attribute::Shown;
+use crate::cloud::system::Reference;
 use crate::passes::resolve;
 use crate::resident::section::{Found, Section, Slab};
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui, Vec2};
@@ -60,15 +61,16 @@ impl Profile {
         image
     }
 
-    /// A line a point: its place in the profile, then in the world.
-    pub fn csv(&self) -> String {
+    /// A line a point: its place in the profile, then in the world, and the unit of both.
+    pub fn csv(&self, reference: &Reference) -> String {
+        let unit = if reference.says_unit() { reference.unit().symbol().to_string() } else { String::new() };
         let line = |found: &Found| {
-            let DVec3 { x, y, z } = found.point.position;
+            let DVec3 { x, y, z } = reference.digits.round(found.point.position);
             let kind = measure::kind(&found.point).map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
             let [r, g, b] = resolve::color_of(&self.shown, found.shown);
-            format!("{},{z},{},{x},{y},{z},{kind},{r},{g},{b}\n", found.place.x, found.place.y)
+            format!("{},{z},{},{x},{y},{z},{kind},{r},{g},{b},{unit}\n", found.place.x, found.place.y)
         };
-        let head = "distance,height,left,x,y,z,class,return,station,red,green,blue\n".to_string();
+        let head = "distance,height,left,x,y,z,class,return,station,red,green,blue,unit\n".to_string();
         std::iter::once(head).chain(self.section.points.iter().map(line)).collect()
     }
 
@@ -78,13 +80,14 @@ impl Profile {
     }
 
     /// What it is made of.
-    pub fn says(&self) -> String {
+    pub fn says(&self, reference: &Reference) -> String {
         let Section { points, resident, all } = &self.section;
         let part = if resident < all { format!(", of the {resident} of {all} that are loaded") } else { String::new() };
-        format!("profile: {} points{part}, {:.3} m long, {:.3} m wide", points.len(), self.slab.length, self.slab.width)
+        let [length, width] = [self.slab.length, self.slab.width].map(|length| reference.unit().length(length, 3));
+        format!("profile: {} points{part}, {length} long, {width} wide", points.len())
     }
 
-    pub fn show(&mut self, ui: &mut Ui, deeds: &mut Vec<Deed>) {
+    pub fn show(&mut self, ui: &mut Ui, reference: &Reference, deeds: &mut Vec<Deed>) {
         let image = self.texture.is_none().then(|| self.image());
         let texture =
             self.texture.get_or_insert_with(|| ui.ctx().load_texture("profile", image.unwrap_or_default(), TextureOptions::NEAREST));
@@ -94,10 +97,17 @@ impl Profile {
         let here = shown.hover_pos().map(|at| (at - shown.rect.min) / size);
         let here = here.map(|at| (at.x as f64 * self.slab.length, hi - at.y as f64 * (hi - lo)));
         ui.label(match here {
-            Some((distance, height)) => format!("distance {distance:.3} m, height {height:.3} m"),
-            None => format!("heights {lo:.2} to {hi:.2} m, drawn {:.2} times as large as distances", self.raised()),
+            Some((distance, height)) => {
+                let (unit, high) = (reference.unit(), reference.height_unit());
+                format!("distance {}, height {}", unit.length(distance, 3), high.length(height, 3))
+            }
+            None => format!(
+                "heights {lo:.2} to {hi:.2} {}, drawn {:.2} times as large as distances",
+                reference.height_unit().symbol(),
+                self.raised()
+            ),
         });
-        ui.label(RichText::new(self.says()).weak());
+        ui.label(RichText::new(self.says(reference)).weak());
         ui.horizontal(|ui| {
             if ui.button("csv").on_hover_text("C").clicked() {
                 deeds.push(Deed::SaveProfile);

@@ -23,7 +23,7 @@ impl App {
             Report::Picked { point, adds } => self.picked(point, adds),
             Report::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             Report::Profile(profile) => {
-                tell(&profile.says());
+                tell(&profile.says(&self.facts.measure.reference));
                 (self.facts.profile, self.facts.trouble) = (Some(*profile), None);
             }
             Report::Doing(text) => self.facts.doing = Some(text),

@@ -231,7 +231,7 @@ fn cloud_of(columns: Columns) -> Cloud {
         lattice,
         columns,
         intensity_range: [0.0, 65535.0],
-        rgb_bits: 8,
+        rgb_scale: Default::default(),
     };
     Cloud { parts: vec![part], ..Cloud::default() }
 }

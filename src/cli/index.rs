@@ -1,6 +1,6 @@
 //! `pointillist index`: files in, one index out, complete or absent.
 
-use super::options::{TextArguments, ends_in};
+use super::options::{ColorOptions, TextArguments, ends_in};
 use super::render::refuse_to_overwrite;
 use crate::cloud::Wanted;
 use crate::config;
@@ -49,6 +49,8 @@ pub struct Arguments {
     /// Refuse a truncated or lying file instead of keeping what is readable
     #[arg(long)]
     pub strict: bool,
+    #[command(flatten)]
+    pub colors: ColorOptions,
     /// Print what was made as JSON
     #[arg(long)]
     pub json: bool,
@@ -102,7 +104,8 @@ impl Arguments {
         let threads = self.threads.map_or(usual.threads, |threads| threads as usize);
         let derive = Derive { normals: self.normals, strokes: self.strokes, luminance: self.luminance };
         let wanted = Wanted { gps_time: self.gps_time, ..usual.wanted };
-        Ok(Options { memory: self.memory.0, threads, wanted, text: self.text.options(), derive, ..usual })
+        let (text, rgb_range) = (self.text.options(), self.colors.rgb_range);
+        Ok(Options { memory: self.memory.0, threads, wanted, text, rgb_range, derive, ..usual })
     }
 }
 

@@ -1,13 +1,14 @@
 //! `pointillist info cloud.pnti`: what went into an index, and the tree.
 //!
-//! The JSON object has `points`, `bounds`, `spacing`, `strays`, `parts`, `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would
+//! The JSON object has `points`, `bounds`, `unit`, `unit_is_stated`, `spacing`, `strays`, `parts`, `stations`, `notes` as `info` gives them of files (but no ranges of attributes: those would
 //! need every point), of `exposures` the `balance` where it was found, where they were counted `classes` [{`class`, `points`}] and `returns` [{`return`, `points`}], and `index` {`bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
 //! `spacing`}], `planes` {name: bytes}, `leaf_points` {`least`, `median`, `most`}}.
 
-use super::info::{Bounds, Class, LISTED, Spacing, gain, listed, uneven, words};
+use super::info::{Bounds, Class, LISTED, Spacing, gain, listed, system_words, uneven, unit_words, words};
 use crate::cloud::Station;
 use crate::cloud::counts::Counts;
 use crate::cloud::strays::Strays;
+use crate::cloud::system::Unit;
 use crate::error::{Error, Result};
 use crate::index::exposure::Balance;
 use crate::index::file::{Index, IndexedPart, PLANES};
@@ -23,6 +24,8 @@ const HOW_SPACING: &str = "median distance to the nearest other point of its lea
 struct Report<'a> {
     points: u64,
     bounds: Option<Bounds>,
+    unit: Unit,
+    unit_is_stated: bool,
     spacing: Spacing,
     /// As far as samples of the roots tell.
     strays: Strays,
@@ -90,10 +93,12 @@ struct LeafPoints {
 /// Text, or JSON.
 pub fn report(path: &Path, json: bool) -> Result<String> {
     let index = Index::open(path)?;
-    let contents = &index.directory.contents;
+    let (contents, reference) = (&index.directory.contents, index.reference());
     let report = Report {
         points: contents.points,
-        bounds: contents.bounds.map(|[min, max]| Bounds { min, max }),
+        bounds: contents.bounds.map(|ends| ends.map(|end| reference.digits.round(end))).map(|[min, max]| Bounds { min, max }),
+        unit: reference.unit(),
+        unit_is_stated: reference.says_unit(),
         spacing: Spacing { value: spacing(&index)?, how: HOW_SPACING },
         strays: source::strays(&index),
         index: Tree::new(&index),
@@ -156,14 +161,15 @@ impl Report<'_> {
         line("format", "pointillist index".into());
         line("points", self.points.to_string());
         line("bounds", words(&self.bounds));
-        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| format!("{value:.6}"));
+        line("unit", unit_words(&self.unit, self.unit_is_stated));
+        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
         line("spacing", format!("{value} ({})", self.spacing.how));
         let tree = &self.index;
         line("size", format!("{} MiB, {:.1} bytes a point", tree.bytes >> 20, tree.bytes_per_point));
         line("tree", format!("{} leaves, {} inner nodes, {} roots", tree.leaves, tree.inner, tree.roots));
         line("leaves", format!("{} to {} points, median {}", tree.leaf_points.least, tree.leaf_points.most, tree.leaf_points.median));
         for Level { level, nodes, samples, spacing } in &tree.levels {
-            let spacing = spacing.map_or(String::new(), |spacing| format!(", samples up to {spacing:.4} m apart"));
+            let spacing = spacing.map_or(String::new(), |spacing| format!(", samples up to {} apart", self.unit.length(spacing, 4)));
             line(if *level == 0 { "levels" } else { "" }, format!("{level}: {nodes} nodes, {samples} samples{spacing}"));
         }
         for (number, (plane, bytes)) in tree.planes.iter().enumerate() {
@@ -175,6 +181,7 @@ impl Report<'_> {
         for part in self.parts {
             let name = part.name.as_ref().map(|name| format!(", {name}")).unwrap_or_default();
             line("from", format!("{}{name}: {}, {} points", part.path.display(), part.header.format, part.points));
+            part.header.system.iter().for_each(|system| line("crs", system_words(system)));
         }
         if let Some(classes) = self.classes.as_ref().filter(|classes| !classes.is_empty()) {
             line("classes", listed(classes.iter().map(|class| (class.class, class.points))));

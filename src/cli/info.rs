@@ -4,21 +4,26 @@
 //! are shown beside them, and where the two differ a note says so.
 //!
 //! The JSON object is stable; fields may be added:
-//! `points` · `bounds` {`min`, `max`} or null · `spacing` {`value` or null, `how`} ·
-//! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]]}, `bounds`, `step`, `offset`,
-//! `attributes` {`rgb` {`bits`, `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
-//! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
+//! `points` · `bounds` {`min`, `max`} or null · `unit` {`name`, `metres`} of all lengths · `unit_is_stated` · `spacing` {`value` or null, `how`} ·
+//! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]],
+//! `system` {`name`, `epsg`, `kind` (`projected`, `geographic`, `geocentric`, `local`), `unit`, `height_unit`, `degrees`, `proj`, `plane` {`longitude`, `latitude`, `metres_per_degree`}}}, `bounds`, `step`, `offset`,
+//! `attributes` {`rgb` {`bits`, `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
+//! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan`, `nan_share`}, `normal` {`zero_share`}}}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use super::indexed_info;
-use super::options::TextArguments;
+use super::options::{ColorOptions, TextArguments};
+use crate::cloud::color::Scale;
 use crate::cloud::counts::Counts;
+use crate::cloud::digits::{self, Digits};
 use crate::cloud::strays::Strays;
+use crate::cloud::system::{Reference, System, Unit};
 use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
 use crate::index::exposure::{Balance, Exposures, exposures};
 use crate::index::file::Index;
 use crate::progress::Progress;
+use crate::source;
 use glam::DVec3;
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -46,11 +51,17 @@ pub struct Arguments {
 
     #[command(flatten)]
     pub text: TextArguments,
+
+    #[command(flatten)]
+    pub colors: ColorOptions,
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let mut text = match arguments.files.iter().find(|path| Index::is_one(path)) {
-        Some(path) if arguments.files.len() == 1 => indexed_info::report(path, arguments.json)?,
+        Some(path) if arguments.files.len() == 1 => {
+            source::refuse_rgb_range(path, arguments.colors.rgb_range)?;
+            indexed_info::report(path, arguments.json)?
+        }
         Some(path) => return Err(Error::Request(format!("{} is an index; ask about it alone", path.display()))),
         None => of_files(arguments, progress)?,
     };
@@ -63,7 +74,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 }
 
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
-    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict, text: arguments.text.options() };
+    let (text, rgb_range) = (arguments.text.options(), arguments.colors.rgb_range);
+    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict, text, rgb_range };
     let cloud = cloud::read(&arguments.files, &options, progress)?;
     let report = Report::new(&cloud);
     if arguments.json {
@@ -79,6 +91,10 @@ const HOW_SPACING: &str = "median distance to the nearest other point, of about 
 struct Report<'a> {
     points: u64,
     bounds: Option<Bounds>,
+    /// Of lengths.
+    unit: Unit,
+    /// Whether a file names it; metres are assumed where none does.
+    unit_is_stated: bool,
     spacing: Spacing,
     /// Points that lie far outside of their part.
     strays: Strays,
@@ -137,6 +153,9 @@ struct Attributes {
 struct Rgb {
     /// As stored in the file.
     bits: u8,
+    /// What the file's own count to, and who says so.
+    #[serde(flatten)]
+    scale: Scale,
     /// Of 255.
     min: [u8; 3],
     max: [u8; 3],
@@ -178,6 +197,8 @@ struct Sources {
 struct Times {
     min: Option<f64>,
     max: Option<f64>,
+    /// Points.
+    nan: usize,
     nan_share: f64,
 }
 
@@ -188,9 +209,12 @@ struct Normals {
 
 impl<'a> Report<'a> {
     fn new(cloud: &'a Cloud) -> Self {
+        let reference = Reference::of(cloud.parts.iter().map(|part| (&part.header, part.lattice)));
         Self {
             points: cloud.len(),
-            bounds: bounds(cloud.bounds()),
+            bounds: bounds(cloud.bounds(), &reference.digits),
+            unit: reference.unit(),
+            unit_is_stated: reference.says_unit(),
             spacing: Spacing { value: spacing::spacing(cloud), how: HOW_SPACING },
             parts: cloud.parts.iter().enumerate().map(|(index, part)| PartReport::new(part, index, cloud)).collect(),
             strays: cloud.strays(),
@@ -210,7 +234,8 @@ impl<'a> Report<'a> {
             line("all", format!("{} points in {} parts", self.points, self.parts.len()));
             line("bounds", words(&self.bounds));
         }
-        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| format!("{value:.6}"));
+        line("unit", unit_words(&self.unit, self.unit_is_stated));
+        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
         line("spacing", format!("{value} ({})", self.spacing.how));
         line("stations", self.stations.len().to_string());
         let exposures = self.exposures.as_ref();
@@ -276,7 +301,7 @@ impl<'a> PartReport<'a> {
             format: &part.header.format,
             points: part.columns.len() as u64,
             header: &part.header,
-            bounds: bounds(part.bounds()),
+            bounds: bounds(part.bounds(), &Digits::of([part.lattice])),
             step: part.lattice.step,
             offset: part.lattice.offset,
             attributes: Attributes::new(part, cloud.stations.iter().filter(|station| station.part == index).count()),
@@ -295,6 +320,9 @@ impl<'a> PartReport<'a> {
         }
         line("lattice", format!("steps of {}, from {}", self.step.to_array().map(significant).join(" "), triple(self.offset)));
         self.attributes.write(&mut line);
+        if let Some(system) = &self.header.system {
+            line("crs", system_words(system));
+        }
         for (what, value) in &self.header.facts {
             line(what, value.clone());
         }
@@ -305,17 +333,16 @@ impl<'a> PartReport<'a> {
 impl Attributes {
     fn new(part: &Part, stations: usize) -> Self {
         let columns = &part.columns;
-        let [lo, hi] = part.intensity_range;
         let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         Self {
             rgb: columns.rgb.as_ref().map(|colors| {
                 let extremes = colors.iter().fold(([255; 3], [0; 3]), |(min, max): ([u8; 3], [u8; 3]), color| {
                     (std::array::from_fn(|i| min[i].min(color[i])), std::array::from_fn(|i| max[i].max(color[i])))
                 });
-                Rgb { bits: part.rgb_bits, min: extremes.0, max: extremes.1 }
+                Rgb { bits: part.rgb_scale.bits(), scale: part.rgb_scale, min: extremes.0, max: extremes.1 }
             }),
             intensity: columns.intensity.as_ref().and_then(|column| cloud::range(column)).map(|(min, max)| {
-                let value = |stored: u16| lo + (hi - lo) * stored as f64 / 65535.0;
+                let value = |stored: u16| cloud::intensity_of(stored, part.intensity_range);
                 Range { min: value(min), max: value(max) }
             }),
             class: columns.class.as_ref().map(|_| Class::list(&Counts::of([columns]))),
@@ -327,7 +354,7 @@ impl Attributes {
             gps_time: columns.gps_time.as_ref().map(|column| {
                 let nan = column.iter().filter(|time| time.is_nan()).count();
                 let times = || column.iter().copied().filter(|time| !time.is_nan());
-                Times { min: times().reduce(f64::min), max: times().reduce(f64::max), nan_share: share(nan, column.len()) }
+                Times { min: times().reduce(f64::min), max: times().reduce(f64::max), nan, nan_share: share(nan, column.len()) }
             }),
             normal: columns
                 .normal
@@ -337,14 +364,17 @@ impl Attributes {
     }
 
     fn write(&self, line: &mut impl FnMut(&str, String)) {
-        if let Some(Rgb { bits, min, max }) = &self.rgb {
+        if let Some(Rgb { bits, scale, min, max }) = &self.rgb {
             line(
                 "rgb",
-                format!("{bits} bits; red {}..{}, green {}..{}, blue {}..{} of 255", min[0], max[0], min[1], max[1], min[2], max[2]),
+                format!(
+                    "{bits} bits, {scale}; red {}..{}, green {}..{}, blue {}..{} of 255",
+                    min[0], max[0], min[1], max[1], min[2], max[2]
+                ),
             );
         }
         if let Some(Range { min, max }) = &self.intensity {
-            line("intensity", format!("{min}..{max}"));
+            line("intensity", format!("{}..{}", digits::number(*min), digits::number(*max)));
         }
         if let Some(classes) = &self.class {
             line("classes", listed(classes.iter().map(|class| (class.class, class.points))));
@@ -356,9 +386,9 @@ impl Attributes {
         if let Some(Sources { ids }) = &self.source {
             line("sources", format!("{ids} point source ids"));
         }
-        if let Some(Times { min, max, nan_share }) = &self.gps_time {
-            let nan = if *nan_share > 0.0 { format!("; {:.1} % are NaN", nan_share * 100.0) } else { String::new() };
-            let range = min.zip(*max).map_or("none".into(), |(min, max)| format!("{min}..{max}"));
+        if let Some(Times { min, max, nan, .. }) = &self.gps_time {
+            let nan = if *nan > 0 { format!("; {nan} are NaN") } else { String::new() };
+            let range = min.zip(*max).map_or("none".into(), |(min, max)| format!("{}..{}", digits::number(min), digits::number(max)));
             line("gps time", format!("{range}{nan}"));
         }
         if let Some(Normals { zero_share }) = &self.normal {
@@ -371,8 +401,24 @@ fn push(out: &mut String, what: &str, value: &str) {
     let _ = writeln!(out, "  {what:<18} {value}");
 }
 
-fn bounds(bounds: Option<(DVec3, DVec3)>) -> Option<Bounds> {
-    bounds.map(|(min, max)| Bounds { min, max })
+fn bounds(bounds: Option<(DVec3, DVec3)>, digits: &Digits) -> Option<Bounds> {
+    bounds.map(|(min, max)| Bounds { min: digits.round(min), max: digits.round(max) })
+}
+
+/// A coordinate system, its unit, and where its degrees are drawn.
+pub fn system_words(system: &System) -> String {
+    let unit = match &system.unit {
+        Some(unit) if unit.is_metre() => ", in metres".into(),
+        Some(unit) => format!(", in {} ({} m)", unit.name, unit.metres),
+        None => ", in a unit that it does not name".into(),
+    };
+    let heights = system.height_unit.as_ref().map(|unit| format!(", heights in {} ({} m)", unit.name, unit.metres)).unwrap_or_default();
+    let plane = system.plane.map(|plane| format!("; {plane}")).unwrap_or_default();
+    format!("{system}{unit}{heights}{plane}")
+}
+
+pub fn unit_words(unit: &Unit, is_stated: bool) -> String {
+    if is_stated { unit.name.clone() } else { format!("{}, which no file says", unit.name) }
 }
 
 /// Two corners.
@@ -384,10 +430,10 @@ pub fn words(bounds: &Option<Bounds>) -> String {
 /// A step may be far less than a nanometre.
 fn significant(step: f64) -> String {
     let rounded: f64 = format!("{step:.8e}").parse().expect("a number as it was written");
-    rounded.to_string()
+    digits::number(rounded)
 }
 
 fn triple(v: DVec3) -> String {
     // No zero is below zero.
-    v.to_array().map(|v| ((v * 1e9).round() / 1e9 + 0.0).to_string()).join(" ")
+    v.to_array().map(|v| digits::number(digits::round(v, 9))).join(" ")
 }

@@ -3,6 +3,7 @@
 use super::index::Bytes;
 use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::{Attribute, Further, Shown};
+use crate::cloud::color::RgbRange;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config;
@@ -31,6 +32,14 @@ pub fn ends_in(path: &Path, endings: &[&str]) -> Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// How files are read whose colours do not say what they count to.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct ColorOptions {
+    /// What the colours of the files count to [default: as most points show it, which `info` tells]
+    #[arg(long, value_name = "0..1|255|65535")]
+    pub rgb_range: Option<RgbRange>,
 }
 
 #[derive(clap::Args, Clone, Debug)]
@@ -75,6 +84,8 @@ pub struct PictureOptions {
     /// Memory for lists and fragments of strokes [default: 512MiB, or as --effect strokes=memory= says]; a painting that needs more is made in parts, and says so
     #[arg(long, value_name = "BYTES", value_parser = abuffer)]
     pub abuffer_memory: Option<Bytes>,
+    #[command(flatten)]
+    pub colors: ColorOptions,
     #[command(flatten)]
     pub detail: DetailOptions,
     #[command(flatten)]
@@ -263,7 +274,7 @@ impl PictureOptions {
     }
 
     pub fn read_options(&self, strict: bool) -> ReadOptions {
-        ReadOptions { wanted: self.wanted(), strict, text: self.text.options() }
+        ReadOptions { wanted: self.wanted(), strict, text: self.text.options(), rgb_range: self.colors.rgb_range }
     }
 
     /// What the points show, and why.

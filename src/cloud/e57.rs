@@ -4,9 +4,11 @@
 //! The `e57` crate checks pages and unpacks bits; its raw values are turned into points here, since states that say "no point here" must be
 //! dropped and counted, and limits of colour and intensity are often absent or wrong. Its calls are fenced, and what it would loop on is refused.
 
+use super::color::By;
 use super::floats::{ColorUnit, Floats, Point, Role, there};
 use super::guard::guard;
 use super::input::{Input, Meter};
+use super::system;
 use super::{Header, Part, ReadOptions};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -49,8 +51,14 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
             points: Some(scan.records),
             bounds: bounds(scan),
             facts: file_facts.iter().cloned().chain(scan_facts(scan)).collect(),
+            system: reader.coordinate_metadata().and_then(system::wkt::system),
+            sample: None,
         };
-        let mut part = found.floats.into_part(input, header, ColorUnit::Unit, found.intensity_limits, notes);
+        let unit = ColorUnit::Limits(found.color_limits);
+        let mut part = found.floats.into_part(input, header, unit, found.intensity_limits, notes);
+        if options.strict && part.rgb_scale.by == By::Values {
+            return Err(input.wrong(format!("scan \"{name}\" states limits of colours that are not those of its points")));
+        }
         part.name = Some(name);
         parts.push(part);
     }
@@ -62,6 +70,7 @@ struct Found {
     /// Points whose state says that they have no position.
     invalid: u64,
     intensity_limits: Option<[f64; 2]>,
+    color_limits: [[f64; 2]; 3],
     why: String,
 }
 
@@ -87,7 +96,8 @@ fn points(
     }
     let mut floats = Floats::new(there(&shape.roles()), options.wanted, false, false);
     floats.reserve(scan.records.min(input.length.saturating_mul(8) / bits.max(1)) as usize);
-    let mut found = Found { floats, invalid: 0, intensity_limits: shape.intensity.map(|_| shape.intensity_limits), why: String::new() };
+    let intensity_limits = shape.intensity.map(|_| shape.intensity_limits);
+    let mut found = Found { floats, invalid: 0, intensity_limits, color_limits: shape.color_limits, why: String::new() };
     if scan.records == 0 {
         return Ok(found);
     }
@@ -181,10 +191,10 @@ impl Shape {
             range * DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
         };
         let mut point = Point { position: (self.rotation * local + self.translation).to_array(), ..Point::default() };
-        if let Some(indices) = self.color.filter(|_| valid(self.color_state)) {
+        if let Some(indices) = self.color {
+            let is_valid = valid(self.color_state);
             for (channel, index) in indices.into_iter().enumerate() {
-                let [lo, hi] = self.color_limits[channel];
-                point.color[channel] = ((value(index) - lo) / (hi - lo)) as f32;
+                point.color[channel] = if is_valid { value(index) } else { self.color_limits[channel][0] } as f32;
             }
         }
         if let Some(index) = self.intensity {

@@ -1,9 +1,9 @@
 //! PLACE -> RECORD: all that a file says of the point at a place. Files are streamed again for it, since nobody keeps every attribute of every point in memory.
 
+use super::digits::number;
 use super::las::single;
 use super::stream::{self, Batch, Source};
-use super::table::TextOptions;
-use super::{Lattice, ReadOptions, Wanted};
+use super::{Lattice, ReadOptions, Wanted, intensity_of};
 use crate::error::Result;
 use crate::progress::Progress;
 use glam::DVec3;
@@ -63,11 +63,13 @@ struct Candidate {
     unlike: (bool, bool, u64),
     record: Record,
     part: usize,
+    /// In the file's own coordinates.
+    place: DVec3,
 }
 
-/// The record of a point, or none where no point of these files lies in its place; text files are read as before.
-pub fn find(paths: &[PathBuf], text: TextOptions, sought: &Sought, progress: &dyn Progress) -> Result<Option<Record>> {
-    let options = ReadOptions { wanted: Wanted::ALL, strict: false, text };
+/// The record of a point, or none where no point of these files lies in its place. Files are read as before, but for columns that were not wanted then.
+pub fn find(paths: &[PathBuf], read: ReadOptions, sought: &Sought, progress: &dyn Progress) -> Result<Option<Record>> {
+    let options = ReadOptions { wanted: Wanted::ALL, strict: false, ..read };
     let mut best: Option<Candidate> = None;
     let mut found = 0;
     let sources = stream::open(paths, &options, progress, &mut Vec::new())?;
@@ -83,18 +85,20 @@ pub fn find(paths: &[PathBuf], text: TextOptions, sought: &Sought, progress: &dy
         })?;
         let candidates = candidates.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         found += candidates.len() as u64;
+        let own = source.own_lattice().world(steps.map(i64::from));
         for mut candidate in candidates {
+            candidate.place = own;
             candidate.record.rgb.take_if(|_| !streamed.available.rgb);
             if best.as_ref().is_none_or(|best| candidate.unlike < best.unlike) {
                 best = Some(candidate);
             }
         }
     }
-    Ok(best.map(|Candidate { mut record, part, .. }| {
+    Ok(best.map(|Candidate { mut record, part, place, .. }| {
         // Batches do not know yet how wide the colours of a whole file are.
         if sources[part].is_las() {
             let (rgb, extras) =
-                single::record(sources[part].path(), record.point, sought.position, sources[part].lattice().step).unwrap_or_default();
+                single::record(sources[part].path(), record.point, place, sources[part].own_lattice().step).unwrap_or_default();
             (record.rgb, record.extras) = (rgb.filter(|_| record.rgb.is_some()), extras);
         }
         Record { others: found - 1, ..record }
@@ -112,12 +116,11 @@ fn steps_at(lattice: &Lattice, place: DVec3) -> Option<[i32; 3]> {
 fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: usize) -> Candidate {
     let columns = batch.columns;
     let returns = columns.returns.as_ref().map(|column| column[i]);
-    let [lo, hi] = source.intensity_range();
     let record = Record {
         file: source.title(),
         point: batch.first + i as u64,
         rgb: columns.rgb.as_ref().map(|column| column[i].map(u16::from)),
-        intensity: columns.intensity.as_ref().map(|column| lo + (hi - lo) * column[i] as f64 / 65535.0),
+        intensity: columns.intensity.as_ref().map(|column| intensity_of(column[i], source.intensity_range())),
         class: columns.class.as_ref().map(|column| column[i]),
         return_number: returns.map(|returns| returns & 15),
         returns: returns.map(|returns| returns >> 4),
@@ -130,7 +133,7 @@ fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: us
     let kind = [record.class.unwrap_or(0), record.return_number.unwrap_or(0)];
     let is_elsewhere = sought.station.is_some_and(|(other, id)| other != part || (id.is_some() && id != record.source));
     let unlike = (is_elsewhere, sought.kind.is_some_and(|other| other != kind), record.point);
-    Candidate { unlike, record, part }
+    Candidate { unlike, record, part, place: DVec3::ZERO }
 }
 
 /// In words, but for the position.
@@ -156,7 +159,7 @@ impl std::fmt::Display for Record {
             write!(f, ", normal {x:.3} {y:.3} {z:.3}")?;
         }
         if let Some(time) = self.gps_time {
-            write!(f, ", time {time}")?;
+            write!(f, ", time {}", number(time))?;
         }
         write!(f, "{}", self.extras)?;
         if self.others > 0 {

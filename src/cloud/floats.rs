@@ -6,8 +6,11 @@
 //! `f32` far from zero), the step grows by them, which loses nothing and makes the numbers small.
 
 use super::axis::Axis;
-use super::color;
+use super::color::{By, Scale};
+use super::colors;
+use super::digits::number;
 use super::input::Input;
+use super::system::System;
 use super::{Columns, Header, Lattice, Part, Wanted};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -33,15 +36,30 @@ pub struct Floats {
     pub clamped: u64,
 }
 
-/// What a stored colour channel counts in.
+/// What a stored colour channel counts in, as the file or its format says.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ColorUnit {
     /// 0 to 1.
     Unit,
-    /// 16-bit fields: 8 or 16 bits, decided over the whole file.
+    /// 16-bit fields.
     Fields,
-    /// Nothing says it: fractions up to 1 are [`ColorUnit::Unit`], anything else [`ColorUnit::Fields`].
+    /// 0 to 1, and nothing else: made so here.
+    Harmonics,
+    /// From one number to another, channel by channel.
+    Limits([[f64; 2]; 3]),
+    /// Nothing says it.
     Guess,
+}
+
+impl ColorUnit {
+    fn limits(self) -> Option<[[f64; 2]; 3]> {
+        match self {
+            ColorUnit::Unit | ColorUnit::Harmonics => Some([[0.0, 1.0]; 3]),
+            ColorUnit::Fields => Some([[0.0, 65535.0]; 3]),
+            ColorUnit::Limits(limits) => Some(limits),
+            ColorUnit::Guess => None,
+        }
+    }
 }
 
 /// One point on its way into [`Floats`]; what the format has no column for stays as it is.
@@ -215,16 +233,17 @@ impl Floats {
         if self.not_finite > 0 {
             notes.push(format!("{name}: {} points with NaN or infinite coordinates were left out", self.not_finite));
         }
-        let extent = extent(&self.axes);
-        let mut lattice = Lattice { step: DVec3::splat(extent.step), offset: DVec3::from_array(extent.offset) };
-        if extent.step > LARGEST_QUIET_STEP {
-            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", extent.step));
+        let is_angular = System::of(&header).is_some_and(|system| system.degrees.is_some());
+        let Extent { offset, step } = extent(&self.axes, is_angular);
+        let mut lattice = Lattice { step: DVec3::from_array(step), offset: DVec3::from_array(offset) };
+        if step[2] > LARGEST_QUIET_STEP {
+            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", number(step[2])));
         }
         let [x, y, z] = self.axes;
         let mut columns = Columns {
-            x: x.quantise(extent.offset[0], extent.step),
-            y: y.quantise(extent.offset[1], extent.step),
-            z: z.quantise(extent.offset[2], extent.step),
+            x: x.quantise(offset[0], step[0]),
+            y: y.quantise(offset[1], step[1]),
+            z: z.quantise(offset[2], step[2]),
             class: self.class,
             returns: self.returns,
             source: self.source,
@@ -235,16 +254,19 @@ impl Floats {
         };
         lattice.step *= coarsen(&mut columns) as f64;
 
-        let mut rgb_bits = 8;
+        let mut rgb_scale = Scale::default();
         let mut clamped = self.clamped;
         columns.rgb = self.rgb;
         if let Some(color) = self.color {
-            let (rgb, bits, beyond) = colors(&color, unit);
-            (columns.rgb, rgb_bits) = (Some(rgb), bits);
-            clamped += beyond;
-            if bits == 8 && unit == ColorUnit::Fields {
-                notes.push(format!("{name}: {}", color::NOTE_8_IN_16));
-            }
+            let asked = input.rgb_range.filter(|_| unit != ColorUnit::Harmonics);
+            let converted = colors::convert(&color, unit.limits(), asked);
+            clamped += converted.clamped;
+            rgb_scale = converted.scale;
+            notes.extend(converted.note.map(|note| format!("{name}: {note}")));
+            columns.rgb = Some(converted.rgb);
+        } else if let (Some(rgb), Some(asked)) = (&mut columns.rgb, input.rgb_range) {
+            rgb_scale = Scale::new(asked, By::Request);
+            rgb.iter_mut().for_each(|color| *color = color.map(|v| asked.to_8_bits(v.into())));
         }
         if clamped > 0 {
             notes.push(format!("{name}: {clamped} points have NaN or out-of-range colours, which were clamped"));
@@ -259,7 +281,7 @@ impl Floats {
             let (column, range) = intensities(&intensity, limits);
             (columns.intensity, intensity_range) = (Some(column), range);
         }
-        Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_bits }
+        Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_scale }
     }
 }
 
@@ -271,23 +293,34 @@ const STEP_EXPONENTS: std::ops::RangeInclusive<i32> = -100..=1000;
 
 struct Extent {
     offset: [f64; 3],
-    step: f64,
+    step: [f64; 3],
 }
 
-fn extent(axes: &[Axis; 3]) -> Extent {
+/// Angles are finer than the heights beside them.
+fn extent(axes: &[Axis; 3], is_angular: bool) -> Extent {
     let ranges = axes.each_ref().map(Axis::range);
+    let horizontal = step(&ranges[..2]);
+    let step = if is_angular { [horizontal, horizontal, step(&ranges[2..])] } else { [step(&ranges); 3] };
+    let is_place = ranges.iter().all(|(lo, hi)| lo == hi);
+    let aligned = |lo: f64, step: f64| {
+        let steps = (lo / step).floor() * step;
+        if steps.is_finite() && !is_place { steps } else { lo }
+    };
+    let mut offset = std::array::from_fn(|axis| aligned(ranges[axis].0, step[axis]));
+    if ranges[2].0 == ranges[2].1 && is_angular {
+        offset[2] = ranges[2].0;
+    }
+    Extent { offset, step }
+}
+
+fn step(ranges: &[(f64, f64)]) -> f64 {
     // Halves, because the whole width of the largest finite range is infinite.
     let half = ranges.iter().fold(0.0, |widest: f64, (lo, hi)| widest.max(hi / 2.0 - lo / 2.0));
     if half == 0.0 {
-        return Extent { offset: ranges.map(|(lo, _)| lo), step: 1.0 / 1024.0 };
+        return 1.0 / 1024.0;
     }
     let exponent = (floor_log2(half) + 2 - 30).clamp(*STEP_EXPONENTS.start(), *STEP_EXPONENTS.end());
-    let step = 2f64.powi(exponent);
-    let aligned = |lo: f64| {
-        let steps = (lo / step).floor() * step;
-        if steps.is_finite() { steps } else { lo }
-    };
-    Extent { offset: ranges.map(|(lo, _)| aligned(lo)), step }
+    2f64.powi(exponent)
 }
 
 /// The exponent of a positive normal number; subnormal ones count as the smallest normal.
@@ -307,36 +340,17 @@ fn coarsen(columns: &mut Columns) -> u32 {
     1 << shared
 }
 
-/// Colours as bytes, how many bits they had, and how many points had to be clamped.
-fn colors(stored: &[[f32; 3]], unit: ColorUnit) -> (Vec<[u8; 3]>, u8, u64) {
-    let largest = stored.iter().flatten().fold(0f32, |largest, &v| largest.max(v));
-    let fractions = || stored.iter().flatten().any(|v| v.fract() != 0.0);
-    let in_units = unit == ColorUnit::Unit || unit == ColorUnit::Guess && largest <= 1.0 && fractions();
-    let (full, bits) = if in_units {
-        (1.0, 8)
-    } else if largest > 255.0 {
-        (65535.0, 16)
-    } else {
-        (255.0, 8)
-    };
-    let clamped = stored.par_iter().with_min_len(1 << 16).filter(|color| color.iter().any(|v| !(0.0..=full).contains(v))).count() as u64;
-    let channel = |v: f32| {
-        // `max` takes 0 for NaN.
-        let v = v.max(0.0).min(full);
-        if bits == 16 { color::to_8_bits(v.round() as u16) } else { (v * (255.0 / full)).round() as u8 }
-    };
-    (stored.par_iter().with_min_len(1 << 16).map(|color| color.map(channel)).collect(), bits, clamped)
-}
-
-/// Intensities over 0..=65535. Integers that fit are kept as they are; others are spread over the stated limits, or over their own range.
+/// Intensities over 0..=65535. Integers that fit are kept as they are, counted from the least below 0; others are spread over the stated limits, or over their own range.
 fn intensities(stored: &[f32], limits: Option<[f64; 2]>) -> (Vec<u16>, [f64; 2]) {
     let finite = || stored.iter().copied().filter(|v| v.is_finite());
     let (lo, hi) = finite().fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
     if lo > hi {
         return (vec![0; stored.len()], [0.0, 0.0]);
     }
-    if lo >= 0.0 && hi <= 65535.0 && hi > 1.0 && finite().all(|v| v.fract() == 0.0) {
-        return (stored.iter().map(|&v| if v.is_finite() { v as u16 } else { lo as u16 }).collect(), [0.0, 65535.0]);
+    let least = lo.min(0.0);
+    if hi - least <= 65535.0 && hi - least > 1.0 && finite().all(|v| v.fract() == 0.0) {
+        let from_least = |v: f32| if v.is_finite() { (v - least) as u16 } else { 0 };
+        return (stored.iter().map(|&v| from_least(v)).collect(), [least.into(), least as f64 + 65535.0]);
     }
     let own = [lo as f64, hi as f64];
     let [lo, hi] = limits.filter(|[a, b]| a.is_finite() && b.is_finite() && *a <= own[0] && own[1] <= *b).unwrap_or(own);

@@ -3,6 +3,7 @@
 //! In: a path. Out: its length and any range of its bytes. Readers ask for ranges from several threads at once, so there is no shared
 //! file position; and nothing is mapped, because a mapped file that shrinks kills the process (RELIABILITY, file shrinks).
 
+use super::color::RgbRange;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use std::fs::File;
@@ -14,6 +15,8 @@ pub struct Input {
     pub path: PathBuf,
     /// When it was opened; a shorter file later is an error of the read that finds it.
     pub length: u64,
+    /// What its colours count to, where that was said.
+    pub rgb_range: Option<RgbRange>,
     contents: Contents,
 }
 
@@ -34,12 +37,17 @@ impl Input {
             return Err(Error::format(path, "is not a regular file (a pipe or a device); save it to a file first"));
         }
         let file = File::open(path).map_err(|source| Error::io("open", path, source))?;
-        Ok(Self { path: path.to_owned(), length: metadata.len(), contents: Contents::File(file) })
+        Ok(Self { path: path.to_owned(), length: metadata.len(), rgb_range: None, contents: Contents::File(file) })
     }
 
     /// The same file with other bytes in place of its own.
     pub fn with(&self, bytes: Vec<u8>) -> Input {
-        Input { path: self.path.clone(), length: bytes.len() as u64, contents: Contents::Made(bytes) }
+        Input { path: self.path.clone(), length: bytes.len() as u64, rgb_range: self.rgb_range, contents: Contents::Made(bytes) }
+    }
+
+    /// With what was said of its colours.
+    pub fn counting_to(self, rgb_range: Option<RgbRange>) -> Self {
+        Self { rgb_range, ..self }
     }
 
     /// Fills `bytes` from `offset` on, less at the end of the file; returns how many there were.

@@ -13,14 +13,16 @@ mod sample;
 pub mod single;
 
 use super::input::{Input, Meter};
+use super::system::Sample;
 use super::{Part, ReadOptions, Wanted, color};
 use crate::error::Result;
-use crate::progress::Progress;
-use color::Depth;
+use crate::progress::{Progress, Silent};
+use color::{By, Occurred, RgbRange, Scale};
 use header::Layout;
 use rayon::prelude::*;
-use records::{BLOCK, Fields, Lane, Pile, Window};
+use records::{BLOCK, Census, Fields, Lane, Pile, Window};
 pub use sample::sample;
+use std::sync::Mutex;
 
 /// What a file begins with.
 pub const MAGIC: &[u8] = b"LASF";
@@ -38,6 +40,9 @@ pub struct Las {
     pub available: Wanted,
     pub places: Places,
     fields: Fields,
+    /// What colours count to: as asked for, or as a sample shows until all points have been looked at.
+    range: Mutex<RgbRange>,
+    asked: Option<RgbRange>,
     coding: Option<laz::Coding>,
     /// What is odd about the number of points, or the finding of them.
     odd: String,
@@ -67,16 +72,19 @@ pub struct Sequence {
 
 pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
     let las = Las::open(input, options.wanted, notes)?;
-    let (part, depth, why) = las.read(input, progress)?;
-    notes.extend(las.verdict(input, part.columns.len() as u64, depth, why, options.strict)?);
+    let (mut part, mut occurred, mut why) = las.read(input, progress)?;
+    if las.reconsiders(occurred) {
+        (part, occurred, why) = las.read(input, progress)?;
+    }
+    notes.extend(las.verdict(input, part.columns.len() as u64, occurred, why, options.strict)?);
     Ok(vec![part])
 }
 
 pub const INTENSITY_RANGE: [f64; 2] = [0.0, 65535.0];
 
 impl Las {
-    /// All points, how deep their colours are, and what is odd.
-    fn read(&self, input: &Input, progress: &dyn Progress) -> Result<(Part, Depth, String)> {
+    /// All points, what occurred in their colours, and what is odd.
+    fn read(&self, input: &Input, progress: &dyn Progress) -> Result<(Part, Occurred, String)> {
         let (mut columns, lanes, why) = match &self.places {
             Places::Known(stretches) => {
                 let no_room = || {
@@ -97,7 +105,7 @@ impl Las {
                 (pile.columns, vec![lane], why)
             }
         };
-        let depth = records::finish(&mut columns, &lanes);
+        let occurred = records::finish(&mut columns, &lanes);
         let part = Part {
             path: input.path.clone(),
             name: None,
@@ -105,23 +113,69 @@ impl Las {
             lattice: self.layout.lattice,
             columns,
             intensity_range: INTENSITY_RANGE,
-            rgb_bits: depth.bits(),
+            rgb_scale: self.scale(),
         };
-        Ok((part, depth, why))
+        Ok((part, occurred, why))
     }
 
     pub fn open(input: &Input, wanted: Wanted, notes: &mut Vec<String>) -> Result<Self> {
         let layout = header::read(input, notes)?;
+        notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
         let fields = Fields::new(&layout);
         let available = fields.available(wanted);
         let (coding, places, odd) = if layout.compressed {
             let (coding, places, odd) = laz::open(input, &layout, available)?;
             (Some(coding), places, odd)
         } else {
-            let (places, odd) = plain(input, &layout);
+            let (places, odd) = plain(input, &layout)?;
             (None, places, odd)
         };
-        Ok(Self { layout, available, places, fields, coding, odd })
+        let range = Mutex::new(input.rgb_range.unwrap_or(RgbRange::Words));
+        let mut las = Self { layout, available, places, fields, range, asked: input.rgb_range, coding, odd };
+        let are_angles = las.layout.header.system.as_ref().is_some_and(|system| system.degrees.is_some());
+        if are_angles || available.rgb && las.asked.is_none() {
+            let Census { occurred, places } = las.census(input)?;
+            las.reconsiders(occurred);
+            let places = places.into_iter().map(|q| las.layout.lattice.world(q.map(i64::from)));
+            las.layout.header.sample = are_angles.then(|| Sample::of(places.collect())).flatten();
+        }
+        Ok(las)
+    }
+
+    /// Looks at some points.
+    fn census(&self, input: &Input) -> Result<Census> {
+        let mut census = Census::default();
+        match sample::few(self) {
+            Places::Known(stretches) => {
+                for stretch in &stretches {
+                    self.one_stretch(input, stretch, &mut Vec::new(), &mut &mut census, &Meter::new(&Silent, input, 0))?;
+                }
+            }
+            Places::Sequence(sequence) => drop(self.sequence(input, &sequence, &mut &mut census, &Silent)?),
+        }
+        Ok(census)
+    }
+
+    /// Takes colours for what these values show them to be; whether they were taken for something else so far.
+    pub fn reconsiders(&self, occurred: Occurred) -> bool {
+        let mut range = self.range.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let found = if self.asked.is_some() || occurred.is_black() { *range } else { occurred.range() };
+        std::mem::replace(&mut *range, found) != found
+    }
+
+    fn range(&self) -> RgbRange {
+        *self.range.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    /// What colours count to.
+    pub fn scale(&self) -> Scale {
+        let range = self.range();
+        let by = match (self.asked, range) {
+            (Some(_), _) => By::Request,
+            (None, RgbRange::Words) => By::File,
+            _ => By::Values,
+        };
+        Scale::new(range, by)
     }
 
     /// As many as the header promises and the file can hold.
@@ -144,13 +198,7 @@ impl Las {
         let outcomes = stretches
             .par_iter()
             .zip(lanes)
-            .map_init(Vec::new, |block, (stretch, mut lane)| match &self.coding {
-                Some(coding) => {
-                    let bytes = input.take(stretch.at, stretch.bytes)?;
-                    laz::chunk(&bytes, stretch.points, coding, &self.fields, block, &mut lane, &meter)
-                }
-                None => self.stretch(input, stretch, block, &mut lane, &meter).map(|()| None),
-            })
+            .map_init(Vec::new, |block, (stretch, mut lane)| self.one_stretch(input, stretch, block, &mut lane, &meter))
             .collect::<Result<Vec<_>>>()?;
         let mut short = outcomes.iter().flatten();
         let why = short
@@ -161,17 +209,32 @@ impl Las {
 
     /// All chunks one after the other, into one lane. Returns as [`Las::read_stretches`].
     pub fn read_sequence(&self, input: &Input, lane: &mut impl Lane, progress: &dyn Progress) -> Result<String> {
-        let (Places::Sequence(sequence), Some(coding)) = (&self.places, &self.coding) else { return Ok(String::new()) };
-        let meter = Meter::new(progress, input, sequence.points);
-        Ok(self.odd_and(laz::sequence(input, sequence, coding, &self.fields, lane, &meter)?))
+        let Places::Sequence(sequence) = &self.places else { return Ok(String::new()) };
+        Ok(self.odd_and(self.sequence(input, sequence, lane, progress)?))
     }
 
-    /// The notes that `points` of this depth deserve, or the error.
-    pub fn verdict(&self, input: &Input, points: u64, depth: Depth, why: String, strict: bool) -> Result<Vec<String>> {
+    fn sequence(&self, input: &Input, sequence: &Sequence, lane: &mut impl Lane, progress: &dyn Progress) -> Result<laz::Outcome> {
+        let Some(coding) = &self.coding else { return Ok(None) };
+        let meter = Meter::new(progress, input, sequence.points);
+        laz::sequence(input, sequence, coding, &self.fields(), lane, &meter)
+    }
+
+    fn fields(&self) -> Fields {
+        let mut fields = self.fields;
+        fields.range = self.range();
+        fields
+    }
+
+    /// The notes that `points` deserve in whose colours this occurred, or the error.
+    pub fn verdict(&self, input: &Input, points: u64, occurred: Occurred, why: String, strict: bool) -> Result<Vec<String>> {
         let mut notes = Vec::new();
+        if let Some(lie) = self.layout.lies.first().filter(|_| strict) {
+            return Err(input.wrong(lie));
+        }
         if points != self.layout.points {
             let because = if why.is_empty() { String::new() } else { format!(": {why}") };
-            let what = format!("header says {} points, {points} could be read{because}", self.layout.points);
+            let field = if points > self.layout.points { " (number of point records)" } else { "" };
+            let what = format!("header says {} points{field}, {points} could be read{because}", self.layout.points);
             if strict || points == 0 {
                 return Err(input.wrong(what));
             }
@@ -179,9 +242,11 @@ impl Las {
         } else if !why.is_empty() {
             notes.push(format!("{}: {why}", input.name()));
         }
-        if self.available.rgb && !depth.is_black() && !depth.is_wide() {
-            notes.push(format!("{}: {}", input.name(), color::NOTE_8_IN_16));
+        let scale = self.scale();
+        if strict && scale.by == By::Values && occurred.wide > 0 {
+            return Err(input.wrong(format!("colours: {}", occurred.says(scale).unwrap_or_default())));
         }
+        notes.extend(occurred.says(scale).map(|what| format!("{}: {what}", input.name())));
         Ok(notes)
     }
 
@@ -190,9 +255,28 @@ impl Las {
         told.into_iter().filter(|what| !what.is_empty()).collect::<Vec<_>>().join("; ")
     }
 
+    /// One stretch; why it ends early, if it does.
+    fn one_stretch(
+        &self,
+        input: &Input,
+        stretch: &Stretch,
+        block: &mut Vec<u8>,
+        lane: &mut impl Lane,
+        meter: &Meter,
+    ) -> Result<laz::Outcome> {
+        match &self.coding {
+            Some(coding) => {
+                let bytes = input.take(stretch.at, stretch.bytes)?;
+                laz::chunk(&bytes, stretch.points, coding, &self.fields(), block, lane, meter)
+            }
+            None => self.stretch(input, stretch, block, lane, meter).map(|()| None),
+        }
+    }
+
     /// One stretch of uncompressed records.
     fn stretch(&self, input: &Input, stretch: &Stretch, block: &mut Vec<u8>, lane: &mut impl Lane, meter: &Meter) -> Result<()> {
-        let width = self.fields.record_bytes;
+        let fields = self.fields();
+        let width = fields.record_bytes;
         let piece = (BLOCK_BYTES / width).clamp(1, BLOCK);
         let mut at = stretch.at;
         let mut left = stretch.points as usize;
@@ -201,7 +285,7 @@ impl Las {
             for start in (0..room).step_by(piece) {
                 block.resize(piece.min(room - start) * width, 0);
                 input.read_exactly(at, block)?;
-                lane.put(block, &self.fields);
+                lane.put(block, &fields);
                 at += block.len() as u64;
             }
             lane.settle()?;
@@ -213,21 +297,31 @@ impl Las {
 }
 
 /// Where uncompressed records are, and what is odd about their number.
-fn plain(input: &Input, layout: &Layout) -> (Places, String) {
+fn plain(input: &Input, layout: &Layout) -> Result<(Places, String)> {
     let width = layout.record_bytes as u64;
     let room = (input.length - layout.points_at) / width;
-    let count = layout.points.min(room);
+    let end = layout.tail_at.unwrap_or(input.length);
+    let more = (end.saturating_sub(layout.points_at) / width).saturating_sub(layout.points);
+    let (count, odd) = if layout.points > room {
+        (room, format!("the file ends after byte {}", input.length))
+    } else if more == 0 {
+        (layout.points, String::new())
+    } else if are_points(input, layout, end)? {
+        (layout.points + more, String::new())
+    } else {
+        (layout.points, format!("the file has room for {more} more points than its header says, and no such records there"))
+    };
     let stretch = |start| {
         let points = STRETCH.min(count - start);
         Stretch { at: layout.points_at + start * width, bytes: points * width, points }
     };
-    let stretches = (0..count).step_by(STRETCH as usize).map(stretch).collect();
-    let odd = if layout.points > room {
-        format!("the file ends after byte {}", input.length)
-    } else {
-        let end = layout.tail_at.unwrap_or(input.length);
-        let more = (end.saturating_sub(layout.points_at) / width).saturating_sub(layout.points);
-        if more > 0 { format!("the file has room for {more} more points than its header says; they were not read") } else { String::new() }
-    };
-    (Places::Known(stretches), odd)
+    Ok((Places::Known((0..count).step_by(STRETCH as usize).map(stretch).collect()), odd))
+}
+
+/// Whether what stands behind the points that a header knows are more of them, as of a writer that did not come to its end: whole records, the last of
+/// which is not blank.
+fn are_points(input: &Input, layout: &Layout, end: u64) -> Result<bool> {
+    let width = layout.record_bytes as u64;
+    let is_whole = (end - layout.points_at).is_multiple_of(width);
+    Ok(is_whole && input.take(end - width, width)?.iter().any(|&byte| byte != 0))
 }

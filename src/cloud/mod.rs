@@ -9,8 +9,10 @@
 pub mod attribute;
 mod axis;
 pub mod color;
+mod colors;
 pub mod core;
 pub mod counts;
+pub mod digits;
 pub mod e57;
 mod encoding;
 pub mod find;
@@ -25,17 +27,20 @@ pub mod ptx;
 pub mod spacing;
 pub mod strays;
 pub mod stream;
+pub mod system;
 pub mod table;
 mod text;
 pub mod xyz;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use color::{RgbRange, Scale};
 use glam::DVec3;
 use input::Input;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use system::{Sample, System};
 use table::TextOptions;
 
 /// The integer grid that a part's points lie on: `world = offset + step * q`, per axis, metres (or the file's unit), f64.
@@ -197,12 +202,14 @@ pub struct ReadOptions {
     /// Refuse a truncated or lying file instead of keeping what is readable.
     pub strict: bool,
     pub text: TextOptions,
+    /// What colours count to, whatever the files say or look like.
+    pub rgb_range: Option<RgbRange>,
 }
 
 impl ReadOptions {
-    /// With everything about text files found out.
+    /// With everything about text files and colours found out.
     pub const fn new(wanted: Wanted, strict: bool) -> ReadOptions {
-        ReadOptions { wanted, strict, text: TextOptions::NONE }
+        ReadOptions { wanted, strict, text: TextOptions::NONE, rgb_range: None }
     }
 }
 
@@ -217,6 +224,17 @@ pub struct Header {
     pub bounds: Option<[[f64; 3]; 2]>,
     /// Software that wrote the file, coordinate system, creation date, extra attributes: in the file's own words.
     pub facts: Vec<(String, String)>,
+    /// What its coordinates mean, where it says so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub system: Option<System>,
+    /// Where some of its points are, while that is still to be used.
+    #[serde(skip)]
+    pub sample: Option<Sample>,
+}
+
+/// The intensity that a file has where a column has this, for `[lo, hi]` of [`Part::intensity_range`]. It was an integer, or an `f32`.
+pub fn intensity_of(stored: u16, [lo, hi]: [f64; 2]) -> f64 {
+    digits::of_f32(lo + (hi - lo) * stored as f64 / 65535.0)
 }
 
 /// One file, or one scan of an E57 file.
@@ -230,8 +248,8 @@ pub struct Part {
     pub columns: Columns,
     /// How the stored intensity maps back: `lo + (hi - lo) * v / 65535` for float formats, `[0, 65535]` for LAS.
     pub intensity_range: [f64; 2],
-    /// Colours as stored: 8 or 16 bits (8 also for 8-bit values in 16-bit fields, which a note then says).
-    pub rgb_bits: u8,
+    /// What the file's own colours count to; a note says where that is not what its format means.
+    pub rgb_scale: Scale,
 }
 
 /// One scanner position: a LAS point source id, an E57 scan, or a whole file that knows neither.
@@ -274,11 +292,24 @@ impl Part {
         title(self.name.as_deref(), &self.path)
     }
 
+    /// Looks where some points are, of a part whose coordinates may be angles, unless its reader has.
+    fn look_around(&mut self) {
+        if self.header.sample.is_none() && System::of(&self.header).is_some_and(|system| system.degrees.is_some()) {
+            let Columns { x, y, z, .. } = &self.columns;
+            let every = x.len().div_ceil(SAMPLE).max(1);
+            let places = (0..x.len()).step_by(every).map(|i| self.lattice.world([x[i], y[i], z[i]].map(i64::from)));
+            self.header.sample = Sample::of(places.collect());
+        }
+    }
+
     /// The box around this part's points, world; exact up to one rounding of `offset + step * q`.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.columns.bounds().map(|bounds| self.lattice.world_box(bounds))
     }
 }
+
+/// Points that tell where a part is, at most.
+const SAMPLE: usize = 4096;
 
 fn title(name: Option<&str>, path: &Path) -> String {
     name.map_or_else(|| input::name_of(path), str::to_owned)
@@ -292,31 +323,40 @@ pub fn range<T: Copy + Ord + Send + Sync>(column: &[T]) -> Option<(T, T)> {
 
 /// Opens `paths` as one cloud, in their order. The first file that cannot be read at all ends it.
 pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -> Result<Cloud> {
-    let mut cloud = Cloud::default();
+    let (mut cloud, mut plane) = (Cloud::default(), None);
     for path in paths {
-        let input = Input::open(path)?;
+        let input = Input::open(path)?.counting_to(options.rgb_range);
         let parts = read_one(&input, options, progress, &mut cloud.notes)?;
-        for part in parts {
+        for mut part in parts {
             let index = cloud.parts.len();
-            cloud.notes.extend(bounds_note(path, &part.title(), &part.header, part.lattice, part.bounds(), options.strict)?);
-            cloud.notes.extend(part.strays().said().map(|said| format!("{}: {said}", part.title())));
+            let title = part.title();
+            cloud.notes.extend(bounds_note(path, &title, &part.header, part.lattice, part.bounds(), options.strict)?);
+            far_error(path, part.lattice, part.bounds())?;
+            part.look_around();
+            part.lattice = system::settle(&mut part.header, part.lattice, &mut plane, &title, &mut cloud.notes);
+            if let Some(lie) = system::lie(&part.header).filter(|_| options.strict) {
+                return Err(Error::format(path, lie));
+            }
+            cloud.notes.extend(part.strays().said().map(|said| format!("{title}: {said}")));
             cloud.stations.extend(stations(&part, index));
             cloud.parts.push(part);
         }
     }
+    cloud.notes.extend(system::differences(cloud.parts.iter().map(|part| &part.header)));
     Ok(cloud)
 }
 
 /// About so many points from all over the files, for a first look at large ones; none where some file is of a format that has to be read to know where its points are.
-pub fn sample(paths: &[PathBuf], wanted: Wanted, points: u64, progress: &dyn Progress) -> Result<Option<Cloud>> {
-    let mut cloud = Cloud::default();
+pub fn sample(paths: &[PathBuf], options: &ReadOptions, points: u64, progress: &dyn Progress) -> Result<Option<Cloud>> {
+    let (mut cloud, mut plane) = (Cloud::default(), None);
     let share = points / paths.len().max(1) as u64;
     for path in paths {
-        let input = Input::open(path)?;
+        let input = Input::open(path)?.counting_to(options.rgb_range);
         if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
             return Ok(None);
         }
-        let Some(part) = las::sample(&input, wanted, share, progress)? else { return Ok(None) };
+        let Some(mut part) = las::sample(&input, options.wanted, share, progress)? else { return Ok(None) };
+        part.lattice = system::settle(&mut part.header, part.lattice, &mut plane, &input.name(), &mut cloud.notes);
         cloud.stations.extend(stations(&part, cloud.parts.len()));
         cloud.parts.push(part);
     }
@@ -367,6 +407,22 @@ fn bounds_note(
     }
 }
 
+/// The error on coordinates that are no places any more: more than 2^53 steps of their lattice away, or so far apart that no number says how far.
+fn far_error(path: &Path, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> Result<()> {
+    const MOST_STEPS: f64 = (1u64 << 53) as f64;
+    let Some((lo, hi)) = bounds else { return Ok(()) };
+    let far = lo.abs().max(hi.abs());
+    let is_far = |axis: &usize| !(far[*axis] / lattice.step[*axis] <= MOST_STEPS && (hi[*axis] - lo[*axis]).is_finite());
+    let Some(axis) = (0..3).find(is_far) else { return Ok(()) };
+    let (name, far, step) = (["x", "y", "z"][axis], far[axis], lattice.step[axis]);
+    Err(Error::format(
+        path,
+        format!(
+            "has {name} coordinates of up to {far:e}, more than 2^53 steps of {step:e} or beyond all numbers: places there are not told apart"
+        ),
+    ))
+}
+
 /// What is wrong about the header's bounds, by more than a step and the digits that headers are rounded to.
 fn wrong_bounds(header: &Header, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> Option<String> {
     let [stated_lo, stated_hi] = header.bounds?.map(DVec3::from_array);
@@ -376,7 +432,7 @@ fn wrong_bounds(header: &Header, lattice: Lattice, bounds: Option<(DVec3, DVec3)
     if !differ(stated_lo, lo) && !differ(stated_hi, hi) {
         return None;
     }
-    let shown = |v: DVec3| v.to_array().map(|v| format!("{v:.3}")).join(" ");
+    let shown = |v: DVec3| v.to_array().map(|v| if v.abs() < 1e16 { format!("{v:.3}") } else { digits::number(v) }).join(" ");
     Some(format!("header says bounds {} to {}, the points lie in {} to {}", shown(stated_lo), shown(stated_hi), shown(lo), shown(hi)))
 }
 

@@ -40,6 +40,7 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     }
     let color = vertex.properties.iter().find(|property| property.role == Role::Color(0)).map(|property| property.scalar);
     let (bytes, unit) = match color {
+        _ if vertex.is_splats() => (false, ColorUnit::Harmonics),
         Some(Scalar::F32 | Scalar::F64) => (false, ColorUnit::Unit),
         Some(Scalar::U8 | Scalar::I8) | None => (true, ColorUnit::Unit),
         Some(_) => (false, ColorUnit::Fields),
@@ -52,6 +53,7 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let found = match (skip(input, &layout, &layout.elements[..index])?, vertex.record_bytes()) {
         _ if vertex.count == 0 => Found { floats: empty, records: 0 },
         (None, _) => Found { floats: empty, records: 0 },
+        (Some(at), _) if layout.coding == Coding::Ascii && layout.returns => returned(input, vertex, at, empty, progress)?,
         (Some(at), _) if layout.coding == Coding::Ascii => {
             let decimal_comma = has_decimal_commas(&input.take(at, SAMPLE_BYTES)?, vertex);
             if decimal_comma {
@@ -69,13 +71,26 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         }
         notes.push(format!("{}: {what}", input.name()));
     }
+    if vertex.is_splats() && options.wanted.rgb {
+        notes.push(format!("{}: colours are those of Gaussian splats seen from all around, 0.5 + {HARMONIC} f_dc", input.name()));
+    }
     let header = Header {
         format: format!("PLY {}", layout.coding.name()),
         points: Some(vertex.count),
         bounds: None,
         facts: layout.comments.iter().map(|comment| ("comment".into(), comment.clone())).collect(),
+        ..Header::default()
     };
     Ok(vec![found.floats.into_part(input, header, unit, None, notes)])
+}
+
+/// The constant spherical harmonic, 1 / (2 sqrt(pi)).
+const HARMONIC: f64 = 0.282_094_79;
+
+/// Of splats colours are what their coefficients make of them, and no more than light can be.
+fn set(point: &mut Point, role: Role, value: f64, splats: bool) {
+    let is_color = splats && matches!(role, Role::Color(_));
+    point.set(role, if is_color { (0.5 + HARMONIC * value).clamp(0.0, 1.0) } else { value });
 }
 
 struct Found {
@@ -88,7 +103,11 @@ struct Found {
 fn skip(input: &Input, layout: &Layout, elements: &[Element]) -> Result<Option<u64>> {
     let mut at = layout.body_at;
     for element in elements {
-        if layout.coding == Coding::Ascii {
+        if layout.coding == Coding::Ascii && layout.returns {
+            let lines = if element.properties.is_empty() { 0 } else { element.count };
+            let Some(next) = skip_returned(input, at, lines)? else { return Ok(None) };
+            at = next;
+        } else if layout.coding == Coding::Ascii {
             let (next, lines) = text::skip_lines(input, at, if element.properties.is_empty() { 0 } else { element.count })?;
             if lines < element.count && !element.properties.is_empty() {
                 return Ok(None);
@@ -127,6 +146,7 @@ fn has_decimal_commas(start: &[u8], vertex: &Element) -> bool {
 fn ascii(input: &Input, vertex: &Element, at: u64, decimal_comma: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
     let (end, lines) = text::skip_lines(input, at, vertex.count)?;
     let meter = Meter::new(progress, input, end - at);
+    let splats = vertex.is_splats();
     let mut floats = empty.clone();
     // A vertex takes two bytes a property at least; a line is that long, or it is a bad one.
     floats.reserve(lines.min((end - at) / (2 * vertex.properties.len() as u64)) as usize);
@@ -136,7 +156,7 @@ fn ascii(input: &Input, vertex: &Element, at: u64, decimal_comma: bool, empty: F
         let mut records = 0u64;
         for line in text::lines(block) {
             let mut point = Point::default();
-            if header::parse_line(line, &vertex.properties, decimal_comma, |role, value| point.set(role, value)).is_some() {
+            if header::parse_line(line, &vertex.properties, decimal_comma, |role, value| set(&mut point, role, value, splats)).is_some() {
                 floats.push(&point);
                 records += 1;
             }
@@ -150,9 +170,43 @@ fn ascii(input: &Input, vertex: &Element, at: u64, decimal_comma: bool, empty: F
     Ok(Found { floats, records })
 }
 
+/// Where the line after so many that hold something begins, of lines that end in carriage returns alone; `None` where there are fewer. Such files are
+/// old and small, and are held whole.
+fn skip_returned(input: &Input, at: u64, count: u64) -> Result<Option<u64>> {
+    let bytes = input.take(at, u64::MAX)?;
+    let lines = bytes.split_inclusive(|byte| matches!(byte, b'\r' | b'\n'));
+    let (mut seen, mut end) = (0, at);
+    for line in lines {
+        if seen == count {
+            break;
+        }
+        end += line.len() as u64;
+        seen += !line.trim_ascii().is_empty() as u64;
+    }
+    Ok((seen == count).then_some(end))
+}
+
+fn returned(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &dyn Progress) -> Result<Found> {
+    let splats = vertex.is_splats();
+    let meter = Meter::new(progress, input, vertex.count);
+    let bytes = input.take(at, u64::MAX)?;
+    let mut found = Found { floats: empty, records: 0 };
+    let lines = bytes.split(|byte| matches!(byte, b'\r' | b'\n')).filter(|line| !line.trim_ascii().is_empty());
+    for line in lines.take(vertex.count.try_into().unwrap_or(usize::MAX)) {
+        let mut point = Point::default();
+        if header::parse_line(line, &vertex.properties, |role, value| set(&mut point, role, value, splats)).is_some() {
+            found.floats.push(&point);
+            found.records += 1;
+        }
+        meter.advance(1)?;
+    }
+    Ok(found)
+}
+
 fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
     let records = vertex.count.min((input.length - at) / stride);
     let meter = Meter::new(progress, input, records);
+    let splats = vertex.is_splats();
     let mut fields = Vec::new();
     let mut offset = 0;
     for property in &vertex.properties {
@@ -177,7 +231,7 @@ fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty
                 for record in bytes.chunks_exact(stride as usize) {
                     let mut point = Point::default();
                     for &(offset, scalar, role) in &fields {
-                        point.set(role, scalar.value(&record[offset..], big));
+                        set(&mut point, role, scalar.value(&record[offset..], big), splats);
                     }
                     floats.push(&point);
                 }
@@ -193,11 +247,12 @@ fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty
 fn listed(input: &Input, vertex: &Element, at: u64, big: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
     let meter = Meter::new(progress, input, vertex.count);
     let mut source = Records { source: BufReader::new(input.stream(at)), big, bytes: 0 };
+    let splats = vertex.is_splats();
     let mut floats = empty;
     let mut records = 0;
     while records < vertex.count {
         let mut point = Point::default();
-        if source.record(vertex, |role, value| point.set(role, value)).is_none() {
+        if source.record(vertex, |role, value| set(&mut point, role, value, splats)).is_none() {
             break;
         }
         floats.push(&point);

@@ -6,12 +6,13 @@
 //! (`floats`), so [`open`] reads them whole, and a source of theirs holds its part's columns for as long as it lives.
 //! Files are judged as [`super::read`] judges them, with the same notes and errors; what only the points can tell, [`Streamed`] says.
 
-use super::color::Depth;
+use super::color::{Occurred, Scale};
 use super::input::{Input, Meter};
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
+use super::system::{self, plane::Plane};
 use super::{Columns, Header, Lattice, Part, ReadOptions, Wanted};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -25,6 +26,10 @@ pub const BATCH: usize = 65_536;
 pub struct Source {
     path: PathBuf,
     strict: bool,
+    /// That points are drawn on: the file's own, or that on a plane of what it gives as angles.
+    lattice: Lattice,
+    /// Of the coordinate system.
+    notes: Vec<String>,
     contents: Contents,
 }
 
@@ -42,15 +47,15 @@ pub struct Batch<'a> {
     pub columns: &'a Columns,
     /// Which of the file's points is its first, counted from 0.
     pub first: u64,
-    /// Of this batch's colours: not wide ones are low bytes, and need [`super::color::narrow`] if those of the whole file turn out wide.
-    pub depth: Depth,
 }
 
 /// What was handed out, all in all.
 pub struct Streamed {
     pub points: u64,
-    /// Of the whole file's colours. As that of every batch the default, with nothing to narrow, where the format is none of LAS.
-    pub depth: Depth,
+    /// What the file's own colours count to.
+    pub rgb_scale: Scale,
+    /// The colours that batches had are wrong: all points together show them to count to something else than some did. Those of the next call are right.
+    pub again: bool,
     /// What batches had, less colours that were all 0: those are none.
     pub available: Wanted,
     /// The box around the points, lattice steps; `None` if there are none.
@@ -60,10 +65,10 @@ pub struct Streamed {
 
 /// Opens `paths`, in their order. The first file that cannot be read at all ends it.
 pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Source>> {
-    let mut sources = Vec::new();
+    let (mut sources, mut plane) = (Vec::new(), None);
     for path in paths {
-        let input = Input::open(path)?;
-        let mut push = |contents| sources.push(Source { path: path.clone(), strict: options.strict, contents });
+        let input = Input::open(path)?.counting_to(options.rgb_range);
+        let mut push = |contents| sources.push(Source::new(path, options.strict, contents, &mut plane));
         if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
             notes.extend(options.text.idle(&input));
             let las = Box::new(Las::open(&input, options.wanted, notes)?);
@@ -72,6 +77,7 @@ pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, n
             super::read_one(&input, options, progress, notes)?.into_iter().for_each(|part| push(Contents::Part(Box::new(part))));
         }
     }
+    notes.extend(system::differences(sources.iter().map(Source::header)));
     Ok(sources)
 }
 
@@ -102,6 +108,19 @@ pub fn about(paths: &[PathBuf]) -> Result<About> {
 }
 
 impl Source {
+    fn new(path: &Path, strict: bool, mut contents: Contents, plane: &mut Option<Plane>) -> Source {
+        let (lattice, title, header) = match &mut contents {
+            Contents::Las { las, .. } => (las.layout.lattice, super::title(None, path), &mut las.layout.header),
+            Contents::Part(part) => {
+                part.look_around();
+                (part.lattice, part.title(), &mut part.header)
+            }
+        };
+        let mut notes = Vec::new();
+        let lattice = system::settle(header, lattice, plane, &title, &mut notes);
+        Source { path: path.to_owned(), strict, lattice, notes, contents }
+    }
+
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -131,6 +150,11 @@ impl Source {
     }
 
     pub fn lattice(&self) -> Lattice {
+        self.lattice
+    }
+
+    /// As the file has it, before angles become metres.
+    pub fn own_lattice(&self) -> Lattice {
         match &self.contents {
             Contents::Las { las, .. } => las.layout.lattice,
             Contents::Part(part) => part.lattice,
@@ -142,6 +166,14 @@ impl Source {
         match &self.contents {
             Contents::Las { .. } => las::INTENSITY_RANGE,
             Contents::Part(part) => part.intensity_range,
+        }
+    }
+
+    /// As [`Part::rgb_scale`]; of LAS as some points show it, until all have been streamed.
+    pub fn rgb_scale(&self) -> Scale {
+        match &self.contents {
+            Contents::Las { las, .. } => las.scale(),
+            Contents::Part(part) => part.rgb_scale,
         }
     }
 
@@ -180,7 +212,7 @@ impl Source {
     /// Calls `sink` with every batch, from all threads, in no particular order. An error of `sink` ends it. It may be called again.
     pub fn stream(&self, progress: &dyn Progress, sink: &(dyn Fn(&Batch) -> Result<()> + Sync)) -> Result<Streamed> {
         let desk = Desk { sink, available: self.available(), spare: Mutex::default(), sum: Mutex::default() };
-        let mut notes = Vec::new();
+        let (mut notes, mut again) = (Vec::new(), false);
         match &self.contents {
             Contents::Las { las, length } => {
                 let input = Input::open(&self.path)?;
@@ -196,24 +228,31 @@ impl Source {
                     Places::Sequence(_) => las.read_sequence(&input, &mut desk.lane(0), progress)?,
                 };
                 let sum = desk.sum();
-                notes.extend(las.verdict(&input, sum.points, sum.depth, why, self.strict)?);
+                again = las.reconsiders(sum.occurred);
+                notes.extend(las.verdict(&input, sum.points, sum.occurred, why, self.strict)?);
             }
             Contents::Part(part) => {
                 let count = part.columns.len();
                 let meter = Meter::named(progress, &self.title(), count as u64);
                 (0..count.div_ceil(BATCH)).into_par_iter().try_for_each(|batch| {
                     let columns = part.columns.slice(batch * BATCH..count.min((batch + 1) * BATCH));
-                    desk.deliver(&columns, (batch * BATCH) as u64, Depth::default())?;
+                    desk.deliver(&columns, (batch * BATCH) as u64, Occurred::default())?;
                     meter.advance(columns.len() as u64)
                 })?;
             }
         }
-        let Sum { points, depth, bounds } = *desk.sum();
-        let world = bounds.map(|bounds| self.lattice().world_box(bounds));
-        notes.extend(super::bounds_note(&self.path, &self.title(), self.header(), self.lattice(), world, self.strict)?);
-        let black = matches!(self.contents, Contents::Las { .. }) && depth.is_black();
+        let Sum { points, occurred, bounds } = *desk.sum();
+        let own = self.own_lattice();
+        let world = bounds.map(|bounds| own.world_box(bounds));
+        notes.extend(super::bounds_note(&self.path, &self.title(), self.header(), own, world, self.strict)?);
+        super::far_error(&self.path, own, world)?;
+        if let Some(lie) = system::lie(self.header()).filter(|_| self.strict) {
+            return Err(Error::format(&self.path, lie));
+        }
+        notes.extend(self.notes.iter().cloned());
+        let black = matches!(self.contents, Contents::Las { .. }) && occurred.is_black();
         let available = Wanted { rgb: desk.available.rgb && !black, ..desk.available };
-        Ok(Streamed { points, depth, available, bounds, notes })
+        Ok(Streamed { points, rgb_scale: self.rgb_scale(), again, available, bounds, notes })
     }
 }
 
@@ -229,7 +268,7 @@ struct Desk<'a> {
 #[derive(Clone, Copy, Default)]
 struct Sum {
     points: u64,
-    depth: Depth,
+    occurred: Occurred,
     bounds: Option<[[i32; 3]; 2]>,
 }
 
@@ -251,17 +290,17 @@ impl Desk<'_> {
         self.sum.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 
-    fn deliver(&self, columns: &Columns, first: u64, depth: Depth) -> Result<()> {
+    fn deliver(&self, columns: &Columns, first: u64, occurred: Occurred) -> Result<()> {
         let Some(own) = columns.bounds() else { return Ok(()) };
         let mut sum = self.sum();
         sum.points += columns.len() as u64;
-        sum.depth = sum.depth.join(depth);
+        sum.occurred = sum.occurred.join(occurred);
         sum.bounds = Some(sum.bounds.map_or(own, |[lo, hi]| {
             let pick = |a: [i32; 3], b: [i32; 3], pick: fn(i32, i32) -> i32| std::array::from_fn(|axis| pick(a[axis], b[axis]));
             [pick(lo, own[0], i32::min), pick(hi, own[1], i32::max)]
         }));
         drop(sum);
-        (self.sink)(&Batch { columns, first, depth })
+        (self.sink)(&Batch { columns, first })
     }
 }
 
@@ -287,7 +326,7 @@ impl Lane for BatchLane<'_> {
     fn settle(&mut self) -> Result<()> {
         let Some(mut pile) = self.pile.take() else { return Ok(()) };
         let filled = pile.cut();
-        self.desk.deliver(&pile.columns, self.first, filled.depth)?;
+        self.desk.deliver(&pile.columns, self.first, filled.occurred)?;
         self.first += filled.points as u64;
         self.desk.take_back(pile.columns);
         Ok(())

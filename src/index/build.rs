@@ -29,6 +29,7 @@ pub use super::samples::Derive;
 use super::samples::{self, Samples};
 use super::unite;
 use crate::cloud::attribute::STRETCH;
+use crate::cloud::color::RgbRange;
 use crate::cloud::counts::Tally;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::table::TextOptions;
@@ -55,16 +56,23 @@ pub struct Options {
     pub strict: bool,
     /// How text files are read.
     pub text: TextOptions,
+    /// As [`ReadOptions::rgb_range`].
+    pub rgb_range: Option<RgbRange>,
     /// What is found out of the points beside what the files say.
     pub derive: Derive,
 }
 
 impl Options {
+    /// As `index` does it when nothing is asked for but how to read.
+    pub fn reading(read: &ReadOptions) -> Options {
+        Options { text: read.text, rgb_range: read.rgb_range, ..Options::usual(read.strict) }
+    }
+
     /// As `index` does it when nothing is asked for.
     pub fn usual(strict: bool) -> Options {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let wanted = Wanted { gps_time: false, ..Wanted::ALL };
-        Options { memory: INDEX_MEMORY, threads, wanted, strict, text: TextOptions::NONE, derive: Derive::NONE }
+        Options { memory: INDEX_MEMORY, threads, wanted, strict, text: TextOptions::NONE, rgb_range: None, derive: Derive::NONE }
     }
 }
 
@@ -121,7 +129,8 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
     let pool = pool.map_err(|error| Error::Request(format!("cannot start {} threads: {error}", options.threads)))?;
     pool.install(|| {
         let mut notes = Vec::new();
-        let read = ReadOptions { wanted: options.wanted, strict: options.strict, text: options.text };
+        let Options { wanted, strict, text, rgb_range, .. } = *options;
+        let read = ReadOptions { wanted, strict, text, rgb_range };
         let sources = stream::open(paths, &read, progress, &mut notes)?;
         if sources.len() > u16::MAX as usize {
             return Err(Error::Request(format!("{} files are more than the 65,535 that one index takes", sources.len())));

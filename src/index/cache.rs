@@ -90,7 +90,7 @@ fn stem(path: &Path) -> String {
 fn key(paths: &[PathBuf], options: &Options) -> Result<String> {
     let mut hash = blake3::Hasher::new();
     hash.update(&GENERATION.to_le_bytes());
-    hash.update(format!("{:?} {} {:?}", options.wanted, options.strict, options.text).as_bytes());
+    hash.update(format!("{:?} {} {:?} {:?}", options.wanted, options.strict, options.text, options.rgb_range).as_bytes());
     for path in paths {
         let failed = |error| Error::io("read", path, error);
         let place = path.canonicalize().map_err(failed)?;

@@ -300,7 +300,7 @@ mod tests {
             lattice: Lattice { step: DVec3::splat(0.001), offset: DVec3::new(5e5, 5e6, 0.0) },
             columns,
             intensity_range: [0.0, 65_535.0],
-            rgb_bits: 8,
+            rgb_scale: Default::default(),
         };
         let stations = [0, 1].map(|source| Station { part: 0, source: Some(source), name: String::new(), points: 20_000 }).to_vec();
         let found = exposures(&Cloud { parts: vec![part], stations, notes: Vec::new() }).unwrap();

@@ -14,7 +14,9 @@ use super::fault::Fault;
 use super::map::Map;
 use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
+use crate::cloud::color::Scale;
 use crate::cloud::counts::Counts;
+use crate::cloud::system::Reference;
 use crate::cloud::{Header, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::{Error, Result};
@@ -221,6 +223,9 @@ pub struct IndexedPart {
     pub points: u64,
     pub intensity_range: [f64; 2],
     pub rgb_bits: u8,
+    /// What the file's own colours count to; indexes of earlier versions say nothing of it.
+    #[serde(default)]
+    pub rgb_scale: Scale,
 }
 
 /// A path as text, or as its bytes where it is none: JSON has no other way.
@@ -464,6 +469,12 @@ impl Index {
 
     pub fn path(&self) -> &Path {
         self.map.path()
+    }
+
+    /// What the coordinates of its points mean.
+    pub fn reference(&self) -> Reference {
+        let lattice = |part: &IndexedPart| Lattice { step: part.step, offset: part.offset };
+        Reference::of(self.directory.contents.parts.iter().map(|part| (&part.header, lattice(part))))
     }
 
     /// Of this index, and of none with other points.

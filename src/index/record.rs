@@ -4,7 +4,6 @@
 //! room for what no file has; memory, and what goes through the disk, shrink by as much.
 
 use super::samples::{Cell, Derived, Samples};
-use crate::cloud::color::to_8_bits;
 use crate::cloud::{Columns, Wanted};
 use std::ops::Range;
 
@@ -13,8 +12,6 @@ pub struct Batch<'a> {
     /// Where they lie on the tree's lattice.
     pub cells: &'a [Cell],
     pub columns: &'a Columns,
-    /// Their colours are rounded from 16 bits already.
-    pub wide: bool,
     pub part: u16,
 }
 
@@ -55,7 +52,7 @@ impl Layout {
             bytes += width * there as usize;
             there.then_some(bytes - width)
         };
-        let rgb = next(has.rgb, 4);
+        let rgb = next(has.rgb, 3);
         let (intensity, class, returns) = (next(has.intensity, 2), next(has.class, 1), next(has.returns, 1));
         let (source, normal, gps_time) = (next(has.source, 2), next(has.normal, 3), next(has.gps_time, 8));
         let part = next(parts.len() > 1, 2);
@@ -81,8 +78,7 @@ impl Layout {
             } else {
                 rows.put(Some(0), cells.map(|&q| -> [u8; size_of::<Cell>()] { bytemuck::cast(q.map(u32::to_le)) }));
             }
-            let wide = batch.wide as u8;
-            rows.put_column(at.rgb, &columns.rgb, &range, [255; 3], |[r, g, b]| [r, g, b, wide]);
+            rows.put_column(at.rgb, &columns.rgb, &range, [255; 3], |color| color);
             rows.put_column(at.intensity, &columns.intensity, &range, 0, u16::to_le_bytes);
             rows.put_column(at.class, &columns.class, &range, 0, |class| [class]);
             rows.put_column(at.returns, &columns.returns, &range, 0, |returns| [returns]);
@@ -127,17 +123,16 @@ impl Layout {
 
     /// As [`Layout::settle`] would leave it.
     pub fn color(&self, record: &[u8], found: &[Colors]) -> [u8; 3] {
-        let color = self.at.rgb.map_or([255; 4], |at| first(&record[at..]));
+        let color = self.at.rgb.map_or([255; 3], |at| first(&record[at..]));
         found[self.part(record) as usize].settled(color)
     }
 
-    /// Brings the colours of records to what those of their whole part turned out to be. Which batch a point came in shows no longer then, so that records
-    /// of equal points are equal.
+    /// Brings the colours of records to what those of their whole part turned out to be.
     pub fn settle(&self, records: &mut [u8], found: &[Colors]) {
         let Some(at) = self.at.rgb.filter(|_| found.iter().any(|&colors| colors != Colors::Bytes)) else { return };
         for row in records.chunks_exact_mut(self.bytes) {
-            let [r, g, b] = found[self.part(row) as usize].settled(first(&row[at..]));
-            row[at..at + 4].copy_from_slice(&[r, g, b, 0]);
+            let color = found[self.part(row) as usize].settled(first(&row[at..]));
+            row[at..at + 3].copy_from_slice(&color);
         }
     }
 
@@ -193,20 +188,17 @@ impl Layout {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Colors {
     Bytes,
-    /// 16 bits; batches that held only low ones were taken for bytes.
-    Wide,
     /// All 0, which is none.
     Black,
 }
 
 impl Colors {
-    /// Of a colour and whether it is rounded already.
-    fn settled(self, [r, g, b, wide]: [u8; 4]) -> [u8; 3] {
+    /// Of a colour.
+    fn settled(self, color: [u8; 3]) -> [u8; 3] {
         match self {
             // As if the file had no such field.
             Colors::Black => [255; 3],
-            Colors::Wide if wide == 0 => [r, g, b].map(|v| to_8_bits(v as u16)),
-            Colors::Wide | Colors::Bytes => [r, g, b],
+            Colors::Bytes => color,
         }
     }
 }

@@ -102,7 +102,7 @@ mod tests {
                 let columns = Columns { class: Some(class), ..Columns::default() };
                 let mut records = vec![0; points.len() * layout.bytes];
                 let slots: Vec<u32> = (0..points.len() as u32).collect();
-                layout.write(&mut records, &slots, &Batch { cells: &cells, columns: &columns, wide: false, part: 0 });
+                layout.write(&mut records, &slots, &Batch { cells: &cells, columns: &columns, part: 0 });
                 let mut order = Vec::new();
                 RadixSorter::default().sort(&layout, &records, 0, &mut order).unwrap();
                 let samples = layout.read(&records, &order, has, &|_, _| 0);

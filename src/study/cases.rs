@@ -335,7 +335,7 @@ fn cloud(name: &str, points: &[DVec3]) -> Cloud {
         lattice: Lattice { step: DVec3::splat(step), offset: min },
         columns,
         intensity_range: [0.0, 65_535.0],
-        rgb_bits: 8,
+        rgb_scale: Default::default(),
     };
     let station = Station { part: 0, source: None, name: name.to_string(), points: points.len() as u64 };
     Cloud { parts: vec![part], stations: vec![station], notes: Vec::new() }

@@ -2,7 +2,6 @@
 
 use super::precision::UTM;
 use crate::cloud::Wanted;
-use crate::cloud::table::TextOptions;
 use crate::error::{Error, Result};
 use crate::index::build::{self, Options};
 use crate::index::file::Index;
@@ -65,7 +64,7 @@ impl Scan {
         build::build(
             &[input],
             &output,
-            &Options { memory: 1 << 30, threads, wanted: WANTED, strict: true, text: TextOptions::NONE, derive: build::Derive::NONE },
+            &Options { memory: 1 << 30, threads, wanted: WANTED, strict: true, ..Options::usual(true) },
             progress,
         )?;
         Ok(Scan { world, index: Arc::new(Index::open(&output)?), source, _folder: folder })

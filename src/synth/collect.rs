@@ -1,6 +1,7 @@
 //! A simulated scan straight into memory: for benchmarks, studies and tests.
 
 use super::{Chunk, World, scan};
+use crate::cloud::color::{By, RgbRange, Scale};
 use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -42,7 +43,7 @@ pub fn collect(name: &str, world: &World, points: u64, seed: u64, noise: f64, pr
         lattice,
         columns,
         intensity_range: [0.0, 65_535.0],
-        rgb_bits: 16,
+        rgb_scale: Scale::new(RgbRange::Words, By::File),
     };
     let stations = crate::cloud::stations(&part, 0);
     Ok(Cloud { parts: vec![part], stations, notes: Vec::new() })

@@ -273,7 +273,15 @@ impl Random {
 pub fn part(lattice: Lattice, points: &[[i32; 3]], rgb: Option<Vec<[u8; 3]>>) -> Part {
     let column = |axis: usize| points.iter().map(|p| p[axis]).collect();
     let columns = Columns { x: column(0), y: column(1), z: column(2), rgb, ..Columns::default() };
-    Part { path: "memory".into(), name: None, header: Header::default(), lattice, columns, intensity_range: [0.0, 65535.0], rgb_bits: 8 }
+    Part {
+        path: "memory".into(),
+        name: None,
+        header: Header::default(),
+        lattice,
+        columns,
+        intensity_range: [0.0, 65535.0],
+        rgb_scale: Default::default(),
+    }
 }
 
 pub fn cloud(parts: Vec<Part>) -> Cloud {

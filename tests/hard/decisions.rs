@@ -150,7 +150,7 @@ fn hard_24_16_bit_colours() {
     file.finish().unwrap();
     let cloud = cloud::read(&[path], &ReadOptions::new(Wanted::ALL, true), &Silent).unwrap();
     let part = &cloud.parts[0];
-    assert_eq!(part.rgb_bits, 16);
+    assert_eq!(part.rgb_scale.bits(), 16);
     // 65535 = 255 * 257, and v / 257 is never a half: rounding has one answer.
     let exact = |v: u16| (v as f64 / 257.0).round() as u8;
     for (color, expected) in part.columns.rgb.as_ref().unwrap().iter().zip(&chunk.rgb) {

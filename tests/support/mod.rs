@@ -1,6 +1,8 @@
 //! What tests of the program share: the binary itself, files that it reads and writes.
 #![allow(dead_code, reason = "every test file is a crate of its own and uses a part of this")]
 
+pub mod made;
+
 use pointillist::progress::Silent;
 use pointillist::synth::{self, LasFile, Scene};
 use std::collections::BTreeMap;
@@ -182,4 +184,19 @@ pub fn names(folder: &Path) -> Vec<String> {
         std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
     names.sort();
     names
+}
+
+/// What `info --json` says of these files.
+pub fn info(files: &[&Path], more: &str) -> serde_json::Value {
+    let output = pointillist().arg("info").arg("--json").args(files).args(more.split_whitespace()).output().expect("start the program");
+    succeeded(&output);
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+/// An index of these files, beside the first.
+pub fn indexed(files: &[&Path], more: &str) -> PathBuf {
+    let index = files[0].with_extension("pnti");
+    let output = pointillist().arg("index").args(files).arg("-o").arg(&index).args(more.split_whitespace()).output();
+    succeeded(&output.expect("start the program"));
+    index
 }

@@ -4,7 +4,9 @@
 //! Libraries reserve from these fields before they check them (RELIABILITY: las-rs #149), and refuse points that are good because a record
 //! about projections is not. So every field that steers the reading is checked here, and every other one is only reported.
 
+use crate::cloud::digits::number;
 use crate::cloud::input::Input;
+use crate::cloud::system::{System, geotiff, wkt};
 use crate::cloud::{Header, Lattice};
 use crate::error::Result;
 use glam::DVec3;
@@ -19,6 +21,10 @@ pub struct Layout {
     /// As many as the header promises.
     pub points: u64,
     pub lattice: Lattice,
+    /// What the bits of a coordinate are turned by: all of them along axes whose scale is negative.
+    pub flips: [i32; 3],
+    /// What the header says and the file cannot hold.
+    pub lies: Vec<String>,
     /// Where extended records or waveforms begin, if the header says so: the bytes from there on are no points.
     pub tail_at: Option<u64>,
     /// The contents of the laszip record.
@@ -38,8 +44,8 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         return Err(input.wrong(format!("has {} bytes, a LAS header alone has 227: cut off, or not LAS", head.len())));
     }
     let (major, minor) = (head[24], head[25]);
-    if major != 1 || minor > 4 {
-        return Err(input.wrong(format!("is LAS {major}.{minor}; 1.0 to 1.4 can be read")));
+    if major != 1 || minor > 5 {
+        return Err(input.wrong(format!("is LAS {major}.{minor}; 1.0 to 1.5 can be read")));
     }
     let header_bytes = u16_at(&head, 94) as u64;
     let points_at = u32_at(&head, 96) as u64;
@@ -58,14 +64,14 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
             input.length
         )));
     }
-    let least_header = [227, 227, 227, 235, 375][minor as usize];
+    let least_header = [227, 227, 227, 235, 375, 375][minor as usize];
     let has_wide_count = minor >= 4 && header_bytes >= 375 && head.len() >= 375;
     let legacy = u32_at(&head, 107) as u64;
     let points = match has_wide_count.then(|| u64_at(&head, 247)) {
         Some(count) if count != 0 => count,
         _ => legacy,
     };
-    let lattice = lattice(input, &head)?;
+    let (lattice, flips) = lattice(input, &head, notes)?;
     let tail_at = [(minor >= 3 && head.len() >= 235).then(|| u64_at(&head, 227)), has_wide_count.then(|| u64_at(&head, 235))]
         .into_iter()
         .flatten()
@@ -80,12 +86,14 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         points_at,
         points,
         lattice,
+        flips,
+        lies: Vec::new(),
         tail_at,
         laszip: None,
         copc: false,
         header: Header::default(),
     };
-    let mut facts = Vec::new();
+    let (mut facts, mut projection) = (Vec::new(), Projection::default());
     for (what, range) in [("system", 26..58), ("software", 58..90)] {
         push_fact(&mut facts, what, &head[range]);
     }
@@ -93,7 +101,10 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         facts.push(("created".into(), format!("day {} of {}", u16_at(&head, 90), u16_at(&head, 92))));
     }
     let first_vlr = if header_bytes >= least_header && header_bytes <= points_at { header_bytes } else { least_header };
-    vlrs(input, first_vlr, u32_at(&head, 100), &mut layout, &mut facts, notes)?;
+    vlrs(input, first_vlr, u32_at(&head, 100), &mut layout, &mut facts, &mut projection, notes)?;
+    if has_wide_count {
+        evlrs(input, u64_at(&head, 235), u32_at(&head, 243), &mut facts, &mut projection)?;
+    }
 
     let kind = if layout.copc {
         "COPC"
@@ -108,23 +119,44 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         points: Some(points),
         bounds: Some([[bound(1), bound(3), bound(5)], [bound(0), bound(2), bound(4)]]),
         facts,
+        system: projection.system(),
+        sample: None,
     };
     Ok(layout)
 }
 
-/// The file's own scale and offset, if every i32 has a finite place on them.
-fn lattice(input: &Input, head: &[u8]) -> Result<Lattice> {
+/// Coordinates have no more digits than this: beyond, neighbouring steps are one number.
+const MOST_STEPS: f64 = (1u64 << 53) as f64;
+
+/// The file's own scale and offset, if every i32 has a place of its own on them. Of a negative scale the same places, counted from the other end: `!q` steps
+/// up instead of `q` down.
+fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Lattice, [i32; 3])> {
     let triple = |at: usize| DVec3::new(f64_at(head, at), f64_at(head, at + 8), f64_at(head, at + 16));
     let (step, offset) = (triple(131), triple(155));
-    if !step.is_finite() || step.min_element() <= 0.0 {
-        return Err(input.wrong(format!("has the scale {} {} {}; coordinates need three finite scales above 0", step.x, step.y, step.z)));
+    if !step.is_finite() || step.abs().min_element() == 0.0 {
+        return Err(input.wrong(format!(
+            "has the scale {}; coordinates need three finite scales that are not 0",
+            step.to_array().map(number).join(" ")
+        )));
     }
-    if !(offset.abs() + step * 2f64.powi(31)).is_finite() {
-        return Err(
-            input.wrong(format!("has the offset {} {} {}, which puts points beyond any finite coordinate", offset.x, offset.y, offset.z))
-        );
+    for axis in 0..3 {
+        let (name, own) = (["X", "Y", "Z"][axis], offset[axis]);
+        let steps = own.abs() / step[axis].abs() + 2f64.powi(31);
+        if !(steps <= MOST_STEPS && (own.abs() + step[axis].abs() * 2f64.powi(31)).is_finite()) {
+            return Err(input.wrong(format!(
+                "has the {name} offset {own:e}, which lies more than 2^53 steps of its scale {:e} from 0: coordinates there are not told apart",
+                step[axis]
+            )));
+        }
     }
-    Ok(Lattice { step, offset })
+    let negative: Vec<&str> = (0..3).filter(|&axis| step[axis] < 0.0).map(|axis| ["x", "y", "z"][axis]).collect();
+    if !negative.is_empty() {
+        notes.push(format!("{}: the scale of {} is negative, and was taken as it is", input.name(), negative.join(" and ")));
+    }
+    let is_negative = [0, 1, 2].map(|axis| step[axis] < 0.0);
+    let upwards = |axis: usize| if is_negative[axis] { offset[axis] - step[axis] } else { offset[axis] };
+    let lattice = Lattice { step: step.abs(), offset: DVec3::new(upwards(0), upwards(1), upwards(2)) };
+    Ok((lattice, is_negative.map(|is_negative| -(is_negative as i32))))
 }
 
 /// Walks the records between header and points. A record that does not fit ends the walk with a note: the points do not depend on it.
@@ -134,6 +166,7 @@ fn vlrs(
     count: u32,
     layout: &mut Layout,
     facts: &mut Vec<(String, String)>,
+    projection: &mut Projection,
     notes: &mut Vec<String>,
 ) -> Result<()> {
     let mut at = first;
@@ -149,11 +182,23 @@ fn vlrs(
         match (user.as_str(), record) {
             ("laszip encoded", 22204) => layout.laszip = Some(contents()?),
             ("copc", 1) => layout.copc = true,
-            ("LASF_Projection", 2112) => push_fact(facts, "coordinate system", &contents()?),
-            ("LASF_Projection", 34737) => push_fact(facts, "coordinate system", &contents()?),
+            ("LASF_Projection", _) => projection.take(record, contents()?, facts),
             ("LASF_Spec", 4) => {
-                for attribute in contents()?.chunks_exact(192) {
-                    push_fact(facts, "extra attribute", &attribute[4..36]);
+                let declared: Vec<Attribute> = contents()?.chunks_exact(192).map(Attribute::of).collect();
+                let room = layout.record_bytes - RECORD_BYTES[layout.format as usize] as usize;
+                let ends = declared.iter().scan(0, |end, attribute| {
+                    *end += attribute.bytes;
+                    Some(*end)
+                });
+                let fit = ends.take_while(|&end| end <= room).count();
+                facts.extend(declared[..fit].iter().map(|attribute| ("extra attribute".into(), attribute.name.clone())));
+                if fit < declared.len() {
+                    let names: Vec<&str> = declared[fit..].iter().map(|attribute| attribute.name.as_str()).collect();
+                    layout.lies.push(format!(
+                        "declares the extra bytes {}, and its records have room for {room} bytes of {}: what does not fit is not there",
+                        names.join(", "),
+                        declared.iter().map(|attribute| attribute.bytes).sum::<usize>()
+                    ));
                 }
             }
             _ => {}
@@ -162,6 +207,81 @@ fn vlrs(
     }
     Ok(())
 }
+
+/// What records say of the coordinate system.
+#[derive(Default)]
+struct Projection {
+    wkt: Option<Vec<u8>>,
+    geotiff: geotiff::Records,
+}
+
+impl Projection {
+    fn take(&mut self, record: u16, contents: Vec<u8>, facts: &mut Vec<(String, String)>) {
+        match record {
+            2112 => {
+                push_fact(facts, "coordinate system", &contents);
+                self.wkt = Some(contents);
+            }
+            34735 => self.geotiff.keys = contents,
+            34736 => self.geotiff.numbers = contents,
+            34737 => {
+                push_fact(facts, "coordinate system", &contents);
+                self.geotiff.texts = contents;
+            }
+            _ => {}
+        }
+    }
+
+    /// Text goes before keys, which say less.
+    fn system(&self) -> Option<System> {
+        let text = self.wkt.as_ref().and_then(|text| wkt::system(&String::from_utf8_lossy(text)));
+        text.or_else(|| self.geotiff.system())
+    }
+}
+
+/// A declaration of extra bytes.
+struct Attribute {
+    name: String,
+    bytes: usize,
+}
+
+impl Attribute {
+    /// Of 192 bytes. Types count from 1 on: eight integers of growing width, two floats, then the same twice and three times.
+    fn of(declared: &[u8]) -> Attribute {
+        const WIDTHS: [usize; 10] = [1, 1, 2, 2, 4, 4, 8, 8, 4, 8];
+        let bytes = match declared[2] as usize {
+            0 => declared[3] as usize,
+            kind => WIDTHS[(kind - 1) % 10] * ((kind - 1) / 10 + 1).min(3),
+        };
+        Attribute { name: text(&declared[4..36]), bytes }
+    }
+}
+
+const EVLR_HEADER_BYTES: u64 = 60;
+
+/// Longer ones are not about projections.
+const PROJECTION_BYTES: u64 = 1 << 20;
+
+/// Walks the records behind the points, of which nothing but the coordinate system is looked at.
+fn evlrs(input: &Input, first: u64, count: u32, facts: &mut Vec<(String, String)>, projection: &mut Projection) -> Result<()> {
+    let mut at = first;
+    for _ in 0..count.min(MOST_EVLRS) {
+        let head = input.take(at, EVLR_HEADER_BYTES)?;
+        if head.len() < EVLR_HEADER_BYTES as usize {
+            return Ok(());
+        }
+        let (user, record, length) = (text(&head[2..18]), u16_at(&head, 18), u64_at(&head, 20));
+        if user == "LASF_Projection" && length <= PROJECTION_BYTES {
+            projection.take(record, input.take(at + EVLR_HEADER_BYTES, length)?, facts);
+        }
+        let Some(next) = at.checked_add(EVLR_HEADER_BYTES).and_then(|at| at.checked_add(length)) else { return Ok(()) };
+        at = next;
+    }
+    Ok(())
+}
+
+/// A header that says more is not believed.
+const MOST_EVLRS: u32 = 4096;
 
 fn push_fact(facts: &mut Vec<(String, String)>, what: &str, bytes: &[u8]) {
     let value = text(bytes);

@@ -1,7 +1,8 @@
 //! Some of a file's points, from all over it, for a first look: in as many pieces as reading them quickly allows, since what scanners write one after another
 //! lies side by side, and a few long pieces would look like slices of the scene.
 
-use super::{Las, Places, Stretch};
+use super::header::Layout;
+use super::{Las, Places, Sequence, Stretch};
 use crate::cloud::input::Input;
 use crate::cloud::{Part, Wanted};
 use crate::error::Result;
@@ -16,6 +17,10 @@ const STRIDE: u64 = 8;
 /// LAZ chunks whose beginnings are decoded, at most: a layered one has to be read whole for that, and usually has a third of a megabyte.
 const CHUNKS: usize = 256;
 
+/// And where only a look is taken.
+const FEW_CHUNKS: usize = 4;
+const FEW_POINTS: u64 = 1024;
+
 /// Bytes of a chunk that hold more than its first point takes, however it is coded.
 const SLACK: u64 = 1 << 16;
 
@@ -25,7 +30,7 @@ pub fn sample(input: &Input, wanted: Wanted, points: u64, progress: &dyn Progres
     let all = las.points();
     let Places::Known(stretches) = &las.places else { return Ok(None) };
     las.places = Places::Known(match &las.coding {
-        Some(coding) => beginnings(stretches, points, coding.is_layered()),
+        Some(coding) => beginnings(stretches, CHUNKS, points, coding.is_layered()),
         None => {
             // Of records so wide only the first bytes are looked at.
             let every = (all / points.max(1)).clamp(1, STRIDE);
@@ -47,9 +52,21 @@ fn runs(at: u64, all: u64, record_bytes: u64, points: u64) -> Vec<Stretch> {
     (0..count).map(run).collect()
 }
 
-/// The first points of chunks: a chunk is decoded from its beginning on.
-fn beginnings(chunks: &[Stretch], points: u64, layered: bool) -> Vec<Stretch> {
-    let chosen = || chunks.iter().step_by(chunks.len().div_ceil(CHUNKS).max(1));
+/// Where few points are that tell what the rest look like, from all over the file where that can be.
+pub fn few(las: &Las) -> Places {
+    match (&las.places, &las.coding) {
+        (Places::Sequence(sequence), _) => Places::Sequence(Sequence { points: sequence.points.min(FEW_POINTS), ..*sequence }),
+        (Places::Known(chunks), Some(coding)) => Places::Known(beginnings(chunks, FEW_CHUNKS, FEW_POINTS, coding.is_layered())),
+        (Places::Known(_), None) => {
+            let Layout { points_at, record_bytes, .. } = las.layout;
+            Places::Known(runs(points_at, las.points(), record_bytes as u64, FEW_POINTS))
+        }
+    }
+}
+
+/// The first points of at most so many chunks: a chunk is decoded from its beginning on.
+fn beginnings(chunks: &[Stretch], most: usize, points: u64, layered: bool) -> Vec<Stretch> {
+    let chosen = || chunks.iter().step_by(chunks.len().div_ceil(most).max(1));
     let all = chosen().map(|chunk| chunk.points).sum::<u64>().max(1);
     let beginning = |chunk: &Stretch| {
         let share = |of: u64| (of as u128 * points as u128).div_ceil(all as u128).min(of as u128) as u64;

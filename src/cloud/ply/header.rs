@@ -11,6 +11,8 @@ pub struct Layout {
     pub coding: Coding,
     pub elements: Vec<Element>,
     pub body_at: u64,
+    /// Lines end in a carriage return alone.
+    pub returns: bool,
     /// Comments and object information, in the file's own words.
     pub comments: Vec<String>,
 }
@@ -39,6 +41,18 @@ pub struct Element {
 }
 
 impl Element {
+    /// Coefficients of splats are colours only where there are no others.
+    fn choose_colors(&mut self) {
+        if self.properties.iter().any(|property| matches!(property.role, Role::Color(_)) && !property.harmonic) {
+            self.properties.iter_mut().filter(|property| property.harmonic).for_each(|property| property.role = Role::Other);
+        }
+    }
+
+    /// Its colours are made of the coefficients of Gaussian splats.
+    pub fn is_splats(&self) -> bool {
+        self.properties.iter().any(|property| property.harmonic && property.role != Role::Other)
+    }
+
     /// Bytes of one binary record; `None` if it has lists, whose lengths are in the body.
     pub fn record_bytes(&self) -> Option<u64> {
         self.properties.iter().map(|property| property.length.is_none().then_some(property.scalar.bytes() as u64)).sum()
@@ -47,6 +61,8 @@ impl Element {
 
 pub struct Property {
     pub role: Role,
+    /// It is a coefficient of a Gaussian splat, of which the colour is made.
+    pub harmonic: bool,
     pub scalar: Scalar,
     /// The type of the length that precedes a list's values; `None` for a single value.
     pub length: Option<Scalar>,
@@ -121,10 +137,12 @@ const HEADER_BYTES: u64 = 1 << 20;
 
 pub fn read(input: &Input) -> Result<Layout> {
     let start = input.take(0, HEADER_BYTES)?;
-    let mut layout = Layout { coding: Coding::Ascii, elements: Vec::new(), body_at: 0, comments: Vec::new() };
+    let returns = ends_in_returns(&start);
+    let end = if returns { b'\r' } else { b'\n' };
+    let mut layout = Layout { coding: Coding::Ascii, elements: Vec::new(), body_at: 0, returns, comments: Vec::new() };
     let mut has_format = false;
     let mut at = 0;
-    for (number, line) in start.split_inclusive(|&byte| byte == b'\n').enumerate() {
+    for (number, line) in start.split_inclusive(|&byte| byte == end).enumerate() {
         at += line.len();
         let wrong = |what: String| input.wrong(format!("header line {}: {what}", number + 1));
         let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).collect();
@@ -155,14 +173,16 @@ pub fn read(input: &Input) -> Result<Layout> {
                     _ => return Err(wrong("this is no property".into())),
                 };
                 let role = if length.is_some() { Role::Other } else { role(&shown(name)) };
+                let harmonic = length.is_none() && matches!(*name, b"f_dc_0" | b"f_dc_1" | b"f_dc_2");
                 let element = layout.elements.last_mut().ok_or_else(|| wrong("a property before any element".into()))?;
-                element.properties.push(Property { role, scalar, length });
+                element.properties.push(Property { role, harmonic, scalar, length });
             }
             [b"end_header"] => {
                 if !has_format {
                     return Err(wrong("no format line came before the end of the header".into()));
                 }
                 layout.body_at = at as u64;
+                layout.elements.iter_mut().for_each(Element::choose_colors);
                 return Ok(layout);
             }
             [word, ..] => return Err(wrong(format!("{} is no header line: cut off, or not PLY", shown(word)))),
@@ -171,14 +191,20 @@ pub fn read(input: &Input) -> Result<Layout> {
     Err(input.wrong(format!("has no end_header within its first {} bytes: cut off, or not PLY", start.len())))
 }
 
+/// By the first line: a carriage return that no newline follows.
+fn ends_in_returns(start: &[u8]) -> bool {
+    let end = start.iter().position(|byte| matches!(byte, b'\r' | b'\n'));
+    end.is_some_and(|at| start[at] == b'\r' && start.get(at + 1) != Some(&b'\n'))
+}
+
 fn role(name: &str) -> Role {
     match name.to_lowercase().as_str() {
         "x" => Role::Position(0),
         "y" => Role::Position(1),
         "z" => Role::Position(2),
-        "red" | "r" | "diffuse_red" => Role::Color(0),
-        "green" | "g" | "diffuse_green" => Role::Color(1),
-        "blue" | "b" | "diffuse_blue" => Role::Color(2),
+        "red" | "r" | "diffuse_red" | "f_dc_0" => Role::Color(0),
+        "green" | "g" | "diffuse_green" | "f_dc_1" => Role::Color(1),
+        "blue" | "b" | "diffuse_blue" | "f_dc_2" => Role::Color(2),
         "nx" => Role::Normal(0),
         "ny" => Role::Normal(1),
         "nz" => Role::Normal(2),

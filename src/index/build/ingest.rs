@@ -101,7 +101,7 @@ impl Builder<'_> {
             let mut points = 0;
             let (mut own, mut worlds) = (Vec::new(), Vec::new());
             let mut notes = Vec::new();
-            let mut found = Wanted::default();
+            let (mut found, mut again) = (Wanted::default(), false);
             for &(number, shift) in &group.members {
                 let part = number as u16;
                 let streamed = self.sources[number].stream(self.progress, &|batch| {
@@ -122,7 +122,7 @@ impl Builder<'_> {
                         outside.store(true, Relaxed);
                         return Ok(());
                     }
-                    let batch = Batch { cells: &cells, columns, wide: batch.depth.is_wide(), part };
+                    let batch = Batch { cells: &cells, columns, part };
                     grid.add(&batch, &mut sorter, self.spill)?;
                     let mut counts = BTreeMap::new();
                     match &columns.source {
@@ -141,11 +141,8 @@ impl Builder<'_> {
                     Ok(())
                 })?;
                 points += streamed.points;
-                self.colors[number] = match (streamed.depth.is_wide(), streamed.available.rgb) {
-                    (true, _) => Colors::Wide,
-                    (false, false) => Colors::Black,
-                    (false, true) => Colors::Bytes,
-                };
+                self.colors[number] = if streamed.available.rgb { Colors::Bytes } else { Colors::Black };
+                again |= streamed.again;
                 found = found.and(streamed.available);
                 notes.extend(streamed.notes.clone());
                 own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
@@ -153,9 +150,13 @@ impl Builder<'_> {
                 self.part(number, &group, &streamed);
             }
             let true_box = union(&mut own.into_iter());
-            if outside.into_inner() {
+            let outside = outside.into_inner();
+            if outside || again {
                 drop(grid);
                 self.spill.forget(taken);
+                if !outside {
+                    continue;
+                }
                 if cube == true_box {
                     return Err(Error::Request(format!("{} changed while it was read", self.sources[group.members[0].0].path().display())));
                 }
@@ -210,7 +211,8 @@ impl Builder<'_> {
             offset: source.lattice().offset,
             points: streamed.points,
             intensity_range: source.intensity_range(),
-            rgb_bits: streamed.depth.bits(),
+            rgb_bits: streamed.rgb_scale.bits(),
+            rgb_scale: streamed.rgb_scale,
         });
     }
 

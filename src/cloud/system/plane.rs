@@ -1,0 +1,63 @@
+//! Degrees -> metres: a plane that touches the ellipsoid in the middle of a cloud.
+//!
+//! Both axes are straight: a metre east is so many degrees of longitude there, and a metre north so many of latitude. So what is changed is the lattice
+//! of the points and no point, and it can be undone. Ten kilometres from the middle an east is off by up to two parts in a thousand at middle latitudes.
+
+use super::super::Lattice;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Where it touches, degrees, and how long a degree is there.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plane {
+    pub longitude: f64,
+    pub latitude: f64,
+    pub metres_per_degree: [f64; 2],
+}
+
+/// The ellipsoid WGS 84: its equatorial radius, metres, and its flattening.
+const RADIUS: f64 = 6_378_137.0;
+const FLATTENING: f64 = 1.0 / 298.257_223_563;
+
+/// A plane's middle is kept to a millionth of a degree, which is easier to read.
+const PLACES: f64 = 1e6;
+
+/// Whether these can be corners of longitudes and latitudes.
+pub fn are_degrees(lo: DVec3, hi: DVec3) -> bool {
+    let within = |v: DVec3| v.x.abs() <= 360.0 && v.y.abs() <= 90.0;
+    within(lo) && within(hi)
+}
+
+impl Plane {
+    /// None at the poles, where there is no east.
+    pub fn about(middle: DVec3) -> Option<Plane> {
+        let [longitude, latitude] = [middle.x, middle.y].map(|v| (v * PLACES).round() / PLACES);
+        let (sine, cosine) = latitude.to_radians().sin_cos();
+        let eccentricity = FLATTENING * (2.0 - FLATTENING);
+        let along = 1.0 - eccentricity * sine * sine;
+        let east = RADIUS / along.sqrt() * cosine;
+        let north = RADIUS * (1.0 - eccentricity) / along.powf(1.5);
+        let metres_per_degree = [east.to_radians(), north.to_radians()];
+        (latitude.abs() < 89.999).then_some(Plane { longitude, latitude, metres_per_degree })
+    }
+
+    /// A lattice of angles, of so many degrees a unit, and of heights of so many metres.
+    pub fn flatten(&self, lattice: Lattice, degrees: f64, metres: f64) -> Lattice {
+        let [east, north] = self.metres_per_degree;
+        let scale = DVec3::new(east * degrees, north * degrees, metres);
+        let middle = DVec3::new(self.longitude / degrees, self.latitude / degrees, 0.0);
+        Lattice { step: lattice.step * scale, offset: (lattice.offset - middle) * scale }
+    }
+
+    pub fn lonlat(&self, place: DVec3) -> [f64; 2] {
+        let [east, north] = self.metres_per_degree;
+        [self.longitude + place.x / east, self.latitude + place.y / north]
+    }
+}
+
+impl fmt::Display for Plane {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "coordinates are degrees, and drawn in metres on a plane about longitude {}, latitude {}", self.longitude, self.latitude)
+    }
+}
