@@ -857,7 +857,7 @@ const CASES: &[Case] = &[
         "two_as.txt",
         3600,
         [[500000.0021, 5000000.0053, 97.0024], [500049.9888, 5000019.9936, 103.0]],
-        &["200 of 2000 directions hit nothing"],
+        &["200 of 2000 directions hit nothing", "read as PTX"],
     ),
     ("nodata.xyz", 40, [[-4.43177, -4.81295, 0.126597], [4.12488, 4.40649, 2.97934]], &["1 line without data", "line 41"]),
 ];

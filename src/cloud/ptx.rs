@@ -66,6 +66,13 @@ fn head(start: &[u8]) -> Option<Head> {
 }
 
 pub fn read(input: &Input, begin: u64, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+    notes.extend(options.text.idle(input));
+    let parts = scans(input, begin, options, progress, notes)?;
+    notes.push(format!("{}: read as PTX, scans in their places: {}", input.name(), parts.len()));
+    Ok(parts)
+}
+
+fn scans(input: &Input, begin: u64, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
     let meter = Meter::new(progress, input, input.length);
     let mut parts = Vec::new();
     let (mut at, mut line) = (begin, 0);
