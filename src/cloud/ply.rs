@@ -194,7 +194,7 @@ fn returned(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &
     let lines = bytes.split(|byte| matches!(byte, b'\r' | b'\n')).filter(|line| !line.trim_ascii().is_empty());
     for line in lines.take(vertex.count.try_into().unwrap_or(usize::MAX)) {
         let mut point = Point::default();
-        if header::parse_line(line, &vertex.properties, |role, value| set(&mut point, role, value, splats)).is_some() {
+        if header::parse_line(line, &vertex.properties, false, |role, value| set(&mut point, role, value, splats)).is_some() {
             found.floats.push(&point);
             found.records += 1;
         }
