@@ -1,6 +1,6 @@
 // Depth -> the same, four rows a texel, for kernels that look far: with a margin around the picture, so that they need not look where it ends; or without.
 //
-// Points beyond the picture's edge are not known; the pixels inside stand for them as in a mirror, so that a hole at the edge is like any other.
+// Points beyond the picture's edge are not known: the pixels inside stand for them, so that a hole at the edge is like any other.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -18,6 +18,7 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size;        // pixels
     uvec2 packed_size; // texels
     int margin;        // pixels around the picture, a multiple of 4
+    uint mirror;       // 1: the margin is as in a mirror; 0: the pixels at the edge go on
 } push;
 
 void main() {
@@ -25,10 +26,10 @@ void main() {
     if (any(greaterThanEqual(texel, ivec2(push.packed_size)))) return;
     ivec2 size = ivec2(push.size);
     ivec2 top = ivec2(texel.x, 4 * texel.y) - push.margin;
-    int x = size.x - 1 - abs(size.x - 1 - abs(top.x));
+    int x = push.mirror == 1u ? size.x - 1 - abs(size.x - 1 - abs(top.x)) : top.x;
     vec4 four;
     [[unroll]] for (int row = 0; row < 4; ++row) {
-        int y = size.y - 1 - abs(size.y - 1 - abs(top.y + row));
+        int y = push.mirror == 1u ? size.y - 1 - abs(size.y - 1 - abs(top.y + row)) : top.y + row;
         // Without a margin, what lies beyond the picture reads as 0: no depth.
         four[row] = imageLoad(depth, push.margin > 0 ? clamp(ivec2(x, y), ivec2(0), size - 1) : top + ivec2(0, row)).r;
     }

@@ -1,4 +1,4 @@
-// Which pixels show a surface or the background, and which a hidden layer or a hole (Pintus et al. 2011, sec. 4; papers/README.md).
+// Which pixels show a surface or the background, and which a hidden layer or a hole, by a single kernel (Pintus et al. 2011, sec. 4; papers/README.md); or what the finest level of a pyramid says of them (visibility_levels.comp).
 //
 // Around the ray from the pixel's point p0 to the camera, every sector of the neighbourhood leaves an empty cone: its half-angle is that to the neighbour nearest to the
 // ray. The pixel is visible where the cones' solid angles add up to `threshold`.

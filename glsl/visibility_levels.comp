@@ -4,7 +4,7 @@
 //
 //   open     so many leading points would be expected in the open area around the pixel that its being empty is no chance:   lambda A >= `expected`
 //   closed   the cones that are left add up to less than `threshold` (Pintus et al. 2011, sec. 4), or to less than `holes`
-//   else     this level is too fine for the surface that leads here: the next coarser one judges. So it does where fewer points lead than could close enough sectors.
+//   else     this level is too fine for the surface that leads here: the next coarser one judges. Where fewer points lead than can say either, no cones are looked at.
 //
 // lambda is how many of them a cell holds, from the share p of the neighbours of leading cells that lead too: -ln(1 - p), which p / sqrt(1 - p) is near enough. It is the density of the surface in front alone, whatever
 // shows behind it. A is made of eight sectors, each as far as its nearest leading point, or to the rim of the kernel. So a dense surface is judged where it is dense, and its openings stay open at any size;
@@ -63,7 +63,7 @@ layout(push_constant, scalar) uniform Push {
     uint stride;       // words from level to level of `decided`
     float px_per_unit;
     float closed;      // solid angle in sectors' hemispheres, below which a pixel is invisible
-    int fewest;        // leading points without which that many sectors cannot be closed
+    int fewest;        // leading points without which nothing can be said
     float expected;    // points
     float own_slope;   // t t up to which a neighbour may be of the point's own surface
 } push;

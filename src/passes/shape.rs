@@ -110,7 +110,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut wanted = g.buffer("wanted", 4 * count as u64);
     g.fill(&mut lists, 0);
     g.fill(&mut wanted, 0);
-    let push = pack_depth::Push { size, packed_size: packed, margin: 0 };
+    let push = pack_depth::Push { size, packed_size: packed, margin: 0, mirror: 0 };
     g.run(shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push }, Tiles::All);
     let [shaded, rings] = rings(weights.len() as u32);
     let push = shape::Push { size, tiles: across, width, shaded, rings };

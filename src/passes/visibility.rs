@@ -7,10 +7,12 @@
 //!     classify                   depth -> tiles                          what each tile of 8 x 8 pixels holds
 //!     pyramid                    depth -> nearest points of 2 x 2, ..    once a level
 //!     assign                     tiles, pyramid -> lists                 which tiles each level has to judge
-//!     visibility_levels          depth, pyramid, lists -> hidden points  once a level
-//!     hide                       takes those out of the depths
-//!     pyramid, assign, visibility_levels  once more: what was taken out hides nothing, and opens nothing
+//!     pack_depth                 depth -> columns of four pixels a texel
+//!     visibility                 the finest level: points, and pixels without; with levels=1 the only one
+//!     visibility_levels          pyramid, lists -> hidden points         once a coarser level
 //!     assign, visibility_levels  the same of pixels without a point: those that are enclosed are holes
+//!     hide                       takes those out of the depths
+//!     all but the holes once more, where something was hidden: what was taken out hides nothing, and opens nothing
 //!     hide                       takes all that is invisible out of the layers
 //! ```
 //! With `levels=1` it is the paper's own way: one kernel over the picture, of the width that is asked for.
@@ -27,7 +29,7 @@ use super::{
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::shader::{self, Tile, assign, classify, hide, pack_depth, pyramid, visibility, visibility_levels};
 use crate::view::{Projection, View};
-use std::f64::consts::{SQRT_2, TAU};
+use std::f64::consts::{PI, SQRT_2, TAU};
 
 pub const SUMMARY: &str =
     "removes hidden layers that shine through between points, and finds the holes, by the empty cone towards the camera";
@@ -348,7 +350,7 @@ impl<'s> Judged<'s> {
         let (size, across) = (self.view.size, self.across);
         let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
         let mut packed_depth = g.image("packed depth", packed_size, Kind::Rgba32f);
-        let push = pack_depth::Push { size, packed_size, margin: MARGIN_PX as i32 };
+        let push = pack_depth::Push { size, packed_size, margin: MARGIN_PX as i32, mirror: is_single(self.settings) as u32 };
         g.run(shader::PackDepth { depth, packed_depth: &mut packed_depth, push }, Tiles::All);
         let single = is_single(self.settings);
         let sectors = match sectors {
@@ -497,9 +499,18 @@ fn closed(settings: &Settings, subject: Subject) -> f64 {
     steradians * SECTORS / TAU
 }
 
-/// Leading points that it takes at least: one in each sector but those that may be empty.
+/// Leading points that it takes at least to say anything: those that close a pixel, one in each sector but those that may be empty; or those that are dense enough to say that it is open.
 fn fewest(settings: &Settings, subject: Subject) -> i32 {
-    ((SECTORS - closed(settings, subject)).floor() as i32 + 1).clamp(1, SECTORS as i32)
+    let closing = ((SECTORS - closed(settings, subject)).floor() as i32 + 1).clamp(1, SECTORS as i32);
+    closing.min(fewest_around_openings(settings))
+}
+
+/// Leading points without which no pixel is open. Of so few the largest share of neighbours lead that lie in a corner of the kernel.
+pub fn fewest_around_openings(settings: &Settings) -> i32 {
+    const SHARES: [f64; 4] = [0.0, 2.0 / 8.0, 6.0 / 13.0, 12.0 / 21.0];
+    let area = PI * (settings.kernel / 2.0).powi(2);
+    let opens = |share: &f64| share * area >= settings.expected * (1.0 - share).sqrt();
+    SHARES.iter().position(opens).unwrap_or(SHARES.len()) as i32 + 1
 }
 
 /// Words from list to list.

@@ -2,8 +2,8 @@
 //!
 //! The rule is that of glsl/visibility_levels.comp, level by level, two rounds for points and one for pixels without. Where f32 may decide either way, what depends on that is not known either: [`Verdict::InBand`].
 
-use super::visibility::{Verdict, mirrored, sector};
-use crate::passes::visibility::{SPARSEST, SPARSEST_AROUND, STEEPEST, Settings};
+use super::visibility::{Verdict, sector};
+use crate::passes::visibility::{SPARSEST, SPARSEST_AROUND, STEEPEST, Settings, fewest_around_openings};
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, TAU};
 
@@ -178,11 +178,7 @@ impl Pyramid {
                 continue;
             }
             let cell = [x / side + dx, y / side + dy];
-            // Beyond the edge the picture is as in a mirror, and its coarser levels go on as they end.
-            let inside = [0, 1].map(|axis| match number {
-                0 => mirrored(cell[axis], level.size[axis]),
-                _ => cell[axis].clamp(0, level.size[axis] - 1),
-            });
+            let inside = [0, 1].map(|axis| cell[axis].clamp(0, level.size[axis] - 1));
             let Cell { point, sure } = level.at(inside[0], inside[1]);
             if !sure {
                 return Said::Either;
@@ -217,7 +213,8 @@ impl Pyramid {
         }
         let closed = if own.is_some() { settings.threshold } else { settings.holes } * SECTORS as f64 / TAU;
         // Each closes one sector at most.
-        let fewest = ((SECTORS as f64 - closed).floor() as i64 + 1).clamp(1, SECTORS as i64);
+        let closing = ((SECTORS as f64 - closed).floor() as i64 + 1).clamp(1, SECTORS as i64);
+        let fewest = closing.min(fewest_around_openings(settings).into());
         if (leads.len() as i64) < fewest {
             return Said::TooFew;
         }

@@ -98,7 +98,7 @@ impl Depths<'_> {
 }
 
 /// Beyond the edge the picture is seen as in a mirror, which stands in the middle of the last pixel, and which ends where the picture does.
-pub fn mirrored(x: i64, side: i64) -> i64 {
+fn mirrored(x: i64, side: i64) -> i64 {
     let x = if x < 0 { -x } else { x };
     let x = if x > side - 1 { 2 * (side - 1) - x } else { x };
     x.clamp(0, side - 1)
