@@ -400,10 +400,9 @@ fn a_sample_is_points_of_the_file_from_all_over_it() {
         support::scan(&path, pointillist::synth::Scene::Street, 300_000);
         let wanted = Wanted { rgb: true, ..Wanted::default() };
         let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions { wanted, strict: true, rgb_range: None }, &Silent).unwrap();
-        let sample =
-            cloud::sample(std::slice::from_ref(&path), &ReadOptions { wanted: wanted, strict: false, rgb_range: None }, asked, &Silent)
-                .unwrap()
-                .expect("a sample");
+        let sample = cloud::sample(std::slice::from_ref(&path), &ReadOptions { wanted, strict: false, rgb_range: None }, asked, &Silent)
+            .unwrap()
+            .expect("a sample");
         assert!(expected.contains(&sample.len()), "{name}: {} points", sample.len());
         let points = |cloud: &pointillist::cloud::Cloud| -> Vec<([i32; 3], [u8; 3])> {
             let columns = &cloud.parts[0].columns;
@@ -426,10 +425,9 @@ fn a_sample_is_coarse_and_has_no_gaps() {
         support::scan(&path, pointillist::synth::Scene::Street, 2_000_000);
         let wanted = Wanted::default();
         let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions { wanted, strict: true, rgb_range: None }, &Silent).unwrap();
-        let sample =
-            cloud::sample(std::slice::from_ref(&path), &ReadOptions { wanted: wanted, strict: false, rgb_range: None }, 200_000, &Silent)
-                .unwrap()
-                .expect("a sample");
+        let sample = cloud::sample(std::slice::from_ref(&path), &ReadOptions { wanted, strict: false, rgb_range: None }, 200_000, &Silent)
+            .unwrap()
+            .expect("a sample");
         // Cells of two metres.
         let cells = |cloud: &pointillist::cloud::Cloud| {
             let part = &cloud.parts[0];

@@ -10,6 +10,7 @@ use display::place::Place;
 use display::{SIZE, Viewer};
 use glam::DVec3;
 use pointillist::cloud::attribute::Attribute;
+use pointillist::cloud::digits::Digits;
 use pointillist::cloud::{self, ReadOptions, Wanted};
 use pointillist::passes::EFFECTS;
 use pointillist::passes::resolve::code_color;
@@ -259,8 +260,10 @@ fn read(file: &Path) -> cloud::Part {
 }
 
 /// Position of a point of a file.
+/// With the digits that its lattice has, as files and people get it.
 fn position(part: &cloud::Part, i: usize) -> DVec3 {
-    part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from))
+    let place = part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from));
+    Digits::of([part.lattice]).round(place)
 }
 
 #[test]
@@ -318,7 +321,7 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!(
         rows[0].join(" "),
-        "x y z class return station returns source intensity red green blue gps_time point file near_infrared scan_angle user_data marks extra_bytes"
+        "x y z class return station returns source intensity red green blue gps_time point file near_infrared scan_angle user_data marks extra_bytes unit x_m y_m z_m"
     );
     for (row, picked) in rows[1..].iter().zip(&picked) {
         let numbers: Vec<f64> = row[..14].iter().map(|number| number.parse().unwrap_or(f64::NAN)).collect();
@@ -341,7 +344,8 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
     }
     assert_eq!(rows.len(), 3);
     let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
-    assert_eq!(json["features"][0]["properties"]["distance_m"].as_f64().unwrap(), picked[0].distance(picked[1]));
+    let distance = json["features"][0]["properties"]["distance_m"].as_f64().unwrap();
+    assert!((distance - picked[0].distance(picked[1])).abs() < 1e-8, "{distance}");
     viewer.close();
 }
 

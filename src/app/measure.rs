@@ -1,7 +1,7 @@
 //! Picked points in, what they are and what lies between them out: lengths, heights, angles, areas. Pure, f64.
 
 use crate::cloud::attribute::STATION_SHIFT;
-use crate::cloud::digits::round;
+use crate::cloud::digits::{number, round};
 use crate::cloud::find::{Extras, Record, hex};
 use crate::cloud::system::Reference;
 use crate::resident::Point;
@@ -122,7 +122,7 @@ impl Measure {
             }
             let [r, g, b] = [0, 1, 2].map(|channel| word(record.rgb.map(|rgb| rgb[channel])));
             let (returns, source) = (word(record.returns), word(record.source));
-            let (intensity, time) = (word(record.intensity), word(record.gps_time));
+            let (intensity, time) = (word(record.intensity), word(record.gps_time.map(number)));
             let (point, file) = (word(picked.record().map(|record| record.point)), record.file.replace('"', "\"\""));
             let file = if file.contains([',', '"']) { format!("\"{file}\"") } else { file };
             let Extras { near_infrared, scan_angle_deg, user_data, marks, extra_bytes } = record.extras;

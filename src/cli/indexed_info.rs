@@ -176,7 +176,7 @@ impl Report<'_> {
         for part in self.parts {
             let name = part.name.as_ref().map(|name| format!(", {name}")).unwrap_or_default();
             line("from", format!("{}{name}: {}, {} points", part.path.display(), part.header.format, part.points));
-            part.header.system.iter().for_each(|system| line("system", system_words(system)));
+            part.header.system.iter().for_each(|system| line("crs", system_words(system)));
         }
         if let Some(classes) = self.classes.as_ref().filter(|classes| !classes.is_empty()) {
             line("classes", listed(classes.iter().map(|class| (class.class, class.points))));

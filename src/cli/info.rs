@@ -8,7 +8,7 @@
 //! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]],
 //! `system` {`name`, `epsg`, `kind` (`projected`, `geographic`, `geocentric`, `local`), `unit`, `height_unit`, `degrees`, `proj`, `plane` {`longitude`, `latitude`, `metres_per_degree`}}}, `bounds`, `step`, `offset`,
 //! `attributes` {`rgb` {`bits`, `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
-//! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan_share`}, `normal` {`zero_share`}}}] ·
+//! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan`, `nan_share`}, `normal` {`zero_share`}}}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use super::indexed_info;
@@ -190,6 +190,8 @@ struct Sources {
 struct Times {
     min: Option<f64>,
     max: Option<f64>,
+    /// Points.
+    nan: usize,
     nan_share: f64,
 }
 
@@ -311,7 +313,7 @@ impl<'a> PartReport<'a> {
         line("lattice", format!("steps of {}, from {}", self.step.to_array().map(significant).join(" "), triple(self.offset)));
         self.attributes.write(&mut line);
         if let Some(system) = &self.header.system {
-            line("system", system_words(system));
+            line("crs", system_words(system));
         }
         for (what, value) in &self.header.facts {
             line(what, value.clone());
@@ -323,7 +325,6 @@ impl<'a> PartReport<'a> {
 impl Attributes {
     fn new(part: &Part, stations: usize) -> Self {
         let columns = &part.columns;
-        let [lo, hi] = part.intensity_range;
         let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         Self {
             rgb: columns.rgb.as_ref().map(|colors| {
@@ -333,7 +334,7 @@ impl Attributes {
                 Rgb { bits: part.rgb_scale.bits(), scale: part.rgb_scale, min: extremes.0, max: extremes.1 }
             }),
             intensity: columns.intensity.as_ref().and_then(|column| cloud::range(column)).map(|(min, max)| {
-                let value = |stored: u16| lo + (hi - lo) * stored as f64 / 65535.0;
+                let value = |stored: u16| cloud::intensity_of(stored, part.intensity_range);
                 Range { min: value(min), max: value(max) }
             }),
             class: columns.class.as_ref().map(|_| Class::list(&Counts::of([columns]))),
@@ -345,7 +346,7 @@ impl Attributes {
             gps_time: columns.gps_time.as_ref().map(|column| {
                 let nan = column.iter().filter(|time| time.is_nan()).count();
                 let times = || column.iter().copied().filter(|time| !time.is_nan());
-                Times { min: times().reduce(f64::min), max: times().reduce(f64::max), nan_share: share(nan, column.len()) }
+                Times { min: times().reduce(f64::min), max: times().reduce(f64::max), nan, nan_share: share(nan, column.len()) }
             }),
             normal: columns
                 .normal
@@ -365,7 +366,7 @@ impl Attributes {
             );
         }
         if let Some(Range { min, max }) = &self.intensity {
-            line("intensity", format!("{min}..{max}"));
+            line("intensity", format!("{}..{}", digits::number(*min), digits::number(*max)));
         }
         if let Some(classes) = &self.class {
             line("classes", listed(classes.iter().map(|class| (class.class, class.points))));
@@ -377,9 +378,9 @@ impl Attributes {
         if let Some(Sources { ids }) = &self.source {
             line("sources", format!("{ids} point source ids"));
         }
-        if let Some(Times { min, max, nan_share }) = &self.gps_time {
-            let nan = if *nan_share > 0.0 { format!("; {:.1} % are NaN", nan_share * 100.0) } else { String::new() };
-            let range = min.zip(*max).map_or("none".into(), |(min, max)| format!("{min}..{max}"));
+        if let Some(Times { min, max, nan, .. }) = &self.gps_time {
+            let nan = if *nan > 0 { format!("; {nan} are NaN") } else { String::new() };
+            let range = min.zip(*max).map_or("none".into(), |(min, max)| format!("{}..{}", digits::number(min), digits::number(max)));
             line("gps time", format!("{range}{nan}"));
         }
         if let Some(Normals { zero_share }) = &self.normal {
@@ -421,10 +422,10 @@ pub fn words(bounds: &Option<Bounds>) -> String {
 /// A step may be far less than a nanometre.
 fn significant(step: f64) -> String {
     let rounded: f64 = format!("{step:.8e}").parse().expect("a number as it was written");
-    rounded.to_string()
+    digits::number(rounded)
 }
 
 fn triple(v: DVec3) -> String {
     // No zero is below zero.
-    v.to_array().map(|v| digits::round(v, 9).to_string()).join(" ")
+    v.to_array().map(|v| digits::number(digits::round(v, 9))).join(" ")
 }

@@ -56,8 +56,8 @@ fn decide(stored: &[[f32; 3]], stated: Option<[[f64; 2]; 3]>, asked: Option<RgbR
 fn bytes(color: &[f32; 3], limits: &[[f64; 2]; 3]) -> [u8; 3] {
     std::array::from_fn(|channel| {
         let [lo, hi] = limits[channel];
-        // `max` takes 0 for NaN.
-        (((color[channel] as f64 - lo) * (255.0 / (hi - lo))).max(0.0).min(255.0)).round() as u8
+        // NaN becomes 0.
+        ((color[channel] as f64 - lo) * (255.0 / (hi - lo))).clamp(0.0, 255.0).round() as u8
     })
 }
 

@@ -38,7 +38,18 @@ fn decimals(step: f64, offset: f64) -> usize {
     }
     let fine = (1.0 - step.log10()).ceil().clamp(0.0, MOST as f64) as usize;
     let is_exact = |v: f64, decimals: usize| (round(v, decimals) - v).abs() <= 1e-6 * step;
-    (0..fine).find(|&decimals| is_exact(step, decimals) && is_exact(offset, decimals)).unwrap_or(fine)
+    (0..=(fine + 2).max(6)).find(|&decimals| is_exact(step, decimals) && is_exact(offset, decimals)).unwrap_or(fine)
+}
+
+/// A number as it is read best: in full, or with an exponent where that would take many zeros.
+pub fn number(v: f64) -> String {
+    let is_plain = v == 0.0 || !v.is_finite() || (1e-9..1e16).contains(&v.abs());
+    if is_plain { v.to_string() } else { format!("{v:e}") }
+}
+
+/// The shortest decimal of a number that a file has as `f32`.
+pub fn of_f32(v: f64) -> f64 {
+    (v as f32).to_string().parse().unwrap_or(v)
 }
 
 #[cfg(test)]
@@ -53,7 +64,7 @@ mod tests {
             (0.001, 0.0005, 4),
             (0.25, 0.0, 2),
             (1.0, 0.0, 0),
-            (1.16e-6, 1694038.4, 7),
+            (1.16e-6, 1694038.4, 8),
             (2f64.powi(-25), 0.0, 9),
             (1000.0, 0.5, 1),
             (1e9, 0.0, 0),

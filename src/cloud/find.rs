@@ -1,9 +1,10 @@
 //! PLACE -> RECORD: all that a file says of the point at a place. Files are streamed again for it, since nobody keeps every attribute of every point in memory.
 
 use super::color::RgbRange;
+use super::digits::number;
 use super::las::single;
 use super::stream::{self, Batch, Source};
-use super::{Lattice, ReadOptions, Wanted};
+use super::{Lattice, ReadOptions, Wanted, intensity_of};
 use crate::error::Result;
 use crate::progress::Progress;
 use glam::DVec3;
@@ -116,12 +117,11 @@ fn steps_at(lattice: &Lattice, place: DVec3) -> Option<[i32; 3]> {
 fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: usize) -> Candidate {
     let columns = batch.columns;
     let returns = columns.returns.as_ref().map(|column| column[i]);
-    let [lo, hi] = source.intensity_range();
     let record = Record {
         file: source.title(),
         point: batch.first + i as u64,
         rgb: columns.rgb.as_ref().map(|column| column[i].map(u16::from)),
-        intensity: columns.intensity.as_ref().map(|column| lo + (hi - lo) * column[i] as f64 / 65535.0),
+        intensity: columns.intensity.as_ref().map(|column| intensity_of(column[i], source.intensity_range())),
         class: columns.class.as_ref().map(|column| column[i]),
         return_number: returns.map(|returns| returns & 15),
         returns: returns.map(|returns| returns >> 4),
@@ -160,7 +160,7 @@ impl std::fmt::Display for Record {
             write!(f, ", normal {x:.3} {y:.3} {z:.3}")?;
         }
         if let Some(time) = self.gps_time {
-            write!(f, ", time {time}")?;
+            write!(f, ", time {}", number(time))?;
         }
         write!(f, "{}", self.extras)?;
         if self.others > 0 {

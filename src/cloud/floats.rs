@@ -8,6 +8,7 @@
 use super::axis::Axis;
 use super::color::{By, Scale};
 use super::colors;
+use super::digits::number;
 use super::input::Input;
 use super::system::System;
 use super::{Columns, Header, Lattice, Part, Wanted};
@@ -189,7 +190,7 @@ impl Floats {
         let Extent { offset, step } = extent(&self.axes, is_angular);
         let mut lattice = Lattice { step: DVec3::from_array(step), offset: DVec3::from_array(offset) };
         if step[2] > LARGEST_QUIET_STEP {
-            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", step[2]));
+            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", number(step[2])));
         }
         let [x, y, z] = self.axes;
         let mut columns = Columns {
@@ -289,15 +290,17 @@ fn coarsen(columns: &mut Columns) -> u32 {
     1 << shared
 }
 
-/// Intensities over 0..=65535. Integers that fit are kept as they are; others are spread over the stated limits, or over their own range.
+/// Intensities over 0..=65535. Integers that fit are kept as they are, counted from the least below 0; others are spread over the stated limits, or over their own range.
 fn intensities(stored: &[f32], limits: Option<[f64; 2]>) -> (Vec<u16>, [f64; 2]) {
     let finite = || stored.iter().copied().filter(|v| v.is_finite());
     let (lo, hi) = finite().fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
     if lo > hi {
         return (vec![0; stored.len()], [0.0, 0.0]);
     }
-    if lo >= 0.0 && hi <= 65535.0 && hi > 1.0 && finite().all(|v| v.fract() == 0.0) {
-        return (stored.iter().map(|&v| v as u16).collect(), [0.0, 65535.0]);
+    let least = lo.min(0.0);
+    if hi - least <= 65535.0 && hi - least > 1.0 && finite().all(|v| v.fract() == 0.0) {
+        let from_least = |v: f32| if v.is_finite() { (v - least) as u16 } else { 0 };
+        return (stored.iter().map(|&v| from_least(v)).collect(), [least.into(), least as f64 + 65535.0]);
     }
     let own = [lo as f64, hi as f64];
     let [lo, hi] = limits.filter(|[a, b]| a.is_finite() && b.is_finite() && *a <= own[0] && own[1] <= *b).unwrap_or(own);

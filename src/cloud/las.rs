@@ -120,13 +120,14 @@ impl Las {
 
     pub fn open(input: &Input, wanted: Wanted, notes: &mut Vec<String>) -> Result<Self> {
         let layout = header::read(input, notes)?;
+        notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
         let fields = Fields::new(&layout);
         let available = fields.available(wanted);
         let (coding, places, odd) = if layout.compressed {
             let (coding, places, odd) = laz::open(input, &layout, available)?;
             (Some(coding), places, odd)
         } else {
-            let (places, odd) = plain(input, &layout);
+            let (places, odd) = plain(input, &layout)?;
             (None, places, odd)
         };
         let range = Mutex::new(input.rgb_range.unwrap_or(RgbRange::Words));
@@ -227,9 +228,13 @@ impl Las {
     /// The notes that `points` deserve in whose colours this occurred, or the error.
     pub fn verdict(&self, input: &Input, points: u64, occurred: Occurred, why: String, strict: bool) -> Result<Vec<String>> {
         let mut notes = Vec::new();
+        if let Some(lie) = self.layout.lies.first().filter(|_| strict) {
+            return Err(input.wrong(lie));
+        }
         if points != self.layout.points {
             let because = if why.is_empty() { String::new() } else { format!(": {why}") };
-            let what = format!("header says {} points, {points} could be read{because}", self.layout.points);
+            let field = if points > self.layout.points { " (number of point records)" } else { "" };
+            let what = format!("header says {} points{field}, {points} could be read{because}", self.layout.points);
             if strict || points == 0 {
                 return Err(input.wrong(what));
             }
@@ -292,21 +297,31 @@ impl Las {
 }
 
 /// Where uncompressed records are, and what is odd about their number.
-fn plain(input: &Input, layout: &Layout) -> (Places, String) {
+fn plain(input: &Input, layout: &Layout) -> Result<(Places, String)> {
     let width = layout.record_bytes as u64;
     let room = (input.length - layout.points_at) / width;
-    let count = layout.points.min(room);
+    let end = layout.tail_at.unwrap_or(input.length);
+    let more = (end.saturating_sub(layout.points_at) / width).saturating_sub(layout.points);
+    let (count, odd) = if layout.points > room {
+        (room, format!("the file ends after byte {}", input.length))
+    } else if more == 0 {
+        (layout.points, String::new())
+    } else if are_points(input, layout, end)? {
+        (layout.points + more, String::new())
+    } else {
+        (layout.points, format!("the file has room for {more} more points than its header says, and no such records there"))
+    };
     let stretch = |start| {
         let points = STRETCH.min(count - start);
         Stretch { at: layout.points_at + start * width, bytes: points * width, points }
     };
-    let stretches = (0..count).step_by(STRETCH as usize).map(stretch).collect();
-    let odd = if layout.points > room {
-        format!("the file ends after byte {}", input.length)
-    } else {
-        let end = layout.tail_at.unwrap_or(input.length);
-        let more = (end.saturating_sub(layout.points_at) / width).saturating_sub(layout.points);
-        if more > 0 { format!("the file has room for {more} more points than its header says; they were not read") } else { String::new() }
-    };
-    (Places::Known(stretches), odd)
+    Ok((Places::Known((0..count).step_by(STRETCH as usize).map(stretch).collect()), odd))
+}
+
+/// Whether what stands behind the points that a header knows are more of them, as of a writer that did not come to its end: whole records, the last of
+/// which is not blank.
+fn are_points(input: &Input, layout: &Layout, end: u64) -> Result<bool> {
+    let width = layout.record_bytes as u64;
+    let is_whole = (end - layout.points_at).is_multiple_of(width);
+    Ok(is_whole && input.take(end - width, width)?.iter().any(|&byte| byte != 0))
 }

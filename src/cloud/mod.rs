@@ -197,6 +197,11 @@ pub struct Header {
     pub sample: Option<Sample>,
 }
 
+/// The intensity that a file has where a column has this, for `[lo, hi]` of [`Part::intensity_range`]. It was an integer, or an `f32`.
+pub fn intensity_of(stored: u16, [lo, hi]: [f64; 2]) -> f64 {
+    digits::of_f32(lo + (hi - lo) * stored as f64 / 65535.0)
+}
+
 /// One file, or one scan of an E57 file.
 #[derive(Clone, Debug)]
 pub struct Part {
@@ -291,8 +296,12 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
             let index = cloud.parts.len();
             let title = part.title();
             cloud.notes.extend(bounds_note(path, &title, &part.header, part.lattice, part.bounds(), options.strict)?);
+            far_error(path, part.lattice, part.bounds())?;
             part.look_around();
             part.lattice = system::settle(&mut part.header, part.lattice, &mut plane, &title, &mut cloud.notes);
+            if let Some(lie) = system::lie(&part.header).filter(|_| options.strict) {
+                return Err(Error::format(path, lie));
+            }
             cloud.stations.extend(stations(&part, index));
             cloud.parts.push(part);
         }
@@ -359,6 +368,22 @@ fn bounds_note(
     }
 }
 
+/// The error on coordinates that are no places any more: more than 2^53 steps of their lattice away, or so far apart that no number says how far.
+fn far_error(path: &Path, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> Result<()> {
+    const MOST_STEPS: f64 = (1u64 << 53) as f64;
+    let Some((lo, hi)) = bounds else { return Ok(()) };
+    let far = lo.abs().max(hi.abs());
+    let is_far = |axis: &usize| !(far[*axis] / lattice.step[*axis] <= MOST_STEPS && (hi[*axis] - lo[*axis]).is_finite());
+    let Some(axis) = (0..3).find(is_far) else { return Ok(()) };
+    let (name, far, step) = (["x", "y", "z"][axis], far[axis], lattice.step[axis]);
+    Err(Error::format(
+        path,
+        format!(
+            "has {name} coordinates of up to {far:e}, more than 2^53 steps of {step:e} or beyond all numbers: places there are not told apart"
+        ),
+    ))
+}
+
 /// What is wrong about the header's bounds, by more than a step and the digits that headers are rounded to.
 fn wrong_bounds(header: &Header, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> Option<String> {
     let [stated_lo, stated_hi] = header.bounds?.map(DVec3::from_array);
@@ -368,7 +393,7 @@ fn wrong_bounds(header: &Header, lattice: Lattice, bounds: Option<(DVec3, DVec3)
     if !differ(stated_lo, lo) && !differ(stated_hi, hi) {
         return None;
     }
-    let shown = |v: DVec3| v.to_array().map(|v| format!("{v:.3}")).join(" ");
+    let shown = |v: DVec3| v.to_array().map(|v| if v.abs() < 1e16 { format!("{v:.3}") } else { digits::number(v) }).join(" ");
     Some(format!("header says bounds {} to {}, the points lie in {} to {}", shown(stated_lo), shown(stated_hi), shown(lo), shown(hi)))
 }
 

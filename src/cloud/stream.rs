@@ -12,7 +12,7 @@ use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
 use super::system::{self, plane::Plane};
 use super::{Columns, Header, Lattice, Part, ReadOptions, Wanted};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -244,6 +244,10 @@ impl Source {
         let own = self.own_lattice();
         let world = bounds.map(|bounds| own.world_box(bounds));
         notes.extend(super::bounds_note(&self.path, &self.title(), self.header(), own, world, self.strict)?);
+        super::far_error(&self.path, own, world)?;
+        if let Some(lie) = system::lie(self.header()).filter(|_| self.strict) {
+            return Err(Error::format(&self.path, lie));
+        }
         notes.extend(self.notes.iter().cloned());
         let black = matches!(self.contents, Contents::Las { .. }) && occurred.is_black();
         let available = Wanted { rgb: desk.available.rgb && !black, ..desk.available };

@@ -224,6 +224,7 @@ impl fmt::Display for System {
 pub struct Sample {
     /// Between as many on both sides, axis by axis: strays do not move it.
     pub middle: DVec3,
+    /// Between these lie nearly all.
     pub lo: DVec3,
     pub hi: DVec3,
 }
@@ -235,11 +236,14 @@ impl Sample {
             values.sort_by(f64::total_cmp);
             values
         });
+        if places.is_empty() {
+            return None;
+        }
         let corner = |pick: &dyn Fn(&[f64]) -> Option<f64>| Some(DVec3::new(pick(&sorted[0])?, pick(&sorted[1])?, pick(&sorted[2])?));
         Some(Sample {
             middle: corner(&|values| values.get(values.len() / 2).copied())?,
-            lo: corner(&|values| values.first().copied())?,
-            hi: corner(&|values| values.last().copied())?,
+            lo: corner(&|values| values.get(values.len() / 50).copied())?,
+            hi: corner(&|values| values.get(values.len() - 1 - values.len() / 50).copied())?,
         })
     }
 }
@@ -302,6 +306,14 @@ pub fn differences<'a>(headers: impl Iterator<Item = &'a Header>) -> Option<Stri
     mixed.then(|| "some files are in degrees, and drawn on a local plane, where the others are not".into())
 }
 
+const NO_DEGREES: &str = "the coordinates are said to be degrees, and are none";
+
+/// What a header was found to have said wrongly when it was [settled](settle).
+pub fn lie(header: &Header) -> Option<&'static str> {
+    let system = header.system.as_ref()?;
+    (system.degrees.is_some() && system.unit.is_none()).then_some(NO_DEGREES)
+}
+
 /// Brings a part's lattice to the plane that it is drawn on, where its coordinates are angles, and its header to say so.
 /// `shared` is the plane of all files that are opened together.
 pub fn settle(header: &mut Header, lattice: Lattice, shared: &mut Option<Plane>, name: &str, notes: &mut Vec<String>) -> Lattice {
@@ -317,7 +329,7 @@ pub fn settle(header: &mut Header, lattice: Lattice, shared: &mut Option<Plane>,
     let Some(Sample { middle, lo, hi }) = sample else { return lattice };
     let own = shared.or_else(|| Plane::about(middle * degrees));
     let Some(plane) = own.filter(|_| plane::are_degrees(lo * degrees, hi * degrees)) else {
-        notes.push(format!("{name}: the coordinates are said to be degrees, and are none: they are drawn as they are"));
+        notes.push(format!("{name}: {NO_DEGREES}: they are drawn as they are"));
         system.unit = None;
         return lattice;
     };

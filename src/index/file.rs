@@ -223,7 +223,7 @@ pub struct IndexedPart {
     pub points: u64,
     pub intensity_range: [f64; 2],
     pub rgb_bits: u8,
-    /// What the file's own colours count to; indexes that were made before anybody asked say nothing of it.
+    /// What the file's own colours count to; indexes of earlier versions say nothing of it.
     #[serde(default)]
     pub rgb_scale: Scale,
 }

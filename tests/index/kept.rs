@@ -236,6 +236,12 @@ fn extreme_lattices_are_kept_exactly() {
         for offset in [0.0, 0.1, -4_999_999.999_999_9, 1e299] {
             let place = Place::new();
             let file = place.las("a.las", &points, Frame { step: [step; 3], offset: [offset, -offset, 0.0], stated: None });
+            // Beyond, coordinates are not told apart.
+            if offset.abs() / step + 2f64.powi(31) > 2f64.powi(53) {
+                let error = cloud::read(&[file], &READ, &Silent).unwrap_err().to_string();
+                assert!(error.contains("has the X offset"), "{error}");
+                continue;
+            }
             let index = place.index(std::slice::from_ref(&file), &OPTIONS);
             let cloud = cloud::read(&[file], &READ, &Silent).unwrap();
             assert_eq!(index.directory.contents.lattices[0], [cloud.parts[0].lattice.step, cloud.parts[0].lattice.offset]);

@@ -4,6 +4,7 @@
 //! Libraries reserve from these fields before they check them (RELIABILITY: las-rs #149), and refuse points that are good because a record
 //! about projections is not. So every field that steers the reading is checked here, and every other one is only reported.
 
+use crate::cloud::digits::number;
 use crate::cloud::input::Input;
 use crate::cloud::system::{System, geotiff, wkt};
 use crate::cloud::{Header, Lattice};
@@ -20,6 +21,10 @@ pub struct Layout {
     /// As many as the header promises.
     pub points: u64,
     pub lattice: Lattice,
+    /// What the bits of a coordinate are turned by: all of them along axes whose scale is negative.
+    pub flips: [i32; 3],
+    /// What the header says and the file cannot hold.
+    pub lies: Vec<String>,
     /// Where extended records or waveforms begin, if the header says so: the bytes from there on are no points.
     pub tail_at: Option<u64>,
     /// The contents of the laszip record.
@@ -39,8 +44,8 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         return Err(input.wrong(format!("has {} bytes, a LAS header alone has 227: cut off, or not LAS", head.len())));
     }
     let (major, minor) = (head[24], head[25]);
-    if major != 1 || minor > 4 {
-        return Err(input.wrong(format!("is LAS {major}.{minor}; 1.0 to 1.4 can be read")));
+    if major != 1 || minor > 5 {
+        return Err(input.wrong(format!("is LAS {major}.{minor}; 1.0 to 1.5 can be read")));
     }
     let header_bytes = u16_at(&head, 94) as u64;
     let points_at = u32_at(&head, 96) as u64;
@@ -59,14 +64,14 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
             input.length
         )));
     }
-    let least_header = [227, 227, 227, 235, 375][minor as usize];
+    let least_header = [227, 227, 227, 235, 375, 375][minor as usize];
     let has_wide_count = minor >= 4 && header_bytes >= 375 && head.len() >= 375;
     let legacy = u32_at(&head, 107) as u64;
     let points = match has_wide_count.then(|| u64_at(&head, 247)) {
         Some(count) if count != 0 => count,
         _ => legacy,
     };
-    let lattice = lattice(input, &head)?;
+    let (lattice, flips) = lattice(input, &head, notes)?;
     let tail_at = [(minor >= 3 && head.len() >= 235).then(|| u64_at(&head, 227)), has_wide_count.then(|| u64_at(&head, 235))]
         .into_iter()
         .flatten()
@@ -81,6 +86,8 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         points_at,
         points,
         lattice,
+        flips,
+        lies: Vec::new(),
         tail_at,
         laszip: None,
         copc: false,
@@ -118,19 +125,38 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
     Ok(layout)
 }
 
-/// The file's own scale and offset, if every i32 has a finite place on them.
-fn lattice(input: &Input, head: &[u8]) -> Result<Lattice> {
+/// Coordinates have no more digits than this: beyond, neighbouring steps are one number.
+const MOST_STEPS: f64 = (1u64 << 53) as f64;
+
+/// The file's own scale and offset, if every i32 has a place of its own on them. Of a negative scale the same places, counted from the other end: `!q` steps
+/// up instead of `q` down.
+fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Lattice, [i32; 3])> {
     let triple = |at: usize| DVec3::new(f64_at(head, at), f64_at(head, at + 8), f64_at(head, at + 16));
     let (step, offset) = (triple(131), triple(155));
-    if !step.is_finite() || step.min_element() <= 0.0 {
-        return Err(input.wrong(format!("has the scale {} {} {}; coordinates need three finite scales above 0", step.x, step.y, step.z)));
+    if !step.is_finite() || step.abs().min_element() == 0.0 {
+        return Err(input.wrong(format!(
+            "has the scale {}; coordinates need three finite scales that are not 0",
+            step.to_array().map(number).join(" ")
+        )));
     }
-    if !(offset.abs() + step * 2f64.powi(31)).is_finite() {
-        return Err(
-            input.wrong(format!("has the offset {} {} {}, which puts points beyond any finite coordinate", offset.x, offset.y, offset.z))
-        );
+    for axis in 0..3 {
+        let (name, own) = (["X", "Y", "Z"][axis], offset[axis]);
+        let steps = own.abs() / step[axis].abs() + 2f64.powi(31);
+        if !(steps <= MOST_STEPS && (own.abs() + step[axis].abs() * 2f64.powi(31)).is_finite()) {
+            return Err(input.wrong(format!(
+                "has the {name} offset {own:e}, which lies more than 2^53 steps of its scale {:e} from 0: coordinates there are not told apart",
+                step[axis]
+            )));
+        }
     }
-    Ok(Lattice { step, offset })
+    let negative: Vec<&str> = (0..3).filter(|&axis| step[axis] < 0.0).map(|axis| ["x", "y", "z"][axis]).collect();
+    if !negative.is_empty() {
+        notes.push(format!("{}: the scale of {} is negative, and was taken as it is", input.name(), negative.join(" and ")));
+    }
+    let is_negative = [0, 1, 2].map(|axis| step[axis] < 0.0);
+    let upwards = |axis: usize| if is_negative[axis] { offset[axis] - step[axis] } else { offset[axis] };
+    let lattice = Lattice { step: step.abs(), offset: DVec3::new(upwards(0), upwards(1), upwards(2)) };
+    Ok((lattice, is_negative.map(|is_negative| -(is_negative as i32))))
 }
 
 /// Walks the records between header and points. A record that does not fit ends the walk with a note: the points do not depend on it.
@@ -158,8 +184,21 @@ fn vlrs(
             ("copc", 1) => layout.copc = true,
             ("LASF_Projection", _) => projection.take(record, contents()?, facts),
             ("LASF_Spec", 4) => {
-                for attribute in contents()?.chunks_exact(192) {
-                    push_fact(facts, "extra attribute", &attribute[4..36]);
+                let declared: Vec<Attribute> = contents()?.chunks_exact(192).map(Attribute::of).collect();
+                let room = layout.record_bytes - RECORD_BYTES[layout.format as usize] as usize;
+                let ends = declared.iter().scan(0, |end, attribute| {
+                    *end += attribute.bytes;
+                    Some(*end)
+                });
+                let fit = ends.take_while(|&end| end <= room).count();
+                facts.extend(declared[..fit].iter().map(|attribute| ("extra attribute".into(), attribute.name.clone())));
+                if fit < declared.len() {
+                    let names: Vec<&str> = declared[fit..].iter().map(|attribute| attribute.name.as_str()).collect();
+                    layout.lies.push(format!(
+                        "declares the extra bytes {}, and its records have room for {room} bytes of {}: what does not fit is not there",
+                        names.join(", "),
+                        declared.iter().map(|attribute| attribute.bytes).sum::<usize>()
+                    ));
                 }
             }
             _ => {}
@@ -197,6 +236,24 @@ impl Projection {
     fn system(&self) -> Option<System> {
         let text = self.wkt.as_ref().and_then(|text| wkt::system(&String::from_utf8_lossy(text)));
         text.or_else(|| self.geotiff.system())
+    }
+}
+
+/// A declaration of extra bytes.
+struct Attribute {
+    name: String,
+    bytes: usize,
+}
+
+impl Attribute {
+    /// Of 192 bytes. Types count from 1 on: eight integers of growing width, two floats, then the same twice and three times.
+    fn of(declared: &[u8]) -> Attribute {
+        const WIDTHS: [usize; 10] = [1, 1, 2, 2, 4, 4, 8, 8, 4, 8];
+        let bytes = match declared[2] as usize {
+            0 => declared[3] as usize,
+            kind => WIDTHS[(kind - 1) % 10] * ((kind - 1) / 10 + 1).min(3),
+        };
+        Attribute { name: text(&declared[4..36]), bytes }
     }
 }
 

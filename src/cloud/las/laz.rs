@@ -56,7 +56,10 @@ pub fn open(input: &Input, layout: &Layout, available: Wanted) -> Result<(Coding
         (sequence(layout.points_at, u64::MAX), String::new())
     } else {
         match (table(input, layout, chunk_points), chunk_points) {
-            (Ok(chunks), _) => (Places::Known(chunks), String::new()),
+            (Ok(mut chunks), _) => {
+                counted(input, &coding, chunk_points, chunks.last_mut())?;
+                (Places::Known(chunks), String::new())
+            }
             (Err(lost), _) if coding.is_layered() => (Places::Known(walk(input, layout, &coding, chunk_points)?), lost),
             (Err(lost), Some(points)) => (sequence(layout.points_at + 8, points), lost),
             (Err(lost), None) => return Err(input.wrong(format!("{lost}, and chunks of varying size cannot be found without it"))),
@@ -185,6 +188,17 @@ fn table(input: &Input, layout: &Layout, chunk_points: Option<u64>) -> std::resu
         }
     }
     Ok(chunks)
+}
+
+/// Lets the last chunk have as many points as it says itself, where it is one that says it, if the header promises fewer.
+fn counted(input: &Input, coding: &Coding, chunk_points: Option<u64>, last: Option<&mut Stretch>) -> Result<()> {
+    let Some((size, last)) = chunk_points.zip(last).filter(|_| coding.is_layered()) else { return Ok(()) };
+    let head = input.take(last.at, coding.head_bytes() as u64)?;
+    if head.len() == coding.head_bytes() && last.bytes >= coding.head_bytes() as u64 {
+        let own = u32_at(&head, coding.record_bytes) as u64;
+        last.points = if own <= size { last.points.max(own) } else { last.points };
+    }
+    Ok(())
 }
 
 /// Layered chunks found by their own sizes, from the first byte on, up to the first that is not whole.

@@ -17,6 +17,8 @@ pub const BLOCK: usize = 8192;
 #[derive(Clone, Copy)]
 pub struct Fields {
     pub record_bytes: usize,
+    /// [`Layout::flips`].
+    flips: [i32; 3],
     /// Point formats 6 to 10 pack returns and class differently.
     modern: bool,
     class: usize,
@@ -45,7 +47,7 @@ impl Fields {
             _ => None,
         };
         let (class, source) = if modern { (16, 20) } else { (15, 18) };
-        Self { record_bytes: layout.record_bytes, modern, class, source, gps_time, rgb, range: RgbRange::Words }
+        Self { record_bytes: layout.record_bytes, flips: layout.flips, modern, class, source, gps_time, rgb, range: RgbRange::Words }
     }
 
     /// What is both wanted and there.
@@ -164,9 +166,10 @@ impl<'a> Window<'a> {
     fn fill(&mut self, records: &[u8], fields: &Fields) {
         let at = self.done;
         let rows = records.chunks_exact(fields.record_bytes);
-        put(&mut self.x[at..], rows.clone(), |row| i32::from_le_bytes(part(row, 0)));
-        put(&mut self.y[at..], rows.clone(), |row| i32::from_le_bytes(part(row, 4)));
-        put(&mut self.z[at..], rows.clone(), |row| i32::from_le_bytes(part(row, 8)));
+        let [x, y, z] = fields.flips;
+        put(&mut self.x[at..], rows.clone(), |row| i32::from_le_bytes(part(row, 0)) ^ x);
+        put(&mut self.y[at..], rows.clone(), |row| i32::from_le_bytes(part(row, 4)) ^ y);
+        put(&mut self.z[at..], rows.clone(), |row| i32::from_le_bytes(part(row, 8)) ^ z);
         if let Some(column) = &mut self.intensity {
             put(&mut column[at..], rows.clone(), |row| u16::from_le_bytes(part(row, INTENSITY)));
         }
@@ -232,7 +235,7 @@ impl Lane for &mut Census {
     }
 
     fn put(&mut self, records: &[u8], fields: &Fields) {
-        let place = |row: &[u8]| [0, 4, 8].map(|at| i32::from_le_bytes(part(row, at)));
+        let place = |row: &[u8]| std::array::from_fn(|axis| i32::from_le_bytes(part(row, 4 * axis)) ^ fields.flips[axis]);
         self.places.extend(records.chunks_exact(fields.record_bytes).map(place));
         if let Some(offset) = fields.rgb {
             self.occurred.add(records.chunks_exact(fields.record_bytes).map(|row| color(row, offset)));

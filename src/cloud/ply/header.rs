@@ -11,6 +11,8 @@ pub struct Layout {
     pub coding: Coding,
     pub elements: Vec<Element>,
     pub body_at: u64,
+    /// Lines end in a carriage return alone.
+    pub returns: bool,
     /// Comments and object information, in the file's own words.
     pub comments: Vec<String>,
 }
@@ -135,10 +137,12 @@ const HEADER_BYTES: u64 = 1 << 20;
 
 pub fn read(input: &Input) -> Result<Layout> {
     let start = input.take(0, HEADER_BYTES)?;
-    let mut layout = Layout { coding: Coding::Ascii, elements: Vec::new(), body_at: 0, comments: Vec::new() };
+    let returns = ends_in_returns(&start);
+    let end = if returns { b'\r' } else { b'\n' };
+    let mut layout = Layout { coding: Coding::Ascii, elements: Vec::new(), body_at: 0, returns, comments: Vec::new() };
     let mut has_format = false;
     let mut at = 0;
-    for (number, line) in start.split_inclusive(|&byte| byte == b'\n').enumerate() {
+    for (number, line) in start.split_inclusive(|&byte| byte == end).enumerate() {
         at += line.len();
         let wrong = |what: String| input.wrong(format!("header line {}: {what}", number + 1));
         let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).collect();
@@ -185,6 +189,12 @@ pub fn read(input: &Input) -> Result<Layout> {
         }
     }
     Err(input.wrong(format!("has no end_header within its first {} bytes: cut off, or not PLY", start.len())))
+}
+
+/// By the first line: a carriage return that no newline follows.
+fn ends_in_returns(start: &[u8]) -> bool {
+    let end = start.iter().position(|byte| matches!(byte, b'\r' | b'\n'));
+    end.is_some_and(|at| start[at] == b'\r' && start.get(at + 1) != Some(&b'\n'))
 }
 
 fn role(name: &str) -> Role {

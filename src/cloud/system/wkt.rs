@@ -34,6 +34,9 @@ pub fn system(text: &str) -> Option<System> {
     let height_unit = height.filter(|height| unit.as_ref() != Some(height));
     let system =
         System { name: horizontal.texts.first().cloned(), epsg: horizontal.epsg(), kind, unit, height_unit, degrees, ..System::default() };
+    if system.name.is_none() && system.unit.is_none() && system.epsg.is_none() {
+        return None;
+    }
     let proj = guard(|| proj4wkt::wkt_to_projstring(text).ok()).ok().flatten();
     Some(system.completed(proj))
 }
