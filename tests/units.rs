@@ -61,13 +61,16 @@ fn made(vlrs: Vec<Vlr>) -> Las {
     Las { vlrs, offset: [636_000.0, 849_000.0, 400.0], scale: [0.01; 3], ..Las::default() }
 }
 
+/// A name, records, and what they say: unit, EPSG code, and unit of heights where it is another.
+type Case = (&'static str, Vec<Vlr>, Option<&'static str>, Option<u32>, Option<&'static str>);
+
 #[test]
 fn units_are_those_of_text_and_of_keys() {
     let folder = tempfile::tempdir().unwrap();
     let foot = r#"UNIT["foot",0.3048,AUTHORITY["EPSG","9002"]]"#;
     let survey = r#"UNIT["US survey foot",0.3048006096012192]"#;
     let height = r#",VERT_CS["NAVD88",VERT_DATUM["x",2005],UNIT["US survey foot",0.3048006096012192]]]"#;
-    let cases: Vec<(&str, Vec<Vlr>, Option<&str>, Option<u32>, Option<&str>)> = vec![
+    let cases: Vec<Case> = vec![
         ("wkt1", vec![wkt(&oregon(foot, r#",AUTHORITY["EPSG","2992"]"#))], Some("ft"), Some(2992), None),
         ("esri", vec![wkt(&oregon(r#"UNIT["Foot_US",0.3048006096012192]"#, ""))], Some("ftUS"), None, None),
         ("named", vec![wkt(&oregon(r#"UNIT["metre"]"#, ""))], Some("m"), None, None),
@@ -149,7 +152,7 @@ fn measures_in_feet_have_metres_beside() {
 fn geojson_of_an_unknown_system_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let local = r#"LOCAL_CS["site",UNIT["metre",1]]"#;
-    let own = PathBuf::from(made(vec![wkt(local)]).write(folder.path(), "local.las"));
+    let own = made(vec![wkt(local)]).write(folder.path(), "local.las");
     let ends = [DVec3::new(636_000.0, 849_000.0, 400.0), DVec3::new(636_003.0, 849_004.0, 400.0)];
     let json = picked(&source(&own), ends).geojson();
     assert_eq!(json["features"][0]["geometry"]["coordinates"][1], json!([636_003.0, 849_004.0, 400.0]));

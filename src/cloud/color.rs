@@ -142,12 +142,11 @@ impl Occurred {
         self.coloured == 0
     }
 
-    pub fn add(&mut self, values: impl Iterator<Item = [u16; 3]>) {
-        let (coloured, wide) = values.fold((0u32, 0u32), |(coloured, wide), [r, g, b]| {
-            let bits = r | g | b;
-            (coloured + (bits != 0) as u32, wide + (bits > 255) as u32)
-        });
-        *self = self.join(Occurred { coloured: coloured.into(), wide: wide.into() });
+    #[inline]
+    pub fn look(&mut self, [r, g, b]: [u16; 3]) {
+        let bits = r | g | b;
+        self.coloured += (bits != 0) as u64;
+        self.wide += (bits > 255) as u64;
     }
 
     /// What the fields count to; 16 bits, as they are meant, where nothing occurred.

@@ -191,14 +191,20 @@ impl<'a> Window<'a> {
             put(&mut column[at..], rows.clone(), |row| f64::from_le_bytes(part(row, offset)));
         }
         if let (Some(column), Some(offset)) = (&mut self.rgb, fields.rgb) {
-            let colors = || rows.clone().map(|row| color(row, offset));
-            self.occurred.add(colors());
-            let column = column[at..].iter_mut().zip(colors());
+            let mut occurred = self.occurred;
+            let column = column[at..].iter_mut().zip(rows.map(|row| color(row, offset)));
             match fields.range {
                 // Written out, so that each is a loop without a choice.
-                RgbRange::Words => column.for_each(|(slot, color)| *slot = color.map(to_8_bits)),
-                range => column.for_each(|(slot, color)| *slot = color.map(|v| range.to_8_bits(v))),
+                RgbRange::Words => column.for_each(|(slot, color)| {
+                    occurred.look(color);
+                    *slot = color.map(to_8_bits);
+                }),
+                range => column.for_each(|(slot, color)| {
+                    occurred.look(color);
+                    *slot = color.map(|v| range.to_8_bits(v));
+                }),
             }
+            self.occurred = occurred;
         }
         self.done += records.len() / fields.record_bytes;
     }
@@ -238,7 +244,7 @@ impl Lane for &mut Census {
         let place = |row: &[u8]| std::array::from_fn(|axis| i32::from_le_bytes(part(row, 4 * axis)) ^ fields.flips[axis]);
         self.places.extend(records.chunks_exact(fields.record_bytes).map(place));
         if let Some(offset) = fields.rgb {
-            self.occurred.add(records.chunks_exact(fields.record_bytes).map(|row| color(row, offset)));
+            records.chunks_exact(fields.record_bytes).for_each(|row| self.occurred.look(color(row, offset)));
         }
     }
 
