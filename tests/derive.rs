@@ -27,8 +27,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use support::{failed, names, render, scan, succeeded};
 
-const OPTIONS: Options =
-    Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, text: TextOptions::NONE, rgb_range: None, derive: Derive::ALL };
+const OPTIONS: Options = Options {
+    memory: 1 << 30,
+    threads: 2,
+    wanted: Wanted::ALL,
+    strict: false,
+    text: TextOptions::NONE,
+    rgb_range: None,
+    derive: Derive::ALL,
+};
 
 /// A folder with a scan.
 struct Place {

@@ -39,8 +39,15 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use support::{names, scan, shared, shuffled};
 
-const OPTIONS: Options =
-    Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, text: TextOptions::NONE, rgb_range: None, derive: Derive::NONE };
+const OPTIONS: Options = Options {
+    memory: 1 << 30,
+    threads: 2,
+    wanted: Wanted::ALL,
+    strict: false,
+    text: TextOptions::NONE,
+    rgb_range: None,
+    derive: Derive::NONE,
+};
 const READ: ReadOptions = ReadOptions::new(Wanted::ALL, false);
 
 // ---- clouds made here

@@ -14,8 +14,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use support::scan;
 
-const OPTIONS: Options =
-    Options { memory: 1 << 30, threads: 2, wanted: Wanted::ALL, strict: false, text: TextOptions::NONE, rgb_range: None, derive: Derive::NONE };
+const OPTIONS: Options = Options {
+    memory: 1 << 30,
+    threads: 2,
+    wanted: Wanted::ALL,
+    strict: false,
+    text: TextOptions::NONE,
+    rgb_range: None,
+    derive: Derive::NONE,
+};
 const READ: ReadOptions = ReadOptions::new(Wanted::ALL, false);
 
 /// Of LAS 1.2, point format 3, as `synth` writes it: bytes before the points, of a point, and before its source.

@@ -400,7 +400,8 @@ fn a_sample_is_points_of_the_file_from_all_over_it() {
         support::scan(&path, pointillist::synth::Scene::Street, 300_000);
         let wanted = Wanted { rgb: true, ..Wanted::default() };
         let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent).unwrap();
-        let sample = cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(wanted, false), asked, &Silent).unwrap().expect("a sample");
+        let sample =
+            cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(wanted, false), asked, &Silent).unwrap().expect("a sample");
         assert!(expected.contains(&sample.len()), "{name}: {} points", sample.len());
         let points = |cloud: &pointillist::cloud::Cloud| -> Vec<([i32; 3], [u8; 3])> {
             let columns = &cloud.parts[0].columns;
@@ -423,7 +424,8 @@ fn a_sample_is_coarse_and_has_no_gaps() {
         support::scan(&path, pointillist::synth::Scene::Street, 2_000_000);
         let wanted = Wanted::default();
         let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent).unwrap();
-        let sample = cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(wanted, false), 200_000, &Silent).unwrap().expect("a sample");
+        let sample =
+            cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(wanted, false), 200_000, &Silent).unwrap().expect("a sample");
         // Cells of two metres.
         let cells = |cloud: &pointillist::cloud::Cloud| {
             let part = &cloud.parts[0];
@@ -449,10 +451,7 @@ fn a_sample_of_odd_files_is_what_they_have() {
     support::scan(&path, pointillist::synth::Scene::Street, 1000);
     let bytes = std::fs::read(&path).unwrap();
     let sampled = |points: u64| {
-        cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(Wanted::ALL, false), points, &Silent)
-            .unwrap()
-            .unwrap()
-            .len()
+        cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(Wanted::ALL, false), points, &Silent).unwrap().unwrap().len()
     };
     assert_eq!([0, 1, 63, 65, 1000, 1001, u64::MAX].map(sampled), [0, 64, 64, 125, 1000, 1000, 1000]);
     // Cut off, and without any point.
@@ -463,10 +462,7 @@ fn a_sample_of_odd_files_is_what_they_have() {
     let path = folder.path().join("scan.laz");
     support::scan(&path, pointillist::synth::Scene::Street, 120_000);
     let sampled = |points: u64| {
-        cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(Wanted::ALL, false), points, &Silent)
-            .unwrap()
-            .unwrap()
-            .len()
+        cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(Wanted::ALL, false), points, &Silent).unwrap().unwrap().len()
     };
     assert_eq!([0, 3, 120_000, u64::MAX].map(sampled), [0, 5, 120_000, 120_000]);
 }

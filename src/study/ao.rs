@@ -28,7 +28,12 @@ struct Light {
 }
 
 const METRICS: &[Metric] = &[
-    Metric { name: "self_rms", axis: "RMS error of light", about: "Light against the renderer's own with 64 directions of 16 samples (self)", root: true },
+    Metric {
+        name: "self_rms",
+        axis: "RMS error of light",
+        about: "Light against the renderer's own with 64 directions of 16 samples (self)",
+        root: true,
+    },
     Metric { name: "truth_rms", axis: "RMS error of light", about: "Light against that of the surface itself, f64", root: true },
 ];
 
@@ -44,10 +49,18 @@ impl Question for Ao {
     type Known = Light;
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
-        let own = |knob, value: &str, settings: &str| Configuration::new(knob, value, &["visibility=on", "fill=on", "shape=off", "edl=off", &format!("ao=on{settings}")]);
-        let knob = |name: &'static str, values: &[&str]| values.iter().map(|value| own(name, value, &format!(",{name}={value}"))).collect::<Vec<_>>();
+        let own = |knob, value: &str, settings: &str| {
+            Configuration::new(knob, value, &["visibility=on", "fill=on", "shape=off", "edl=off", &format!("ao=on{settings}")])
+        };
+        let knob = |name: &'static str, values: &[&str]| {
+            values.iter().map(|value| own(name, value, &format!(",{name}={value}"))).collect::<Vec<_>>()
+        };
         let auto = vec![own(AUTO, AUTO, "")];
-        let knobs = [knob("directions", &["2", "4", "6", "16", "32", "64"]), knob("steps", &["1", "2", "8", "16"]), knob("bias", &["0", "0.1", "0.4"])];
+        let knobs = [
+            knob("directions", &["2", "4", "6", "16", "32", "64"]),
+            knob("steps", &["1", "2", "8", "16"]),
+            knob("bias", &["0", "0.1", "0.4"]),
+        ];
         auto.into_iter().chain(knobs.into_iter().flatten()).collect()
     }
 
@@ -64,6 +77,9 @@ impl Question for Ao {
             let errors = (0..drawing.depth.len()).filter(counts).filter_map(|i| Some((drawing.lit[i] as f64 - light(i)?).powi(2)));
             errors.fold([0.0; 2], |[sum, count], square| [sum + square, count + 1.0])
         };
-        (vec![part(&|i| Some(known.own[i] as f64)), part(&|i| known.truth[i])], vec![drawing.lit.iter().filter(|left| **left < 1.0).count() as f64])
+        (
+            vec![part(&|i| Some(known.own[i] as f64)), part(&|i| known.truth[i])],
+            vec![drawing.lit.iter().filter(|left| **left < 1.0).count() as f64],
+        )
     }
 }

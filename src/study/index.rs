@@ -92,7 +92,8 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
         for (view_name, camera) in cameras(&scan.world) {
             let view = View::new(camera, plan.size)?;
             for (k, (_, planes)) in SETTINGS.into_iter().enumerate() {
-                let px = metrics::errors(moved(&scan, &points, planes).filter_map(|(source, moved)| pixels(&view, &lattice, source, moved)));
+                let px =
+                    metrics::errors(moved(&scan, &points, planes).filter_map(|(source, moved)| pixels(&view, &lattice, source, moved)));
                 add(view_name, &[(3, px.max), (4, px.rms)], k);
             }
         }
@@ -203,7 +204,12 @@ fn plane_rows(scene: &str, index: &Index) -> Vec<Vec<String>> {
     let bytes = |plane: Plane| index.nodes().iter().filter(|node| node.has(plane)).map(|node| node.range(plane).1).sum::<u64>();
     let row = |(plane, bytes): (Plane, u64)| {
         let per_point = bytes as f64 / index.directory.contents.points as f64;
-        vec![scene.into(), format!("{plane:?}").to_lowercase(), format!("{:.2}", bytes as f64 / (1 << 20) as f64), format!("{per_point:.2}")]
+        vec![
+            scene.into(),
+            format!("{plane:?}").to_lowercase(),
+            format!("{:.2}", bytes as f64 / (1 << 20) as f64),
+            format!("{per_point:.2}"),
+        ]
     };
     PLANES.iter().map(|&(plane, _)| (plane, bytes(plane))).filter(|(_, bytes)| *bytes > 0).map(row).collect()
 }

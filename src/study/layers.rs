@@ -82,7 +82,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             Some(oracle::over(surfaces.iter().map(|surface| (colors[surface.class as usize - 1], OPACITY))))
         })
         .collect();
-    let found = configurations.iter().map(|configuration| errors(gpu, &view, &resident, configuration, &truth)).collect::<Result<Vec<_>>>()?;
+    let found =
+        configurations.iter().map(|configuration| errors(gpu, &view, &resident, configuration, &truth)).collect::<Result<Vec<_>>>()?;
     let times = sweep::interleaved(&configurations, plan.repeat, |configuration| {
         progress.tick("study layers", 0, 0)?;
         let mut g = Graph::new(gpu);

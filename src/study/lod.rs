@@ -15,9 +15,9 @@ use crate::error::Result;
 use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::look::{self, Wishes};
+use crate::passes::Switch;
 use crate::passes::project;
 use crate::passes::resolve::linear_to_srgb;
-use crate::passes::Switch;
 use crate::progress::Progress;
 use crate::resident::{Residency, Resident};
 use crate::source;
@@ -48,7 +48,11 @@ const METRICS: [(&str, &str, &str); 8] = [
 ];
 const PSNR: &str = "psnr_db";
 const POPPING: [(&str, &str, &str); 2] = [
-    ("popping_max", "mean FLIP from frame to frame", "Popping: the largest change from frame to frame of a slow dolly through a level change"),
+    (
+        "popping_max",
+        "mean FLIP from frame to frame",
+        "Popping: the largest change from frame to frame of a slow dolly through a level change",
+    ),
     ("popping_median", "mean FLIP from frame to frame", "Popping: the median change from frame to frame without a level change"),
 ];
 
@@ -116,7 +120,9 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     }
     let figure = |&(metric, y_axis, caption): &_| {
         let x_axis = "milliseconds to clear and project (bars: quartiles)";
-        Figure::of("lod", metric, [x_axis, y_axis], caption, &rows, &|row| if row.auto { row.value.clone() } else { format!("{} px", row.value) })
+        Figure::of("lod", metric, [x_axis, y_axis], caption, &rows, &|row| {
+            if row.auto { row.value.clone() } else { format!("{} px", row.value) }
+        })
     };
     let figures = METRICS.iter().chain(&POPPING).map(figure).collect();
     let how = format!(
@@ -153,7 +159,10 @@ fn cameras(world: &World) -> [(&'static str, Camera); 3] {
     let look = world.camera();
     [("far", 16.0), ("near", 4.0), ("close-up", 1.0)].map(|(name, times)| {
         let eye = look.target + (look.eye - look.target) * times;
-        (name, Camera { eye, target: look.target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None })
+        (
+            name,
+            Camera { eye, target: look.target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None },
+        )
     })
 }
 

@@ -76,7 +76,14 @@ struct Sight {
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let mut world = synth::build(synth::Scene::Street, plan.seed, 0.0);
     let look = world.camera();
-    let camera = Camera { eye: look.eye, target: look.target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None };
+    let camera = Camera {
+        eye: look.eye,
+        target: look.target,
+        up: DVec3::Z,
+        fov_y: look.fov_y,
+        projection: Projection::Perspective,
+        ortho_height: None,
+    };
     let mut scan = |gains: [f64; 5]| {
         if let Method::Stations(stations) = &mut world.method {
             stations.iter_mut().zip(gains).for_each(|(station, gain)| station.gain = DVec3::splat(gain));
@@ -94,7 +101,9 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let mut rows = Vec::new();
     let mut table = Table {
         title: "All configurations".into(),
-        head: ["points a pixel", "knob", "value", "step, stops", "detail lost, %", "rms, codes", "PSNR, dB", "ms"].map(String::from).to_vec(),
+        head: ["points a pixel", "knob", "value", "step, stops", "detail lost, %", "rms, codes", "PSNR, dB", "ms"]
+            .map(String::from)
+            .to_vec(),
         rows: Vec::new(),
     };
     for part in SIZES {
@@ -104,11 +113,21 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let plain = draw(gpu, &view, &truth, &off)?;
         let scene = Scene::of(&view, &truth, Light::default());
         let (layer_m, density) = (LAYER * scene.sampling.spacing_m, scene.sampling.density);
-        let sight = Sight { view, truth: values(&plain.color), station: draw(gpu, &view, &stations, &off)?.color.iter().map(|c| c.map(f32::to_bits)).collect(), depth: plain.depth, layer_m };
+        let sight = Sight {
+            view,
+            truth: values(&plain.color),
+            station: draw(gpu, &view, &stations, &off)?.color.iter().map(|c| c.map(f32::to_bits)).collect(),
+            depth: plain.depth,
+            layer_m,
+        };
         let configurations = CONFIGURATIONS
             .iter()
             .map(|&(knob, value, luminance)| {
-                let epsilon = value.parse::<f64>().ok().filter(|_| knob == "epsilon").map_or(String::new(), |spacings| format!(",epsilon={}", spacings * scene.sampling.spacing_m));
+                let epsilon = value
+                    .parse::<f64>()
+                    .ok()
+                    .filter(|_| knob == "epsilon")
+                    .map_or(String::new(), |spacings| format!(",epsilon={}", spacings * scene.sampling.spacing_m));
                 Ok((knob, value, wishes(&format!("{luminance}{epsilon}"))?))
             })
             .collect::<Result<Vec<_>>>()?;
@@ -132,8 +151,21 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     }
     [truth, stations, uneven, reference].into_iter().for_each(|resident| resident.free(gpu));
     mark_fronts(&mut rows);
-    let label = |row: &Row| if row.auto { AUTO.to_string() } else if row.knob == "none" { row.value.clone() } else { format!("{} {}", row.knob, row.value) };
-    let figures = METRICS.map(|(metric, axis, about)| Figure::of("luminance", metric, ["milliseconds of the sums and the correction (bars: quartiles)", axis], about, &rows, &label)).into_iter().collect();
+    let label = |row: &Row| {
+        if row.auto {
+            AUTO.to_string()
+        } else if row.knob == "none" {
+            row.value.clone()
+        } else {
+            format!("{} {}", row.knob, row.value)
+        }
+    };
+    let figures = METRICS
+        .map(|(metric, axis, about)| {
+            Figure::of("luminance", metric, ["milliseconds of the sums and the correction (bars: quartiles)", axis], about, &rows, &label)
+        })
+        .into_iter()
+        .collect();
     let how = format!(
         "A street of {} points, scanned by five stations with exposures of {GAINS:?}; every point one pixel. Truth: the same points, all exposures 1. Exposure in a pixel is V over that of the truth; \
          <em>step</em> is its ratio between neighbouring pixels of one surface whose front points are of different stations, as the mean of |log2|. Details are what V differs from the mean of the 3 x 3, \
@@ -141,14 +173,23 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
          neighbours, offline, in {reference_s:.1} s. n = {} interleaved rounds after one that is not counted.",
         plan.points, plan.repeat
     );
-    Ok(Section { name: "luminance", title: "Luminance correction: steps and details".into(), how, rows, figures, tables: vec![table, problems::table(gpu, plan, progress)?] })
+    Ok(Section {
+        name: "luminance",
+        title: "Luminance correction: steps and details".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![table, problems::table(gpu, plan, progress)?],
+    })
 }
 
 /// Nothing else runs.
 fn wishes(luminance: &str) -> Result<Wishes> {
     let mut wishes = Wishes::default();
     let off = EFFECTS.iter().map(|effect| format!("{effect}=off"));
-    off.chain(format!("luminance={luminance}").split(' ').map(String::from)).try_for_each(|text| wishes.effects.set(&text)).map_err(Error::Request)?;
+    off.chain(format!("luminance={luminance}").split(' ').map(String::from))
+        .try_for_each(|text| wishes.effects.set(&text))
+        .map_err(Error::Request)?;
     Ok(wishes)
 }
 
@@ -201,7 +242,11 @@ impl Sight {
             }
         }
         for i in (1..rows - 1).flat_map(|y| (1..columns - 1).map(move |x| y * columns + x)) {
-            let around: Vec<usize> = [i - columns - 1, i - columns, i - columns + 1, i - 1, i, i + 1, i + columns - 1, i + columns, i + columns + 1].into_iter().filter(|&k| self.same(i, k)).collect();
+            let around: Vec<usize> =
+                [i - columns - 1, i - columns, i - columns + 1, i - 1, i, i + 1, i + columns - 1, i + columns, i + columns + 1]
+                    .into_iter()
+                    .filter(|&k| self.same(i, k))
+                    .collect();
             if around.len() < 9 {
                 continue;
             }

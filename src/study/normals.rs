@@ -79,7 +79,18 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
             let value = if knob == "radii" { fit.reach.to_string() } else { fit.near.to_string() };
             for (metric, error) in METRICS.iter().zip([median, p99, unknown]) {
                 let (value, auto) = (value.clone(), fit == FIT);
-                rows.push(Row { scene: name, view: "points", knob, value, metric: metric.0, error, ms, n: times.len(), auto, front: false });
+                rows.push(Row {
+                    scene: name,
+                    view: "points",
+                    knob,
+                    value,
+                    metric: metric.0,
+                    error,
+                    ms,
+                    n: times.len(),
+                    auto,
+                    front: false,
+                });
             }
             let numbers = [format!("{median:.3}"), format!("{p99:.3}"), format!("{unknown:.5}"), format!("{:.0}", ms[1])];
             table.rows.push([vec![name.into(), fit.near.to_string(), fit.reach.to_string()], numbers.to_vec()].concat());

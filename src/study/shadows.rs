@@ -31,7 +31,10 @@ const KNOBS: [(&str, &[(&str, &str)]); 5] = [
     (AUTO, &[(AUTO, "samples=16")]),
     ("size", &[("128", "samples=16,size=128"), ("256", "samples=16,size=256"), ("1024", "samples=16,size=1024")]),
     ("samples", &[("1", "samples=1"), ("4", "samples=4"), ("64", "samples=64")]),
-    ("pattern", &[("random 4", "samples=4,pattern=random"), ("random 16", "samples=16,pattern=random"), ("random 64", "samples=64,pattern=random")]),
+    (
+        "pattern",
+        &[("random 4", "samples=4,pattern=random"), ("random 16", "samples=16,pattern=random"), ("random 64", "samples=64,pattern=random")],
+    ),
     ("method", &[("index 4", "samples=4,method=index")]),
 ];
 
@@ -82,13 +85,21 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let Configuration { knob, value, .. } = configuration;
         let ms = metrics::quartiles(times);
         rows.extend(super::rows(["step", "plate over floor"], [knob, value], METRICS.map(|metric| metric.0), errors, times));
-        let numbers = [100.0 * errors[0], 100.0 * errors[1], 1e3 * facts.texel_m, 1e3 * facts.layer_m, ms[1]].map(|number| format!("{number:.3}"));
+        let numbers =
+            [100.0 * errors[0], 100.0 * errors[1], 1e3 * facts.texel_m, 1e3 * facts.layer_m, ms[1]].map(|number| format!("{number:.3}"));
         table.rows.push([knob.to_string(), value.to_string()].into_iter().chain(numbers).collect());
     }
     mark_fronts(&mut rows);
     let figure = |(metric, axis): (&str, &str)| {
         let label = |row: &Row| if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) };
-        Figure::of("shadows", metric, ["milliseconds of all light passes (bars: quartiles)", axis], &format!("Marks: {metric}"), &rows, &label)
+        Figure::of(
+            "shadows",
+            metric,
+            ["milliseconds of all light passes (bars: quartiles)", axis],
+            &format!("Marks: {metric}"),
+            &rows,
+            &label,
+        )
     };
     let figures = METRICS.map(figure).into_iter().collect();
     let how = format!(

@@ -23,7 +23,12 @@ struct Smooth;
 const MOST: f64 = 0.005;
 
 const METRICS: &[Metric] = &[
-    Metric { name: "depth_rms", axis: "RMS error, parts of the depth", about: "Depth of interior pixels against that of the surface in their middle, errors of 0.5 % at most", root: true },
+    Metric {
+        name: "depth_rms",
+        axis: "RMS error, parts of the depth",
+        about: "Depth of interior pixels against that of the surface in their middle, errors of 0.5 % at most",
+        root: true,
+    },
     Metric {
         name: "roughness_rms",
         axis: "RMS, parts of the depth",
@@ -37,7 +42,8 @@ impl Question for Smooth {
     const TITLE: &'static str = "Smoothing: filters";
     const METRICS: &'static [Metric] = METRICS;
     const COUNTERS: &'static [&'static str] = &["pixels with a depth"];
-    const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
+    const REFERENCE: &'static [&'static str] =
+        &["visibility=off", "fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve", "hide", "fill"];
     const HOW: &'static str = "Surfaces are filled by masks, or where <em>pintus</em> is said by medians and means. <em>auto</em> is what is done after filling by masks when nothing is asked for: the \
         alleviated Gaussian, once, where points are about a pixel apart, and the box as often as it takes where they are more, of pixels that were filled and those beside them. Filters run as often \
@@ -46,7 +52,9 @@ impl Question for Smooth {
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
         let after = |visibility: &'static str, fill: &'static str| {
-            move |knob, value: String, smooth: &str| Configuration::new(knob, value, &[visibility, fill, smooth, "antialias=off", "shape=off", "edl=off"])
+            move |knob, value: String, smooth: &str| {
+                Configuration::new(knob, value, &[visibility, fill, smooth, "antialias=off", "shape=off", "edl=off"])
+            }
         };
         let (masks, pintus) = (after("visibility=off", "fill=on,method=dobrev"), after("visibility=on", "fill=on"));
         let filters = ["none", "alleviated", "gaussian", "box"].map(|filter| match filter {
@@ -58,7 +66,13 @@ impl Question for Smooth {
         let filter = filters.iter().map(|(filter, smooth)| masks("filter", filter.to_string(), smooth));
         let iterations = ["2", "4", "8"].map(|often| masks("iterations", often.to_string(), &format!("smooth=on,iterations={often}")));
         let others = filters.iter().map(|(filter, smooth)| pintus("pintus", format!("pintus, {filter}"), &all(smooth)));
-        [masks(AUTO, AUTO.to_string(), "smooth=auto")].into_iter().chain(filter).chain(measured_too).chain(iterations).chain(others).collect()
+        [masks(AUTO, AUTO.to_string(), "smooth=auto")]
+            .into_iter()
+            .chain(filter)
+            .chain(measured_too)
+            .chain(iterations)
+            .chain(others)
+            .collect()
     }
 
     fn know(_case: &Case, _reference: Drawing) {}

@@ -10,8 +10,8 @@ use crate::frame;
 use crate::graph::{Gpu, Graph};
 use crate::index::strokes;
 use crate::look::{self, Style, Wishes};
-use crate::passes::strokes::{Order, Settings};
 use crate::passes::Effects;
+use crate::passes::strokes::{Order, Settings};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::synth::{self, Scene};
@@ -36,7 +36,10 @@ const KNOBS: [(&str, &[(&str, &str)]); 5] = [
     ),
     ("blend", &[("opaque", "strokes=blend=opaque"), ("blur", "strokes=blend=blur")]),
     ("order", &[("stroke", "strokes=order=stroke")]),
-    ("gaussians", &[("6", "strokes=gaussians=6"), ("7", "strokes=gaussians=7"), ("8", "strokes=gaussians=8"), ("9", "strokes=gaussians=9")]),
+    (
+        "gaussians",
+        &[("6", "strokes=gaussians=6"), ("7", "strokes=gaussians=7"), ("8", "strokes=gaussians=8"), ("9", "strokes=gaussians=9")],
+    ),
 ];
 
 const METRICS: [(&str, &str); 1] = [("self_rms", "linear colour, RMS, of all strokes sorted (self)")];
@@ -97,7 +100,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     mark_fronts(&mut rows);
     let figure = |(metric, axis): (&str, &str)| {
         let label = |row: &Row| if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) };
-        Figure::of("strokes", metric, ["milliseconds of a whole frame (bars: quartiles)", axis], &format!("Strokes: {metric}"), &rows, &label)
+        Figure::of(
+            "strokes",
+            metric,
+            ["milliseconds of a whole frame (bars: quartiles)", axis],
+            &format!("Strokes: {metric}"),
+            &rows,
+            &label,
+        )
     };
     let figures = METRICS.map(figure).into_iter().collect();
     let how = format!(
@@ -106,7 +116,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
          is not counted.",
         plan.points, plan.repeat
     );
-    Ok(Section { name: "strokes", title: "Strokes: sorting, blending, order, Gaussians".into(), how, rows, figures, tables: vec![table, crossings] })
+    Ok(Section {
+        name: "strokes",
+        title: "Strokes: sorting, blending, order, Gaussians".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![table, crossings],
+    })
 }
 
 struct Drawing {

@@ -50,7 +50,11 @@ const METRICS: [(&str, &str, &str); 2] = [
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let mut rows = Vec::new();
-    let mut table = Table { title: "Angles and times".into(), head: ["scene", "tangents", "mean, degrees", "99 %, degrees", "ms a million", "device, ms a million"].map(String::from).to_vec(), rows: Vec::new() };
+    let mut table = Table {
+        title: "Angles and times".into(),
+        head: ["scene", "tangents", "mean, degrees", "99 %, degrees", "ms a million", "device, ms a million"].map(String::from).to_vec(),
+        rows: Vec::new(),
+    };
     for (done, (name, scene, noise, outward)) in SCENES.into_iter().enumerate() {
         progress.tick("study tangents", done as u64, SCENES.len() as u64)?;
         let cloud = synth::collect(name, &synth::build(scene, plan.seed, 0.0), plan.points, plan.seed, noise, progress)?;
@@ -80,18 +84,39 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             let mean = angles.iter().sum::<f64>() / angles.len().max(1) as f64;
             let p99 = angles.get(angles.len() * 99 / 100).copied().unwrap_or(0.0);
             let ms = metrics::quartiles(&times);
-            let on_device = (0..plan.repeat.max(1)).map(|_| Ok(on_device(gpu, tangents, &directions)?.1 * 1e6 / directions.len().max(1) as f64));
+            let on_device =
+                (0..plan.repeat.max(1)).map(|_| Ok(on_device(gpu, tangents, &directions)?.1 * 1e6 / directions.len().max(1) as f64));
             let on_device = metrics::quartiles(&on_device.collect::<Result<Vec<_>>>()?);
             for (metric, error) in METRICS.iter().zip([mean, p99]) {
                 let (value, auto) = (way.to_string(), tangents == Tangents::default());
-                rows.push(Row { scene: name, view: "outside", knob: "tangents", value, metric: metric.0, error, ms, n: times.len(), auto, front: false });
+                rows.push(Row {
+                    scene: name,
+                    view: "outside",
+                    knob: "tangents",
+                    value,
+                    metric: metric.0,
+                    error,
+                    ms,
+                    n: times.len(),
+                    auto,
+                    front: false,
+                });
             }
-            table.rows.push(vec![name.into(), way.into(), format!("{mean:.3}"), format!("{p99:.3}"), format!("{:.1}", ms[1]), format!("{:.2}", on_device[1])]);
+            table.rows.push(vec![
+                name.into(),
+                way.into(),
+                format!("{mean:.3}"),
+                format!("{p99:.3}"),
+                format!("{:.1}", ms[1]),
+                format!("{:.2}", on_device[1]),
+            ]);
         }
     }
     mark_fronts(&mut rows);
     let label = |row: &Row| row.value.clone();
-    let figure = |&(metric, y_axis, caption): &_| Figure::of("tangents", metric, ["milliseconds a million (bars: quartiles)", y_axis], caption, &rows, &label);
+    let figure = |&(metric, y_axis, caption): &_| {
+        Figure::of("tangents", metric, ["milliseconds a million (bars: quartiles)", y_axis], caption, &rows, &label)
+    };
     let figures = METRICS.iter().map(figure).collect();
     let how = format!(
         "{} points a scene; n = {} rounds, on one core of the CPU, f64, from normals that are known, in the axes of the file; and of the kernel, f32, on the device. Covariance is free here, because its direction is found with the normal; the paper counts that \

@@ -105,7 +105,12 @@ fn lit(wall: &Cloud, light: Light) -> Cloud {
         .collect();
     columns.rgb = Some(found.iter().map(|&(_, value)| [value; 3]).collect());
     columns.source = Some(found.iter().map(|&(station, _)| station).collect());
-    let station = |source| Station { part: 0, source: Some(source), name: format!("wall source {source}"), points: found.iter().filter(|(own, _)| *own == source).count() as u64 };
+    let station = |source| Station {
+        part: 0,
+        source: Some(source),
+        name: format!("wall source {source}"),
+        points: found.iter().filter(|(own, _)| *own == source).count() as u64,
+    };
     cloud.stations = [1, 2].map(station).to_vec();
     cloud
 }
