@@ -51,6 +51,21 @@ impl Axis {
         }
     }
 
+    pub fn at(&self, i: usize) -> f64 {
+        match self {
+            Axis::Narrow(values) => values[i].into(),
+            Axis::Wide(values) => values[i],
+        }
+    }
+
+    /// A copy of the values of some points.
+    pub fn pick(&self, points: &[u32]) -> Axis {
+        match self {
+            Axis::Narrow(values) => Axis::Narrow(points.iter().map(|&i| values[i as usize]).collect()),
+            Axis::Wide(values) => Axis::Wide(points.iter().map(|&i| values[i as usize]).collect()),
+        }
+    }
+
     /// Smallest and largest, 0 and 0 of none.
     pub fn range(&self) -> (f64, f64) {
         let join = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));

@@ -52,15 +52,14 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
             bounds: bounds(scan),
             facts: file_facts.iter().cloned().chain(scan_facts(scan)).collect(),
             system: reader.coordinate_metadata().and_then(system::wkt::system),
-            sample: None,
+            ..Header::default()
         };
         let unit = ColorUnit::Limits(found.color_limits);
-        let mut part = found.floats.into_part(input, header, unit, found.intensity_limits, notes);
-        if options.strict && part.rgb_scale.by == By::Values {
+        let own = found.floats.into_parts(input, header, unit, found.intensity_limits, notes);
+        if options.strict && own[0].rgb_scale.by == By::Values {
             return Err(input.wrong(format!("scan \"{name}\" states limits of colours that are not those of its points")));
         }
-        part.name = Some(name);
-        parts.push(part);
+        parts.extend(own.into_iter().map(|part| Part { name: Some(name.clone()), ..part }));
     }
     Ok(parts)
 }

@@ -10,6 +10,7 @@ use super::color::{By, Scale};
 use super::colors;
 use super::digits::number;
 use super::input::Input;
+use super::strays::Core;
 use super::system::System;
 use super::{Columns, Header, Lattice, Part, Wanted};
 use glam::DVec3;
@@ -227,23 +228,21 @@ impl Floats {
         self.clamped += block.clamped;
     }
 
-    /// The part, with notes on what was left out or changed. `limits` is the intensity range the file states, if it does.
-    pub fn into_part(self, input: &Input, header: Header, unit: ColorUnit, limits: Option<[f64; 2]>, notes: &mut Vec<String>) -> Part {
+    /// The part, and another one of its strays where it has some; with notes on what was left out or changed. `limits` is the intensity range the file states, if it does.
+    pub fn into_parts(
+        self,
+        input: &Input,
+        header: Header,
+        unit: ColorUnit,
+        limits: Option<[f64; 2]>,
+        notes: &mut Vec<String>,
+    ) -> Vec<Part> {
         let name = input.name();
         if self.not_finite > 0 {
             notes.push(format!("{name}: {} points with NaN or infinite coordinates were left out", self.not_finite));
         }
         let is_angular = System::of(&header).is_some_and(|system| system.degrees.is_some());
-        let Extent { offset, step } = extent(&self.axes, is_angular);
-        let mut lattice = Lattice { step: DVec3::from_array(step), offset: DVec3::from_array(offset) };
-        if step[2] > LARGEST_QUIET_STEP {
-            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", number(step[2])));
-        }
-        let [x, y, z] = self.axes;
         let mut columns = Columns {
-            x: x.quantise(offset[0], step[0]),
-            y: y.quantise(offset[1], step[1]),
-            z: z.quantise(offset[2], step[2]),
             class: self.class,
             returns: self.returns,
             source: self.source,
@@ -252,8 +251,6 @@ impl Floats {
             normal: self.normal.filter(|normal| normal.iter().any(|normal| *normal != [0; 3])),
             ..Columns::default()
         };
-        lattice.step *= coarsen(&mut columns) as f64;
-
         let mut rgb_scale = Scale::default();
         let mut clamped = self.clamped;
         columns.rgb = self.rgb;
@@ -281,8 +278,38 @@ impl Floats {
             let (column, range) = intensities(&intensity, limits);
             (columns.intensity, intensity_range) = (Some(column), range);
         }
-        Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_scale }
+        let part = |axes: [Axis; 3], columns: Columns, strays: bool| {
+            let (lattice, columns) = on_a_lattice(axes, columns, is_angular, strays);
+            let header = Header { strays, ..header.clone() };
+            Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_scale }
+        };
+        let place = |i: usize| DVec3::from_array(self.axes.each_ref().map(|axis| axis.at(i)));
+        let parts = match Core::of(self.axes[0].len(), place) {
+            None => vec![part(self.axes, columns, false)],
+            Some(core) => {
+                let (inside, strays): (Vec<u32>, Vec<u32>) = (0..self.axes[0].len() as u32).partition(|&i| core.has(place(i as usize)));
+                let some = |points: &[u32]| (self.axes.each_ref().map(|axis| axis.pick(points)), columns.pick(points));
+                let [(inside, inside_columns), (strays, strays_columns)] = [some(&inside), some(&strays)];
+                vec![part(inside, inside_columns, false), part(strays, strays_columns, true)]
+            }
+        };
+        let step = parts[0].lattice.step.z;
+        if step > LARGEST_QUIET_STEP && parts[0].columns.len() > 1 {
+            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", number(step)));
+        }
+        parts
     }
+}
+
+/// Puts places on a lattice as fine as their extent allows; that of strays is as fine as how far away they are.
+fn on_a_lattice(axes: [Axis; 3], mut columns: Columns, is_angular: bool, strays: bool) -> (Lattice, Columns) {
+    let Extent { offset, step } = extent(&axes, is_angular, strays);
+    let [x, y, z] = axes;
+    columns.x = x.quantise(offset[0], step[0]);
+    columns.y = y.quantise(offset[1], step[1]);
+    columns.z = z.quantise(offset[2], step[2]);
+    let step = DVec3::from_array(step) * coarsen(&mut columns) as f64;
+    (Lattice { step, offset: DVec3::from_array(offset) }, columns)
 }
 
 /// Above this step, about a millimetre, positions lose what users look at, and a note says so.
@@ -296,9 +323,12 @@ struct Extent {
     step: [f64; 3],
 }
 
-/// Angles are finer than the heights beside them.
-fn extent(axes: &[Axis; 3], is_angular: bool) -> Extent {
-    let ranges = axes.each_ref().map(Axis::range);
+/// Angles are finer than the heights beside them. Strays reach from the origin.
+fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
+    let mut ranges = axes.each_ref().map(Axis::range);
+    if strays {
+        ranges = ranges.map(|(lo, hi)| (lo.min(0.0), hi.max(0.0)));
+    }
     let horizontal = step(&ranges[..2]);
     let step = if is_angular { [horizontal, horizontal, step(&ranges[2..])] } else { [step(&ranges); 3] };
     let is_place = ranges.iter().all(|(lo, hi)| lo == hi);

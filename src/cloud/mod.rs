@@ -132,10 +132,10 @@ impl Columns {
         }
     }
 
-    /// A copy of these points.
+    /// A copy of these points; of columns that are there.
     pub fn pick(&self, points: &[u32]) -> Columns {
         fn some<T: Copy>(column: &[T], points: &[u32]) -> Vec<T> {
-            points.iter().map(|&i| column[i as usize]).collect()
+            if column.is_empty() { Vec::new() } else { points.iter().map(|&i| column[i as usize]).collect() }
         }
         fn pick<T: Copy>(column: &Option<Vec<T>>, points: &[u32]) -> Option<Vec<T>> {
             column.as_ref().map(|column| some(column, points))
@@ -224,6 +224,9 @@ pub struct Header {
     pub bounds: Option<[[f64; 3]; 2]>,
     /// Software that wrote the file, coordinate system, creation date, extra attributes: in the file's own words.
     pub facts: Vec<(String, String)>,
+    /// Whether these are the points of a file that lie far outside of all others: they have a part of their own, and no say in anything.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub strays: bool,
     /// What its coordinates mean, where it says so.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub system: Option<System>,
@@ -289,7 +292,8 @@ impl Cloud {
 impl Part {
     /// The scan's own name, or the file's.
     pub fn title(&self) -> String {
-        title(self.name.as_deref(), &self.path)
+        let title = title(self.name.as_deref(), &self.path);
+        if self.header.strays { format!("{title}, far outside") } else { title }
     }
 
     /// Looks where some points are, of a part whose coordinates may be angles, unless its reader has.

@@ -38,7 +38,7 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         notes.push(format!("{}: {what}", input.name()));
     }
     let header = Header { format: "OBJ".into(), ..Header::default() };
-    Ok(vec![floats.into_part(input, header, ColorUnit::Guess, None, notes)])
+    Ok(floats.into_parts(input, header, ColorUnit::Guess, None, notes))
 }
 
 fn vertex(line: &[u8]) -> Option<Point> {

@@ -81,7 +81,7 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         facts: layout.comments.iter().map(|comment| ("comment".into(), comment.clone())).collect(),
         ..Header::default()
     };
-    Ok(vec![found.floats.into_part(input, header, unit, None, notes)])
+    Ok(found.floats.into_parts(input, header, unit, None, notes))
 }
 
 /// The constant spherical harmonic, 1 / (2 sqrt(pi)).

@@ -102,9 +102,8 @@ fn scans(input: &Input, begin: u64, options: &ReadOptions, progress: &dyn Progre
             ("scanner".into(), head.pose.w_axis.truncate().to_array().map(|v| v.to_string()).join(" ")),
         ];
         let header = Header { format: "PTX".into(), facts, ..Header::default() };
-        let mut part = scan.floats.into_part(input, header, ColorUnit::Guess, Some([0.0, 1.0]), notes);
-        part.name = Some(name);
-        parts.push(part);
+        let own = scan.floats.into_parts(input, header, ColorUnit::Guess, Some([0.0, 1.0]), notes);
+        parts.extend(own.into_iter().map(|part| Part { name: Some(name.clone()), ..part }));
     }
 }
 

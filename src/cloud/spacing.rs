@@ -5,7 +5,7 @@
 //! only. The first cell is guessed from how far apart the seeds themselves are, not from the bounding box, which one stray point inflates.
 //! It grows until the nearest point of half the seeds lies within a cell's width, where it cannot be missed: all that a median needs.
 
-use super::Cloud;
+use super::{Cloud, Part};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -21,7 +21,9 @@ const SMALLEST_CELL: f64 = 1.0 / (1u64 << 40) as f64;
 
 /// Coincident points are one place measured twice, and say nothing about spacing: a distance of 0 does not count.
 pub fn spacing(cloud: &Cloud) -> Option<f64> {
-    let (lo, hi) = cloud.bounds()?;
+    let parts = || cloud.parts.iter().filter(|part| !part.header.strays);
+    let bounds = parts().filter_map(Part::bounds);
+    let (lo, hi) = bounds.reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)))?;
     let seeds = seeds(cloud);
     let widest = (hi - lo).max_element();
     if !widest.is_finite() || widest <= 0.0 {

@@ -128,7 +128,12 @@ impl Strays {
 
 impl Part {
     pub fn strays(&self) -> Strays {
-        Strays::of(&self.lattice, &self.columns)
+        let columns = &self.columns;
+        if self.header.strays {
+            let places = (0..columns.len()).map(|i| self.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from)));
+            return Strays::listed(columns.len() as u64, places);
+        }
+        Strays::of(&self.lattice, columns)
     }
 
     /// Leaves strays out, and returns how many there were.
@@ -162,7 +167,8 @@ impl Cloud {
 
     /// Returns the least and the greatest height of points that are no strays, world.
     pub fn heights(&self) -> Option<[f64; 2]> {
-        self.parts.iter().filter_map(Part::heights).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+        let parts = self.parts.iter().filter(|part| !part.header.strays);
+        parts.filter_map(Part::heights).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
     }
 }
 

@@ -30,7 +30,7 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let named = Some(("names".to_string(), names)).filter(|_| table.columns.iter().any(|column| column.name.is_some()));
     let facts = [("columns".into(), table.words())].into_iter().chain(named).collect();
     let header = Header { format: format.into(), points, facts, ..Header::default() };
-    Ok(vec![rows.floats.into_part(input, header, table.color_unit(), None, notes)])
+    Ok(rows.floats.into_parts(input, header, table.color_unit(), None, notes))
 }
 
 /// What became of lines.

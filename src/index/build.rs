@@ -152,6 +152,7 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
             end: Writer::START,
             nodes: Vec::new(),
             roots: Vec::new(),
+            far_roots: Vec::new(),
             corners: Vec::new(),
             numbers: BTreeMap::new(),
             gains: None,
@@ -163,6 +164,8 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
         builder.gains = builder.contents.balance.as_ref().map(|balance| Arc::new(Gains::new(balance)));
         trees.into_iter().try_for_each(|tree| builder.tree(tree))?;
         builder.unite()?;
+        // What lies far outside has no parent in common with the others: it would show them as one place.
+        builder.roots.append(&mut builder.far_roots);
         let Builder { mut contents, parts, nodes, roots, end, intensities, tally, corners, .. } = builder;
         contents.intensity_stretch = percentiles(&intensities);
         contents.counts = Some(tally.counts());
@@ -222,6 +225,8 @@ struct Builder<'a> {
     end: u64,
     nodes: Vec<Built>,
     roots: Vec<u32>,
+    /// The same of trees of strays.
+    far_roots: Vec<u32>,
     /// Of every lattice, where its tree starts, steps.
     corners: Vec<[i64; 3]>,
     /// Of the stations, by part and source.
@@ -231,14 +236,20 @@ struct Builder<'a> {
 
 impl Builder<'_> {
     /// Grows and writes one group's tree.
-    fn tree(&mut self, Ingested { mut tree, chunks, points, .. }: Ingested) -> Result<()> {
+    fn tree(&mut self, ingested: Ingested) -> Result<()> {
+        let is_of_strays = ingested.is_of_strays(self.sources);
+        let Ingested { mut tree, chunks, points, .. } = ingested;
         if points == 0 {
             return Ok(());
         }
         tree.kind.gains = self.gains.clone();
         let open = self.grow(&tree, chunks, points)?;
         let root = self.join(&tree.kind, open)?;
-        self.roots.push(root);
+        if is_of_strays {
+            self.far_roots.push(root)
+        } else {
+            self.roots.push(root)
+        };
         Ok(())
     }
 

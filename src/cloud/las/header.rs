@@ -120,7 +120,7 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         bounds: Some([[bound(1), bound(3), bound(5)], [bound(0), bound(2), bound(4)]]),
         facts,
         system: projection.system(),
-        sample: None,
+        ..Header::default()
     };
     Ok(layout)
 }

@@ -54,6 +54,13 @@ pub struct Ingested {
     stations: BTreeMap<(u16, u16), u64>,
 }
 
+impl Ingested {
+    /// Says whether its points lie far outside of all others.
+    pub fn is_of_strays(&self, sources: &[Source]) -> bool {
+        self.group.members.iter().all(|&(number, _)| sources[number].header().strays)
+    }
+}
+
 /// Points of one kd-cell, few enough to be grown at once.
 pub struct Chunk {
     /// Bits of the code that the cell decides, and their value.
