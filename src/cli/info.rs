@@ -4,7 +4,7 @@
 //! are shown beside them, and where the two differ a note says so.
 //!
 //! The JSON object is stable; fields may be added:
-//! `points` · `bounds` {`min`, `max`} or null · `unit` {`name`, `metres`} of all lengths · `unit_is_stated` · `spacing` {`value` or null, `how`} ·
+//! `points` · `bounds` {`min`, `max`} or null · `unit` {`name`, `metres`} of all lengths · `unit_is_stated` · `spacing` {`value` or null, `how`} · `strays` {`points`, `places` [[x, y, z]] of the first few}, which lie far outside of all others ·
 //! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]],
 //! `system` {`name`, `epsg`, `kind` (`projected`, `geographic`, `geocentric`, `local`), `unit`, `height_unit`, `degrees`, `proj`, `plane` {`longitude`, `latitude`, `metres_per_degree`}}}, `bounds`, `step`, `offset`,
 //! `attributes` {`rgb` {`bits`, `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],

@@ -341,7 +341,8 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
             if let Some(lie) = system::lie(&part.header).filter(|_| options.strict) {
                 return Err(Error::format(path, lie));
             }
-            cloud.notes.extend(part.strays().said().map(|said| format!("{title}: {said}")));
+            let own = self::title(part.name.as_deref(), path);
+            cloud.notes.extend(part.strays().said().map(|said| format!("{own}: {said}")));
             cloud.stations.extend(stations(&part, index));
             cloud.parts.push(part);
         }

@@ -4,6 +4,7 @@
 //! Distances outwards from the middle half of the points are told apart by factors of two of its longest side. Beyond the first factor within which no point lies, points are strays, if they are few:
 //! no more than the root of the number of points. Only places count, not their order.
 
+use super::digits::number;
 use super::{Cloud, Columns, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -118,7 +119,7 @@ impl Strays {
 
     /// Returns a line for the user, where there are any.
     pub fn said(&self) -> Option<String> {
-        let first = self.places.first()?.map(|v| format!("{v}")).join(" ");
+        let first = self.places.first()?.map(number).join(" ");
         Some(match self.points {
             1 => format!("1 point lies far outside, at {first}"),
             points => format!("{points} points lie far outside, the first at {first}"),
