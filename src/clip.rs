@@ -5,6 +5,7 @@
 //! the points stay that an f64 comparison of their coordinates keeps, wherever in the world they are.
 
 use crate::cloud::Lattice;
+use crate::cloud::strays::Core;
 use crate::config::BITS_PER_PLANE;
 use crate::index::pack::Frame;
 use clap::ValueEnum;
@@ -78,6 +79,19 @@ impl std::fmt::Display for Clip {
 }
 
 impl Clip {
+    /// Returns the boxes that leave out what lies outside of a box in the world.
+    pub fn around(core: &Core) -> [Clip; 6] {
+        let all = Clip { keeps: Keeps::Outside, min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
+        std::array::from_fn(|side| {
+            let (mut clip, axis) = (all, side % 3);
+            match side / 3 {
+                0 => clip.max[axis] = core.low[axis].next_down(),
+                _ => clip.min[axis] = core.high[axis].next_up(),
+            }
+            clip
+        })
+    }
+
     fn has(&self, p: DVec3) -> bool {
         p.cmpge(self.min).all() && p.cmple(self.max).all()
     }

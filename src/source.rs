@@ -1,11 +1,11 @@
 //! What a picture is made of: files that are read whole, or an index, of which only what the picture shows is read. One flow for both.
 
-use crate::clip::Clips;
+use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::color::RgbRange;
 use crate::cloud::core::without_strays;
 use crate::cloud::counts::Counts;
-use crate::cloud::strays::{Core, Strays};
+use crate::cloud::strays::{Core, Strays, Treatment};
 use crate::cloud::stream::About;
 use crate::cloud::system::Reference;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
@@ -68,6 +68,7 @@ impl Opening {
             }
             index.marks = Some(marks);
         }
+        index.hidden = if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };
         index.fault = self.fault;
         Ok(Source::Index(Arc::new(index)))
     }
@@ -500,10 +501,13 @@ impl Brought {
     }
 
     /// What is not drawn, or not all of it.
-    pub fn leave_out(&mut self, opacities: Opacities, clips: Clips) {
+    pub fn leave_out(&mut self, opacities: Opacities, mut clips: Clips) {
         let resident = match self {
             Brought::Whole(resident) => resident,
-            Brought::Parts(residency) => residency.resident_mut(),
+            Brought::Parts(residency) => {
+                clips.0.extend(residency.index().hidden.iter().flat_map(Clip::around));
+                residency.resident_mut()
+            }
         };
         (resident.opacities, resident.clips) = (opacities, clips);
     }

@@ -113,6 +113,22 @@ fn pictures_are_those_of_the_cloud_without_strays() {
 }
 
 #[test]
+fn strays_are_drawn_where_they_lie_unless_they_are_to_be_hidden() {
+    let place = Place::new();
+    let points = sheet(5000, DVec3::ZERO);
+    let las = place.las("with", &[&points[..], &[DVec3::new(10.0, 10.0, 60.0)]].concat());
+    let camera = place.folder.path().join("camera.json");
+    std::fs::write(&camera, r#"{"eye": [10, -120, 30], "target": [10, 10, 30], "up": [0, 0, 1], "fov_y": 50}"#).unwrap();
+    let options = format!("--camera {} --effect edl=off", camera.display());
+    for cloud in [las.clone(), place.index(&las)] {
+        let [shown, hidden] = ["show", "hide"].map(|strays| place.picture(&cloud, &format!("{options} --strays {strays}")));
+        let differ: Vec<usize> = (0..shown.pixels.len()).filter(|&i| shown.pixels[i] != hidden.pixels[i]).collect();
+        assert_eq!(differ.len(), 1, "{}: {differ:?}", cloud.display());
+        assert!(differ[0] < shown.pixels.len() / 3, "it lies above the sheet");
+    }
+}
+
+#[test]
 fn points_that_occur_ten_times_are_drawn_as_one() {
     let place = Place::new();
     let points = sheet(5000, DVec3::ZERO);

@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
     let (text, rgb_range) = (arguments.text.options(), arguments.colors.rgb_range);
-    let options = ReadOptions { wanted: Wanted::ALL, strict: arguments.strict, text, rgb_range };
+    let options = ReadOptions { text, rgb_range, ..ReadOptions::new(Wanted::ALL, arguments.strict) };
     let cloud = cloud::read(&arguments.files, &options, progress)?;
     let report = Report::new(&cloud);
     if arguments.json {

@@ -4,6 +4,7 @@ use super::index::Bytes;
 use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::color::RgbRange;
+use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config;
@@ -78,6 +79,9 @@ pub struct PictureOptions {
     /// Which part of the cloud is there: what lies in a box, given by two opposite corners in the world, or in one of several; or what lies outside:X0,... of each. Faces are part of a box; inf is a number. Repeatable
     #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
     pub clip: Vec<Clip>,
+    /// Whether points far outside of all others are drawn; they decide nothing either way
+    #[arg(long, value_enum, default_value_t)]
+    pub strays: Treatment,
     /// Colour behind the points, sRGB
     #[arg(long, value_name = "RRGGBB", default_value_t = Background(config::BACKGROUND))]
     pub background: Background,
@@ -274,7 +278,12 @@ impl PictureOptions {
     }
 
     pub fn read_options(&self, strict: bool) -> ReadOptions {
-        ReadOptions { wanted: self.wanted(), strict, text: self.text.options(), rgb_range: self.colors.rgb_range }
+        ReadOptions {
+            text: self.text.options(),
+            rgb_range: self.colors.rgb_range,
+            strays: self.strays,
+            ..ReadOptions::new(self.wanted(), strict)
+        }
     }
 
     /// What the points show, and why.

@@ -40,6 +40,7 @@ use input::Input;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use strays::Treatment;
 use system::{Sample, System};
 use table::TextOptions;
 
@@ -204,12 +205,13 @@ pub struct ReadOptions {
     pub text: TextOptions,
     /// What colours count to, whatever the files say or look like.
     pub rgb_range: Option<RgbRange>,
+    pub strays: Treatment,
 }
 
 impl ReadOptions {
     /// With everything about text files and colours found out.
     pub const fn new(wanted: Wanted, strict: bool) -> ReadOptions {
-        ReadOptions { wanted, strict, text: TextOptions::NONE, rgb_range: None }
+        ReadOptions { wanted, strict, text: TextOptions::NONE, rgb_range: None, strays: Treatment::Show }
     }
 }
 
@@ -341,8 +343,12 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
             if let Some(lie) = system::lie(&part.header).filter(|_| options.strict) {
                 return Err(Error::format(path, lie));
             }
-            let own = self::title(part.name.as_deref(), path);
-            cloud.notes.extend(part.strays().said().map(|said| format!("{own}: {said}")));
+            let (own, hides) = (self::title(part.name.as_deref(), path), options.strays == Treatment::Hide);
+            let ending = if hides { "; left out, as asked for" } else { "" };
+            cloud.notes.extend(part.strays().said().map(|said| format!("{own}: {said}{ending}")));
+            if hides && !part.hide_strays() {
+                continue;
+            }
             cloud.stations.extend(stations(&part, index));
             cloud.parts.push(part);
         }
@@ -362,6 +368,9 @@ pub fn sample(paths: &[PathBuf], options: &ReadOptions, points: u64, progress: &
         }
         let Some(mut part) = las::sample(&input, options.wanted, share, progress)? else { return Ok(None) };
         part.lattice = system::settle(&mut part.header, part.lattice, &mut plane, &input.name(), &mut cloud.notes);
+        if options.strays == Treatment::Hide {
+            part.hide_strays();
+        }
         cloud.stations.extend(stations(&part, cloud.parts.len()));
         cloud.parts.push(part);
     }

@@ -18,6 +18,16 @@ const FACTORS: usize = 2048;
 /// Points that one task looks at.
 const AT_ONCE: usize = 1 << 15;
 
+/// What is to become of strays.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Treatment {
+    /// They are drawn where they lie.
+    #[default]
+    Show,
+    /// They are left out.
+    Hide,
+}
+
 /// A box around all points but strays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Core {
@@ -137,13 +147,13 @@ impl Part {
         Strays::of(&self.lattice, columns)
     }
 
-    /// Leaves strays out, and returns how many there were.
-    pub fn hide_strays(&mut self) -> u64 {
-        let Some(core) = Core::in_steps(&self.columns) else { return 0 };
-        let before = self.columns.len();
-        let kept: Vec<u32> = (0..before as u32).filter(|&i| core.has(steps(&self.columns, i as usize))).collect();
-        self.columns = self.columns.pick(&kept);
-        (before - kept.len()) as u64
+    /// Leaves strays out, and returns whether the part has other points.
+    pub fn hide_strays(&mut self) -> bool {
+        if let Some(core) = Core::in_steps(&self.columns) {
+            let kept: Vec<u32> = (0..self.columns.len() as u32).filter(|&i| core.has(steps(&self.columns, i as usize))).collect();
+            self.columns = self.columns.pick(&kept);
+        }
+        !self.header.strays
     }
 
     /// Returns the least and the greatest height of points that are no strays, world.

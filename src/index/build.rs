@@ -130,7 +130,7 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
     pool.install(|| {
         let mut notes = Vec::new();
         let Options { wanted, strict, text, rgb_range, .. } = *options;
-        let read = ReadOptions { wanted, strict, text, rgb_range };
+        let read = ReadOptions { text, rgb_range, ..ReadOptions::new(wanted, strict) };
         let sources = stream::open(paths, &read, progress, &mut notes)?;
         if sources.len() > u16::MAX as usize {
             return Err(Error::Request(format!("{} files are more than the 65,535 that one index takes", sources.len())));

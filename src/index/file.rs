@@ -16,6 +16,7 @@ use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
 use crate::cloud::color::Scale;
 use crate::cloud::counts::Counts;
+use crate::cloud::strays::Core;
 use crate::cloud::system::Reference;
 use crate::cloud::{Header, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
@@ -410,6 +411,8 @@ pub struct Index {
     identity: u64,
     /// How much of a light reaches its points, where somebody has saved that.
     pub marks: Option<Marks>,
+    /// The box outside of which nothing is drawn.
+    pub hidden: Option<Core>,
     /// For tests.
     pub fault: Option<Fault>,
 }
@@ -464,7 +467,7 @@ impl Index {
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
         let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
-        Ok(Index { map, directory, identity, marks: None, fault: None })
+        Ok(Index { map, directory, identity, marks: None, hidden: None, fault: None })
     }
 
     pub fn path(&self) -> &Path {
