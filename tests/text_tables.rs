@@ -224,7 +224,7 @@ const DIALECTS: usize = 4;
 fn name(column: Column, dialect: usize) -> &'static str {
     let of = |names: [&'static str; DIALECTS]| names[dialect];
     match column {
-        Column::Axis(0) => of(["x", "X", "Easting", "lon"]),
+        Column::Axis(0) => of(["x", "X", "Easting", "east"]),
         Column::Axis(1) => of(["y", "Y", "Northing", "lat"]),
         Column::Axis(_) => of(["z", "Z", "Height", "alt"]),
         Column::Channel(0) => of(["r", "Red", "R", "red"]),

@@ -275,6 +275,20 @@ fn strays_do_not_move_a_plane_and_what_are_no_degrees_stay_as_they_are() {
 
 /// Floats of angles and metres get a lattice as fine as each needs; and readers say of columns that they are angles.
 #[test]
+fn a_table_whose_columns_are_longitude_and_latitude_is_drawn_in_metres() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("places.csv");
+    let rows = (0..1000)
+        .map(|i| format!("{:.7},{:.7},{:.2}\n", 47.0 + (i % 40) as f64 * 1e-5, 8.0 + (i / 40) as f64 * 1e-5, 400.0 + (i % 3) as f64));
+    std::fs::write(&path, format!("lat,lon,height\n{}", rows.collect::<String>())).unwrap();
+    let cloud = read(&[&path]);
+    let (lo, hi) = cloud.bounds().unwrap();
+    // A degree of latitude is 111.17 km there, one of longitude 76.06 km.
+    assert!(((hi - lo) - DVec3::new(24e-5 * 76_060.0, 39e-5 * 111_170.0, 2.0)).abs().max_element() < 0.05, "{}", hi - lo);
+    assert!(cloud.notes.iter().any(|note| note.contains("degrees")), "{:?}", cloud.notes);
+}
+
+#[test]
 fn an_e57_in_degrees_and_facts_that_say_it() {
     use e57::{E57Writer, Record, RecordDataType, RecordName, RecordValue};
     let folder = tempfile::tempdir().unwrap();

@@ -3,11 +3,11 @@
 //! In: text of any encoding that begins with a byte order mark, or UTF-8. Out: the points, and in notes how the table was read, what was taken for
 //! what, which lines are no rows, and which columns lack numbers. PTX, which is no table, is known by its content and handed on.
 
-use super::floats::{Floats, Point, there};
+use super::floats::{Floats, Point, Role, there};
 use super::input::{Input, Meter};
 use super::table::line::{Line, Missing, Splitter};
 use super::table::{Source, Table, sniff};
-use super::{Header, Part, ReadOptions, encoding, ptx, text};
+use super::{Header, Part, ReadOptions, encoding, ptx, system, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -28,9 +28,19 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let format = if table.count.is_some() && table.source == Source::Values { "PTS" } else { "XYZ" };
     let names = table.columns.iter().map(|column| column.name.clone().unwrap_or_default()).collect::<Vec<_>>().join(", ");
     let named = Some(("names".to_string(), names)).filter(|_| table.columns.iter().any(|column| column.name.is_some()));
-    let facts = [("columns".into(), table.words())].into_iter().chain(named).collect();
+    let angles = Some(system::DEGREES).filter(|_| names_angles(&table)).map(|(what, text)| (what.into(), text.into()));
+    let facts = [("columns".into(), table.words())].into_iter().chain(named).chain(angles).collect();
     let header = Header { format: format.into(), points, facts, ..Header::default() };
     Ok(rows.floats.into_parts(input, header, table.color_unit(), None, notes))
+}
+
+/// Says whether the columns that x and y are taken from are named after longitude and latitude.
+fn names_angles(table: &Table) -> bool {
+    let named = |axis: usize, short: &str| {
+        let own = table.columns.iter().find(|column| column.role == Role::Position(axis)).and_then(|column| column.name.as_ref());
+        own.is_some_and(|name| name.trim().to_lowercase().starts_with(short))
+    };
+    named(0, "lon") && named(1, "lat")
 }
 
 /// What became of lines.
