@@ -595,7 +595,7 @@ fn negative_scales_are_read_as_they_are() {
             }
             // A picked point is the one of the file.
             let sought = Sought { position: world(&cloud)[17], ..Sought::default() };
-            let found = find::find(std::slice::from_ref(&path), &sought, None, &Silent).unwrap().unwrap();
+            let found = find::find(std::slice::from_ref(&path), ReadOptions::default(), &sought, &Silent).unwrap().unwrap();
             assert_eq!((found.point, found.extras.user_data), (17, Some(0)));
         }
     }

@@ -219,7 +219,7 @@ fn degrees_are_drawn_on_a_plane_in_metres_in_memory_and_through_an_index() {
         assert!((corners(&of_index)[0] - lo).abs().max_element() < 1e-3 && (hi - lo).max_element() < 30.0, "{lo} {hi}");
         // What is picked is found in the file, and lies where it says.
         let sought = Sought { position: place(17), ..Sought::default() };
-        let found = find::find(std::slice::from_ref(&path), &sought, None, &Silent).unwrap().expect("the point");
+        let found = find::find(std::slice::from_ref(&path), ALL, &sought, &Silent).unwrap().expect("the point");
         assert_eq!((found.point, found.extras.user_data), (17, Some(0)));
         let json = picked(&source(&index), [place(17), place(18)]).geojson();
         let at: [f64; 3] = serde_json::from_value(json["features"][0]["geometry"]["coordinates"][0].clone()).unwrap();
