@@ -189,7 +189,8 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
 fn settled(asked: &Effects, widest_px: f64, transparent: bool) -> Effects {
     let mut effects = asked.clone();
     effects.visibility.settings = visibility::settled(&asked.visibility.settings, widest_px);
-    effects.fill.settings = fill::settled(&asked.fill.settings, transparent, widest_px);
+    let floods = asked.visibility.switch == Switch::Off;
+    effects.fill.settings = fill::settled(&asked.fill.settings, transparent, floods, widest_px);
     effects
 }
 

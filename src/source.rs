@@ -156,7 +156,7 @@ impl Source {
     /// What is odd about the files, and what an index lacks of what is wanted of its points.
     pub fn notes(&self, wanted: Further) -> Vec<String> {
         match self {
-            Source::Files(cloud) => cloud.notes.clone(),
+            Source::Files(cloud) => cloud.notes.iter().cloned().chain(cloud.strays().said()).collect(),
             Source::Index(index) => {
                 let lacks = wanted.strokes && !index.has(Plane::Brush);
                 let found = || {
@@ -165,7 +165,11 @@ impl Source {
                         self.index_again(indexed_files(index), "--strokes")
                     )
                 };
-                index.directory.contents.notes.iter().cloned().chain(lacks.then(found)).collect()
+                let strays = strays(index).said().map(|said| match index.hidden {
+                    Some(_) => format!("{said}; left out, as asked for"),
+                    None => said,
+                });
+                index.directory.contents.notes.iter().cloned().chain(lacks.then(found)).chain(strays).collect()
             }
         }
     }

@@ -102,7 +102,8 @@ fn pictures_are_those_of_the_cloud_without_strays() {
         let (one, other) = (place.picture(&without, ""), place.picture(&with, ""));
         assert_eq!(differing(&one, &other), 0.0, "{name}");
         let [one, other] = [without, with.clone()].map(|las| place.picture(&place.index(&las), ""));
-        assert!(differing(&one, &other) < 2e-3, "{name}, indexed: {}", differing(&one, &other));
+        // Points of a leaf lie along another curve, by which their spacing is estimated.
+        assert!(differing(&one, &other) < 1e-2, "{name}, indexed: {}", differing(&one, &other));
         for cloud in [with.clone(), with.with_extension("pnti")] {
             let said = place.info(&cloud);
             assert_eq!(said["strays"]["points"], strays.len(), "{name}: {said}");
@@ -146,10 +147,16 @@ fn pictures_of_classes_have_the_colours_of_classes_alone() {
     write(&path, &sheet(5000, DVec3::ZERO), |i| 2 + (i * 31 % 7) as u8 / 2);
     for cloud in [path.clone(), place.index(&path)] {
         for fill in ["fill=method=pintus", "fill=method=pullpush", "fill=method=dobrev", "fill=auto"] {
-            let picture = place.picture(&cloud, &format!("--color class --effect shape=off --effect edl=off --effect {fill}"));
-            let colors: BTreeSet<[u8; 3]> = picture.pixels.iter().copied().collect();
-            assert!(colors.len() <= 5, "{fill}: {colors:?}");
-            assert!(colors.len() > 3, "{fill}: {colors:?}");
+            let colors = |options: &str| -> BTreeSet<[u8; 3]> {
+                let picture = place.picture(&cloud, &format!("--color class --effect shape=off --effect edl=off {options}"));
+                picture.pixels.into_iter().collect()
+            };
+            let palette = colors("--effect fill=off --effect visibility=off");
+            assert_eq!(palette.len(), 5);
+            // Colours are rounded on their way.
+            let is_one = |color: &[u8; 3]| palette.iter().any(|one| (0..3).all(|c| color[c].abs_diff(one[c]) <= 1));
+            let filled = colors(&format!("--effect {fill}"));
+            assert!(filled.iter().all(is_one), "{fill}: {filled:?} {palette:?}");
         }
     }
 }

@@ -279,9 +279,9 @@ impl Floats {
             (columns.intensity, intensity_range) = (Some(column), range);
         }
         let part = |axes: [Axis; 3], columns: Columns, strays: bool| {
-            let (lattice, columns) = on_a_lattice(axes, columns, is_angular, strays);
+            let (lattice, columns, step) = on_a_lattice(axes, columns, is_angular, strays);
             let header = Header { strays, ..header.clone() };
-            Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_scale }
+            (Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_scale }, step)
         };
         let place = |i: usize| DVec3::from_array(self.axes.each_ref().map(|axis| axis.at(i)));
         let parts = match Core::of(self.axes[0].len(), place) {
@@ -293,23 +293,23 @@ impl Floats {
                 vec![part(inside, inside_columns, false), part(strays, strays_columns, true)]
             }
         };
-        let step = parts[0].lattice.step.z;
-        if step > LARGEST_QUIET_STEP && parts[0].columns.len() > 1 {
+        let (_, step) = parts[0];
+        if step > LARGEST_QUIET_STEP {
             notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", number(step)));
         }
-        parts
+        parts.into_iter().map(|(part, _)| part).collect()
     }
 }
 
-/// Puts places on a lattice as fine as their extent allows; that of strays is as fine as how far away they are.
-fn on_a_lattice(axes: [Axis; 3], mut columns: Columns, is_angular: bool, strays: bool) -> (Lattice, Columns) {
+/// Puts places on a lattice as fine as their extent allows, whose step along z comes with it; that of strays is as fine as how far away they are.
+fn on_a_lattice(axes: [Axis; 3], mut columns: Columns, is_angular: bool, strays: bool) -> (Lattice, Columns, f64) {
     let Extent { offset, step } = extent(&axes, is_angular, strays);
     let [x, y, z] = axes;
     columns.x = x.quantise(offset[0], step[0]);
     columns.y = y.quantise(offset[1], step[1]);
     columns.z = z.quantise(offset[2], step[2]);
-    let step = DVec3::from_array(step) * coarsen(&mut columns) as f64;
-    (Lattice { step, offset: DVec3::from_array(offset) }, columns)
+    let lattice = Lattice { step: DVec3::from_array(step) * coarsen(&mut columns) as f64, offset: DVec3::from_array(offset) };
+    (lattice, columns, step[2])
 }
 
 /// Above this step, about a millimetre, positions lose what users look at, and a note says so.

@@ -343,11 +343,12 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
             if let Some(lie) = system::lie(&part.header).filter(|_| options.strict) {
                 return Err(Error::format(path, lie));
             }
-            let (own, hides) = (self::title(part.name.as_deref(), path), options.strays == Treatment::Hide);
-            let ending = if hides { "; left out, as asked for" } else { "" };
-            cloud.notes.extend(part.strays().said().map(|said| format!("{own}: {said}{ending}")));
-            if hides && !part.hide_strays() {
-                continue;
+            if options.strays == Treatment::Hide {
+                let own = self::title(part.name.as_deref(), path);
+                cloud.notes.extend(part.strays().said().map(|said| format!("{own}: {said}; left out, as asked for")));
+                if !part.hide_strays() {
+                    continue;
+                }
             }
             cloud.stations.extend(stations(&part, index));
             cloud.parts.push(part);

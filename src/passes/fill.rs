@@ -152,13 +152,15 @@ const STEPS_PX: f64 = 3.0;
 const LEAST_LEVELS: f64 = 4.0;
 
 /// Settings of a picture in which the sparsest points are so many pixels apart. Layers behind others begin behind the depth of a surface nearby, not behind a mean from afar, so that these are filled by steps.
-pub fn settled(asked: &Settings, transparent: bool, widest_px: f64) -> Settings {
+pub fn settled(asked: &Settings, transparent: bool, floods: bool, widest_px: f64) -> Settings {
     let method = match asked.method {
         Method::Auto if transparent || widest_px <= STEPS_PX => Method::Pintus,
         Method::Auto => Method::Pullpush,
         asked => asked,
     };
-    Settings { method, levels: asked.levels.min(visibility::levels_for(widest_px).max(LEAST_LEVELS)), ..*asked }
+    // A flood goes as far as the background does.
+    let enough = if floods { f64::INFINITY } else { visibility::levels_for(widest_px).max(LEAST_LEVELS) };
+    Settings { method, levels: asked.levels.min(enough), ..*asked }
 }
 
 /// Pixels: as far as steps carry depths at most.
