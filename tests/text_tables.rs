@@ -762,7 +762,8 @@ fn counts_are_held_against_what_is_there() {
     let part = &cloud.parts[0];
     assert_eq!((part.header.format.as_str(), part.header.points), ("PTS", Some(3)));
     assert_eq!(part.columns.rgb.as_ref().unwrap()[2], [70, 80, 90]);
-    assert_eq!(part.intensity_range, [-500.0, 700.0]);
+    // Integers are kept as they are, from the least on.
+    assert_eq!((part.intensity_range, part.columns.intensity.clone()), ([-500.0, 65035.0], Some(vec![0, 1200, 500])));
     assert_eq!(cloud.notes.len(), 1, "{:?}", cloud.notes);
     let cloud = read("a.txt", &blocks.replace("1\n7", "5\n7"));
     assert!(says(&cloud, "counts say 7 points, 3 could be read"), "{:?}", cloud.notes);

@@ -379,7 +379,7 @@ fn intensities(stored: &[f32], limits: Option<[f64; 2]>) -> (Vec<u16>, [f64; 2])
     }
     let least = lo.min(0.0);
     if hi - least <= 65535.0 && hi - least > 1.0 && finite().all(|v| v.fract() == 0.0) {
-        let from_least = |v: f32| if v.is_finite() { (v - least) as u16 } else { 0 };
+        let from_least = |v: f32| (if v.is_finite() { v } else { lo } - least) as u16;
         return (stored.iter().map(|&v| from_least(v)).collect(), [least.into(), least as f64 + 65535.0]);
     }
     let own = [lo as f64, hi as f64];

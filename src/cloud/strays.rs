@@ -10,7 +10,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Points below which none is called a stray.
-const FEWEST: usize = 16;
+const FEWEST: usize = 32;
 /// About as many points are asked for the middle half.
 const SAMPLES: usize = 4096;
 /// Factors of two between the least and the greatest distance that f64 can tell apart from a side.
