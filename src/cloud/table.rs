@@ -1,7 +1,7 @@
 //! What a table of text is: how its lines fall into fields, how its numbers are written, and what each column is taken for.
 //!
 //! In: the beginning of a text ([`sniff`]), and what was asked for ([`TextOptions`]). Out: a [`Table`], decided once, that every line is then read by
-//! ([`line`]), and that says itself in one sentence, which a note repeats. Nothing about a line is guessed anew.
+//! ([`mod@line`]), and that says itself in one sentence, which a note repeats. Nothing about a line is guessed anew.
 
 mod heading;
 pub mod line;

@@ -1,6 +1,6 @@
 //! LINE -> POINT, as the table says.
 //!
-//! In: a line. Out: a [`Point`], or why it is none. A field that holds no number its column could have is missing in its place: nothing moves up.
+//! In: a line. Out: a `Point`, or why it is none. A field that holds no number its column could have is missing in its place: nothing moves up.
 
 use super::{Delimiter, Reading, Role, Table};
 use crate::cloud::floats::Point;

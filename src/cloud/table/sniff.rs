@@ -1,6 +1,6 @@
 //! BEGINNING OF A TEXT -> TABLE, decided once.
 //!
-//! In: the first bytes of a text. Out: how it is read, or why that cannot be known. Every way to take lines apart is tried ([`RANKED`]); those count
+//! In: the first bytes of a text. Out: how it is read, or why that cannot be known. Every way to take lines apart is tried (`RANKED`); those count
 //! that find rows of one width with three coordinates in (nearly) all lines. Where names are found, only readings that they fit. Two readings that
 //! find other coordinates in one line are two meanings, and none of them is taken.
 
