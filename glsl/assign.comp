@@ -59,12 +59,12 @@ uint some_bytes(int many, bool last) {
     return many <= 0 ? 0u : last ? 0xFFFFFFFFu << shift : 0xFFFFFFFFu >> shift;
 }
 
-// Returns how many tiles to either side begin within so many pixels.
+// Returns the number of tiles to either side that begin within a number of pixels.
 int tiles_within(int reach) {
     return (reach + TILE_PX - 1) / TILE_PX;
 }
 
-// Returns the pixels of a tile that are no farther than `reach` from another, which it lies so many tiles beside.
+// Returns the pixels of a tile no farther than `reach` from another tile, `beside` tiles away.
 uvec2 within(ivec2 beside, int reach) {
     ivec2 many = mix(min(reach - TILE_PX * (abs(beside) - 1), TILE_PX), ivec2(TILE_PX), equal(beside, ivec2(0)));
     uint rows = beside.y < 0 ? 0xFFu << (TILE_PX - many.y) & 0xFFu : 0xFFu >> (TILE_PX - many.y);

@@ -32,7 +32,7 @@ layout(r32ui) readonly uniform uimageBuffer listed_words;
 layout(scalar) buffer Invisible { uint word[]; } invisible;
 // Of every tile on that list, the width of the kernel that put it there, pixels; 0 of others.
 layout(scalar) buffer Kernels { uint tile[]; } kernels;
-// Of a pyramid: three words a tile, two of points to judge, and one with a bit for each level that has to.
+// Three words a tile of a pyramid: two of points to judge, one with a bit for each level that has to.
 layout(scalar) readonly buffer Asked { uint word[]; } asked;
 layout(r32ui) readonly uniform uimageBuffer asked_words;
 // Points that are left to the next level: pixels, 16 bits across and 16 down.
@@ -118,7 +118,7 @@ void work(uint n) {
         vec4 ray_y, z0, f_rr, own;
         vec4 sum = vec4(0.0);
         vec4 squares = vec4(0.0);
-        // Of what leads: how many, how many neighbours they have within the kernel, and how many of those pairs lead.
+        // Counts of leading points, of their neighbours within the kernel, and of pairs of which both lead.
         ivec4 leaders = ivec4(0);
         ivec4 neighbours = ivec4(0);
         ivec4 pairs = ivec4(0);

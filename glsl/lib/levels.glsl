@@ -27,7 +27,7 @@ int at_edge(int at, int side) {
     return clamp(at, 0, side - 1);
 }
 
-// What a level says of a pixel.
+// Verdicts of a level on a pixel.
 const uint TOO_FEW = 0u;
 const uint UNDECIDED = 1u;
 const uint OPEN = 2u;

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measure {
     pub points: Vec<Picked>,
-    /// What their coordinates mean.
+    /// Meaning of their coordinates.
     pub reference: Reference,
 }
 
@@ -72,7 +72,7 @@ impl Measure {
         self.places().windows(2).map(|pair| pair[0].distance(pair[1])).sum()
     }
 
-    /// From the first to the last, straight, in the unit of the points.
+    /// Distance from the first to the last point, straight, in the unit of the points.
     pub fn distance(&self) -> f64 {
         self.ends().map_or(0.0, |[first, last]| first.distance(last))
     }

@@ -52,7 +52,7 @@ pub struct Kinds {
     pub classes: Vec<(u8, u64)>,
     pub returns: Vec<(u8, u64)>,
     pub stations: Vec<Station>,
-    /// What coordinates mean.
+    /// Meaning of coordinates.
     pub reference: Reference,
 }
 

@@ -27,7 +27,7 @@ struct Report<'a> {
     unit: Unit,
     unit_is_stated: bool,
     spacing: Spacing,
-    /// As far as samples of the roots tell.
+    /// Strays, as far as samples of the roots tell.
     strays: Strays,
     index: Tree,
     parts: &'a [IndexedPart],

@@ -307,7 +307,7 @@ impl Shown {
 }
 
 /// Returns the words at the ends of [`STRETCH`], by how often each occurs.
-fn percentiles(counts: &[u64]) -> [u32; 2] {
+pub fn percentiles(counts: &[u64]) -> [u32; 2] {
     let total: u64 = counts.iter().sum();
     STRETCH.map(|share| {
         let wanted = (share * total as f64) as u64;

@@ -1,6 +1,6 @@
 //! The points that a camera should frame: all but strays, since one return from a bird would push the rest into a corner.
 
-use super::strays::Core;
+use super::strays::{Core, mix};
 use super::{Cloud, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -129,12 +129,9 @@ fn within<'s>(samples: impl Iterator<Item = &'s (DVec3, u32)>, axis: usize, beyo
     sums.find(|(sum, _)| *sum > beyond).map(|(_, at)| at)
 }
 
-/// A number that looks random and depends on a point's lattice coordinates alone (the finaliser of SplitMix64, Steele et al. 2014).
+/// A number that looks random and depends on a point's lattice coordinates alone.
 fn scatter(q: [i32; 3]) -> u64 {
-    let mut h = (q[0] as u32 as u64) ^ (q[1] as u32 as u64).rotate_left(21) ^ (q[2] as u32 as u64).rotate_left(42);
-    h = (h ^ h >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    h = (h ^ h >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-    h ^ h >> 31
+    mix((q[0] as u32 as u64) ^ (q[1] as u32 as u64).rotate_left(21) ^ (q[2] as u32 as u64).rotate_left(42))
 }
 
 #[cfg(test)]

@@ -93,7 +93,8 @@ fn middle_half(mut samples: Vec<DVec3>) -> Option<Core> {
     Some(Core { low, high })
 }
 
-fn steps(columns: &Columns, i: usize) -> DVec3 {
+/// Returns where a point of a part lies, lattice steps.
+pub fn steps(columns: &Columns, i: usize) -> DVec3 {
     DVec3::new(columns.x[i].into(), columns.y[i].into(), columns.z[i].into())
 }
 
@@ -183,10 +184,14 @@ impl Cloud {
     }
 }
 
-/// Returns a number that looks random and depends on a place alone (the finaliser of SplitMix64, Steele et al. 2014).
+/// Returns a number that looks random and depends on a place alone.
 fn scatter(p: DVec3) -> u64 {
     let [x, y, z] = p.to_array().map(|v| (v + 0.0).to_bits());
-    let mut h = x ^ y.rotate_left(21) ^ z.rotate_left(42);
+    mix(x ^ y.rotate_left(21) ^ z.rotate_left(42))
+}
+
+/// Scatters the bits of a number (the finaliser of SplitMix64, Steele et al. 2014).
+pub fn mix(mut h: u64) -> u64 {
     h = (h ^ h >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     h = (h ^ h >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
     h ^ h >> 31

@@ -28,7 +28,7 @@ use super::record::Colors;
 pub use super::samples::Derive;
 use super::samples::{self, Samples};
 use super::unite;
-use crate::cloud::attribute::STRETCH;
+use crate::cloud::attribute::percentiles;
 use crate::cloud::color::RgbRange;
 use crate::cloud::counts::Tally;
 use crate::cloud::stream::{self, Source};
@@ -478,20 +478,6 @@ fn number(built: Vec<Built>, roots: &[u32]) -> (Vec<NodeRecord>, u32) {
         i += 1;
     }
     (records, roots.len() as u32)
-}
-
-/// The values at the ends of a ramp, by counting.
-fn percentiles(counts: &[u64]) -> [u32; 2] {
-    let total: u64 = counts.iter().sum();
-    STRETCH.map(|share| {
-        let wanted = (share * total as f64) as u64;
-        let mut sum = 0;
-        let at = counts.iter().position(|&count| {
-            sum += count;
-            sum > wanted
-        });
-        at.unwrap_or(0) as u32
-    })
 }
 
 /// Heights at the ends of a ramp, from the roots' samples and their weights: right to the size of their cells.

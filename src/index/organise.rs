@@ -9,11 +9,10 @@
 
 use super::morton;
 use crate::cloud::Columns;
-use crate::cloud::strays::Core;
+use crate::cloud::strays::{Core, steps};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
 use crate::progress::Progress;
-use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -57,8 +56,7 @@ pub fn organise(columns: &Columns, progress: &dyn Progress) -> Result<Organised>
     organised.order = (0..columns.len() as u32).collect();
     // Strays have nodes of their own: those of all other points are as they would be without.
     let core = Core::in_steps(columns).map_or(organised.order.len(), |core| {
-        let place = |i: u32| DVec3::new(columns.x[i as usize].into(), columns.y[i as usize].into(), columns.z[i as usize].into());
-        let (inside, strays): (Vec<u32>, Vec<u32>) = organised.order.iter().partition(|&&i| core.has(place(i)));
+        let (inside, strays): (Vec<u32>, Vec<u32>) = organised.order.iter().partition(|&&i| core.has(steps(columns, i as usize)));
         organised.order = [&inside[..], &strays[..]].concat();
         inside.len()
     });

@@ -16,7 +16,7 @@ use crate::tiled::{self, Tiled};
 use crate::view::View;
 use std::path::{Path, PathBuf};
 
-/// Of a tile, pixels: several times as wide as the borders that surfaces want on either side, which are drawn, too.
+/// Width of a tile, pixels: several times as wide as the borders that surfaces want on either side, which are drawn, too.
 const TILE: u32 = 2048;
 
 /// A picture on its way into a file, and what it leaves out.
