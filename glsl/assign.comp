@@ -4,7 +4,9 @@
 // continuous (classify.comp). Of the others a cell is as large as a tile or larger, and its nearest point can be compared with the tile's farthest one: at a distance d of d_min pixels or more from a
 // ray that leans by l, it leads where   (z0 - z) f (1 + l l) > z d (own - l)   at most.
 //
-// Levels end where points a cell apart would be sparser than surfaces are: those are strays. That goes by the spacing of the node of the tile's nearest point; where the tile has none, of those around; and where those have none, of the sparsest node in view.
+// Levels end where points a cell apart would be sparser than surfaces are: those are strays. That goes by the
+// spacing of the node of the tile's nearest point; where the tile has none, of those around; and where those have
+// none, each point that the level finds counts by its own.
 //
 // A single level has no pyramid: its list holds tiles that are not continuous, or have one beside them that is not.
 #version 460
@@ -42,7 +44,6 @@ layout(push_constant, scalar) uniform Push {
     int fewest;        // points without which a level can judge nothing
     float own;         // slope up to which a neighbour may be of the point's own surface
     float sparsest;    // points so many of their node's spacings apart are still of a surface
-    float widest;      // spacing of the sparsest node in view, pixels
     uint empties;      // 1: pixels without a point are judged together with points, by the finest level
     uint all;          // 1: no tile is left out
 } push;
@@ -103,8 +104,13 @@ uint fine(ivec2 own) {
     return looks;
 }
 
-// Says the same of a level with cells as large as a tile or larger.
-bool coarse(ivec2 own, int level, float z0) {
+// Says whether the points of a level are close enough for a surface, where they are so many pixels apart.
+bool may_judge(int level, float spacing) {
+    return float(1 << level) <= push.sparsest * spacing;
+}
+
+// Says the same of a level with cells as large as a tile or larger. A spacing of 0 leaves it to each point's own.
+bool coarse(ivec2 own, int level, float z0, float spacing) {
     ivec2 size = ivec2(push.size);
     ivec2 cells = level_size(size, level);
     ivec2 corner = level_corner(size, level);
@@ -122,10 +128,15 @@ bool coarse(ivec2 own, int level, float z0) {
             ivec2 to = cell + ivec2(dx, dy);
             ivec2 from = ivec2(at_edge(to.x, cells.x), at_edge(to.y, cells.y));
             float z = imageLoad(pyramid, corner + from).r;
-            vec2 at = place_in(to, level, imageLoad(places, corner + from).r);
+            float code = imageLoad(places, corner + from).r;
+            vec2 at = place_in(to, level, code);
             vec2 beside = max(max(first - at, at - last), 0.0);
             float run = (PERSPECTIVE ? z : 1.0) * sqrt(beside.x * beside.x + beside.y * beside.y) * slope;
             bool has = z <= FARTHEST;
+            if (has && spacing == 0.0) {
+                ivec2 found_in = ivec2(place_in(from, level, code)) / TILE_PX;
+                has = may_judge(level, tiles.tile[found_in.y * int(push.tiles.x) + found_in.x].spacing);
+            }
             found += int(has && (EMPTY || (z < z0 && (z0 - z) * rise >= run)));
         }
     }
@@ -150,12 +161,12 @@ void main() {
         float beside = tiles.tile[at.y * int(push.tiles.x) + at.x].spacing;
         spacing = tile.spacing > 0.0 ? spacing : max(spacing, beside);
     }
-    spacing = spacing > 0.0 ? spacing : push.widest;
     uint asking = 0u;
     uint fine_levels = finest ? fine(own) : 0u;
     [[dont_unroll]] for (int level = EMPTY ? 1 : 0; level < (wanted ? push.levels : finest ? 1 : 0); ++level) {
-        bool may = level == 0 || float(1 << level) <= push.sparsest * spacing;
-        bool looks = may && (push.all == 1u || (level < TILE_LEVEL ? (fine_levels >> level & 1u) == 1u : coarse(own, level, tile.farthest)));
+        bool may = level == 0 || may_judge(level, spacing) || (spacing == 0.0 && level >= TILE_LEVEL);
+        bool any = push.all == 1u && (level == 0 || spacing > 0.0);
+        bool looks = may && (any || (level < TILE_LEVEL ? (fine_levels >> level & 1u) == 1u : coarse(own, level, tile.farthest, spacing)));
         asking |= uint(looks) << level;
         if (looks) APPEND(lists, uint(level) * push.stride, number)
     }

@@ -1,9 +1,11 @@
 // A level of the pyramid and the filled next coarser one in, this level filled out (Grossman and Dally 1998, sec. 7; Marroquim, Kraus and Cavalcanti 2008, sec. 4).
 //
 //   a cell with a value:    that, carried from where it was found to the cell's middle by the slope of the coarser level
-//   one without:            the mean of the four coarser cells around it, weighted bilinearly, of those that are of one surface with the one that it lies in; where that has none, with the nearest
+//   one without:            of the surface whose known place is nearest (of the eight cells around; else of the four coarser
+//                           cells around; else that of the coarser cell that it lies in): the mean of those coarser cells that
+//                           are of it, weighted bilinearly; where none is, its value
 //
-// Pixels of the picture that have a value keep it. Means with perspective are of inverse depths, as ratios to one of them.
+// Pixels of the picture that have a value keep it; background is filled where it is a notch of a contour. Means with perspective are of inverse depths, as ratios to one of them.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
@@ -15,6 +17,7 @@ layout(local_size_x = 64) in;
 
 layout(r32f) readonly uniform image2D coarse_depth;
 layout(rgba32f) readonly uniform image2D coarse_color;
+layout(rgba32f) readonly uniform image2D coarse_places;
 // Depths of the picture, and values of other levels (fill_pull.comp).
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D places;
@@ -35,9 +38,18 @@ layout(push_constant, scalar) uniform Push {
     float tolerance; // of depth: metres, or, where it is relative, parts of the depth
     uint relative;
     uint flood; // 1: background is to be filled, too
+    uint surrounded; // and where so many of its neighbours have a value, or will have one
 } push;
 
 #define NONE uintBitsToFloat(BACKGROUND_BITS)
+
+// More than the square of any distance between cells side by side.
+const float FAR = 1e9;
+
+// What is known of a cell of this level before filling: depth, and the place from the middle of the cell, in cells.
+vec3 known(ivec2 cell) {
+    return PICTURE ? vec3(imageLoad(depth, clamp(cell, ivec2(0), ivec2(push.size) - 1)).r, 0.0, 0.0) : imageLoad(places, clamp(cell, ivec2(0), ivec2(push.size) - 1)).xyz;
+}
 
 // None outside.
 float coarse_at(ivec2 at) {
@@ -76,7 +88,7 @@ void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(cell, ivec2(push.size)))) return;
     vec4 own_color = imageLoad(color, cell);
-    vec3 place = PICTURE ? vec3(imageLoad(depth, cell).r, 0.0, 0.0) : imageLoad(places, cell).xyz;
+    vec3 place = known(cell);
     uint own = floatBitsToUint(place.x);
     ivec2 parent = cell / 2;
     bool has_own = has_depth(own) && place.x > 0.0;
@@ -85,39 +97,74 @@ void main() {
         imageStore(filled_color, cell, own_color);
         return;
     }
-    bool filling = !has_own && (!PICTURE || own == UNKNOWN_BITS || push.flood == 1u);
     float z = has_own && !PICTURE ? in_middle(place, parent) : place.x;
+    // The nearest of the cells around that have a value, and how many of them have one or will have.
+    float like = NONE;
+    float nearest = FAR;
+    ivec2 nearest_at = cell;
+    uint solid = 0u;
+    if (!has_own) {
+        [[unroll]] for (int k = 0; k < 9; ++k) {
+            if (k == 4) continue;
+            ivec2 offset = ivec2(k % 3, k / 3) - 1;
+            ivec2 at = cell + offset;
+            bool inside = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, ivec2(push.size)));
+            vec3 found = known(at);
+            vec2 to = vec2(offset) + found.yz;
+            float square = to.x * to.x + to.y * to.y;
+            bool has = inside && found.x > 0.0 && has_depth(floatBitsToUint(found.x));
+            bool nearer = has && square < nearest;
+            solid += uint(has || (inside && floatBitsToUint(found.x) == UNKNOWN_BITS));
+            nearest = nearer ? square : nearest;
+            like = nearer ? found.x : like;
+            nearest_at = nearer ? at : nearest_at;
+        }
+    }
+    bool filling = !has_own && (!PICTURE || own == UNKNOWN_BITS || push.flood == 1u || solid >= push.surrounded);
     if (filling) {
         ivec2 toward = 2 * (cell % 2) - 1;
         float from[4];
         vec4 c[4];
-        float nearest = NONE;
         [[unroll]] for (int k = 0; k < 4; ++k) {
             ivec2 at = parent + toward * ivec2(k % 2, k / 2);
             from[k] = coarse_at(at);
             c[k] = imageLoad(coarse_color, clamp(at, ivec2(0), ivec2(push.coarse_size) - 1));
-            nearest = min(nearest, from[k]);
         }
-        bool reached = has_depth(floatBitsToUint(nearest));
-        float like = has_depth(floatBitsToUint(from[0])) ? from[0] : nearest;
+        vec4 like_color = vec4(0.0);
+        if (nearest < FAR) like_color = imageLoad(color, nearest_at);
+        if (nearest == FAR) {
+            like = from[0];
+            like_color = c[0];
+            [[unroll]] for (int k = 0; k < 4; ++k) {
+                ivec2 at = parent + toward * ivec2(k % 2, k / 2);
+                vec3 found = imageLoad(coarse_places, clamp(at, ivec2(0), ivec2(push.coarse_size) - 1)).xyz;
+                vec2 to = 2.0 * (vec2(at) + 0.5 + found.yz) - (vec2(cell) + 0.5);
+                float square = to.x * to.x + to.y * to.y;
+                bool has = has_depth(floatBitsToUint(from[k]));
+                bool nearer = has && found.x > 0.0 && has_depth(floatBitsToUint(found.x)) && square < nearest;
+                bool first = has && nearest == FAR && !has_depth(floatBitsToUint(like));
+                nearest = nearer ? square : nearest;
+                like = nearer || first ? from[k] : like;
+                like_color = nearer || first ? c[k] : like_color;
+            }
+        }
+        bool reached = has_depth(floatBitsToUint(like));
         float weights = 0.0;
         float sum = 0.0;
         vec4 colors = vec4(0.0);
-        vec4 label = vec4(0.0);
-        float heaviest = 0.0;
         [[unroll]] for (int k = 0; k < 4; ++k) {
-            bool has = has_depth(floatBitsToUint(from[k]));
+            bool has = reached && has_depth(floatBitsToUint(from[k]));
             float difference = has ? from[k] - like : 0.0;
             float weight = has && abs(difference) <= tolerance_at(like) ? (k == 0 ? 9.0 : k == 3 ? 1.0 : 3.0) : 0.0;
             weights += weight;
             sum += weight * (PERSPECTIVE ? like / (like + difference) : difference);
             colors += weight * c[k];
-            label = weight > heaviest ? c[k] : label;
-            heaviest = max(heaviest, weight);
         }
-        float mean = PERSPECTIVE ? like / (reached ? sum / weights : 1.0) : like + sum / max(weights, 1.0);
+        bool valued = weights > 0.0;
+        float many = valued ? weights : 1.0;
+        float mean = PERSPECTIVE ? like / (valued ? sum / many : 1.0) : like + sum / many;
         z = reached ? mean : NONE;
-        own_color = reached ? (LABELS ? label : colors / max(weights, 1.0)) : vec4(0.0);
+        own_color = LABELS || !valued ? like_color : colors / many;
     }
     imageStore(filled_depth, cell, vec4(z));
     imageStore(filled_color, cell, own_color);

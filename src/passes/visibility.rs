@@ -240,8 +240,6 @@ struct Judged<'s> {
     perspective: bool,
     /// As [`SPARSEST`].
     sparsest: f64,
-    /// Spacing of the sparsest node in view, pixels.
-    widest_px: f64,
     /// What tiles hold.
     tiles: Buffer,
     /// Tiles with invisible pixels.
@@ -279,10 +277,8 @@ impl<'s> Judged<'s> {
         let Layers { depth, index, spacings, .. } = layers;
         g.run(shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec }, Tiles::Groups([count.div_ceil(64) as u32, 1, 1]));
         let sparsest = if layers.front.is_none() { SPARSEST } else { SPARSEST_BEHIND };
-        let widest_px = layers.spacing_px[1];
         Judged {
             sparsest,
-            widest_px,
             view,
             settings,
             across,
@@ -332,7 +328,6 @@ impl<'s> Judged<'s> {
             fewest: if is_single(self.settings) { 1 } else { fewest(self.settings, subject) },
             own: STEEPEST as f32,
             sparsest: if subject == Subject::Points { self.sparsest } else { self.sparsest.min(SPARSEST_AROUND) } as f32,
-            widest: self.widest_px as f32,
             empties: (subject == Subject::Points && round == 0) as u32,
             all: (self.settings.tiles == Looked::All) as u32,
         };

@@ -133,6 +133,11 @@ impl Case {
     }
 }
 
+/// Names and files of meshes, in the folder of data.
+pub fn meshes() -> impl Iterator<Item = (&'static str, &'static str)> {
+    SCENES.into_iter().filter_map(|(name, source)| if let Source::Mesh(file, _) = source { Some((name, file)) } else { None })
+}
+
 /// Visits every case, one after the other; each is made when its turn comes. Returns a line for everything that was left out.
 pub fn each(options: &Options, progress: &dyn Progress, mut visit: impl FnMut(&Case) -> Result<()>) -> Result<Vec<String>> {
     let mut left_out = Vec::new();
@@ -321,7 +326,7 @@ fn noisy(truth: &Truth, points: &[DVec3], noise_px: f64, seed: u64) -> Vec<DVec3
 }
 
 /// On a lattice of less than 2^30 steps across, as fine as readers keep floating-point files on.
-fn cloud(name: &str, points: &[DVec3]) -> Cloud {
+pub(super) fn cloud(name: &str, points: &[DVec3]) -> Cloud {
     let (min, max) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| (min.min(p), max.max(p)));
     let min = if points.is_empty() { DVec3::ZERO } else { min };
     let across = (max - min).max_element().max(f64::MIN_POSITIVE);

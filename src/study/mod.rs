@@ -81,6 +81,7 @@ studies! {
     index,     // what an index keeps
     lod,       // projected error of the cut
     surface,   // depth, layers, holes, contours
+    meshes,    // the same for vertices of meshes
     visibility, // what is hidden, and what is a hole
     fill,      // depths of holes
     smooth,    // filters

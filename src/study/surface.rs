@@ -121,11 +121,11 @@ pub(super) fn wishes(settings: &[&str]) -> Result<Wishes> {
 }
 
 #[derive(Default)]
-struct Drawing {
-    depth: Vec<f32>,
+pub(super) struct Drawing {
+    pub depth: Vec<f32>,
     index: Vec<u32>,
     /// Of all passes.
-    ms: f64,
+    pub ms: f64,
 }
 
 impl Drawing {
@@ -136,7 +136,7 @@ impl Drawing {
     }
 }
 
-fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
+pub(super) fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
     let look = look::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!     pull    level k -> k + 1   mean of those of 2 x 2 that have a value and are of the nearest surface among them, with its place
-//!     push    level k + 1 -> k   what has no value takes the bilinear mean of the coarser level; what has one is carried to its cell's middle
+//!     push    level k + 1 -> k   what has no value is of the surface known nearest to it, and takes the bilinear mean of the coarser level there; what has one is carried to its cell's middle
 //!     relax   level k            what has no value takes the mean of those around it, so that coarse cells leave no corners
 //! ```
 //! Where visibility ran, its holes are filled and background gives and takes nothing. Where it did not, nobody knows which empty pixels are holes: all are filled, and the background is flooded.
@@ -46,6 +46,12 @@ struct Level {
     color: Image,
 }
 
+/// The same once it is filled: depths and colours; and its places before.
+struct Filled {
+    filled: (Image, Image),
+    places: Image,
+}
+
 impl Pyramid<'_> {
     fn filled(&self, g: &mut Graph, depth: &Image, color: &Image) -> (Image, Image) {
         let mut levels: Vec<Level> = Vec::new();
@@ -60,7 +66,8 @@ impl Pyramid<'_> {
         let mut coarser = None;
         while let Some(Level { places, color }) = levels.pop() {
             let number = levels.len() as u32 + 1;
-            coarser = Some(self.push(g, coarser.as_ref(), depth, Some(&places), &color, number));
+            let filled = self.push(g, coarser.as_ref(), depth, Some(&places), &color, number);
+            coarser = Some(Filled { filled, places });
         }
         self.push(g, coarser.as_ref(), depth, None, color, 0)
     }
@@ -83,7 +90,7 @@ impl Pyramid<'_> {
     fn push(
         &self,
         g: &mut Graph,
-        coarser: Option<&(Image, Image)>,
+        coarser: Option<&Filled>,
         depth: &Image,
         places: Option<&Image>,
         color: &Image,
@@ -93,18 +100,20 @@ impl Pyramid<'_> {
         let picture = places.is_none();
         // Bindings want an image, whether it is read or not.
         let places = places.unwrap_or(color);
-        let (coarse_depth, coarse_color) = coarser.map_or((depth, color), |(depth, color)| (depth, color));
+        let (coarse_depth, coarse_color) = coarser.map_or((depth, color), |Filled { filled: (depth, color), .. }| (depth, color));
+        let coarse_places = coarser.map_or(color, |coarser| &coarser.places);
         let mut filled = [g.image("filled depth", size, Kind::R32f), g.image("relaxed depth", size, Kind::R32f)];
         let mut filled_color = g.image("filled color", size, Kind::Rgba32f);
         let (coarse_tolerance, relative) = tolerance(self.view, self.settings, number + 1);
-        let push =
-            fill_push::Push { coarse_size: coarse_depth.desc.size, size, tolerance: coarse_tolerance, relative, flood: self.flood as u32 };
+        let (coarse_size, flood, surrounded) = (coarse_depth.desc.size, self.flood as u32, self.settings.surrounded as u32);
+        let push = fill_push::Push { coarse_size, size, tolerance: coarse_tolerance, relative, flood, surrounded };
         let spec = fill_push::Spec { perspective: self.perspective, coarsest: coarser.is_none(), picture, labels: self.labels };
         let [filled_depth, _] = &mut filled;
         g.run(
             shader::FillPush {
                 coarse_depth,
                 coarse_color,
+                coarse_places,
                 depth,
                 places,
                 color,

@@ -74,9 +74,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     let place = |i: usize| [(i as i64 % size[0]) as f64 + 0.5, (i as i64 / size[0]) as f64 + 0.5];
     let cell = |(i, z): (usize, &f32)| Cell { point: z.is_finite().then(|| (*z as f64, place(i))), sure: true };
     let mut picture: Vec<Cell> = depth.iter().enumerate().map(cell).collect();
-    let [levels, around] = [SPARSEST, SPARSEST_AROUND].map(|sparsest| levels_of_tiles(view, settings, spacing_m, sparsest, depth));
-    let levels_at =
-        |levels: &[usize], i: usize| levels[i / size[0] as usize / TILE * (size[0] as usize).div_ceil(TILE) + i % size[0] as usize / TILE];
+    let spacings = Spacings::of(view, spacing_m, depth);
     let projected = Pyramid::of(size, picture.clone(), settings);
     let mut verdicts = vec![Verdict::Visible; depth.len()];
     // What nothing leads at first is not judged again.
@@ -84,7 +82,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     for _ in 0..2 {
         let pyramid = Pyramid::of(size, picture.clone(), settings);
         for i in (0..depth.len()).filter(|&i| picture[i].point.is_some() && std::mem::take(&mut candidates[i])).collect::<Vec<_>>() {
-            let (said, led) = pyramid.judge(view, settings, i, levels_at(&levels, i), Subject::Points);
+            let (said, led) = pyramid.judge(view, settings, &spacings, i, Subject::Points);
             candidates[i] = led;
             match said {
                 Said::Closed => (verdicts[i], picture[i]) = (Verdict::Invisible, Cell { point: None, sure: true }),
@@ -95,7 +93,7 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     }
     // What was hidden covers its pixel all the same.
     for i in (0..depth.len()).filter(|&i| !depth[i].is_finite()) {
-        verdicts[i] = match projected.judge(view, settings, i, levels_at(&around, i), Subject::Empty).0 {
+        verdicts[i] = match projected.judge(view, settings, &spacings, i, Subject::Empty).0 {
             Said::Closed => Verdict::Invisible,
             Said::Either => Verdict::InBand,
             _ => Verdict::Visible,
@@ -106,29 +104,64 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
 
 const TILE: usize = 8;
 
-/// How many levels each tile of 8 x 8 pixels asks: up to cells as wide as points of a surface may be apart. The spacing is that of the tile's nearest point; where it has none, the widest around it.
-fn levels_of_tiles(view: &View, settings: &Settings, spacing_m: f64, sparsest: f64, depth: &[f32]) -> Vec<usize> {
-    let [width, height] = view.size.map(|side| side as usize);
-    let across = [width, height].map(|side| side.div_ceil(TILE));
-    let spacing = |tile: [usize; 2]| {
-        let rows = TILE * tile[1]..(TILE * (tile[1] + 1)).min(height);
-        let pixels = rows.flat_map(|y| (TILE * tile[0]..(TILE * (tile[0] + 1)).min(width)).map(move |x| y * width + x));
-        let nearest = pixels.map(|i| depth[i]).fold(f32::INFINITY, f32::min);
-        let scale = if view.camera.projection == Projection::Perspective { nearest as f64 } else { 1.0 };
-        if nearest.is_finite() { spacing_m * view.focal_px() / scale } else { 0.0 }
-    };
-    let spacings: Vec<f64> = (0..across[0] * across[1]).map(|i| spacing([i % across[0], i / across[0]])).collect();
-    let levels = |i: usize| {
-        let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).map(|(dx, dy): (i64, i64)| {
-            let [x, y] = [((i % across[0]) as i64 + dx, across[0]), ((i / across[0]) as i64 + dy, across[1])]
-                .map(|(at, side)| at.clamp(0, side as i64 - 1) as usize);
-            spacings[y * across[0] + x]
-        });
-        let apart = if spacings[i] > 0.0 { spacings[i] } else { around.fold(0.0, f64::max) };
-        let asks = |level: &usize| *level == 0 || apart == 0.0 || (1u64 << level) as f64 <= sparsest * apart;
-        (0..settings.levels as usize).take_while(asks).count()
-    };
-    (0..spacings.len()).map(levels).collect()
+/// Spacings of a tile: of its nearest point's node, pixels, or where it has none the widest around it; 0 without any.
+struct Spacings {
+    across: [usize; 2],
+    own: Vec<f64>,
+    around: Vec<f64>,
+}
+
+impl Spacings {
+    /// Of points that are so far apart, metres.
+    fn of(view: &View, spacing_m: f64, depth: &[f32]) -> Spacings {
+        let [width, height] = view.size.map(|side| side as usize);
+        let across = [width, height].map(|side| side.div_ceil(TILE));
+        let spacing = |tile: [usize; 2]| {
+            let rows = TILE * tile[1]..(TILE * (tile[1] + 1)).min(height);
+            let pixels = rows.flat_map(|y| (TILE * tile[0]..(TILE * (tile[0] + 1)).min(width)).map(move |x| y * width + x));
+            let nearest = pixels.map(|i| depth[i]).fold(f32::INFINITY, f32::min);
+            let scale = if view.camera.projection == Projection::Perspective { nearest as f64 } else { 1.0 };
+            if nearest.is_finite() { spacing_m * view.focal_px() / scale } else { 0.0 }
+        };
+        let own: Vec<f64> = (0..across[0] * across[1]).map(|i| spacing([i % across[0], i / across[0]])).collect();
+        let widest = |i: usize| {
+            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).map(|(dx, dy): (i64, i64)| {
+                let [x, y] = [((i % across[0]) as i64 + dx, across[0]), ((i / across[0]) as i64 + dy, across[1])]
+                    .map(|(at, side)| at.clamp(0, side as i64 - 1) as usize);
+                own[y * across[0] + x]
+            });
+            if own[i] > 0.0 { own[i] } else { around.fold(0.0, f64::max) }
+        };
+        let around = (0..own.len()).map(widest).collect();
+        Spacings { across, own, around }
+    }
+
+    fn tile_of(&self, [x, y]: [i64; 2]) -> usize {
+        y as usize / TILE * self.across[0] + x as usize / TILE
+    }
+
+    /// Whether a pixel is to be judged by a level: where its points are as close as a surface's are.
+    fn let_judge(&self, pixel: [i64; 2], number: usize, level: &Level, subject: Subject, settings: &Settings) -> bool {
+        let sparsest = if subject == Subject::Points { SPARSEST } else { SPARSEST_AROUND };
+        let close = |apart: f64| (1u64 << number) as f64 <= sparsest * apart;
+        let apart = self.around[self.tile_of(pixel)];
+        if number == 0 || apart > 0.0 {
+            return number == 0 || close(apart);
+        }
+        // Without a point around, each that the level finds counts by its own tile's.
+        let (side, radius) = (1i64 << number, settings.kernel as i64 / 2);
+        let [x, y] = pixel.map(|at| at / side);
+        let cells = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (x + dx, y + dy)));
+        let points = cells.filter_map(|(x, y)| level.at(x.clamp(0, level.size[0] - 1), y.clamp(0, level.size[1] - 1)).point);
+        let many = points.filter(|(_, at)| close(self.own[self.tile_of(at.map(|at| at as i64))])).count();
+        side >= TILE as i64 && many >= fewest(settings, settings.holes * SECTORS as f64 / TAU)
+    }
+}
+
+/// Leading points without which a level can say nothing: each closes one sector at most.
+fn fewest(settings: &Settings, closed: f64) -> usize {
+    let closing = ((SECTORS as f64 - closed).floor() + 1.0).clamp(1.0, SECTORS as f64) as usize;
+    closing.min(fewest_around_openings(settings) as usize)
 }
 
 struct Pyramid {
@@ -145,11 +178,12 @@ impl Pyramid {
     }
 
     /// What the first level says that decides, and whether enough leads to be judged again.
-    fn judge(&self, view: &View, settings: &Settings, i: usize, levels: usize, subject: Subject) -> (Said, bool) {
+    fn judge(&self, view: &View, settings: &Settings, spacings: &Spacings, i: usize, subject: Subject) -> (Said, bool) {
         let width = view.size[0] as i64;
         let pixel = [i as i64 % width, i as i64 / width];
         let mut led = false;
-        for level in 0..levels {
+        let may = |&number: &usize| spacings.let_judge(pixel, number, &self.levels[number], subject, settings);
+        for level in (0..self.levels.len()).filter(may) {
             let said = self.at_level(view, settings, pixel, level, subject);
             led |= said != Said::TooFew;
             if said != Said::TooFew && said != Said::Undecided {
@@ -212,10 +246,7 @@ impl Pyramid {
             nearest[sector] = nearest[sector].min(distance);
         }
         let closed = if own.is_some() { settings.threshold } else { settings.holes } * SECTORS as f64 / TAU;
-        // Each closes one sector at most.
-        let closing = ((SECTORS as f64 - closed).floor() as i64 + 1).clamp(1, SECTORS as i64);
-        let fewest = closing.min(fewest_around_openings(settings).into());
-        if (leads.len() as i64) < fewest {
+        if leads.len() < fewest(settings, closed) {
             return Said::TooFew;
         }
         let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
