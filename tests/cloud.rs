@@ -222,7 +222,7 @@ fn bad_files_with_good_points_are_read_and_what_is_missing_is_said() {
     let expected = [
         ("las_zero_points.las", 0, ""),
         ("laz_zero_points.laz", 0, ""),
-        ("las_bad_vlr_count.las", 10, "header says 3 variable-length records, 2 fit"),
+        ("las_bad_vlr_count.las", 10, "says it has 3 variable-length records, and 2 fit"),
         ("las_lots_of_vlr.las", 1, ""),
         ("las_bad_geotiff_keys.las", 10, ""),
         ("las_header_bounds_unscaled.las", 999, "header says bounds -235434519"),
@@ -612,7 +612,7 @@ fn extra_bytes_without_room_are_said_and_not_listed() {
     };
     // Two bytes, four, and three times eight.
     let declared = [attribute(3, "Amplitude"), attribute(9, "Reflectance"), attribute(30, "Beam")].concat();
-    for (extra, fit) in [(0, 0), (1, 0), (2, 1), (6, 2), (29, 2), (30, 3), (40, 3)] {
+    for (extra, fit) in [(0, 0), (1, 0), (2, 1), (6, 2), (29, 2), (30, 3)] {
         let made = Made { extra, vlrs: vec![("LASF_Spec", 4, declared.clone())], ..Made::default() };
         let path = made.write(folder.path(), "a.las");
         let cloud = read(&path).unwrap();
@@ -622,6 +622,11 @@ fn extra_bytes_without_room_are_said_and_not_listed() {
         assert_eq!(read_strictly(&path).is_ok(), fit == 3, "{extra}");
         assert_eq!(cloud.len(), 5000);
     }
+    // Bytes that nothing declares are not read.
+    let path = Made { extra: 40, vlrs: vec![("LASF_Spec", 4, declared)], ..Made::default() }.write(folder.path(), "b.las");
+    let cloud = read(&path).unwrap();
+    assert!(cloud.notes.iter().any(|note| note.contains("has 10 more bytes a point than")), "{:?}", cloud.notes);
+    assert!(read_strictly(&path).is_err());
 }
 
 #[test]
@@ -837,19 +842,21 @@ fn integer_coordinates_get_a_lattice_of_whole_steps() {
 // ---- spacing
 
 #[test]
-fn spacing_of_a_grid_is_its_pitch_with_or_without_a_stray_point() {
+fn spacing_of_a_grid_is_that_of_its_eight_neighbours_with_or_without_a_stray_point() {
     let grid = |stray: &str| {
         let text: String = (0..90_000).map(|i| format!("{} {} 0\n", (i % 300) as f64 * 0.5, (i / 300) as f64 * 0.5)).collect();
         spacing::spacing(&read_bytes("grid.xyz", (text + stray).as_bytes()).unwrap()).unwrap()
     };
-    assert_eq!(grid(""), 0.5);
+    // Eight on a disc whose radius is the diagonal of a cell.
+    let expected = 0.5 * (std::f64::consts::PI * 2.0 / 8.0).sqrt();
+    assert!((grid("") - expected).abs() < 1e-9);
     let start = Instant::now();
-    assert!((grid("1e9 1e9 1e9\n") - 0.5).abs() <= 1.0, "one step of that lattice");
+    assert!((grid("1e9 1e9 1e9\n") - expected).abs() < 1e-9);
     assert!(start.elapsed() < Duration::from_secs(1));
 }
 
 #[test]
-fn spacing_is_the_median_that_brute_force_finds() {
+fn spacing_is_the_quartile_that_brute_force_finds() {
     // As many points as seeds at most, so that every point is one.
     let mut state = 1u64;
     let mut next = || {
@@ -859,11 +866,19 @@ fn spacing_is_the_median_that_brute_force_finds() {
     let text: String = (0..1501).map(|_| format!("{} {} {}\n", next(), next(), next() * next())).collect();
     let cloud = read_bytes("random.xyz", text.as_bytes()).unwrap();
     let points = world(&cloud);
-    let nearest = |p: &DVec3| points.iter().map(|q| p.distance(*q)).filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
-    let mut distances: Vec<f64> = points.iter().map(nearest).collect();
-    distances.sort_by(f64::total_cmp);
+    let eighth = |p: &DVec3| {
+        let mut squares: Vec<f64> = points.iter().map(|q| p.distance_squared(*q)).filter(|square| *square > 0.0).collect();
+        squares.sort_by(f64::total_cmp);
+        (std::f64::consts::PI * squares[7] / 8.0).sqrt()
+    };
+    let mut apart: Vec<f64> = points.iter().map(eighth).collect();
+    apart.sort_by(f64::total_cmp);
     let found = spacing::spacing(&cloud).unwrap();
-    assert!((found - distances[750]).abs() < 1e-12, "{found} {}", distances[750]);
+    assert!((found - apart[1125]).abs() < 1e-12, "{found} {}", apart[1125]);
+    // In any order.
+    let mut lines: Vec<&str> = text.lines().collect();
+    lines.reverse();
+    assert_eq!(spacing::spacing(&read_bytes("random.xyz", lines.join("\n").as_bytes()).unwrap()), Some(found));
 }
 
 // ---- anything

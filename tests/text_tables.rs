@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 use pointillist::cloud::table::{Columns, Delimiter, TextOptions};
-use pointillist::cloud::{self, Cloud, ReadOptions, Wanted};
+use pointillist::cloud::{self, Cloud, Extra, ReadOptions, Wanted};
 use pointillist::error::Result;
 use pointillist::progress::Silent;
 use proptest::prelude::*;
@@ -670,8 +670,45 @@ fn with(columns: Option<&str>, delimiter: Option<&str>) -> ReadOptions {
     let text = TextOptions {
         columns: columns.map(|text| text.parse::<Columns>().unwrap()),
         delimiter: delimiter.map(|text| text.parse::<Delimiter>().unwrap()),
+        scalar: None,
     };
     ReadOptions { text, ..ALL }
+}
+
+#[test]
+fn columns_that_are_no_part_of_a_point_are_attributes_of_their_own() {
+    let text = "x,y,z,Planarity (0.1),name,depth\n1,2,3,0.25,a,\n2,3,4,-0.5,b,7\n3,4,5,0.75,c,9\n";
+    let options = ReadOptions { extras: true, ..ALL };
+    let cloud = read_as("a.csv", text.as_bytes(), &options).unwrap();
+    let extra = |name: &str, min: f64, max: f64, missing: u64| Extra { name: name.into(), min: Some(min), max: Some(max), missing };
+    assert_eq!(cloud.parts[0].header.extras, [extra("Planarity (0.1)", -0.5, 0.75, 0), extra("depth", 7.0, 9.0, 1)]);
+    assert!(says(&cloud, "text that is not kept: \"name\""), "{:?}", cloud.notes);
+    // One of them is intensity, where it is asked for; by a name as other programs write it, too.
+    for name in ["Planarity (0.1)", "scalar_planarity", "column 4"] {
+        let scalar = ReadOptions { text: TextOptions { scalar: Some(name), ..TextOptions::NONE }, ..options };
+        let read =
+            read_as("a.csv", text.replace("Planarity (0.1)", if name == "column 4" { "" } else { "Planarity (0.1)" }).as_bytes(), &scalar);
+        let part = &read.unwrap_or_else(|error| panic!("{error}")).parts[0];
+        assert_eq!((part.intensity_range, part.columns.intensity.as_deref()), ([-0.5, 0.75], Some(&[39321, 0, 65535][..])), "{name}");
+        assert_eq!(part.header.extras.len(), 1);
+    }
+    for (name, why) in [("none", "it has x, y, z, Planarity (0.1), name, depth"), ("name", "it is text"), ("x", "it is a coordinate")] {
+        let scalar = ReadOptions { text: TextOptions { scalar: Some(name), ..TextOptions::NONE }, ..options };
+        let error = read_as("a.csv", text.as_bytes(), &scalar).unwrap_err().to_string();
+        assert!(error.contains(why), "{error}");
+    }
+}
+
+#[test]
+fn decimals_stay_the_decimals_they_are() {
+    let cloud = read("a.xyz", "500000.001 5000000.25 97.5\n500019.999 5000019.998 103\n500007.5 5000001 98\n");
+    let part = &cloud.parts[0];
+    assert_eq!((part.lattice.step, part.lattice.offset), (DVec3::splat(0.001), DVec3::new(500000.001, 5000000.25, 97.5)));
+    assert_eq!(part.columns.x, [0, 19998, 7499]);
+    // Where that is no loss, steps are powers of two; and where there are more digits than steps, too.
+    assert_eq!(read("b.xyz", "0.5 0.25 0\n1 2 3\n").parts[0].lattice.step, DVec3::splat(0.25));
+    let many = read("c.xyz", "0.123456789012345 0 0\n1000 1 1\n");
+    assert_eq!(many.parts[0].lattice.step.x.log2().fract(), 0.0);
 }
 
 #[test]
@@ -844,7 +881,12 @@ fn decimal_commas_of_ply() {
 type Case = (&'static str, u64, [[f64; 3]; 2], &'static [&'static str]);
 
 const CASES: &[Case] = &[
-    ("riegl.csv", 3000, [[0.015, 0.004, -2.992], [19.992, 20.0, 2.998]], &["intensity \"Reflectance (dB)\"", "not kept: \"Point ID\""]),
+    (
+        "riegl.csv",
+        3000,
+        [[0.015, 0.004, -2.992], [19.992, 20.0, 2.998]],
+        &["intensity \"Reflectance (dB)\"", "further attributes, one of which --scalar reads as intensity: \"Point ID\""],
+    ),
     ("cc_full.txt", 3000, [[0.015, 0.004, -2.992], [19.992, 20.0, 2.998]], &["red \"Rf\"", "nz \"Nz\"", "\"Illuminance (PCV)\""]),
     ("units_head.csv", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["x \"X [m]\"", "blue \"B\""]),
     ("comma_semi.csv", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["between semicolons, decimal commas"]),
@@ -852,8 +894,8 @@ const CASES: &[Case] = &[
     ("deccomma.ply", 4000, [[0.001, 0.001, 97.0], [19.999, 19.998, 103.0]], &["decimal commas"]),
     ("blank_mid.csv", 3000, [[0.003, 0.008, -2.997], [19.996, 19.999, 2.998]], &["2000 lines without a value for \"intensity\""]),
     ("bom_nohead.xyz", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["taken as x y z"]),
-    ("hexwords.csv", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["\"label\" (text)"]),
-    ("name_first.csv", 3000, [[0.003, 0.008, -2.997], [19.996, 19.999, 2.998]], &["\"name\" (text)"]),
+    ("hexwords.csv", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["text that is not kept: \"label\""]),
+    ("name_first.csv", 3000, [[0.003, 0.008, -2.997], [19.996, 19.999, 2.998]], &["text that is not kept: \"name\""]),
     ("latlon_named.csv", 3000, [[500000.007, 5000000.016, -2.992], [500019.993, 5000020.0, 2.999]], &["x \"lon\"", "y \"lat\""]),
     (
         "two_as.txt",

@@ -12,13 +12,14 @@ use crate::cloud::system::Unit;
 use crate::error::{Error, Result};
 use crate::index::exposure::Balance;
 use crate::index::file::{Index, IndexedPart, PLANES};
+use crate::resident::Resident;
 use crate::source;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-const HOW_SPACING: &str = "median distance to the nearest other point of its leaf, of about 2000 points of 64 leaves";
+const HOW_SPACING: &str = "the root of the area that each of the eight nearest places has, in the node that the middle point is in";
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -205,20 +206,8 @@ impl Report<'_> {
     }
 }
 
-/// Of points spread evenly over leaves that are spread evenly through the tree.
+/// As of the cloud that it was made of; none of one place.
 fn spacing(index: &Index) -> Result<Option<f64>> {
-    const LEAVES: usize = 64;
-    const SEEDS: usize = 32;
     let leaves: Vec<usize> = (0..index.nodes().len()).filter(|&node| index.nodes()[node].is_leaf()).collect();
-    let mut distances = Vec::new();
-    for &leaf in leaves.iter().step_by(leaves.len().div_ceil(LEAVES).max(1)) {
-        let points = index.samples(leaf)?;
-        for (seed, _) in points.iter().step_by(points.len().div_ceil(SEEDS).max(1)) {
-            // A point measured twice says nothing about spacing.
-            let nearest = points.iter().map(|(other, _)| other.distance_squared(*seed)).filter(|&squared| squared > 0.0).reduce(f64::min);
-            distances.extend(nearest.map(f64::sqrt));
-        }
-    }
-    distances.sort_by(f64::total_cmp);
-    Ok(distances.get(distances.len() / 2).copied())
+    Ok(Some(Resident::spacing_of(index, &leaves)?).filter(|&spacing| spacing > 0.0))
 }

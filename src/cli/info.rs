@@ -8,7 +8,7 @@
 //! `parts` [{`path`, `name`, `format`, `points`, `header` {`format`, `points`, `bounds` [min, max], `facts` [[what, text]],
 //! `system` {`name`, `epsg`, `kind` (`projected`, `geographic`, `geocentric`, `local`), `unit`, `height_unit`, `degrees`, `proj`, `plane` {`longitude`, `latitude`, `metres_per_degree`}}}, `bounds`, `step`, `offset`,
 //! `attributes` {`rgb` {`bits`, `full` (1, 255, 65535 or as stated), `by` (`file`, `values`, `request`), `min`, `max`}, `intensity` {`min`, `max`}, `class` [{`class`, `points`}],
-//! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan`, `nan_share`}, `normal` {`zero_share`}}}] ·
+//! `returns` {`most`, `impossible`}, `source` {`ids`}, `gps_time` {`min`, `max`, `nan`, `nan_share`}, `normal` {`zero_share`}, `extra` [{`name`, `min`, `max`, `missing`}] of columns of text that are none of these}}] ·
 //! `stations` [{`part`, `source`, `name`, `points`}] · `exposures` {`values`, `overlaps` [{`stations`, `cells`, `step`, `gain`}], `balance` {`gains`, `uneven`}} where two stations have colours · `notes` [`line`]. An attribute that a part lacks is absent.
 
 use super::indexed_info;
@@ -18,7 +18,7 @@ use crate::cloud::counts::Counts;
 use crate::cloud::digits::{self, Digits};
 use crate::cloud::strays::Strays;
 use crate::cloud::system::{Reference, System, Unit};
-use crate::cloud::{self, Cloud, Header, Part, ReadOptions, Station, Wanted, spacing};
+use crate::cloud::{self, Cloud, Extra, Header, Part, ReadOptions, Station, Wanted, spacing};
 use crate::error::{Error, Result};
 use crate::index::exposure::{Balance, Exposures, exposures};
 use crate::index::file::Index;
@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
     let (text, rgb_range) = (arguments.text.options(), arguments.colors.rgb_range);
-    let options = ReadOptions { text, rgb_range, ..ReadOptions::new(Wanted::ALL, arguments.strict) };
+    let options = ReadOptions { text, rgb_range, extras: true, ..ReadOptions::new(Wanted::ALL, arguments.strict) };
     let cloud = cloud::read(&arguments.files, &options, progress)?;
     let report = Report::new(&cloud);
     if arguments.json {
@@ -85,7 +85,7 @@ fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
     Ok(report.text())
 }
 
-const HOW_SPACING: &str = "median distance to the nearest other point, of about 2000 points spread evenly through the file";
+const HOW_SPACING: &str = "the root of the area that each of the eight nearest places has, the upper quartile of about 2000 places";
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -147,6 +147,9 @@ struct Attributes {
     gps_time: Option<Times>,
     #[serde(skip_serializing_if = "Option::is_none")]
     normal: Option<Normals>,
+    /// What a cloud has no column for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    extra: Vec<Extra>,
 }
 
 #[derive(Serialize)]
@@ -361,6 +364,7 @@ impl Attributes {
                 .normal
                 .as_ref()
                 .map(|column| Normals { zero_share: share(column.iter().filter(|normal| **normal == [0; 3]).count(), column.len()) }),
+            extra: part.header.extras.clone(),
         }
     }
 
@@ -394,6 +398,11 @@ impl Attributes {
         }
         if let Some(Normals { zero_share }) = &self.normal {
             line("normals", format!("{:.1} % are zero", zero_share * 100.0));
+        }
+        for Extra { name, min, max, missing } in &self.extra {
+            let range = min.zip(*max).map_or("no number".into(), |(min, max)| format!("{min} to {max}"));
+            let missing = if *missing > 0 { format!(", missing in {missing}") } else { String::new() };
+            line("extra", format!("\"{name}\": {range}{missing}"));
         }
     }
 }

@@ -133,11 +133,19 @@ pub struct TextArguments {
     /// What lies between fields: , ; tab space [default: found out]
     #[arg(long, value_name = "MARK", allow_hyphen_values = true)]
     pub delimiter: Option<Delimiter>,
+    /// The column that intensities are read from, by its name or as "column 7": `--scalar "Illuminance (PCV)" --color intensity` shows it
+    #[arg(long, value_name = "NAME", value_parser = lasting)]
+    pub scalar: Option<&'static str>,
+}
+
+/// Keeps a name of the command line for as long as the process lives.
+fn lasting(name: &str) -> std::result::Result<&'static str, String> {
+    Ok(name.to_owned().leak())
 }
 
 impl TextArguments {
     pub fn options(&self) -> TextOptions {
-        TextOptions { delimiter: self.delimiter, columns: self.columns }
+        TextOptions { delimiter: self.delimiter, columns: self.columns, scalar: self.scalar }
     }
 }
 

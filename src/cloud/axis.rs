@@ -76,7 +76,25 @@ impl Axis {
         range.unwrap_or((0.0, 0.0))
     }
 
-    /// The nearest steps from `offset` on. `step` is a power of two, so dividing by it is exact, and nothing overflows before the difference.
+    /// Whether all values are multiples of a power of two.
+    pub fn is_on(&self, step: f64) -> bool {
+        let is_whole = |v: f64| (v / step).fract() == 0.0;
+        match self {
+            Axis::Narrow(values) => values.par_iter().with_min_len(TASK).all(|&v| is_whole(v.into())),
+            Axis::Wide(values) => values.par_iter().with_min_len(TASK).all(|&v| is_whole(v)),
+        }
+    }
+
+    /// Digits behind the point that all values have at most, from `least` to `most`; none where a value has more, or is an `f32`.
+    pub fn decimals(&self, least: i32, most: i32) -> Option<i32> {
+        let Axis::Wide(values) = self else { return None };
+        let of_task = |values: &[f64]| {
+            values.iter().try_fold(least, |digits, &value| (digits..=most).find(|&digits| is_decimal(value, 10f64.powi(digits))))
+        };
+        values.par_chunks(TASK).map(of_task).try_reduce(|| least, |a, b| Some(a.max(b)))
+    }
+
+    /// The nearest steps from `offset` on. Nothing overflows before the difference.
     pub fn quantise(self, offset: f64, step: f64) -> Vec<i32> {
         let q = |v: f64| (v / step - offset / step).round() as i32;
         match self {
@@ -84,4 +102,11 @@ impl Axis {
             Axis::Wide(values) => values.into_par_iter().with_min_len(TASK).map(q).collect(),
         }
     }
+}
+
+/// Whether a value is the number nearest to a whole number of parts, of which so many are 1.
+fn is_decimal(value: f64, parts: f64) -> bool {
+    const MOST: f64 = (1u64 << 53) as f64;
+    let whole = (value * parts).round();
+    whole.abs() <= MOST && whole / parts == value
 }

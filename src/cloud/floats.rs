@@ -1,9 +1,10 @@
 //! Floating-point points -> a part on a lattice.
 //!
 //! In: points of a format that stores decimal or binary fractions, gathered block by block in the file's order. Out: integer columns and their lattice.
-//! One step for all axes, a power of two, so that every product with it is exact: the finest at which the cloud is less than 2^30 steps wide.
-//! That is 7 binary digits more than `f32` coordinates have across the same width. If all steps share trailing zeros (integer coordinates,
-//! `f32` far from zero), the step grows by them, which loses nothing and makes the numbers small.
+//! One step for all axes, of which the cloud is less than 2^30 wide. It is the finest power of two, 7 binary digits more than `f32` coordinates have
+//! across the same width; or, where that would round coordinates and all are decimals of few enough digits, their last digit.
+//! If all steps share trailing zeros (integer coordinates, `f32` far from zero), the step grows by them, which loses nothing and makes the numbers
+//! small.
 
 use super::axis::Axis;
 use super::color::{By, Scale};
@@ -329,23 +330,41 @@ fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
     if strays {
         ranges = ranges.map(|(lo, hi)| (lo.min(0.0), hi.max(0.0)));
     }
-    let horizontal = step(&ranges[..2]);
-    let step = if is_angular { [horizontal, horizontal, step(&ranges[2..])] } else { [step(&ranges); 3] };
     let is_place = ranges.iter().all(|(lo, hi)| lo == hi);
-    let aligned = |lo: f64, step: f64| {
-        let steps = (lo / step).floor() * step;
-        if steps.is_finite() && !is_place { steps } else { lo }
-    };
-    let mut offset = std::array::from_fn(|axis| aligned(ranges[axis].0, step[axis]));
-    if ranges[2].0 == ranges[2].1 && is_angular {
-        offset[2] = ranges[2].0;
+    let groups = if is_angular { vec![0..2, 2..3] } else { vec![0..3] };
+    let mut extent = Extent { offset: ranges.map(|(lo, _)| lo), step: [1.0; 3] };
+    for group in groups {
+        let half = half_width(&ranges[group.clone()]);
+        let (own, binary) = (&axes[group.clone()], binary_step(half));
+        let is_exact = own.iter().all(|axis| axis.is_on(binary));
+        let decimal = if is_exact { None } else { decimal_step(own, half) };
+        let step = decimal.unwrap_or(binary);
+        for axis in group {
+            extent.step[axis] = step;
+            let steps = (ranges[axis].0 / step).floor() * step;
+            let is_level = ranges[axis].0 == ranges[axis].1 && is_angular && axis == 2;
+            if decimal.is_none() && steps.is_finite() && !is_place && !is_level {
+                extent.offset[axis] = steps;
+            }
+        }
     }
-    Extent { offset, step }
+    extent
 }
 
-fn step(ranges: &[(f64, f64)]) -> f64 {
-    // Halves, because the whole width of the largest finite range is infinite.
-    let half = ranges.iter().fold(0.0, |widest: f64, (lo, hi)| widest.max(hi / 2.0 - lo / 2.0));
+/// Half of the widest range: the whole width of the largest finite one is infinite.
+fn half_width(ranges: &[(f64, f64)]) -> f64 {
+    ranges.iter().fold(0.0, |widest: f64, (lo, hi)| widest.max(hi / 2.0 - lo / 2.0))
+}
+
+/// The last digit of coordinates that are decimals, if the width is less than 2^30 of it; of `f32` alone nothing is known.
+fn decimal_step(axes: &[Axis], half: f64) -> Option<f64> {
+    const MOST: i32 = 15;
+    let most = (0..=MOST).take_while(|&digits| half * 10f64.powi(digits) < (1u64 << 29) as f64).last()?;
+    let digits = axes.iter().try_fold(0, |digits, axis| axis.decimals(digits, most))?;
+    Some(1.0 / 10f64.powi(digits))
+}
+
+fn binary_step(half: f64) -> f64 {
     if half == 0.0 {
         return 1.0 / 1024.0;
     }

@@ -206,12 +206,14 @@ pub struct ReadOptions {
     /// What colours count to, whatever the files say or look like.
     pub rgb_range: Option<RgbRange>,
     pub strays: Treatment,
+    /// Whether to look at the values of attributes that a cloud has no columns for ([`Header::extras`]).
+    pub extras: bool,
 }
 
 impl ReadOptions {
     /// With everything about text files and colours found out.
     pub const fn new(wanted: Wanted, strict: bool) -> ReadOptions {
-        ReadOptions { wanted, strict, text: TextOptions::NONE, rgb_range: None, strays: Treatment::Show }
+        ReadOptions { wanted, strict, text: TextOptions::NONE, rgb_range: None, strays: Treatment::Show, extras: false }
     }
 }
 
@@ -226,6 +228,9 @@ pub struct Header {
     pub bounds: Option<[[f64; 3]; 2]>,
     /// Software that wrote the file, coordinate system, creation date, extra attributes: in the file's own words.
     pub facts: Vec<(String, String)>,
+    /// What else every point has, where that was asked for ([`ReadOptions::extras`]).
+    #[serde(skip)]
+    pub extras: Vec<Extra>,
     /// Whether these are the points of a file that lie far outside of all others: they have a part of their own, and no say in anything.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub strays: bool,
@@ -235,6 +240,37 @@ pub struct Header {
     /// Where some of its points are, while that is still to be used.
     #[serde(skip)]
     pub sample: Option<Sample>,
+}
+
+/// An attribute that a cloud has no column for, by the file's own name: what its values are.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Extra {
+    pub name: String,
+    /// None where no point has a number.
+    pub min: Option<f64>,
+    pub max: Option<f64>,
+    /// Points without a number.
+    pub missing: u64,
+}
+
+impl Extra {
+    fn add(&mut self, value: Option<f64>) {
+        match value.filter(|value| !value.is_nan()) {
+            Some(value) => self.widen(Some(value), Some(value)),
+            None => self.missing += 1,
+        }
+    }
+
+    fn join(&mut self, other: Extra) {
+        self.widen(other.min, other.max);
+        self.missing += other.missing;
+    }
+
+    fn widen(&mut self, min: Option<f64>, max: Option<f64>) {
+        let either = |a: Option<f64>, b: Option<f64>, pick: fn(f64, f64) -> f64| a.into_iter().chain(b).reduce(pick);
+        self.min = either(self.min, min, f64::min);
+        self.max = either(self.max, max, f64::max);
+    }
 }
 
 /// The intensity that a file has where a column has this, for `[lo, hi]` of [`Part::intensity_range`]. It was an integer, or an `f32`.

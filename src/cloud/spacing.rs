@@ -1,14 +1,19 @@
-//! How far apart neighbouring points are.
+//! HOW FAR APART NEIGHBOURING POINTS ARE: one measure, for whole clouds and for nodes of an index.
 //!
-//! In: a cloud. Out: the median, over a few thousand points spread evenly through it, of the distance to the nearest other point, world, f64.
-//! Exact for those seeds and deterministic: the seeds are binned on a grid, then every point looks at the seeds in its own and the adjacent cells
+//! Where the eighth nearest place lies at a distance `r`, eight lie on a disc of `pi r^2`: they are `sqrt(pi r^2 / 8)` apart, the root of the area that
+//! each has. Places that were measured several times count once.
+//!
+//! In: a cloud. Out: the upper quartile over about two thousand of its places, world, f64: what is sparser than the rest has the larger gaps.
+//! Exact for those seeds and the same in any order of the points: the seeds are binned on a grid, then every point looks at the seeds in its own and the adjacent cells
 //! only. The first cell is guessed from how far apart the seeds themselves are, not from the bounding box, which one stray point inflates.
-//! It grows until the nearest point of half the seeds lies within a cell's width, where it cannot be missed: all that a median needs.
+//! It grows until the places sought of three quarters of the seeds lie within a cell's width, where none can be missed.
 
-use super::{Cloud, Part};
+use super::{Cloud, Columns, Part};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::f64::consts::PI;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 const SEEDS: u64 = 2048;
@@ -19,7 +24,15 @@ const GROWTH: f64 = 4.0;
 /// Of the widest extent: cells are numbered with i64, and points are not told apart below an `f64` of that extent.
 const SMALLEST_CELL: f64 = 1.0 / (1u64 << 40) as f64;
 
-/// Coincident points are one place measured twice, and say nothing about spacing: a distance of 0 does not count.
+/// Places around one that say how far apart they are.
+pub const NEIGHBOURS: usize = 8;
+
+/// Returns how far apart places are, by the square of the distance to the farthest of so many around one.
+pub fn apart(square: f64, neighbours: usize) -> f64 {
+    (PI * square / neighbours as f64).sqrt()
+}
+
+/// None of a cloud of one place.
 pub fn spacing(cloud: &Cloud) -> Option<f64> {
     let parts = || cloud.parts.iter().filter(|part| !part.header.strays);
     let bounds = parts().filter_map(Part::bounds);
@@ -29,21 +42,48 @@ pub fn spacing(cloud: &Cloud) -> Option<f64> {
     if !widest.is_finite() || widest <= 0.0 {
         return None;
     }
-    // On a surface, n points are closer than m of them by the square root of m / n.
+    // On a surface, n points are closer than m of them by the square root of m / n; and the eighth is about three times as far as the first.
     let closer = (seeds.len() as f64 / cloud.len() as f64).sqrt();
-    let mut cell = between(&seeds).map_or(widest, |distance| 2.0 * distance * closer).max(widest * SMALLEST_CELL);
+    let mut cell = between(&seeds).map_or(widest, |distance| 5.0 * distance * closer).max(widest * SMALLEST_CELL);
     loop {
-        let nearest = nearest(cloud, &seeds, lo, cell);
-        let mut settled: Vec<f64> = nearest.into_iter().filter(|&distance| distance <= cell).collect();
-        if settled.len() * 2 > seeds.len() {
+        let around = around(cloud, &seeds, lo, cell);
+        let is_last = cell > 2.0 * widest;
+        let is_settled = |found: &&Around| is_last || found.count == NEIGHBOURS && found.squares[NEIGHBOURS - 1] <= cell * cell;
+        let mut settled: Vec<f64> = around.iter().filter(is_settled).filter_map(Around::apart).collect();
+        if is_last || settled.len() > seeds.len() * 3 / 4 {
             settled.sort_by(f64::total_cmp);
-            // The median of all seeds: the unsettled ones are farther than any settled one.
-            return settled.get(seeds.len().div_ceil(2) - 1).or(settled.last()).copied();
-        }
-        if cell > 2.0 * widest {
-            return settled.into_iter().max_by(f64::total_cmp);
+            // Of all seeds: the unsettled ones are farther than any settled one.
+            return settled.get(seeds.len() * 3 / 4).or(settled.last()).copied();
         }
         cell *= GROWTH;
+    }
+}
+
+/// The nearest places around a seed: squares of distances, the least first.
+#[derive(Clone, Copy)]
+struct Around {
+    squares: [f64; NEIGHBOURS],
+    places: [DVec3; NEIGHBOURS],
+    count: usize,
+}
+
+impl Around {
+    const NONE: Around = Around { squares: [f64::INFINITY; NEIGHBOURS], places: [DVec3::ZERO; NEIGHBOURS], count: 0 };
+
+    fn add(&mut self, square: f64, place: DVec3) {
+        if square >= self.squares[NEIGHBOURS - 1] || self.places[..self.count].contains(&place) {
+            return;
+        }
+        let rank = self.squares.partition_point(|&nearer| nearer <= square);
+        self.squares.copy_within(rank..NEIGHBOURS - 1, rank + 1);
+        self.places.copy_within(rank..NEIGHBOURS - 1, rank + 1);
+        (self.squares[rank], self.places[rank]) = (square, place);
+        self.count = (self.count + 1).min(NEIGHBOURS);
+    }
+
+    /// None without a place.
+    fn apart(&self) -> Option<f64> {
+        self.count.checked_sub(1).map(|last| apart(self.squares[last], self.count))
     }
 }
 
@@ -58,28 +98,23 @@ fn between(seeds: &[DVec3]) -> Option<f64> {
     distances.get(distances.len() / 2).copied().filter(|distance| distance.is_finite())
 }
 
-/// Evenly through the file's order, each place once.
+/// About so many places, each once: those whose steps have certain hashes, whatever order the points are in.
 fn seeds(cloud: &Cloud) -> Vec<DVec3> {
-    let stride = cloud.len().div_ceil(SEEDS).max(1);
-    let mut seeds = Vec::new();
-    let mut next = stride / 2;
-    let mut before = 0;
-    for part in &cloud.parts {
-        let count = part.columns.len() as u64;
-        while next < before + count {
-            let i = (next - before) as usize;
-            seeds.push(part.lattice.world([part.columns.x[i].into(), part.columns.y[i].into(), part.columns.z[i].into()]));
-            next += stride;
-        }
-        before += count;
-    }
+    let every = cloud.len().div_ceil(SEEDS).max(1);
+    let of_part = |part: &Part| {
+        let Columns { x, y, z, .. } = &part.columns;
+        let steps = |i: usize| [x[i], y[i], z[i]].map(i64::from);
+        let chosen = (0..x.len()).into_par_iter().with_min_len(1 << 15).filter(|&i| hash(steps(i)) >> 32 < (1 << 32) / every);
+        chosen.map(|i| part.lattice.world(steps(i))).collect::<Vec<_>>()
+    };
+    let mut seeds: Vec<DVec3> = cloud.parts.iter().flat_map(of_part).collect();
     seeds.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
     seeds.dedup();
     seeds
 }
 
-/// For each seed the distance to its nearest other place, infinite if that is beyond the adjacent cells.
-fn nearest(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<f64> {
+/// For each seed the nearest places, of those in its own and the adjacent cells.
+fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
     let key = |p: DVec3| ((p - lo) / cell).floor().as_i64vec3().to_array();
     // Each seed in all cells that see it, so that a point looks into one cell only.
     let mut watching: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
@@ -95,8 +130,9 @@ fn nearest(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<f64> {
         let bit = filter_bit(*cell);
         near[bit / 64] |= 1 << (bit % 64);
     }
-    // Squared distances are positive, so their bits order as they do.
-    let best: Vec<AtomicU64> = seeds.iter().map(|_| AtomicU64::new(f64::INFINITY.to_bits())).collect();
+    let found: Vec<Mutex<Around>> = seeds.iter().map(|_| Mutex::new(Around::NONE)).collect();
+    // The farthest that counts. Squared distances are positive, so their bits order as they do.
+    let bounds: Vec<AtomicU64> = seeds.iter().map(|_| AtomicU64::new(f64::INFINITY.to_bits())).collect();
     for part in &cloud.parts {
         let columns = &part.columns;
         (0..columns.len()).into_par_iter().with_min_len(1 << 15).for_each(|i| {
@@ -107,21 +143,28 @@ fn nearest(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<f64> {
                 return;
             }
             for &seed in watching.get(&cell).into_iter().flatten() {
-                let squared = (p - seeds[seed]).length_squared();
-                if squared > 0.0 {
-                    best[seed].fetch_min(squared.to_bits(), Ordering::Relaxed);
+                let square = (p - seeds[seed]).length_squared();
+                if square > 0.0 && square.to_bits() < bounds[seed].load(Ordering::Relaxed) {
+                    let mut around = found[seed].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                    around.add(square, p);
+                    bounds[seed].store(around.squares[NEIGHBOURS - 1].to_bits(), Ordering::Relaxed);
                 }
             }
         });
     }
-    best.iter().map(|bits| f64::from_bits(bits.load(Ordering::Relaxed)).sqrt()).collect()
+    found.into_iter().map(|around| around.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())).collect()
 }
 
 const FILTER_BITS: usize = 1 << 20;
 
-fn filter_bit([x, y, z]: [i64; 3]) -> usize {
-    let hash = (x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+fn filter_bit(cell: [i64; 3]) -> usize {
+    (hash(cell) >> 44) as usize & (FILTER_BITS - 1)
+}
+
+/// Of which the high bits are good.
+fn hash([x, y, z]: [i64; 3]) -> u64 {
+    let mixed = (x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15)
         ^ (y as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F)
         ^ (z as u64).wrapping_mul(0x1656_67B1_9E37_79F9);
-    (hash >> 44) as usize & (FILTER_BITS - 1)
+    (mixed ^ mixed >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9)
 }

@@ -11,7 +11,7 @@ mod values;
 
 use super::floats::{ColorUnit, Role};
 use super::input::Input;
-use super::text;
+use super::{Extra, text};
 use std::fmt;
 use std::str::FromStr;
 
@@ -106,16 +106,18 @@ impl FromStr for Columns {
 pub struct TextOptions {
     pub delimiter: Option<Delimiter>,
     pub columns: Option<Columns>,
+    /// The name of the column that intensities are read from.
+    pub scalar: Option<&'static str>,
 }
 
 impl TextOptions {
     /// Everything is found out.
-    pub const NONE: TextOptions = TextOptions { delimiter: None, columns: None };
+    pub const NONE: TextOptions = TextOptions { delimiter: None, columns: None, scalar: None };
 
     /// The note on a file that is no table, where something is said of tables.
     pub(super) fn idle(&self, input: &Input) -> Option<String> {
         (*self != TextOptions::NONE)
-            .then(|| format!("{}: is no table of text, so that --columns and --delimiter change nothing", input.name()))
+            .then(|| format!("{}: is no table of text, so that --columns, --delimiter and --scalar change nothing", input.name()))
     }
 }
 
@@ -143,6 +145,13 @@ pub struct Column {
     pub role: Role,
     /// Holds words, not numbers.
     pub is_text: bool,
+}
+
+impl Column {
+    /// Whether it holds numbers that are no part of a point.
+    pub fn is_extra(&self) -> bool {
+        self.role == Role::Other && !self.is_text
+    }
 }
 
 /// What says what columns are.
@@ -206,18 +215,24 @@ impl Table {
         }
     }
 
-    fn left_aside(&self) -> Vec<String> {
-        let aside = self.columns.iter().enumerate().filter(|(_, column)| column.role == Role::Other);
-        aside
-            .map(|(place, column)| {
-                let name = column.name.as_ref().map_or(format!("column {}", place + 1), |name| format!("\"{name}\""));
-                match column.is_text {
-                    true if self.words_at_end && place + 1 == self.columns.len() => format!("{name} (text of several words)"),
-                    true => format!("{name} (text)"),
-                    false => name,
-                }
-            })
-            .collect()
+    /// A column as an attribute of its own, before any value.
+    pub fn extra(&self, column: usize) -> Extra {
+        let name = self.columns[column].name.clone().unwrap_or_else(|| format!("column {}", column + 1));
+        Extra { name, ..Extra::default() }
+    }
+
+    /// Names of columns that are no part of a point: of numbers, and of words.
+    fn left_aside(&self) -> [Vec<String>; 2] {
+        let name = |(place, column): (usize, &Column)| {
+            let name = column.name.as_ref().map_or(format!("column {}", place + 1), |name| format!("\"{name}\""));
+            let is_long = self.words_at_end && place + 1 == self.columns.len();
+            if is_long { format!("{name} (of several words)") } else { name }
+        };
+        let aside = |is_text: bool| {
+            let own = self.columns.iter().enumerate().filter(|(_, column)| column.role == Role::Other && column.is_text == is_text);
+            own.map(name).collect()
+        };
+        [aside(false), aside(true)]
     }
 }
 
@@ -239,9 +254,12 @@ impl fmt::Display for Table {
             Source::Values => write!(f, "no names; by their order and values columns are taken as {}", self.words())?,
             Source::Asked => write!(f, "columns as asked for: {}", self.words())?,
         }
-        let aside = self.left_aside();
-        if !aside.is_empty() && self.source != Source::Asked {
-            write!(f, "; not kept: {}", aside.join(", "))?;
+        let [extras, texts] = self.left_aside();
+        if !extras.is_empty() && self.source != Source::Asked {
+            write!(f, "; further attributes, one of which --scalar reads as intensity: {}", extras.join(", "))?;
+        }
+        if !texts.is_empty() && self.source != Source::Asked {
+            write!(f, "; text that is not kept: {}", texts.join(", "))?;
         }
         if let Some(unfit) = &self.unfit {
             write!(f, "; {unfit}")?;

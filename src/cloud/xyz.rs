@@ -7,7 +7,7 @@ use super::floats::{Floats, Point, Role, there};
 use super::input::{Input, Meter};
 use super::table::line::{Line, Missing, Splitter};
 use super::table::{Source, Table, sniff};
-use super::{Header, Part, ReadOptions, encoding, ptx, system, text};
+use super::{Extra, Header, Part, ReadOptions, encoding, ptx, system, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -22,7 +22,7 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let is_whole = begin + start.len() as u64 >= input.length;
     let table = sniff::sniff(&start, is_whole, &options.text).map_err(|what| input.wrong(what))?;
     notes.push(format!("{}: {table}", input.name()));
-    let rows = rows(input, begin + table.body_at as u64, &table, options, progress)?;
+    let mut rows = rows(input, begin + table.body_at as u64, &table, options, progress)?;
     tell(input, &table, &rows, options, notes)?;
     let points = table.count.map(|first| first.saturating_add(rows.counted));
     let format = if table.count.is_some() && table.source == Source::Values { "PTS" } else { "XYZ" };
@@ -30,7 +30,9 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let named = Some(("names".to_string(), names)).filter(|_| table.columns.iter().any(|column| column.name.is_some()));
     let angles = Some(system::DEGREES).filter(|_| names_angles(&table)).map(|(what, text)| (what.into(), text.into()));
     let facts = [("columns".into(), table.words())].into_iter().chain(named).chain(angles).collect();
-    let header = Header { format: format.into(), points, facts, ..Header::default() };
+    let extras = std::mem::take(&mut rows.extras).into_iter().zip(&table.columns).filter(|(_, column)| column.is_extra());
+    let extras = extras.map(|(extra, _)| extra).collect();
+    let header = Header { format: format.into(), points, facts, extras, ..Header::default() };
     Ok(rows.floats.into_parts(input, header, table.color_unit(), None, notes))
 }
 
@@ -55,6 +57,8 @@ struct Rows {
     missing: Vec<Missing>,
     /// Columns that the last line has no value for.
     gaps: Vec<usize>,
+    /// Of every column, where they are asked for.
+    extras: Vec<Extra>,
 }
 
 /// Lines that are no rows.
@@ -82,6 +86,7 @@ fn rows(input: &Input, at: u64, table: &Table, options: &ReadOptions, progress: 
         no_data: Missing::default(),
         missing: vec![Missing::default(); table.columns.len()],
         gaps: Vec::new(),
+        extras: if options.extras { table.columns.iter().enumerate().map(|(place, _)| table.extra(place)).collect() } else { Vec::new() },
     };
     let parse = |block: &[u8]| {
         let mut rows = empty();
@@ -114,7 +119,7 @@ impl Rows {
         }
         let mut point = Point::default();
         self.gaps.clear();
-        match table.line(line, splitter, &mut point, &mut self.gaps) {
+        match table.line(line, splitter, &mut point, &mut self.gaps, &mut self.extras) {
             Line::Point => {
                 self.floats.push(&point);
                 self.gaps.iter().for_each(|&place| self.missing[place].add(self.lines));
@@ -136,6 +141,7 @@ impl Rows {
         self.bad.lines += block.bad.lines;
         self.bad.first = self.bad.first.take().or(block.bad.first.map(|(line, what)| (line + before, what)));
         self.no_data.join(later(block.no_data));
+        self.extras.iter_mut().zip(block.extras).for_each(|(sum, extra)| sum.join(extra));
         self.missing.iter_mut().zip(block.missing).for_each(|(sum, missing)| sum.join(later(missing)));
     }
 }

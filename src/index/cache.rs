@@ -13,7 +13,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Changes whenever an index of the same files would be another one.
-const GENERATION: u32 = 5;
+const GENERATION: u32 = 6;
 
 const SAMPLES: u64 = 64;
 const SAMPLE_BYTES: u64 = 16 << 10;

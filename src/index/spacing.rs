@@ -1,15 +1,15 @@
 //! One node's points in, how far apart they are out: what a pixel of them stands for on the screen.
 //!
-//! Points are in Morton order, so that neighbours in space are, mostly, neighbours in the list. Of every so many points the distance `r` to the eighth nearest within a window of the list says how
-//! dense the surface is there: eight points on a disc of `pi r^2`, so `sqrt(pi r^2 / 8)` apart. The upper quartile stands for the node: what is sparser than the rest has the larger gaps.
+//! Points are in Morton order, so that neighbours in space are, mostly, neighbours in the list: the measure is that of [`cloud::spacing`](crate::cloud::spacing), within a window of the list around every
+//! so many points. It misses some neighbours, and is a fifth more for that.
 
+use crate::cloud::spacing::{NEIGHBOURS, apart};
 use crate::config::BITS_PER_PLANE;
 use glam::DVec3;
 
 /// Points that are asked, and on either side in the list those that they may find.
 const ASKED: usize = 64;
 const WINDOW: usize = 64;
-const NEIGHBOURS: usize = 8;
 
 /// Returns it in cells of the coarsest position plane, whose words these are; 0 of a single place. Of places that were measured several times each, as most are, one point is asked.
 pub fn spacing(count: usize, word: impl Fn(usize) -> u32) -> f64 {
@@ -34,7 +34,7 @@ pub fn spacing(count: usize, word: impl Fn(usize) -> u32) -> f64 {
         }
         let eighth = NEIGHBOURS.min(squares.len()) - 1;
         let (_, square, _) = squares.select_nth_unstable_by(eighth, f64::total_cmp);
-        spacings.push((std::f64::consts::PI * *square / (eighth + 1) as f64).sqrt());
+        spacings.push(apart(*square, eighth + 1));
     }
     spacings.sort_by(f64::total_cmp);
     spacings.get(spacings.len() * 3 / 4).copied().unwrap_or(0.0)

@@ -10,7 +10,7 @@ use super::{MOST_NODES, Resident, ResidentNode, in_metres};
 use crate::clip::Clips;
 use crate::cloud::attribute::Shown;
 use crate::cloud::counts::Counts;
-use crate::cloud::{Cloud, Columns, Part, Station};
+use crate::cloud::{Cloud, Columns, Part, Station, spacing};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::index::axes::Axes;
@@ -35,6 +35,7 @@ pub struct Filling {
     counts: Option<Counts>,
     balance: Option<Balance>,
     axes: Axes,
+    spacing_m: f64,
     points: u64,
     /// Strokes that were found before, where somebody keeps them.
     found: Option<Arc<Found>>,
@@ -64,12 +65,14 @@ impl Filling {
     pub fn new(cloud: Cloud, shown: Shown, found: Option<Arc<Found>>) -> Filling {
         let (balance, points) = (if shown.coded { exposure::balance(&cloud) } else { None }, cloud.len());
         let counts = shown.further.kind.then(|| Counts::of(cloud.parts.iter().map(|part| &part.columns)));
+        let spacing_m = spacing::spacing(&cloud).unwrap_or(0.0);
         let axes = if shown.further.strokes { index::axes::of(&cloud.parts) } else { Axes::default() };
         let mut parts: VecDeque<(usize, Part)> = cloud.parts.into_iter().enumerate().collect();
         parts.iter_mut().for_each(|(_, part)| part.columns.keep(shown.wanted()));
         Filling {
             shown,
             stations: cloud.stations,
+            spacing_m,
             counts,
             balance,
             axes,
@@ -153,6 +156,7 @@ impl Filling {
                 shown: self.shown,
                 points: 0,
                 stations: self.stations.clone(),
+                spacing_m: Some(self.spacing_m),
                 counts: self.counts.take(),
                 balance: self.balance.take(),
                 // A file's normals, where it has any.

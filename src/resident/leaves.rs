@@ -38,6 +38,7 @@ impl Resident {
             shown: Shown::indexed(Attribute::White, [0.0; 2], [0, 255]),
             points: index.directory.contents.points,
             stations: Vec::new(),
+            spacing_m: None,
             counts: None,
             oriented: false,
             axes: Axes::default(),

@@ -106,6 +106,8 @@ pub struct Resident {
     /// Of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
+    /// As [`Resident::spacing_m`], of a cloud that is there whole.
+    spacing_m: Option<f64>,
     /// Of the whole cloud, where they were counted and points bring their kinds.
     pub counts: Option<Counts>,
     /// What gives all stations one exposure, where colours say which station they are of.
@@ -243,8 +245,12 @@ impl Resident {
             .collect()
     }
 
-    /// How far apart points are, metres: in the node that the middle one is in, from dense nodes to sparse ones; 0 where there are none.
+    /// How far apart points are, metres: that of the cloud ([`crate::cloud::spacing`]), or where nodes come and go of the points that are there, in
+    /// the node that the middle one is in, from dense nodes to sparse ones; 0 where there are none.
     pub fn spacing_m(&self) -> f64 {
+        if let Some(spacing_m) = self.spacing_m {
+            return spacing_m;
+        }
         sampling::middle(self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect())
     }
 

@@ -165,6 +165,7 @@ impl Residency {
             shown,
             points: index.directory.contents.points,
             stations: index.directory.contents.stations.clone(),
+            spacing_m: None,
             counts: index.directory.contents.counts.clone(),
             balance: index.directory.contents.balance.clone().filter(|_| shown.coded),
             oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),

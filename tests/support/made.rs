@@ -92,7 +92,9 @@ impl Las {
         put(100, &(vlrs.len() as u32).to_le_bytes());
         put(105, &self.width().to_le_bytes());
         let count = self.points.len();
-        put(107, &(if self.format < 6 { count as u32 } else { 0 }).to_le_bytes());
+        let legacy = if self.format < 6 { count as u32 } else { 0 };
+        put(107, &legacy.to_le_bytes());
+        put(111, &legacy.to_le_bytes());
         for axis in 0..3 {
             put(131 + 8 * axis, &self.scale[axis].to_le_bytes());
             put(155 + 8 * axis, &self.offset[axis].to_le_bytes());
@@ -106,6 +108,7 @@ impl Las {
             put(235, &((length + between + body) as u64).to_le_bytes());
             put(243, &(self.evlrs.len() as u32).to_le_bytes());
             put(247, &(count as u64).to_le_bytes());
+            put(255, &(count as u64).to_le_bytes());
         }
         for (user, number, contents) in vlrs {
             head.extend([0; 2]);

@@ -101,7 +101,21 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         facts.push(("created".into(), format!("day {} of {}", u16_at(&head, 90), u16_at(&head, 92))));
     }
     let first_vlr = if header_bytes >= least_header && header_bytes <= points_at { header_bytes } else { least_header };
-    vlrs(input, first_vlr, u32_at(&head, 100), &mut layout, &mut facts, &mut projection, notes)?;
+    let declared = vlrs(input, first_vlr, u32_at(&head, 100), &mut layout, &mut facts, &mut projection)?;
+    let room = layout.record_bytes - least as usize;
+    if declared < room {
+        let spare = room - declared;
+        layout.lies.push(format!("has {spare} more bytes a point than point format {format} and its extra bytes need: they are not read"));
+    }
+    // Points of return number 0 are in no count; there are never more by returns than in all.
+    let narrow: u64 = (0..5).map(|k| u32_at(&head, 111 + 4 * k) as u64).sum();
+    let wide = (0..if has_wide_count { 15 } else { 0 }).fold(0u64, |sum, k| sum.saturating_add(u64_at(&head, 255 + 8 * k)));
+    if narrow.max(wide) > points {
+        layout.lies.push(format!("says {points} points (number of point records) and {} by return", narrow.max(wide)));
+    }
+    if has_wide_count && legacy != 0 && legacy != points {
+        layout.lies.push(format!("says {points} points in one field (number of point records) and {legacy} in another (legacy number)"));
+    }
     if has_wide_count {
         evlrs(input, u64_at(&head, 235), u32_at(&head, 243), &mut facts, &mut projection)?;
     }
@@ -159,7 +173,8 @@ fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Latti
     Ok((lattice, is_negative.map(|is_negative| -(is_negative as i32))))
 }
 
-/// Walks the records between header and points. A record that does not fit ends the walk with a note: the points do not depend on it.
+/// Walks the records between header and points; returns how many extra bytes they declare. A record that does not fit ends the walk: the points do
+/// not depend on it.
 fn vlrs(
     input: &Input,
     first: u64,
@@ -167,15 +182,14 @@ fn vlrs(
     layout: &mut Layout,
     facts: &mut Vec<(String, String)>,
     projection: &mut Projection,
-    notes: &mut Vec<String>,
-) -> Result<()> {
-    let mut at = first;
+) -> Result<usize> {
+    let (mut at, mut extra_bytes) = (first, 0);
     for index in 0..count {
         let head = if at + VLR_HEADER_BYTES <= layout.points_at { input.take(at, VLR_HEADER_BYTES)? } else { Vec::new() };
         let fits = head.len() as u64 == VLR_HEADER_BYTES && at + VLR_HEADER_BYTES + u16_at(&head, 20) as u64 <= layout.points_at;
         if !fits {
-            notes.push(format!("{}: header says {count} variable-length records, {index} fit before the points", input.name()));
-            return Ok(());
+            layout.lies.push(format!("says it has {count} variable-length records, and {index} fit before the points"));
+            return Ok(extra_bytes);
         }
         let (user, record, length) = (text(&head[2..18]), u16_at(&head, 18), u16_at(&head, 20) as u64);
         let contents = || input.take(at + VLR_HEADER_BYTES, length);
@@ -185,6 +199,7 @@ fn vlrs(
             ("LASF_Projection", _) => projection.take(record, contents()?, facts),
             ("LASF_Spec", 4) => {
                 let declared: Vec<Attribute> = contents()?.chunks_exact(192).map(Attribute::of).collect();
+                extra_bytes += declared.iter().map(|attribute| attribute.bytes).sum::<usize>();
                 let room = layout.record_bytes - RECORD_BYTES[layout.format as usize] as usize;
                 let ends = declared.iter().scan(0, |end, attribute| {
                     *end += attribute.bytes;
@@ -205,7 +220,7 @@ fn vlrs(
         }
         at += VLR_HEADER_BYTES + length;
     }
-    Ok(())
+    Ok(extra_bytes)
 }
 
 /// What records say of the coordinate system.

@@ -4,7 +4,7 @@
 
 use super::{Delimiter, Reading, Role, Table};
 use crate::cloud::floats::Point;
-use crate::cloud::text;
+use crate::cloud::{Extra, text};
 
 /// What a line is.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,8 +42,9 @@ impl Missing {
 }
 
 impl Table {
-    /// Reads a line into `point`, which is as it begins, and appends to `gaps` the columns that it has no value for.
-    pub fn line(&self, line: &[u8], splitter: &mut Splitter, point: &mut Point, gaps: &mut Vec<usize>) -> Line {
+    /// Reads a line into `point`, which is as it begins, appends to `gaps` the columns that it has no value for, and adds to `extras` the values of
+    /// columns that are no part of a point: one of every column, or none where nobody asks.
+    pub fn line(&self, line: &[u8], splitter: &mut Splitter, point: &mut Point, gaps: &mut Vec<usize>, extras: &mut [Extra]) -> Line {
         if is_comment(line, self.reading.delimiter) {
             return Line::Comment;
         }
@@ -54,23 +55,26 @@ impl Table {
         }
         if self.reading.paired {
             let fields = splitter.split(line);
-            return self.row(fields.iter().map(Vec::as_slice), point, gaps);
+            return self.row(fields.iter().map(Vec::as_slice), point, gaps, extras);
         }
         if memchr::memchr(b'"', line).is_some() {
-            return self.row(splitter.quoted(line), point, gaps);
+            return self.row(splitter.quoted(line), point, gaps, extras);
         }
         match self.reading.delimiter.byte() {
-            Some(byte) => self.row(line.split(|&b| b == byte).map(<[u8]>::trim_ascii), point, gaps),
-            None => self.row(text::blanks(line), point, gaps),
+            Some(byte) => self.row(line.split(|&b| b == byte).map(<[u8]>::trim_ascii), point, gaps, extras),
+            None => self.row(text::blanks(line), point, gaps, extras),
         }
     }
 
-    fn row<'a>(&self, mut fields: impl Iterator<Item = &'a [u8]>, point: &mut Point, gaps: &mut Vec<usize>) -> Line {
+    fn row<'a>(&self, mut fields: impl Iterator<Item = &'a [u8]>, point: &mut Point, gaps: &mut Vec<usize>, extras: &mut [Extra]) -> Line {
         for (place, column) in self.columns.iter().enumerate() {
             let Some(field) = fields.next() else {
                 return Line::Bad(format!("{place} fields, not {}", self.columns.len()));
             };
             if column.role == Role::Other {
+                if let Some(extra) = extras.get_mut(place) {
+                    extra.add(text::number_with(field, self.reading.decimal_comma));
+                }
                 continue;
             }
             match text::number_with(field, self.reading.decimal_comma).filter(|&value| column.role.holds(value)) {

@@ -98,7 +98,30 @@ pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table,
     }
     let most = candidates.iter().map(|candidate| candidate.matched).max().unwrap_or(0);
     let chosen = candidates.into_iter().find(|candidate| candidate.matched == most).ok_or_else(|| no_table(&lines, asked))?;
-    Ok(table(&lines, chosen))
+    let mut table = table(&lines, chosen);
+    if let Some(name) = asked.scalar {
+        read_as_intensity(&mut table, name)?;
+    }
+    Ok(table)
+}
+
+/// Gives the column of this name the role of intensity, which no other one has then.
+fn read_as_intensity(table: &mut Table, name: &str) -> Result<(), String> {
+    let titles: Vec<String> = (0..table.columns.len()).map(|place| table.extra(place).name).collect();
+    let is_it = |title: &&String| **title == name || names::key(title) == names::key(name);
+    let place = titles.iter().position(|title| title == name).or_else(|| titles.iter().position(|title| is_it(&title)));
+    let Some(place) = place else {
+        return Err(format!("has no column \"{name}\" to read as --scalar; it has {}", titles.join(", ")));
+    };
+    if table.columns[place].is_text || matches!(table.columns[place].role, Role::Position(_)) {
+        return Err(format!(
+            "cannot read \"{name}\" as --scalar: it is {}",
+            if table.columns[place].is_text { "text" } else { "a coordinate" }
+        ));
+    }
+    table.columns.iter_mut().filter(|column| column.role == Role::Intensity).for_each(|column| column.role = Role::Other);
+    table.columns[place].role = Role::Intensity;
+    Ok(())
 }
 
 fn no_table(lines: &[Sampled], asked: &TextOptions) -> String {
