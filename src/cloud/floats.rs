@@ -331,9 +331,9 @@ fn extent(axes: &[Axis; 3], is_angular: bool, strays: bool) -> Extent {
         ranges = ranges.map(|(lo, hi)| (lo.min(0.0), hi.max(0.0)));
     }
     let is_place = ranges.iter().all(|(lo, hi)| lo == hi);
-    let groups = if is_angular { vec![0..2, 2..3] } else { vec![0..3] };
+    let first = if is_angular { 2 } else { 3 };
     let mut extent = Extent { offset: ranges.map(|(lo, _)| lo), step: [1.0; 3] };
-    for group in groups {
+    for group in [0..first, first..3].into_iter().filter(|group| !group.is_empty()) {
         let half = half_width(&ranges[group.clone()]);
         let (own, binary) = (&axes[group.clone()], binary_step(half));
         let is_exact = own.iter().all(|axis| axis.is_on(binary));

@@ -372,8 +372,9 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
         for mut part in parts {
             let index = cloud.parts.len();
             let title = part.title();
-            cloud.notes.extend(bounds_note(path, &title, &part.header, part.lattice, part.bounds(), options.strict)?);
-            far_error(path, part.lattice, part.bounds())?;
+            let bounds = part.bounds();
+            cloud.notes.extend(bounds_note(path, &title, &part.header, part.lattice, bounds, options.strict)?);
+            far_error(path, part.lattice, bounds)?;
             part.look_around();
             part.lattice = system::settle(&mut part.header, part.lattice, &mut plane, &title, &mut cloud.notes);
             if let Some(lie) = system::lie(&part.header).filter(|_| options.strict) {

@@ -42,9 +42,9 @@ pub fn spacing(cloud: &Cloud) -> Option<f64> {
     if !widest.is_finite() || widest <= 0.0 {
         return None;
     }
-    // On a surface, n points are closer than m of them by the square root of m / n; and the eighth is about three times as far as the first.
+    // On a surface, n points are closer than m of them by the square root of m / n; and the eighth is three times as far as the first; some are sparser.
     let closer = (seeds.len() as f64 / cloud.len() as f64).sqrt();
-    let mut cell = between(&seeds).map_or(widest, |distance| 5.0 * distance * closer).max(widest * SMALLEST_CELL);
+    let mut cell = between(&seeds).map_or(widest, |distance| 8.0 * distance * closer).max(widest * SMALLEST_CELL);
     loop {
         let around = around(cloud, &seeds, lo, cell);
         let is_last = cell > 2.0 * widest;

@@ -41,17 +41,37 @@ impl Core {
         if count < FEWEST {
             return None;
         }
-        let every = (count / SAMPLES + 1) as u64;
-        let samples: Vec<DVec3> =
-            (0..count).into_par_iter().with_min_len(AT_ONCE).map(&place).filter(|&p| scatter(p).is_multiple_of(every)).collect();
-        let middle = middle_half(samples)?;
+        // One of so many points is asked for the middle half, by its place alone.
+        let chosen = u64::MAX / (count / SAMPLES + 1) as u64;
+        let look = |start: usize| {
+            let mut seen = Seen::default();
+            for i in start..count.min(start + AT_ONCE) {
+                let p = place(i);
+                seen.all = Core { low: seen.all.low.min(p), high: seen.all.high.max(p) };
+                if scatter(p) <= chosen {
+                    seen.samples.push(p);
+                }
+            }
+            seen
+        };
+        let starts = (0..count.div_ceil(AT_ONCE)).into_par_iter().map(|task| task * AT_ONCE);
+        let seen = starts.map(look).reduce(Seen::default, Seen::and);
+        let middle = middle_half(seen.samples.clone())?;
         let size = (middle.high - middle.low).max_element();
         if !(size > 0.0 && size.is_finite()) {
             return None;
         }
-        let factor = |p: DVec3| (1.0 + middle.beyond(p) / size).log2() as usize;
+        // The whole part of the binary logarithm.
+        let factor = |p: DVec3| (((1.0 + middle.beyond(p) / size).to_bits() >> 52) as usize - 1023).min(FACTORS - 1);
+        // Where some of the samples lie within each factor there is no gap, and nothing to count.
+        let farthest = factor(seen.all.low).max(factor(seen.all.high));
+        let mut met = vec![false; farthest + 1];
+        seen.samples.iter().for_each(|&p| met[factor(p)] = true);
+        if met[..farthest].iter().all(|&met| met) {
+            return None;
+        }
         let count_one = |mut counts: Vec<u64>, i: usize| {
-            counts[factor(place(i)).min(FACTORS - 1)] += 1;
+            counts[factor(place(i))] += 1;
             counts
         };
         let add = |a: Vec<u64>, b: Vec<u64>| a.into_iter().zip(b).map(|(a, b)| a + b).collect();
@@ -76,6 +96,25 @@ impl Core {
     /// Returns how far outside a point lies along the axis where that is most.
     fn beyond(&self, p: DVec3) -> f64 {
         (self.low - p).max(p - self.high).max_element().max(0.0)
+    }
+}
+
+/// What a first look at all points finds: a box around them, and samples.
+struct Seen {
+    all: Core,
+    samples: Vec<DVec3>,
+}
+
+impl Default for Seen {
+    fn default() -> Seen {
+        Seen { all: Core { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY }, samples: Vec::new() }
+    }
+}
+
+impl Seen {
+    fn and(mut self, other: Seen) -> Seen {
+        self.samples.extend(other.samples);
+        Seen { all: Core { low: self.all.low.min(other.all.low), high: self.all.high.max(other.all.high) }, samples: self.samples }
     }
 }
 
@@ -187,7 +226,7 @@ impl Cloud {
 /// Returns a number that looks random and depends on a place alone.
 fn scatter(p: DVec3) -> u64 {
     let [x, y, z] = p.to_array().map(|v| (v + 0.0).to_bits());
-    mix(x ^ y.rotate_left(21) ^ z.rotate_left(42))
+    (x ^ y.rotate_left(21) ^ z.rotate_left(42)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
 /// Scatters the bits of a number (the finaliser of SplitMix64, Steele et al. 2014).
