@@ -16,8 +16,6 @@ use std::f64::consts::PI;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-const SEEDS: u64 = 2048;
-
 /// Cells grow by this factor a round.
 const GROWTH: f64 = 4.0;
 
@@ -31,6 +29,15 @@ pub const NEIGHBOURS: usize = 8;
 pub fn apart(square: f64, neighbours: usize) -> f64 {
     (PI * square / neighbours as f64).sqrt()
 }
+
+/// The upper quartile of so many values, of which the least are there.
+pub fn quartile(values: &mut [f64], count: usize) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(count * 3 / 4).or(values.last()).copied()
+}
+
+/// The number of places that are asked, about.
+pub const SEEDS: u64 = 2048;
 
 /// None of a cloud of one place.
 pub fn spacing(cloud: &Cloud) -> Option<f64> {
@@ -51,9 +58,8 @@ pub fn spacing(cloud: &Cloud) -> Option<f64> {
         let is_settled = |found: &&Around| is_last || found.count == NEIGHBOURS && found.squares[NEIGHBOURS - 1] <= cell * cell;
         let mut settled: Vec<f64> = around.iter().filter(is_settled).filter_map(Around::apart).collect();
         if is_last || settled.len() > seeds.len() * 3 / 4 {
-            settled.sort_by(f64::total_cmp);
             // Of all seeds: the unsettled ones are farther than any settled one.
-            return settled.get(seeds.len() * 3 / 4).or(settled.last()).copied();
+            return quartile(&mut settled, seeds.len());
         }
         cell *= GROWTH;
     }
@@ -61,16 +67,16 @@ pub fn spacing(cloud: &Cloud) -> Option<f64> {
 
 /// The nearest places around a seed: squares of distances, the least first.
 #[derive(Clone, Copy)]
-struct Around {
+pub struct Around {
     squares: [f64; NEIGHBOURS],
     places: [DVec3; NEIGHBOURS],
     count: usize,
 }
 
 impl Around {
-    const NONE: Around = Around { squares: [f64::INFINITY; NEIGHBOURS], places: [DVec3::ZERO; NEIGHBOURS], count: 0 };
+    pub const NONE: Around = Around { squares: [f64::INFINITY; NEIGHBOURS], places: [DVec3::ZERO; NEIGHBOURS], count: 0 };
 
-    fn add(&mut self, square: f64, place: DVec3) {
+    pub fn add(&mut self, square: f64, place: DVec3) {
         if square >= self.squares[NEIGHBOURS - 1] || self.places[..self.count].contains(&place) {
             return;
         }
@@ -82,7 +88,7 @@ impl Around {
     }
 
     /// None without a place.
-    fn apart(&self) -> Option<f64> {
+    pub fn apart(&self) -> Option<f64> {
         self.count.checked_sub(1).map(|last| apart(self.squares[last], self.count))
     }
 }
