@@ -3,7 +3,8 @@
 //   a cell with a value:    that, carried from where it was found to the cell's middle by the slope of the coarser level
 //   one without:            of the surface whose known place is nearest (of the eight cells around; else of the four coarser
 //                           cells around; else that of the coarser cell that it lies in): the mean of those coarser cells that
-//                           are of it, weighted bilinearly; where none is, its value
+//                           are of it, weighted bilinearly; where none is, its value. What is no surface keeps the
+//                           colour of that place
 //
 // Pixels of the picture that have a value keep it; background is filled where it is a notch of a contour. Means with perspective are of inverse depths, as ratios to one of them.
 #version 460
@@ -12,6 +13,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "pixel.glsl"
+#include "tile.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -22,6 +24,8 @@ layout(rgba32f) readonly uniform image2D coarse_places;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D places;
 layout(rgba32f) readonly uniform image2D color;
+// Of every tile of the picture, 1 where there is no surface.
+layout(scalar) readonly buffer Rough { uint tile[]; } rough;
 layout(r32f) writeonly uniform image2D filled_depth;
 layout(rgba32f) writeonly uniform image2D filled_color;
 
@@ -31,6 +35,8 @@ layout(constant_id = 1) const bool COARSEST = false;
 layout(constant_id = 2) const bool PICTURE = false;
 // True where colours are labels, which are never mixed.
 layout(constant_id = 3) const bool LABELS = false;
+// True where it is known which tiles are rough.
+layout(constant_id = 4) const bool ROUGH = false;
 
 layout(push_constant, scalar) uniform Push {
     uvec2 coarse_size;
@@ -38,6 +44,8 @@ layout(push_constant, scalar) uniform Push {
     float tolerance; // of depth: metres, or, where it is relative, parts of the depth
     uint relative;
     uint flood; // 1: background is to be filled, too
+    uint level;
+    uint tiles_across;
     uint surrounded; // and where so many of its neighbours have a value, or will have one
 } push;
 
@@ -49,6 +57,12 @@ const float FAR = 1e9;
 // What is known of a cell of this level before filling: depth, and the place from the middle of the cell, in cells.
 vec3 known(ivec2 cell) {
     return PICTURE ? vec3(imageLoad(depth, clamp(cell, ivec2(0), ivec2(push.size) - 1)).r, 0.0, 0.0) : imageLoad(places, clamp(cell, ivec2(0), ivec2(push.size) - 1)).xyz;
+}
+
+bool is_rough(ivec2 cell) {
+    if (!ROUGH) return false;
+    uvec2 tile = ((uvec2(cell) << push.level) + (1u << push.level >> 1)) / uint(TILE_PX);
+    return rough.tile[min(tile.y * push.tiles_across + tile.x, rough.tile.length() - 1)] == 1u;
 }
 
 // None outside.
@@ -163,8 +177,9 @@ void main() {
         bool valued = weights > 0.0;
         float many = valued ? weights : 1.0;
         float mean = PERSPECTIVE ? like / (valued ? sum / many : 1.0) : like + sum / many;
-        z = reached ? mean : NONE;
-        own_color = LABELS || !valued ? like_color : colors / many;
+        // Leaves have colours of their own.
+        z = reached ? (valued ? mean : like) : NONE;
+        own_color = LABELS || !valued || is_rough(cell) ? like_color : colors / many;
     }
     imageStore(filled_depth, cell, vec4(z));
     imageStore(filled_color, cell, own_color);

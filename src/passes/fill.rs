@@ -189,7 +189,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
 
 /// Depths and colours with what steps have filled, in the form that they go back and forth in.
 fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth: &Image, color: &Image, labels: bool) -> [Image; 2] {
-    let Holes { list: lists, kernels, widest } = holes;
+    let Holes { list: lists, kernels, widest, .. } = holes;
     let across = tiles(view.size);
     let count = across[0] * across[1];
 

@@ -67,6 +67,18 @@ pub struct Holes {
     pub kernels: Buffer,
     /// Of the widest kernel that has looked for them.
     pub widest: u32,
+    /// Where that was found.
+    pub scattered: Option<Scattered>,
+}
+
+/// What visibility knows of points that lie on no surface.
+pub struct Scattered {
+    /// What tiles hold (glsl/lib/tile.glsl).
+    pub tiles: Buffer,
+    /// Two words a tile, a bit a pixel: points that are hidden.
+    pub invisible: Buffer,
+    /// The same: points that are led from all sides, and may be seen all the same.
+    pub scattered: Buffer,
 }
 
 /// Of what is no effect: normals look at neighbours.

@@ -23,7 +23,7 @@
 //! least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
 use super::{
-    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scene, Setting, Switch, TILE_PX, Value, fill, gate, significant,
+    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scattered, Scene, Setting, Switch, TILE_PX, Value, fill, gate, significant,
     tiles,
 };
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
@@ -194,8 +194,9 @@ pub fn record(g: &mut Graph, scene: &Scene, asked: &Settings, mut layers: Layers
         });
     }
     judged.hide(g, &mut layers, true);
-    let Judged { holes, kernels, .. } = judged;
-    Layers { holes: Some(Holes { list: holes, kernels, widest: 2 * kernel_px(settings) }), ..layers }
+    let Judged { holes, kernels, tiles, invisible, scattered, .. } = judged;
+    let scattered = (!is_single(settings)).then_some(Scattered { tiles, invisible, scattered });
+    Layers { holes: Some(Holes { list: holes, kernels, widest: 2 * kernel_px(settings), scattered }), ..layers }
 }
 
 /// Points so many times as far apart as their node's still hide what is behind them; sparser ones are strays. With half as much, what lies behind flat parts of a mesh shows between its vertices.
@@ -248,6 +249,8 @@ struct Judged<'s> {
     invisible: Buffer,
     /// The same: points that may be hidden. All may be at first, and then those that enough leads.
     candidates: Buffer,
+    /// The same: points that are led from all sides, and still may be seen.
+    scattered: Buffer,
     /// The same, for every level: pixels without a point that it has decided.
     decided: Buffer,
     /// Of the picture before anything was hidden.
@@ -268,7 +271,7 @@ impl<'s> Judged<'s> {
         let holes = filled("holes", LIST_HEADER as u64 + count, 0);
         let [invisible, candidates] = [("invisible", 0), ("candidates", u32::MAX)].map(|(name, word)| filled(name, 2 * count, word));
         let kernels = filled("kernels", count, 0);
-        let decided = filled("decided", 2 * count, 0);
+        let [scattered, decided] = ["scattered", "decided"].map(|name| filled(name, 2 * count, 0));
         let mut tiles = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count);
         let perspective = view.camera.projection == Projection::Perspective;
         let push =
@@ -287,6 +290,7 @@ impl<'s> Judged<'s> {
             holes,
             invisible,
             candidates,
+            scattered,
             kernels,
             decided,
             projected: None,
@@ -451,8 +455,9 @@ impl<'s> Judged<'s> {
         let spec = visibility_levels::Spec { radius: self.radius(), perspective: self.perspective, empty, texels: g.gpu.device.texels };
         let Left { from, to, counts } = left;
         let (earlier, counted) = (self.decided.racing(), counts.racing());
-        let Judged { holes, invisible, kernels, decided, candidates: led, .. } = self;
+        let Judged { holes, invisible, kernels, decided, candidates: led, scattered, .. } = self;
         let shader = shader::VisibilityLevels {
+            scattered,
             depth,
             pyramid,
             places,

@@ -1,0 +1,44 @@
+// Points that are scattered in depth -> tiles whose surroundings are no surface: branches, leaves, strays. There enough leads a point from all sides, and yet no level can tell whether it is hidden
+// (visibility_levels.comp). On surfaces that happens nowhere but at some contours.
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_control_flow_attributes : require
+#extension GL_GOOGLE_include_directive : require
+
+#include "tile.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(scalar) readonly buffer Tiles { Tile tile[]; } tiles;
+// Two words a tile, a bit a pixel.
+layout(scalar) readonly buffer Invisible { uint word[]; } invisible;
+layout(scalar) readonly buffer Scattered { uint word[]; } scattered;
+// 1 for a tile whose surroundings are no surface.
+layout(scalar) writeonly buffer Rough { uint tile[]; } rough;
+
+layout(push_constant, scalar) uniform Push {
+    uvec2 tiles;
+    uint part; // of the points around, one in so many
+} push;
+
+// Tiles to either side.
+const int AROUND = 3;
+
+void main() {
+    uint number = gl_GlobalInvocationID.x;
+    if (number >= push.tiles.x * push.tiles.y) return;
+    ivec2 own = in_rows(number, push.tiles.x);
+    int points = 0;
+    int scattered_points = 0;
+    [[dont_unroll]] for (int dy = -AROUND; dy <= AROUND; ++dy) {
+        [[dont_unroll]] for (int dx = -AROUND; dx <= AROUND; ++dx) {
+            ivec2 at = clamp(own + ivec2(dx, dy), ivec2(0), ivec2(push.tiles) - 1);
+            int beside = at.y * int(push.tiles.x) + at.x;
+            uvec2 seen = uvec2(tiles.tile[beside].points_left, tiles.tile[beside].points_right) & ~uvec2(invisible.word[2 * beside], invisible.word[2 * beside + 1]);
+            uvec2 odd = seen & uvec2(scattered.word[2 * beside], scattered.word[2 * beside + 1]);
+            points += bitCount(seen.x) + bitCount(seen.y);
+            scattered_points += bitCount(odd.x) + bitCount(odd.y);
+        }
+    }
+    rough.tile[number] = uint(scattered_points > 0 && scattered_points * int(push.part) >= points);
+}
