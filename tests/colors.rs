@@ -11,8 +11,8 @@ use pointillist::progress::Silent;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
-use support::made::{Las, sheet};
-use support::{failed, indexed, info, pointillist, shared, succeeded, text};
+use support::made::{Las, Point, sheet};
+use support::{Png, failed, indexed, info, pointillist, read_png, shared, succeeded, text};
 
 const ALL: ReadOptions = ReadOptions::new(Wanted::ALL, false);
 
@@ -265,4 +265,35 @@ fn files_that_people_have_met_have_their_colours() {
         println!("{name}: {right} of {}", cloud.len());
         assert!(name.ends_with("las") || right as u64 == cloud.len(), "{name}");
     }
+}
+
+/// Share of the drawn pixels whose colour is none of the points': red and green, in turn.
+fn mixed(name: &str, points: Vec<[i32; 3]>) -> f64 {
+    let folder = tempfile::tempdir().unwrap();
+    let color = |i: usize| if i.is_multiple_of(2) { [65_535, 0, 0] } else { [0, 65_535, 0] };
+    let points = points.into_iter().enumerate().map(|(i, q)| Point { q, rgb: color(i), time: 0.0 }).collect();
+    let path = Las { points, ..Las::default() }.write(folder.path(), name);
+    let picture = folder.path().join("a.png");
+    let line = "--size 400x400 --effect fill=auto,method=pullpush --effect shape=off --effect edl=off --no-cache";
+    succeeded(&pointillist().arg("render").arg(&path).arg("-o").arg(&picture).args(line.split_whitespace()).output().unwrap());
+    let Png { pixels, .. } = read_png(&picture);
+    let background = pixels[0];
+    let is_own = |color: &[u8; 3]| color[2] <= 1 && color[..2].iter().all(|&v| v <= 1 || v >= 254);
+    let drawn: Vec<_> = pixels.into_iter().filter(|color| *color != background).collect();
+    assert!(drawn.len() > 20_000, "{name}: {} pixels", drawn.len());
+    drawn.iter().filter(|color| !is_own(color)).count() as f64 / drawn.len() as f64
+}
+
+#[test]
+fn leaves_keep_their_colours_and_surfaces_share_them() {
+    let mut state = 7u64;
+    let mut next = |width: i32| {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 33) as i32 % width
+    };
+    let crown = (0..6000).map(|_| [next(20_000), next(20_000), next(20_000)]).collect();
+    let wall = (0..6000).map(|_| [next(20_000), 0, next(20_000)]).collect();
+    let [crown, wall] = [mixed("crown.las", crown), mixed("wall.las", wall)];
+    println!("colours of two points in {:.1} % of a crown and {:.1} % of a wall", 100.0 * crown, 100.0 * wall);
+    assert!(crown < 0.25 * wall && wall > 0.5);
 }

@@ -72,9 +72,12 @@ fn agrees(name: &str, write: impl FnOnce(&Path) -> Written) {
     let cloud: Cloud = cloud::read(&[path], &ReadOptions { strict: true, ..ReadOptions::default() }, &Silent).unwrap();
     assert_eq!((cloud.parts.len(), cloud.len() as usize), (1, written.relative(UTM).len()), "{name}");
     let part = &cloud.parts[0];
-    // Numbers are kept to the nearest step of a lattice of less than 2^30 steps, found with one f64 division and difference: half a step, and an ulp of the coordinate.
+    // Decimals are kept to the last digit. Other numbers are kept to the nearest step of a lattice of less than 2^30 steps, found with one f64 division and difference: half a step, and an ulp of the
+    // coordinate.
+    let is_decimal = part.lattice.step.x.log2().fract() != 0.0;
     let moved = match written {
         Written::Scaled(_) => DVec3::ZERO,
+        Written::Numbers(_) if is_decimal => DVec3::splat(f64::EPSILON) * (UTM + 20.0),
         Written::Numbers(_) => part.lattice.step * 0.5 + f64::EPSILON * (UTM + 20.0),
     };
     assert!(
