@@ -144,9 +144,9 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     }
 }
 
-/// Pixels from point to point, of the sparsest node in view, up to which holes are filled step by step. Contours are more exact then (`study fill`); where points are farther apart steps leave facets that are
-/// seen, and do not reach the middle of wide holes.
-const STEPS_PX: f64 = 3.0;
+/// Pixels from point to point, of the sparsest node in view, up to which holes are filled step by step. Contours are a little more exact then; where points are farther apart both are (`study surface`), and
+/// steps leave facets that are seen, take longer, and do not reach the middle of wide holes.
+const STEPS_PX: f64 = 2.0;
 
 /// Levels in whose cells there are always points to fill with, however dense.
 const LEAST_LEVELS: f64 = 4.0;

@@ -83,6 +83,7 @@ studies! {
     surface,   // depth, layers, holes, contours
     meshes,    // the same for vertices of meshes
     visibility, // what is hidden, and what is a hole
+    zoom,      // change from frame to frame
     fill,      // depths of holes
     smooth,    // filters
     shape,     // light without normals

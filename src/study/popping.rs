@@ -116,7 +116,7 @@ fn changes_level(index: &Index, a: &Cut, b: &Cut) -> bool {
 }
 
 /// Over the pixels that either covers.
-fn mean_flip((a, a_covers): &(Seen, Vec<bool>), (b, b_covers): &(Seen, Vec<bool>)) -> f64 {
+pub fn mean_flip((a, a_covers): &(Seen, Vec<bool>), (b, b_covers): &(Seen, Vec<bool>)) -> f64 {
     let map = flip::difference(a, b);
     metrics::mean(map.iter().zip(a_covers.iter().zip(b_covers)).filter(|(_, (a, b))| **a || **b).map(|(v, _)| *v as f64))
 }

@@ -1,0 +1,102 @@
+//! Study `zoom`: what a picture of surfaces does between frames while it grows (HARD_CASES 31).
+//!
+//! The lens grows to four times its length in steps so small that nothing moves by more than 0.1 px a frame, so that all change is what methods add: levels that begin to judge, fillings that take turns. The knob is the surface; the error is FLIP between consecutive frames, averaged over what either covers: the largest of the way, and its
+//! median. Points alone flicker too, whenever they cross into another pixel.
+
+use super::flip::{PIXELS_PER_DEGREE, Seen};
+use super::lod::covered;
+use super::popping::{STEP_PX, mean_flip};
+use super::report::{Section, Table};
+use super::surface::wishes;
+use super::{Plan, mark_fronts, metrics, rows};
+use crate::cloud::attribute::{Attribute, Shown};
+use crate::error::Result;
+use crate::frame;
+use crate::graph::{Gpu, Graph};
+use crate::look::{self, Wishes};
+use crate::progress::Progress;
+use crate::resident::Resident;
+use crate::synth;
+use crate::view::{Camera, Preset, View};
+use glam::DVec3;
+
+pub const SUMMARY: &str = "change from frame to frame while the picture grows";
+
+/// Name, and what it sets. Of `fixed` nothing depends on how far apart points are on the screen.
+const STYLES: [(&str, &[&str]); 3] = [
+    ("auto", &["visibility=auto", "fill=auto"]),
+    ("fixed", &["visibility=auto,levels=1,kernel=15", "fill=auto,method=pullpush"]),
+    ("points", &["visibility=off", "fill=off", "shape=off"]),
+];
+
+const METRICS: [&str; 2] = ["flip_max", "flip_median"];
+
+/// Pixels from point to point at the beginning; four times as many at the end.
+const APART_PX: f64 = 1.0;
+
+/// What is seen at last, a share of what is seen at first.
+const NEARER: f64 = 0.25;
+
+pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
+    let scene = synth::Scene::Torus;
+    let styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
+    // As many points as lie so far apart in the first frame, whatever the picture's size.
+    let pilot = synth::collect("torus", &synth::build(scene, plan.seed, 0.0), 5000, plan.seed, 0.0, progress)?;
+    let part = &pilot.parts[0];
+    let places: Vec<DVec3> = (0..part.columns.len())
+        .map(|i| part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from)))
+        .collect();
+    let camera = Camera::framing(Preset::Fit, &places, plan.size);
+    let view = View::new(camera, plan.size)?;
+    let apart = Resident::fill(gpu, pilot.clone(), Shown::new(Attribute::White, &pilot), progress)?;
+    let pilot_px = crate::resident::Sampling::of(&apart, &view).spacing_px();
+    apart.free(gpu);
+    let count = (5000.0 * (pilot_px / APART_PX).powi(2)).max(1.0) as u64;
+    let cloud = synth::collect("torus", &synth::build(scene, plan.seed, 0.0), count, plan.seed, 0.0, progress)?;
+    let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::Rgb, &cloud), progress)?;
+
+    let shrink = 1.0 - STEP_PX / (plan.size[0] as f64 / 2.0);
+    let frames = (NEARER.ln() / shrink.ln()).ceil() as usize;
+    let mut all = Vec::new();
+    let head = ["surface", "largest FLIP", "at frame", "median"].map(String::from).to_vec();
+    let mut table = Table { title: format!("{frames} frames, {count} points"), head, rows: Vec::new() };
+    for (style, wishes) in &styles {
+        let (mut before, mut flips, mut times): (Option<(Seen, Vec<bool>)>, Vec<f64>, Vec<f64>) = (None, Vec::new(), Vec::new());
+        for number in 0..frames {
+            progress.tick("study zoom", number as u64, frames as u64)?;
+            let half = (camera.fov_y.to_radians() / 2.0).tan() * shrink.powi(number as i32);
+            let view = View::new(Camera { fov_y: 2.0 * half.atan().to_degrees(), ..camera }, plan.size)?;
+            let (seen, ms) = draw(gpu, &view, &resident, wishes)?;
+            flips.extend(before.as_ref().map(|before| mean_flip(before, &seen)));
+            times.push(ms);
+            before = Some(seen);
+        }
+        let (at, max) = flips.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+        let median = metrics::quartiles(&flips)[1];
+        let line = vec![style.to_string(), format!("{max:.4}"), at.to_string(), format!("{median:.4}")];
+        println!("{}", line.join("  "));
+        table.rows.push(line);
+        all.extend(rows(["torus", "zoom"], ["surface", style], METRICS, &[max, median], &times));
+    }
+    resident.free(gpu);
+    mark_fronts(&mut all);
+    let how = format!(
+        "A torus whose points lie {APART_PX} px apart at first, and {} px at last; {STEP_PX} px a frame. <em>fixed</em> is one level and one filling, whatever the distance.",
+        APART_PX / NEARER
+    );
+    Ok(Section { name: "zoom", title: "From frame to frame".into(), how, rows: all, figures: Vec::new(), tables: vec![table] })
+}
+
+/// What is seen, where it is covered, and the device time of all passes, milliseconds.
+fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<((Seen, Vec<bool>), f64)> {
+    let look = look::decide(wishes, view, resident);
+    let mut g = Graph::new(gpu);
+    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let (picture, depth) = (g.download(&outcome.picture), g.download(&outcome.layers.depth));
+    let frame = g.submit(&[])?;
+    let seen = Seen::new(&frame.read(&picture).to_vec(), view.size, PIXELS_PER_DEGREE);
+    let covered = covered(&frame.read(&depth).to_vec());
+    let ms = frame.ms("");
+    frame.shelve(gpu);
+    Ok(((seen, covered), ms))
+}
