@@ -700,6 +700,25 @@ fn columns_that_are_no_part_of_a_point_are_attributes_of_their_own() {
 }
 
 #[test]
+fn strictly_nothing_is_guessed_and_nothing_is_lost() {
+    let strictly = |text: &str, columns: Option<&str>| {
+        let options = ReadOptions { strict: true, ..with(columns, None) };
+        read_as("a.txt", text.as_bytes(), &options).map(|cloud| cloud.len()).map_err(|error| error.to_string())
+    };
+    for (text, why) in [
+        ("1 2 3 40\n2 3 4 50\n", "could be x y z intensity"),
+        ("x,y,z,name\n1,2,3,a\n2,3,4,b\n", "not kept: \"name\""),
+        ("a,b,c,intensity\n1,2,3,4\n2,3,4,5\n", "names no x, y and z in line 1"),
+    ] {
+        let error = strictly(text, None).unwrap_err();
+        assert!(error.contains(why) && error.contains("--columns"), "{error}");
+        assert_eq!(strictly(text, Some("x,y,z,-")), Ok(2));
+    }
+    assert_eq!(strictly("1 2 3\n2 3 4\n", None), Ok(2));
+    assert_eq!(strictly("x,y,z,planarity\n1,2,3,0.5\n2,3,4,0.5\n", None), Ok(2));
+}
+
+#[test]
 fn decimals_stay_the_decimals_they_are() {
     let cloud = read("a.xyz", "500000.001 5000000.25 97.5\n500019.999 5000019.998 103\n500007.5 5000001 98\n");
     let part = &cloud.parts[0];

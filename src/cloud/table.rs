@@ -221,6 +221,18 @@ impl Table {
         Extra { name, ..Extra::default() }
     }
 
+    /// What nothing in the file says, or what is not kept of it: roles that columns have by their order and values alone, and columns of words. That the first three numbers are coordinates is no guess.
+    pub fn guess_or_loss(&self) -> Option<String> {
+        let has_more = self.columns.iter().any(|column| !matches!(column.role, Role::Position(_) | Role::Other));
+        let [_, texts] = self.left_aside();
+        match self.source {
+            Source::Asked => None,
+            Source::Values if has_more => Some(format!("has no names of columns, which by their values could be {}", self.words())),
+            Source::Partly(line) => Some(format!("names no x, y and z in line {line}")),
+            _ => (!texts.is_empty()).then(|| format!("has columns of text, which are not kept: {}", texts.join(", "))),
+        }
+    }
+
     /// Names of columns that are no part of a point: of numbers, and of words.
     fn left_aside(&self) -> [Vec<String>; 2] {
         let name = |(place, column): (usize, &Column)| {

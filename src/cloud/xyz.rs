@@ -22,6 +22,9 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let is_whole = begin + start.len() as u64 >= input.length;
     let table = sniff::sniff(&start, is_whole, &options.text).map_err(|what| input.wrong(what))?;
     notes.push(format!("{}: {table}", input.name()));
+    if let Some(what) = table.guess_or_loss().filter(|_| options.strict) {
+        return Err(input.wrong(format!("{what}; say what all columns are with --columns, - for one to leave aside")));
+    }
     let mut rows = rows(input, begin + table.body_at as u64, &table, options, progress)?;
     tell(input, &table, &rows, options, notes)?;
     let points = table.count.map(|first| first.saturating_add(rows.counted));
