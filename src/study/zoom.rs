@@ -61,7 +61,8 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let head = ["surface", "largest FLIP", "at frame", "median"].map(String::from).to_vec();
     let mut table = Table { title: format!("{frames} frames, {count} points"), head, rows: Vec::new() };
     for (style, wishes) in &styles {
-        let (mut before, mut flips, mut times): (Option<(Seen, Vec<bool>)>, Vec<f64>, Vec<f64>) = (None, Vec::new(), Vec::new());
+        let mut before: Option<(Seen, Vec<bool>)> = None;
+        let [mut flips, mut times] = [const { Vec::new() }; 2];
         for number in 0..frames {
             progress.tick("study zoom", number as u64, frames as u64)?;
             let half = (camera.fov_y.to_radians() / 2.0).tan() * shrink.powi(number as i32);
@@ -94,8 +95,8 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (picture, depth) = (g.download(&outcome.picture), g.download(&outcome.layers.depth));
     let frame = g.submit(&[])?;
-    let seen = Seen::new(&frame.read(&picture).to_vec(), view.size, PIXELS_PER_DEGREE);
-    let covered = covered(&frame.read(&depth).to_vec());
+    let seen = Seen::new(frame.read(&picture), view.size, PIXELS_PER_DEGREE);
+    let covered = covered(frame.read(&depth));
     let ms = frame.ms("");
     frame.shelve(gpu);
     Ok(((seen, covered), ms))
