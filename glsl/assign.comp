@@ -104,7 +104,7 @@ uint fine(ivec2 own) {
     return looks;
 }
 
-// Says whether the points of a level are close enough for a surface, where they are so many pixels apart.
+// Says whether points `spacing` pixels apart are close enough to be a surface at a level.
 bool may_judge(int level, float spacing) {
     return float(1 << level) <= push.sparsest * spacing;
 }

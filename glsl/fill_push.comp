@@ -24,7 +24,7 @@ layout(rgba32f) readonly uniform image2D coarse_places;
 layout(r32f) readonly uniform image2D depth;
 layout(rgba32f) readonly uniform image2D places;
 layout(rgba32f) readonly uniform image2D color;
-// Of every tile of the picture, 1 where there is no surface.
+// A word for every tile of the picture: 1 where there is no surface.
 layout(scalar) readonly buffer Rough { uint tile[]; } rough;
 layout(r32f) writeonly uniform image2D filled_depth;
 layout(rgba32f) writeonly uniform image2D filled_color;
@@ -54,7 +54,7 @@ layout(push_constant, scalar) uniform Push {
 // More than the square of any distance between cells side by side.
 const float FAR = 1e9;
 
-// What is known of a cell of this level before filling: depth, and the place from the middle of the cell, in cells.
+// Returns a cell of this level before filling: its depth, and its place from the cell's middle, in cells.
 vec3 known(ivec2 cell) {
     return PICTURE ? vec3(imageLoad(depth, clamp(cell, ivec2(0), ivec2(push.size) - 1)).r, 0.0, 0.0) : imageLoad(places, clamp(cell, ivec2(0), ivec2(push.size) - 1)).xyz;
 }

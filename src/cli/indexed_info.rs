@@ -209,7 +209,7 @@ impl Report<'_> {
     }
 }
 
-/// As of files, within leaves that are spread evenly through the tree; none of one place.
+/// Returns the spacing of points within leaves spread evenly through the tree; none of one place.
 fn spacing(index: &Index) -> Result<Option<f64>> {
     const LEAVES: usize = 64;
     let leaves: Vec<usize> = (0..index.nodes().len()).filter(|&node| index.nodes()[node].is_leaf()).collect();

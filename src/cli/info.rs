@@ -147,7 +147,7 @@ struct Attributes {
     gps_time: Option<Times>,
     #[serde(skip_serializing_if = "Option::is_none")]
     normal: Option<Normals>,
-    /// What a cloud has no column for.
+    /// Attributes that a cloud has no column for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     extra: Vec<Extra>,
 }

@@ -76,7 +76,7 @@ impl Axis {
         range.unwrap_or((0.0, 0.0))
     }
 
-    /// Whether all values are multiples of a power of two.
+    /// Says whether all values are multiples of a power of two.
     pub fn is_on(&self, step: f64) -> bool {
         let is_whole = |v: f64| (v / step).fract() == 0.0;
         match self {
@@ -85,7 +85,7 @@ impl Axis {
         }
     }
 
-    /// Digits behind the point that all values have at most, from `least` to `most`; none where a value has more, or is an `f32`.
+    /// Returns how many decimals all values have at most, from `least` to `most`; none where one has more, or is an `f32`.
     pub fn decimals(&self, least: i32, most: i32) -> Option<i32> {
         let Axis::Wide(values) = self else { return None };
         let of_task = |values: &[f64]| {
@@ -104,7 +104,7 @@ impl Axis {
     }
 }
 
-/// Whether a value is the number nearest to a whole number of parts, of which so many are 1.
+/// Says whether a value is the f64 nearest to a whole number divided by `parts`.
 fn is_decimal(value: f64, parts: f64) -> bool {
     const MOST: f64 = (1u64 << 53) as f64;
     let whole = (value * parts).round();

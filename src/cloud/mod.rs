@@ -206,7 +206,7 @@ pub struct ReadOptions {
     /// What colours count to, whatever the files say or look like.
     pub rgb_range: Option<RgbRange>,
     pub strays: Treatment,
-    /// Whether to look at the values of attributes that a cloud has no columns for ([`Header::extras`]).
+    /// Asks for the ranges of attributes that a cloud has no columns for ([`Header::extras`]).
     pub extras: bool,
 }
 
@@ -228,7 +228,7 @@ pub struct Header {
     pub bounds: Option<[[f64; 3]; 2]>,
     /// Software that wrote the file, coordinate system, creation date, extra attributes: in the file's own words.
     pub facts: Vec<(String, String)>,
-    /// What else every point has, where that was asked for ([`ReadOptions::extras`]).
+    /// Attributes without a column of the cloud, where asked for ([`ReadOptions::extras`]).
     #[serde(skip)]
     pub extras: Vec<Extra>,
     /// Whether these are the points of a file that lie far outside of all others: they have a part of their own, and no say in anything.

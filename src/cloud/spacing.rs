@@ -25,7 +25,7 @@ const SMALLEST_CELL: f64 = 1.0 / (1u64 << 40) as f64;
 /// Places around one that say how far apart they are.
 pub const NEIGHBOURS: usize = 8;
 
-/// Returns how far apart places are, by the square of the distance to the farthest of so many around one.
+/// Returns the spacing of places, from the squared distance to the farthest of `neighbours` around one.
 pub fn apart(square: f64, neighbours: usize) -> f64 {
     (PI * square / neighbours as f64).sqrt()
 }

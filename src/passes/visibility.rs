@@ -23,8 +23,8 @@
 //! least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
 use super::{
-    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scattered, Scene, Setting, Switch, TILE_PX, Value, fill, gate, significant,
-    tiles,
+    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scattered, Scene, Setting, Switch, TILE_PX, Value, fill, gate,
+    significant, tiles,
 };
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::shader::{self, Tile, assign, classify, hide, pack_depth, pyramid, visibility, visibility_levels};

@@ -28,7 +28,15 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, labels: bool, lay
     let known = layers.holes.as_ref().and_then(|holes| holes.scattered.as_ref()).map(|scattered| rough(g, view, scattered));
     // Bindings want a buffer, whether it is read or not.
     let rough = known.as_ref().unwrap_or(&layers.spacings);
-    let mut pyramid = Pyramid { view, settings, flood, labels, rough, is_rough_known: known.is_some(), perspective: view.camera.projection == Projection::Perspective };
+    let mut pyramid = Pyramid {
+        view,
+        settings,
+        flood,
+        labels,
+        rough,
+        is_rough_known: known.is_some(),
+        perspective: view.camera.projection == Projection::Perspective,
+    };
     let (depth, color) = pyramid.filled(g, &layers.depth, &layers.color);
     pyramid.labels = false;
     let reached = layers.reached.as_ref().map(|reached| pyramid.filled(g, &layers.depth, reached).1);
@@ -38,7 +46,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, labels: bool, lay
 /// Where one in so many points around is scattered, there is no surface: of surfaces with known truth 3 % are at most, of crowns of trees 10 to 40.
 const SCATTERED_PART: u32 = 8;
 
-/// Of every tile, 1 where its surroundings are no surface.
+/// Finds the tiles whose surroundings are no surface: 1 in their words.
 fn rough(g: &mut Graph, view: &View, Scattered { tiles, invisible, scattered }: &Scattered) -> Buffer {
     let across = passes::tiles(view.size);
     let count = across[0] * across[1];
@@ -56,7 +64,7 @@ struct Pyramid<'s> {
     perspective: bool,
     /// Colours are labels, which are never mixed.
     labels: bool,
-    /// Of every tile of the picture, 1 where there is no surface.
+    /// A word for every tile of the picture: 1 where there is no surface.
     rough: &'s Buffer,
     is_rough_known: bool,
 }
@@ -128,8 +136,15 @@ impl Pyramid<'_> {
         let (coarse_tolerance, relative) = tolerance(self.view, self.settings, number + 1);
         let tiles_across = passes::tiles(self.view.size)[0];
         let (coarse_size, flood, surrounded) = (coarse_depth.desc.size, self.flood as u32, self.settings.surrounded as u32);
-        let push = fill_push::Push { coarse_size, size, tolerance: coarse_tolerance, relative, flood, level: number, tiles_across, surrounded };
-        let spec = fill_push::Spec { perspective: self.perspective, coarsest: coarser.is_none(), picture, labels: self.labels, rough: self.is_rough_known };
+        let push =
+            fill_push::Push { coarse_size, size, tolerance: coarse_tolerance, relative, flood, level: number, tiles_across, surrounded };
+        let spec = fill_push::Spec {
+            perspective: self.perspective,
+            coarsest: coarser.is_none(),
+            picture,
+            labels: self.labels,
+            rough: self.is_rough_known,
+        };
         let [filled_depth, _] = &mut filled;
         g.run(
             shader::FillPush {
