@@ -43,7 +43,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, labels: bool, lay
     Layers { depth, color, reached, holes: None, ..layers }
 }
 
-/// Where one in so many points around is scattered, there is no surface: of surfaces with known truth 3 % are at most, of crowns of trees 10 to 40.
+/// The part of the points around, one in eight, from which on scattered ones say that there is no surface.
 const SCATTERED_PART: u32 = 8;
 
 /// Finds the tiles whose surroundings are no surface: 1 in their words.
