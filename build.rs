@@ -14,17 +14,26 @@ use std::path::{Path, PathBuf};
 fn main() {
     println!("cargo:rerun-if-changed=glsl");
     println!("cargo:rerun-if-changed=build.rs");
-    let mut sources: Vec<PathBuf> = std::fs::read_dir("glsl").expect("glsl/").map(|entry| entry.expect("glsl/").path()).collect();
+    let mut sources: Vec<PathBuf> = std::fs::read_dir("glsl")
+        .expect("glsl/")
+        .map(|entry| entry.expect("glsl/").path())
+        .collect();
     sources.sort();
     let (mut rust, mut shared) = (String::new(), BTreeMap::new());
     for source in &sources {
         // A vertex stage brings its fragment stage.
         let stages = match source.extension().and_then(|extension| extension.to_str()) {
             Some("comp") => vec![reflect(&mut shared, source)],
-            Some("vert") => [source.clone(), source.with_extension("frag")].map(|source| reflect(&mut shared, &source)).into(),
+            Some("vert") => [source.clone(), source.with_extension("frag")]
+                .map(|source| reflect(&mut shared, &source))
+                .into(),
             _ => continue,
         };
-        generate(&mut rust, source.file_stem().and_then(|stem| stem.to_str()).expect("ascii shader name"), &stages);
+        generate(
+            &mut rust,
+            source.file_stem().and_then(|stem| stem.to_str()).expect("ascii shader name"),
+            &stages,
+        );
     }
     for (name, body) in shared {
         writeln!(
@@ -33,7 +42,8 @@ fn main() {
         )
         .unwrap();
     }
-    let out = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR")).join("shader.rs");
+    let out =
+        PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR")).join("shader.rs");
     std::fs::write(out, rust).expect("write shader.rs");
 }
 
@@ -58,11 +68,18 @@ fn compile(source: &Path, level: shaderc::OptimizationLevel) -> Vec<u32> {
     options.set_warnings_as_errors();
     options.set_include_callback(|name, _, _, _| {
         let path = Path::new("glsl/lib").join(name);
-        let content = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let content = std::fs::read_to_string(&path)
+            .map_err(|error| format!("{}: {error}", path.display()))?;
         Ok(shaderc::ResolvedInclude { resolved_name: path.display().to_string(), content })
     });
     let kind = stage(source).expect("filtered by main");
-    match compiler.compile_into_spirv(&text, kind, &source.display().to_string(), "main", Some(&options)) {
+    match compiler.compile_into_spirv(
+        &text,
+        kind,
+        &source.display().to_string(),
+        "main",
+        Some(&options),
+    ) {
         Ok(artifact) => artifact.as_binary().to_vec(),
         Err(error) => panic!("{error}"),
     }
@@ -87,9 +104,17 @@ fn precise(words: &[u32]) -> Vec<u32> {
             decorations_end = at;
         }
     }
-    assert!(decorations_end > 5, "a shader without a single decoration has no place where they are");
+    assert!(
+        decorations_end > 5,
+        "a shader without a single decoration has no place where they are"
+    );
     let added = results.into_iter().flat_map(|id| [3 << 16 | OP_DECORATE, id, NO_CONTRACTION]);
-    words[..decorations_end].iter().copied().chain(added).chain(words[decorations_end..].iter().copied()).collect()
+    words[..decorations_end]
+        .iter()
+        .copied()
+        .chain(added)
+        .chain(words[decorations_end..].iter().copied())
+        .collect()
 }
 
 /// What a stage's SPIR-V says about itself.
@@ -117,23 +142,44 @@ fn reflect(shared: &mut BTreeMap<String, String>, source: &Path) -> Stage {
         .remove(0);
     let code = optimised.iter().map(|word| word.to_string()).collect::<Vec<_>>().join(",");
     let workgroup = workgroup(&plain);
-    let mut stage = Stage { code, bindings: BTreeMap::new(), push: None, spec: BTreeMap::new(), area: None, listed: None, workgroup };
+    let mut stage = Stage {
+        code,
+        bindings: BTreeMap::new(),
+        push: None,
+        spec: BTreeMap::new(),
+        area: None,
+        listed: None,
+        workgroup,
+    };
     for variable in &entry.vars {
         // Built-in inputs, and the unnamed twin of the constant that is the workgroup's width.
         let Some(name) = variable.name().map(str::to_string) else { continue };
         match variable {
-            Variable::Descriptor { desc_bind, .. } if name == "area" => stage.area = Some(desc_bind.bind()),
-            Variable::SpecConstant { spec_id, .. } if name == "LISTED" => stage.listed = Some(*spec_id),
+            Variable::Descriptor { desc_bind, .. } if name == "area" => {
+                stage.area = Some(desc_bind.bind())
+            }
+            Variable::SpecConstant { spec_id, .. } if name == "LISTED" => {
+                stage.listed = Some(*spec_id)
+            }
             Variable::Descriptor { desc_bind, desc_ty, ty, .. } => {
                 stage.bindings.insert(desc_bind.bind(), (name, binding(source, desc_ty, ty)));
                 if let Some(element) = element_struct(ty) {
-                    let (name, body) = (element.name().expect("named struct").to_string(), fields(source, element));
-                    assert!(shared.insert(name.clone(), body.clone()).is_none_or(|other| other == body), "{name} differs between shaders");
+                    let (name, body) = (
+                        element.name().expect("named struct").to_string(),
+                        fields(source, element),
+                    );
+                    assert!(
+                        shared.insert(name.clone(), body.clone()).is_none_or(|other| other == body),
+                        "{name} differs between shaders"
+                    );
                 }
             }
-            Variable::PushConstant { ty: Type::Struct(members), .. } => stage.push = Some(fields(source, members)),
+            Variable::PushConstant { ty: Type::Struct(members), .. } => {
+                stage.push = Some(fields(source, members))
+            }
             Variable::SpecConstant { spec_id, ty, .. } => {
-                let ty = scalar(ty).unwrap_or_else(|| panic!("{}: specialisation of {ty}", source.display()));
+                let ty = scalar(ty)
+                    .unwrap_or_else(|| panic!("{}: specialisation of {ty}", source.display()));
                 stage.spec.insert(*spec_id, (name.to_lowercase(), ty));
             }
             _ => {}
@@ -144,7 +190,8 @@ fn reflect(shared: &mut BTreeMap<String, String>, source: &Path) -> Stage {
 
 /// The struct of a shader: of one stage, or of a vertex and a fragment stage that share its fields; set 0 is the former's, set 1 the latter's.
 fn generate(rust: &mut String, module: &str, stages: &[Stage]) {
-    let structure: String = module.split('_').map(|part| part[..1].to_uppercase() + &part[1..]).collect();
+    let structure: String =
+        module.split('_').map(|part| part[..1].to_uppercase() + &part[1..]).collect();
     let (mut names, mut spec, mut push) = (BTreeSet::new(), BTreeMap::new(), None);
     for stage in stages {
         for (name, _) in stage.bindings.values() {
@@ -156,13 +203,16 @@ fn generate(rust: &mut String, module: &str, stages: &[Stage]) {
     }
     let mut declared = String::new();
     for (name, (kind, access)) in stages.iter().flat_map(|stage| stage.bindings.values()) {
-        let handle = if kind == "Buffer" || kind.starts_with("Texels") { "Buffer" } else { "Image" };
+        let handle =
+            if kind == "Buffer" || kind.starts_with("Texels") { "Buffer" } else { "Image" };
         let reference = if access == "Read" { "&'a" } else { "&'a mut" };
         writeln!(declared, "    pub {name}: {reference} crate::graph::{handle},").unwrap();
     }
     let push_field = push.map_or(String::new(), |_| format!("    pub push: {module}::Push,\n"));
-    let spec_field = if spec.is_empty() { String::new() } else { format!("    pub spec: {module}::Spec,\n") };
-    let push_bytes = push.map_or("&[]".to_string(), |_| "bytemuck::bytes_of(&self.push)".to_string());
+    let spec_field =
+        if spec.is_empty() { String::new() } else { format!("    pub spec: {module}::Spec,\n") };
+    let push_bytes =
+        push.map_or("&[]".to_string(), |_| "bytemuck::bytes_of(&self.push)".to_string());
     let constant = |(id, (name, ty)): (&u32, &(String, String))| match ty.as_str() {
         "bool" => format!("({id}, self.spec.{name} as u32)"),
         "u32" => format!("({id}, self.spec.{name})"),
@@ -178,7 +228,10 @@ fn generate(rust: &mut String, module: &str, stages: &[Stage]) {
         if let Some(bind) = stage.area {
             writeln!(table, "Binding {{ name: \"area\", bind: {bind}, kind: Kind::TexelsR32ui, access: Access::Read }},").unwrap();
         }
-        let push_size = stage.push.as_ref().map_or("0".to_string(), |_| format!("std::mem::size_of::<{module}::Push>() as u32"));
+        let push_size = stage
+            .push
+            .as_ref()
+            .map_or("0".to_string(), |_| format!("std::mem::size_of::<{module}::Push>() as u32"));
         let Stage { code, workgroup, listed, .. } = stage;
         format!(
             "Code {{ name: {module:?}, spirv: &[{code}], bindings: &[{table}], push_bytes: {push_size}, workgroup: {workgroup:?}, listed: {listed:?} }}"
@@ -195,13 +248,19 @@ fn generate(rust: &mut String, module: &str, stages: &[Stage]) {
 
     writeln!(rust, "/// `glsl/{module}`\npub struct {structure}{lifetime} {{\n{declared}{push_field}{spec_field}}}").unwrap();
     let (shader, codes, resources) = match stages {
-        [stage] => {
-            ("Shader", format!("const CODE: Code = {};", code(stage)), format!("Vec<crate::graph::ResourceId> {{ {} }}", uses(stage)))
-        }
+        [stage] => (
+            "Shader",
+            format!("const CODE: Code = {};", code(stage)),
+            format!("Vec<crate::graph::ResourceId> {{ {} }}", uses(stage)),
+        ),
         [vertex, fragment] => (
             "Raster",
             format!("const STAGES: [Code; 2] = [{}, {}];", code(vertex), code(fragment)),
-            format!("[Vec<crate::graph::ResourceId>; 2] {{ [{}, {}] }}", uses(vertex), uses(fragment)),
+            format!(
+                "[Vec<crate::graph::ResourceId>; 2] {{ [{}, {}] }}",
+                uses(vertex),
+                uses(fragment)
+            ),
         ),
         _ => unreachable!("one stage, or two"),
     };
@@ -241,9 +300,16 @@ fn binding(source: &Path, descriptor: &DescriptorType, ty: &Type) -> (String, St
     };
     match (descriptor, ty) {
         (DescriptorType::StorageBuffer(a), _) => ("Buffer".into(), access(a).into()),
-        (DescriptorType::StorageTexelBuffer(a), Type::StorageImage(image)) => (format!("Texels{:?}", image.fmt), access(a).into()),
-        (DescriptorType::StorageImage(a), Type::StorageImage(image)) => (format!("{:?}", image.fmt), access(a).into()),
-        _ => panic!("{}: only storage buffers, texel buffers and storage images are bound, not {ty}", source.display()),
+        (DescriptorType::StorageTexelBuffer(a), Type::StorageImage(image)) => {
+            (format!("Texels{:?}", image.fmt), access(a).into())
+        }
+        (DescriptorType::StorageImage(a), Type::StorageImage(image)) => {
+            (format!("{:?}", image.fmt), access(a).into())
+        }
+        _ => panic!(
+            "{}: only storage buffers, texel buffers and storage images are bound, not {ty}",
+            source.display()
+        ),
     }
 }
 
@@ -260,7 +326,8 @@ fn fields(source: &Path, structure: &StructType) -> String {
     let (mut body, mut end) = (String::new(), 0);
     for member in &structure.members {
         let name = member.name.as_deref().expect("named member");
-        let (ty, bytes) = host_type(&member.ty).unwrap_or_else(|| panic!("{}: {name} has type {}", source.display(), member.ty));
+        let (ty, bytes) = host_type(&member.ty)
+            .unwrap_or_else(|| panic!("{}: {name} has type {}", source.display(), member.ty));
         assert_eq!(member.offset, Some(end), "{}: a padding hole before {name}", source.display());
         write!(body, "pub {name}: {ty}, ").unwrap();
         end += bytes;
@@ -271,9 +338,10 @@ fn fields(source: &Path, structure: &StructType) -> String {
 fn host_type(ty: &Type) -> Option<(String, usize)> {
     Some(match ty {
         Type::Scalar(_) => (scalar(ty)?, 4),
-        Type::Vector(vector) => {
-            (format!("[{}; {}]", scalar(&Type::Scalar(vector.scalar_ty.clone()))?, vector.nscalar), 4 * vector.nscalar as usize)
-        }
+        Type::Vector(vector) => (
+            format!("[{}; {}]", scalar(&Type::Scalar(vector.scalar_ty.clone()))?, vector.nscalar),
+            4 * vector.nscalar as usize,
+        ),
         Type::Array(array) => {
             let (element, bytes) = host_type(&array.element_ty)?;
             (format!("[{element}; {}]", array.nelement?), bytes * array.nelement? as usize)

@@ -47,18 +47,22 @@ impl CameraPath {
     pub fn read(path: &Path) -> Result<CameraPath> {
         let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
         let words = "it needs at least {\"keys\": [{\"time\": 0, \"camera\": {\"eye\": [x,y,z], \"target\": [x,y,z]}}]}";
-        let read: CameraPath =
-            serde_json::from_str(&text).map_err(|error| Error::format(path, format!("no camera path ({error}); {words}")))?;
+        let read: CameraPath = serde_json::from_str(&text)
+            .map_err(|error| Error::format(path, format!("no camera path ({error}); {words}")))?;
         read.check().map_err(|why| Error::format(path, why)).map(|()| read)
     }
 
     pub fn write(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self).expect("cameras are JSON");
-        whole_file(path, |partial| std::fs::write(partial, text).map_err(|error| Error::io("write", path, error)))
+        whole_file(path, |partial| {
+            std::fs::write(partial, text).map_err(|error| Error::io("write", path, error))
+        })
     }
 
     fn check(&self) -> std::result::Result<(), String> {
-        let [first, ..] = &self.keys[..] else { return Err("a camera path has at least one key".into()) };
+        let [first, ..] = &self.keys[..] else {
+            return Err("a camera path has at least one key".into());
+        };
         if !(self.frames_per_second > 0.0 && self.frames_per_second.is_finite()) {
             return Err(format!("{} frames a second are none", self.frames_per_second));
         }
@@ -114,8 +118,13 @@ impl CameraPath {
         }
         let (from, to) = (self.keys[next - 1], self.keys[next]);
         let share = (time - from.time) / (to.time - from.time);
-        let at = |number: Option<usize>| number.and_then(|number| self.keys.get(number)).map(|key| key.camera);
-        between([at(next.checked_sub(2)), Some(from.camera), Some(to.camera), at(Some(next + 1))], share)
+        let at = |number: Option<usize>| {
+            number.and_then(|number| self.keys.get(number)).map(|key| key.camera)
+        };
+        between(
+            [at(next.checked_sub(2)), Some(from.camera), Some(to.camera), at(Some(next + 1))],
+            share,
+        )
     }
 }
 
@@ -129,7 +138,9 @@ fn between([before, from, to, after]: [Option<Camera>; 4], share: f64) -> Camera
     let (from, to) = (from.expect("a path has both"), to.expect("a path has both"));
     let step = apart(&from, &to);
     // What is not there, or no other place, lies as far on the other side.
-    let reach = |other: &Option<Camera>, end: &Camera| other.as_ref().map(|other| apart(other, end)).filter(|apart| *apart > 0.0);
+    let reach = |other: &Option<Camera>, end: &Camera| {
+        other.as_ref().map(|other| apart(other, end)).filter(|apart| *apart > 0.0)
+    };
     let (left, right) = (reach(&before, &from), reach(&after, &to));
     let knots = [-left.unwrap_or(step), 0.0, step, step + right.unwrap_or(step)];
     let along = |of: fn(&Camera) -> DVec3| {
@@ -138,11 +149,16 @@ fn between([before, from, to, after]: [Option<Camera>; 4], share: f64) -> Camera
         let way = of(&to) - start;
         let first = left.and(before.as_ref()).map_or(-way, |camera| of(camera) - start);
         let last = right.and(after.as_ref()).map_or(2.0 * way, |camera| of(camera) - start);
-        let there = if step > 0.0 { spline([first, DVec3::ZERO, way, last], knots, share * step) } else { way * share };
+        let there = if step > 0.0 {
+            spline([first, DVec3::ZERO, way, last], knots, share * step)
+        } else {
+            way * share
+        };
         start + there
     };
     // Sizes do not swing beyond those of the two keys.
-    let lens = |camera: &Camera| DVec3::new(camera.fov_y, camera.ortho_height.unwrap_or(1.0).ln(), 0.0);
+    let lens =
+        |camera: &Camera| DVec3::new(camera.fov_y, camera.ortho_height.unwrap_or(1.0).ln(), 0.0);
     let sizes = along(lens).clamp(lens(&from).min(lens(&to)), lens(&from).max(lens(&to)));
     Camera {
         eye: along(|camera| camera.eye),
@@ -157,9 +173,12 @@ fn between([before, from, to, after]: [Option<Camera>; 4], share: f64) -> Camera
 /// Through `points` at `knots`, at `t` between the second and the third.
 fn spline(points: [DVec3; 4], knots: [f64; 4], t: f64) -> DVec3 {
     let mut level = points.to_vec();
-    let mix = |a: DVec3, b: DVec3, from: f64, to: f64| (a * (to - t) + b * (t - from)) / (to - from);
+    let mix =
+        |a: DVec3, b: DVec3, from: f64, to: f64| (a * (to - t) + b * (t - from)) / (to - from);
     for span in 1..=2 {
-        level = (0..level.len() - 1).map(|i| mix(level[i], level[i + 1], knots[i], knots[i + span])).collect();
+        level = (0..level.len() - 1)
+            .map(|i| mix(level[i], level[i + 1], knots[i], knots[i + span]))
+            .collect();
     }
     mix(level[0], level[1], knots[1], knots[2])
 }
@@ -172,7 +191,14 @@ mod tests {
     fn camera(eye: [f64; 3], target: [f64; 3]) -> Camera {
         let origin = DVec3::new(500_000.0, 5_000_000.0, 100.0);
         let (eye, target) = (origin + DVec3::from_array(eye), origin + DVec3::from_array(target));
-        Camera { eye, target, up: DVec3::Z, fov_y: 50.0, projection: Projection::Perspective, ortho_height: None }
+        Camera {
+            eye,
+            target,
+            up: DVec3::Z,
+            fov_y: 50.0,
+            projection: Projection::Perspective,
+            ortho_height: None,
+        }
     }
 
     fn path(cameras: &[Camera]) -> CameraPath {
@@ -200,12 +226,17 @@ mod tests {
         let path = path(&cameras);
         for (number, camera) in cameras.iter().enumerate() {
             let at = path.camera(STEP * number as f64);
-            assert!(at.eye.distance(camera.eye) < 1e-6 && at.target.distance(camera.target) < 1e-6, "key {number}");
+            assert!(
+                at.eye.distance(camera.eye) < 1e-6 && at.target.distance(camera.target) < 1e-6,
+                "key {number}"
+            );
         }
         // Its direction on both sides of a key is one.
         for key in [1.0, 2.0] {
-            let heading = |from: f64, to: f64| (path.camera(to).eye - path.camera(from).eye).normalize();
-            let (before, after) = (heading(STEP * key - 1e-5, STEP * key), heading(STEP * key, STEP * key + 1e-5));
+            let heading =
+                |from: f64, to: f64| (path.camera(to).eye - path.camera(from).eye).normalize();
+            let (before, after) =
+                (heading(STEP * key - 1e-5, STEP * key), heading(STEP * key, STEP * key + 1e-5));
             assert!(before.dot(after) > 1.0 - 1e-6, "key {key}: {before} and {after}");
         }
         assert_eq!((path.camera(-1.0), path.camera(99.0)), (cameras[0], cameras[3]));
@@ -233,7 +264,8 @@ mod tests {
             ..camera([x, 0.0, 10.0], [x, 10.0, 0.0])
         };
         let path = path(&[flat(0.0, 1.0), flat(1.0, 100.0), flat(2.0, 1.0)]);
-        let heights: Vec<f64> = (0..=40).map(|step| path.camera(0.1 * step as f64).ortho_height.unwrap()).collect();
+        let heights: Vec<f64> =
+            (0..=40).map(|step| path.camera(0.1 * step as f64).ortho_height.unwrap()).collect();
         assert!(heights.iter().all(|height| (0.999..=100.001).contains(height)), "{heights:?}");
         assert!((heights[20] - 100.0).abs() < 1e-9);
     }
@@ -242,15 +274,26 @@ mod tests {
     fn a_path_is_what_was_written_and_what_is_none_is_refused_with_its_key() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("path.json");
-        let written = path(&[camera([0.1, 1.0 / 3.0, 10.0], [0.0, 10.0, 0.0]), camera([3.0, 0.0, 1.0], [0.0, 10.0, 0.0])]);
+        let written = path(&[
+            camera([0.1, 1.0 / 3.0, 10.0], [0.0, 10.0, 0.0]),
+            camera([3.0, 0.0, 1.0], [0.0, 10.0, 0.0]),
+        ]);
         written.write(&file).unwrap();
         assert_eq!(CameraPath::read(&file).unwrap(), written);
         assert_eq!(written.frames(), 51);
-        let flat = Camera { projection: Projection::Orthographic, ortho_height: Some(1.0), ..written.keys[0].camera };
+        let flat = Camera {
+            projection: Projection::Orthographic,
+            ortho_height: Some(1.0),
+            ..written.keys[0].camera
+        };
         let still = Camera { target: written.keys[0].camera.eye, ..written.keys[0].camera };
-        for (camera, time, said) in [(flat, 2.0, "perspective"), (still, 2.0, "direction"), (written.keys[1].camera, 0.0, "after the one")]
-        {
-            let wrong = CameraPath { keys: vec![written.keys[0], Key { time, camera }], ..written.clone() };
+        for (camera, time, said) in [
+            (flat, 2.0, "perspective"),
+            (still, 2.0, "direction"),
+            (written.keys[1].camera, 0.0, "after the one"),
+        ] {
+            let wrong =
+                CameraPath { keys: vec![written.keys[0], Key { time, camera }], ..written.clone() };
             wrong.write(&file).unwrap();
             let error = CameraPath::read(&file).unwrap_err().to_string();
             assert!(error.contains("key 2") && error.contains(said), "{error}");

@@ -60,7 +60,10 @@ impl std::str::FromStr for Clip {
         let wrong = || format!("{text:?} is not box:X0,Y0,Z0,X1,Y1,Z1, outside:... or off:...");
         let (kind, numbers) = text.split_once(':').ok_or_else(wrong)?;
         let keeps = Keeps::from_str(kind, false).map_err(|_| wrong())?;
-        let numbers: Vec<f64> = numbers.split(',').map(|number| number.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
+        let numbers: Vec<f64> = numbers
+            .split(',')
+            .map(|number| number.trim().parse().map_err(|_| wrong()))
+            .collect::<Result<_, _>>()?;
         let &[x0, y0, z0, x1, y1, z1] = &numbers[..] else { return Err(wrong()) };
         if numbers.iter().any(|number| number.is_nan()) {
             return Err(wrong());
@@ -106,7 +109,8 @@ impl Clip {
 
     /// Cells at `cell = step << pad` of the steps from the frame's origin on.
     fn within(&self, lattice: &Lattice, frame: &Frame, planes: u32) -> Within {
-        let (pad, dropped) = (BITS_PER_PLANE * frame.planes - frame.bits, BITS_PER_PLANE * (frame.planes - planes));
+        let (pad, dropped) =
+            (BITS_PER_PLANE * frame.planes - frame.bits, BITS_PER_PLANE * (frame.planes - planes));
         let mut within = Within { least: [0; 3], most: [-1; 3] };
         for axis in 0..3 {
             let at = |steps: i64| {
@@ -117,8 +121,10 @@ impl Clip {
             let rises = lattice.step[axis] >= 0.0;
             let (below, above) = (|at: f64| at < self.min[axis], |at: f64| at > self.max[axis]);
             let end = frame.extent[axis] as i64 + 1;
-            let first = first(end, |steps| if rises { !below(at(steps)) } else { !above(at(steps)) });
-            let after = self::first(end, |steps| if rises { above(at(steps)) } else { below(at(steps)) });
+            let first =
+                first(end, |steps| if rises { !below(at(steps)) } else { !above(at(steps)) });
+            let after =
+                self::first(end, |steps| if rises { above(at(steps)) } else { below(at(steps)) });
             if first < after {
                 let cell = |steps: i64| ((steps << pad) >> dropped) as i32;
                 (within.least[axis], within.most[axis]) = (cell(first), cell(after - 1));
@@ -151,7 +157,8 @@ impl Clips {
     /// Whether a point is there.
     pub fn keep(&self, p: DVec3) -> bool {
         let mut kept = self.of(Keeps::Box).peekable();
-        (kept.peek().is_none() || kept.any(|clip| clip.has(p))) && !self.of(Keeps::Outside).any(|clip| clip.has(p))
+        (kept.peek().is_none() || kept.any(|clip| clip.has(p)))
+            && !self.of(Keeps::Outside).any(|clip| clip.has(p))
     }
 
     /// Of all points between two corners.
@@ -159,11 +166,14 @@ impl Clips {
         let mut kept = self.of(Keeps::Box).peekable();
         let (all, some) = match kept.peek() {
             None => (true, true),
-            Some(_) => kept.fold((false, false), |(all, some), clip| (all || clip.holds(bounds), some || clip.meets(bounds))),
+            Some(_) => kept.fold((false, false), |(all, some), clip| {
+                (all || clip.holds(bounds), some || clip.meets(bounds))
+            }),
         };
-        let (gone, touched) = self
-            .of(Keeps::Outside)
-            .fold((false, false), |(gone, touched), clip| (gone || clip.holds(bounds), touched || clip.meets(bounds)));
+        let (gone, touched) =
+            self.of(Keeps::Outside).fold((false, false), |(gone, touched), clip| {
+                (gone || clip.holds(bounds), touched || clip.meets(bounds))
+            });
         match () {
             () if !some || gone => Left::Nothing,
             () if all && !touched => Left::Everything,
@@ -173,15 +183,31 @@ impl Clips {
 
     /// For a node of which [`Left::Some`] is left, drawn from so many planes: its cells within each box that keeps what is inside, where one of them has to have a point, and within each of which none may.
     /// Where planes are missing, cells on a face count as inside.
-    pub fn within(&self, lattice: &Lattice, frame: &Frame, bounds: (DVec3, DVec3), planes: u32) -> [Vec<Within>; 2] {
+    pub fn within(
+        &self,
+        lattice: &Lattice,
+        frame: &Frame,
+        bounds: (DVec3, DVec3),
+        planes: u32,
+    ) -> [Vec<Within>; 2] {
         let is_held = self.of(Keeps::Box).any(|clip| clip.holds(bounds));
-        let of = |keeps: Keeps| self.of(keeps).filter(|clip| clip.meets(bounds)).map(|clip| clip.within(lattice, frame, planes));
+        let of = |keeps: Keeps| {
+            self.of(keeps)
+                .filter(|clip| clip.meets(bounds))
+                .map(|clip| clip.within(lattice, frame, planes))
+        };
         [if is_held { Vec::new() } else { of(Keeps::Box).collect() }, of(Keeps::Outside).collect()]
     }
 
     /// What says which points they leave, in numbers.
     pub fn identity(&self) -> impl Iterator<Item = u64> + '_ {
-        let clip = |clip: &Clip| [vec![clip.keeps as u64], [clip.min, clip.max].map(|p| p.to_array().map(f64::to_bits)).concat()].concat();
+        let clip = |clip: &Clip| {
+            [
+                vec![clip.keeps as u64],
+                [clip.min, clip.max].map(|p| p.to_array().map(f64::to_bits)).concat(),
+            ]
+            .concat()
+        };
         self.0.iter().filter(|clip| clip.keeps != Keeps::Off).flat_map(clip)
     }
 }
@@ -197,8 +223,14 @@ mod tests {
     #[test]
     fn points_are_there_in_one_of_the_boxes_and_in_none_of_the_holes() {
         let at = |x: f64| DVec3::new(x, 0.0, 0.0);
-        let both = clips(&["box:0,-1,-1,2,1,1", "box:6,1,1,4,-1,-1", "outside:1,-1,-1,5,1,1", "off:0,0,0,0,0,0"]);
-        let kept: Vec<f64> = (-1..=14).map(|half| half as f64 / 2.0).filter(|&x| both.keep(at(x))).collect();
+        let both = clips(&[
+            "box:0,-1,-1,2,1,1",
+            "box:6,1,1,4,-1,-1",
+            "outside:1,-1,-1,5,1,1",
+            "off:0,0,0,0,0,0",
+        ]);
+        let kept: Vec<f64> =
+            (-1..=14).map(|half| half as f64 / 2.0).filter(|&x| both.keep(at(x))).collect();
         assert_eq!(kept, [0.0, 0.5, 5.5, 6.0]);
         assert_eq!(both.active(), 3);
         let ends = |a: f64, b: f64| both.left((at(a), at(b)));
@@ -210,10 +242,16 @@ mod tests {
         assert_eq!(Clips::default().left((at(0.0), at(1.0))), Left::Everything);
         let slab = clips(&["box:-inf,-inf,0,inf,inf,inf"]);
         assert_eq!(slab.left((at(-1e9), at(1e9))), Left::Everything);
-        for word in ["box:0,-1,-1,2,1,1", "outside:0.1,0.2,0.30000000000000004,1,1,1", "off:-inf,0,0,inf,1,1"] {
+        for word in [
+            "box:0,-1,-1,2,1,1",
+            "outside:0.1,0.2,0.30000000000000004,1,1,1",
+            "off:-inf,0,0,inf,1,1",
+        ] {
             assert_eq!(word.parse::<Clip>().unwrap().to_string(), word);
         }
-        for word in ["", "box", "box:1,2,3", "box:0,0,0,1,1,nan", "sphere:0,0,0,1,1,1", "box:0,0,0,1,1,x"] {
+        for word in
+            ["", "box", "box:1,2,3", "box:0,0,0,1,1,nan", "sphere:0,0,0,1,1,1", "box:0,0,0,1,1,x"]
+        {
             assert!(word.parse::<Clip>().is_err(), "{word}");
         }
     }
@@ -222,15 +260,28 @@ mod tests {
     #[test]
     fn cells_within_a_box_are_those_whose_places_an_f64_comparison_keeps() {
         for step in [0.001, -0.001, 1e-9] {
-            let lattice = Lattice { step: DVec3::splat(step), offset: DVec3::new(500_000.0, 5_000_000.0, 0.1) };
+            let lattice = Lattice {
+                step: DVec3::splat(step),
+                offset: DVec3::new(500_000.0, 5_000_000.0, 0.1),
+            };
             for (bits, planes) in [(7, 1), (12, 2), (20, 2)] {
                 let frame = Frame { origin: [-70; 3], bits, extent: [100; 3], planes };
                 let face = |q: i64| lattice.world([q; 3]);
-                let nudged =
-                    |p: DVec3, ulps: i64| DVec3::from_array(p.to_array().map(|v| f64::from_bits((v.to_bits() as i64 + ulps) as u64)));
-                for (lo, hi, ulps) in
-                    [(-70, 30, 0), (-60, 10, 0), (-60, 10, 1), (-60, 10, -1), (5, 5, 0), (5, 5, 1), (-500, -100, 0), (-80, 90, 0)]
-                {
+                let nudged = |p: DVec3, ulps: i64| {
+                    DVec3::from_array(
+                        p.to_array().map(|v| f64::from_bits((v.to_bits() as i64 + ulps) as u64)),
+                    )
+                };
+                for (lo, hi, ulps) in [
+                    (-70, 30, 0),
+                    (-60, 10, 0),
+                    (-60, 10, 1),
+                    (-60, 10, -1),
+                    (5, 5, 0),
+                    (5, 5, 1),
+                    (-500, -100, 0),
+                    (-80, 90, 0),
+                ] {
                     let (a, b) = (nudged(face(lo), ulps), nudged(face(hi), ulps));
                     let clip = Clip { keeps: Keeps::Box, min: a.min(b), max: a.max(b) };
                     let within = clip.within(&lattice, &frame, planes);
@@ -238,7 +289,8 @@ mod tests {
                         let cell = ((q + 70) << (10 * planes - bits)) as i32;
                         let place = lattice.world([q; 3]);
                         for axis in 0..3 {
-                            let expected = place[axis] >= clip.min[axis] && place[axis] <= clip.max[axis];
+                            let expected =
+                                place[axis] >= clip.min[axis] && place[axis] <= clip.max[axis];
                             assert_eq!(
                                 within.least[axis] <= cell && cell <= within.most[axis],
                                 expected,

@@ -30,7 +30,8 @@ pub struct Detail {
 impl Detail {
     /// What a picture of this size shows.
     pub fn of(size: [u32; 2]) -> Detail {
-        let budget = ((size[0] as f64 * size[1] as f64 * BUDGET_PER_PIXEL) as u64).max(BUDGET_LEAST);
+        let budget =
+            ((size[0] as f64 * size[1] as f64 * BUDGET_PER_PIXEL) as u64).max(BUDGET_LEAST);
         Detail { budget, lod_px: LOD_PX, precision: Precision::Auto }
     }
 }
@@ -46,7 +47,11 @@ impl Fineness {
     /// For a picture of this size.
     pub fn of(self, size: [u32; 2]) -> Detail {
         let usual = Detail::of(size);
-        Detail { budget: self.budget.unwrap_or(usual.budget), lod_px: self.lod_px.unwrap_or(usual.lod_px), ..usual }
+        Detail {
+            budget: self.budget.unwrap_or(usual.budget),
+            lod_px: self.lod_px.unwrap_or(usual.lod_px),
+            ..usual
+        }
     }
 }
 
@@ -77,7 +82,13 @@ pub struct Cut {
 }
 
 /// The cut for a view, of what clip boxes leave. Nodes that are `unreadable` are never in it: their children are, or else their parents, and where there are neither, nothing.
-pub fn choose(index: &Index, view: &View, clips: &Clips, detail: &Detail, unreadable: &HashSet<usize>) -> Cut {
+pub fn choose(
+    index: &Index,
+    view: &View,
+    clips: &Clips,
+    detail: &Detail,
+    unreadable: &HashSet<usize>,
+) -> Cut {
     let mut cut = Cut::default();
     let mut open = BinaryHeap::new();
     let all = Seen { index, view, clips, unreadable };
@@ -102,7 +113,12 @@ pub fn choose(index: &Index, view: &View, clips: &Clips, detail: &Detail, unread
         cut.largest_error_px = cut.largest_error_px.max(wanted.error_px);
         cut.nodes.push(wanted);
     }
-    cut.nodes.sort_by(|a, b| b.gain_px.total_cmp(&a.gain_px).then(a.distance.total_cmp(&b.distance)).then(a.node.cmp(&b.node)));
+    cut.nodes.sort_by(|a, b| {
+        b.gain_px
+            .total_cmp(&a.gain_px)
+            .then(a.distance.total_cmp(&b.distance))
+            .then(a.node.cmp(&b.node))
+    });
     cut
 }
 
@@ -148,7 +164,8 @@ struct Siblings {
 
 impl Seen<'_> {
     fn of(&self, siblings: Range<usize>, gain_px: f64) -> Siblings {
-        let mut found = Siblings { nodes: Vec::new(), points: 0, outside: 0, clipped: 0, complete: true };
+        let mut found =
+            Siblings { nodes: Vec::new(), points: 0, outside: 0, clipped: 0, complete: true };
         let mut ranges = vec![siblings];
         while let Some(range) = ranges.pop() {
             for node in range {
@@ -196,7 +213,9 @@ impl Precision {
         match self {
             Precision::Planes(most) => most.clamp(1, frame.planes),
             Precision::Auto => (1..frame.planes)
-                .find(|&planes| quantisation_px(view, lattice, frame, distance, planes) <= QUANTISATION_PX)
+                .find(|&planes| {
+                    quantisation_px(view, lattice, frame, distance, planes) <= QUANTISATION_PX
+                })
                 .unwrap_or(frame.planes),
         }
     }
@@ -209,7 +228,13 @@ pub fn cell_steps(frame: &Frame, planes: u32) -> f64 {
 
 /// How far a point may be drawn from where it is, pixels, at the node's least depth. With perspective a displacement d moves a point's pixel by at most
 /// |d| f / depth, times the secant of its angle from the axis: f (dx - tan dz) / depth, by Cauchy and Schwarz.
-pub fn quantisation_px(view: &View, lattice: &Lattice, frame: &Frame, distance: f64, planes: u32) -> f64 {
+pub fn quantisation_px(
+    view: &View,
+    lattice: &Lattice,
+    frame: &Frame,
+    distance: f64,
+    planes: u32,
+) -> f64 {
     if planes >= frame.planes {
         return 0.0;
     }

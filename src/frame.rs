@@ -8,7 +8,10 @@ use crate::passes::resolve::Paint;
 use crate::passes::shadows::Marks;
 use crate::passes::strokes::Painting;
 use crate::passes::transparency::Front;
-use crate::passes::{self, Layers, Scene, composite, counts, gate, luminance, normal, project, resolve, shadows, strokes};
+use crate::passes::{
+    self, Layers, Scene, composite, counts, gate, luminance, normal, project, resolve, shadows,
+    strokes,
+};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::view::View;
@@ -44,7 +47,8 @@ pub fn draw<T>(
     ask: impl FnOnce(&mut Graph, &Outcome) -> Result<T>,
 ) -> Result<Done<T>> {
     let mut g = Graph::new(gpu).watched(progress);
-    let recorded = record(&mut g, view, resident, look).and_then(|outcome| Ok((ask(&mut g, &outcome)?, outcome)));
+    let recorded = record(&mut g, view, resident, look)
+        .and_then(|outcome| Ok((ask(&mut g, &outcome)?, outcome)));
     let (asked, outcome) = match recorded {
         Ok(recorded) => recorded,
         Err(error) => {
@@ -54,26 +58,44 @@ pub fn draw<T>(
     };
     let warned = counts::Warned::ask(&mut g, &look.effects);
     let frame = g.submit(&[])?;
-    let notes = warned.note(&frame).into_iter().chain(outcome.strokes.and_then(|painted| painted.facts.note())).collect();
+    let notes = warned
+        .note(&frame)
+        .into_iter()
+        .chain(outcome.strokes.and_then(|painted| painted.facts.note()))
+        .collect();
     Ok(Done { frame, asked, notes })
 }
 
 pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
     let key_bytes = if look.layers() > 1 { project::KEY_BEHIND_BYTES } else { project::KEY_BYTES };
     let bands = project::bands(view.size, key_bytes, g.gathered_limit());
-    let drawn = project::draw_again(g, view, resident, look.precision, |node| look.overlap.touches(view, node))?;
+    let drawn = project::draw_again(g, view, resident, look.precision, |node| {
+        look.overlap.touches(view, node)
+    })?;
     let drawn = drawn.one_sided(look.drops_back_faces(resident));
     let paint = resolve::paint(g, resident, &look.decided)?;
     let scene = look.scene(view, resident);
-    let points = Points { scene: &scene, look, resident, bands: &bands, drawn: &drawn, paint: &paint };
-    let marks = shadows::marks(g, &scene, resident, &look.effects, &look.decided, look.light_at_once)?;
+    let points =
+        Points { scene: &scene, look, resident, bands: &bands, drawn: &drawn, paint: &paint };
+    let marks =
+        shadows::marks(g, &scene, resident, &look.effects, &look.decided, look.light_at_once)?;
     let mut images = Again::default();
     let (layers, strokes) = g.again(&mut images, |g| {
-        let (nearest, strokes) = match strokes::begin(g, view, resident, &look.effects, &look.decided, look.strokes_at_once)? {
+        let (nearest, strokes) = match strokes::begin(
+            g,
+            view,
+            resident,
+            &look.effects,
+            &look.decided,
+            look.strokes_at_once,
+        )? {
             Some(painting) => points.painted(g, painting)?,
             None => (points.nearest(g, None)?, None),
         };
-        Ok((passes::apply(g, &scene, &look.effects, &look.decided, Layers { marks, ..nearest }), strokes))
+        Ok((
+            passes::apply(g, &scene, &look.effects, &look.decided, Layers { marks, ..nearest }),
+            strokes,
+        ))
     })?;
     let layers = behind(g, &points, layers, images)?;
     let normal = normal::record(g, view, &layers);
@@ -83,7 +105,12 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
 
 /// The layers behind the nearest one: the middle of the frame again for each, until the device finds nothing more to draw. Where a layer shows nothing no later one does, so that each is drawn over the
 /// images of the one before, and only where that showed something.
-fn behind(g: &mut Graph, points: &Points, mut nearest: Layers, mut images: Again) -> Result<Layers> {
+fn behind(
+    g: &mut Graph,
+    points: &Points,
+    mut nearest: Layers,
+    mut images: Again,
+) -> Result<Layers> {
     let look = points.look;
     if look.layers() == 1 {
         return Ok(nearest);
@@ -94,7 +121,8 @@ fn behind(g: &mut Graph, points: &Points, mut nearest: Layers, mut images: Again
     nearest = kept(g, nearest);
     for layer in 1..look.layers() {
         let front = nearest.front.take().expect("transparency runs where there are several layers");
-        let (marks, behind) = (nearest.marks.take(), Next { front, alive: &mut alive, layer, grows_px });
+        let (marks, behind) =
+            (nearest.marks.take(), Next { front, alive: &mut alive, layer, grows_px });
         let (next, covered) = g.again(&mut images, |g| points.next(g, behind, marks, &before))?;
         (nearest.marks, nearest.front, before) = (next.marks, next.front, covered);
     }
@@ -138,26 +166,48 @@ struct Points<'p> {
 
 impl Points<'_> {
     /// Of all points, or of those behind others, the nearest of each pixel; with the keys of each band, what walks over points keep from layer to layer, and which layer it is.
-    fn nearest(&self, g: &mut Graph, mut behind: Option<(&mut [Buffer], &mut Buffer, u32)>) -> Result<Layers> {
+    fn nearest(
+        &self,
+        g: &mut Graph,
+        mut behind: Option<(&mut [Buffer], &mut Buffer, u32)>,
+    ) -> Result<Layers> {
         let view = self.scene.view;
         let mut resolved = resolve::layers(g, view);
         let averaged = &self.look.effects.luminance.settings;
         let mut shallow = luminance::shallow(g, self.scene, averaged, self.drawn, self.paint);
         for (number, &band) in self.bands.iter().enumerate() {
-            let behind = behind.as_mut().map(|(keys, alive, layer)| Behind { keys: &mut keys[number], alive, layer: *layer });
+            let behind = behind.as_mut().map(|(keys, alive, layer)| Behind {
+                keys: &mut keys[number],
+                alive,
+                layer: *layer,
+            });
             let keys = project::record(g, view, self.drawn, behind, shallow.as_mut(), band);
             resolved = resolve::record(g, &keys, self.paint, band, resolved);
         }
         let layers = resolved.layers(g, view, self.resident)?;
         let sums = match &shallow {
-            Some(shallow) => Some(luminance::sums(g, self.scene, averaged, self.drawn, shallow, self.paint, &layers.raw)?),
+            Some(shallow) => Some(luminance::sums(
+                g,
+                self.scene,
+                averaged,
+                self.drawn,
+                shallow,
+                self.paint,
+                &layers.raw,
+            )?),
             None => None,
         };
         Ok(Layers { sums, ..layers })
     }
 
     /// The next layer, over those in front of it, drawn where the one before has shown something; and where it shows something itself.
-    fn next(&self, g: &mut Graph, next: Next, marks: Option<Marks>, before: &Area) -> Result<(Layers, Area)> {
+    fn next(
+        &self,
+        g: &mut Graph,
+        next: Next,
+        marks: Option<Marks>,
+        before: &Area,
+    ) -> Result<(Layers, Area)> {
         let Next { mut front, alive, layer, grows_px } = next;
         let bounded = grows_px.is_finite();
         let left = gate::area_where(g, &front.left, before);
@@ -171,13 +221,19 @@ impl Points<'_> {
         let shown = gate::area_where(g, &covered.list, &left);
         let layers = Layers { marks, front: Some(front), ..layers };
         let layers = gate::only_where(g, &covered.list, |g| {
-            Ok(g.within(bounded.then_some(&shown), |g| passes::apply(g, self.scene, &self.look.effects, &self.look.decided, layers)))
+            Ok(g.within(bounded.then_some(&shown), |g| {
+                passes::apply(g, self.scene, &self.look.effects, &self.look.decided, layers)
+            }))
         })?;
         Ok((layers, covered))
     }
 
     /// All points, as strokes.
-    fn painted(&self, g: &mut Graph, mut painting: Painting) -> Result<(Layers, Option<strokes::Painted>)> {
+    fn painted(
+        &self,
+        g: &mut Graph,
+        mut painting: Painting,
+    ) -> Result<(Layers, Option<strokes::Painted>)> {
         let mut resolved = resolve::layers(g, self.scene.view);
         for band in painting.bands(g.gathered_limit()) {
             let keys = painting.record(g, self.paint, band)?;

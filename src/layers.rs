@@ -38,7 +38,13 @@ impl Downloads {
     }
 
     /// The files that were asked for.
-    pub fn write(&self, frame: &Frame, size: [u32; 2], png: Option<&Path>, exr: Option<&Path>) -> Result<()> {
+    pub fn write(
+        &self,
+        frame: &Frame,
+        size: [u32; 2],
+        png: Option<&Path>,
+        exr: Option<&Path>,
+    ) -> Result<()> {
         if let Some(path) = png {
             let picture = self.picture.as_ref().expect("asked for with -o");
             picture::write_png(path, size, &picture.read(frame))?;
@@ -48,18 +54,33 @@ impl Downloads {
 }
 
 /// Draws layers into a file, in one piece. What could not be read is said in the end.
-pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: &Wanted, path: &Path, progress: &dyn Progress) -> Result<Vec<String>> {
+pub fn write(
+    gpu: &mut Gpu,
+    cloud: &mut Brought,
+    wanted: &Wanted,
+    path: &Path,
+    progress: &dyn Progress,
+) -> Result<Vec<String>> {
     let Wanted { view, wishes, fineness, .. } = wanted;
     if tiled::needs_pieces(gpu, view.size, None) {
         let [width, height] = view.size;
-        return Err(Error::Request(format!("{width}x{height} pixels are drawn in pieces, of which there are no layers; ask for fewer")));
+        return Err(Error::Request(format!(
+            "{width}x{height} pixels are drawn in pieces, of which there are no layers; ask for fewer"
+        )));
     }
     let taken = cloud.settle(gpu, view, &fineness.of(view.size), progress)?;
     let look = look::decide(wishes, view, cloud.resident());
-    let done = frame::draw(gpu, view, cloud.resident(), &look, progress, |g, outcome| Downloads::ask(g, outcome, false, true))?;
+    let done = frame::draw(gpu, view, cloud.resident(), &look, progress, |g, outcome| {
+        Downloads::ask(g, outcome, false, true)
+    })?;
     done.asked.write(&done.frame, view.size, None, Some(path))?;
     done.frame.shelve(gpu);
-    Ok(taken.into_iter().flat_map(|taken| taken.notes).chain(look.notes(cloud.resident())).chain(done.notes).collect())
+    Ok(taken
+        .into_iter()
+        .flat_map(|taken| taken.notes)
+        .chain(look.notes(cloud.resident()))
+        .chain(done.notes)
+        .collect())
 }
 
 /// Linear picture (its alpha says where a surface is) and layers.
@@ -69,7 +90,8 @@ fn write_layers(path: &Path, size: [u32; 2], frame: &Frame, downloads: &Download
     let index: &[u32] = frame.read(downloads.index.as_ref().expect("asked for with --exr"));
     let raw: &[f32] = frame.read(downloads.raw.as_ref().expect("asked for with --exr"));
     // What stayed unknown is nothing to an outsider.
-    let depth: Vec<f32> = depth.iter().map(|&z| if z == f32::NEG_INFINITY { f32::INFINITY } else { z }).collect();
+    let depth: Vec<f32> =
+        depth.iter().map(|&z| if z == f32::NEG_INFINITY { f32::INFINITY } else { z }).collect();
     let raw_index: &[u32] = frame.read(downloads.raw_index.as_ref().expect("asked for with --exr"));
     let coverage = |i: usize| match depth[i].is_finite() {
         false => 0,
@@ -80,7 +102,10 @@ fn write_layers(path: &Path, size: [u32; 2], frame: &Frame, downloads: &Download
     let channel = |c: usize| Samples::Float(picture.iter().map(|pixel| pixel[c]).collect());
     let normal: &[[f32; 4]] = frame.read(downloads.normal.as_ref().expect("asked for with --exr"));
     let normal = |axis: usize| Samples::Float(normal.iter().map(|normal| normal[axis]).collect());
-    let lit = downloads.lit.as_ref().map_or_else(|| vec![1.0; raw.len()], |lit| frame.read::<f32>(lit).to_vec());
+    let lit = downloads
+        .lit
+        .as_ref()
+        .map_or_else(|| vec![1.0; raw.len()], |lit| frame.read::<f32>(lit).to_vec());
     let channels = vec![
         ("R", channel(0)),
         ("G", channel(1)),

@@ -21,7 +21,9 @@ impl Light {
     pub fn is_as(&self, other: &Light) -> bool {
         match (self, other) {
             // Directions differ by what dividing by a length rounds.
-            (Light::Direction(a), Light::Direction(b)) => (a.normalize() - b.normalize()).length() <= 8.0 * f64::EPSILON,
+            (Light::Direction(a), Light::Direction(b)) => {
+                (a.normalize() - b.normalize()).length() <= 8.0 * f64::EPSILON
+            }
             _ => self == other,
         }
     }
@@ -42,7 +44,10 @@ impl std::str::FromStr for Light {
             return Ok(Light::Headlight);
         }
         let (kind, numbers) = text.split_once(':').ok_or_else(wrong)?;
-        let numbers: Vec<f64> = numbers.split(',').map(|number| number.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
+        let numbers: Vec<f64> = numbers
+            .split(',')
+            .map(|number| number.trim().parse().map_err(|_| wrong()))
+            .collect::<Result<_, _>>()?;
         let &[x, y, z] = &numbers[..] else { return Err(wrong()) };
         let place = DVec3::new(x, y, z);
         match kind {
@@ -88,16 +93,28 @@ mod tests {
         let light = |text: &str| text.parse::<Light>().unwrap();
         let sun = light("direction:0.3,0.8,-0.8");
         assert!(
-            ["direction:0.6,1.6,-1.6", "direction:3,8,-8", "direction:0.1,0.26666666666666666,-0.26666666666666666"]
-                .iter()
-                .all(|text| sun.is_as(&light(text)))
+            [
+                "direction:0.6,1.6,-1.6",
+                "direction:3,8,-8",
+                "direction:0.1,0.26666666666666666,-0.26666666666666666"
+            ]
+            .iter()
+            .all(|text| sun.is_as(&light(text)))
         );
         assert!(
-            ["direction:-0.3,-0.8,0.8", "direction:0.3,0.8,-0.800001", "position:0.3,0.8,-0.8", "headlight"]
-                .iter()
-                .all(|text| !sun.is_as(&light(text)))
+            [
+                "direction:-0.3,-0.8,0.8",
+                "direction:0.3,0.8,-0.800001",
+                "position:0.3,0.8,-0.8",
+                "headlight"
+            ]
+            .iter()
+            .all(|text| !sun.is_as(&light(text)))
         );
-        assert!(light("position:1,2,3").is_as(&light("position:1,2,3")) && !light("position:1,2,3").is_as(&light("position:2,4,6")));
+        assert!(
+            light("position:1,2,3").is_as(&light("position:1,2,3"))
+                && !light("position:1,2,3").is_as(&light("position:2,4,6"))
+        );
     }
 
     #[test]

@@ -90,13 +90,26 @@ fn lock(reading: &Mutex<Reading>) -> MutexGuard<'_, Reading> {
 
 impl Loader {
     /// `publish` is called from the thread after every answer.
-    pub fn start(index: Arc<Index>, shown: Shown, publish: impl FnMut() + Send + 'static) -> Result<Loader> {
+    pub fn start(
+        index: Arc<Index>,
+        shown: Shown,
+        publish: impl FnMut() + Send + 'static,
+    ) -> Result<Loader> {
         let (queue, reading) = (Arc::new(Queue::new()), Arc::<Mutex<Reading>>::default());
         let (answer, answers) = channel();
         let path = index.path().to_owned();
         let words = vec![0; POINTS_PER_PAGE as usize];
-        let thread =
-            Thread { index, shown, queue: queue.clone(), reading: reading.clone(), answer, publish, words, bytes: Vec::new(), nodes: 0 };
+        let thread = Thread {
+            index,
+            shown,
+            queue: queue.clone(),
+            reading: reading.clone(),
+            answer,
+            publish,
+            words,
+            bytes: Vec::new(),
+            nodes: 0,
+        };
         let thread = std::thread::Builder::new().name("loader".into()).spawn(move || thread.run());
         let thread = thread.map_err(|error| Error::io("start a thread to read", &path, error))?;
         Ok(Loader { queue, answers, reading, thread: Some(thread) })
@@ -206,7 +219,9 @@ impl<P: FnMut()> Thread<P> {
                     drop(destination);
                     (node, Outcome::Dropped)
                 }
-                Next::Read { node, planes, destination } => (node, self.attempt(node, planes, destination)),
+                Next::Read { node, planes, destination } => {
+                    (node, self.attempt(node, planes, destination))
+                }
             };
             // Nobody listens any more where the loader is being dropped.
             let _ = self.answer.send(Answer { node, outcome });
@@ -214,7 +229,12 @@ impl<P: FnMut()> Thread<P> {
         }
     }
 
-    fn attempt(&mut self, node: usize, planes: u32, mut destination: Box<dyn Destination>) -> Outcome {
+    fn attempt(
+        &mut self,
+        node: usize,
+        planes: u32,
+        mut destination: Box<dyn Destination>,
+    ) -> Outcome {
         self.nodes += 1;
         let fault = self.index.fault.and_then(|fault| fault.at(self.nodes));
         assert!(fault != Some(How::End), "on purpose, between two nodes");
@@ -229,8 +249,14 @@ impl<P: FnMut()> Thread<P> {
         self.watch(None);
         drop(destination);
         let read = read.unwrap_or_else(|panic| {
-            let said = panic.downcast_ref::<&str>().map(|said| said.to_string()).or(panic.downcast_ref::<String>().cloned());
-            let what = format!("node {node} could not be read: {}", said.unwrap_or("a panic without words".into()));
+            let said = panic
+                .downcast_ref::<&str>()
+                .map(|said| said.to_string())
+                .or(panic.downcast_ref::<String>().cloned());
+            let what = format!(
+                "node {node} could not be read: {}",
+                said.unwrap_or("a panic without words".into())
+            );
             Err(Error::format(self.index.path(), what))
         });
         read.map_or_else(Outcome::Failed, Outcome::Done)
@@ -244,7 +270,12 @@ impl<P: FnMut()> Thread<P> {
         (reading.node, reading.since) = (node, node.map(|_| Instant::now()));
     }
 
-    fn read(&mut self, node: usize, planes: u32, destination: &mut dyn Destination) -> Result<Read> {
+    fn read(
+        &mut self,
+        node: usize,
+        planes: u32,
+        destination: &mut dyn Destination,
+    ) -> Result<Read> {
         let index = self.index.clone();
         let record = &index.nodes()[node];
         let count = record.count as usize;
@@ -263,7 +294,9 @@ impl<P: FnMut()> Thread<P> {
             if page < planes {
                 destination.put(page, words);
             }
-            heights.iter_mut().zip(&*words).for_each(|(height, word)| *height = *height << BITS_PER_PLANE | word >> (2 * BITS_PER_PLANE));
+            heights.iter_mut().zip(&*words).for_each(|(height, word)| {
+                *height = *height << BITS_PER_PLANE | word >> (2 * BITS_PER_PLANE)
+            });
         }
         let planes_of = Plane::of(self.shown.attribute);
         match planes_of.iter().copied().find(|&plane| record.has(plane)) {
@@ -275,20 +308,36 @@ impl<P: FnMut()> Thread<P> {
                 if Plane::STATIONS.contains(&plane) {
                     // The file's own number of the station; nodes hold its place in the list.
                     let stations = &index.directory.contents.stations;
-                    words
-                        .iter_mut()
-                        .for_each(|word| *word = stations.get(*word as usize).and_then(|station| station.source).unwrap_or(0) as u32);
+                    words.iter_mut().for_each(|word| {
+                        *word = stations
+                            .get(*word as usize)
+                            .and_then(|station| station.source)
+                            .unwrap_or(0) as u32
+                    });
                 }
                 if self.shown.coded && Plane::STATIONS.into_iter().any(|plane| record.has(plane)) {
                     let mut stations = vec![0; count];
-                    read.bytes += gather(&index, node, &Plane::STATIONS.map(|plane| (plane, 0)), &mut self.bytes, &mut stations)?;
-                    let codes = stations.into_iter().map(|station| station_code(station as usize) as u32);
-                    words.iter_mut().zip(codes).for_each(|(word, code)| *word |= code << CODE_SHIFT);
+                    read.bytes += gather(
+                        &index,
+                        node,
+                        &Plane::STATIONS.map(|plane| (plane, 0)),
+                        &mut self.bytes,
+                        &mut stations,
+                    )?;
+                    let codes =
+                        stations.into_iter().map(|station| station_code(station as usize) as u32);
+                    words
+                        .iter_mut()
+                        .zip(codes)
+                        .for_each(|(word, code)| *word |= code << CODE_SHIFT);
                 }
             }
             None if elevation => {
                 let height = world_height(&index, record);
-                words.iter_mut().zip(&heights).for_each(|(word, &cell)| *word = self.shown.elevation(height(cell)));
+                words
+                    .iter_mut()
+                    .zip(&heights)
+                    .for_each(|(word, &cell)| *word = self.shown.elevation(height(cell)));
             }
             None => words.fill(lacking(self.shown.attribute)),
         }
@@ -334,7 +383,13 @@ impl<P: FnMut()> Thread<P> {
 }
 
 /// Adds some planes to words, each shifted by so many bits; of those that a node lacks, nothing. The bytes read.
-fn gather(index: &Index, node: usize, parts: &[(Plane, u32)], bytes: &mut Vec<u8>, words: &mut [u32]) -> Result<u64> {
+fn gather(
+    index: &Index,
+    node: usize,
+    parts: &[(Plane, u32)],
+    bytes: &mut Vec<u8>,
+    words: &mut [u32],
+) -> Result<u64> {
     let record = &index.nodes()[node];
     let (mut read, mut own) = (0, vec![0; words.len()]);
     for &(plane, shift) in parts.iter().filter(|(plane, _)| record.has(*plane)) {
@@ -351,14 +406,21 @@ fn gather(index: &Index, node: usize, parts: &[(Plane, u32)], bytes: &mut Vec<u8
 fn normals(index: &Index, node: usize, bytes: &mut Vec<u8>, words: &mut [u32]) -> Result<u64> {
     let record = &index.nodes()[node];
     words.fill(octahedral::UNKNOWN);
-    let Some(plane) = [Plane::Facing, Plane::Normal].into_iter().find(|&plane| record.has(plane)) else { return Ok(0) };
+    let Some(plane) = [Plane::Facing, Plane::Normal].into_iter().find(|&plane| record.has(plane))
+    else {
+        return Ok(0);
+    };
     bytes.resize(record.range(plane).1 as usize, 0);
     index.read(node, plane, bytes)?;
     match plane {
-        Plane::Facing => {
-            words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &facing)| *word = u32::from_le_bytes(facing) & octahedral::UNKNOWN)
-        }
-        _ => words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, normal)| *word = octahedral::of_bytes(normal.map(|v| v as i8))),
+        Plane::Facing => words
+            .iter_mut()
+            .zip(bytes.as_chunks().0)
+            .for_each(|(word, &facing)| *word = u32::from_le_bytes(facing) & octahedral::UNKNOWN),
+        _ => words
+            .iter_mut()
+            .zip(bytes.as_chunks().0)
+            .for_each(|(word, normal)| *word = octahedral::of_bytes(normal.map(|v| v as i8))),
     }
     Ok(bytes.len() as u64)
 }
@@ -366,7 +428,8 @@ fn normals(index: &Index, node: usize, bytes: &mut Vec<u8>, words: &mut [u32]) -
 /// World heights of a node's cells along z, as all its planes give them.
 fn world_height(index: &Index, record: &NodeRecord) -> impl Fn(u32) -> f64 {
     let lattice = index.lattice(record);
-    let (lowest, pad) = (record.origin[2], BITS_PER_PLANE * record.position_planes() - record.bits as u32);
+    let (lowest, pad) =
+        (record.origin[2], BITS_PER_PLANE * record.position_planes() - record.bits as u32);
     move |cell| lattice.offset.z + lattice.step.z * (lowest + (cell >> pad) as i64) as f64
 }
 
@@ -374,22 +437,37 @@ fn world_height(index: &Index, record: &NodeRecord) -> impl Fn(u32) -> f64 {
 fn widen(plane: Plane, bytes: &[u8], words: &mut [u32]) {
     let three = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
     match plane {
-        Plane::Rgb | Plane::Corrected => words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &rgb)| *word = three(rgb)),
+        Plane::Rgb | Plane::Corrected => {
+            words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &rgb)| *word = three(rgb))
+        }
         Plane::Normal => {
             let shifted = |v: [u8; 3]| v.map(|c| (c as i8 as i16 + 127) as u8);
-            words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &normal)| *word = three(shifted(normal)));
+            words
+                .iter_mut()
+                .zip(bytes.as_chunks().0)
+                .for_each(|(word, &normal)| *word = three(shifted(normal)));
         }
         Plane::Facing => {
             let shown = |facing: [u8; 4]| {
                 octahedral::unpack(u32::from_le_bytes(facing))
-                    .map_or(lacking(Attribute::Normal), |n| three((n * 127.0).round().to_array().map(|c| (c + 127.0) as u8)))
+                    .map_or(lacking(Attribute::Normal), |n| {
+                        three((n * 127.0).round().to_array().map(|c| (c + 127.0) as u8))
+                    })
             };
-            words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &facing)| *word = shown(facing));
+            words
+                .iter_mut()
+                .zip(bytes.as_chunks().0)
+                .for_each(|(word, &facing)| *word = shown(facing));
         }
         Plane::Intensity | Plane::Source => {
-            words.iter_mut().zip(bytes.as_chunks().0).for_each(|(word, &value)| *word = u16::from_le_bytes(value) as u32);
+            words
+                .iter_mut()
+                .zip(bytes.as_chunks().0)
+                .for_each(|(word, &value)| *word = u16::from_le_bytes(value) as u32);
         }
-        Plane::Returns => words.iter_mut().zip(bytes).for_each(|(word, value)| *word = (value & 15) as u32),
+        Plane::Returns => {
+            words.iter_mut().zip(bytes).for_each(|(word, value)| *word = (value & 15) as u32)
+        }
         _ => words.iter_mut().zip(bytes).for_each(|(word, value)| *word = *value as u32),
     }
 }

@@ -86,7 +86,8 @@ const HURRIED_DIRECTIONS: f64 = 2.0;
 
 impl Default for Wishes {
     fn default() -> Self {
-        let (effects, light, background) = (Effects::default(), Light::default(), crate::config::BACKGROUND);
+        let (effects, light, background) =
+            (Effects::default(), Light::default(), crate::config::BACKGROUND);
         Wishes { effects, light, background, precision: Precision::Auto, layer_m: 0.0 }
     }
 }
@@ -132,12 +133,18 @@ impl Look {
 
     /// Whether points that face away from the camera are left out: where Phong lighting is asked to, and normals say which side is outside.
     pub fn drops_back_faces(&self, resident: &Resident) -> bool {
-        self.decided.runs("phong") && self.effects.phong.settings.backfaces == Backfaces::Drop && resident.oriented
+        self.decided.runs("phong")
+            && self.effects.phong.settings.backfaces == Backfaces::Drop
+            && resident.oriented
     }
 
     /// Surfaces behind each other that are drawn at most.
     pub fn layers(&self) -> u32 {
-        if self.decided.runs("transparency") { self.effects.transparency.settings.layers as u32 } else { 1 }
+        if self.decided.runs("transparency") {
+            self.effects.transparency.settings.layers as u32
+        } else {
+            1
+        }
     }
 
     /// What is drawn at rest, a frame after the other, until nothing is left to add: of a light that is new one sample (Dobrev et al. 2010, sec. 6), to which others are added beside the frames; of strokes
@@ -169,7 +176,11 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
     let decided = wishes.effects.decide(&scene);
     // Who asks for means gets them everywhere.
     let partly = decided.runs("luminance") && wishes.effects.luminance.switch == Switch::Auto;
-    let effects = settled(&wishes.effects, resolve::spacing_px(&view.entire(), resident)[1], scene.transparent);
+    let effects = settled(
+        &wishes.effects,
+        resolve::spacing_px(&view.entire(), resident)[1],
+        scene.transparent,
+    );
     Look {
         effects,
         decided,
@@ -178,7 +189,9 @@ pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
         quantum_m: quantum_m(view, resident),
         overlap: if partly { scene.overlap } else { Arc::new(Overlap::everywhere(view.whole)) },
         light: wishes.light,
-        background: wishes.background.map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
+        background: wishes
+            .background
+            .map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
         precision: wishes.precision,
         light_at_once: None,
         strokes_at_once: None,
@@ -196,7 +209,8 @@ fn settled(asked: &Effects, widest_px: f64, transparent: bool) -> Effects {
 
 /// Of f32, at the farthest depth in view.
 fn quantum_m(view: &View, resident: &Resident) -> f64 {
-    let farthest = resident.seen(&view.entire()).map(|((_, farthest), _)| farthest).fold(0.0, f64::max) as f32;
+    let farthest =
+        resident.seen(&view.entire()).map(|((_, farthest), _)| farthest).fold(0.0, f64::max) as f32;
     (farthest.next_up() - farthest) as f64
 }
 
@@ -211,7 +225,12 @@ mod tests {
         effects.set("shadows=on,samples=16,radius=2").unwrap();
         let look = |running: &[&'static str]| Look {
             effects: effects.clone(),
-            decided: Decided(running.iter().map(|name| (*name, Reason { runs: true, why: String::new() })).collect()),
+            decided: Decided(
+                running
+                    .iter()
+                    .map(|name| (*name, Reason { runs: true, why: String::new() }))
+                    .collect(),
+            ),
             light: Light::default(),
             background: [0.0; 3],
             precision: Precision::Auto,
@@ -225,7 +244,10 @@ mod tests {
         assert_eq!(look(&["phong"]).hurried(1).effects, look(&["phong"]).effects);
         let all = look(&["strokes", "shadows"]);
         let hurried = all.hurried(1);
-        assert_eq!((hurried.light_at_once, &hurried.effects.shadows), (Some(0), &all.effects.shadows));
+        assert_eq!(
+            (hurried.light_at_once, &hurried.effects.shadows),
+            (Some(0), &all.effects.shadows)
+        );
         assert_eq!(hurried.effects.strokes.settings.blend, strokes::Blend::Blur);
         assert_eq!(hurried.hurried(1), hurried);
         let levels = |smaller| look(&["shape"]).hurried(smaller).effects.shape.settings.levels;

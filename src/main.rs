@@ -1,7 +1,9 @@
 //! Parse, dispatch, exit code: 0 done, 1 could not do it, 2 asked wrongly.
 
 use clap::Parser;
-use pointillist::cli::{bench, index, info, render, shadows, study, synth, terminal::Terminal, view};
+use pointillist::cli::{
+    bench, index, info, render, shadows, study, synth, terminal::Terminal, view,
+};
 use pointillist::error::Error;
 use std::io::Write;
 use std::process::ExitCode;

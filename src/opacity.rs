@@ -47,14 +47,23 @@ impl std::str::FromStr for Rule {
         let opacity = opacity.ok_or(format!("{number:?} is not an opacity from 0 to 1"))?;
         let what = match what.split_once(':') {
             None if what == "all" => What::All,
-            Some(("class", class)) => What::Class(class.parse().map_err(|_| format!("{class:?} is not a class from 0 to 255"))?),
+            Some(("class", class)) => What::Class(
+                class.parse().map_err(|_| format!("{class:?} is not a class from 0 to 255"))?,
+            ),
             Some(("return", number)) => {
                 let valid = number.parse().ok().filter(|number| (*number as usize) < RETURNS);
-                What::Return(valid.ok_or(format!("{number:?} is not a return number from 0 to {}", RETURNS - 1))?)
+                What::Return(valid.ok_or(format!(
+                    "{number:?} is not a return number from 0 to {}",
+                    RETURNS - 1
+                ))?)
             }
             Some(("station", name)) => What::Station(name.into()),
             Some(("file", name)) => What::File(name.into()),
-            _ => return Err(format!("{what:?} is neither class:N, return:N, station:NAME nor file:NAME")),
+            _ => {
+                return Err(format!(
+                    "{what:?} is neither class:N, return:N, station:NAME nor file:NAME"
+                ));
+            }
         };
         Ok(Rule { what, opacity })
     }
@@ -86,10 +95,14 @@ impl What {
         match self {
             What::Station(name) => {
                 let source = name.strip_prefix("source ").and_then(|id| id.parse().ok());
-                station.name == *name || name.parse() == Ok(number + 1) || source.is_some() && source == station.source
+                station.name == *name
+                    || name.parse() == Ok(number + 1)
+                    || source.is_some() && source == station.source
             }
             // A station is named after its file, or after its scan in it.
-            What::File(name) => station.name == *name || station.name.starts_with(&format!("{name} ")),
+            What::File(name) => {
+                station.name == *name || station.name.starts_with(&format!("{name} "))
+            }
             _ => false,
         }
     }
@@ -103,9 +116,17 @@ impl What {
         };
         match self {
             What::All => true,
-            What::Class(class) => known.counts.is_none_or(|counts| counted(&counts.classes, *class)),
-            What::Return(number) => known.counts.is_none_or(|counts| counted(&counts.returns, *number)),
-            What::Station(_) | What::File(_) => known.stations.iter().enumerate().any(|(number, station)| self.is_of(number, station)),
+            What::Class(class) => {
+                known.counts.is_none_or(|counts| counted(&counts.classes, *class))
+            }
+            What::Return(number) => {
+                known.counts.is_none_or(|counts| counted(&counts.returns, *number))
+            }
+            What::Station(_) | What::File(_) => known
+                .stations
+                .iter()
+                .enumerate()
+                .any(|(number, station)| self.is_of(number, station)),
         }
     }
 
@@ -126,7 +147,9 @@ fn file_of(station: &Station) -> &str {
 impl Opacities {
     /// Whether some points let through what is behind them.
     pub fn is_transparent(&self, known: &Known) -> bool {
-        self.0.iter().any(|rule| rule.opacity > 0.0 && rule.opacity < 1.0 && rule.what.is_of_some(known))
+        self.0
+            .iter()
+            .any(|rule| rule.opacity > 0.0 && rule.opacity < 1.0 && rule.what.is_of_some(known))
     }
 
     /// Whether some points are not drawn at all.
@@ -137,14 +160,19 @@ impl Opacities {
     /// Whether no point is drawn, whatever it is.
     pub fn hides_all(&self, known: &Known) -> bool {
         let table = self.table(known.stations);
-        table[..CLASSES].iter().all(|factor| *factor == 0.0) || table[CLASSES + RETURNS..].iter().all(|factor| *factor == 0.0)
+        table[..CLASSES].iter().all(|factor| *factor == 0.0)
+            || table[CLASSES + RETURNS..].iter().all(|factor| *factor == 0.0)
     }
 
     /// Of each rule that is about no point there is, that, in words.
     pub fn idle(&self, known: &Known) -> Vec<String> {
         let list = |kinds: &[(u8, u64)]| {
             let numbers: Vec<_> = kinds.iter().take(16).map(|(kind, _)| kind.to_string()).collect();
-            if numbers.is_empty() { "none".into() } else { numbers.join(", ") + if kinds.len() > 16 { ", ..." } else { "" } }
+            if numbers.is_empty() {
+                "none".into()
+            } else {
+                numbers.join(", ") + if kinds.len() > 16 { ", ..." } else { "" }
+            }
         };
         let said = |rule: &Rule| {
             let counts = known.counts.filter(|_| !rule.what.is_of_some(known))?;
@@ -174,7 +202,9 @@ impl Opacities {
         let known = Known { stations, points: 0, counts: None };
         let is_lost = |rule: &&Rule| rule.what.names_stations() && !rule.what.is_of_some(&known);
         let (kind, name, mut names): (_, _, Vec<&str>) = match &self.0.iter().find(is_lost)?.what {
-            What::Station(name) => ("station", name, stations.iter().map(|station| station.name.as_str()).collect()),
+            What::Station(name) => {
+                ("station", name, stations.iter().map(|station| station.name.as_str()).collect())
+            }
             What::File(name) => ("file", name, stations.iter().map(file_of).collect()),
             _ => return None,
         };
@@ -196,8 +226,15 @@ impl Opacities {
                 What::Class(class) => classes[*class as usize] *= opacity,
                 What::Return(number) => returns[*number as usize] *= opacity,
                 What::Station(_) | What::File(_) => {
-                    let about = stations.iter().enumerate().map(|(number, station)| what.is_of(number, station));
-                    places.iter_mut().zip(about).filter(|(_, about)| *about).for_each(|(factor, _)| *factor *= opacity);
+                    let about = stations
+                        .iter()
+                        .enumerate()
+                        .map(|(number, station)| what.is_of(number, station));
+                    places
+                        .iter_mut()
+                        .zip(about)
+                        .filter(|(_, about)| *about)
+                        .for_each(|(factor, _)| *factor *= opacity);
                 }
             }
         }
@@ -210,24 +247,45 @@ mod tests {
     use super::*;
 
     fn stations() -> Vec<Station> {
-        let station = |part, source, name: &str| Station { part, source, name: name.into(), points: 1 };
-        vec![station(0, Some(3), "a.las source 3"), station(0, Some(7), "a.las source 7"), station(1, None, "b.ply")]
+        let station =
+            |part, source, name: &str| Station { part, source, name: name.into(), points: 1 };
+        vec![
+            station(0, Some(3), "a.las source 3"),
+            station(0, Some(7), "a.las source 7"),
+            station(1, None, "b.ply"),
+        ]
     }
 
     #[test]
     fn opacities_of_a_point_multiply() {
-        let rules = ["0.5", "class:6=0.5", "return:2=0", "station:2=0.25", "station:source 3=0.5", "file:a.las=0.5", "station:b.ply=0.75"];
+        let rules = [
+            "0.5",
+            "class:6=0.5",
+            "return:2=0",
+            "station:2=0.25",
+            "station:source 3=0.5",
+            "file:a.las=0.5",
+            "station:b.ply=0.75",
+        ];
         let opacities = Opacities(rules.iter().map(|rule| rule.parse().unwrap()).collect());
         let table = opacities.table(&stations());
         assert_eq!([table[5], table[6], table[256 + 1], table[256 + 2]], [0.5, 0.25, 1.0, 0.0]);
         assert_eq!(table[272..], [0.25, 0.125, 0.75]);
         let stations = stations();
         let known = Known { stations: &stations, points: 3, counts: None };
-        assert!(opacities.is_transparent(&known) && opacities.hides(&known) && opacities.needs_kinds());
+        assert!(
+            opacities.is_transparent(&known) && opacities.hides(&known) && opacities.needs_kinds()
+        );
         assert_eq!(opacities.lost(&stations), None);
-        let leaves_none = |rules: &[&str]| Opacities(rules.iter().map(|rule| rule.parse().unwrap()).collect()).hides_all(&known);
+        let leaves_none = |rules: &[&str]| {
+            Opacities(rules.iter().map(|rule| rule.parse().unwrap()).collect()).hides_all(&known)
+        };
         assert!(leaves_none(&["0.5", "0"]) && leaves_none(&["file:a.las=0", "station:b.ply=0"]));
-        assert!(!leaves_none(&[]) && !leaves_none(&["file:a.las=0"]) && !leaves_none(&["class:6=0", "return:1=0"]));
+        assert!(
+            !leaves_none(&[])
+                && !leaves_none(&["file:a.las=0"])
+                && !leaves_none(&["class:6=0", "return:1=0"])
+        );
     }
 
     /// Rules about points that are not there peel no layers and leave nothing out; points that say nothing of their class are of class 0.
@@ -236,18 +294,43 @@ mod tests {
         let of = |rule: &str| Opacities(vec![rule.parse().unwrap()]);
         let counts = Counts { classes: vec![(2, 5), (6, 4)], returns: vec![(1, 10)] };
         let known = Known { stations: &[], points: 10, counts: Some(&counts) };
-        assert!(["0.5", "class:2=0.5", "class:0=0.5", "return:1=0.5"].iter().all(|rule| of(rule).is_transparent(&known)));
-        assert!(["class:99=0.5", "return:0=0.5", "return:2=0.5", "station:a=0.5"].iter().all(|rule| !of(rule).is_transparent(&known)));
+        assert!(
+            ["0.5", "class:2=0.5", "class:0=0.5", "return:1=0.5"]
+                .iter()
+                .all(|rule| of(rule).is_transparent(&known))
+        );
+        assert!(
+            ["class:99=0.5", "return:0=0.5", "return:2=0.5", "station:a=0.5"]
+                .iter()
+                .all(|rule| !of(rule).is_transparent(&known))
+        );
         assert!(of("class:6=0").hides(&known) && !of("class:7=0").hides(&known));
-        assert_eq!(of("class:99=0.3").idle(&known), ["--opacity class:99=0.3: no point is of class 99; there are: 2, 6"]);
+        assert_eq!(
+            of("class:99=0.3").idle(&known),
+            ["--opacity class:99=0.3: no point is of class 99; there are: 2, 6"]
+        );
         assert!(of("class:0=0.3").idle(&known).is_empty() && of("0.3").idle(&known).is_empty());
         let nobody_counted = Known { counts: None, ..known };
-        assert!(of("class:99=0.5").is_transparent(&nobody_counted) && of("class:99=0.5").idle(&nobody_counted).is_empty());
+        assert!(
+            of("class:99=0.5").is_transparent(&nobody_counted)
+                && of("class:99=0.5").idle(&nobody_counted).is_empty()
+        );
     }
 
     #[test]
     fn what_is_no_rule_is_refused_with_its_words() {
-        for text in ["", "2", "-0.1", "nan", "class:256=1", "class:x=0.5", "return:16=1", "wall=0.5", "class:6", "=1"] {
+        for text in [
+            "",
+            "2",
+            "-0.1",
+            "nan",
+            "class:256=1",
+            "class:x=0.5",
+            "return:16=1",
+            "wall=0.5",
+            "class:6",
+            "=1",
+        ] {
             assert!(text.parse::<Rule>().is_err(), "{text}");
         }
         let lost = Opacities(vec!["file:c.las=0.5".parse().unwrap()]).lost(&stations()).unwrap();

@@ -2,7 +2,10 @@
 
 use crate::error::{Error, Result};
 use crate::whole_file::{WholeFile, whole_file};
-use exr::prelude::{AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder};
+use exr::prelude::{
+    AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
+    LayerAttributes, LineOrder,
+};
 use exr::prelude::{SmallVec, WritableImage};
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -63,13 +66,21 @@ impl Drop for Watched {
 impl PngRows {
     pub fn create(path: &Path, [width, height]: [u32; 2]) -> Result<PngRows> {
         let whole = WholeFile::create(path)?;
-        let file = File::create(whole.partial()).map_err(|error| Error::io("write", path, error))?;
+        let file =
+            File::create(whole.partial()).map_err(|error| Error::io("write", path, error))?;
         let failed = Arc::new(Mutex::new(None));
-        let mut encoder = png::Encoder::new(Watched { file: BufWriter::new(file), failed: failed.clone() }, width, height);
+        let mut encoder = png::Encoder::new(
+            Watched { file: BufWriter::new(file), failed: failed.clone() },
+            width,
+            height,
+        );
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
         encoder.set_compression(png::Compression::Fast);
-        let rows = encoder.write_header().and_then(png::Writer::into_stream_writer).map_err(|error| encoding(path, error))?;
+        let rows = encoder
+            .write_header()
+            .and_then(png::Writer::into_stream_writer)
+            .map_err(|error| encoding(path, error))?;
         Ok(PngRows { path: path.to_owned(), whole, rows, failed })
     }
 
@@ -110,8 +121,17 @@ pub fn write_exr(path: &Path, size: [u32; 2], channels: Vec<(&str, Samples)>) ->
         })
         .collect();
     // Blocks in order: the parallel compressor would otherwise write them as they come.
-    let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-    let layer = Layer::new((size[0] as usize, size[1] as usize), LayerAttributes::default(), encoding, AnyChannels::sort(channels));
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        blocks: Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let layer = Layer::new(
+        (size[0] as usize, size[1] as usize),
+        LayerAttributes::default(),
+        encoding,
+        AnyChannels::sort(channels),
+    );
     whole_file(path, |partial| {
         Image::from_layer(layer).write().to_file(partial).map_err(|error| match error {
             exr::error::Error::Io(source) => Error::io("write", path, source),

@@ -139,7 +139,8 @@ impl Present {
         if size.contains(&0) || width == 0 || height == 0 {
             return Ok(false);
         }
-        if self.swapchain.as_ref().is_none_or(|swapchain| swapchain.stale || swapchain.size != size) {
+        if self.swapchain.as_ref().is_none_or(|swapchain| swapchain.stale || swapchain.size != size)
+        {
             self.replace(gpu, &can, size)?;
         }
         Ok(true)
@@ -147,7 +148,10 @@ impl Present {
 
     fn capabilities(&self, gpu: &Gpu) -> ash::prelude::VkResult<vk::SurfaceCapabilitiesKHR> {
         // SAFETY: a live surface.
-        unsafe { self.surfaces.get_physical_device_surface_capabilities(gpu.device.physical, self.surface) }
+        unsafe {
+            self.surfaces
+                .get_physical_device_surface_capabilities(gpu.device.physical, self.surface)
+        }
     }
 
     /// Whether nobody has written the screen since the swapchain was replaced: what shows a picture has to draw it first.
@@ -168,11 +172,18 @@ impl Present {
     /// A picture of this size has been written there.
     pub fn holds(&mut self, gpu: &mut Gpu, picture: [u32; 2]) -> Result<()> {
         let swapchain = self.swapchain.as_mut().expect("fit says that it is there");
-        let desc = (picture != swapchain.size).then_some(ImageDesc { size: picture, format: self.format.format });
+        let desc = (picture != swapchain.size)
+            .then_some(ImageDesc { size: picture, format: self.format.format });
         if swapchain.small.as_ref().map(|(small, _)| small.desc) != desc {
             // Whoever gets it next begins after what is under way.
-            swapchain.small.take().into_iter().for_each(|(_, block)| gpu.memory.shelve_block(block));
-            swapchain.small = desc.map(|desc| gpu.memory.image_alone(&gpu.device, desc, "small picture")).transpose()?;
+            swapchain
+                .small
+                .take()
+                .into_iter()
+                .for_each(|(_, block)| gpu.memory.shelve_block(block));
+            swapchain.small = desc
+                .map(|desc| gpu.memory.image_alone(&gpu.device, desc, "small picture"))
+                .transpose()?;
         }
         swapchain.picture = picture;
         Ok(())
@@ -188,7 +199,8 @@ impl Present {
         if !overlay.textures.is_empty() {
             let done: Vec<_> = self.slots.iter().map(|slot| slot.done).collect();
             // SAFETY: the fences are alive, and raised or will be.
-            unsafe { self.device.wait_for_fences(&done, true, u64::MAX) }.map_err(failed("vkWaitForFences"))?;
+            unsafe { self.device.wait_for_fences(&done, true, u64::MAX) }
+                .map_err(failed("vkWaitForFences"))?;
         }
         if self.painter.is_none() {
             self.painter = Some(Painter::new(&gpu.device, self.format.format)?);
@@ -199,16 +211,27 @@ impl Present {
 
     /// Shows what the frames that were submitted before leave on the screen. False if there is none, or the window had no room for it; then [`Present::fit`], draw and try again.
     pub fn show(&mut self, gpu: &Gpu) -> Result<bool> {
-        let Some(swapchain) = self.swapchain.as_mut().filter(|swapchain| swapchain.picture != [0, 0]) else { return Ok(false) };
+        let Some(swapchain) =
+            self.swapchain.as_mut().filter(|swapchain| swapchain.picture != [0, 0])
+        else {
+            return Ok(false);
+        };
         let slot = &self.slots[self.next];
         self.lost = self.lost || self.lost_after == Some(0);
         self.lost_after = self.lost_after.and_then(|pictures| pictures.checked_sub(1));
         // SAFETY: the fence is alive and raised, or will be. The semaphore is waited for by nobody, as the slot's last submission is done.
         let acquired = unsafe {
-            self.device.wait_for_fences(&[slot.done], true, u64::MAX).map_err(failed("vkWaitForFences"))?;
+            self.device
+                .wait_for_fences(&[slot.done], true, u64::MAX)
+                .map_err(failed("vkWaitForFences"))?;
             match self.lost {
                 true => Err(vk::Result::ERROR_SURFACE_LOST_KHR),
-                false => self.swapchains.acquire_next_image(swapchain.raw, PATIENCE_NS, slot.acquired, vk::Fence::null()),
+                false => self.swapchains.acquire_next_image(
+                    swapchain.raw,
+                    PATIENCE_NS,
+                    slot.acquired,
+                    vk::Fence::null(),
+                ),
             }
         };
         let at = match acquired {
@@ -217,7 +240,9 @@ impl Present {
                 at
             }
             Err(vk::Result::TIMEOUT | vk::Result::NOT_READY) => return Ok(false),
-            Err(code @ (vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR)) => {
+            Err(
+                code @ (vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR),
+            ) => {
                 swapchain.stale = true;
                 self.lost = code == vk::Result::ERROR_SURFACE_LOST_KHR;
                 return Ok(false);
@@ -227,25 +252,44 @@ impl Present {
         let target = &swapchain.targets[at as usize];
         let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
         let waits = [vk::SemaphoreSubmitInfo::default().semaphore(slot.acquired).stage_mask(stage)];
-        let signals = [vk::SemaphoreSubmitInfo::default().semaphore(target.written).stage_mask(stage)];
+        let signals =
+            [vk::SemaphoreSubmitInfo::default().semaphore(target.written).stage_mask(stage)];
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(slot.commands)];
-        let submission =
-            vk::SubmitInfo2::default().wait_semaphore_infos(&waits).command_buffer_infos(&commands).signal_semaphore_infos(&signals);
+        let submission = vk::SubmitInfo2::default()
+            .wait_semaphore_infos(&waits)
+            .command_buffer_infos(&commands)
+            .signal_semaphore_infos(&signals);
         let (written, shown, places) = ([target.written], [swapchain.raw], [at]);
-        let info = vk::PresentInfoKHR::default().wait_semaphores(&written).swapchains(&shown).image_indices(&places);
+        let info = vk::PresentInfoKHR::default()
+            .wait_semaphores(&written)
+            .swapchains(&shown)
+            .image_indices(&places);
         // SAFETY: the slot's last commands are done; everything that these use lives until `idle`.
         let presented = unsafe {
-            self.device.reset_command_pool(slot.pool, vk::CommandPoolResetFlags::empty()).map_err(failed("vkResetCommandPool"))?;
-            let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-            self.device.begin_command_buffer(slot.commands, &begin).map_err(failed("vkBeginCommandBuffer"))?;
+            self.device
+                .reset_command_pool(slot.pool, vk::CommandPoolResetFlags::empty())
+                .map_err(failed("vkResetCommandPool"))?;
+            let begin = vk::CommandBufferBeginInfo::default()
+                .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+            self.device
+                .begin_command_buffer(slot.commands, &begin)
+                .map_err(failed("vkBeginCommandBuffer"))?;
             copy(&self.device, slot.commands, swapchain, target.image);
             if let Some(painter) = &mut self.painter {
                 paint(&self.device, slot.commands, swapchain.size, target, painter)?;
             }
-            turn(&self.device, slot.commands, target.image, vk::ImageLayout::GENERAL, vk::ImageLayout::PRESENT_SRC_KHR);
+            turn(
+                &self.device,
+                slot.commands,
+                target.image,
+                vk::ImageLayout::GENERAL,
+                vk::ImageLayout::PRESENT_SRC_KHR,
+            );
             self.device.end_command_buffer(slot.commands).map_err(failed("vkEndCommandBuffer"))?;
             self.device.reset_fences(&[slot.done]).map_err(failed("vkResetFences"))?;
-            self.device.queue_submit2(gpu.device.queue, &[submission], slot.done).map_err(failed("vkQueueSubmit2"))?;
+            self.device
+                .queue_submit2(gpu.device.queue, &[submission], slot.done)
+                .map_err(failed("vkQueueSubmit2"))?;
             self.swapchains.queue_present(gpu.device.queue, &info)
         };
         self.next = (self.next + 1) % self.slots.len();
@@ -254,7 +298,9 @@ impl Present {
                 swapchain.stale |= suboptimal;
                 true
             }
-            Err(code @ (vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR)) => {
+            Err(
+                code @ (vk::Result::ERROR_OUT_OF_DATE_KHR | vk::Result::ERROR_SURFACE_LOST_KHR),
+            ) => {
                 swapchain.stale = true;
                 self.lost = code == vk::Result::ERROR_SURFACE_LOST_KHR;
                 false
@@ -289,19 +335,34 @@ impl Present {
     /// Eight bits a channel that a monitor takes for sRGB. Of a surface that the device can show pictures in.
     fn format(&self, device: &Device) -> Result<vk::SurfaceFormatKHR> {
         // SAFETY: a live surface and a queue family of the device.
-        let shows = unsafe { self.surfaces.get_physical_device_surface_support(device.physical, device.family, self.surface) };
+        let shows = unsafe {
+            self.surfaces.get_physical_device_surface_support(
+                device.physical,
+                device.family,
+                self.surface,
+            )
+        };
         if !shows.map_err(failed("vkGetPhysicalDeviceSurfaceSupportKHR"))? {
-            return Err(Error::Device(format!("{} cannot show pictures in this window; --device names another", device.name)));
+            return Err(Error::Device(format!(
+                "{} cannot show pictures in this window; --device names another",
+                device.name
+            )));
         }
         // SAFETY: a live surface.
-        let offered = unsafe { self.surfaces.get_physical_device_surface_formats(device.physical, self.surface) };
+        let offered = unsafe {
+            self.surfaces.get_physical_device_surface_formats(device.physical, self.surface)
+        };
         let offered = offered.map_err(failed("vkGetPhysicalDeviceSurfaceFormatsKHR"))?;
         let fits = |format: &&vk::SurfaceFormatKHR| {
             matches!(format.format, vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM)
                 && format.color_space == vk::ColorSpaceKHR::SRGB_NONLINEAR
         };
         let found = offered.iter().find(fits).copied();
-        found.ok_or_else(|| Error::Device(format!("the window takes none of the formats B8G8R8A8 and R8G8B8A8; it takes {offered:?}")))
+        found.ok_or_else(|| {
+            Error::Device(format!(
+                "the window takes none of the formats B8G8R8A8 and R8G8B8A8; it takes {offered:?}"
+            ))
+        })
     }
 
     /// The system has taken the window's surface away.
@@ -318,11 +379,17 @@ impl Present {
         Ok(())
     }
 
-    fn replace(&mut self, gpu: &mut Gpu, can: &vk::SurfaceCapabilitiesKHR, size: [u32; 2]) -> Result<()> {
+    fn replace(
+        &mut self,
+        gpu: &mut Gpu,
+        can: &vk::SurfaceCapabilitiesKHR,
+        size: [u32; 2],
+    ) -> Result<()> {
         self.idle();
         self.drop_swapchain(gpu);
         let most = if can.max_image_count == 0 { u32::MAX } else { can.max_image_count };
-        let alpha = match can.supported_composite_alpha.contains(vk::CompositeAlphaFlagsKHR::OPAQUE) {
+        let alpha = match can.supported_composite_alpha.contains(vk::CompositeAlphaFlagsKHR::OPAQUE)
+        {
             true => vk::CompositeAlphaFlagsKHR::OPAQUE,
             false => vk::CompositeAlphaFlagsKHR::INHERIT,
         };
@@ -350,10 +417,18 @@ impl Present {
                 return Err(failed("vkCreateSwapchainKHR")(code));
             }
         };
-        let swapchain =
-            self.swapchain.insert(Swapchain { raw, targets: Vec::new(), size, screen, picture: [0, 0], small: None, stale: false });
+        let swapchain = self.swapchain.insert(Swapchain {
+            raw,
+            targets: Vec::new(),
+            size,
+            screen,
+            picture: [0, 0],
+            small: None,
+            stale: false,
+        });
         // SAFETY: a live swapchain.
-        let images = unsafe { self.swapchains.get_swapchain_images(raw) }.map_err(failed("vkGetSwapchainImagesKHR"))?;
+        let images = unsafe { self.swapchains.get_swapchain_images(raw) }
+            .map_err(failed("vkGetSwapchainImagesKHR"))?;
         for image in images {
             let view = vk::ImageViewCreateInfo::default()
                 .image(image)
@@ -361,8 +436,13 @@ impl Present {
                 .format(self.format.format)
                 .subresource_range(WHOLE);
             // SAFETY: an image of the swapchain, which outlives the view.
-            let view = unsafe { self.device.create_image_view(&view, None) }.map_err(failed("vkCreateImageView"))?;
-            swapchain.targets.push(Target { image, view, written: semaphore(&gpu.device, "written")? });
+            let view = unsafe { self.device.create_image_view(&view, None) }
+                .map_err(failed("vkCreateImageView"))?;
+            swapchain.targets.push(Target {
+                image,
+                view,
+                written: semaphore(&gpu.device, "written")?,
+            });
         }
         Ok(())
     }
@@ -385,20 +465,30 @@ impl Present {
 
 fn semaphore(device: &Device, name: &str) -> Result<vk::Semaphore> {
     // SAFETY: a plain creation on a live device.
-    let semaphore = unsafe { device.raw.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) };
+    let semaphore =
+        unsafe { device.raw.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) };
     let semaphore = semaphore.map_err(failed("vkCreateSemaphore"))?;
     device.name(semaphore, name);
     Ok(semaphore)
 }
 
 fn slot(device: &Device) -> Result<Slot> {
-    let pool_info = vk::CommandPoolCreateInfo::default().queue_family_index(device.family).flags(vk::CommandPoolCreateFlags::TRANSIENT);
+    let pool_info = vk::CommandPoolCreateInfo::default()
+        .queue_family_index(device.family)
+        .flags(vk::CommandPoolCreateFlags::TRANSIENT);
     let raised = vk::FenceCreateInfo::default().flags(vk::FenceCreateFlags::SIGNALED);
     // SAFETY: plain creations on a live device.
     unsafe {
-        let pool = device.raw.create_command_pool(&pool_info, None).map_err(failed("vkCreateCommandPool"))?;
-        let commands = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
-        let commands = device.raw.allocate_command_buffers(&commands).map_err(failed("vkAllocateCommandBuffers"))?[0];
+        let pool = device
+            .raw
+            .create_command_pool(&pool_info, None)
+            .map_err(failed("vkCreateCommandPool"))?;
+        let commands =
+            vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+        let commands = device
+            .raw
+            .allocate_command_buffers(&commands)
+            .map_err(failed("vkAllocateCommandBuffers"))?[0];
         let done = device.raw.create_fence(&raised, None).map_err(failed("vkCreateFence"))?;
         Ok(Slot { pool, commands, done, acquired: semaphore(device, "acquired")? })
     }
@@ -412,33 +502,66 @@ const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
     layer_count: 1,
 };
 
-const LAYER: vk::ImageSubresourceLayers =
-    vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, mip_level: 0, base_array_layer: 0, layer_count: 1 };
+const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    mip_level: 0,
+    base_array_layer: 0,
+    layer_count: 1,
+};
 
 /// The screen's words to an image, which is in GENERAL then.
 ///
 /// # Safety
 /// The command buffer is being recorded, and all of these live until it is done.
-unsafe fn copy(device: &ash::Device, commands: vk::CommandBuffer, swapchain: &Swapchain, image: vk::Image) {
+unsafe fn copy(
+    device: &ash::Device,
+    commands: vk::CommandBuffer,
+    swapchain: &Swapchain,
+    image: vk::Image,
+) {
     let [width, height] = swapchain.picture;
-    let region = vk::BufferImageCopy::default().image_extent(vk::Extent3D { width, height, depth: 1 }).image_subresource(LAYER);
+    let region = vk::BufferImageCopy::default()
+        .image_extent(vk::Extent3D { width, height, depth: 1 })
+        .image_subresource(LAYER);
     let written = vk::ImageLayout::GENERAL;
     // SAFETY: the caller's; the buffer has a word for every pixel.
     unsafe {
         turn(device, commands, image, vk::ImageLayout::UNDEFINED, written);
         match &swapchain.small {
-            None => device.cmd_copy_buffer_to_image(commands, swapchain.screen.raw, image, written, &[region]),
+            None => device.cmd_copy_buffer_to_image(
+                commands,
+                swapchain.screen.raw,
+                image,
+                written,
+                &[region],
+            ),
             Some((small, _)) => {
                 turn(device, commands, small.raw, vk::ImageLayout::UNDEFINED, written);
-                device.cmd_copy_buffer_to_image(commands, swapchain.screen.raw, small.raw, written, &[region]);
+                device.cmd_copy_buffer_to_image(
+                    commands,
+                    swapchain.screen.raw,
+                    small.raw,
+                    written,
+                    &[region],
+                );
                 turn(device, commands, small.raw, written, written);
-                let corners = |[x, y]: [u32; 2]| [vk::Offset3D::default(), vk::Offset3D { x: x as i32, y: y as i32, z: 1 }];
+                let corners = |[x, y]: [u32; 2]| {
+                    [vk::Offset3D::default(), vk::Offset3D { x: x as i32, y: y as i32, z: 1 }]
+                };
                 let scaled = vk::ImageBlit::default()
                     .src_subresource(LAYER)
                     .src_offsets(corners(swapchain.picture))
                     .dst_subresource(LAYER)
                     .dst_offsets(corners(swapchain.size));
-                device.cmd_blit_image(commands, small.raw, written, image, written, &[scaled], vk::Filter::LINEAR);
+                device.cmd_blit_image(
+                    commands,
+                    small.raw,
+                    written,
+                    image,
+                    written,
+                    &[scaled],
+                    vk::Filter::LINEAR,
+                );
             }
         }
         turn(device, commands, image, written, written);
@@ -449,7 +572,13 @@ unsafe fn copy(device: &ash::Device, commands: vk::CommandBuffer, swapchain: &Sw
 ///
 /// # Safety
 /// As of [`copy`].
-unsafe fn paint(device: &ash::Device, commands: vk::CommandBuffer, size: [u32; 2], target: &Target, painter: &mut Painter) -> Result<()> {
+unsafe fn paint(
+    device: &ash::Device,
+    commands: vk::CommandBuffer,
+    size: [u32; 2],
+    target: &Target,
+    painter: &mut Painter,
+) -> Result<()> {
     let extent = vk::Extent2D { width: size[0], height: size[1] };
     let color = [vk::RenderingAttachmentInfo::default()
         .image_view(target.view)
@@ -457,7 +586,8 @@ unsafe fn paint(device: &ash::Device, commands: vk::CommandBuffer, size: [u32; 2
         .load_op(vk::AttachmentLoadOp::LOAD)
         .store_op(vk::AttachmentStoreOp::STORE)];
     let area = vk::Rect2D { extent, ..Default::default() };
-    let rendering = vk::RenderingInfo::default().render_area(area).layer_count(1).color_attachments(&color);
+    let rendering =
+        vk::RenderingInfo::default().render_area(area).layer_count(1).color_attachments(&color);
     // SAFETY: the caller's; the painter's resources live until nothing is under way.
     unsafe {
         device.cmd_begin_rendering(commands, &rendering);
@@ -471,10 +601,20 @@ unsafe fn paint(device: &ash::Device, commands: vk::CommandBuffer, size: [u32; 2
 ///
 /// # Safety
 /// As of [`copy`].
-unsafe fn turn(device: &ash::Device, commands: vk::CommandBuffer, image: vk::Image, from: vk::ImageLayout, to: vk::ImageLayout) {
+unsafe fn turn(
+    device: &ash::Device,
+    commands: vk::CommandBuffer,
+    image: vk::Image,
+    from: vk::ImageLayout,
+    to: vk::ImageLayout,
+) {
     let (stage, write) = (vk::PipelineStageFlags2::ALL_COMMANDS, vk::AccessFlags2::MEMORY_WRITE);
     let both = write | vk::AccessFlags2::MEMORY_READ;
-    let memory = [vk::MemoryBarrier2::default().src_stage_mask(stage).src_access_mask(write).dst_stage_mask(stage).dst_access_mask(both)];
+    let memory = [vk::MemoryBarrier2::default()
+        .src_stage_mask(stage)
+        .src_access_mask(write)
+        .dst_stage_mask(stage)
+        .dst_access_mask(both)];
     let images = [vk::ImageMemoryBarrier2::default()
         .src_stage_mask(stage)
         .src_access_mask(write)
@@ -486,6 +626,9 @@ unsafe fn turn(device: &ash::Device, commands: vk::CommandBuffer, image: vk::Ima
         .subresource_range(WHOLE)];
     // SAFETY: the caller's.
     unsafe {
-        device.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&images))
+        device.cmd_pipeline_barrier2(
+            commands,
+            &vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&images),
+        )
     };
 }

@@ -71,19 +71,23 @@ impl Scene {
             background: Some(Background(self.wishes.background).to_string()),
         };
         let text = serde_json::to_string_pretty(&words).expect("words are JSON");
-        whole_file(path, |partial| std::fs::write(partial, text).map_err(|error| Error::io("write", path, error)))
+        whole_file(path, |partial| {
+            std::fs::write(partial, text).map_err(|error| Error::io("write", path, error))
+        })
     }
 
     pub fn read(path: &Path) -> Result<Scene> {
         let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
-        let words: Words = serde_json::from_str(&text).map_err(|error| Error::format(path, format!("no scene ({error})")))?;
+        let words: Words = serde_json::from_str(&text)
+            .map_err(|error| Error::format(path, format!("no scene ({error})")))?;
         Scene::of(words).map_err(|why| Error::format(path, why))
     }
 
     fn of(words: Words) -> std::result::Result<Scene, String> {
         let mut wishes = Wishes::default();
         for effect in &words.effects {
-            Effects::set(&mut wishes.effects, effect).map_err(|why| format!("effect {effect}: {why}"))?;
+            Effects::set(&mut wishes.effects, effect)
+                .map_err(|why| format!("effect {effect}: {why}"))?;
         }
         if let Some(light) = &words.light {
             wishes.light = light.parse::<Light>()?;
@@ -95,16 +99,32 @@ impl Scene {
             return Err("layer is no number of metres above 0".into());
         }
         wishes.layer_m = words.layer.unwrap_or(0.0);
-        let color = words
-            .color
-            .map(|name| <Attribute as clap::ValueEnum>::from_str(&name, false).map_err(|_| format!("there is no color {name:?}")));
-        let rules = words.opacity.iter().map(|rule| rule.parse::<Rule>()).collect::<std::result::Result<_, _>>()?;
-        let clips = words.clip.iter().map(|clip| clip.parse::<Clip>()).collect::<std::result::Result<_, _>>()?;
+        let color = words.color.map(|name| {
+            <Attribute as clap::ValueEnum>::from_str(&name, false)
+                .map_err(|_| format!("there is no color {name:?}"))
+        });
+        let rules = words
+            .opacity
+            .iter()
+            .map(|rule| rule.parse::<Rule>())
+            .collect::<std::result::Result<_, _>>()?;
+        let clips = words
+            .clip
+            .iter()
+            .map(|clip| clip.parse::<Clip>())
+            .collect::<std::result::Result<_, _>>()?;
         if words.lod.is_some_and(|lod| !(lod.is_finite() && lod >= 0.0)) {
             return Err("lod is no number of pixels".into());
         }
         let fineness = Fineness { budget: words.budget, lod_px: words.lod };
-        Ok(Scene { camera: words.camera, color: color.transpose()?, wishes, opacities: Opacities(rules), clips: Clips(clips), fineness })
+        Ok(Scene {
+            camera: words.camera,
+            color: color.transpose()?,
+            wishes,
+            opacities: Opacities(rules),
+            clips: Clips(clips),
+            fineness,
+        })
     }
 }
 
@@ -115,15 +135,30 @@ mod tests {
 
     #[test]
     fn a_scene_is_what_was_written() {
-        let mut wishes =
-            Wishes { light: "direction:1,-2.5,-0.125".parse().unwrap(), background: [1, 200, 30], layer_m: 0.1, ..Wishes::default() };
-        for effect in ["edl=on,strength=0.30000000000000004", "fill=off,method=dobrev", "shadows=auto,samples=7"] {
+        let mut wishes = Wishes {
+            light: "direction:1,-2.5,-0.125".parse().unwrap(),
+            background: [1, 200, 30],
+            layer_m: 0.1,
+            ..Wishes::default()
+        };
+        for effect in [
+            "edl=on,strength=0.30000000000000004",
+            "fill=off,method=dobrev",
+            "shadows=auto,samples=7",
+        ] {
             wishes.effects.set(effect).unwrap();
         }
-        let opacities = Opacities(["class:6=0.5", "0.25", "station:north=0"].map(|rule| rule.parse().unwrap()).into());
-        let clips = Clips(["box:500000.1,-1,0.30000000000000004,500010,inf,5", "off:0,0,0,1,1,1"].map(|clip| clip.parse().unwrap()).into());
+        let opacities = Opacities(
+            ["class:6=0.5", "0.25", "station:north=0"].map(|rule| rule.parse().unwrap()).into(),
+        );
+        let clips = Clips(
+            ["box:500000.1,-1,0.30000000000000004,500010,inf,5", "off:0,0,0,1,1,1"]
+                .map(|clip| clip.parse().unwrap())
+                .into(),
+        );
         let fineness = Fineness { budget: Some(123_456), lod_px: Some(1.5) };
-        let corners = [glam::DVec3::splat(5e6), glam::DVec3::new(5e6 + 0.1, 5e6 + 1.0 / 3.0, 5e6 + 7.0)];
+        let corners =
+            [glam::DVec3::splat(5e6), glam::DVec3::new(5e6 + 0.1, 5e6 + 1.0 / 3.0, 5e6 + 7.0)];
         let scene = Scene {
             camera: Camera::framing(Preset::Fit, &corners, [640, 480]),
             color: Some(Attribute::Class),
@@ -136,7 +171,11 @@ mod tests {
         let path = folder.path().join("scene.json");
         scene.write(&path).unwrap();
         assert_eq!(Scene::read(&path).unwrap(), scene);
-        std::fs::write(&path, "{\"camera\": {\"eye\": [0,0,1], \"target\": [0,0,0]}, \"effects\": [\"edl=perhaps\"]}").unwrap();
+        std::fs::write(
+            &path,
+            "{\"camera\": {\"eye\": [0,0,1], \"target\": [0,0,0]}, \"effects\": [\"edl=perhaps\"]}",
+        )
+        .unwrap();
         assert!(Scene::read(&path).unwrap_err().to_string().contains("edl=perhaps"));
     }
 }

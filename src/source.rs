@@ -52,7 +52,9 @@ impl Opening {
         }
         let points = cloud::stream::about(files)?.points;
         let many = points > config::WHOLE_POINTS;
-        Ok(many.then(|| format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)))
+        Ok(many.then(|| {
+            format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)
+        }))
     }
 
     /// With the shadows that were saved, and the faults that were asked for.
@@ -68,7 +70,8 @@ impl Opening {
             }
             index.marks = Some(marks);
         }
-        index.hidden = if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };
+        index.hidden =
+            if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };
         index.fault = self.fault;
         Ok(Source::Index(Arc::new(index)))
     }
@@ -129,21 +132,35 @@ impl Source {
         let (place, build) = (opening.place()?, build::Options::reading(&opening.read));
         let Cached { index, made } = cache::find_or_build(paths, &place, &build, progress)?;
         match made {
-            Some(made) => eprintln!("pointillist: indexed in {:.1} s, because {why}; kept: {}", made.seconds, kept(&place)),
+            Some(made) => eprintln!(
+                "pointillist: indexed in {:.1} s, because {why}; kept: {}",
+                made.seconds,
+                kept(&place)
+            ),
             None => eprintln!("pointillist: drawn from {}, because {why}", index.path().display()),
         }
         opening.equipped(index)
     }
 
     /// Some of the points, for as long as files are being indexed or slowly read; none where they are there soon.
-    pub fn preview(paths: &[PathBuf], opening: &Opening, progress: &dyn Progress) -> Result<Option<Preview>> {
+    pub fn preview(
+        paths: &[PathBuf],
+        opening: &Opening,
+        progress: &dyn Progress,
+    ) -> Result<Option<Preview>> {
         if paths.iter().any(|path| Index::is_one(path)) {
             return Ok(None);
         }
         let About { points, compressed } = cloud::stream::about(paths)?;
         let (soon, some) = match opening.needs_index(paths)? {
-            Some(_) => (cache::is_there(paths, &opening.place()?, &build::Options::reading(&opening.read))?, points),
-            None => (points + compressed * (config::DECOMPRESSION - 1) < config::SLOW_POINTS, points / config::PREVIEW_SHARE),
+            Some(_) => (
+                cache::is_there(paths, &opening.place()?, &build::Options::reading(&opening.read))?,
+                points,
+            ),
+            None => (
+                points + compressed * (config::DECOMPRESSION - 1) < config::SLOW_POINTS,
+                points / config::PREVIEW_SHARE,
+            ),
         };
         if soon {
             return Ok(None);
@@ -156,7 +173,9 @@ impl Source {
     /// What is odd about the files, and what an index lacks of what is wanted of its points.
     pub fn notes(&self, wanted: Further) -> Vec<String> {
         match self {
-            Source::Files(cloud) => cloud.notes.iter().cloned().chain(cloud.strays().said()).collect(),
+            Source::Files(cloud) => {
+                cloud.notes.iter().cloned().chain(cloud.strays().said()).collect()
+            }
             Source::Index(index) => {
                 let lacks = wanted.strokes && !index.has(Plane::Brush);
                 let found = || {
@@ -169,7 +188,15 @@ impl Source {
                     Some(_) => format!("{said}; left out, as asked for"),
                     None => said,
                 });
-                index.directory.contents.notes.iter().cloned().chain(lacks.then(found)).chain(strays).collect()
+                index
+                    .directory
+                    .contents
+                    .notes
+                    .iter()
+                    .cloned()
+                    .chain(lacks.then(found))
+                    .chain(strays)
+                    .collect()
             }
         }
     }
@@ -202,7 +229,9 @@ impl Source {
     /// What its coordinates mean.
     pub fn reference(&self) -> Reference {
         match self {
-            Source::Files(cloud) => Reference::of(cloud.parts.iter().map(|part| (&part.header, part.lattice))),
+            Source::Files(cloud) => {
+                Reference::of(cloud.parts.iter().map(|part| (&part.header, part.lattice)))
+            }
             Source::Index(index) => index.reference(),
         }
     }
@@ -251,7 +280,9 @@ impl Source {
     /// Finds what points are to show where nobody has found it yet: corrected colours of a cloud in memory, which then stand in place of its own.
     pub fn find(&mut self, asked: Option<Attribute>, progress: &dyn Progress) -> Result<()> {
         match self {
-            Source::Files(cloud) if asked == Some(Attribute::Corrected) => luminance::correct(cloud, luminance::NEIGHBOURS, progress),
+            Source::Files(cloud) if asked == Some(Attribute::Corrected) => {
+                luminance::correct(cloud, luminance::NEIGHBOURS, progress)
+            }
             _ => Ok(()),
         }
     }
@@ -259,20 +290,29 @@ impl Source {
     /// Where to get what points lack.
     pub fn how_to_find(&self, attribute: Attribute) -> String {
         let (files, option) = match (self, attribute) {
-            (Source::Files(cloud), Attribute::Normal) => (cloud.parts.iter().map(|part| &part.path).collect(), "--normals"),
+            (Source::Files(cloud), Attribute::Normal) => {
+                (cloud.parts.iter().map(|part| &part.path).collect(), "--normals")
+            }
             (Source::Index(index), Attribute::Normal) => (indexed_files(index), "--normals"),
-            (Source::Index(index), Attribute::Corrected) if index.has(Plane::Rgb) => (indexed_files(index), "--luminance"),
+            (Source::Index(index), Attribute::Corrected) if index.has(Plane::Rgb) => {
+                (indexed_files(index), "--luminance")
+            }
             _ => return "`info` lists what they have".into(),
         };
         self.index_again(files, option)
     }
 
     fn index_again(&self, files: Vec<&PathBuf>, option: &str) -> String {
-        let mut files: Vec<String> = files.into_iter().map(|path| path.display().to_string()).collect();
+        let mut files: Vec<String> =
+            files.into_iter().map(|path| path.display().to_string()).collect();
         files.dedup();
         let more = if files.len() > 3 { " ..." } else { "" };
         files.truncate(3);
-        let output = if let Source::Index(index) = self { index.path().display().to_string() } else { "OUT.pnti".into() };
+        let output = if let Source::Index(index) = self {
+            index.path().display().to_string()
+        } else {
+            "OUT.pnti".into()
+        };
         format!("`pointillist index {}{more} -o {output} {option}` finds them", files.join(" "))
     }
 
@@ -306,22 +346,39 @@ impl Source {
             return (shown(index, Attribute::Rgb), "the points have colours");
         }
         let intensity = shown(index, Attribute::Intensity);
-        if index.nodes().iter().all(|node| node.has(Plane::Intensity)) && intensity.stretch[1] > intensity.stretch[0] {
+        if index.nodes().iter().all(|node| node.has(Plane::Intensity))
+            && intensity.stretch[1] > intensity.stretch[0]
+        {
             return (intensity, "no colours, but an intensity that varies");
         }
         (shown(index, Attribute::Elevation), "no colours, and no intensity that varies")
     }
 
     /// Files go there whole; of an index nothing yet.
-    pub fn bring(self, gpu: &mut Gpu, shown: Shown, pool_bytes: u64, progress: &dyn Progress) -> Result<Brought> {
+    pub fn bring(
+        self,
+        gpu: &mut Gpu,
+        shown: Shown,
+        pool_bytes: u64,
+        progress: &dyn Progress,
+    ) -> Result<Brought> {
         Ok(match self {
-            Source::Files(cloud) => Brought::Whole(Box::new(Resident::fill(gpu, cloud, shown, progress)?)),
-            Source::Index(index) => Brought::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?)),
+            Source::Files(cloud) => {
+                Brought::Whole(Box::new(Resident::fill(gpu, cloud, shown, progress)?))
+            }
+            Source::Index(index) => {
+                Brought::Parts(Box::new(Residency::open(gpu, index, shown, pool_bytes)?))
+            }
         })
     }
 
     /// The same for whoever draws meanwhile, and may have found strokes of it before: all of it that needs no device.
-    pub fn prepare(self, shown: Shown, found: &Arc<Found>, progress: &dyn Progress) -> Result<Prepared> {
+    pub fn prepare(
+        self,
+        shown: Shown,
+        found: &Arc<Found>,
+        progress: &dyn Progress,
+    ) -> Result<Prepared> {
         Ok(match self {
             Source::Files(cloud) => {
                 let mut filling = Filling::new(cloud, shown, Some(found.clone()));
@@ -366,7 +423,9 @@ impl Prepared {
     pub fn finish(self, gpu: &mut Gpu, pool_bytes: u64) -> Result<Brought> {
         Ok(match self {
             Prepared::Files(filling) => Brought::Whole(Box::new(filling.finish(gpu))),
-            Prepared::Index(index, shown) => Brought::Parts(Box::new(Residency::open(gpu, index, *shown, pool_bytes)?)),
+            Prepared::Index(index, shown) => {
+                Brought::Parts(Box::new(Residency::open(gpu, index, *shown, pool_bytes)?))
+            }
         })
     }
 
@@ -412,7 +471,8 @@ fn elevation(index: &Index) -> Shown {
         let heights = contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]);
         return Shown::indexed(Attribute::Elevation, heights, contents.elevation_stretch);
     };
-    let heights = samples.into_iter().filter(|(p, _)| core.has(*p)).map(|(p, weight)| (p.z, weight as u64));
+    let heights =
+        samples.into_iter().filter(|(p, _)| core.has(*p)).map(|(p, weight)| (p.z, weight as u64));
     Shown::of_heights(heights.collect())
 }
 
@@ -435,7 +495,10 @@ pub fn strays(index: &Index) -> Strays {
     let (samples, core) = root_samples(index);
     let Some(core) = core else { return Strays::default() };
     let outside: Vec<(DVec3, u32)> = samples.into_iter().filter(|(p, _)| !core.has(*p)).collect();
-    Strays::listed(outside.iter().map(|&(_, weight)| weight as u64).sum(), outside.iter().map(|(p, _)| *p))
+    Strays::listed(
+        outside.iter().map(|&(_, weight)| weight as u64).sum(),
+        outside.iter().map(|(p, _)| *p),
+    )
 }
 
 /// As [`Cloud::core_points`], of the roots' samples.
@@ -470,9 +533,16 @@ pub struct Taken {
 
 impl Brought {
     /// Waits for all that the view shows; nothing to wait for where the whole cloud is there.
-    pub fn settle(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail, progress: &dyn Progress) -> Result<Option<Taken>> {
+    pub fn settle(
+        &mut self,
+        gpu: &mut Gpu,
+        view: &View,
+        detail: &Detail,
+        progress: &dyn Progress,
+    ) -> Result<Option<Taken>> {
         let Brought::Parts(residency) = self else { return Ok(None) };
-        let Update { cut, budget, bytes_read, errors: mut notes, .. } = residency.settle(gpu, view, detail, progress)?;
+        let Update { cut, budget, bytes_read, errors: mut notes, .. } =
+            residency.settle(gpu, view, detail, progress)?;
         let [pool_bytes, pool_used_bytes] = residency.pool_bytes();
         if budget < detail.budget {
             let pool = pool_bytes >> 20;
@@ -530,9 +600,19 @@ impl std::fmt::Display for Taken {
         writeln!(
             f,
             "cut: {} points of {} nodes, {} nodes left out (outside of the view); largest projected error {:.3} px (--lod {}, --budget {})",
-            self.points, self.nodes, self.nodes_outside, self.largest_error_px, self.lod_px, self.budget
+            self.points,
+            self.nodes,
+            self.nodes_outside,
+            self.largest_error_px,
+            self.lod_px,
+            self.budget
         )?;
         writeln!(f, "read: {} bytes, {share:.2} % of the index", self.bytes_read)?;
-        writeln!(f, "pool: {} MiB in use of {} MiB at most", self.pool_used_bytes >> 20, self.pool_bytes >> 20)
+        writeln!(
+            f,
+            "pool: {} MiB in use of {} MiB at most",
+            self.pool_used_bytes >> 20,
+            self.pool_bytes >> 20
+        )
     }
 }

@@ -48,7 +48,10 @@ pub struct Piece {
 
 /// Whether a picture has to be drawn in pieces; `asked`: of at most so many pixels a side.
 pub fn needs_pieces(gpu: &Gpu, size: [u32; 2], asked: Option<u32>) -> bool {
-    let largest = asked.map_or(gpu.device.limits.max_image_dimension2_d - visibility::BEYOND_PX, |asked| asked.max(BLOCK_PX));
+    let largest = asked
+        .map_or(gpu.device.limits.max_image_dimension2_d - visibility::BEYOND_PX, |asked| {
+            asked.max(BLOCK_PX)
+        });
     let too_many = asked.is_none() && size[0] as u64 * size[1] as u64 > WHOLE_PIXELS;
     too_many || size.iter().any(|&side| side > largest)
 }
@@ -71,7 +74,8 @@ impl Pieces {
             ))
         })?;
         let rows = (ROW_BYTES / (3 * whole[0] as u64)).max(1).min(PIECE[1] as u64) as u32;
-        let piece = asked.map_or([PIECE[0], rows], |asked| [asked; 2]).map(|side| in_blocks(side.max(1)));
+        let piece =
+            asked.map_or([PIECE[0], rows], |asked| [asked; 2]).map(|side| in_blocks(side.max(1)));
         Ok(Pieces { whole, piece, border: in_blocks(reach) })
     }
 
@@ -94,7 +98,12 @@ impl Piece {
         let window_corner = corner.map(|at| at.saturating_sub(border));
         let window_end = [0, 1].map(|axis| end[axis].saturating_add(border).min(whole[axis]));
         let size = |end: [u32; 2], corner: [u32; 2]| [0, 1].map(|axis| end[axis] - corner[axis]);
-        Piece { corner, size: size(end, corner), window_corner, window_size: size(window_end, window_corner) }
+        Piece {
+            corner,
+            size: size(end, corner),
+            window_corner,
+            window_size: size(window_end, window_corner),
+        }
     }
 }
 
@@ -145,7 +154,14 @@ impl Tiled {
     /// Nothing is drawn yet.
     pub fn begin(wanted: Wanted, path: &Path) -> Result<Tiled> {
         let rows = PngRows::create(path, wanted.view.size)?;
-        Ok(Tiled { wanted, path: path.to_owned(), rows, plan: None, pixels: Vec::new(), notes: Vec::new() })
+        Ok(Tiled {
+            wanted,
+            path: path.to_owned(),
+            rows,
+            plan: None,
+            pixels: Vec::new(),
+            notes: Vec::new(),
+        })
     }
 
     pub fn path(&self) -> &Path {
@@ -158,7 +174,12 @@ impl Tiled {
     }
 
     /// One tile more; whether it was the last. Where `progress` stops it, it is as if it had not been asked for.
-    pub fn step(&mut self, gpu: &mut Gpu, cloud: &mut Brought, progress: &dyn Progress) -> Result<bool> {
+    pub fn step(
+        &mut self,
+        gpu: &mut Gpu,
+        cloud: &mut Brought,
+        progress: &dyn Progress,
+    ) -> Result<bool> {
         let mut plan = match self.plan.take() {
             Some(plan) => plan,
             None => self.plan(gpu, cloud, progress)?,
@@ -175,7 +196,12 @@ impl Tiled {
         Ok(self.notes)
     }
 
-    fn plan(&mut self, gpu: &mut Gpu, cloud: &mut Brought, progress: &dyn Progress) -> Result<Plan> {
+    fn plan(
+        &mut self,
+        gpu: &mut Gpu,
+        cloud: &mut Brought,
+        progress: &dyn Progress,
+    ) -> Result<Plan> {
         let Wanted { view, wishes, fineness, piece, tile } = self.wanted.clone();
         // Of a picture in pieces effects are decided by as much of the cloud as shows it whole on a screen.
         let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
@@ -184,20 +210,38 @@ impl Tiled {
         let look = look::decide(&wishes, &view, cloud.resident());
         self.note(look.notes(cloud.resident()));
         let pieces = Pieces::of(gpu, &view, &look, piece)?;
-        let side_and_border = tile.zip(look.reach_px(&view)).map(|(side, reach)| (in_blocks(side.max(1)), in_blocks(reach)));
-        let tiles = pieces.rows().flat_map(|row| row_of_tiles(&view, &row, side_and_border)).collect();
+        let side_and_border = tile
+            .zip(look.reach_px(&view))
+            .map(|(side, reach)| (in_blocks(side.max(1)), in_blocks(reach)));
+        let tiles =
+            pieces.rows().flat_map(|row| row_of_tiles(&view, &row, side_and_border)).collect();
         Ok(Plan { look, tiles, done: 0 })
     }
 
-    fn draw_next(&mut self, plan: &mut Plan, gpu: &mut Gpu, cloud: &mut Brought, progress: &dyn Progress) -> Result<()> {
+    fn draw_next(
+        &mut self,
+        plan: &mut Plan,
+        gpu: &mut Gpu,
+        cloud: &mut Brought,
+        progress: &dyn Progress,
+    ) -> Result<()> {
         let Tile { part, loaded, row: [top, height], is_last } = plan.tiles[plan.done];
         let Wanted { view, fineness, .. } = &self.wanted;
-        let (done, total, width) = (plan.done as u64, plan.tiles.len() as u64, view.size[0] as usize);
+        let (done, total, width) =
+            (plan.done as u64, plan.tiles.len() as u64, view.size[0] as usize);
         let whole = Whole { progress, doing: "drawing pieces", done, total };
-        let taken = cloud.settle(gpu, &loaded, &fineness.of(loaded.size), if total > 1 { &whole } else { progress })?;
+        let taken = cloud.settle(
+            gpu,
+            &loaded,
+            &fineness.of(loaded.size),
+            if total > 1 { &whole } else { progress },
+        )?;
         let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
         self.pixels.resize(3 * width * height as usize, 0);
-        let done = frame::draw(gpu, &window, cloud.resident(), &plan.look, &whole, |g, outcome| encode::download(g, &outcome.picture))?;
+        let done =
+            frame::draw(gpu, &window, cloud.resident(), &plan.look, &whole, |g, outcome| {
+                encode::download(g, &outcome.picture)
+            })?;
         cut_out(&done.asked.read(&done.frame), &part, top, width, &mut self.pixels);
         done.frame.shelve(gpu);
         self.note(notes_of(taken));
@@ -225,13 +269,19 @@ fn notes_of(taken: Option<Taken>) -> Vec<String> {
 
 /// A row of pieces as it is drawn: in tiles of this side, with borders as wide; else as it is.
 fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>) -> Vec<Tile> {
-    let loaded = |piece: &Piece| view.window(piece.window_corner.map(|at| at as i32), piece.window_size);
+    let loaded =
+        |piece: &Piece| view.window(piece.window_corner.map(|at| at as i32), piece.window_size);
     let Some(first) = row.first() else { return Vec::new() };
     let whole_row = [first.corner[1], first.size[1]];
     let mut tiles = Vec::new();
     for piece in row {
         let Some((side, border)) = side_and_border else {
-            tiles.push(Tile { part: *piece, loaded: loaded(piece), row: whole_row, is_last: false });
+            tiles.push(Tile {
+                part: *piece,
+                loaded: loaded(piece),
+                row: whole_row,
+                is_last: false,
+            });
             continue;
         };
         let [right, bottom] = [0, 1].map(|axis| piece.corner[axis] + piece.size[axis]);
@@ -241,7 +291,12 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
             for x in (piece.corner[0]..right).step_by(side as usize) {
                 let end = [(x + side).min(right), (y + side).min(bottom)];
                 let is_last = row.len() == 1 && end[0] == right;
-                tiles.push(Tile { part: Piece::around([x, y], end, border, view.size), loaded: loaded(piece), row: row_of_tiles, is_last });
+                tiles.push(Tile {
+                    part: Piece::around([x, y], end, border, view.size),
+                    loaded: loaded(piece),
+                    row: row_of_tiles,
+                    is_last,
+                });
             }
         }
     }
@@ -250,7 +305,13 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
 }
 
 /// Draws a picture into a file. What could not be read, and what changes nothing, is said in the end.
-pub fn write(gpu: &mut Gpu, cloud: &mut Brought, wanted: Wanted, path: &Path, progress: &dyn Progress) -> Result<Vec<String>> {
+pub fn write(
+    gpu: &mut Gpu,
+    cloud: &mut Brought,
+    wanted: Wanted,
+    path: &Path,
+    progress: &dyn Progress,
+) -> Result<Vec<String>> {
     let mut picture = Tiled::begin(wanted, path)?;
     while !picture.step(gpu, cloud, progress)? {}
     picture.finish()
@@ -262,7 +323,8 @@ fn cut_out(bytes: &[&[u8]], part: &Piece, first_row: u32, width: usize, pixels: 
     let [left, top] = [0, 1].map(|axis| (part.corner[axis] - part.window_corner[axis]) as usize);
     let [across, down] = part.size.map(|side| side as usize);
     for (y, row) in rows.skip(top).take(down).enumerate() {
-        let at = 3 * (((part.corner[1] - first_row) as usize + y) * width + part.corner[0] as usize);
+        let at =
+            3 * (((part.corner[1] - first_row) as usize + y) * width + part.corner[0] as usize);
         pixels[at..at + 3 * across].copy_from_slice(&row[3 * left..3 * (left + across)]);
     }
 }
@@ -273,18 +335,32 @@ mod tests {
 
     #[test]
     fn pieces_cover_every_pixel_once_and_have_whole_blocks_around_them() {
-        for (whole, piece, border) in [([1000, 177], [256, 128], 384), ([40, 40], [128, 128], 128), ([4097, 9], [128, 128], 0)] {
+        for (whole, piece, border) in [
+            ([1000, 177], [256, 128], 384),
+            ([40, 40], [128, 128], 128),
+            ([4097, 9], [128, 128], 0),
+        ] {
             let pieces = Pieces { whole, piece, border };
             let mut covered = vec![0u8; (whole[0] * whole[1]) as usize];
             for piece in pieces.rows().flatten() {
                 for (axis, whole) in whole.into_iter().enumerate() {
-                    let (end, window_end) = (piece.corner[axis] + piece.size[axis], piece.window_corner[axis] + piece.window_size[axis]);
-                    assert!(piece.window_corner[axis] % BLOCK_PX == 0 && (window_end % BLOCK_PX == 0 || window_end == whole));
-                    assert!(piece.corner[axis] - piece.window_corner[axis] == border.min(piece.corner[axis]));
+                    let (end, window_end) = (
+                        piece.corner[axis] + piece.size[axis],
+                        piece.window_corner[axis] + piece.window_size[axis],
+                    );
+                    assert!(
+                        piece.window_corner[axis] % BLOCK_PX == 0
+                            && (window_end % BLOCK_PX == 0 || window_end == whole)
+                    );
+                    assert!(
+                        piece.corner[axis] - piece.window_corner[axis]
+                            == border.min(piece.corner[axis])
+                    );
                     assert!(window_end - end == border.min(whole - end));
                 }
                 for y in piece.corner[1]..piece.corner[1] + piece.size[1] {
-                    (piece.corner[0]..piece.corner[0] + piece.size[0]).for_each(|x| covered[(y * whole[0] + x) as usize] += 1);
+                    (piece.corner[0]..piece.corner[0] + piece.size[0])
+                        .for_each(|x| covered[(y * whole[0] + x) as usize] += 1);
                 }
             }
             assert!(covered.iter().all(|&count| count == 1));

@@ -55,15 +55,24 @@ pub struct Basis {
 impl Camera {
     /// The camera's axes. An `up` parallel to the view direction is replaced by the world axis farthest from it.
     pub fn basis(&self) -> Result<Basis> {
-        let Some(forward) = (self.target - self.eye).try_normalize().filter(|forward| forward.is_finite()) else {
+        let Some(forward) =
+            (self.target - self.eye).try_normalize().filter(|forward| forward.is_finite())
+        else {
             return Err(Error::Request(format!(
                 "the camera has no direction: eye {} and target {} must be two places, and no farther apart than numbers go",
                 self.eye, self.target
             )));
         };
-        let aside = |up: DVec3| forward.cross(up).try_normalize().filter(|_| forward.cross(up).length() > 1e-9 * up.length());
+        let aside = |up: DVec3| {
+            forward
+                .cross(up)
+                .try_normalize()
+                .filter(|_| forward.cross(up).length() > 1e-9 * up.length())
+        };
         let farthest = if forward.x.abs() < forward.y.abs() { DVec3::X } else { DVec3::Y };
-        let right = aside(self.up).or_else(|| aside(farthest)).expect("one of two axes is not parallel to forward");
+        let right = aside(self.up)
+            .or_else(|| aside(farthest))
+            .expect("one of two axes is not parallel to forward");
         Ok(Basis { right, up: right.cross(forward), forward })
     }
 }
@@ -86,10 +95,19 @@ impl View {
         let needs = |what: &str| Err(Error::Request(format!("the camera needs {what}")));
         match (camera.projection, camera.ortho_height) {
             (Projection::Perspective, _) if camera.fov_y > 0.0 && camera.fov_y < 180.0 => {}
-            (Projection::Perspective, _) => return needs(&format!("a fov_y above 0 and below 180 degrees; it has {}", camera.fov_y)),
+            (Projection::Perspective, _) => {
+                return needs(&format!(
+                    "a fov_y above 0 and below 180 degrees; it has {}",
+                    camera.fov_y
+                ));
+            }
             (Projection::Orthographic, Some(height)) if height > 0.0 && height.is_finite() => {}
-            (Projection::Orthographic, Some(height)) => return needs(&format!("an ortho_height above 0 metres; it has {height}")),
-            (Projection::Orthographic, None) => return needs("an ortho_height, metres, as it is orthographic; it has none"),
+            (Projection::Orthographic, Some(height)) => {
+                return needs(&format!("an ortho_height above 0 metres; it has {height}"));
+            }
+            (Projection::Orthographic, None) => {
+                return needs("an ortho_height, metres, as it is orthographic; it has none");
+            }
         }
         Ok(View { camera, size, whole: size, corner: [0, 0], basis: camera.basis()? })
     }
@@ -114,7 +132,9 @@ impl View {
         let half = self.whole[1] as f64 / 2.0;
         match self.camera.projection {
             Projection::Perspective => half / (self.camera.fov_y.to_radians() / 2.0).tan(),
-            Projection::Orthographic => half / (self.camera.ortho_height.expect("checked by new") / 2.0),
+            Projection::Orthographic => {
+                half / (self.camera.ortho_height.expect("checked by new") / 2.0)
+            }
         }
     }
 
@@ -138,7 +158,12 @@ impl View {
             Projection::Orthographic => self.focal_px(),
         };
         let middle = self.centre();
-        (depth > 0.0).then(|| [middle[0] + from_eye.dot(self.basis.right) * scale, middle[1] - from_eye.dot(self.basis.up) * scale])
+        (depth > 0.0).then(|| {
+            [
+                middle[0] + from_eye.dot(self.basis.right) * scale,
+                middle[1] - from_eye.dot(self.basis.up) * scale,
+            ]
+        })
     }
 
     /// The least planar depth of a box, given by its world corners, in front of the camera, or none if no point of the box can be seen.
@@ -161,7 +186,8 @@ impl View {
         let (f, [x, y]) = (self.focal_px(), self.centre());
         let [width, height] = self.size.map(f64::from);
         // What is drawn ends so far to each side of where the camera looks.
-        let edges = [(basis.right, width - x), (-basis.right, x), (basis.up, y), (-basis.up, height - y)];
+        let edges =
+            [(basis.right, width - x), (-basis.right, x), (basis.up, y), (-basis.up, height - y)];
         let outside = |(side, edge): (DVec3, f64)| match self.camera.projection {
             // The plane through the eye and the edge has the normal side - edge * forward.
             Projection::Perspective => {
@@ -205,8 +231,16 @@ impl Camera {
 
     /// The same where a part of the picture's width is covered at its left, from 0 to below 1: the points fill what is beside it. The planes to the left and to the right then have slopes of their own,
     /// so ex = a + t_right ez = -b - t_left ez, and of what the farther ez leaves room for, the middle.
-    pub fn framing_beside(preset: Preset, points: &[DVec3], size: [u32; 2], covered: f64) -> Camera {
-        let (min, max) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| (min.min(p), max.max(p)));
+    pub fn framing_beside(
+        preset: Preset,
+        points: &[DVec3],
+        size: [u32; 2],
+        covered: f64,
+    ) -> Camera {
+        let (min, max) =
+            points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| {
+                (min.min(p), max.max(p))
+            });
         let centre = if points.is_empty() { DVec3::ZERO } else { (min + max) / 2.0 };
         let half = if points.is_empty() { DVec3::ZERO } else { (max - min) / 2.0 };
         let flat = half.z < 0.3 * half.x.max(half.y);
@@ -217,18 +251,30 @@ impl Camera {
             Preset::Iso => (DVec3::new(-1.0, 1.0, -0.816_496_580_927_726).normalize(), DVec3::Z),
             // The longer side lies across the picture; land is seen from higher up than things.
             Preset::Fit => {
-                let along = if half.y > half.x { DVec3::new(-0.9, 0.436, 0.0) } else { DVec3::new(-0.436, 0.9, 0.0) };
+                let along = if half.y > half.x {
+                    DVec3::new(-0.9, 0.436, 0.0)
+                } else {
+                    DVec3::new(-0.436, 0.9, 0.0)
+                };
                 let down = if flat { 0.7 } else { 0.36 };
                 ((along.normalize() - DVec3::Z * down).normalize(), DVec3::Z)
             }
         };
         const MARGIN: f64 = 1.06;
-        let mut camera =
-            Camera { eye: centre - forward, target: centre, up, fov_y: 40.0, projection: Projection::Perspective, ortho_height: None };
+        let mut camera = Camera {
+            eye: centre - forward,
+            target: centre,
+            up,
+            fov_y: 40.0,
+            projection: Projection::Perspective,
+            ortho_height: None,
+        };
         let Basis { right, up, .. } = camera.basis().expect("eye and target are a metre apart");
         let aspect = size[0] as f64 / size[1] as f64;
         // The greatest of a linear form over the points, relative to their centre.
-        let most = |form: DVec3| points.iter().map(|&p| (p - centre).dot(form)).fold(f64::NEG_INFINITY, f64::max);
+        let most = |form: DVec3| {
+            points.iter().map(|&p| (p - centre).dot(form)).fold(f64::NEG_INFINITY, f64::max)
+        };
         if half == DVec3::ZERO {
             return camera;
         }
@@ -242,7 +288,8 @@ impl Camera {
             };
             // The margin is one of what is beside what is covered.
             let (half, middle) = (slope * aspect * (1.0 - covered), tangent * aspect * covered);
-            let ((wide, z_by_width), (high, z_by_height)) = (side(right, half - middle, half + middle), side(up, slope, slope));
+            let ((wide, z_by_width), (high, z_by_height)) =
+                (side(right, half - middle, half + middle), side(up, slope, slope));
             let z = z_by_width.min(z_by_height).min(-1e-3 * diagonal);
             let x = (wide.0 - wide.1 + 2.0 * middle * z) / 2.0;
             let y = (high.0 - high.1) / 2.0;
@@ -268,8 +315,11 @@ mod tests {
 
     #[test]
     fn every_preset_frames_every_point_and_leaves_little_margin() {
-        let points: Vec<_> =
-            (0..500).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64 * 2.0, (i % 7) as f64) + 5e6).collect();
+        let points: Vec<_> = (0..500)
+            .map(|i| {
+                DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64 * 2.0, (i % 7) as f64) + 5e6
+            })
+            .collect();
         for preset in [Preset::Top, Preset::Front, Preset::Side, Preset::Iso, Preset::Fit] {
             for size in [[1920, 1080], [300, 900]] {
                 let view = View::new(Camera::framing(preset, &points, size), size).unwrap();
@@ -278,57 +328,90 @@ mod tests {
                     let d = *p - view.camera.eye;
                     let z = d.dot(view.basis.forward);
                     assert!(z > 0.0);
-                    let scale = if view.camera.projection == Projection::Perspective { f / z } else { f };
-                    let pixel =
-                        [d.dot(view.basis.right) * scale / size[0] as f64 * 2.0, d.dot(view.basis.up) * scale / size[1] as f64 * 2.0];
+                    let scale =
+                        if view.camera.projection == Projection::Perspective { f / z } else { f };
+                    let pixel = [
+                        d.dot(view.basis.right) * scale / size[0] as f64 * 2.0,
+                        d.dot(view.basis.up) * scale / size[1] as f64 * 2.0,
+                    ];
                     fill = [fill[0].max(pixel[0].abs()), fill[1].max(pixel[1].abs())];
                 }
-                assert!(fill[0] < 1.0 && fill[1] < 1.0 && fill[0].max(fill[1]) > 0.9, "{preset:?} {size:?}: {fill:?}");
+                assert!(
+                    fill[0] < 1.0 && fill[1] < 1.0 && fill[0].max(fill[1]) > 0.9,
+                    "{preset:?} {size:?}: {fill:?}"
+                );
             }
         }
     }
 
     #[test]
     fn beside_what_is_covered_every_point_is_seen_and_little_room_is_left() {
-        let points: Vec<_> =
-            (0..500).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64 * 2.0, (i % 7) as f64) + 5e6).collect();
+        let points: Vec<_> = (0..500)
+            .map(|i| {
+                DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64 * 2.0, (i % 7) as f64) + 5e6
+            })
+            .collect();
         for preset in [Preset::Top, Preset::Front, Preset::Side, Preset::Iso, Preset::Fit] {
             for (size, covered) in [([1920, 1080], 0.2), ([300, 900], 0.3), ([800, 600], 0.6)] {
-                let view = View::new(Camera::framing_beside(preset, &points, size, covered), size).unwrap();
+                let view = View::new(Camera::framing_beside(preset, &points, size, covered), size)
+                    .unwrap();
                 let pixels: Vec<_> = points.iter().map(|&p| view.pixel(p).unwrap()).collect();
                 let free = [[covered * size[0] as f64, size[0] as f64], [0.0, size[1] as f64]];
                 let mut most = 0.0f64;
                 for axis in 0..2 {
-                    let [least, greatest] = [f64::min, f64::max].map(|of| pixels.iter().map(|pixel| pixel[axis]).reduce(of).unwrap());
+                    let [least, greatest] = [f64::min, f64::max]
+                        .map(|of| pixels.iter().map(|pixel| pixel[axis]).reduce(of).unwrap());
                     let [from, to] = free[axis];
-                    assert!(from < least && greatest < to, "{preset:?} {size:?} {covered}: {least} to {greatest} of {from} to {to}");
+                    assert!(
+                        from < least && greatest < to,
+                        "{preset:?} {size:?} {covered}: {least} to {greatest} of {from} to {to}"
+                    );
                     most = most.max((greatest - least) / (to - from));
                 }
                 assert!(most > 0.85, "{preset:?} {size:?} {covered}: {most}");
             }
         }
-        let whole = [0.0, 0.2].map(|covered| Camera::framing_beside(Preset::Fit, &points, [640, 480], covered));
-        assert!(whole[0] == Camera::framing(Preset::Fit, &points, [640, 480]) && whole[0] != whole[1]);
+        let whole = [0.0, 0.2]
+            .map(|covered| Camera::framing_beside(Preset::Fit, &points, [640, 480], covered));
+        assert!(
+            whole[0] == Camera::framing(Preset::Fit, &points, [640, 480]) && whole[0] != whole[1]
+        );
     }
 
     #[test]
     fn windows_together_see_what_the_whole_sees_where_the_whole_sees_it() {
-        let points: Vec<_> = (0..400).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64, (i % 17) as f64) + 5e6).collect();
+        let points: Vec<_> = (0..400)
+            .map(|i| {
+                DVec3::new((i * 37 % 101) as f64, (i * 53 % 211) as f64, (i % 17) as f64) + 5e6
+            })
+            .collect();
         for preset in [Preset::Top, Preset::Fit] {
-            let whole = View::new(Camera::framing(preset, &points[..100], [100, 60]), [100, 60]).unwrap();
+            let whole =
+                View::new(Camera::framing(preset, &points[..100], [100, 60]), [100, 60]).unwrap();
             let windows = [[0, 0], [48, 0], [0, 24], [48, 24]].map(|corner: [i32; 2]| {
                 whole.window(
                     corner,
-                    [0, 1].map(|axis| if corner[axis] == 0 { [48, 24][axis] } else { whole.whole[axis] - corner[axis] as u32 }),
+                    [0, 1].map(|axis| {
+                        if corner[axis] == 0 {
+                            [48, 24][axis]
+                        } else {
+                            whole.whole[axis] - corner[axis] as u32
+                        }
+                    }),
                 )
             });
             for &p in &points {
                 let bounds = (p - 0.01, p + 0.01);
-                let seen: Vec<_> = windows.iter().filter_map(|window| window.depths(bounds)).collect();
+                let seen: Vec<_> =
+                    windows.iter().filter_map(|window| window.depths(bounds)).collect();
                 assert_eq!(seen.first().copied(), whole.depths(bounds), "{p}");
                 for window in &windows {
                     let (a, b) = (whole.pixel(p).unwrap(), window.pixel(p).unwrap());
-                    assert!((0..2).all(|axis| (a[axis] - window.corner[axis] as f64 - b[axis]).abs() < 1e-9));
+                    assert!(
+                        (0..2)
+                            .all(|axis| (a[axis] - window.corner[axis] as f64 - b[axis]).abs()
+                                < 1e-9)
+                    );
                     assert!((whole.ray(a[0], a[1]).1 - window.ray(b[0], b[1]).1).length() < 1e-12);
                 }
             }

@@ -27,7 +27,10 @@ impl WholeFile {
     pub fn create(path: &Path) -> Result<WholeFile> {
         // A rename would put a file in the place of a pipe, and as root in the place of /dev/null.
         if path.metadata().is_ok_and(|found| !found.is_file()) {
-            return Err(Error::Request(format!("{} is a folder, a pipe or a device; name a file to write", path.display())));
+            return Err(Error::Request(format!(
+                "{} is a folder, a pipe or a device; name a file to write",
+                path.display()
+            )));
         }
         let begin = partial_begin(path)?;
         remove_stale(path, &begin);
@@ -41,9 +44,12 @@ impl WholeFile {
 
     /// Brings the contents to the disk, gives the file its name, and brings that to the disk too.
     pub fn finish(mut self) -> Result<()> {
-        let synced = OpenOptions::new().write(true).open(self.partial()).and_then(|file| file.sync_all());
+        let synced =
+            OpenOptions::new().write(true).open(self.partial()).and_then(|file| file.sync_all());
         let named = synced.and_then(|()| self.rename());
-        named.and_then(|()| sync_folder(&self.path)).map_err(|error| Error::io("write", &self.path, error))
+        named
+            .and_then(|()| sync_folder(&self.path))
+            .map_err(|error| Error::io("write", &self.path, error))
     }
 
     fn rename(&mut self) -> std::io::Result<()> {
@@ -86,7 +92,9 @@ pub fn scratch(path: &Path) -> Result<File> {
 
 /// What the names of partial files of `path` begin with.
 fn partial_begin(path: &Path) -> Result<String> {
-    let name = path.file_name().ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?;
+    let name = path
+        .file_name()
+        .ok_or_else(|| Error::Request(format!("{} is no file name", path.display())))?;
     Ok(format!(".{}.partial-", shortened(&name.to_string_lossy(), NAME_BYTES - 1 - PARTIAL_BYTES)))
 }
 
@@ -141,13 +149,22 @@ pub fn abandon_all() {
 
 /// Partial files of the same name whose writer is gone.
 fn remove_stale(path: &Path, begin: &str) {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder =
+        path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let is_partial = entry.file_name().to_str().and_then(|name| name.strip_prefix(begin)).is_some_and(|pid| pid.parse::<u32>().is_ok());
+        let is_partial = entry
+            .file_name()
+            .to_str()
+            .and_then(|name| name.strip_prefix(begin))
+            .is_some_and(|pid| pid.parse::<u32>().is_ok());
         // Names of this process come and go under the same lock, so that what is removed is what was found.
         let unfinished = unfinished();
-        let is_stale =
-            |path: &Path| OpenOptions::new().write(true).open(path).is_ok_and(|file| file.try_lock().is_ok() && is_at(&file, path));
+        let is_stale = |path: &Path| {
+            OpenOptions::new()
+                .write(true)
+                .open(path)
+                .is_ok_and(|file| file.try_lock().is_ok() && is_at(&file, path))
+        };
         if is_partial && !unfinished.contains(&entry.path()) && is_stale(&entry.path()) {
             // Whoever else is removing it has the same in mind.
             let _ = std::fs::remove_file(entry.path());
@@ -157,7 +174,8 @@ fn remove_stale(path: &Path, begin: &str) {
 
 #[cfg(unix)]
 fn sync_folder(path: &Path) -> std::io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder =
+        path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     File::open(folder)?.sync_all()
 }
 
@@ -192,11 +210,17 @@ mod tests {
     fn what_a_killed_writer_left_is_removed_and_what_a_living_one_writes_is_not() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        let (stale, alive) = (folder.path().join(".a.png.partial-4000001"), folder.path().join(".a.png.partial-4000002"));
+        let (stale, alive) = (
+            folder.path().join(".a.png.partial-4000001"),
+            folder.path().join(".a.png.partial-4000002"),
+        );
         std::fs::write(&stale, "half").unwrap();
         let living = File::create(&alive).unwrap();
         living.lock().unwrap();
-        whole_file(&path, |partial| std::fs::write(partial, "new").map_err(|error| Error::io("write", partial, error))).unwrap();
+        whole_file(&path, |partial| {
+            std::fs::write(partial, "new").map_err(|error| Error::io("write", partial, error))
+        })
+        .unwrap();
         assert!(!stale.exists() && alive.exists() && path.exists());
     }
 
@@ -204,7 +228,8 @@ mod tests {
     fn two_writers_in_one_process_do_not_share_a_partial_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        let (first, second) = (WholeFile::create(&path).unwrap(), WholeFile::create(&path).unwrap());
+        let (first, second) =
+            (WholeFile::create(&path).unwrap(), WholeFile::create(&path).unwrap());
         std::fs::write(first.partial(), "first").unwrap();
         std::fs::write(second.partial(), "second").unwrap();
         first.finish().unwrap();
@@ -223,8 +248,11 @@ mod tests {
         let path = folder.path().join("a.png");
         let write = |v: u8| {
             for _ in 0..200 {
-                whole_file(&path, |partial| std::fs::write(partial, [v; 5000]).map_err(|error| Error::io("write", partial, error)))
-                    .unwrap();
+                whole_file(&path, |partial| {
+                    std::fs::write(partial, [v; 5000])
+                        .map_err(|error| Error::io("write", partial, error))
+                })
+                .unwrap();
                 drop(scratch(&path).unwrap());
             }
         };
@@ -253,7 +281,10 @@ mod tests {
         assert!(failing.is_err());
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-        whole_file(&path, |partial| std::fs::write(partial, "new").map_err(|error| Error::io("write", partial, error))).unwrap();
+        whole_file(&path, |partial| {
+            std::fs::write(partial, "new").map_err(|error| Error::io("write", partial, error))
+        })
+        .unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }

@@ -34,9 +34,13 @@ const REFUSED: &[&str] = &[
 
 fn files() -> Vec<PathBuf> {
     let Some(folder) = shared("bad") else { return Vec::new() };
-    let list = |folder: &Path| std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect::<Vec<_>>();
+    let list = |folder: &Path| {
+        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect::<Vec<_>>()
+    };
     let mut files = [list(&folder), list(&folder.join("derived"))].concat();
-    files.retain(|path| path.is_file() && path.extension().is_none_or(|extension| extension != "md"));
+    files.retain(|path| {
+        path.is_file() && path.extension().is_none_or(|extension| extension != "md")
+    });
     files.sort();
     assert!(files.len() >= 36, "{} files", files.len());
     files
@@ -54,7 +58,8 @@ fn bad_files_end_in_a_picture_or_in_one_line() {
     let empty = folder.path().join("empty.ply");
     let header = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
     std::fs::write(&empty, header).unwrap();
-    let baseline: Vec<Cost> = (0..3).map(|_| draw(&empty, &folder.path().join("empty.png"))).collect();
+    let baseline: Vec<Cost> =
+        (0..3).map(|_| draw(&empty, &folder.path().join("empty.png"))).collect();
     baseline.iter().for_each(|cost| drop(succeeded(&cost.output)));
     let start = baseline.iter().map(|cost| cost.time).max().unwrap();
     let memory = baseline.iter().filter_map(|cost| cost.peak).max();
@@ -74,11 +79,23 @@ fn bad_files_end_in_a_picture_or_in_one_line() {
             std::fs::remove_file(&picture).unwrap();
         }
         if let Some((_, count)) = LOST.iter().find(|(lost, _)| *lost == name) {
-            assert!(said.contains("note: ") && said.contains(count), "{name}: no word of {count:?}: {said}");
+            assert!(
+                said.contains("note: ") && said.contains(count),
+                "{name}: no word of {count:?}: {said}"
+            );
         }
-        assert!(cost.time < start + TIME, "{name} took {:?}, and an empty cloud {start:?}", cost.time);
+        assert!(
+            cost.time < start + TIME,
+            "{name} took {:?}, and an empty cloud {start:?}",
+            cost.time
+        );
         if let (Some(peak), Some(memory)) = (cost.peak, memory) {
-            assert!(peak < memory + MEMORY, "{name} took {} MiB, and an empty cloud {}", peak >> 20, memory >> 20);
+            assert!(
+                peak < memory + MEMORY,
+                "{name} took {} MiB, and an empty cloud {}",
+                peak >> 20,
+                memory >> 20
+            );
         }
     }
 }
@@ -95,7 +112,8 @@ fn info_describes_or_refuses_the_same_files() {
             continue;
         }
         succeeded(&cost.output);
-        let report: serde_json::Value = serde_json::from_slice(&cost.output.stdout).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let report: serde_json::Value = serde_json::from_slice(&cost.output.stdout)
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
         assert!(report["points"].is_u64(), "{name}: {report}");
         if let Some((_, count)) = LOST.iter().find(|(lost, _)| *lost == name) {
             assert!(report["notes"].to_string().contains(count), "{name}: {}", report["notes"]);
@@ -107,10 +125,22 @@ fn info_describes_or_refuses_the_same_files() {
 #[test]
 fn strictness_refuses_what_lost_points() {
     let Some(derived) = shared("bad/derived") else { return };
-    for name in ["d_las_count_times_10.las", "d_las_cut_mid_record.las", "d_laz_cut_at_60pct.laz", "d_ply_cut_in_vertices.ply"] {
+    for name in [
+        "d_las_count_times_10.las",
+        "d_las_cut_mid_record.las",
+        "d_laz_cut_at_60pct.laz",
+        "d_ply_cut_in_vertices.ply",
+    ] {
         let folder = tempfile::tempdir().unwrap();
         let picture = folder.path().join("p.png");
-        let output = pointillist().arg("render").arg(derived.join(name)).arg("--strict").arg("-o").arg(&picture).output().unwrap();
+        let output = pointillist()
+            .arg("render")
+            .arg(derived.join(name))
+            .arg("--strict")
+            .arg("-o")
+            .arg(&picture)
+            .output()
+            .unwrap();
         failed(&output, 1);
         assert!(!picture.exists(), "{name}");
     }

@@ -7,7 +7,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
-use support::{failed, names, pointillist, read_exr, read_png, render, run, scan, shuffled, succeeded, text};
+use support::{
+    failed, names, pointillist, read_exr, read_png, render, run, scan, shuffled, succeeded, text,
+};
 
 /// A folder with a small scan in it.
 struct Place {
@@ -53,7 +55,10 @@ fn every_command_explains_itself_with_examples() {
         let output = run([command, "--help"]);
         succeeded(&output);
         let help = text(&output.stdout);
-        assert!(help.contains("Examples:") && help.contains(&format!("pointillist {command}")), "{command}: {help}");
+        assert!(
+            help.contains("Examples:") && help.contains(&format!("pointillist {command}")),
+            "{command}: {help}"
+        );
     }
     assert!(text(&run(["--help"]).stdout).contains("render"));
 }
@@ -128,7 +133,20 @@ fn a_picture_from_a_file_and_nothing_else() {
 }
 
 /// Of PRODUCT.md.
-const CHANNELS: [&str; 12] = ["A", "B", "G", "R", "coverage.V", "depth.Z", "index.V", "lit.V", "normal.X", "normal.Y", "normal.Z", "raw.Z"];
+const CHANNELS: [&str; 12] = [
+    "A",
+    "B",
+    "G",
+    "R",
+    "coverage.V",
+    "depth.Z",
+    "index.V",
+    "lit.V",
+    "normal.X",
+    "normal.Y",
+    "normal.Z",
+    "raw.Z",
+];
 
 /// One parameter for all effects that tell surfaces apart; and where depths are not known as finely as it asks for, that is said (HARD_CASES 4).
 #[test]
@@ -152,17 +170,25 @@ fn one_layer_distance_is_that_of_masks_layers_and_shadows() {
     }
     assert!(!all.contains("note:"), "{all}");
     let own = explained("--layer 0.125 --effect transparency=layer=0.25");
-    assert!(own.contains("surfaces are 0.125 m apart at least") && own.contains("16 layers, 0.25 m apart at least"), "{own}");
+    assert!(
+        own.contains("surfaces are 0.125 m apart at least")
+            && own.contains("16 layers, 0.25 m apart at least"),
+        "{own}"
+    );
     // Never so near that surfaces shade themselves.
     let thin = explained("--layer 0.0000001");
-    let gap: f64 = thin.split("shadow begins ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    let gap: f64 =
+        thin.split("shadow begins ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     assert!(
         gap > 0.01 && thin.contains("note: surfaces are told apart from 0.0000001 m on, and depths so far away are known to"),
         "{thin}"
     );
     place.write("far.json", r#"{"eye": [0, -1000000, 0], "target": [0, 0, 0], "fov_y": 0.0002}"#);
     let far = succeeded(&place.render(&cloud, "-o @out.png --size 96x64 --camera @far.json"));
-    assert!(far.contains("note: depths so far away are known to 0.0625 m only, and pixels are"), "{far}");
+    assert!(
+        far.contains("note: depths so far away are known to 0.0625 m only, and pixels are"),
+        "{far}"
+    );
 }
 
 #[test]
@@ -183,7 +209,11 @@ fn every_option_of_render_does_what_it_says() {
         let nothing = layers.layers["index.V"][pixel] == u32::MAX;
         assert_eq!(nothing, depth[pixel] == f32::INFINITY);
         assert_eq!(nothing, layers.layers["coverage.V"][pixel] == 0);
-        assert!(nothing || (depth[pixel] > 3.0 && depth[pixel] < 8.0 && depth[pixel] == raw[pixel]), "{}", depth[pixel]);
+        assert!(
+            nothing || (depth[pixel] > 3.0 && depth[pixel] < 8.0 && depth[pixel] == raw[pixel]),
+            "{}",
+            depth[pixel]
+        );
     }
 
     for different in [
@@ -197,7 +227,14 @@ fn every_option_of_render_does_what_it_says() {
         succeeded(&place.render(&cloud, &format!("{plain} -o @other.png {different}")));
         assert!(bytes("plain.png") != bytes("other.png"), "{different} changes nothing");
     }
-    for same in ["--effect visibility=off", "--effect edl=auto", "--device 0", "--background #181b20", "--color rgb", "--strict"] {
+    for same in [
+        "--effect visibility=off",
+        "--effect edl=auto",
+        "--device 0",
+        "--background #181b20",
+        "--color rgb",
+        "--strict",
+    ] {
         succeeded(&place.render(&cloud, &format!("{plain} -o @other.png {same}")));
         assert!(bytes("plain.png") == bytes("other.png"), "{same} changes the picture");
     }
@@ -211,32 +248,66 @@ fn every_option_of_render_does_what_it_says() {
     failed(&place.render(&cloud, "--view top --camera @cam.json -o @other.png"), 2);
 
     let said = succeeded(&place.render(&cloud, &format!("{plain} -o @other.png --explain")));
-    assert!(["device:", "60000 points", "edl: on, because", "plan:", "composite"].iter().all(|part| said.contains(part)), "{said}");
+    assert!(
+        ["device:", "60000 points", "edl: on, because", "plan:", "composite"]
+            .iter()
+            .all(|part| said.contains(part)),
+        "{said}"
+    );
     let said = succeeded(&place.render(&cloud, "--size 96x64 -o @other.png --explain"));
-    assert!(["tiles: 96 of 8 x 8 pixels", "with pixels to fill"].iter().all(|part| said.contains(part)), "{said}");
+    assert!(
+        ["tiles: 96 of 8 x 8 pixels", "with pixels to fill"].iter().all(|part| said.contains(part)),
+        "{said}"
+    );
     let output = place.render(&cloud, &format!("{plain} -o @other.png --explain=json"));
     assert_eq!(succeeded(&output), "");
     let explained: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&explained["cloud"]["points"], &explained["size"]), (&60_000.into(), &serde_json::json!([96, 64])));
+    assert_eq!(
+        (&explained["cloud"]["points"], &explained["size"]),
+        (&60_000.into(), &serde_json::json!([96, 64]))
+    );
     assert_eq!(explained["effects"]["edl"]["runs"], true);
-    let output = place.render(&cloud, &format!("{plain} -o @other.png --effect edl=off --explain=json"));
+    let output =
+        place.render(&cloud, &format!("{plain} -o @other.png --effect edl=off --explain=json"));
     let explained: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert!(!explained["passes"].to_string().contains("edl"), "what is off leaves no trace: {explained}");
-    let explained: serde_json::Value =
-        serde_json::from_slice(&place.render(&cloud, "--size 96x64 -o @other.png --explain=json").stdout).unwrap();
-    let map =
-        |name: &str| explained["tiles"][name].as_array().unwrap().iter().map(|row| row.as_str().unwrap().to_string()).collect::<String>();
+    assert!(
+        !explained["passes"].to_string().contains("edl"),
+        "what is off leaves no trace: {explained}"
+    );
+    let explained: serde_json::Value = serde_json::from_slice(
+        &place.render(&cloud, "--size 96x64 -o @other.png --explain=json").stdout,
+    )
+    .unwrap();
+    let map = |name: &str| {
+        explained["tiles"][name]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|row| row.as_str().unwrap().to_string())
+            .collect::<String>()
+    };
     let (looked, holes) = (map("looked_at_map"), map("holes_map"));
-    assert_eq!((looked.len(), holes.matches('#').count() as u64), (96, explained["tiles"]["holes"].as_u64().unwrap()));
+    assert_eq!(
+        (looked.len(), holes.matches('#').count() as u64),
+        (96, explained["tiles"]["holes"].as_u64().unwrap())
+    );
     // Of every tile the coarsest level that looked.
     for by_level in explained["tiles"]["looked_at"].as_array().unwrap() {
         let level = by_level[0].as_u64().unwrap().ilog2();
-        let coarsest = looked.chars().filter(|tile| tile.to_digit(10) == Some(level)).count() as u64;
+        let coarsest =
+            looked.chars().filter(|tile| tile.to_digit(10) == Some(level)).count() as u64;
         assert!(coarsest <= by_level[1].as_u64().unwrap(), "{looked}");
     }
-    assert!(looked.chars().all(|tile| tile == '.' || tile.is_digit(8)) && looked.contains(|tile| tile != '.'), "{looked}");
+    assert!(
+        looked.chars().all(|tile| tile == '.' || tile.is_digit(8))
+            && looked.contains(|tile| tile != '.'),
+        "{looked}"
+    );
     let said = succeeded(&place.render(&cloud, &format!("{plain} -o @other.png --timings")));
-    assert!(["read", "draw", "composite", "total"].iter().all(|part| said.contains(part)), "{said}");
+    assert!(
+        ["read", "draw", "composite", "total"].iter().all(|part| said.contains(part)),
+        "{said}"
+    );
 }
 
 #[test]
@@ -265,14 +336,23 @@ fn the_same_input_gives_the_same_bits_on_any_number_of_threads() {
     let line = place.line("--size 641x359 -o @a.png --exr @a.exr");
     let mut first = None;
     // Threads of the software driver, and of our own.
-    for (driver, own) in [(None, None), (None, None), (Some("0"), None), (Some("1"), Some("1")), (Some("2"), Some("3"))] {
+    for (driver, own) in [
+        (None, None),
+        (None, None),
+        (Some("0"), None),
+        (Some("1"), Some("1")),
+        (Some("2"), Some("3")),
+    ] {
         let mut command = pointillist();
         command.arg("render").arg(&cloud).args(line.split_whitespace());
         command.envs(driver.map(|threads| ("LP_NUM_THREADS", threads)));
         command.envs(own.map(|threads| ("RAYON_NUM_THREADS", threads)));
         succeeded(&command.output().unwrap());
         let files = ["a.png", "a.exr"].map(|name| fs::read(place.at(name)).unwrap());
-        assert!(*first.get_or_insert_with(|| files.clone()) == files, "LP_NUM_THREADS {driver:?}, RAYON_NUM_THREADS {own:?}");
+        assert!(
+            *first.get_or_insert_with(|| files.clone()) == files,
+            "LP_NUM_THREADS {driver:?}, RAYON_NUM_THREADS {own:?}"
+        );
     }
 }
 
@@ -283,10 +363,17 @@ fn assert_order_does_not_show(options: &str) {
     place.write("cam.json", r#"{"eye": [500002, 4999972, 102], "target": [499998, 5000010, 105]}"#);
     fs::write(place.at("shuffled.las"), shuffled(&fs::read(&cloud).unwrap())).unwrap();
     succeeded(&place.render(&cloud, &format!("--size 640x360 -o @a.png --exr @a.exr {options}")));
-    succeeded(&place.render(&place.at("shuffled.las"), &format!("--size 640x360 -o @b.png --exr @b.exr {options}")));
+    succeeded(&place.render(
+        &place.at("shuffled.las"),
+        &format!("--size 640x360 -o @b.png --exr @b.exr {options}"),
+    ));
     assert!(read_png(&place.at("a.png")).pixels == read_png(&place.at("b.png")).pixels);
     let [a, b] = ["a.exr", "b.exr"].map(|name| read_exr(&place.at(name)).layers);
-    assert!(["R", "G", "B", "A", "depth.Z", "raw.Z", "coverage.V"].iter().all(|layer| a[*layer] == b[*layer]));
+    assert!(
+        ["R", "G", "B", "A", "depth.Z", "raw.Z", "coverage.V"]
+            .iter()
+            .all(|layer| a[*layer] == b[*layer])
+    );
 }
 
 #[test]
@@ -333,12 +420,21 @@ fn small_and_degenerate_clouds_are_drawn() {
         ("wide.xyz", "0 0 0\n1e9 0 0\n0 1e9 1e-3\n".to_string(), 2),
     ];
     for (name, contents, at_least) in cases {
-        let cloud = if contents.is_empty() { place.scan(name, Scene::Plane, 0) } else { place.write(name, &contents) };
+        let cloud = if contents.is_empty() {
+            place.scan(name, Scene::Plane, 0)
+        } else {
+            place.write(name, &contents)
+        };
         let said = succeeded(&place.render(&cloud, "--size 64x48 -o @a.png --exr @a.exr"));
         let layers = read_exr(&place.at("a.exr"));
         let covered = layers.layers["coverage.V"].iter().filter(|&&coverage| coverage == 1).count();
         assert!(covered >= at_least, "{name}: {covered} pixels drawn; {said}");
-        assert!(["R", "G", "B"].iter().all(|layer| layers.floats(layer).iter().all(|value| value.is_finite())), "{name}");
+        assert!(
+            ["R", "G", "B"]
+                .iter()
+                .all(|layer| layers.floats(layer).iter().all(|value| value.is_finite())),
+            "{name}"
+        );
         if name.contains("nan") {
             let lost = ["1 points with NaN", "2 points with NaN"];
             assert!(lost.iter().any(|count| said.contains(count)), "{name}: {said}");
@@ -357,9 +453,14 @@ fn a_camera_that_looks_away_and_a_clip_that_leaves_nothing_show_the_background()
     place.write("away.json", r#"{"eye": [0, 0, 100], "target": [0, 0, 200]}"#);
     for style in ["surface", "points", "strokes"] {
         for unseen in ["--camera @away.json", "--clip box:9,9,9,9.5,9.5,9.5"] {
-            succeeded(&place.render(&cloud, &format!("--size 64x48 -o @a.png --style {style} {unseen}")));
+            succeeded(
+                &place.render(&cloud, &format!("--size 64x48 -o @a.png --style {style} {unseen}")),
+            );
             let picture = read_png(&place.at("a.png"));
-            assert!(picture.pixels.iter().all(|&pixel| pixel == pointillist::config::BACKGROUND), "{style} {unseen}");
+            assert!(
+                picture.pixels.iter().all(|&pixel| pixel == pointillist::config::BACKGROUND),
+                "{style} {unseen}"
+            );
         }
     }
 }
@@ -372,7 +473,15 @@ fn a_file_that_is_to_be_written_does_not_say_that_it_is_something_else() {
         let said = failed(&place.render(&cloud, line), 1);
         assert!(said.contains("would say otherwise"), "{said}");
     }
-    let synth = |line: &str| pointillist().arg("synth").arg("plane").args(["--points", "10", "-o"]).arg(place.at(line)).output().unwrap();
+    let synth = |line: &str| {
+        pointillist()
+            .arg("synth")
+            .arg("plane")
+            .args(["--points", "10", "-o"])
+            .arg(place.at(line))
+            .output()
+            .unwrap()
+    };
     failed(&synth("a.ply"), 1);
     failed(&synth("a.exr"), 1);
     succeeded(&synth("a.laz"));
@@ -401,7 +510,10 @@ fn a_picture_larger_than_an_image_of_the_device_is_refused_in_one_line() {
         return;
     }
     let said = failed(&output, 1);
-    assert!(said.contains("32768 x 16") && said.contains("a side") && said.contains("--size"), "{said}");
+    assert!(
+        said.contains("32768 x 16") && said.contains("a side") && said.contains("--size"),
+        "{said}"
+    );
     assert!(!place.at("wide.png").exists());
 }
 
@@ -412,11 +524,26 @@ fn odd_paths_are_handled_or_refused_in_one_line() {
     let place = Place::new();
     let cloud = place.scan("plain.las", Scene::Torus, 100);
     let long = [b'l'; 251].to_vec();
-    for name in [&b"with spaces and 'quotes'"[..], "Öl 测试点云".as_bytes(), b"not \xFF\xFE UTF-8", b"two\nlines", b"-dash", &long] {
-        let named = |ending: &str| place.folder.path().join(OsStr::from_bytes(&[name, ending.as_bytes()].concat()));
+    for name in [
+        &b"with spaces and 'quotes'"[..],
+        "Öl 测试点云".as_bytes(),
+        b"not \xFF\xFE UTF-8",
+        b"two\nlines",
+        b"-dash",
+        &long,
+    ] {
+        let named = |ending: &str| {
+            place.folder.path().join(OsStr::from_bytes(&[name, ending.as_bytes()].concat()))
+        };
         let (input, output) = (named(".las"), named(".png"));
         fs::copy(&cloud, &input).unwrap();
-        let drawn = pointillist().arg("render").arg(&input).args(["--size", "32x32", "-o"]).arg(&output).output().unwrap();
+        let drawn = pointillist()
+            .arg("render")
+            .arg(&input)
+            .args(["--size", "32x32", "-o"])
+            .arg(&output)
+            .output()
+            .unwrap();
         succeeded(&drawn);
         assert_eq!(read_png(&output).size, [32, 32]);
         succeeded(&pointillist().arg("info").arg(&input).output().unwrap());
@@ -426,15 +553,23 @@ fn odd_paths_are_handled_or_refused_in_one_line() {
     }
     let path = |name: &str| place.at(name).display().to_string();
     let fifo = std::process::Command::new("mkfifo").arg(place.at("fifo")).status();
-    for odd in ["missing.las", "fifo", ""].iter().filter(|name| **name != "fifo" || fifo.as_ref().is_ok_and(|status| status.success())) {
-        for command in [vec!["info".to_string(), path(odd)], vec!["render".to_string(), path(odd), "-o".to_string(), path("a.png")]] {
+    for odd in ["missing.las", "fifo", ""]
+        .iter()
+        .filter(|name| **name != "fifo" || fifo.as_ref().is_ok_and(|status| status.success()))
+    {
+        for command in [
+            vec!["info".to_string(), path(odd)],
+            vec!["render".to_string(), path(odd), "-o".to_string(), path("a.png")],
+        ] {
             failed(&run(&command), 1);
         }
         if *odd != "missing.las" {
             failed(&run(["render", &path("plain.las"), "-o", &path(odd)]), 1);
         }
     }
-    assert!(names(place.folder.path()).iter().all(|name| !name.contains("partial") && name != "a.png"));
+    assert!(
+        names(place.folder.path()).iter().all(|name| !name.contains("partial") && name != "a.png")
+    );
 }
 
 #[test]
@@ -449,7 +584,11 @@ fn info_counts_what_it_reads() {
     assert!(report["stations"].as_array().unwrap().len() > 1);
     let output = pointillist().arg("info").arg(&cloud).output().unwrap();
     assert!(text(&output.stdout).contains("5000"));
-    let classes = text(&output.stdout).lines().find(|line| line.trim().starts_with("classes")).unwrap().to_string();
+    let classes = text(&output.stdout)
+        .lines()
+        .find(|line| line.trim().starts_with("classes"))
+        .unwrap()
+        .to_string();
 
     // An index knows as much of classes.
     let index = place.at("street.pnti");
@@ -469,16 +608,25 @@ fn synth_writes_cloud_camera_and_truth_of_one_scene() {
     assert_eq!(succeeded(&run(line.split_whitespace())), "");
     let line = place.line("synth torus --truth @cam.json -o @truth.exr --size 160x120");
     assert_eq!(succeeded(&run(line.split_whitespace())), "");
-    succeeded(&place.render(&place.at("t.laz"), "--camera @cam.json --size 160x120 --exr @drawn.exr"));
+    succeeded(
+        &place.render(&place.at("t.laz"), "--camera @cam.json --size 160x120 --exr @drawn.exr"),
+    );
     let (drawn, truth) = (read_exr(&place.at("drawn.exr")), read_exr(&place.at("truth.exr")));
     let (depth, true_depth) = (drawn.floats("depth.Z"), truth.floats("depth.Z"));
-    let both: Vec<_> = depth.iter().zip(&true_depth).filter(|(a, b)| a.is_finite() && b.is_finite()).collect();
+    let both: Vec<_> =
+        depth.iter().zip(&true_depth).filter(|(a, b)| a.is_finite() && b.is_finite()).collect();
     assert!(both.len() > 2000, "{} pixels", both.len());
     let near = both.iter().filter(|(a, b)| (*a - *b).abs() < 0.02 * *b).count();
-    assert!(near as f64 > 0.9 * both.len() as f64, "{near} of {} depths are those of the scene", both.len());
+    assert!(
+        near as f64 > 0.9 * both.len() as f64,
+        "{near} of {} depths are those of the scene",
+        both.len()
+    );
     failed(&run(["synth", "torus"]), 1);
     failed(&run(place.line("synth torus --points 100 -o @none/t.las").split_whitespace()), 1);
-    let huge = run(place.line("synth torus --truth @cam.json -o @huge.exr --size 4294967295x4294967295").split_whitespace());
+    let huge = run(place
+        .line("synth torus --truth @cam.json -o @huge.exr --size 4294967295x4294967295")
+        .split_whitespace());
     assert!(matches!(huge.status.code(), Some(1 | 2)), "{}", text(&huge.stderr));
 }
 
@@ -494,21 +642,37 @@ fn interrupted_work_leaves_nothing_half_written() {
     succeeded(&run(place.line("synth street --camera-out @cam.json").split_whitespace()));
     let drawn = place.line("render @street.las -o @out.png --exr @out2.exr --size 1920x1080");
     let given = names(place.folder.path());
-    for (line, waits_ms) in [(&synth, &[300, 1500][..]), (&laz, &[1000]), (&truth, &[600]), (&drawn, &[40, 250, 500, 900, 1400])] {
+    for (line, waits_ms) in [
+        (&synth, &[300, 1500][..]),
+        (&laz, &[1000]),
+        (&truth, &[600]),
+        (&drawn, &[40, 250, 500, 900, 1400]),
+    ] {
         for &wait_ms in waits_ms {
-            let child = pointillist().args(line.split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
+            let child =
+                pointillist().args(line.split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
             std::thread::sleep(Duration::from_millis(wait_ms));
-            let interrupted = std::process::Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().unwrap();
+            let interrupted = std::process::Command::new("sh")
+                .args(["-c", &format!("kill -INT {}", child.id())])
+                .status()
+                .unwrap();
             let since = Instant::now();
             let output = child.wait_with_output().unwrap();
-            assert!(since.elapsed() < Duration::from_secs(5), "{line}: heeded after {:?}", since.elapsed());
+            assert!(
+                since.elapsed() < Duration::from_secs(5),
+                "{line}: heeded after {:?}",
+                since.elapsed()
+            );
             let said = text(&output.stderr);
             println!("{line}, after {wait_ms} ms: {} ({interrupted}): {said}", output.status);
             match output.status.code() {
                 Some(0) => {}
                 // Before the handler is there the signal itself ends the process.
                 None => assert!(said.is_empty(), "{said}"),
-                code => assert_eq!((code, said.as_str()), (Some(130), "pointillist: interrupted; nothing was left half written\n")),
+                code => assert_eq!(
+                    (code, said.as_str()),
+                    (Some(130), "pointillist: interrupted; nothing was left half written\n")
+                ),
             }
             for name in names(place.folder.path()).iter().filter(|name| !given.contains(name)) {
                 let path = place.at(name);
@@ -528,13 +692,20 @@ fn a_painting_that_needs_more_memory_than_allowed_is_the_same_and_says_so() {
     let place = Place::new();
     let cloud = place.scan("torus.las", Scene::Torus, 60_000);
     let drawn = [("ample.png", "512MiB"), ("scarce.png", "1MiB")].map(|(name, bytes)| {
-        let output = place.render(&cloud, &format!("-o @{name} --style strokes --size 320x240 --abuffer-memory {bytes}"));
+        let output = place.render(
+            &cloud,
+            &format!("-o @{name} --style strokes --size 320x240 --abuffer-memory {bytes}"),
+        );
         succeeded(&output);
         (fs::read(place.at(name)).unwrap(), text(&output.stderr))
     });
     assert!(drawn[0].0 == drawn[1].0);
     let [ample, scarce] = drawn.map(|(_, said)| said);
-    assert!(!ample.contains("memory allowed") && scarce.contains("because the memory allowed was reached"), "{ample}{scarce}");
+    assert!(
+        !ample.contains("memory allowed")
+            && scarce.contains("because the memory allowed was reached"),
+        "{ample}{scarce}"
+    );
     failed(&place.render(&cloud, "-o @out.png --style strokes --abuffer-memory 1KiB"), 2);
 }
 
@@ -551,21 +722,55 @@ fn settings_that_change_nothing_are_said() {
     let (quiet, plain, _) = said("");
     assert!(!quiet.contains("note:"), "{quiet}");
     let (lost, picture, explained) = said("--opacity class:99=0.3 --explain=json");
-    assert!(lost.contains("note: --opacity class:99=0.3: no point is of class 99; there are: 1, 2, 3"), "{lost}");
-    assert!(picture == plain && !explained.contains("\"transparency\": {\"runs\": true"), "{explained}");
+    assert!(
+        lost.contains("note: --opacity class:99=0.3: no point is of class 99; there are: 1, 2, 3"),
+        "{lost}"
+    );
+    assert!(
+        picture == plain && !explained.contains("\"transparency\": {\"runs\": true"),
+        "{explained}"
+    );
     let (there, picture, _) = said("--opacity class:3=0.3");
     assert!(!there.contains("note:") && picture != plain, "{there}");
     let (drop, ..) = said("--light direction:0.3,0.8,-0.8 --effect phong=backfaces=drop");
-    assert!(drop.contains("note: phong=backfaces=drop: no normals of the files say which side is outside"), "{drop}");
-    let (unused, same, _) = said("--effect shadows=samples=4,radius=2 --effect smooth=filter=box --effect edl=off,radius=3");
+    assert!(
+        drop.contains(
+            "note: phong=backfaces=drop: no normals of the files say which side is outside"
+        ),
+        "{drop}"
+    );
+    let (unused, same, _) = said(
+        "--effect shadows=samples=4,radius=2 --effect smooth=filter=box --effect edl=off,radius=3",
+    );
     assert!(unused.contains("note: shadows: nothing comes of samples and radius, since it does not run: nobody asked"), "{unused}");
-    assert!(unused.contains("note: smooth: nothing comes of filter") && !unused.contains("edl") && same == plain, "{unused}");
+    assert!(
+        unused.contains("note: smooth: nothing comes of filter")
+            && !unused.contains("edl")
+            && same == plain,
+        "{unused}"
+    );
     let (wide, ..) = said("--effect shadows=on,radius=60,size=64");
-    assert!(wide.contains("note: shadows=radius=60: a light far away is at most 45 degrees"), "{wide}");
-    let (ambient, ..) = said("--light direction:0.3,0.8,-0.8 --effect shadows=on,ambient=0,size=64");
-    assert!(ambient.contains("note: shadows=ambient changes nothing, since phong runs"), "{ambient}");
-    let shadows = |settings: &str| said(&format!("--light direction:0.3,0.8,-0.8 --effect shadows=on,size=64{settings}"));
-    let [(depth, by_depth, _), (index, by_index, _), (cut, by_few, _)] = ["", ",method=index", ",method=index,peels=2"].map(shadows);
-    assert!(!depth.contains("note:") && !index.contains("note:") && by_depth == by_index, "{depth}{index}");
-    assert!(cut.contains("note: shadows by index peeling were cut off in ") && by_few != by_depth, "{cut}");
+    assert!(
+        wide.contains("note: shadows=radius=60: a light far away is at most 45 degrees"),
+        "{wide}"
+    );
+    let (ambient, ..) =
+        said("--light direction:0.3,0.8,-0.8 --effect shadows=on,ambient=0,size=64");
+    assert!(
+        ambient.contains("note: shadows=ambient changes nothing, since phong runs"),
+        "{ambient}"
+    );
+    let shadows = |settings: &str| {
+        said(&format!("--light direction:0.3,0.8,-0.8 --effect shadows=on,size=64{settings}"))
+    };
+    let [(depth, by_depth, _), (index, by_index, _), (cut, by_few, _)] =
+        ["", ",method=index", ",method=index,peels=2"].map(shadows);
+    assert!(
+        !depth.contains("note:") && !index.contains("note:") && by_depth == by_index,
+        "{depth}{index}"
+    );
+    assert!(
+        cut.contains("note: shadows by index peeling were cut off in ") && by_few != by_depth,
+        "{cut}"
+    );
 }

@@ -26,7 +26,8 @@ use support::{pointillist, read_exr, render, scan, succeeded};
 const SIDE: u32 = 600;
 /// Steps of a millimetre a pixel.
 const PIXEL: i32 = 40;
-const LATTICE: Lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.25, 5_000_000.125, -3.0) };
+const LATTICE: Lattice =
+    Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.25, 5_000_000.125, -3.0) };
 
 fn clips(words: &[String]) -> Clips {
     Clips(words.iter().map(|word| word.parse::<Clip>().unwrap()).collect())
@@ -40,7 +41,8 @@ fn world(q: [i32; 3]) -> DVec3 {
 fn carpet(random: &mut Random) -> Cloud {
     let points: Vec<[i32; 3]> = (0..(SIDE * SIDE) as i32)
         .map(|i| {
-            let [x, y] = [i % SIDE as i32, i / SIDE as i32].map(|cell| cell * PIXEL + 3 + (random.bits() % 34) as i32);
+            let [x, y] = [i % SIDE as i32, i / SIDE as i32]
+                .map(|cell| cell * PIXEL + 3 + (random.bits() % 34) as i32);
             [x, y, (random.bits() % 500) as i32]
         })
         .collect();
@@ -53,7 +55,9 @@ fn boxes(cloud: &Cloud, random: &mut Random) -> Vec<String> {
     let mut corner = |nudge: i64| {
         let i = (random.bits() % columns.len() as u64) as usize;
         let p = world([columns.x[i], columns.y[i], columns.z[i]]);
-        p.to_array().map(|v| f64::from_bits((v.to_bits() as i64 + nudge) as u64).to_string()).join(",")
+        p.to_array()
+            .map(|v| f64::from_bits((v.to_bits() as i64 + nudge) as u64).to_string())
+            .join(",")
     };
     ["box", "box", "outside", "outside", "box", "outside", "off"]
         .iter()
@@ -62,7 +66,12 @@ fn boxes(cloud: &Cloud, random: &mut Random) -> Vec<String> {
         .collect()
 }
 
-fn drawn(gpu: &mut Gpu, resident: &Resident, view: &View, wishes: &Wishes) -> (Vec<u32>, Vec<[f32; 4]>, Statistics) {
+fn drawn(
+    gpu: &mut Gpu,
+    resident: &Resident,
+    view: &View,
+    wishes: &Wishes,
+) -> (Vec<u32>, Vec<[f32; 4]>, Statistics) {
     let look = look::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
@@ -87,14 +96,26 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
         let clips = clips(&words[..[1, 2, 4, 7][round % 4]]);
         for way in WAYS {
             gpu::with(way, |gpu| {
-                let mut resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), &Silent).unwrap();
+                let mut resident = Resident::fill(
+                    gpu,
+                    cloud.clone(),
+                    Shown::new(Attribute::White, &cloud),
+                    &Silent,
+                )
+                .unwrap();
                 assert!(resident.nodes.len() > 4);
                 resident.clips = clips.clone();
                 let (index, _, statistics) = drawn(gpu, &resident, &view, &gpu::bare());
                 let seen: BTreeSet<u32> = index.into_iter().filter(|&id| id != NO_POINT).collect();
-                let ids = resident.nodes.iter().flat_map(|node| (0..node.count).map(|i| node.number * POINTS_PER_PAGE + i));
-                let kept: BTreeSet<u32> =
-                    ids.zip(resident.positions(gpu).unwrap()).filter(|(_, p)| clips.keep(*p)).map(|(id, _)| id).collect();
+                let ids = resident
+                    .nodes
+                    .iter()
+                    .flat_map(|node| (0..node.count).map(|i| node.number * POINTS_PER_PAGE + i));
+                let kept: BTreeSet<u32> = ids
+                    .zip(resident.positions(gpu).unwrap())
+                    .filter(|(_, p)| clips.keep(*p))
+                    .map(|(id, _)| id)
+                    .collect();
                 assert_eq!(seen, kept, "{way:?} {words:?}");
                 let mut g = Graph::new(gpu);
                 let points = project::draw(&mut g, &view, &resident, Precision::Auto).unwrap();
@@ -102,7 +123,11 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
                 let frame = g.submit(&[]).unwrap();
                 assert_eq!(counted.points(&frame), kept.len() as u64, "{way:?} {words:?}");
                 frame.shelve(gpu);
-                sides.insert((statistics.nodes_clipped > 0, statistics.points_compared > 0, kept.is_empty()));
+                sides.insert((
+                    statistics.nodes_clipped > 0,
+                    statistics.points_compared > 0,
+                    kept.is_empty(),
+                ));
                 resident.free(gpu);
             });
         }
@@ -122,13 +147,20 @@ fn what_is_clipped_shows_nowhere_casts_no_shadow_and_has_no_part_in_luminance_an
     ];
     let clips = clips(&words.map(String::from));
     let mut cloud = gpu::cloud(vec![part(LATTICE, &points, Some(colors))]);
-    cloud.parts[0].columns.class = Some(points.iter().map(|&q| if clips.keep(world(q)) { 1 } else { 2 }).collect());
+    cloud.parts[0].columns.class =
+        Some(points.iter().map(|&q| if clips.keep(world(q)) { 1 } else { 2 }).collect());
     let camera = perspective(world([0, -25_000, 20_000]), world([0; 3]), 60.0);
     let view = View::new(camera, [200, 160]).unwrap();
     let hidden = Opacities(vec!["class:2=0".parse().unwrap()]);
     let looks = [
-        (Way::Compute64, vec!["edl=on", "shadows=on,samples=3,radius=2", "luminance=on,epsilon=0.1"]),
-        (Way::Compute32, vec!["edl=on", "shadows=on,method=index,peels=8", "luminance=on,epsilon=0.1"]),
+        (
+            Way::Compute64,
+            vec!["edl=on", "shadows=on,samples=3,radius=2", "luminance=on,epsilon=0.1"],
+        ),
+        (
+            Way::Compute32,
+            vec!["edl=on", "shadows=on,method=index,peels=8", "luminance=on,epsilon=0.1"],
+        ),
         (Way::Compute64, vec!["strokes=on"]),
         (Way::Compute64, vec!["visibility=on", "fill=on", "shape=on"]),
     ];
@@ -139,8 +171,12 @@ fn what_is_clipped_shows_nowhere_casts_no_shadow_and_has_no_part_in_luminance_an
             let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
             // Boxes are compared at full precision.
             let light = Light::Direction(DVec3::new(0.3, 0.5, -0.8));
-            let wishes =
-                Wishes { effects: gpu::effects(&effects), light, precision: Precision::Planes(POSITION_PLANES), ..Wishes::default() };
+            let wishes = Wishes {
+                effects: gpu::effects(&effects),
+                light,
+                precision: Precision::Planes(POSITION_PLANES),
+                ..Wishes::default()
+            };
             resident.clips = clips.clone();
             let clipped = drawn(gpu, &resident, &view, &wishes);
             (resident.clips, resident.opacities) = (Clips::default(), hidden.clone());
@@ -159,13 +195,24 @@ fn of_an_index_nothing_is_read_that_boxes_leave_out_and_explain_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     scan(&at("street.las"), Scene::Street, 300_000);
-    succeeded(&pointillist().arg("index").arg(at("street.las")).arg("-o").arg(at("street.pnti")).output().unwrap());
+    succeeded(
+        &pointillist()
+            .arg("index")
+            .arg(at("street.las"))
+            .arg("-o")
+            .arg(at("street.pnti"))
+            .output()
+            .unwrap(),
+    );
     let camera = r#"{"eye": [500005, 5000005, 200], "target": [500005, 5000005, 0], "projection": "orthographic", "ortho_height": 150}"#;
     std::fs::write(at("cam.json"), camera).unwrap();
     let drawn = |file: &str, line: &str| {
         let exr = at("a.exr");
-        let line =
-            format!("--camera {} --size 400x300 --style points --exr {} --explain=json {line}", at("cam.json").display(), exr.display());
+        let line = format!(
+            "--camera {} --size 400x300 --style points --exr {} --explain=json {line}",
+            at("cam.json").display(),
+            exr.display()
+        );
         let output = render(&at(file), &line);
         succeeded(&output);
         let explained: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -175,7 +222,8 @@ fn of_an_index_nothing_is_read_that_boxes_leave_out_and_explain_says_so() {
     let fine = "--lod 0 --budget 1000000";
     let (all, _) = drawn("street.pnti", fine);
     let (some, depth) = drawn("street.pnti", &format!("{fine} {clip}"));
-    let number = |explained: &serde_json::Value, name: &str| explained["index"][name].as_u64().unwrap();
+    let number =
+        |explained: &serde_json::Value, name: &str| explained["index"][name].as_u64().unwrap();
     assert!(number(&some, "bytes_read") < number(&all, "bytes_read"), "{some}");
     assert!(number(&some, "nodes_clipped") > 0 && number(&all, "nodes_clipped") == 0);
     let (_, of_file) = drawn("street.las", clip);
@@ -183,7 +231,10 @@ fn of_an_index_nothing_is_read_that_boxes_leave_out_and_explain_says_so() {
     // Nodes have other origins, so f32 arithmetic may round a point into the neighbouring pixel.
     let differ = depth.iter().zip(&of_file).filter(|(a, b)| a.is_finite() != b.is_finite()).count();
     assert!(covered > 200 && differ <= covered / 200, "{differ} of {covered}");
-    let line = format!("--size 64x64 -o {} --explain {clip} --clip outside:0,0,0,inf,inf,1", at("a.png").display());
+    let line = format!(
+        "--size 64x64 -o {} --explain {clip} --clip outside:0,0,0,inf,inf,1",
+        at("a.png").display()
+    );
     let said = succeeded(&render(&at("street.las"), &line));
     assert!(said.contains("clip: 2 boxes; nothing is left of"), "{said}");
     support::failed(&render(&at("street.las"), "-o a.png --clip box:1,2,3"), 2);

@@ -52,7 +52,9 @@ fn las(points: &[([i32; 3], [u16; 3])]) -> Vec<u8> {
     file[107..111].copy_from_slice(&(points.len() as u32).to_le_bytes());
     for axis in 0..3 {
         file[131 + 8 * axis..139 + 8 * axis].copy_from_slice(&0.001f64.to_le_bytes());
-        let (lo, hi) = points.iter().fold((i32::MAX, i32::MIN), |(lo, hi), (q, _)| (lo.min(q[axis]), hi.max(q[axis])));
+        let (lo, hi) = points
+            .iter()
+            .fold((i32::MAX, i32::MIN), |(lo, hi), (q, _)| (lo.min(q[axis]), hi.max(q[axis])));
         file[179 + 16 * axis..187 + 16 * axis].copy_from_slice(&(hi as f64 * 0.001).to_le_bytes());
         file[187 + 16 * axis..195 + 16 * axis].copy_from_slice(&(lo as f64 * 0.001).to_le_bytes());
     }
@@ -69,9 +71,18 @@ fn colors(values: impl Iterator<Item = u16>) -> Vec<([i32; 3], [u16; 3])> {
 }
 
 fn world(cloud: &Cloud) -> Vec<DVec3> {
-    let place =
-        |part: &cloud::Part, i: usize| part.lattice.world([part.columns.x[i].into(), part.columns.y[i].into(), part.columns.z[i].into()]);
-    cloud.parts.iter().flat_map(|part| (0..part.columns.len()).map(|i| place(part, i)).collect::<Vec<_>>()).collect()
+    let place = |part: &cloud::Part, i: usize| {
+        part.lattice.world([
+            part.columns.x[i].into(),
+            part.columns.y[i].into(),
+            part.columns.z[i].into(),
+        ])
+    };
+    cloud
+        .parts
+        .iter()
+        .flat_map(|part| (0..part.columns.len()).map(|i| place(part, i)).collect::<Vec<_>>())
+        .collect()
 }
 
 // ---- real files
@@ -92,7 +103,10 @@ fn copc_holds_the_points_of_its_las_twin_in_another_order() {
     let Some(formats) = shared("data/formats") else { return };
     let sorted = |name: &str| {
         let cloud = read(&formats.join(name)).unwrap();
-        let mut places: Vec<_> = world(&cloud).into_iter().map(|p| (p * 100.0).round().as_i64vec3().to_array()).collect();
+        let mut places: Vec<_> = world(&cloud)
+            .into_iter()
+            .map(|p| (p * 100.0).round().as_i64vec3().to_array())
+            .collect();
         places.sort();
         places
     };
@@ -103,17 +117,71 @@ fn copc_holds_the_points_of_its_las_twin_in_another_order() {
 fn counts_and_bounds_are_those_of_the_points() {
     // From the table in ../shared/data/README.md, to the digits it gives.
     let table = [
-        ("aerial/autzen_trim.laz", 110_000, [636001.8, 848935.2, 406.3], [637179.2, 849497.9, 520.5], 0.05),
-        ("aerial/sample_c.las", 14_408, [674521.9, 1206740.1, 627.5], [674605.3, 1206815.0, 656.2], 0.05),
-        ("aerial/4_6_crop.las", 23_875, [1639600.0, 1454500.0, 7077.9], [1639800.0, 1454700.0, 7139.7], 0.05),
-        ("ground/pine_plot.laz", 114_024, [0.0001, 0.0001, 49.0418], [9.9998, 9.9998, 69.3673], 1e-9),
-        ("e57/pumpARowColumnIndexNoInvalidPoints.e57", 155_201, [-2.9038, -5.3011, -1.8997], [1.7216, -0.7926, 1.8430], 5e-5),
+        (
+            "aerial/autzen_trim.laz",
+            110_000,
+            [636001.8, 848935.2, 406.3],
+            [637179.2, 849497.9, 520.5],
+            0.05,
+        ),
+        (
+            "aerial/sample_c.las",
+            14_408,
+            [674521.9, 1206740.1, 627.5],
+            [674605.3, 1206815.0, 656.2],
+            0.05,
+        ),
+        (
+            "aerial/4_6_crop.las",
+            23_875,
+            [1639600.0, 1454500.0, 7077.9],
+            [1639800.0, 1454700.0, 7139.7],
+            0.05,
+        ),
+        (
+            "ground/pine_plot.laz",
+            114_024,
+            [0.0001, 0.0001, 49.0418],
+            [9.9998, 9.9998, 69.3673],
+            1e-9,
+        ),
+        (
+            "e57/pumpARowColumnIndexNoInvalidPoints.e57",
+            155_201,
+            [-2.9038, -5.3011, -1.8997],
+            [1.7216, -0.7926, 1.8430],
+            5e-5,
+        ),
         ("e57/bunnyInt19.e57", 30_571, [-0.0947, 0.0400, -0.0619], [0.0610, 0.1873, 0.0588], 5e-5),
         ("e57/A_B.e57", 6, [-44.9522, -1.3493, -0.6077], [-42.6395, 2.0578, 0.6667], 5e-5),
-        ("photogrammetry/frag_115.ply", 64_365, [0.8398, 0.9180, 0.5664], [2.5724, 2.8135, 1.6089], 5e-5),
-        ("objects/stanford_dragon_437k.ply", 437_645, [-0.1083, 0.0527, -0.0504], [0.0966, 0.1972, 0.0412], 5e-5),
-        ("objects/bun_zipper.ply", 35_947, [-0.0947, 0.0330, -0.0619], [0.0610, 0.1873, 0.0588], 5e-5),
-        ("objects/armadillo.obj", 43_243, [-0.4353, -0.5734, -0.3795], [0.4033, 0.4265, 0.3833], 5e-5),
+        (
+            "photogrammetry/frag_115.ply",
+            64_365,
+            [0.8398, 0.9180, 0.5664],
+            [2.5724, 2.8135, 1.6089],
+            5e-5,
+        ),
+        (
+            "objects/stanford_dragon_437k.ply",
+            437_645,
+            [-0.1083, 0.0527, -0.0504],
+            [0.0966, 0.1972, 0.0412],
+            5e-5,
+        ),
+        (
+            "objects/bun_zipper.ply",
+            35_947,
+            [-0.0947, 0.0330, -0.0619],
+            [0.0610, 0.1873, 0.0588],
+            5e-5,
+        ),
+        (
+            "objects/armadillo.obj",
+            43_243,
+            [-0.4353, -0.5734, -0.3795],
+            [0.4033, 0.4265, 0.3833],
+            5e-5,
+        ),
         (
             "formats/las1.4_pf6_rand.laz",
             1024,
@@ -127,7 +195,8 @@ fn counts_and_bounds_are_those_of_the_points() {
         let cloud = read(&data.join(name)).unwrap();
         assert_eq!(cloud.len(), count, "{name}");
         let (own_lo, own_hi) = cloud.bounds().unwrap();
-        let off = (own_lo - DVec3::from_array(lo)).abs().max((own_hi - DVec3::from_array(hi)).abs());
+        let off =
+            (own_lo - DVec3::from_array(lo)).abs().max((own_hi - DVec3::from_array(hi)).abs());
         assert!(off.max_element() <= tolerance * 1.001, "{name}: {own_lo} {own_hi}");
     }
 }
@@ -155,11 +224,21 @@ fn attributes_are_those_of_the_table() {
 #[test]
 fn several_files_are_several_parts_in_their_order() {
     let Some(data) = shared("data") else { return };
-    let paths = [data.join("formats/las1.2_pf2.las"), data.join("e57/A_B.e57"), data.join("objects/armadillo.obj")];
+    let paths = [
+        data.join("formats/las1.2_pf2.las"),
+        data.join("e57/A_B.e57"),
+        data.join("objects/armadillo.obj"),
+    ];
     let cloud = cloud::read(&paths, &ReadOptions::default(), &Silent).unwrap();
-    assert_eq!(cloud.parts.iter().map(|part| part.columns.len()).collect::<Vec<_>>(), [1065, 2, 4, 43_243]);
+    assert_eq!(
+        cloud.parts.iter().map(|part| part.columns.len()).collect::<Vec<_>>(),
+        [1065, 2, 4, 43_243]
+    );
     assert_eq!(cloud.stations.iter().map(|station| station.part).collect::<Vec<_>>(), [0, 1, 2, 3]);
-    assert!(cloud.parts.iter().all(|part| part.columns.rgb.is_none() && part.columns.source.is_none()), "nothing else was wanted");
+    assert!(
+        cloud.parts.iter().all(|part| part.columns.rgb.is_none() && part.columns.source.is_none()),
+        "nothing else was wanted"
+    );
 }
 
 #[test]
@@ -182,8 +261,13 @@ fn an_interrupted_reading_ends_at_once() {
         }
     }
     let Some(data) = shared("data") else { return };
-    let names =
-        ["aerial/sample_c.las", "aerial/autzen_trim.laz", "photogrammetry/frag_115.ply", "objects/bun_zipper.ply", "objects/armadillo.obj"];
+    let names = [
+        "aerial/sample_c.las",
+        "aerial/autzen_trim.laz",
+        "photogrammetry/frag_115.ply",
+        "objects/bun_zipper.ply",
+        "objects/armadillo.obj",
+    ];
     for name in names.into_iter().chain(["e57/pumpARowColumnIndexNoInvalidPoints.e57"]) {
         let outcome = cloud::read(&[data.join(name)], &ReadOptions::default(), &Impatient);
         assert!(matches!(outcome, Err(Error::Interrupted)), "{name}");
@@ -195,12 +279,21 @@ fn an_interrupted_reading_ends_at_once() {
 #[test]
 fn every_bad_file_ends_in_points_or_an_error_soon_and_small() {
     let Some(bad) = shared("bad") else { return };
-    let files =
-        [bad.clone(), bad.join("derived")].into_iter().flat_map(|folder| fs::read_dir(folder).unwrap()).map(|entry| entry.unwrap().path());
-    for path in files.filter(|path| path.is_file() && path.extension().is_some_and(|extension| extension != "md")) {
+    let files = [bad.clone(), bad.join("derived")]
+        .into_iter()
+        .flat_map(|folder| fs::read_dir(folder).unwrap())
+        .map(|entry| entry.unwrap().path());
+    for path in files.filter(|path| {
+        path.is_file() && path.extension().is_some_and(|extension| extension != "md")
+    }) {
         let start = Instant::now();
         let outcome = read(&path);
-        assert!(start.elapsed() < Duration::from_secs(2), "{}: {:?}", path.display(), start.elapsed());
+        assert!(
+            start.elapsed() < Duration::from_secs(2),
+            "{}: {:?}",
+            path.display(),
+            start.elapsed()
+        );
         if let Err(error) = outcome {
             assert_eq!(error.to_string().lines().count(), 1, "{error}");
         }
@@ -213,7 +306,13 @@ fn every_bad_file_ends_in_points_or_an_error_soon_and_small() {
 /// The process's largest resident size so far.
 fn peak_kib() -> Option<u64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
-    status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.trim().trim_end_matches(" kB").parse().ok()
+    status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?
+        .trim()
+        .trim_end_matches(" kB")
+        .parse()
+        .ok()
 }
 
 #[test]
@@ -245,15 +344,27 @@ fn bad_files_with_good_points_are_read_and_what_is_missing_is_said() {
         ("ply_crlf_header_binary.ply", 8, ""),
         ("ply_raw_range_grid.ply", 40_097, ""),
         ("obj_out_of_range.obj", 8, ""),
-        ("derived/d_laz_cut_at_60pct.laz", 64_556, "header says 110000 points, 64556 could be read"),
+        (
+            "derived/d_laz_cut_at_60pct.laz",
+            64_556,
+            "header says 110000 points, 64556 could be read",
+        ),
         ("derived/d_las_count_times_10.las", 2732, "header says 27320 points, 2732 could be read"),
         ("derived/d_las_cut_mid_record.las", 1261, "header says 2732 points, 1261 could be read"),
-        ("derived/d_ply_cut_in_vertices.ply", 33_322, "header says 64365 points, 33322 could be read"),
+        (
+            "derived/d_ply_cut_in_vertices.ply",
+            33_322,
+            "header says 64365 points, 33322 could be read",
+        ),
     ];
     for (name, count, note) in expected {
         let cloud = read(&bad.join(name)).unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(cloud.len(), count, "{name}");
-        assert!(cloud.notes.iter().any(|text| text.contains(note)) || note.is_empty(), "{name}: {:?}", cloud.notes);
+        assert!(
+            cloud.notes.iter().any(|text| text.contains(note)) || note.is_empty(),
+            "{name}: {:?}",
+            cloud.notes
+        );
     }
     let refused = [
         ("las_no_points_but_count_1065.las", "header says 1065 points, 0 could be read"),
@@ -272,7 +383,11 @@ fn bad_files_with_good_points_are_read_and_what_is_missing_is_said() {
 
 #[test]
 fn the_decodable_part_of_a_cut_laz_is_a_prefix_of_the_whole() {
-    let (Some(whole), Some(cut)) = (shared("data/aerial/autzen_trim.laz"), shared("bad/derived/d_laz_cut_at_60pct.laz")) else { return };
+    let (Some(whole), Some(cut)) =
+        (shared("data/aerial/autzen_trim.laz"), shared("bad/derived/d_laz_cut_at_60pct.laz"))
+    else {
+        return;
+    };
     let (whole, cut) = (read(&whole).unwrap(), read(&cut).unwrap());
     let (whole, cut) = (&whole.parts[0].columns, &cut.parts[0].columns);
     assert_eq!(cut.x, whole.x[..cut.len()]);
@@ -283,7 +398,12 @@ fn the_decodable_part_of_a_cut_laz_is_a_prefix_of_the_whole() {
 #[test]
 fn strict_refuses_what_is_otherwise_kept() {
     let Some(derived) = shared("bad/derived") else { return };
-    for name in ["d_laz_cut_at_60pct.laz", "d_las_count_times_10.las", "d_las_cut_mid_record.las", "d_ply_cut_in_vertices.ply"] {
+    for name in [
+        "d_laz_cut_at_60pct.laz",
+        "d_las_count_times_10.las",
+        "d_las_cut_mid_record.las",
+        "d_ply_cut_in_vertices.ply",
+    ] {
         assert!(matches!(read_strictly(&derived.join(name)), Err(Error::Format { .. })), "{name}");
     }
 }
@@ -304,22 +424,36 @@ fn layered_chunks_are_found_without_their_table() {
 
 #[test]
 fn every_truncation_gives_a_prefix_or_an_error() {
-    let names = ["data/formats/las1.0_pf0.las", "data/formats/las1.2_pf2.laz", "data/e57/A_B.e57", "bad/ply_crlf_header_binary.ply"];
-    for name in names.into_iter().chain(["bad/ply_extra_whitespace.ply", "bad/las_bad_vlr_count.las", "bad/laz_zero_points.laz"]) {
+    let names = [
+        "data/formats/las1.0_pf0.las",
+        "data/formats/las1.2_pf2.laz",
+        "data/e57/A_B.e57",
+        "bad/ply_crlf_header_binary.ply",
+    ];
+    for name in names.into_iter().chain([
+        "bad/ply_extra_whitespace.ply",
+        "bad/las_bad_vlr_count.las",
+        "bad/laz_zero_points.laz",
+    ]) {
         let Some(path) = shared(name) else { return };
         let whole = read(&path).unwrap();
         let bytes = fs::read(&path).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cut = folder.path().join(path.file_name().unwrap());
         // Every length near both ends, where headers and tables are; every seventh between.
-        for length in (0..bytes.len()).filter(|length| length % 7 == 0 || *length < 1000 || bytes.len() - length < 1000) {
+        for length in (0..bytes.len())
+            .filter(|length| length % 7 == 0 || *length < 1000 || bytes.len() - length < 1000)
+        {
             fs::write(&cut, &bytes[..length]).unwrap();
             if let Ok(cloud) = read(&cut)
                 && let (Some(part), Some(of)) = (cloud.parts.first(), whole.parts.first())
                 && part.lattice == of.lattice
             {
                 assert!(of.columns.x.starts_with(&part.columns.x), "{name} cut to {length}");
-                assert!(part.columns.len() == of.columns.len() || !cloud.notes.is_empty(), "{name} cut to {length} says nothing");
+                assert!(
+                    part.columns.len() == of.columns.len() || !cloud.notes.is_empty(),
+                    "{name} cut to {length} says nothing"
+                );
             }
         }
     }
@@ -347,7 +481,8 @@ fn every_lying_header_field_is_survived() {
     for name in ["las1.2_pf2.las", "las1.2_pf2.laz", "las1.4_pf6_rand.laz", "las1.4_pf9.las"] {
         let Some(path) = shared(&format!("data/{name}")) else { return };
         let bytes = fs::read(path).unwrap();
-        let mut places: Vec<(usize, usize)> = fields.into_iter().filter(|(at, _)| *at < 111 || bytes[25] >= 4 || *at < 227).collect();
+        let mut places: Vec<(usize, usize)> =
+            fields.into_iter().filter(|(at, _)| *at < 111 || bytes[25] >= 4 || *at < 227).collect();
         // The laszip record: compressor, chunk size, items.
         if let Some(record) = bytes.windows(14).position(|window| window == b"laszip encoded") {
             let contents = record - 2 + 54;
@@ -360,7 +495,8 @@ fn every_lying_header_field_is_survived() {
                 (contents + 38, 2),
             ]);
             let points_at = u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as usize;
-            let table_at = u64::from_le_bytes(bytes[points_at..points_at + 8].try_into().unwrap()) as usize;
+            let table_at =
+                u64::from_le_bytes(bytes[points_at..points_at + 8].try_into().unwrap()) as usize;
             places.extend([
                 (points_at, 8),
                 (table_at, 4),
@@ -375,12 +511,25 @@ fn every_lying_header_field_is_survived() {
             let mut truth = [0; 8];
             truth[..width].copy_from_slice(&bytes[at..at + width]);
             let truth = u64::from_le_bytes(truth);
-            for value in [0, 1, truth.wrapping_sub(1), truth.wrapping_add(1), 1 << 31, u32::MAX.into(), u64::MAX, 0x7ff0 << 48] {
+            for value in [
+                0,
+                1,
+                truth.wrapping_sub(1),
+                truth.wrapping_add(1),
+                1 << 31,
+                u32::MAX.into(),
+                u64::MAX,
+                0x7ff0 << 48,
+            ] {
                 let mut lying = bytes.clone();
                 lying[at..at + width].copy_from_slice(&value.to_le_bytes()[..width]);
                 let start = Instant::now();
                 let _ = read_bytes("lying.las", &lying);
-                assert!(start.elapsed() < Duration::from_secs(2), "{name}: {value} at {at} takes {:?}", start.elapsed());
+                assert!(
+                    start.elapsed() < Duration::from_secs(2),
+                    "{name}: {value} at {at} takes {:?}",
+                    start.elapsed()
+                );
             }
         }
     }
@@ -454,9 +603,12 @@ fn e57_with_xml(xml: &str) -> Vec<u8> {
 }
 
 fn crc32c(bytes: &[u8]) -> u32 {
-    !bytes
-        .iter()
-        .fold(!0u32, |crc, &byte| (0..8).fold(crc ^ byte as u32, |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0x82F6_3B78 } else { crc >> 1 }))
+    !bytes.iter().fold(!0u32, |crc, &byte| {
+        (0..8).fold(
+            crc ^ byte as u32,
+            |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0x82F6_3B78 } else { crc >> 1 },
+        )
+    })
 }
 
 #[test]
@@ -465,7 +617,8 @@ fn what_is_no_file_is_a_typed_error() {
     assert!(matches!(read(folder.path()), Err(Error::Format { .. })));
     assert!(matches!(read(&folder.path().join("none.las")), Err(Error::Io { .. })));
     let pipe = folder.path().join("pipe.las");
-    if std::process::Command::new("mkfifo").arg(&pipe).status().is_ok_and(|status| status.success()) {
+    if std::process::Command::new("mkfifo").arg(&pipe).status().is_ok_and(|status| status.success())
+    {
         assert!(matches!(read(&pipe), Err(Error::Format { .. })));
     }
     if Path::new("/dev/zero").exists() {
@@ -489,23 +642,44 @@ fn hard_24_sixteen_bit_colours_are_rounded_exactly() {
 #[test]
 fn hard_24_colour_depth_is_decided_over_the_whole_file() {
     let count = 20_000;
-    let narrow = read_bytes("narrow.las", &las(&colors((0..count).map(|i| (i % 256) as u16)))).unwrap();
+    let narrow =
+        read_bytes("narrow.las", &las(&colors((0..count).map(|i| (i % 256) as u16)))).unwrap();
     assert_eq!(narrow.parts[0].rgb_scale.bits(), 8);
-    assert!(narrow.parts[0].columns.rgb.as_ref().unwrap().iter().enumerate().all(|(i, color)| color[0] as usize == i % 256));
-    assert!(narrow.notes.iter().any(|note| note.contains("8-bit values in 16-bit fields")), "{:?}", narrow.notes);
+    assert!(
+        narrow.parts[0]
+            .columns
+            .rgb
+            .as_ref()
+            .unwrap()
+            .iter()
+            .enumerate()
+            .all(|(i, color)| color[0] as usize == i % 256)
+    );
+    assert!(
+        narrow.notes.iter().any(|note| note.contains("8-bit values in 16-bit fields")),
+        "{:?}",
+        narrow.notes
+    );
 
     // One wide value is an outlier; wide ones in a fifth of the file are none, wherever they were read, and then all others are 16-bit values too.
     for wide_at in [0, 8191, 8192, 10_000, count - 1] {
         let values = (0..count).map(|i| if i == wide_at { 256 } else { (i % 256) as u16 });
         let one = read_bytes("one.las", &las(&colors(values.clone()))).unwrap();
         let rgb = one.parts[0].columns.rgb.as_ref().unwrap();
-        assert!(rgb.iter().zip(values).all(|(color, v)| color[0] as u16 == v.min(255)), "wide at {wide_at}");
+        assert!(
+            rgb.iter().zip(values).all(|(color, v)| color[0] as u16 == v.min(255)),
+            "wide at {wide_at}"
+        );
         assert!(one.notes.iter().any(|note| note.contains("but for 1 of 199")), "{:?}", one.notes);
-        let values = (0..count).map(|i| if usize::abs_diff(i, wide_at) < count / 5 { 256 } else { (i % 256) as u16 });
+        let values = (0..count)
+            .map(|i| if usize::abs_diff(i, wide_at) < count / 5 { 256 } else { (i % 256) as u16 });
         let wide = read_bytes("wide.las", &las(&colors(values.clone()))).unwrap();
         assert_eq!(wide.parts[0].rgb_scale.bits(), 16);
         let rgb = wide.parts[0].columns.rgb.as_ref().unwrap();
-        assert!(rgb.iter().zip(values).all(|(color, v)| color[0] == (v as f64 / 257.0).round() as u8), "wide about {wide_at}");
+        assert!(
+            rgb.iter().zip(values).all(|(color, v)| color[0] == (v as f64 / 257.0).round() as u8),
+            "wide about {wide_at}"
+        );
     }
     let black = read_bytes("black.las", &las(&colors((0..count).map(|_| 0)))).unwrap();
     assert!(black.parts[0].columns.rgb.is_none());
@@ -534,7 +708,8 @@ fn a_count_below_what_the_file_holds_is_said() {
     let cloud = read_bytes("low.las", &file).unwrap();
     assert_eq!((cloud.len(), cloud.parts[0].columns.x[99]), (100, 99));
     assert!(
-        cloud.notes.iter().any(|note| note.contains("header says 60 points (number of point records), 100 could be read")),
+        cloud.notes.iter().any(|note| note
+            .contains("header says 60 points (number of point records), 100 could be read")),
         "{:?}",
         cloud.notes
     );
@@ -556,11 +731,23 @@ fn las_1_5_is_read_as_1_4() {
     let folder = tempfile::tempdir().unwrap();
     for format in [6, 7, 8] {
         for name in ["a.las", "a.laz"] {
-            let modern = |minor| Made { minor, format, points: sheet(|i| [i as u16 * 13; 3]), ..Made::default() };
-            let (old, new) = (modern(4).write(folder.path(), &format!("4{name}")), modern(5).write(folder.path(), name));
+            let modern = |minor| Made {
+                minor,
+                format,
+                points: sheet(|i| [i as u16 * 13; 3]),
+                ..Made::default()
+            };
+            let (old, new) = (
+                modern(4).write(folder.path(), &format!("4{name}")),
+                modern(5).write(folder.path(), name),
+            );
             let (old, new) = (read_strictly(&old).unwrap(), read_strictly(&new).unwrap());
             assert_eq!(new.parts[0].columns, old.parts[0].columns, "{format} {name}");
-            assert!(new.parts[0].header.format.contains(" 1.5 format"), "{}", new.parts[0].header.format);
+            assert!(
+                new.parts[0].header.format.contains(" 1.5 format"),
+                "{}",
+                new.parts[0].header.format
+            );
         }
     }
     let mut file = Made { minor: 4, format: 6, ..Made::default() }.bytes();
@@ -576,26 +763,39 @@ fn negative_scales_are_read_as_they_are() {
     for scale in [[0.001, -0.001, 0.001], [-0.5, 0.25, -0.125]] {
         for name in ["a.las", "b.laz"] {
             let offset = [10.0, 20.0, 30.0];
-            let path = Made { scale, offset, points: points.clone(), ..Made::default() }.write(folder.path(), name);
+            let path = Made { scale, offset, points: points.clone(), ..Made::default() }
+                .write(folder.path(), name);
             let mut header = fs::read(&path).unwrap();
             // A header knows which end is larger.
             for axis in 0..3 {
                 let at = 179 + 16 * axis;
-                let [a, b] = [at, at + 8].map(|at| f64::from_le_bytes(header[at..at + 8].try_into().unwrap()));
+                let [a, b] = [at, at + 8]
+                    .map(|at| f64::from_le_bytes(header[at..at + 8].try_into().unwrap()));
                 header[at..at + 8].copy_from_slice(&a.max(b).to_le_bytes());
                 header[at + 8..at + 16].copy_from_slice(&a.min(b).to_le_bytes());
             }
             fs::write(&path, header).unwrap();
             let cloud = read_strictly(&path).unwrap();
             assert!(cloud.parts[0].lattice.step.min_element() > 0.0);
-            assert!(cloud.notes.iter().any(|note| note.contains("is negative, and was taken as it is")), "{:?}", cloud.notes);
+            assert!(
+                cloud.notes.iter().any(|note| note.contains("is negative, and was taken as it is")),
+                "{:?}",
+                cloud.notes
+            );
             for (own, point) in world(&cloud).iter().zip(&points) {
-                let right = DVec3::from_array(offset) + DVec3::from_array(scale) * DVec3::from_array(point.q.map(f64::from));
-                assert!((*own - right).abs().max_element() <= 1e-9 * right.abs().max_element(), "{own} {right}");
+                let right = DVec3::from_array(offset)
+                    + DVec3::from_array(scale) * DVec3::from_array(point.q.map(f64::from));
+                assert!(
+                    (*own - right).abs().max_element() <= 1e-9 * right.abs().max_element(),
+                    "{own} {right}"
+                );
             }
             // A picked point is the one of the file.
             let sought = Sought { position: world(&cloud)[17], ..Sought::default() };
-            let found = find::find(std::slice::from_ref(&path), ReadOptions::default(), &sought, &Silent).unwrap().unwrap();
+            let found =
+                find::find(std::slice::from_ref(&path), ReadOptions::default(), &sought, &Silent)
+                    .unwrap()
+                    .unwrap();
             assert_eq!((found.point, found.extras.user_data), (17, Some(0)));
         }
     }
@@ -611,21 +811,37 @@ fn extra_bytes_without_room_are_said_and_not_listed() {
         bytes
     };
     // Two bytes, four, and three times eight.
-    let declared = [attribute(3, "Amplitude"), attribute(9, "Reflectance"), attribute(30, "Beam")].concat();
+    let declared =
+        [attribute(3, "Amplitude"), attribute(9, "Reflectance"), attribute(30, "Beam")].concat();
     for (extra, fit) in [(0, 0), (1, 0), (2, 1), (6, 2), (29, 2), (30, 3)] {
-        let made = Made { extra, vlrs: vec![("LASF_Spec", 4, declared.clone())], ..Made::default() };
+        let made =
+            Made { extra, vlrs: vec![("LASF_Spec", 4, declared.clone())], ..Made::default() };
         let path = made.write(folder.path(), "a.las");
         let cloud = read(&path).unwrap();
         let facts = &cloud.parts[0].header.facts;
-        assert_eq!(facts.iter().filter(|(what, _)| what == "extra attribute").count(), fit, "{extra}");
-        assert_eq!(cloud.notes.iter().any(|note| note.contains("declares the extra bytes")), fit < 3, "{extra}: {:?}", cloud.notes);
+        assert_eq!(
+            facts.iter().filter(|(what, _)| what == "extra attribute").count(),
+            fit,
+            "{extra}"
+        );
+        assert_eq!(
+            cloud.notes.iter().any(|note| note.contains("declares the extra bytes")),
+            fit < 3,
+            "{extra}: {:?}",
+            cloud.notes
+        );
         assert_eq!(read_strictly(&path).is_ok(), fit == 3, "{extra}");
         assert_eq!(cloud.len(), 5000);
     }
     // Bytes that nothing declares are not read.
-    let path = Made { extra: 40, vlrs: vec![("LASF_Spec", 4, declared)], ..Made::default() }.write(folder.path(), "b.las");
+    let path = Made { extra: 40, vlrs: vec![("LASF_Spec", 4, declared)], ..Made::default() }
+        .write(folder.path(), "b.las");
     let cloud = read(&path).unwrap();
-    assert!(cloud.notes.iter().any(|note| note.contains("has 10 more bytes a point than")), "{:?}", cloud.notes);
+    assert!(
+        cloud.notes.iter().any(|note| note.contains("has 10 more bytes a point than")),
+        "{:?}",
+        cloud.notes
+    );
     assert!(read_strictly(&path).is_err());
 }
 
@@ -633,21 +849,25 @@ fn extra_bytes_without_room_are_said_and_not_listed() {
 fn coordinates_beyond_all_steps_are_errors_that_name_the_field() {
     let folder = tempfile::tempdir().unwrap();
     for offset in [1e308, -1e14, f64::INFINITY, f64::NAN] {
-        let path = Made { offset: [0.0, offset, 0.0], ..Made::default() }.write(folder.path(), "a.las");
+        let path =
+            Made { offset: [0.0, offset, 0.0], ..Made::default() }.write(folder.path(), "a.las");
         for output in [info(&path), render(&path, "--size 32x32 -o a.png")] {
             let said = failed(&output, 1);
             assert!(said.contains("Y offset"), "{said}");
         }
     }
-    let near = Made { offset: [500_000.0, 5_000_000.0, 0.0], scale: [1e-8; 3], ..Made::default() }.write(folder.path(), "near.las");
+    let near = Made { offset: [500_000.0, 5_000_000.0, 0.0], scale: [1e-8; 3], ..Made::default() }
+        .write(folder.path(), "near.las");
     assert!(read(&near).is_ok());
     for text in ["1e17 1e17 1e17\n", "-1.7e308 0 0\n1.7e308 1 1\n", "1e300 0 0\n1e300 1 1\n"] {
         let path = folder.path().join("far.xyz");
         fs::write(&path, text).unwrap();
         let index = format!("{}", folder.path().join("far.pnti").display());
-        for output in
-            [info(&path), render(&path, "--size 32x32 -o a.png"), run([Path::new("index"), &path, Path::new("-o"), Path::new(&index)])]
-        {
+        for output in [
+            info(&path),
+            render(&path, "--size 32x32 -o a.png"),
+            run([Path::new("index"), &path, Path::new("-o"), Path::new(&index)]),
+        ] {
             let said = failed(&output, 1);
             assert!(said.contains("coordinates of up to"), "{said}");
         }
@@ -670,18 +890,27 @@ fn times_and_intensities_are_printed_as_what_they_are() {
     let json = support::info(&[&path], "");
     let times = &json["parts"][0]["attributes"]["gps_time"];
     assert_eq!((times["nan"].as_u64(), times["min"].as_f64()), (Some(1), Some(-1e301)));
-    let found = |time: f64| find::Record { gps_time: Some(time), ..find::Record::default() }.to_string();
+    let found =
+        |time: f64| find::Record { gps_time: Some(time), ..find::Record::default() }.to_string();
     assert!(found(1e301).contains("time 1e301") && found(0.25).contains("time 0.25"));
     // PTS: integers below zero, and fractions.
-    for (values, range) in
-        [(["-2047", "2046", "0"], "-2047..2046"), (["0.1", "0.7", "0.3"], "0.1..0.7"), (["12", "70000", "5"], "5..70000")]
-    {
+    for (values, range) in [
+        (["-2047", "2046", "0"], "-2047..2046"),
+        (["0.1", "0.7", "0.3"], "0.1..0.7"),
+        (["12", "70000", "5"], "5..70000"),
+    ] {
         let path = folder.path().join("a.ply");
-        let lines: String = values.iter().enumerate().map(|(i, v)| format!("{i} 0 0 {v}\n")).collect();
-        let properties = "property float x\nproperty float y\nproperty float z\nproperty float intensity\n";
+        let lines: String =
+            values.iter().enumerate().map(|(i, v)| format!("{i} 0 0 {v}\n")).collect();
+        let properties =
+            "property float x\nproperty float y\nproperty float z\nproperty float intensity\n";
         fs::write(&path, ply("ascii", properties, 3, lines.as_bytes())).unwrap();
         let said = text(&info(&path).stdout);
-        assert!(said.lines().any(|line| line.trim_start().starts_with("intensity") && line.ends_with(range)), "{said}");
+        assert!(
+            said.lines()
+                .any(|line| line.trim_start().starts_with("intensity") && line.ends_with(range)),
+            "{said}"
+        );
     }
 }
 
@@ -695,12 +924,16 @@ fn a_ply_whose_lines_end_in_returns_is_read() {
     // The first byte of the body is that of a line end.
     let mut binary = head("binary_little_endian").into_bytes();
     binary.extend([0, 1, 5, 0, 0, 0]);
-    let places = [[f32::from_le_bytes([10, 13, 10, 63]), 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
+    let places =
+        [[f32::from_le_bytes([10, 13, 10, 63]), 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
     binary.extend(places.iter().flatten().flat_map(|v| v.to_le_bytes()));
     let ascii = head("ascii") + "1 7\r\r2 7 8\r0.5 2 3\r4 5 6\r7 8 9\r3\r";
     for (file, first) in [(binary, places[0][0] as f64), (ascii.into_bytes(), 0.5)] {
         let cloud = read_bytes("a.ply", &file).unwrap();
-        assert_eq!(world(&cloud), [DVec3::new(first, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0), DVec3::new(7.0, 8.0, 9.0)]);
+        assert_eq!(
+            world(&cloud),
+            [DVec3::new(first, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0), DVec3::new(7.0, 8.0, 9.0)]
+        );
         assert!(cloud.notes.is_empty(), "{:?}", cloud.notes);
     }
 }
@@ -709,8 +942,11 @@ fn a_ply_whose_lines_end_in_returns_is_read() {
 fn a_million_coincident_points_are_no_bomb() {
     use laz::{LasZipCompressor, LazItemRecordBuilder, LazItemType, LazVlr};
     for modern in [false, true] {
-        let (kind, size, minor, format, head) =
-            if modern { (LazItemType::Point14, 30, 4, 6, 375) } else { (LazItemType::Point10, 20, 2, 0, 227) };
+        let (kind, size, minor, format, head) = if modern {
+            (LazItemType::Point14, 30, 4, 6, 375)
+        } else {
+            (LazItemType::Point10, 20, 2, 0, 227)
+        };
         let vlr = LazVlr::from_laz_items(LazItemRecordBuilder::new().add_item(kind).build());
         let mut record = Vec::new();
         vlr.write_to(&mut record).unwrap();
@@ -743,7 +979,11 @@ fn a_million_coincident_points_are_no_bomb() {
         let bytes = compressor.into_inner().into_inner();
         let cloud = read_bytes("coincident.laz", &bytes).unwrap();
         assert_eq!(cloud.len(), 1_000_000);
-        assert!(cloud.parts[0].columns.x.iter().all(|&x| x == 0x0707_0707), "format {format}, {} bytes", bytes.len());
+        assert!(
+            cloud.parts[0].columns.x.iter().all(|&x| x == 0x0707_0707),
+            "format {format}, {} bytes",
+            bytes.len()
+        );
         assert_eq!(spacing::spacing(&cloud), None);
     }
 }
@@ -751,7 +991,10 @@ fn a_million_coincident_points_are_no_bomb() {
 // ---- PLY and text made here
 
 fn ply(coding: &str, properties: &str, count: usize, body: &[u8]) -> Vec<u8> {
-    let mut file = format!("ply\r\nformat {coding} 1.0\r\nelement vertex {count}\r\n{properties}end_header\r\n").into_bytes();
+    let mut file = format!(
+        "ply\r\nformat {coding} 1.0\r\nelement vertex {count}\r\n{properties}end_header\r\n"
+    )
+    .into_bytes();
     file.extend(body);
     file
 }
@@ -760,23 +1003,35 @@ const XYZ: &str = "property float x\r\nproperty double y\r\nproperty float z\r\n
 
 #[test]
 fn ply_colours_of_all_kinds_become_the_same_bytes() {
-    let kinds = [("uchar", "0 128 255", 8), ("float", "0 0.50196 1", 8), ("ushort", "0 32896 65535", 16)];
+    let kinds =
+        [("uchar", "0 128 255", 8), ("float", "0 0.50196 1", 8), ("ushort", "0 32896 65535", 16)];
     for (kind, values, bits) in kinds {
-        let properties = format!("{XYZ}property {kind} red\nproperty {kind} green\nproperty {kind} blue\n");
-        let cloud = read_bytes("color.ply", &ply("ascii", &properties, 1, format!("1 2 3 {values}\n").as_bytes())).unwrap();
+        let properties =
+            format!("{XYZ}property {kind} red\nproperty {kind} green\nproperty {kind} blue\n");
+        let cloud = read_bytes(
+            "color.ply",
+            &ply("ascii", &properties, 1, format!("1 2 3 {values}\n").as_bytes()),
+        )
+        .unwrap();
         assert_eq!(cloud.parts[0].columns.rgb, Some(vec![[0, 128, 255]]), "{kind}");
         assert_eq!(cloud.parts[0].rgb_scale.bits(), bits, "{kind}");
     }
-    let properties = format!("{XYZ}property float red\nproperty float green\nproperty float blue\n");
-    let cloud = read_bytes("odd.ply", &ply("ascii", &properties, 2, b"1 2 3 nan 0.5 2\n1 2 4 -1 1 1\n")).unwrap();
+    let properties =
+        format!("{XYZ}property float red\nproperty float green\nproperty float blue\n");
+    let cloud =
+        read_bytes("odd.ply", &ply("ascii", &properties, 2, b"1 2 3 nan 0.5 2\n1 2 4 -1 1 1\n"))
+            .unwrap();
     assert_eq!(cloud.parts[0].columns.rgb, Some(vec![[0, 128, 255], [0, 255, 255]]));
-    assert!(cloud.notes.iter().any(|note| note.contains("2 points have NaN or out-of-range colours")), "{:?}", cloud.notes);
+    assert!(
+        cloud.notes.iter().any(|note| note.contains("2 points have NaN or out-of-range colours")),
+        "{:?}",
+        cloud.notes
+    );
 }
 
 #[test]
 fn ply_lists_among_the_vertex_properties_are_passed_over() {
-    let properties =
-        "property list uchar short near\nproperty float x\nproperty float y\nproperty list uchar uchar more\nproperty float z\n";
+    let properties = "property list uchar short near\nproperty float x\nproperty float y\nproperty list uchar uchar more\nproperty float z\n";
     let mut body = Vec::new();
     for i in 0..3u8 {
         body.extend([i]);
@@ -787,8 +1042,15 @@ fn ply_lists_among_the_vertex_properties_are_passed_over() {
         body.extend((i as f32 / 2.0).to_be_bytes());
     }
     let binary = read_bytes("lists.ply", &ply("binary_big_endian", properties, 3, &body)).unwrap();
-    let ascii = read_bytes("lists.ply", &ply("ascii", properties, 3, b"0 0 2 1 77 0\n1 9 1 2 1 77 0.5\n2 9 9 2 2 1 77 1\n")).unwrap();
-    assert_eq!(world(&binary), [DVec3::new(0.0, 2.0, 0.0), DVec3::new(1.0, 2.0, 0.5), DVec3::new(2.0, 2.0, 1.0)]);
+    let ascii = read_bytes(
+        "lists.ply",
+        &ply("ascii", properties, 3, b"0 0 2 1 77 0\n1 9 1 2 1 77 0.5\n2 9 9 2 2 1 77 1\n"),
+    )
+    .unwrap();
+    assert_eq!(
+        world(&binary),
+        [DVec3::new(0.0, 2.0, 0.0), DVec3::new(1.0, 2.0, 0.5), DVec3::new(2.0, 2.0, 1.0)]
+    );
     assert_eq!(world(&binary), world(&ascii));
 }
 
@@ -809,12 +1071,24 @@ fn text_columns_are_known_by_name_or_guessed() {
         let cloud = read_bytes(name, text.as_bytes()).unwrap_or_else(|error| panic!("{error}"));
         let columns = &cloud.parts[0].columns;
         assert_eq!(world(&cloud), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)], "{name}");
-        assert_eq!((columns.rgb.is_some(), columns.intensity.is_some(), columns.normal.is_some()), (rgb, intensity, normal), "{name}");
-        assert!(!cloud.notes.iter().any(|note| note.contains("are not points")), "{name}: {:?}", cloud.notes);
+        assert_eq!(
+            (columns.rgb.is_some(), columns.intensity.is_some(), columns.normal.is_some()),
+            (rgb, intensity, normal),
+            "{name}"
+        );
+        assert!(
+            !cloud.notes.iter().any(|note| note.contains("are not points")),
+            "{name}: {:?}",
+            cloud.notes
+        );
     }
     let cloud = read_bytes("bad.xyz", b"1 2 3\nno point\n4 5\n7 8 9\nnan 0 0\n").unwrap();
     assert_eq!(cloud.len(), 2);
-    assert!(cloud.notes.iter().any(|note| note.contains("2 lines are not points")), "{:?}", cloud.notes);
+    assert!(
+        cloud.notes.iter().any(|note| note.contains("2 lines are not points")),
+        "{:?}",
+        cloud.notes
+    );
     assert!(read_bytes("none.xyz", b"nothing here\n").is_err());
 }
 
@@ -825,7 +1099,12 @@ fn long_text_is_read_in_order_across_blocks() {
     assert!(text.len() > 8 << 20, "more than one block");
     let cloud = read_bytes("long.xyz", text.as_bytes()).unwrap();
     assert_eq!(cloud.len(), count);
-    assert!(world(&cloud).iter().enumerate().all(|(i, p)| *p == DVec3::new(i as f64 + 0.25, (i % 1000) as f64, -7.0)));
+    assert!(
+        world(&cloud)
+            .iter()
+            .enumerate()
+            .all(|(i, p)| *p == DVec3::new(i as f64 + 0.25, (i % 1000) as f64, -7.0))
+    );
 }
 
 #[test]
@@ -834,7 +1113,10 @@ fn integer_coordinates_get_a_lattice_of_whole_steps() {
     assert_eq!(cloud.parts[0].lattice.step, DVec3::ONE);
     assert_eq!(cloud.parts[0].columns.x, [0, 3]);
     let huge = read_bytes("huge.xyz", b"-1.7e100 0 0\n1.7e100 1 1\n").unwrap();
-    assert!(huge.bounds().unwrap().0.is_finite() && huge.notes.iter().any(|note| note.contains("steps of")));
+    assert!(
+        huge.bounds().unwrap().0.is_finite()
+            && huge.notes.iter().any(|note| note.contains("steps of"))
+    );
     let tiny = read_bytes("tiny.xyz", b"0 0 0\n1e-320 0 0\n").unwrap();
     assert_eq!(tiny.len(), 2);
 }
@@ -844,7 +1126,9 @@ fn integer_coordinates_get_a_lattice_of_whole_steps() {
 #[test]
 fn spacing_of_a_grid_is_that_of_its_eight_neighbours_with_or_without_a_stray_point() {
     let grid = |stray: &str| {
-        let text: String = (0..90_000).map(|i| format!("{} {} 0\n", (i % 300) as f64 * 0.5, (i / 300) as f64 * 0.5)).collect();
+        let text: String = (0..90_000)
+            .map(|i| format!("{} {} 0\n", (i % 300) as f64 * 0.5, (i / 300) as f64 * 0.5))
+            .collect();
         spacing::spacing(&read_bytes("grid.xyz", (text + stray).as_bytes()).unwrap()).unwrap()
     };
     // Eight on a disc whose radius is the diagonal of a cell.
@@ -863,11 +1147,13 @@ fn spacing_is_the_quartile_that_brute_force_finds() {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (state >> 40) as f64 / 65536.0
     };
-    let text: String = (0..1501).map(|_| format!("{} {} {}\n", next(), next(), next() * next())).collect();
+    let text: String =
+        (0..1501).map(|_| format!("{} {} {}\n", next(), next(), next() * next())).collect();
     let cloud = read_bytes("random.xyz", text.as_bytes()).unwrap();
     let points = world(&cloud);
     let eighth = |p: &DVec3| {
-        let mut squares: Vec<f64> = points.iter().map(|q| p.distance_squared(*q)).filter(|square| *square > 0.0).collect();
+        let mut squares: Vec<f64> =
+            points.iter().map(|q| p.distance_squared(*q)).filter(|square| *square > 0.0).collect();
         squares.sort_by(f64::total_cmp);
         (std::f64::consts::PI * squares[7] / 8.0).sqrt()
     };
@@ -878,7 +1164,10 @@ fn spacing_is_the_quartile_that_brute_force_finds() {
     // In any order.
     let mut lines: Vec<&str> = text.lines().collect();
     lines.reverse();
-    assert_eq!(spacing::spacing(&read_bytes("random.xyz", lines.join("\n").as_bytes()).unwrap()), Some(found));
+    assert_eq!(
+        spacing::spacing(&read_bytes("random.xyz", lines.join("\n").as_bytes()).unwrap()),
+        Some(found)
+    );
 }
 
 // ---- anything
@@ -944,17 +1233,26 @@ proptest! {
 #[test]
 fn a_point_that_is_looked_up_comes_with_every_attribute_of_its_file() {
     let [mut colours, mut extras] = [0; 2];
-    for name in
-        ["formats/las1.4_pf3_extrabytes.las", "formats/las1.2_pf3.copc.laz", "formats/las1.4_pf9.laz", "aerial/ign_rgb16_nir_697k.laz"]
-    {
+    for name in [
+        "formats/las1.4_pf3_extrabytes.las",
+        "formats/las1.2_pf3.copc.laz",
+        "formats/las1.4_pf9.laz",
+        "aerial/ign_rgb16_nir_697k.laz",
+    ] {
         let Some(path) = shared(&format!("data/{name}")) else { return };
         let all = las::Reader::from_path(&path).unwrap().read_points(u64::MAX).unwrap();
         let records: Vec<las::Point> = all.points().map(std::result::Result::unwrap).collect();
         let part = &read(&path).unwrap().parts[0];
-        let position = |i: usize| part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from));
+        let position = |i: usize| {
+            part.lattice
+                .world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from))
+        };
         for i in [0, part.columns.len() / 2, part.columns.len() - 1] {
             let sought = Sought { position: position(i), ..Sought::default() };
-            let found = find::find(std::slice::from_ref(&path), ReadOptions::default(), &sought, &Silent).unwrap().unwrap();
+            let found =
+                find::find(std::slice::from_ref(&path), ReadOptions::default(), &sought, &Silent)
+                    .unwrap()
+                    .unwrap();
             let record = &records[found.point as usize];
             assert_eq!(
                 [record.x, record.y, record.z].map(|c| (c * 1e3).round()),
@@ -964,9 +1262,18 @@ fn a_point_that_is_looked_up_comes_with_every_attribute_of_its_file() {
             let colour = record.color.map(|color| [color.red, color.green, color.blue]);
             assert!(found.rgb.is_none() || found.rgb == colour, "{name}: {found:?}");
             let Extras { near_infrared, scan_angle_deg, user_data, extra_bytes, .. } = found.extras;
-            assert_eq!((near_infrared, scan_angle_deg, user_data), (record.nir, Some(record.scan_angle), Some(record.user_data)), "{name}");
-            assert_eq!((extra_bytes, found.intensity), (record.extra_bytes.clone(), Some(record.intensity as f64)), "{name}");
-            colours += found.rgb.is_some_and(|rgb| rgb.iter().any(|&channel| channel > 255)) as usize;
+            assert_eq!(
+                (near_infrared, scan_angle_deg, user_data),
+                (record.nir, Some(record.scan_angle), Some(record.user_data)),
+                "{name}"
+            );
+            assert_eq!(
+                (extra_bytes, found.intensity),
+                (record.extra_bytes.clone(), Some(record.intensity as f64)),
+                "{name}"
+            );
+            colours +=
+                found.rgb.is_some_and(|rgb| rgb.iter().any(|&channel| channel > 255)) as usize;
             extras += (!record.extra_bytes.is_empty()) as usize;
         }
     }

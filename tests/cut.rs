@@ -25,7 +25,11 @@ fn view(seed: u64) -> View {
     let mut random = Random(seed);
     let mut point = |reach: f64| DVec3::from_array([(); 3].map(|()| random.within(-reach, reach)));
     let (eye, target) = (point(25.0), point(8.0));
-    let camera = if seed.is_multiple_of(3) { orthographic(eye, target, 12.0) } else { perspective(eye, target, 50.0) };
+    let camera = if seed.is_multiple_of(3) {
+        orthographic(eye, target, 12.0)
+    } else {
+        perspective(eye, target, 50.0)
+    };
     View::new(camera, [320, 200]).unwrap()
 }
 
@@ -37,10 +41,19 @@ fn visible(index: &Index, view: &View, node: usize) -> bool {
 fn check(index: &Index, view: &View, budget: u64, cut: &Cut, lost: impl Fn(usize) -> bool) {
     let chosen: HashSet<usize> = cut.nodes.iter().map(|wanted| wanted.node).collect();
     assert_eq!(chosen.len(), cut.nodes.len(), "a node twice");
-    assert_eq!(cut.points, cut.nodes.iter().map(|wanted| index.nodes()[wanted.node].count as u64).sum::<u64>());
+    assert_eq!(
+        cut.points,
+        cut.nodes.iter().map(|wanted| index.nodes()[wanted.node].count as u64).sum::<u64>()
+    );
     assert!(chosen.iter().all(|&node| visible(index, view, node)));
-    for (leaf, _) in index.nodes().iter().enumerate().filter(|(leaf, record)| record.is_leaf() && visible(index, view, *leaf)) {
-        let showing = chosen.contains(&leaf) as usize + ancestors(index, leaf).filter(|node| chosen.contains(node)).count();
+    for (leaf, _) in index
+        .nodes()
+        .iter()
+        .enumerate()
+        .filter(|(leaf, record)| record.is_leaf() && visible(index, view, *leaf))
+    {
+        let showing = chosen.contains(&leaf) as usize
+            + ancestors(index, leaf).filter(|node| chosen.contains(node)).count();
         assert_eq!(showing, 1 - lost(leaf) as usize, "leaf {leaf}");
     }
     let roots = (0..index.directory.roots as usize).filter(|&root| visible(index, view, root));
@@ -86,10 +99,22 @@ proptest! {
 #[test]
 fn without_a_budget_all_leaves_are_drawn_and_nothing_is_wrong() {
     let (_folder, index) = forest(5, &Shape::default());
-    let view = View::new(orthographic(DVec3::new(0.0, 0.0, 50.0), DVec3::ZERO, 40.0), [400, 400]).unwrap();
-    let cut = choose(&index, &view, &Clips::default(), &Detail { budget: u64::MAX, lod_px: 0.0, ..Detail::of(view.size) }, &HashSet::new());
+    let view =
+        View::new(orthographic(DVec3::new(0.0, 0.0, 50.0), DVec3::ZERO, 40.0), [400, 400]).unwrap();
+    let cut = choose(
+        &index,
+        &view,
+        &Clips::default(),
+        &Detail { budget: u64::MAX, lod_px: 0.0, ..Detail::of(view.size) },
+        &HashSet::new(),
+    );
     assert_eq!((cut.points, cut.largest_error_px, cut.nodes_outside), (6000, 0.0, 0));
-    let coarse =
-        choose(&index, &view, &Clips::default(), &Detail { budget: u64::MAX, lod_px: 1e9, ..Detail::of(view.size) }, &HashSet::new());
+    let coarse = choose(
+        &index,
+        &view,
+        &Clips::default(),
+        &Detail { budget: u64::MAX, lod_px: 1e9, ..Detail::of(view.size) },
+        &HashSet::new(),
+    );
     assert_eq!(coarse.nodes.len(), 1);
 }

@@ -39,7 +39,9 @@ impl Kind {
 fn places(cloud: &Cloud) -> Vec<DVec3> {
     let of_part = |part: &cloud::Part| {
         let columns = &part.columns;
-        let place = |i: usize| part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from));
+        let place = |i: usize| {
+            part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))
+        };
         (0..columns.len()).map(place).collect::<Vec<_>>()
     };
     cloud.parts.iter().flat_map(of_part).collect()
@@ -54,7 +56,8 @@ fn are_same(a: &Cloud, b: &Cloud) -> bool {
         };
         cloud.parts.iter().map(columns).collect::<Vec<_>>()
     };
-    let step = a.parts.iter().map(|part| part.lattice.step).fold(DVec3::splat(f64::INFINITY), DVec3::min);
+    let step =
+        a.parts.iter().map(|part| part.lattice.step).fold(DVec3::splat(f64::INFINITY), DVec3::min);
     let (own, other) = (places(a), places(b));
     own.len() == other.len()
         && own.iter().zip(&other).all(|(own, other)| (*own - *other).abs().cmple(1.01 * step).all())
@@ -65,8 +68,18 @@ fn are_same(a: &Cloud, b: &Cloud) -> bool {
 fn what_damage_changes_is_an_error_or_said() {
     let folder = tempfile::tempdir().unwrap();
     let [same, said, refused] = [(); 3].map(|()| Cell::new(0));
-    let kinds = prop::sample::select(vec![Kind::Byte, Kind::Byte, Kind::Bit, Kind::Bit, Kind::Zeros, Kind::End]);
-    let bytes = prop_oneof![prop::sample::select(vec![0u8, 1, 2, 3, 6, 7, 20, 26, 28, 34, 127, 128, 255]), any::<u8>()];
+    let kinds = prop::sample::select(vec![
+        Kind::Byte,
+        Kind::Byte,
+        Kind::Bit,
+        Kind::Bit,
+        Kind::Zeros,
+        Kind::End,
+    ]);
+    let bytes = prop_oneof![
+        prop::sample::select(vec![0u8, 1, 2, 3, 6, 7, 20, 26, 28, 34, 127, 128, 255]),
+        any::<u8>()
+    ];
     let edits = prop::collection::vec((kinds, any::<prop::sample::Index>(), bytes), 1..3);
     let formats = prop::sample::select((0..=8u8).collect::<Vec<_>>());
     let points = sheet(|i| [i as u16 * 13, i as u16, 65_535 - i as u16]);
@@ -81,7 +94,8 @@ fn what_damage_changes_is_an_error_or_said() {
             bytes
         };
         let vlrs = if extra > 0 { vec![("LASF_Spec", 4, declaration(extra))] } else { Vec::new() };
-        let made = Las { minor, format, extra, vlrs, points: points[..1500].to_vec(), ..Las::default() };
+        let made =
+            Las { minor, format, extra, vlrs, points: points[..1500].to_vec(), ..Las::default() };
         let path = folder.path().join(if compressed { "a.laz" } else { "a.las" });
         let mut file = if compressed { made.laz() } else { made.bytes() };
         std::fs::write(&path, &file).unwrap();
@@ -109,13 +123,18 @@ fn what_damage_changes_is_an_error_or_said() {
             return Ok(());
         }
         said.set(said.get() + 1);
-        prop_assert!(cloud.notes.len() > whole.notes.len(), "no note on values that differ: {:?}", cloud.parts[0].header);
+        prop_assert!(
+            cloud.notes.len() > whole.notes.len(),
+            "no note on values that differ: {:?}",
+            cloud.parts[0].header
+        );
         prop_assert!(strictly.is_err(), "a guess or a loss passes as strict: {:?}", cloud.notes);
         Ok(())
     };
     let inputs = (formats, any::<bool>(), prop::sample::select(vec![0u16, 0, 3]), edits);
     let config = Config { cases: 1000, failure_persistence: None, ..Config::default() };
-    let mut runner = TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &[33; 32]));
+    let mut runner =
+        TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &[33; 32]));
     runner.run(&inputs, test).unwrap_or_else(|error| panic!("{error}"));
     let (same, said, refused) = (same.get(), said.get(), refused.get());
     println!("{same} without a change of values, {said} said, {refused} refused");

@@ -58,7 +58,8 @@ impl Place {
     }
 
     fn build(&self, options: &Options) -> (Index, Summary) {
-        let summary = build::build(&[self.at("scan.las")], &self.at("scan.pnti"), options, &Silent).unwrap();
+        let summary =
+            build::build(&[self.at("scan.las")], &self.at("scan.pnti"), options, &Silent).unwrap();
         (Index::open(&self.at("scan.pnti")).unwrap(), summary)
     }
 }
@@ -67,7 +68,9 @@ impl Place {
 fn steps(index: &Index, node: usize) -> Vec<[i32; 3]> {
     let record = &index.nodes()[node];
     let lattice = index.lattice(record);
-    let steps = |world: DVec3| ((world - lattice.offset) / lattice.step).round().to_array().map(|v| v as i32);
+    let steps = |world: DVec3| {
+        ((world - lattice.offset) / lattice.step).round().to_array().map(|v| v as i32)
+    };
     index.samples(node).unwrap().into_iter().map(|(world, _)| steps(world)).collect()
 }
 
@@ -94,12 +97,14 @@ fn normals_and_radii_of_leaves_are_those_of_the_cloud_in_memory() {
     let part = &cloud.parts[0];
     let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
     let at = |i: usize| [part.columns.x[i], part.columns.y[i], part.columns.z[i]];
-    let expected: HashMap<[i32; 3], [u32; 2]> = (0..found.len()).map(|i| (at(i), found[i].words(at(i)))).collect();
+    let expected: HashMap<[i32; 3], [u32; 2]> =
+        (0..found.len()).map(|i| (at(i), found[i].words(at(i)))).collect();
     let (index, _) = place.build(&OPTIONS);
     assert!(leaves(&index).count() > 5);
     let mut unknown = 0;
     for leaf in leaves(&index) {
-        let (facings, brushes) = (words(&index, leaf, Plane::Facing), words(&index, leaf, Plane::Brush));
+        let (facings, brushes) =
+            (words(&index, leaf, Plane::Facing), words(&index, leaf, Plane::Brush));
         for ((at, facing), brush) in steps(&index, leaf).into_iter().zip(facings).zip(brushes) {
             let [own, own_brush] = expected[&at];
             assert_eq!(facing, own, "{at:?}");
@@ -118,7 +123,10 @@ fn normals_and_radii_of_leaves_are_those_of_the_cloud_in_memory() {
     println!("{unknown} of {} normals are not known", found.len());
     assert!(!index.directory.contents.oriented);
     let (axes, own) = (index.directory.contents.axes, axes::of(&cloud.parts));
-    assert!(!axes.are_the_files() && (0..3).all(|k| axes.0[k].distance(own.0[k]) < 1e-6), "{axes:?}, not {own:?}");
+    assert!(
+        !axes.are_the_files() && (0..3).all(|k| axes.0[k].distance(own.0[k]) < 1e-6),
+        "{axes:?}, not {own:?}"
+    );
 }
 
 #[test]
@@ -131,14 +139,19 @@ fn corrected_colours_of_leaves_are_those_of_the_cloud_in_memory() {
     for (i, color) in columns.rgb.as_ref().unwrap().iter().enumerate() {
         expected.entry([columns.x[i], columns.y[i], columns.z[i]]).or_default().push(*color);
     }
-    let (index, _) = place.build(&Options { derive: Derive { luminance: true, ..Derive::NONE }, ..OPTIONS });
+    let (index, _) =
+        place.build(&Options { derive: Derive { luminance: true, ..Derive::NONE }, ..OPTIONS });
     let mut changed = 0;
     for leaf in leaves(&index) {
-        let (own, corrected) = (colors(&index, leaf, Plane::Rgb), colors(&index, leaf, Plane::Corrected));
+        let (own, corrected) =
+            (colors(&index, leaf, Plane::Rgb), colors(&index, leaf, Plane::Corrected));
         changed += own.iter().zip(&corrected).filter(|(a, b)| a != b).count();
         for (at, color) in steps(&index, leaf).into_iter().zip(corrected) {
             let there = expected.get_mut(&at).unwrap();
-            let k = there.iter().position(|other| *other == color).unwrap_or_else(|| panic!("{at:?}: {color:?} is none of {there:?}"));
+            let k = there
+                .iter()
+                .position(|other| *other == color)
+                .unwrap_or_else(|| panic!("{at:?}: {color:?} is none of {there:?}"));
             there.swap_remove(k);
         }
     }
@@ -161,7 +174,9 @@ fn contents(index: &Index) -> Vec<Vec<u8>> {
 fn neither_threads_nor_memory_show() {
     let place = Place::new(Scene::Street, 300_000);
     let first = contents(&place.build(&OPTIONS).0);
-    for options in [Options { threads: 1, ..OPTIONS }, Options { threads: 3, memory: 64 << 20, ..OPTIONS }] {
+    for options in
+        [Options { threads: 1, ..OPTIONS }, Options { threads: 3, memory: 64 << 20, ..OPTIONS }]
+    {
         assert!(contents(&place.build(&options).0) == first);
     }
 }
@@ -177,20 +192,33 @@ fn samples_of_inner_nodes_have_the_mean_normal_and_cover_what_they_stand_for() {
     let (index, _) = place.build(&OPTIONS);
     let [low, high] = index.directory.contents.bounds.unwrap();
     let middle = (low + high) / 2.0;
-    let area: f64 =
-        leaves(&index).flat_map(|leaf| words(&index, leaf, Plane::Brush)).map(|brush| (strokes::radius_m(brush) as f64).powi(2)).sum();
+    let area: f64 = leaves(&index)
+        .flat_map(|leaf| words(&index, leaf, Plane::Brush))
+        .map(|brush| (strokes::radius_m(brush) as f64).powi(2))
+        .sum();
     for (node, record) in index.nodes().iter().enumerate().filter(|(_, record)| !record.is_leaf()) {
         let mut angles = Vec::new();
-        for ((world, _), facing) in index.samples(node).unwrap().into_iter().zip(words(&index, node, Plane::Facing)) {
+        for ((world, _), facing) in
+            index.samples(node).unwrap().into_iter().zip(words(&index, node, Plane::Facing))
+        {
             let normal = octahedral::unpack(facing).expect("on a torus all are known");
-            angles.push(normal.cross(torus_normal(world - middle)).length().min(1.0).asin().to_degrees());
+            angles.push(
+                normal.cross(torus_normal(world - middle)).length().min(1.0).asin().to_degrees(),
+            );
         }
         angles.sort_by(f64::total_cmp);
-        let [median, p99] = [0.5, 0.99].map(|share| angles[(share * (angles.len() - 1) as f64) as usize]);
-        println!("node {node}, {} samples: median {median:.3} degrees, 99 % {p99:.3}", record.count);
+        let [median, p99] =
+            [0.5, 0.99].map(|share| angles[(share * (angles.len() - 1) as f64) as usize]);
+        println!(
+            "node {node}, {} samples: median {median:.3} degrees, 99 % {p99:.3}",
+            record.count
+        );
         assert!(median < 0.5 && p99 < 2.0, "node {node}: {median} {p99}");
         if record.parent as usize == node {
-            let own: f64 = words(&index, node, Plane::Brush).into_iter().map(|brush| (strokes::radius_m(brush) as f64).powi(2)).sum();
+            let own: f64 = words(&index, node, Plane::Brush)
+                .into_iter()
+                .map(|brush| (strokes::radius_m(brush) as f64).powi(2))
+                .sum();
             // Radii are rounded up, by a 128th at most.
             assert!((0.0..0.05).contains(&(own / area - 1.0)), "{own} stands for {area}");
         }
@@ -202,12 +230,20 @@ fn samples_of_inner_nodes_have_the_mean_normal_and_cover_what_they_stand_for() {
 fn a_sample_that_stands_for_one_point_is_its_stroke() {
     let place = Place::new(Scene::Street, 500_000);
     let (index, _) = place.build(&OPTIONS);
-    let pairs = |node: usize| words(&index, node, Plane::Facing).into_iter().zip(words(&index, node, Plane::Brush));
+    let pairs = |node: usize| {
+        words(&index, node, Plane::Facing).into_iter().zip(words(&index, node, Plane::Brush))
+    };
     let of_points: HashSet<(u32, u32)> = leaves(&index).flat_map(pairs).collect();
     let inner = index.nodes().iter().enumerate().filter(|(_, record)| !record.is_leaf());
-    let ones = inner.flat_map(|(node, _)| pairs(node).zip(words(&index, node, Plane::Weight)).filter(|(_, weight)| *weight == 1));
+    let ones = inner.flat_map(|(node, _)| {
+        pairs(node).zip(words(&index, node, Plane::Weight)).filter(|(_, weight)| *weight == 1)
+    });
     let (same, other): (Vec<_>, Vec<_>) = ones.partition(|(pair, _)| of_points.contains(pair));
-    println!("{} samples of one point, {} with another stroke", same.len() + other.len(), other.len());
+    println!(
+        "{} samples of one point, {} with another stroke",
+        same.len() + other.len(),
+        other.len()
+    );
     assert!(same.len() > 1000 && other.is_empty(), "{} of {}", other.len(), same.len());
 }
 
@@ -239,7 +275,9 @@ fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
         let mut shown = Shown::indexed(Attribute::White, [0.0, 1.0], [0, 255]);
         shown.further.strokes = true;
         let mut residency = Residency::open(gpu, Arc::new(index), shown, 1 << 28).unwrap();
-        let update = residency.settle(gpu, view, &Detail { budget, lod_px: 0.0, ..Detail::of(view.size) }, &Silent).unwrap();
+        let update = residency
+            .settle(gpu, view, &Detail { budget, lod_px: 0.0, ..Detail::of(view.size) }, &Silent)
+            .unwrap();
         let wishes = Wishes { effects: Effects::of(Style::Strokes), ..Wishes::default() };
         let look = look::decide(&wishes, view, residency.resident());
         let mut g = Graph::new(gpu);
@@ -258,7 +296,8 @@ fn strokes_of_a_tenth_of_the_points_cover_what_all_of_them_do() {
     // As many as the paper's dragon has.
     let place = Place::new(Scene::Torus, 437_645);
     let size = [400, 300];
-    let view = View::new(Camera::framing(Preset::Iso, &place.cloud().core_points(), size), size).unwrap();
+    let view =
+        View::new(Camera::framing(Preset::Iso, &place.cloud().core_points(), size), size).unwrap();
     let world = synth::build(Scene::Torus, 1, 0.1);
     let hit = |k: usize| {
         let (origin, direction) = view.ray((k % 400) as f64 + 0.5, (k / 400) as f64 + 0.5);
@@ -267,18 +306,30 @@ fn strokes_of_a_tenth_of_the_points_cover_what_all_of_them_do() {
     let inside: Vec<bool> = (0..400 * 300).map(hit).collect();
     let surface = inside.iter().filter(|inside| **inside).count();
     for budget in [1, u64::MAX] {
-        let (index, _) = place.build(&Options { derive: Derive { strokes: true, ..Derive::NONE }, ..OPTIONS });
+        let (index, _) =
+            place.build(&Options { derive: Derive { strokes: true, ..Derive::NONE }, ..OPTIONS });
         let (covered, points) = painted(index, &view, budget);
-        let holes = inside.iter().zip(&covered).filter(|&(inside, covered)| *inside && *covered < 0.5).count();
+        let holes = inside
+            .iter()
+            .zip(&covered)
+            .filter(|&(inside, covered)| *inside && *covered < 0.5)
+            .count();
         let near = |k: usize| {
             let (x, y) = (k as i64 % 400, k as i64 / 400);
-            let around = (-3..=3i64).flat_map(|dy| (-3..=3i64).map(move |dx| (dx, dy))).filter(|(dx, dy)| dx * dx + dy * dy <= 9);
-            let mut around = around.map(|(dx, dy)| (x + dx, y + dy)).filter(|(u, v)| (0..400).contains(u) && (0..300).contains(v));
+            let around = (-3..=3i64)
+                .flat_map(|dy| (-3..=3i64).map(move |dx| (dx, dy)))
+                .filter(|(dx, dy)| dx * dx + dy * dy <= 9);
+            let mut around = around
+                .map(|(dx, dy)| (x + dx, y + dy))
+                .filter(|(u, v)| (0..400).contains(u) && (0..300).contains(v));
             around.any(|(u, v)| inside[(v * 400 + u) as usize])
         };
         let beyond = (0..covered.len()).filter(|&k| covered[k] >= 0.5 && !near(k)).count();
         println!("{points} strokes: {holes} holes in {surface} pixels, {beyond} pixels beyond");
-        assert!(surface > 10_000 && 1000 * holes <= surface, "{points} strokes: {holes} holes in {surface} pixels");
+        assert!(
+            surface > 10_000 && 1000 * holes <= surface,
+            "{points} strokes: {holes} holes in {surface} pixels"
+        );
         assert_eq!(beyond, 0, "{points} strokes");
         assert_eq!(points == 437_645, budget > 1);
     }
@@ -296,7 +347,8 @@ impl Progress for Interrupting {
 #[test]
 fn interrupted_it_leaves_nothing() {
     let place = Place::new(Scene::Torus, 100_000);
-    let built = build::build(&[place.at("scan.las")], &place.at("scan.pnti"), &OPTIONS, &Interrupting);
+    let built =
+        build::build(&[place.at("scan.las")], &place.at("scan.pnti"), &OPTIONS, &Interrupting);
     assert!(matches!(built, Err(Error::Interrupted)));
     assert_eq!(names(place.folder.path()), ["scan.las"]);
 }
@@ -306,10 +358,17 @@ fn a_picture_that_lacks_a_plane_says_in_one_line_how_to_make_it() {
     let place = Place::new(Scene::Torus, 60_000);
     let line = |words: &str| format!("-o {} --size 64x48 {words}", place.at("a.png").display());
     place.build(&Options { derive: Derive::NONE, ..OPTIONS });
-    let lacking = [("--color normal", "--normals"), ("--effect phong=on,normals=file", "--normals"), ("--color corrected", "--luminance")];
+    let lacking = [
+        ("--color normal", "--normals"),
+        ("--effect phong=on,normals=file", "--normals"),
+        ("--color corrected", "--luminance"),
+    ];
     for (words, option) in lacking {
         let said = failed(&render(&place.at("scan.pnti"), &line(words)), 1);
-        assert!(said.contains(&format!("scan.pnti {option}`")) && said.contains("scan.las"), "{said}");
+        assert!(
+            said.contains(&format!("scan.pnti {option}`")) && said.contains("scan.las"),
+            "{said}"
+        );
     }
     // Strokes can be found without.
     let strokes = line("--style strokes");
@@ -321,9 +380,11 @@ fn a_picture_that_lacks_a_plane_says_in_one_line_how_to_make_it() {
     for (words, _) in lacking {
         succeeded(&render(&place.at("scan.pnti"), &line(words)));
     }
-    let said = succeeded(&render(&place.at("scan.pnti"), &line("--light direction:1,1,-1 --explain")));
+    let said =
+        succeeded(&render(&place.at("scan.pnti"), &line("--light direction:1,1,-1 --explain")));
     assert!(said.contains("normals: those of the points"), "{said}");
-    let said = succeeded(&render(&place.at("scan.las"), &line("--light direction:1,1,-1 --explain")));
+    let said =
+        succeeded(&render(&place.at("scan.las"), &line("--light direction:1,1,-1 --explain")));
     assert!(said.contains("normals: fitted to the depths"), "{said}");
     succeeded(&render(&place.at("scan.las"), &line("--color corrected")));
 }
@@ -347,7 +408,8 @@ fn with_normals(path: &Path) {
 fn normals_of_files_are_kept_and_say_which_side_is_outside() {
     let place = Place { folder: tempfile::tempdir().unwrap() };
     with_normals(&place.at("scan.las"));
-    let (index, _) = place.build(&Options { derive: Derive { normals: true, ..Derive::NONE }, ..OPTIONS });
+    let (index, _) =
+        place.build(&Options { derive: Derive { normals: true, ..Derive::NONE }, ..OPTIONS });
     assert!(index.directory.contents.oriented);
     for node in 0..index.nodes().len() {
         for facing in words(&index, node, Plane::Facing) {
@@ -371,7 +433,10 @@ fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
     let index = Index::open(&place.at("both.pnti")).unwrap();
     // Two trees, and what stands above them, which knows all that they do.
     assert_eq!((index.directory.roots, index.directory.contents.lattices.len()), (1, 6));
-    assert!(Derive::ALL.planes().into_iter().all(|plane| index.nodes()[0].has(plane)) && index.nodes()[0].lattice >= 4);
+    assert!(
+        Derive::ALL.planes().into_iter().all(|plane| index.nodes()[0].has(plane))
+            && index.nodes()[0].lattice >= 4
+    );
     let mut cloud = cloud::read(&files, &ReadOptions::new(Wanted::ALL, false), &Silent).unwrap();
     luminance::correct(&mut cloud, NEIGHBOURS, &Silent).unwrap();
     let mut expected: [HashMap<[i32; 3], Vec<[u8; 3]>>; 2] = Default::default();
@@ -385,7 +450,9 @@ fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
     for leaf in leaves(&index) {
         // Each tree has two lattices, the file's own first.
         let expected = &expected[index.nodes()[leaf].lattice as usize / 2];
-        for (at, color) in steps(&index, leaf).into_iter().zip(colors(&index, leaf, Plane::Corrected)) {
+        for (at, color) in
+            steps(&index, leaf).into_iter().zip(colors(&index, leaf, Plane::Corrected))
+        {
             same += expected[&at].contains(&color) as usize;
             all += 1;
         }

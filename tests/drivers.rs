@@ -20,7 +20,9 @@ fn run(arguments: &[&str], driver: Option<&str>) {
 #[test]
 fn swiftshader_draws_the_same_bytes() {
     if !Path::new(SWIFTSHADER).exists() {
-        println!("skipped: there is no second driver at {SWIFTSHADER} (Debian's package chromium has one)");
+        println!(
+            "skipped: there is no second driver at {SWIFTSHADER} (Debian's package chromium has one)"
+        );
         return;
     }
     let folder = tempfile::tempdir().unwrap();
@@ -31,8 +33,17 @@ fn swiftshader_draws_the_same_bytes() {
     run(&["synth", "street", "-o", &scan, "--points", "200000", "--camera-out", &camera], None);
     for (name, driver) in [("default", None), ("swiftshader", Some(SWIFTSHADER))] {
         for style in ["surface", "points"] {
-            let (png, exr) = (text(path(&format!("{name}.{style}.png"))), text(path(&format!("{name}.{style}.exr"))));
-            run(&["render", &scan, "-o", &png, "--exr", &exr, "--camera", &camera, "--size", "640x360", "--style", style], driver);
+            let (png, exr) = (
+                text(path(&format!("{name}.{style}.png"))),
+                text(path(&format!("{name}.{style}.exr"))),
+            );
+            run(
+                &[
+                    "render", &scan, "-o", &png, "--exr", &exr, "--camera", &camera, "--size",
+                    "640x360", "--style", style,
+                ],
+                driver,
+            );
         }
     }
     for kind in ["surface.png", "surface.exr", "points.png", "points.exr"] {

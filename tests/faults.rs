@@ -41,7 +41,8 @@ impl Place {
     fn new(points: u64) -> Place {
         let (folder, aside) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         // Of few points: what that takes is not what is asked here.
-        let found: &[&str] = if points <= 30_000 { &["--normals", "--strokes", "--luminance"] } else { &[] };
+        let found: &[&str] =
+            if points <= 30_000 { &["--normals", "--strokes", "--luminance"] } else { &[] };
         let mut place = Place { folder, aside, found, old: Vec::new(), new: Vec::new() };
         for (scene, count) in [(Scene::Torus, 500), (Scene::Street, points)] {
             scan(&place.folder.path().join("a.las"), scene, count);
@@ -74,7 +75,13 @@ impl Place {
         let mut strace = Command::new("strace");
         // Not with --seccomp-bpf, which is faster and silently never sends a signal but the first.
         strace.args(["-f", "-qq", "-o"]).arg(self.log());
-        strace.args(["-e", &format!("trace={call}"), "-e", &format!("inject={call}:{inject}"), PROGRAM]);
+        strace.args([
+            "-e",
+            &format!("trace={call}"),
+            "-e",
+            &format!("inject={call}:{inject}"),
+            PROGRAM,
+        ]);
         strace.env("RUST_BACKTRACE", "0").stdin(Stdio::null());
         self.index(strace)
     }
@@ -109,7 +116,10 @@ impl Place {
     /// The cloud and perhaps its index, and nothing else.
     #[track_caller]
     fn is_tidy(&self, what: &str) {
-        let left: Vec<_> = names(self.folder.path()).into_iter().filter(|name| name != "a.las" && name != "out.pnti").collect();
+        let left: Vec<_> = names(self.folder.path())
+            .into_iter()
+            .filter(|name| name != "a.las" && name != "out.pnti")
+            .collect();
         assert!(left.is_empty(), "{what}: {left:?} were left");
     }
 
@@ -149,7 +159,21 @@ fn killed_at_any_call_it_leaves_old_new_or_nothing() {
     let mut kills = 0;
     for (points, calls) in [
         // Without points all is written by one thread, and strace counts the calls of each.
-        (20_000, &["pwrite64", "fsync", "rename", "unlink", "flock", "sync_file_range", "openat", "statx", "clone3", "munmap"][..]),
+        (
+            20_000,
+            &[
+                "pwrite64",
+                "fsync",
+                "rename",
+                "unlink",
+                "flock",
+                "sync_file_range",
+                "openat",
+                "statx",
+                "clone3",
+                "munmap",
+            ][..],
+        ),
         (0, &["pwrite64", "fsync", "rename", "sync_file_range"]),
     ] {
         let place = Place::new(points);
@@ -158,7 +182,8 @@ fn killed_at_any_call_it_leaves_old_new_or_nothing() {
             for k in 1.. {
                 let what = format!("{points} points, killed at {call} {k}");
                 place.set(before);
-                let output = place.traced(call, &format!("signal=SIGKILL:when={k}")).output().unwrap();
+                let output =
+                    place.traced(call, &format!("signal=SIGKILL:when={k}")).output().unwrap();
                 let after = place.state(&what);
                 if output.status.signal() != Some(libc::SIGKILL) {
                     succeeded(&output);
@@ -167,8 +192,14 @@ fn killed_at_any_call_it_leaves_old_new_or_nothing() {
                     break;
                 }
                 kills += 1;
-                assert!(after == before || after == State::New, "{what}: {before:?} became {after:?}");
-                let left: Vec<_> = names(place.folder.path()).into_iter().filter(|name| name != "a.las" && name != "out.pnti").collect();
+                assert!(
+                    after == before || after == State::New,
+                    "{what}: {before:?} became {after:?}"
+                );
+                let left: Vec<_> = names(place.folder.path())
+                    .into_iter()
+                    .filter(|name| name != "a.las" && name != "out.pnti")
+                    .collect();
                 assert!(left.iter().all(|name| name.starts_with(PARTIAL)), "{what}: {left:?}");
                 if !left.is_empty() || k % 5 == 0 {
                     place.recovers(&what);
@@ -237,16 +268,27 @@ fn any_call_that_fails_leaves_the_old_index_or_the_new_one() {
                     expected => expected,
                 };
                 match expected {
-                    Success => assert!(output.status.success() && after == State::New, "{what}: {after:?}, {said}"),
+                    Success => assert!(
+                        output.status.success() && after == State::New,
+                        "{what}: {after:?}, {said}"
+                    ),
                     // The loader of the program has exit codes and words of its own.
                     _ => {
-                        assert!(!output.status.success() && said.lines().count() == 1, "{what}: {}: {said}", output.status);
+                        assert!(
+                            !output.status.success() && said.lines().count() == 1,
+                            "{what}: {}: {said}",
+                            output.status
+                        );
                         // The last of these bring the folder to the disk.
                         assert!(
-                            after == before || matches!(call, "fsync" | "openat") && after == State::New,
+                            after == before
+                                || matches!(call, "fsync" | "openat") && after == State::New,
                             "{what}: {before:?} became {after:?}"
                         );
-                        assert!(said.contains("shared libraries") || output.status.code() == Some(1), "{what}: {said}");
+                        assert!(
+                            said.contains("shared libraries") || output.status.code() == Some(1),
+                            "{what}: {said}"
+                        );
                     }
                 }
                 // Even where a file cannot be removed just now, the next one removes it.
@@ -285,14 +327,18 @@ fn a_write_that_never_reached_the_disk_is_found() {
         for k in 1.. {
             place.set(State::Absent);
             // The system says that it wrote a hundred bytes, which it did not.
-            let output = place.traced("pwrite64", &format!("retval=100:when={k}")).output().unwrap();
+            let output =
+                place.traced("pwrite64", &format!("retval=100:when={k}")).output().unwrap();
             if !place.injected() {
                 break;
             }
             orderly(&output, "a lost write");
             // Where the file had the same bytes before, nothing is lost: radii that need no bound are written as they were.
             let is_whole = fs::read(place.output()).is_ok_and(|bytes| bytes == place.new);
-            assert!(is_whole || !is_readable(&place.output()), "{points} points: lost write {k} was not found");
+            assert!(
+                is_whole || !is_readable(&place.output()),
+                "{points} points: lost write {k} was not found"
+            );
         }
         place.recovers("after lost writes");
         assert!(is_readable(&place.output()));
@@ -306,7 +352,11 @@ fn a_file_size_limit_is_a_short_write_and_then_an_error() {
         for before in [State::Absent, State::Old] {
             place.set(before);
             let mut shell = Command::new("bash");
-            shell.args(["-c", &format!("trap '' XFSZ; ulimit -f {kib}; exec \"$0\" \"$@\""), PROGRAM]);
+            shell.args([
+                "-c",
+                &format!("trap '' XFSZ; ulimit -f {kib}; exec \"$0\" \"$@\""),
+                PROGRAM,
+            ]);
             let output = place.index(shell).output().unwrap();
             let said = failed(&output, 1);
             assert!(said.contains("out.pnti") && said.contains("large"), "{said}");
@@ -326,7 +376,11 @@ fn a_full_spill_file_is_an_error() {
     let plain = succeeded(&place.command().output().unwrap());
     assert!(plain.contains("through a temporary file"), "{plain}");
     // Points are distributed first: the first calls are the spill's.
-    for (call, fault) in [("pwrite64", "error=ENOSPC:when=1"), ("pwrite64", "error=ENOSPC:when=100+"), ("pread64", "error=EIO:when=500+")] {
+    for (call, fault) in [
+        ("pwrite64", "error=ENOSPC:when=1"),
+        ("pwrite64", "error=ENOSPC:when=100+"),
+        ("pread64", "error=EIO:when=500+"),
+    ] {
         for before in [State::Absent, State::Old] {
             place.set(before);
             let output = place.traced(call, fault).output().unwrap();
@@ -351,7 +405,8 @@ impl Mounted {
     fn new(at: PathBuf, kib: usize) -> Option<Mounted> {
         fs::create_dir(&at).unwrap();
         let size = format!("size={kib}k");
-        let tried = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "tmpfs"]).arg(&at).output();
+        let tried =
+            Command::new("mount").args(["-t", "tmpfs", "-o", &size, "tmpfs"]).arg(&at).output();
         if !tried.is_ok_and(|output| output.status.success()) {
             println!("skipped: nothing may be mounted");
             return None;
@@ -372,7 +427,9 @@ fn a_full_disk_is_said_and_the_old_index_stays() {
     let place = Place::new(30_000);
     let kib = place.new.len() / 1024;
     for size in [4, 16, kib - 8, kib + 40, 2 * kib + 200] {
-        let Some(disk) = Mounted::new(place.aside.path().join(format!("{size}")), size) else { return };
+        let Some(disk) = Mounted::new(place.aside.path().join(format!("{size}")), size) else {
+            return;
+        };
         let output = disk.0.join("out.pnti");
         for old in [None, Some(&place.old)] {
             if let Some(old) = old {
@@ -382,7 +439,11 @@ fn a_full_disk_is_said_and_the_old_index_stays() {
                 fs::write(&output, old).unwrap();
             }
             let mut command = pointillist();
-            command.current_dir(place.folder.path()).args(["index", "a.las", "--threads", "2", "-o"]).arg(&output).args(place.found);
+            command
+                .current_dir(place.folder.path())
+                .args(["index", "a.las", "--threads", "2", "-o"])
+                .arg(&output)
+                .args(place.found);
             let ended = command.output().unwrap();
             let there = fs::read(&output).ok();
             if ended.status.success() {
@@ -420,7 +481,10 @@ fn interrupted_it_leaves_nothing() {
             // Before the handler is there the signal itself ends the process.
             None => assert_eq!(place.state(&what), before),
             code => {
-                assert_eq!(text(&output.stderr), "pointillist: interrupted; nothing was left half written\n");
+                assert_eq!(
+                    text(&output.stderr),
+                    "pointillist: interrupted; nothing was left half written\n"
+                );
                 assert_eq!((code, place.state(&what)), (Some(130), before));
             }
         }
@@ -453,7 +517,8 @@ fn builders_at_once_all_end_and_leave_one_whole_index() {
     let place = Place::new(100_000);
     for _ in 0..6 {
         place.set(State::Absent);
-        let all: Vec<_> = (0..4).map(|_| place.command().stderr(Stdio::piped()).spawn().unwrap()).collect();
+        let all: Vec<_> =
+            (0..4).map(|_| place.command().stderr(Stdio::piped()).spawn().unwrap()).collect();
         for child in all {
             succeeded(&child.wait_with_output().unwrap());
         }
@@ -467,7 +532,11 @@ fn a_folder_that_may_not_be_written_to_is_refused() {
     let place = Place::new(1000);
     fs::create_dir(place.folder.path().join("out.pnti.d")).unwrap();
     for output in ["out.pnti.d", "nowhere/out.pnti", "/proc/out.pnti", "/dev/null"] {
-        let ended = pointillist().current_dir(place.folder.path()).args(["index", "a.las", "-o", output]).output().unwrap();
+        let ended = pointillist()
+            .current_dir(place.folder.path())
+            .args(["index", "a.las", "-o", output])
+            .output()
+            .unwrap();
         let said = failed(&ended, 1);
         assert!(said.contains(output), "{said}");
     }

@@ -29,12 +29,36 @@ fn check_style(style: Style, name: &str, attribute: Attribute, effects: &str, pr
     check_lit(Light::default(), style, name, attribute, effects, preset);
 }
 
-fn check_lit(light: Light, style: Style, name: &str, attribute: Attribute, effects: &str, preset: Preset) {
+fn check_lit(
+    light: Light,
+    style: Style,
+    name: &str,
+    attribute: Attribute,
+    effects: &str,
+    preset: Preset,
+) {
     check_layers(&[], light, style, name, attribute, effects, preset);
 }
 
-fn check_layers(opacities: &[&str], light: Light, style: Style, name: &str, attribute: Attribute, effects: &str, preset: Preset) {
-    check_scene(synth::Scene::NestedTori, opacities, light, style, name, attribute, effects, preset);
+fn check_layers(
+    opacities: &[&str],
+    light: Light,
+    style: Style,
+    name: &str,
+    attribute: Attribute,
+    effects: &str,
+    preset: Preset,
+) {
+    check_scene(
+        synth::Scene::NestedTori,
+        opacities,
+        light,
+        style,
+        name,
+        attribute,
+        effects,
+        preset,
+    );
 }
 
 #[allow(clippy::too_many_arguments)]
@@ -48,8 +72,8 @@ fn check_scene(
     effects: &str,
     preset: Preset,
 ) {
-    let mut gpu =
-        Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
+    let mut gpu = Gpu::open(&Wish { validate: true, ..Wish::default() })
+        .expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(scene, 1, 0.0);
     let cloud = synth::collect("golden", &world, 60_000, 7, 0.0, &Silent).unwrap();
     let view = View::new(Camera::framing(preset, &cloud.core_points(), SIZE), SIZE).unwrap();
@@ -66,19 +90,28 @@ fn check_scene(
     let encoded = encode::download(&mut g, &outcome.picture).unwrap();
     let done = g.submit(&[]).unwrap();
 
-    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(format!("{name}.png"));
-    let fresh = std::env::temp_dir().join(format!("pointillist-golden-{name}-{}.png", std::process::id()));
+    let golden =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(format!("{name}.png"));
+    let fresh =
+        std::env::temp_dir().join(format!("pointillist-golden-{name}-{}.png", std::process::id()));
     picture::write_png(&fresh, SIZE, &encoded.read(&done)).unwrap();
     done.shelve(&mut gpu);
     resident.free(&mut gpu);
     if std::env::var_os("POINTILLIST_UPDATE").is_some() {
         std::fs::copy(&fresh, &golden).unwrap();
     }
-    let bytes =
-        std::fs::metadata(&golden).unwrap_or_else(|_| panic!("{} is missing; make it with POINTILLIST_UPDATE=1", golden.display())).len();
+    let bytes = std::fs::metadata(&golden)
+        .unwrap_or_else(|_| {
+            panic!("{} is missing; make it with POINTILLIST_UPDATE=1", golden.display())
+        })
+        .len();
     assert!(bytes < 48 * 1024, "a golden picture is small, this one has {bytes} bytes");
     let (found, expected) = (pixels(&fresh), pixels(&golden));
-    let differ = found.chunks(3).zip(expected.chunks(3)).filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > CODES)).count();
+    let differ = found
+        .chunks(3)
+        .zip(expected.chunks(3))
+        .filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > CODES))
+        .count();
     assert_eq!(found.len(), expected.len());
     assert!(
         differ as f64 <= SHARE * (SIZE[0] * SIZE[1]) as f64,
@@ -90,7 +123,9 @@ fn check_scene(
 }
 
 fn pixels(path: &Path) -> Vec<u8> {
-    let mut reader = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).unwrap())).read_info().unwrap();
+    let mut reader = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).unwrap()))
+        .read_info()
+        .unwrap();
     let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
     reader.next_frame(&mut bytes).unwrap();
     bytes
@@ -128,7 +163,13 @@ fn surface() {
 
 #[test]
 fn visibility_alone() {
-    check_style(Style::Surface, "visibility", Attribute::White, "fill=off shape=off edl=off", Preset::Fit);
+    check_style(
+        Style::Surface,
+        "visibility",
+        Attribute::White,
+        "fill=off shape=off edl=off",
+        Preset::Fit,
+    );
 }
 
 #[test]
@@ -144,12 +185,24 @@ fn fill_of_sparse_points() {
 
 #[test]
 fn fill_by_masks() {
-    check_style(Style::Surface, "dobrev", Attribute::Rgb, "fill=method=dobrev smooth=off shape=off antialias=off", Preset::Iso);
+    check_style(
+        Style::Surface,
+        "dobrev",
+        Attribute::Rgb,
+        "fill=method=dobrev smooth=off shape=off antialias=off",
+        Preset::Iso,
+    );
 }
 
 #[test]
 fn smooth_after_masks() {
-    check_style(Style::Surface, "smooth", Attribute::Rgb, "fill=method=dobrev smooth=on,filter=gaussian antialias=off", Preset::Iso);
+    check_style(
+        Style::Surface,
+        "smooth",
+        Attribute::Rgb,
+        "fill=method=dobrev smooth=on,filter=gaussian antialias=off",
+        Preset::Iso,
+    );
 }
 
 #[test]
@@ -164,13 +217,33 @@ fn phong_with_the_camera() {
 
 #[test]
 fn phong_by_a_light() {
-    check_lit("direction:1,1,-1".parse().unwrap(), Style::Surface, "phong-direction", Attribute::Rgb, "", Preset::Top);
-    check_lit("position:0,0,1".parse().unwrap(), Style::Surface, "phong-position", Attribute::White, "shape=off", Preset::Iso);
+    check_lit(
+        "direction:1,1,-1".parse().unwrap(),
+        Style::Surface,
+        "phong-direction",
+        Attribute::Rgb,
+        "",
+        Preset::Top,
+    );
+    check_lit(
+        "position:0,0,1".parse().unwrap(),
+        Style::Surface,
+        "phong-position",
+        Attribute::White,
+        "shape=off",
+        Preset::Iso,
+    );
 }
 
 #[test]
 fn ao_on_white() {
-    check_style(Style::Surface, "ao", Attribute::White, "ao=on,radius=1,strength=16 shape=off edl=off", Preset::Iso);
+    check_style(
+        Style::Surface,
+        "ao",
+        Attribute::White,
+        "ao=on,radius=1,strength=16 shape=off edl=off",
+        Preset::Iso,
+    );
 }
 
 #[test]
@@ -180,35 +253,81 @@ fn luminance_of_dense_points() {
 
 #[test]
 fn exposure_of_five_stations() {
-    check_scene(synth::Scene::Street, &[], Light::Headlight, Style::Points, "exposure", Attribute::Rgb, "edl=off", Preset::Fit);
+    check_scene(
+        synth::Scene::Street,
+        &[],
+        Light::Headlight,
+        Style::Points,
+        "exposure",
+        Attribute::Rgb,
+        "edl=off",
+        Preset::Fit,
+    );
 }
 
 #[test]
 fn shape_on_white() {
-    check_style(Style::Surface, "shape", Attribute::Rgb, "shape=on,base=white,first=1", Preset::Top);
+    check_style(
+        Style::Surface,
+        "shape",
+        Attribute::Rgb,
+        "shape=on,base=white,first=1",
+        Preset::Top,
+    );
 }
 
 #[test]
 fn shadows() {
-    check("shadows", Attribute::White, "shadows=on,samples=16,radius=6 edl=off visibility=on fill=on", Preset::Fit);
+    check(
+        "shadows",
+        Attribute::White,
+        "shadows=on,samples=16,radius=6 edl=off visibility=on fill=on",
+        Preset::Fit,
+    );
 }
 
 #[test]
 fn strokes_of_every_brush() {
     for brush in ["dabs", "bristles", "ribbons"] {
-        check_style(Style::Strokes, &format!("strokes-{brush}"), Attribute::Rgb, &format!("strokes=brush={brush},size=5"), Preset::Fit);
+        check_style(
+            Style::Strokes,
+            &format!("strokes-{brush}"),
+            Attribute::Rgb,
+            &format!("strokes=brush={brush},size=5"),
+            Preset::Fit,
+        );
     }
 }
 
 #[test]
 fn strokes_in_front_are_all_there_is() {
-    check_style(Style::Strokes, "strokes-opaque", Attribute::Rgb, "strokes=blend=opaque,size=5", Preset::Fit);
-    check_style(Style::Strokes, "strokes-blur", Attribute::White, "strokes=blend=blur", Preset::Top);
+    check_style(
+        Style::Strokes,
+        "strokes-opaque",
+        Attribute::Rgb,
+        "strokes=blend=opaque,size=5",
+        Preset::Fit,
+    );
+    check_style(
+        Style::Strokes,
+        "strokes-blur",
+        Attribute::White,
+        "strokes=blend=blur",
+        Preset::Top,
+    );
 }
 
 /// As figure 17 of the paper: the innermost torus opaque, the others less so.
 #[test]
 fn transparency() {
     let opacities = ["class:3=0.3", "class:2=0.5"];
-    check_layers(&opacities, Light::Headlight, Style::Surface, "transparency", Attribute::Class, "", Preset::Fit);
+    check_layers(
+        &opacities,
+        Light::Headlight,
+        Style::Surface,
+        "transparency",
+        Attribute::Class,
+        "",
+        Preset::Fit,
+    );
 }

@@ -50,8 +50,19 @@ fn sources() -> BTreeMap<String, String> {
                 folders.push(path);
             } else if path.extension().is_some_and(|extension| extension == "rs") {
                 let text = fs::read_to_string(&path).unwrap();
-                let code = text.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n");
-                found.insert(path.strip_prefix(root().join("src")).unwrap().to_str().unwrap().replace('\\', "/"), code);
+                let code = text
+                    .lines()
+                    .map(|line| line.split("//").next().unwrap_or_default())
+                    .collect::<Vec<_>>()
+                    .join("\n");
+                found.insert(
+                    path.strip_prefix(root().join("src"))
+                        .unwrap()
+                        .to_str()
+                        .unwrap()
+                        .replace('\\', "/"),
+                    code,
+                );
             }
         }
     }
@@ -87,7 +98,9 @@ fn used(code: &str) -> BTreeSet<String> {
                         '{' => depth += 1,
                         '}' if depth == 0 => break,
                         '}' => depth -= 1,
-                        ',' if depth == 0 => drop(names.insert(std::mem::take(&mut name).trim().split(':').next().unwrap().to_string())),
+                        ',' if depth == 0 => drop(names.insert(
+                            std::mem::take(&mut name).trim().split(':').next().unwrap().to_string(),
+                        )),
                         _ if depth == 0 => name.push(character),
                         _ => {}
                     }
@@ -105,7 +118,9 @@ fn before(module: &str) -> BTreeSet<&'static str> {
     let mut found = BTreeSet::new();
     let mut ask = vec![module];
     while let Some(name) = ask.pop() {
-        for &earlier in BEFORE.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, direct)| direct) {
+        for &earlier in
+            BEFORE.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, direct)| direct)
+        {
             if found.insert(earlier) {
                 ask.push(earlier);
             }
@@ -130,10 +145,14 @@ fn every_module_uses_only_what_stands_before_it() {
         }
         let allowed = before(own);
         let known = FOR_ALL.contains(&own) || BEFORE.iter().any(|(name, _)| *name == own);
-        assert!(known, "src/{path}: the module {own} has no place in the order; give it one in tests/imports.rs");
+        assert!(
+            known,
+            "src/{path}: the module {own} has no place in the order; give it one in tests/imports.rs"
+        );
         for name in used(&code) {
             // What all may use may use each other only.
-            if name != own && !FOR_ALL.contains(&name.as_str()) && !allowed.contains(name.as_str()) {
+            if name != own && !FOR_ALL.contains(&name.as_str()) && !allowed.contains(name.as_str())
+            {
                 wrong.push(format!("src/{path} uses {name}, which does not stand before {own}"));
             }
         }
@@ -144,7 +163,11 @@ fn every_module_uses_only_what_stands_before_it() {
 #[test]
 fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
     let has = |code: &str, wanted: &str| code.split(|c| !word(c)).any(|found| found == wanted);
-    let device = |path: &str| path.starts_with("gpu/") || path.starts_with("present/") || matches!(path, "graph/record.rs" | "present.rs");
+    let device = |path: &str| {
+        path.starts_with("gpu/")
+            || path.starts_with("present/")
+            || matches!(path, "graph/record.rs" | "present.rs")
+    };
     // A map of a file, and hints to the system about one.
     let files = |path: &str| matches!(path, "index/map.rs" | "index/file.rs");
     let names_vulkan = |path: &str| device(path) || path.starts_with("graph/");
@@ -164,21 +187,31 @@ fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
 fn gpu_and_graph_know_nothing_about_points_and_files_nothing_about_devices() {
     for (path, code) in sources() {
         if matches!(module(&path), "gpu" | "graph") {
-            assert!(used(&code).is_disjoint(&["cloud", "index", "view", "resident"].map(String::from).into()), "src/{path}");
+            assert!(
+                used(&code)
+                    .is_disjoint(&["cloud", "index", "view", "resident"].map(String::from).into()),
+                "src/{path}"
+            );
         }
     }
 }
 
 #[test]
 fn every_shader_has_a_pass() {
-    let passes: String =
-        sources().into_iter().filter(|(path, _)| path.starts_with("passes/") || path.starts_with("bench/")).map(|(_, code)| code).collect();
+    let passes: String = sources()
+        .into_iter()
+        .filter(|(path, _)| path.starts_with("passes/") || path.starts_with("bench/"))
+        .map(|(_, code)| code)
+        .collect();
     for path in list(&root().join("glsl")) {
-        let Some(extension) = path.extension().and_then(|extension| extension.to_str()) else { continue };
+        let Some(extension) = path.extension().and_then(|extension| extension.to_str()) else {
+            continue;
+        };
         let name = path.file_stem().unwrap().to_str().unwrap();
         match extension {
             "comp" | "vert" | "frag" => {
-                let structure: String = name.split('_').map(|part| part[..1].to_uppercase() + &part[1..]).collect();
+                let structure: String =
+                    name.split('_').map(|part| part[..1].to_uppercase() + &part[1..]).collect();
                 let is_named = passes
                     .match_indices(&format!("shader::{structure}"))
                     .any(|(at, found)| passes[at + found.len()..].starts_with([' ', ',']));

@@ -88,8 +88,11 @@ fn las(points: &[Point], frame: Frame) -> Vec<u8> {
         put(131 + 8 * axis, frame.step[axis]);
         put(155 + 8 * axis, frame.offset[axis]);
         let world = |q: i32| frame.offset[axis] + frame.step[axis] * q as f64;
-        let of = |pick: fn(i32, i32) -> i32| world(points.iter().map(|point| point.q[axis]).reduce(pick).unwrap_or(0));
-        let [highest, lowest] = frame.stated.map_or_else(|| [of(i32::max), of(i32::min)], |stated| stated[axis]);
+        let of = |pick: fn(i32, i32) -> i32| {
+            world(points.iter().map(|point| point.q[axis]).reduce(pick).unwrap_or(0))
+        };
+        let [highest, lowest] =
+            frame.stated.map_or_else(|| [of(i32::max), of(i32::min)], |stated| stated[axis]);
         put(179 + 16 * axis, highest);
         put(187 + 16 * axis, lowest);
     }
@@ -140,11 +143,21 @@ enum Shape {
     Corner,
 }
 
-const SHAPES: [Shape; 7] = [Shape::Uniform, Shape::Line, Shape::Plane, Shape::Corners, Shape::Series, Shape::Clusters, Shape::Corner];
+const SHAPES: [Shape; 7] = [
+    Shape::Uniform,
+    Shape::Line,
+    Shape::Plane,
+    Shape::Corners,
+    Shape::Series,
+    Shape::Clusters,
+    Shape::Corner,
+];
 
 /// `count` points in the box from `low`, `sides` wide.
 fn shape(shape: Shape, count: usize, low: [i32; 3], sides: [u32; 3], seed: u64) -> Vec<Point> {
-    let within = |axis: usize, part: u64| (low[axis] as i64 + (part as u128 * sides[axis] as u128 / u64::MAX as u128) as i64) as i32;
+    let within = |axis: usize, part: u64| {
+        (low[axis] as i64 + (part as u128 * sides[axis] as u128 / u64::MAX as u128) as i64) as i32
+    };
     let at = |i: u64| -> [i32; 3] {
         let random = [0, 1, 2].map(|axis| noise(seed ^ (3 * i + axis) << 8));
         let parts = match shape {
@@ -197,10 +210,14 @@ impl Place {
     }
 
     fn index(&self, files: &[PathBuf], options: &Options) -> Index {
-        let summary = self.build(files, "a.pnti", options).unwrap_or_else(|error| panic!("{error}"));
+        let summary =
+            self.build(files, "a.pnti", options).unwrap_or_else(|error| panic!("{error}"));
         let index = Index::open(&self.at("a.pnti")).unwrap_or_else(|error| panic!("{error}"));
         let leaves = index.nodes().iter().filter(|node| node.is_leaf()).count();
-        assert_eq!((summary.nodes, summary.leaves, summary.bytes), (index.nodes().len(), leaves, index.bytes()));
+        assert_eq!(
+            (summary.nodes, summary.leaves, summary.bytes),
+            (index.nodes().len(), leaves, index.bytes())
+        );
         assert_eq!(summary.points, index.directory.contents.points);
         index
     }
@@ -228,7 +245,9 @@ struct Decoded {
 
 impl Decoded {
     fn get<const N: usize>(&self, plane: Plane, i: usize) -> Option<[u8; N]> {
-        self.planes.get(&(plane as usize)).map(|bytes| bytes[i * N..(i + 1) * N].try_into().unwrap())
+        self.planes
+            .get(&(plane as usize))
+            .map(|bytes| bytes[i * N..(i + 1) * N].try_into().unwrap())
     }
 
     fn weight(&self, i: usize) -> u32 {
@@ -238,7 +257,9 @@ impl Decoded {
     /// Its number, in 8 bits or in 16.
     fn station(&self, i: usize) -> usize {
         let narrow = self.get(Plane::Station, i).map(|[station]| station as usize);
-        narrow.or(self.get(Plane::Source, i).map(|station| u16::from_le_bytes(station) as usize)).unwrap_or(0)
+        narrow
+            .or(self.get(Plane::Source, i).map(|station| u16::from_le_bytes(station) as usize))
+            .unwrap_or(0)
     }
 }
 
@@ -255,9 +276,12 @@ fn decode(index: &Index, number: usize) -> Result<Decoded> {
     // Three planes of ten bits an axis, x lowest, from the highest of the `bits` that the longest side needs.
     let count = (node.bits as usize).div_ceil(10);
     let q = (0..node.count as usize).map(|i| {
-        let words = (0..count).map(|plane| u32::from_le_bytes(planes[&plane][4 * i..4 * i + 4].try_into().unwrap()));
+        let words = (0..count)
+            .map(|plane| u32::from_le_bytes(planes[&plane][4 * i..4 * i + 4].try_into().unwrap()));
         [0, 1, 2].map(|axis| {
-            let all = words.clone().fold(0u64, |all, word| all << 10 | (word >> (10 * axis)) as u64 & 1023);
+            let all = words
+                .clone()
+                .fold(0u64, |all, word| all << 10 | (word >> (10 * axis)) as u64 & 1023);
             node.origin[axis] + (all >> (10 * count - node.bits as usize)) as i64
         })
     });
@@ -294,14 +318,18 @@ fn leaf_rows(index: &Index, cloud: &Cloud) -> Vec<u64> {
             let station = &contents.stations[decoded.station(i)];
             if station.part != part {
                 part = station.part;
-                moved = shift(Lattice { step, offset }, cloud.parts[part].lattice).expect("on a lattice of its own");
+                moved = shift(Lattice { step, offset }, cloud.parts[part].lattice)
+                    .expect("on a lattice of its own");
             }
             rows.push(hashed((
                 part,
                 [0, 1, 2].map(|axis| decoded.q[i][axis] + moved[axis]),
                 decoded.get(Plane::Rgb, i).unwrap_or([255; 3]),
                 decoded.get(Plane::Intensity, i).map_or(0, u16::from_le_bytes),
-                [decoded.get(Plane::Class, i).unwrap_or([0])[0], decoded.get(Plane::Returns, i).unwrap_or([0])[0]],
+                [
+                    decoded.get(Plane::Class, i).unwrap_or([0])[0],
+                    decoded.get(Plane::Returns, i).unwrap_or([0])[0],
+                ],
                 station.source.unwrap_or(0),
                 decoded.get(Plane::Normal, i).unwrap_or([0; 3]),
                 decoded.get(Plane::GpsTime, i).map_or(0, u64::from_le_bytes),
@@ -340,13 +368,23 @@ fn check_contents(index: &Index, cloud: &Cloud) {
     let contents = &index.directory.contents;
     assert_eq!(contents.parts.len(), cloud.parts.len());
     for (own, part) in contents.parts.iter().zip(&cloud.parts) {
-        assert_eq!((&own.path, &own.name, own.points), (&part.path, &part.name, part.columns.len() as u64));
-        assert_eq!((own.step, own.offset, own.rgb_scale), (part.lattice.step, part.lattice.offset, part.rgb_scale));
+        assert_eq!(
+            (&own.path, &own.name, own.points),
+            (&part.path, &part.name, part.columns.len() as u64)
+        );
+        assert_eq!(
+            (own.step, own.offset, own.rgb_scale),
+            (part.lattice.step, part.lattice.offset, part.rgb_scale)
+        );
         assert_eq!(own.intensity_range, part.intensity_range);
-        assert_eq!((&own.header.format, own.header.points), (&part.header.format, part.header.points));
+        assert_eq!(
+            (&own.header.format, own.header.points),
+            (&part.header.format, part.header.points)
+        );
     }
     let sorted = |stations: &[cloud::Station]| {
-        let mut stations: Vec<_> = stations.iter().filter(|station| station.points > 0).cloned().collect();
+        let mut stations: Vec<_> =
+            stations.iter().filter(|station| station.points > 0).cloned().collect();
         stations.sort_by_key(|station| (station.part, station.source));
         stations
     };
@@ -354,28 +392,50 @@ fn check_contents(index: &Index, cloud: &Cloud) {
     assert_eq!(contents.points, cloud.len());
     let counted = |column: fn(&cloud::Columns) -> Option<&Vec<u8>>, mask: u8| {
         let mut counts = BTreeMap::<u8, u64>::new();
-        cloud.parts.iter().filter_map(|part| column(&part.columns)).flatten().for_each(|kind| *counts.entry(kind & mask).or_default() += 1);
+        cloud
+            .parts
+            .iter()
+            .filter_map(|part| column(&part.columns))
+            .flatten()
+            .for_each(|kind| *counts.entry(kind & mask).or_default() += 1);
         counts.into_iter().collect::<Vec<_>>()
     };
-    let counts = Counts { classes: counted(|c| c.class.as_ref(), 255), returns: counted(|c| c.returns.as_ref(), 15) };
+    let counts = Counts {
+        classes: counted(|c| c.class.as_ref(), 255),
+        returns: counted(|c| c.returns.as_ref(), 15),
+    };
     assert_eq!(contents.counts, Some(counts));
     match (contents.bounds, cloud.bounds()) {
         (Some([low, high]), Some((true_low, true_high))) => {
             // One lattice for several files moves corners by a thousandth of a step at most.
-            let step = contents.lattices.iter().fold(DVec3::ZERO, |most, [step, _]| most.max(*step));
-            let near = |a: DVec3, b: DVec3| (a - b).abs().cmple(1e-3 * step + 1e-15 * (a.abs() + b.abs())).all();
-            assert!(near(low, true_low) && near(high, true_high), "{low} {high}, not {true_low} {true_high}");
+            let step =
+                contents.lattices.iter().fold(DVec3::ZERO, |most, [step, _]| most.max(*step));
+            let near = |a: DVec3, b: DVec3| {
+                (a - b).abs().cmple(1e-3 * step + 1e-15 * (a.abs() + b.abs())).all()
+            };
+            assert!(
+                near(low, true_low) && near(high, true_high),
+                "{low} {high}, not {true_low} {true_high}"
+            );
         }
         (own, read) => assert!(own.is_none() && read.is_none()),
     }
     if let [part] = &cloud.parts[..] {
         let c = &part.columns;
-        let expected = [(Plane::Rgb, c.rgb.is_some()), (Plane::Intensity, c.intensity.is_some()), (Plane::Class, c.class.is_some())];
+        let expected = [
+            (Plane::Rgb, c.rgb.is_some()),
+            (Plane::Intensity, c.intensity.is_some()),
+            (Plane::Class, c.class.is_some()),
+        ];
         let more = [(Plane::Returns, c.returns.is_some()), (Plane::Normal, c.normal.is_some())];
         for (plane, there) in expected.into_iter().chain(more) {
-            assert!(index.nodes().iter().all(|node| node.has(plane) == there), "{plane:?}: {there}");
+            assert!(
+                index.nodes().iter().all(|node| node.has(plane) == there),
+                "{plane:?}: {there}"
+            );
         }
-        let stations = |node: &NodeRecord| node.has(Plane::Source) as u32 + node.has(Plane::Station) as u32;
+        let stations =
+            |node: &NodeRecord| node.has(Plane::Source) as u32 + node.has(Plane::Station) as u32;
         assert!(index.nodes().iter().all(|node| stations(node) == c.source.is_some() as u32));
         assert!(cloud.stations.len() > 256 || !index.has(Plane::Source));
     }
@@ -423,9 +483,17 @@ fn sums(index: &Index, number: usize, from: DVec3) -> Sums {
         sums.weight += weight;
         sums.position += weight * (world(index, node, decoded.q[i]) - from);
         // With one exposure for all stations, where that is known.
-        let gain = index.directory.contents.balance.as_ref().map_or(1.0, |balance| balance.gains[decoded.station(i)]);
-        sums.color += weight * gain * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([255; 3]).map(linear));
-        sums.intensity += weight * decoded.get(Plane::Intensity, i).map_or(0, u16::from_le_bytes) as f64;
+        let gain = index
+            .directory
+            .contents
+            .balance
+            .as_ref()
+            .map_or(1.0, |balance| balance.gains[decoded.station(i)]);
+        sums.color += weight
+            * gain
+            * DVec3::from_array(decoded.get(Plane::Rgb, i).unwrap_or([255; 3]).map(linear));
+        sums.intensity +=
+            weight * decoded.get(Plane::Intensity, i).map_or(0, u16::from_le_bytes) as f64;
     }
     sums
 }
@@ -447,7 +515,10 @@ fn check_inner_nodes(index: &Index) {
             while above != child {
                 let (box_low, box_high) = index.bounds(&nodes[above]);
                 let slack = 1e-9 * (low.abs() + high.abs());
-                assert!(low.cmpge(box_low - slack).all() && high.cmple(box_high + slack).all(), "leaf {number} lies beyond node {above}");
+                assert!(
+                    low.cmpge(box_low - slack).all() && high.cmple(box_high + slack).all(),
+                    "leaf {number} lies beyond node {above}"
+                );
                 (child, above) = (above, nodes[above].parent as usize);
             }
         } else {
@@ -456,7 +527,12 @@ fn check_inner_nodes(index: &Index) {
             for child in node.children() {
                 let sums = below[child];
                 below[number] += sums;
-                assert!(node.spacing >= nodes[child].spacing, "node {number}: {} above {}", node.spacing, nodes[child].spacing);
+                assert!(
+                    node.spacing >= nodes[child].spacing,
+                    "node {number}: {} above {}",
+                    node.spacing,
+                    nodes[child].spacing
+                );
             }
         }
         let leaves = below[number];
@@ -464,8 +540,13 @@ fn check_inner_nodes(index: &Index) {
         let off = (own.color - leaves.color).abs() / own.weight;
         assert!(off.max_element() < 1.0 / 255.0, "node {number}: mean colour is off by {off}");
         let off = (own.position - leaves.position).abs() / own.weight;
-        let far = 1e-9 * (high - from).abs().max_element() + 1e-12 * high.abs().max(low.abs()).max_element();
-        assert!(off.max_element() <= node.spacing / 2.0 + far, "node {number}: mean position is off by {off}, cells are {}", node.spacing);
+        let far = 1e-9 * (high - from).abs().max_element()
+            + 1e-12 * high.abs().max(low.abs()).max_element();
+        assert!(
+            off.max_element() <= node.spacing / 2.0 + far,
+            "node {number}: mean position is off by {off}, cells are {}",
+            node.spacing
+        );
         let off = (own.intensity - leaves.intensity).abs() / own.weight;
         assert!(off < 4.0, "node {number}: mean intensity is off by {off}");
     }
@@ -476,7 +557,16 @@ fn contents_of_nodes(index: &Index) -> Vec<u64> {
     let of = |number: usize| {
         let node = &index.nodes()[number];
         let mut hasher = DefaultHasher::new();
-        (node.origin, node.extent, node.count, node.points, node.children, node.level, node.spacing.to_bits()).hash(&mut hasher);
+        (
+            node.origin,
+            node.extent,
+            node.count,
+            node.points,
+            node.children,
+            node.level,
+            node.spacing.to_bits(),
+        )
+            .hash(&mut hasher);
         decode(index, number).unwrap().planes.hash(&mut hasher);
         hasher.finish()
     };

@@ -24,7 +24,9 @@ mod smooth;
 mod surface;
 
 use glam::DVec3;
-use gpu::{Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, random_keys};
+use gpu::{
+    Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, random_keys,
+};
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
@@ -42,7 +44,8 @@ use pointillist::view::{Camera, View};
 
 const SIZES: [[u32; 2]; 5] = [[1, 1], [1, 127], [127, 1], [63, 65], [331, 257]];
 
-const UTM: Lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
+const UTM: Lattice =
+    Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
 
 fn cameras() -> [Camera; 3] {
     let around = |x, y, z| UTM.offset + DVec3::new(x, y, z);
@@ -73,10 +76,19 @@ fn project_and_resolve_agree_with_f64_and_both_key_ways_with_each_other() {
                 by64.assert_finite();
                 let part = &cloud.parts[0];
                 let source = project::Source::new(part, &view, precision, DVec3::ZERO);
-                let agreement = project::check(&view, &[(source, project::positions(part, camera.eye))], &by64.depth);
+                let agreement = project::check(
+                    &view,
+                    &[(source, project::positions(part, camera.eye))],
+                    &by64.depth,
+                );
                 println!("{size:?} {:?} {precision:?} {agreement:?}", camera.projection);
                 assert_eq!(agreement.objection(), None, "{size:?} {camera:?} {precision:?}");
-                assert!(by64.depth.iter().zip(&by64.index).all(|(z, &id)| (*z == f32::INFINITY) == (id == NO_POINT)));
+                assert!(
+                    by64.depth
+                        .iter()
+                        .zip(&by64.index)
+                        .all(|(z, &id)| (*z == f32::INFINITY) == (id == NO_POINT))
+                );
             }
         }
     }
@@ -93,17 +105,32 @@ struct Resolved {
 
 const BACKGROUND: [f32; 3] = [0.1, 0.2, 0.7];
 
-fn resolved(cloud: &Cloud, attribute: Attribute, view: &View, settings: &edl::Settings, keys: &[[u32; 2]]) -> Resolved {
+fn resolved(
+    cloud: &Cloud,
+    attribute: Attribute,
+    view: &View,
+    settings: &edl::Settings,
+    keys: &[[u32; 2]],
+) -> Resolved {
     gpu::with(Way::Compute64, |gpu| {
-        let resident = Resident::fill(gpu, cloud.clone(), Shown::new(attribute, cloud), &Silent).unwrap();
+        let resident =
+            Resident::fill(gpu, cloud.clone(), Shown::new(attribute, cloud), &Silent).unwrap();
         let mut g = Graph::new(gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &resident, &Default::default()).unwrap();
         let resolved = resolve::layers(&mut g, view);
-        let resolved = resolve::record(&mut g, &Keys::nearest(uploaded), &paint, Band { top: 0, size: view.size }, resolved);
+        let resolved = resolve::record(
+            &mut g,
+            &Keys::nearest(uploaded),
+            &paint,
+            Band { top: 0, size: view.size },
+            resolved,
+        );
         let layers = resolved.layers(&mut g, view, &resident).unwrap();
-        let [depth, index, color] = [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image));
-        let layers = edl::record(&mut g, &Scene::of(view, &resident, Light::default()), settings, layers);
+        let [depth, index, color] =
+            [&layers.depth, &layers.index, &layers.color].map(|image| g.download(image));
+        let layers =
+            edl::record(&mut g, &Scene::of(view, &resident, Light::default()), settings, layers);
         let lit = g.download(&layers.color);
         let picture = composite::record(&mut g, view, BACKGROUND, &layers);
         let picture = g.download(&picture);
@@ -129,7 +156,14 @@ fn words(cloud: &Cloud, shown: &Shown) -> Vec<u32> {
     let frame = pack::frame(&part.columns, &organised.order);
     let mut pages = vec![vec![0; part.columns.len()]; frame.planes as usize + 1];
     let mut to: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-    pack::pack(&part.columns, &frame, &organised.order, organised.arrangement, |i| shown.words_of(part, &[], 0, i), &mut to);
+    pack::pack(
+        &part.columns,
+        &frame,
+        &organised.order,
+        organised.arrangement,
+        |i| shown.words_of(part, &[], 0, i),
+        &mut to,
+    );
     pages.pop().unwrap()
 }
 
@@ -139,21 +173,31 @@ fn resolve_gives_the_depth_the_point_and_the_colour_of_every_key() {
     let count = POINTS_PER_PAGE / 2;
     let mut cloud = scene(count as usize);
     cloud.parts[0].columns.intensity = Some((0..count).map(|_| random.bits() as u16).collect());
-    cloud.parts[0].columns.normal = Some((0..count).map(|_| [0; 3].map(|_: i32| (random.bits() % 255) as u8 as i8)).collect());
+    cloud.parts[0].columns.normal =
+        Some((0..count).map(|_| [0; 3].map(|_: i32| (random.bits() % 255) as u8 as i8)).collect());
     for size in SIZES {
         let view = View::new(cameras()[0], size).unwrap();
         let keys = random_keys(size, count, random);
-        for attribute in [Attribute::Rgb, Attribute::Intensity, Attribute::Normal, Attribute::White] {
+        for attribute in [Attribute::Rgb, Attribute::Intensity, Attribute::Normal, Attribute::White]
+        {
             let shown = Shown::new(attribute, &cloud);
             let words = words(&cloud, &shown);
             let got = resolved(&cloud, attribute, &view, &edl::Settings::default(), &keys);
             for (i, key) in keys.iter().enumerate() {
                 let at = (size, attribute, i, key);
                 if key[0] == NO_POINT {
-                    assert_eq!((got.depth[i], got.index[i], got.color[i]), (f32::INFINITY, NO_POINT, [0.0; 4]), "{at:?}");
+                    assert_eq!(
+                        (got.depth[i], got.index[i], got.color[i]),
+                        (f32::INFINITY, NO_POINT, [0.0; 4]),
+                        "{at:?}"
+                    );
                     continue;
                 }
-                assert_eq!((got.depth[i].to_bits(), got.index[i], got.color[i][3]), (key[1], key[0], 1.0), "{at:?}");
+                assert_eq!(
+                    (got.depth[i].to_bits(), got.index[i], got.color[i][3]),
+                    (key[1], key[0], 1.0),
+                    "{at:?}"
+                );
                 let allowed = colors(attribute, words[key[0] as usize], shown.stretch);
                 assert!(
                     allowed.iter().any(|color| (0..3).all(|c| color[c].holds(got.color[i][c]))),
@@ -172,12 +216,15 @@ fn colors(attribute: Attribute, word: u32, [lo, hi]: [u32; 2]) -> Vec<[Bounded; 
     let linear = |encoded: f64| Bounded::exact(resolve::srgb_to_linear(encoded) as f32);
     match attribute {
         Attribute::Rgb => vec![[0, 1, 2].map(|c| linear(byte(c) as f64 / 255.0))],
-        Attribute::Normal => vec![[0, 1, 2].map(|c| Bounded::exact(byte(c)) / Bounded::exact(254.0))],
+        Attribute::Normal => {
+            vec![[0, 1, 2].map(|c| Bounded::exact(byte(c)) / Bounded::exact(254.0))]
+        }
         Attribute::White => vec![[linear(0.9); 3]],
         _ => {
             let scale = Bounded::exact(255.0f32 / (hi as f32 - lo as f32).max(1.0));
             let step = ((Bounded::exact(word) - Bounded::exact(lo)) * scale).max(0.0).min(255.0);
-            let steps = [step.value - step.error, step.value + step.error].map(|step| step.clamp(0.0, 255.0).floor());
+            let steps = [step.value - step.error, step.value + step.error]
+                .map(|step| step.clamp(0.0, 255.0).floor());
             steps.map(|step| [linear(step / 255.0); 3]).to_vec()
         }
     }
@@ -190,19 +237,37 @@ fn edl_and_composite_stay_within_their_bounds() {
     let mut widest = 0f64;
     for size in SIZES {
         for camera in cameras() {
-            for (strength, radius, cap) in [(0.35, 1.0, 8.0), (20.0, 3.0, 64.0), (0.0, 1.0, 8.0), (1.0, 64.0, 1e6)] {
+            for (strength, radius, cap) in
+                [(0.35, 1.0, 8.0), (20.0, 3.0, 64.0), (0.0, 1.0, 8.0), (1.0, 64.0, 1e6)]
+            {
                 let view = View::new(camera, size).unwrap();
                 let settings = edl::Settings { strength, radius, cap };
-                let got = resolved(&cloud, Attribute::Rgb, &view, &settings, &random_keys(size, 2000, random));
+                let got = resolved(
+                    &cloud,
+                    Attribute::Rgb,
+                    &view,
+                    &settings,
+                    &random_keys(size, 2000, random),
+                );
                 let twin = edl_oracle::shade(&view, &settings, &got.depth, &got.color);
                 for (i, twin) in twin.iter().enumerate() {
                     let lit = got.lit[i];
                     assert_eq!(lit[3], got.color[i][3]);
                     for (c, twin) in twin.iter().enumerate() {
-                        assert!(twin.holds(lit[c]), "{size:?} {settings:?} pixel {i}: {} is not {twin:?}", lit[c]);
+                        assert!(
+                            twin.holds(lit[c]),
+                            "{size:?} {settings:?} pixel {i}: {} is not {twin:?}",
+                            lit[c]
+                        );
                         widest = widest.max(twin.error);
-                        let over = Bounded::exact(lit[c]) + Bounded::exact(BACKGROUND[c]) * (Bounded::exact(1.0) - Bounded::exact(lit[3]));
-                        assert!(over.holds(got.picture[i][c]), "{size:?} pixel {i}: {} is not {over:?}", got.picture[i][c]);
+                        let over = Bounded::exact(lit[c])
+                            + Bounded::exact(BACKGROUND[c])
+                                * (Bounded::exact(1.0) - Bounded::exact(lit[3]));
+                        assert!(
+                            over.holds(got.picture[i][c]),
+                            "{size:?} pixel {i}: {} is not {over:?}",
+                            got.picture[i][c]
+                        );
                     }
                     assert_eq!(got.picture[i][3], lit[3]);
                 }
@@ -243,7 +308,8 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
     let view = View::new(cameras()[0], [63, 65]).unwrap();
     for way in WAYS {
         gpu::with(way, |gpu| {
-            let resident = Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
+            let resident =
+                Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
             let mut wishes = bare();
             wishes.effects.edl.switch = Switch::On;
             let look = look::decide(&wishes, &view, &resident);
@@ -251,7 +317,9 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
             g.without_barriers = true;
             let outcome = pointillist::frame::record(&mut g, &view, &resident, &look).unwrap();
             g.download(&outcome.picture);
-            let Err(Error::Validation(said)) = g.submit(&[]) else { panic!("{way:?}: hazards went unnoticed") };
+            let Err(Error::Validation(said)) = g.submit(&[]) else {
+                panic!("{way:?}: hazards went unnoticed")
+            };
             assert!(said.contains("SYNC-HAZARD"), "{way:?}: {said}");
             resident.free(gpu);
         });

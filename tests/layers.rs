@@ -35,7 +35,10 @@ fn tori(points: u64) -> (World, Cloud) {
     let world = synth::build(synth::Scene::NestedTori, 1, 0.0);
     let mut cloud = synth::collect("nested tori", &world, points, 1, 0.0, &Silent).unwrap();
     let columns = &mut cloud.parts[0].columns;
-    columns.rgb = columns.class.as_ref().map(|classes| classes.iter().map(|&class| COLORS[class as usize - 1]).collect());
+    columns.rgb = columns
+        .class
+        .as_ref()
+        .map(|classes| classes.iter().map(|&class| COLORS[class as usize - 1]).collect());
     (world, cloud)
 }
 
@@ -47,7 +50,10 @@ fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&st
         let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
         resident.opacities = opacities;
         let mut wishes = Wishes::default();
-        ["shape=off", "edl=off"].iter().chain(effects).for_each(|effect| wishes.effects.set(effect).unwrap());
+        ["shape=off", "edl=off"]
+            .iter()
+            .chain(effects)
+            .for_each(|effect| wishes.effects.set(effect).unwrap());
         let layer_m = Scene::of(view, &resident, wishes.light).layer_m(0.0);
         let look = look::decide(&wishes, view, &resident);
         let mut g = Graph::new(gpu);
@@ -79,7 +85,11 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
     let (world, cloud) = tori(3_000_000);
     let view = view(&cloud);
     let opacities = [0.3, 0.5, 1.0];
-    for (way, fill) in [(Way::Compute64, "fill=method=dobrev"), (Way::Compute32, "fill=method=dobrev"), (Way::Compute64, "fill=auto")] {
+    for (way, fill) in [
+        (Way::Compute64, "fill=method=dobrev"),
+        (Way::Compute32, "fill=method=dobrev"),
+        (Way::Compute64, "fill=auto"),
+    ] {
         for opaque in [true, false] {
             let of = |class: u8| if opaque { opacities[3 - class as usize] } else { 0.5 };
             let rules = ["class:3=0.3", "class:2=0.5"];
@@ -87,14 +97,21 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
             let drawn = draw(&cloud, &view, way, rules, &[fill, "smooth=off"]);
             let (mut inner, mut miscounted, mut wrong) = (0, 0, 0);
             for i in 0..SIDE * SIDE {
-                let Some(surfaces) = oracle::layers(&world, &view, drawn.layer_m, [(i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5])
-                else {
+                let Some(surfaces) = oracle::layers(
+                    &world,
+                    &view,
+                    drawn.layer_m,
+                    [(i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5],
+                ) else {
                     continue;
                 };
                 inner += 1;
-                let color = |class: u8| COLORS[class as usize - 1].map(|channel| srgb_to_linear(channel as f64 / 255.0));
-                let Over { color: expected, through, layers: count } =
-                    oracle::over(surfaces.iter().map(|surface| (color(surface.class), of(surface.class))));
+                let color = |class: u8| {
+                    COLORS[class as usize - 1].map(|channel| srgb_to_linear(channel as f64 / 255.0))
+                };
+                let Over { color: expected, through, layers: count } = oracle::over(
+                    surfaces.iter().map(|surface| (color(surface.class), of(surface.class))),
+                );
                 if drawn.peeled[i] != count as f32 {
                     miscounted += 1;
                     continue;
@@ -112,7 +129,10 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
                 "{way:?}, {fill}, opaque {opaque}: {inner} of {all} pixels away from contours; {miscounted} counted wrong, {wrong} more than the bound off"
             );
             assert!(inner > all / 2);
-            assert!(miscounted as f64 <= 0.005 * inner as f64, "{miscounted} of {inner} pixels have another number of layers");
+            assert!(
+                miscounted as f64 <= 0.005 * inner as f64,
+                "{miscounted} of {inner} pixels have another number of layers"
+            );
             assert_eq!(wrong, 0, "of {inner} pixels");
         }
     }
@@ -121,18 +141,33 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
 /// Where points are farther apart than masks close gaps: two planes behind each other, three and two and a half pixels from point to point.
 #[test]
 fn layers_of_sparse_points_have_no_holes() {
-    let lattice = |apart: i32, y: i32| (-20..=20).flat_map(move |i| (-20..=20).map(move |j| [apart * i, y, apart * j]));
+    let lattice = |apart: i32, y: i32| {
+        (-20..=20).flat_map(move |i| (-20..=20).map(move |j| [apart * i, y, apart * j]))
+    };
     let points: Vec<_> = lattice(300, 10_000).chain(lattice(250, 15_000)).collect();
-    let colors = points.iter().map(|point| if point[1] == 10_000 { COLORS[0] } else { COLORS[2] }).collect();
+    let colors =
+        points.iter().map(|point| if point[1] == 10_000 { COLORS[0] } else { COLORS[2] }).collect();
     let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO };
     let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
     // Ten pixels a metre, and the planes' edges out of sight.
     let view = View::new(gpu::orthographic(DVec3::ZERO, DVec3::Y, 4.8), [48, 48]).unwrap();
-    let over =
-        oracle::over([COLORS[0], COLORS[2]].into_iter().map(|color| (color.map(|channel| srgb_to_linear(channel as f64 / 255.0)), 0.5)));
+    let over = oracle::over(
+        [COLORS[0], COLORS[2]]
+            .into_iter()
+            .map(|color| (color.map(|channel| srgb_to_linear(channel as f64 / 255.0)), 0.5)),
+    );
     let wrong = |visibility: &str| {
-        let drawn = draw(&cloud, &view, Way::Compute64, &["0.5"], &["fill=method=dobrev", "smooth=off", visibility]);
-        let off = |i: &usize| (0..3).any(|c| (drawn.front[*i][c] as f64 - over.color[c]).abs() > 1e-5) || drawn.peeled[*i] != 2.0;
+        let drawn = draw(
+            &cloud,
+            &view,
+            Way::Compute64,
+            &["0.5"],
+            &["fill=method=dobrev", "smooth=off", visibility],
+        );
+        let off = |i: &usize| {
+            (0..3).any(|c| (drawn.front[*i][c] as f64 - over.color[c]).abs() > 1e-5)
+                || drawn.peeled[*i] != 2.0
+        };
         (0..drawn.peeled.len()).filter(off).count()
     };
     let (found, masks) = (wrong("visibility=auto"), wrong("visibility=off"));
@@ -148,13 +183,16 @@ fn a_sparse_part_beside_a_dense_one_has_no_holes() {
     // Ten pixels a metre: from point to point half a pixel to the left, and two and a half to the right.
     let grid = |apart: i32, from: i32, to: i32| {
         let across = (0..(to - from) / apart).map(move |i| from + apart * i);
-        let points: Vec<_> = across.flat_map(|x| (-5000 / apart..=5000 / apart).map(move |j| [x, 10_000, apart * j])).collect();
+        let points: Vec<_> = across
+            .flat_map(|x| (-5000 / apart..=5000 / apart).map(move |j| [x, 10_000, apart * j]))
+            .collect();
         gpu::part(lattice, &points, Some(vec![COLORS[0]; points.len()]))
     };
     let cloud = gpu::cloud(vec![grid(50, -5000, 0), grid(250, 0, 5000)]);
     let view = View::new(gpu::orthographic(DVec3::ZERO, DVec3::Y, 4.8), [48, 48]).unwrap();
     let empty = |visibility: &str| {
-        let drawn = draw(&cloud, &view, Way::Compute64, &["0.5"], &["fill=method=dobrev", visibility]);
+        let drawn =
+            draw(&cloud, &view, Way::Compute64, &["0.5"], &["fill=method=dobrev", visibility]);
         drawn.peeled.iter().filter(|count| **count != 1.0).count()
     };
     let (found, masks) = (empty("visibility=auto"), empty("visibility=off"));
@@ -169,16 +207,36 @@ fn layers_of_sparse_surfaces_are_counted_where_these_turn_away() {
     let (world, cloud) = tori(750_000);
     // Onto the inner side of the tube that lies behind, from near the axis: beside each other its front, its back and its inside.
     let (eye, target) = (DVec3::new(1.3, -2.6, 1.45), DVec3::new(-0.515, -0.497, 0.32));
-    let camera = Camera { eye, target, up: DVec3::Z, fov_y: 13.3, projection: Projection::Perspective, ortho_height: None };
+    let camera = Camera {
+        eye,
+        target,
+        up: DVec3::Z,
+        fov_y: 13.3,
+        projection: Projection::Perspective,
+        ortho_height: None,
+    };
     let view = View::new(camera, [SIDE as u32; 2]).unwrap();
     for fill in ["fill=method=dobrev", "fill=auto"] {
         let drawn = draw(&cloud, &view, Way::Compute64, &["0.5"], &[fill]);
-        let expected = |i: &usize| oracle::layers(&world, &view, drawn.layer_m, [(i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5]);
-        let counts: Vec<_> = (0..SIDE * SIDE).filter_map(|i| Some((i, expected(&i)?.len()))).collect();
-        let miscounted = counts.iter().filter(|(i, count)| drawn.peeled[*i] != *count as f32).count();
+        let expected = |i: &usize| {
+            oracle::layers(
+                &world,
+                &view,
+                drawn.layer_m,
+                [(i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5],
+            )
+        };
+        let counts: Vec<_> =
+            (0..SIDE * SIDE).filter_map(|i| Some((i, expected(&i)?.len()))).collect();
+        let miscounted =
+            counts.iter().filter(|(i, count)| drawn.peeled[*i] != *count as f32).count();
         println!("{fill}: {miscounted} of {} pixels counted wrong", counts.len());
         assert!(counts.len() > SIDE * SIDE / 2);
-        assert!(miscounted as f64 <= 0.01 * counts.len() as f64, "{fill}: {miscounted} of {} pixels", counts.len());
+        assert!(
+            miscounted as f64 <= 0.01 * counts.len() as f64,
+            "{fill}: {miscounted} of {} pixels",
+            counts.len()
+        );
     }
 }
 
@@ -190,9 +248,14 @@ fn points_of_no_opacity_are_not_there_and_layers_end_where_they_are_told_to() {
     let without = |class: u8| {
         let mut cloud = cloud.clone();
         let columns = &mut cloud.parts[0].columns;
-        let kept: Vec<usize> = (0..columns.len()).filter(|&i| columns.class.as_ref().unwrap()[i] != class).collect();
+        let kept: Vec<usize> =
+            (0..columns.len()).filter(|&i| columns.class.as_ref().unwrap()[i] != class).collect();
         let parts: Vec<_> = kept.iter().map(|&i| columns.slice(i..i + 1)).collect();
-        let mut slim = pointillist::cloud::Columns { rgb: Some(vec![]), class: Some(vec![]), ..Default::default() };
+        let mut slim = pointillist::cloud::Columns {
+            rgb: Some(vec![]),
+            class: Some(vec![]),
+            ..Default::default()
+        };
         for part in parts {
             slim.x.extend(part.x);
             slim.y.extend(part.y);
@@ -211,10 +274,12 @@ fn points_of_no_opacity_are_not_there_and_layers_end_where_they_are_told_to() {
         let gone = draw(&without(3), &view, way, &["class:3=0", "class:2=0.5"], &known);
         assert!(left_out.front == gone.front && left_out.peeled == gone.peeled);
 
-        let two = draw(&cloud, &view, way, &["0.5"], &[&plain[..], &["transparency=layers=2"]].concat());
+        let two =
+            draw(&cloud, &view, way, &["0.5"], &[&plain[..], &["transparency=layers=2"]].concat());
         assert_eq!(two.peeled.iter().copied().fold(0.0, f32::max), 2.0);
         assert!(two.left_over);
-        let all = draw(&cloud, &view, way, &["0.5"], &[&plain[..], &["transparency=layers=64"]].concat());
+        let all =
+            draw(&cloud, &view, way, &["0.5"], &[&plain[..], &["transparency=layers=64"]].concat());
         assert!(!all.left_over);
     }
 }
@@ -257,18 +322,40 @@ fn layers_are_drawn_only_where_they_show_something_and_the_picture_is_the_same()
         &["visibility=off", "fill=off", "edl=on,radius=3"],
         &["visibility=off", "fill=on,method=splat,radius=9", "edl=on"],
         &["fill=method=pullpush", "phong=on"],
-        &["visibility=levels=1,kernel=15", "fill=method=pintus,iterations=3,surrounded=4", "shadows=on,samples=2", "antialias=on"],
+        &[
+            "visibility=levels=1,kernel=15",
+            "fill=method=pintus,iterations=3,surrounded=4",
+            "shadows=on,samples=2",
+            "antialias=on",
+        ],
     ];
     for way in [Way::Compute64, Way::Compute32] {
         for effects in looks {
-            let of = |way, tiles: &str| draw(&cloud, &view, way, &["class:3=0.3", "class:2=0.5"], &[effects, &[tiles]].concat());
-            let (needed, all) = (of(way, "transparency=tiles=needed"), of(way, "transparency=tiles=all"));
+            let of = |way, tiles: &str| {
+                draw(
+                    &cloud,
+                    &view,
+                    way,
+                    &["class:3=0.3", "class:2=0.5"],
+                    &[effects, &[tiles]].concat(),
+                )
+            };
+            let (needed, all) =
+                (of(way, "transparency=tiles=needed"), of(way, "transparency=tiles=all"));
             assert!(all.peeled.iter().any(|&layers| layers > 3.0), "{effects:?}");
-            assert!(needed.front == all.front && needed.peeled == all.peeled && needed.left_over == all.left_over, "{way:?}, {effects:?}");
+            assert!(
+                needed.front == all.front
+                    && needed.peeled == all.peeled
+                    && needed.left_over == all.left_over,
+                "{way:?}, {effects:?}"
+            );
             // Lists of tiles are texels.
             if way == Way::Compute64 {
                 let without = of(Way::Words, "transparency=tiles=needed");
-                assert!(without.front == all.front && without.peeled == all.peeled, "without texels, {effects:?}");
+                assert!(
+                    without.front == all.front && without.peeled == all.peeled,
+                    "without texels, {effects:?}"
+                );
             }
         }
     }

@@ -1,7 +1,9 @@
 //! Hands move the camera as people know it: what is under the cursor is what things are done to, and stays there.
 
 use glam::{DVec2, DVec3};
-use pointillist::app::navigation::{Button, Habit, Input, Mode, Modifiers, Navigation, Subject, Way};
+use pointillist::app::navigation::{
+    Button, Habit, Input, Mode, Modifiers, Navigation, Subject, Way,
+};
 use pointillist::view::{Camera, Preset, Projection, View};
 use proptest::prelude::*;
 
@@ -10,7 +12,16 @@ const SIZE: [u32; 2] = [800, 600];
 const ORIGIN: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
 
 fn navigation(habit: Habit, from: Preset) -> Navigation {
-    let corners = (0..8).map(|i| ORIGIN + DVec3::new((i & 1) as f64 * 40.0, (i >> 1 & 1) as f64 * 30.0, (i >> 2) as f64 * 10.0)).collect();
+    let corners = (0..8)
+        .map(|i| {
+            ORIGIN
+                + DVec3::new(
+                    (i & 1) as f64 * 40.0,
+                    (i >> 1 & 1) as f64 * 30.0,
+                    (i >> 2) as f64 * 10.0,
+                )
+        })
+        .collect();
     let mut navigation = Navigation::new(habit, SIZE);
     navigation.set_subject(Subject::of(corners));
     navigation.handle(Input::Look { from, covered_px: 0.0 });
@@ -53,10 +64,18 @@ fn the_wheel_brings_the_point_nearer_where_it_is_and_never_through() {
             let before = seen(&navigation.camera, point).1;
             navigation.handle(Input::Wheel { notches: 1.0, at, under: Some(point) });
             let (now, depth) = seen(&navigation.camera, point);
-            assert!(depth > 0.0 && depth <= before * (1.0 + 1e-9), "{from:?} notch {notch}: {before} to {depth}");
+            assert!(
+                depth > 0.0 && depth <= before * (1.0 + 1e-9),
+                "{from:?} notch {notch}: {before} to {depth}"
+            );
             // A metre at the origin's distance is known to a nanometre.
-            let slack = 1e-8 * View::new(navigation.camera, SIZE).unwrap().focal_px() / depth.min(1.0) + 1e-6;
-            assert!(now.distance(at) < slack.max(1e-3), "{from:?} notch {notch}: {now} is not {at}");
+            let slack = 1e-8 * View::new(navigation.camera, SIZE).unwrap().focal_px()
+                / depth.min(1.0)
+                + 1e-6;
+            assert!(
+                now.distance(at) < slack.max(1e-3),
+                "{from:?} notch {notch}: {now} is not {at}"
+            );
         }
         for _ in 0..600 {
             navigation.handle(Input::Wheel { notches: -1.0, at, under: None });
@@ -88,7 +107,10 @@ fn orbiting_turns_about_the_point_without_rolling_and_not_over_the_top() {
     for to in [[700.0, 300.0], [100.0, 5000.0], [400.0, -9000.0], [-3000.0, 10.0]] {
         drag(&mut navigation, Button::Left, point, DVec2::from(to));
         let after = seen(&navigation.camera, point);
-        assert!(after.0.distance(before.0) < 1e-5 && (after.1 - before.1).abs() < 1e-6, "{after:?}, not {before:?}");
+        assert!(
+            after.0.distance(before.0) < 1e-5 && (after.1 - before.1).abs() < 1e-6,
+            "{after:?}, not {before:?}"
+        );
         let basis = navigation.camera.basis().unwrap();
         assert!(basis.right.z.abs() < 1e-9, "rolled: {basis:?}");
         assert!(basis.up.z > -1e-9, "upside down: {basis:?}");

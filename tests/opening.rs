@@ -29,10 +29,18 @@ fn opened(files: &[PathBuf], opening: Opening, further: Further, first: First) -
     let (sender, receiver) = mpsc::channel();
     let watch = Watch::new(Default::default(), |_| ());
     let opened = move |opened| sender.send(opened).unwrap();
-    opening::start(Asked { files: files.to_vec(), color: None }, opening, further, first, Arc::default(), watch, opened)
-        .unwrap()
-        .join()
-        .unwrap();
+    opening::start(
+        Asked { files: files.to_vec(), color: None },
+        opening,
+        further,
+        first,
+        Arc::default(),
+        watch,
+        opened,
+    )
+    .unwrap()
+    .join()
+    .unwrap();
     receiver.into_iter().map(|opened| opened.unwrap()).collect()
 }
 
@@ -73,7 +81,10 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     let told = |files: &[PathBuf], opening: Opening| told_of(files, opening, First::Sample);
     // What is on the screen already, and is read anew for other colours.
     assert_eq!(told_of(&large, opening(), First::Points), [(true, slow, slow)]);
-    assert_eq!(told(&large, opening()), [(false, slow / config::PREVIEW_SHARE, slow), (true, slow, slow)]);
+    assert_eq!(
+        told(&large, opening()),
+        [(false, slow / config::PREVIEW_SHARE, slow), (true, slow, slow)]
+    );
     assert_eq!(told(&small, opening()), [(true, 100_000, 100_000)]);
     assert_eq!(told(&small, indexing), [(false, 100_000, 100_000), (true, 100_000, 100_000)]);
 }
@@ -84,13 +95,22 @@ fn strokes_of_files_come_after_their_points_and_those_of_an_index_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let (file, index) = (folder.path().join("scan.las"), folder.path().join("scan.pnti"));
     support::scan(&file, Scene::Street, 20_000);
-    support::succeeded(&support::pointillist().arg("index").arg(&file).arg("-o").arg(&index).output().unwrap());
+    support::succeeded(
+        &support::pointillist().arg("index").arg(&file).arg("-o").arg(&index).output().unwrap(),
+    );
     let wanted = Further { strokes: true, ..Further::default() };
     let knows = |path: &PathBuf, first: First| -> Vec<bool> {
-        opened(std::slice::from_ref(path), opening(), wanted, first).into_iter().map(|opened| opened.said.shown.further.strokes).collect()
+        opened(std::slice::from_ref(path), opening(), wanted, first)
+            .into_iter()
+            .map(|opened| opened.said.shown.further.strokes)
+            .collect()
     };
     for (first, of_file) in [(First::Sample, false), (First::Points, false), (First::All, true)] {
-        assert_eq!((knows(&file, first), knows(&index, first)), (vec![of_file], vec![true]), "{first:?}");
+        assert_eq!(
+            (knows(&file, first), knows(&index, first)),
+            (vec![of_file], vec![true]),
+            "{first:?}"
+        );
     }
 }
 
@@ -105,13 +125,23 @@ impl Progress for Heard {
     fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()> {
         let mut ticks = self.ticks.lock().unwrap();
         ticks.push((doing.to_string(), done, total));
-        if self.most.is_some_and(|most| ticks.len() > most) { Err(Error::Interrupted) } else { Ok(()) }
+        if self.most.is_some_and(|most| ticks.len() > most) {
+            Err(Error::Interrupted)
+        } else {
+            Ok(())
+        }
     }
 }
 
 impl Heard {
     fn of(&self, what: &str) -> Vec<(u64, u64)> {
-        self.ticks.lock().unwrap().iter().filter(|(doing, ..)| doing == what).map(|&(_, done, total)| (done, total)).collect()
+        self.ticks
+            .lock()
+            .unwrap()
+            .iter()
+            .filter(|(doing, ..)| doing == what)
+            .map(|&(_, done, total)| (done, total))
+            .collect()
     }
 }
 
@@ -120,13 +150,19 @@ fn painted() -> Further {
 }
 
 /// Two scans as one cloud, of so many points each.
-fn source(folder: &Path, points: [u64; 2], color: Option<Attribute>, further: Further) -> (Source, Shown) {
+fn source(
+    folder: &Path,
+    points: [u64; 2],
+    color: Option<Attribute>,
+    further: Further,
+) -> (Source, Shown) {
     let files = points.map(|points| {
         let path = folder.join(format!("{points}.las"));
         support::scan(&path, Scene::Street, points);
         path
     });
-    let read = ReadOptions::new(Wanted { rgb: true, ..Wanted::default() }.and(further.wanted()), true);
+    let read =
+        ReadOptions::new(Wanted { rgb: true, ..Wanted::default() }.and(further.wanted()), true);
     let source = Source::open(&files, &Opening { read, ..opening() }, &Silent).unwrap();
     let (mut shown, _) = source.shown(color).unwrap();
     shown.further = further;
@@ -150,7 +186,10 @@ fn a_cloud_on_its_way_to_the_device_goes_forward_once() {
     // As many nodes at a time as there are threads may be told in another order.
     let slack = rayon::current_num_threads() as u64 * POINTS_PER_PAGE as u64;
     for heard in [in_turns.of("organising"), in_halves.of("organising")] {
-        assert!(heard.iter().all(|&(done, total)| total == 2_000_000 && done <= total), "{heard:?}");
+        assert!(
+            heard.iter().all(|&(done, total)| total == 2_000_000 && done <= total),
+            "{heard:?}"
+        );
         assert!(heard.windows(2).all(|pair| pair[1].0 + slack >= pair[0].0), "{heard:?}");
         assert!(heard[0].0 == 0 && heard.last().unwrap().0 + slack >= 2_000_000, "{heard:?}");
     }
@@ -163,19 +202,25 @@ fn strokes_are_found_once_whatever_is_shown_of_their_points_and_can_be_given_up(
     const POINTS: [u64; 2] = [60_000, 40_000];
     let found = Arc::new(Found::default());
     let ticks = |color: Option<Attribute>, further: Further| {
-        let (heard, (source, shown)) = (Heard::default(), source(folder.path(), POINTS, color, further));
+        let (heard, (source, shown)) =
+            (Heard::default(), source(folder.path(), POINTS, color, further));
         source.prepare(shown, &found, &heard).unwrap();
         heard.of("painting")
     };
     let first = ticks(None, painted());
-    assert!(!first.is_empty() && first.iter().all(|&(done, total)| done < total && total == 100_000));
+    assert!(
+        !first.is_empty() && first.iter().all(|&(done, total)| done < total && total == 100_000)
+    );
     // In between they need not be wanted.
     assert_eq!(ticks(None, Further::default()), []);
     assert_eq!(ticks(Some(Attribute::Elevation), painted()), []);
 
     let found = Arc::default();
     for most in [0, 3, 10, 20] {
-        let (heard, (source, shown)) = (Heard { most: Some(most), ..Heard::default() }, source(folder.path(), POINTS, None, painted()));
+        let (heard, (source, shown)) = (
+            Heard { most: Some(most), ..Heard::default() },
+            source(folder.path(), POINTS, None, painted()),
+        );
         assert!(matches!(source.prepare(shown, &found, &heard), Err(Error::Interrupted)), "{most}");
     }
 }

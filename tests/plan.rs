@@ -16,11 +16,12 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// A thousand points on 64 x 64 pixels.
 fn on_a_plane<T>(effects: &[&str], draw: impl FnOnce(&mut Gpu, &View, &Resident, &Look) -> T) -> T {
-    let mut gpu =
-        Gpu::open(&Wish { validate: true, ..Wish::default() }).expect("a Vulkan device; tools/test installs one that needs no GPU");
+    let mut gpu = Gpu::open(&Wish { validate: true, ..Wish::default() })
+        .expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(synth::Scene::Plane, 1, 0.0);
     let cloud = synth::collect("plane", &world, 1000, 1, 0.0, &Silent).unwrap();
-    let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
+    let view =
+        View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
     let mut shown = Shown::new(Attribute::Rgb, &cloud);
     shown.further.strokes = effects.iter().any(|effect| effect.starts_with("strokes=on"));
     let mut wishes = Wishes::default();
@@ -45,7 +46,10 @@ fn compare(name: &str, found: &str) {
         std::fs::write(&path, found).unwrap();
     }
     let expected = std::fs::read_to_string(&path).unwrap_or_default();
-    assert_eq!(found, expected, "the plan `{name}` has changed; if on purpose, run with POINTILLIST_UPDATE=1");
+    assert_eq!(
+        found, expected,
+        "the plan `{name}` has changed; if on purpose, run with POINTILLIST_UPDATE=1"
+    );
 }
 
 /// Which projection runs depends on the device: the text is of one with 64-bit atomics, as lavapipe is.
@@ -56,21 +60,26 @@ fn the_default_frame() {
 
 #[test]
 fn shadows_alone() {
-    let off = EFFECTS.iter().filter(|effect| **effect != "shadows").map(|effect| format!("{effect}=off"));
+    let off =
+        EFFECTS.iter().filter(|effect| **effect != "shadows").map(|effect| format!("{effect}=off"));
     let effects: Vec<String> = off.chain(["shadows=on,samples=2,size=64".to_string()]).collect();
     compare("shadows", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
 }
 
 #[test]
 fn luminance_alone() {
-    let off = EFFECTS.iter().filter(|effect| **effect != "luminance").map(|effect| format!("{effect}=off"));
+    let off = EFFECTS
+        .iter()
+        .filter(|effect| **effect != "luminance")
+        .map(|effect| format!("{effect}=off"));
     let effects: Vec<String> = off.chain(["luminance=on".to_string()]).collect();
     compare("luminance", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
 }
 
 #[test]
 fn strokes_alone() {
-    let off = EFFECTS.iter().filter(|effect| **effect != "strokes").map(|effect| format!("{effect}=off"));
+    let off =
+        EFFECTS.iter().filter(|effect| **effect != "strokes").map(|effect| format!("{effect}=off"));
     let effects: Vec<String> = off.chain(["strokes=on".to_string()]).collect();
     compare("strokes", &plan_with(&effects.iter().map(String::as_str).collect::<Vec<_>>()));
 }
@@ -86,7 +95,10 @@ struct Patience(AtomicU32);
 
 impl Progress for Patience {
     fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
-        self.0.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1)).map(drop).map_err(|_| Error::Interrupted)
+        self.0
+            .fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1))
+            .map(drop)
+            .map_err(|_| Error::Interrupted)
     }
 }
 
@@ -94,7 +106,9 @@ impl Progress for Patience {
 fn a_frame_that_was_stopped_is_drawn_whole_the_next_time() {
     on_a_plane(&[], |gpu, view, resident, look| {
         if !gpu.device.is_cpu {
-            return println!("skipped: only software devices look between passes whether they are to stop");
+            return println!(
+                "skipped: only software devices look between passes whether they are to stop"
+            );
         }
         let picture = |gpu: &mut Gpu, progress: Option<&dyn Progress>| {
             let mut g = Graph::new(gpu);

@@ -39,7 +39,9 @@ struct Bare(Option<Arc<Window>>);
 
 impl ApplicationHandler for Bare {
     fn resumed(&mut self, events: &ActiveEventLoop) {
-        let attributes = Window::default_attributes().with_title("presents").with_inner_size(PhysicalSize::new(SIZE[0], SIZE[1]));
+        let attributes = Window::default_attributes()
+            .with_title("presents")
+            .with_inner_size(PhysicalSize::new(SIZE[0], SIZE[1]));
         self.0 = Some(Arc::new(events.create_window(attributes).unwrap()));
     }
 
@@ -64,7 +66,8 @@ fn draw(
     let look = look::decide(&Wishes::default(), view, residency.resident());
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, residency.resident(), &look).unwrap();
-    let mut screen = Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
+    let mut screen =
+        Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
     encode::record(&mut g, &outcome.picture, &mut screen).unwrap();
     let words = g.download_buffer(&screen.words);
     let running = g.launch(&[screen.words.resource()]).unwrap();
@@ -105,11 +108,12 @@ fn pages_that_come_and_go_are_not_those_of_pictures_that_are_under_way() {
         let own = view(seed);
         residency.settle(&mut gpu, &own, &few, &Silent).unwrap();
         let evictions = residency.evictions;
-        let (disturbed, at_work) = draw(&mut gpu, &mut present, &mut residency, &own, |gpu, residency| {
-            for step in 0..3 {
-                residency.update(gpu, &view(100 + 3 * seed + step), &few).unwrap();
-            }
-        });
+        let (disturbed, at_work) =
+            draw(&mut gpu, &mut present, &mut residency, &own, |gpu, residency| {
+                for step in 0..3 {
+                    residency.update(gpu, &view(100 + 3 * seed + step), &few).unwrap();
+                }
+            });
         overlaps += (at_work && residency.evictions > evictions) as u32;
         residency.settle(&mut gpu, &own, &few, &Silent).unwrap();
         let (alone, _) = draw(&mut gpu, &mut present, &mut residency, &own, |_, _| ());

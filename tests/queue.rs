@@ -69,7 +69,9 @@ fn does(next: Next<Place>) -> Did {
 /// A loader that answers for so many wishes, and ends.
 fn loader(queue: &Arc<Queue<Place>>, answers: usize) -> thread::JoinHandle<Vec<Did>> {
     let queue = queue.clone();
-    thread::spawn(move || (0..answers).map(|_| does(queue.next().expect("nobody has closed it"))).collect())
+    thread::spawn(move || {
+        (0..answers).map(|_| does(queue.next().expect("nobody has closed it"))).collect()
+    })
 }
 
 #[test]
@@ -81,7 +83,10 @@ fn every_destination_is_answered_for_once_and_the_newest_list_wins() {
         queue.post(vec![again(3), new(4, &places), again(1)]);
         let did = loader.join().unwrap();
         for node in 1..=4 {
-            let answers = did.iter().filter(|&&did| did == Did::Read(node) || did == Did::Dropped(node)).count();
+            let answers = did
+                .iter()
+                .filter(|&&did| did == Did::Read(node) || did == Did::Dropped(node))
+                .count();
             assert_eq!(answers, 1, "node {node}: {did:?}");
         }
         // What was begun before the second list came is how the first one begins; then goes what that drops, and then the rest of the second, in its order.

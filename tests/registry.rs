@@ -34,12 +34,25 @@ fn every_included_shader_file_is_included() {
 #[test]
 fn every_effect_has_a_file_a_twin_a_picture_and_a_line_for_its_user() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
-    let goldens: Vec<String> = files(&root().join("tests/golden")).iter().map(|path| stem(path)).collect();
+    let goldens: Vec<String> =
+        files(&root().join("tests/golden")).iter().map(|path| stem(path)).collect();
     for effect in EFFECTS {
-        assert!(root().join(format!("src/passes/{effect}.rs")).is_file(), "{effect} has no file in src/passes");
-        assert!(root().join(format!("src/study/oracle/{effect}.rs")).is_file(), "{effect} has no twin in src/study/oracle");
-        assert!(goldens.iter().any(|golden| golden.contains(effect)), "{effect} has no picture in tests/golden");
-        assert!(readme.contains(&format!("\n| `{effect}` |")), "{effect} is not in README's table of effects");
+        assert!(
+            root().join(format!("src/passes/{effect}.rs")).is_file(),
+            "{effect} has no file in src/passes"
+        );
+        assert!(
+            root().join(format!("src/study/oracle/{effect}.rs")).is_file(),
+            "{effect} has no twin in src/study/oracle"
+        );
+        assert!(
+            goldens.iter().any(|golden| golden.contains(effect)),
+            "{effect} has no picture in tests/golden"
+        );
+        assert!(
+            readme.contains(&format!("\n| `{effect}` |")),
+            "{effect} is not in README's table of effects"
+        );
     }
 }
 
@@ -47,8 +60,12 @@ fn every_effect_has_a_file_a_twin_a_picture_and_a_line_for_its_user() {
 #[test]
 fn every_module_is_in_the_crates_documentation() {
     let library = fs::read_to_string(root().join("src/lib.rs")).unwrap();
-    let modules = library.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
+    let modules =
+        library.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
     for module in modules {
-        assert!(library.contains(&format!("[`{module}`]")), "lib.rs does not say what {module} is for");
+        assert!(
+            library.contains(&format!("[`{module}`]")),
+            "lib.rs does not say what {module} is for"
+        );
     }
 }

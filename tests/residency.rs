@@ -95,14 +95,21 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Picture {
     let look = look::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
-    let [depth, index, picture] = [&outcome.layers.depth, &outcome.layers.index, &outcome.picture].map(|image| g.download(image));
+    let [depth, index, picture] = [&outcome.layers.depth, &outcome.layers.index, &outcome.picture]
+        .map(|image| g.download(image));
     let frame = g.submit(&[]).expect("drawn, and no validation message");
-    let drawn = (frame.read(&depth).to_vec(), frame.read(&index).to_vec(), frame.read(&picture).to_vec());
+    let drawn =
+        (frame.read(&depth).to_vec(), frame.read(&index).to_vec(), frame.read(&picture).to_vec());
     frame.shelve(gpu);
     drawn
 }
 
-fn settled(gpu: &mut Gpu, residency: &mut Residency, view: &View, detail: &Detail) -> (Update, Picture) {
+fn settled(
+    gpu: &mut Gpu,
+    residency: &mut Residency,
+    view: &View,
+    detail: &Detail,
+) -> (Update, Picture) {
     let update = residency.settle(gpu, view, detail, &Silent).unwrap();
     (update, draw(gpu, view, residency.resident()))
 }
@@ -112,14 +119,18 @@ fn an_index_refined_to_its_leaves_draws_what_the_cloud_itself_draws() {
     let planted = Planted::new();
     gpu::with(Way::Compute64, |gpu| {
         let (points, colors) = bumpy(24_000, 20_000, &mut Random(0xC10D));
-        let lattice = pointillist::cloud::Lattice { step: DVec3::splat(tree::STEP), offset: DVec3::ZERO };
+        let lattice =
+            pointillist::cloud::Lattice { step: DVec3::splat(tree::STEP), offset: DVec3::ZERO };
         let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
-        let whole = Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
+        let whole =
+            Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
         let mut residency = planted.open(gpu, HUGE);
         for seed in 0..4 {
             let view = view(seed);
             let (update, picture) = settled(gpu, &mut residency, &view, &all());
-            assert!(update.is_complete() && update.holes == 0 && update.cut.largest_error_px == 0.0);
+            assert!(
+                update.is_complete() && update.holes == 0 && update.cut.largest_error_px == 0.0
+            );
             let expected = draw(gpu, &view, &whole);
             // Nodes have other origins here, so f32 arithmetic may round a point into the neighbouring pixel.
             let differ = picture.2.iter().zip(&expected.2).filter(|(a, b)| a != b).count();
@@ -177,7 +188,13 @@ fn a_cut_that_does_not_fit_the_pool_is_coarser_and_complete() {
     gpu::with(Way::Compute64, |gpu| {
         let mut residency = planted.open(gpu, 14 * PAGE_BYTES);
         let (update, _) = settled(gpu, &mut residency, &view(1), &all());
-        assert!(update.is_complete() && update.holes == 0 && update.budget < 24_000 && update.cut.largest_error_px > 0.0, "{update:?}");
+        assert!(
+            update.is_complete()
+                && update.holes == 0
+                && update.budget < 24_000
+                && update.cut.largest_error_px > 0.0,
+            "{update:?}"
+        );
         residency.free(gpu);
         // And one that does not hold the root says so.
         let mut residency = planted.open(gpu, PAGE_BYTES);
@@ -191,13 +208,20 @@ fn a_cut_that_does_not_fit_the_pool_is_coarser_and_complete() {
 fn needless_holes(residency: &Residency, view: &View, update: &Update) -> usize {
     let index = residency.index();
     let drawn: HashSet<usize> = residency.drawn().iter().copied().collect();
-    let shows = |node: usize| drawn.contains(&node) || ancestors(index, node).any(|above| drawn.contains(&above));
-    let leaves_below = |node: usize| {
-        let below = move |leaf: usize| leaf == node || ancestors(index, leaf).any(|above| above == node);
-        let visible = |leaf: usize| view.least_depth(index.bounds(&index.nodes()[leaf])).is_some();
-        (0..index.nodes().len()).filter(move |&leaf| index.nodes()[leaf].is_leaf() && below(leaf) && visible(leaf))
+    let shows = |node: usize| {
+        drawn.contains(&node) || ancestors(index, node).any(|above| drawn.contains(&above))
     };
-    let fillable = |node: usize| residency.is_resident(node) || ancestors(index, node).any(|above| residency.is_resident(above));
+    let leaves_below = |node: usize| {
+        let below =
+            move |leaf: usize| leaf == node || ancestors(index, leaf).any(|above| above == node);
+        let visible = |leaf: usize| view.least_depth(index.bounds(&index.nodes()[leaf])).is_some();
+        (0..index.nodes().len())
+            .filter(move |&leaf| index.nodes()[leaf].is_leaf() && below(leaf) && visible(leaf))
+    };
+    let fillable = |node: usize| {
+        residency.is_resident(node)
+            || ancestors(index, node).any(|above| residency.is_resident(above))
+    };
     let cut = update.cut.nodes.iter().map(|wanted| wanted.node);
     cut.filter(|&node| fillable(node) && leaves_below(node).any(|leaf| !shows(leaf))).count()
 }
@@ -253,7 +277,10 @@ fn a_picture_that_moves_asks_for_little_at_a_time_and_is_whole_at_last() {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        assert!(before > 2 * UPLOAD_BYTES_SHARED && updates > 2, "too little to tell: {before} bytes");
+        assert!(
+            before > 2 * UPLOAD_BYTES_SHARED && updates > 2,
+            "too little to tell: {before} bytes"
+        );
         residency.free(gpu);
     });
 }
@@ -262,18 +289,25 @@ fn a_picture_that_moves_asks_for_little_at_a_time_and_is_whole_at_last() {
 fn a_damaged_leaf_is_said_once_and_its_parent_is_drawn() {
     let planted = Planted::new();
     let leaf = planted.index.nodes().iter().position(|record| record.is_leaf()).unwrap();
-    let view = View::new(perspective(DVec3::new(0.0, -30.0, 20.0), DVec3::ZERO, 50.0), [160, 120]).unwrap();
+    let view = View::new(perspective(DVec3::new(0.0, -30.0, 20.0), DVec3::ZERO, 50.0), [160, 120])
+        .unwrap();
     for plane in [Plane::Coarse, Plane::Rgb] {
         let index = planted.damaged(leaf, plane);
         gpu::with(Way::Compute64, |gpu| {
             let mut residency = Residency::open(gpu, index.clone(), planted.shown(), HUGE).unwrap();
             let (update, _) = settled(gpu, &mut residency, &view, &all());
             assert_eq!(update.errors.len(), 1, "{:?}", update.errors);
-            assert!(update.errors[0].contains(&format!("node {leaf}'s")) && update.errors[0].contains("checksum"), "{:?}", update.errors);
+            assert!(
+                update.errors[0].contains(&format!("node {leaf}'s"))
+                    && update.errors[0].contains("checksum"),
+                "{:?}",
+                update.errors
+            );
             let parent = index.nodes()[leaf].parent as usize;
             assert!(residency.drawn().contains(&parent) && !residency.drawn().contains(&leaf));
             // It is the picture of a cut that never had the leaf.
-            let expected = cut::choose(&index, &view, &Clips::default(), &all(), &HashSet::from([leaf]));
+            let expected =
+                cut::choose(&index, &view, &Clips::default(), &all(), &HashSet::from([leaf]));
             assert_eq!(update.cut, expected);
             let again = residency.settle(gpu, &view, &all(), &Silent).unwrap();
             assert!(again.errors.is_empty() && again.bytes_read == 0, "tried again: {again:?}");
@@ -290,7 +324,12 @@ fn a_damaged_root_is_drawn_by_its_children() {
         let mut residency = Residency::open(gpu, index, planted.shown(), HUGE).unwrap();
         let detail = Detail { lod_px: 1e9, ..all() };
         let (update, picture) = settled(gpu, &mut residency, &view(2), &detail);
-        assert!(update.is_complete() && !residency.drawn().contains(&0) && !residency.drawn().is_empty(), "{update:?}");
+        assert!(
+            update.is_complete()
+                && !residency.drawn().contains(&0)
+                && !residency.drawn().is_empty(),
+            "{update:?}"
+        );
         assert!(picture.1.iter().any(|&id| id != u32::MAX));
         residency.free(gpu);
     });
@@ -304,7 +343,12 @@ fn a_file_that_shrinks_is_an_error_and_the_picture_goes_on() {
         let view = view(3);
         let coarse = Detail { lod_px: 1e9, ..all() };
         let (_, before) = settled(gpu, &mut residency, &view, &coarse);
-        std::fs::OpenOptions::new().write(true).open(planted.path()).unwrap().set_len(8192).unwrap();
+        std::fs::OpenOptions::new()
+            .write(true)
+            .open(planted.path())
+            .unwrap()
+            .set_len(8192)
+            .unwrap();
         let (update, after) = settled(gpu, &mut residency, &view, &all());
         assert!(!update.errors.is_empty(), "nothing was said");
         assert!(before == after, "what is resident is still drawn");
@@ -316,7 +360,8 @@ fn a_file_that_shrinks_is_an_error_and_the_picture_goes_on() {
 fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
     let planted = Planted::new();
     let (points, colors) = bumpy(24_000, 20_000, &mut Random(0xC10D));
-    let lattice = pointillist::cloud::Lattice { step: DVec3::splat(tree::STEP), offset: DVec3::ZERO };
+    let lattice =
+        pointillist::cloud::Lattice { step: DVec3::splat(tree::STEP), offset: DVec3::ZERO };
     let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
     let slab = Slab::new(DVec3::splat(-9.0), DVec3::splat(9.0), 2.0).unwrap();
     let all_of_it = [Way::Compute64, Way::Unmapped].map(|way| {
@@ -328,9 +373,15 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
                 let points = ids.map(|id| resident.point(gpu, id).unwrap());
                 let section = resident.section(gpu, &slab).unwrap();
                 assert!(points[0].is_some() && points[4].is_none() && !section.points.is_empty());
-                found.push((draw(gpu, view, resident), points, section, resident.positions(gpu).unwrap()));
+                found.push((
+                    draw(gpu, view, resident),
+                    points,
+                    section,
+                    resident.positions(gpu).unwrap(),
+                ));
             };
-            let whole = Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
+            let whole =
+                Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
             look(gpu, &whole, &view(0));
             whole.free(gpu);
             // A pool that nodes come to and go from, walked through without waiting.
@@ -386,7 +437,12 @@ impl Gate {
 
 fn answers(loader: &Loader, count: usize) -> Vec<Answer> {
     let within = Instant::now() + Duration::from_secs(5);
-    let next = |_| loader.wait(within.saturating_duration_since(Instant::now())).unwrap().expect("an answer in time");
+    let next = |_| {
+        loader
+            .wait(within.saturating_duration_since(Instant::now()))
+            .unwrap()
+            .expect("an answer in time")
+    };
     (0..count).map(next).collect()
 }
 
@@ -395,19 +451,29 @@ fn the_newest_wish_list_wins() {
     let planted = Planted::new();
     let published = Arc::new(Mutex::new(0));
     let count = published.clone();
-    let loader = Loader::start(planted.index.clone(), planted.shown(), move || *count.lock().unwrap() += 1).unwrap();
+    let loader =
+        Loader::start(planted.index.clone(), planted.shown(), move || *count.lock().unwrap() += 1)
+            .unwrap();
     let ((pass, gate), (begins, began)) = (channel(), channel());
     let written = Arc::new(Mutex::new(Vec::new()));
-    let held = Gate { pass: Some(gate), began: Some(begins), written: written.clone(), ..Gate::open(1) };
-    loader.post(vec![held.wish(), Gate::open(2).wish(), Gate::open(3).wish(), Gate::open(4).wish()]);
+    let held =
+        Gate { pass: Some(gate), began: Some(begins), written: written.clone(), ..Gate::open(1) };
+    loader.post(vec![
+        held.wish(),
+        Gate::open(2).wish(),
+        Gate::open(3).wish(),
+        Gate::open(4).wish(),
+    ]);
     // Node 1 has begun. Of the rest the second list keeps 4 only, and the third asks for 5 before it.
     began.recv().unwrap();
     let kept = |node| Wish { node, planes: 1, destination: None };
     loader.post(vec![kept(4), kept(1)]);
     loader.post(vec![Gate::open(5).wish(), kept(4)]);
     pass.send(()).unwrap();
-    let said: Vec<_> =
-        answers(&loader, 5).into_iter().map(|Answer { node, outcome }| (node, matches!(outcome, Outcome::Done(_)))).collect();
+    let said: Vec<_> = answers(&loader, 5)
+        .into_iter()
+        .map(|Answer { node, outcome }| (node, matches!(outcome, Outcome::Done(_))))
+        .collect();
     assert_eq!(said, [(1, true), (2, false), (3, false), (5, true), (4, true)]);
     assert_eq!(*written.lock().unwrap(), [1]);
     drop(loader);
@@ -430,7 +496,9 @@ fn a_panic_in_the_loader_is_an_error_of_one_node() {
 #[test]
 fn a_loader_that_is_gone_is_said_and_never_waited_for() {
     let planted = Planted::new();
-    let loader = Loader::start(planted.index.clone(), planted.shown(), || panic!("outside of any node")).unwrap();
+    let loader =
+        Loader::start(planted.index.clone(), planted.shown(), || panic!("outside of any node"))
+            .unwrap();
     loader.post(vec![Gate::open(1).wish(), Gate::open(2).wish()]);
     assert_eq!(answers(&loader, 1)[0].node, 1);
     let began = Instant::now();
@@ -449,7 +517,12 @@ impl Planted {
 }
 
 /// Updates for so long, with a picture after each; what was said, and when.
-fn updates(gpu: &mut Gpu, residency: &mut Residency, view: &View, during: Duration) -> Vec<(Duration, String)> {
+fn updates(
+    gpu: &mut Gpu,
+    residency: &mut Residency,
+    view: &View,
+    during: Duration,
+) -> Vec<(Duration, String)> {
     let (began, mut said) = (Instant::now(), Vec::new());
     while began.elapsed() < during {
         let update = residency.update(gpu, view, &all()).unwrap();
@@ -464,16 +537,25 @@ fn updates(gpu: &mut Gpu, residency: &mut Residency, view: &View, during: Durati
 fn a_loader_that_hangs_is_said_within_a_second_and_what_is_there_stays() {
     let planted = Planted::new();
     gpu::with(Way::Compute64, |gpu| {
-        let mut residency = Residency::open(gpu, planted.failing("hang:9"), planted.shown(), HUGE).unwrap();
+        let mut residency =
+            Residency::open(gpu, planted.failing("hang:9"), planted.shown(), HUGE).unwrap();
         let view = view(3);
         let said = updates(gpu, &mut residency, &view, Duration::from_secs(2));
-        assert!(said.len() == 1 && said[0].1.contains("has not come") && said[0].1.contains("cloud.pnti"), "{said:?}");
+        assert!(
+            said.len() == 1
+                && said[0].1.contains("has not come")
+                && said[0].1.contains("cloud.pnti"),
+            "{said:?}"
+        );
         // A second from when the node was begun; whoever polls, and a busy machine, take a little longer.
         assert!(said[0].0 < Duration::from_millis(1500), "{said:?}");
         assert!(!residency.drawn().is_empty() && residency.drawn().len() <= 8);
         let before = draw(gpu, &view, residency.resident());
         residency.update(gpu, &view, &all()).unwrap();
-        assert!(before == draw(gpu, &view, residency.resident()), "what is resident is still drawn");
+        assert!(
+            before == draw(gpu, &view, residency.resident()),
+            "what is resident is still drawn"
+        );
         // Nor does anybody wait for it at the end; it has nothing left to write to.
         let closing = Instant::now();
         residency.free(gpu);
@@ -489,9 +571,15 @@ fn a_loader_that_ends_is_said_and_another_one_goes_on() {
         let mut whole = planted.open(gpu, HUGE);
         let (_, expected) = settled(gpu, &mut whole, &view, &detail);
         whole.free(gpu);
-        let mut residency = Residency::open(gpu, planted.failing("end:20"), planted.shown(), HUGE).unwrap();
+        let mut residency =
+            Residency::open(gpu, planted.failing("end:20"), planted.shown(), HUGE).unwrap();
         let (update, picture) = settled(gpu, &mut residency, &view, &detail);
-        assert!(update.errors.iter().all(|error| error.contains("has ended")) && !update.errors.is_empty(), "{:?}", update.errors);
+        assert!(
+            update.errors.iter().all(|error| error.contains("has ended"))
+                && !update.errors.is_empty(),
+            "{:?}",
+            update.errors
+        );
         assert!(update.is_complete() && picture == expected);
         assert!(residency.pool_bytes()[1] <= HUGE);
         residency.free(gpu);
@@ -527,9 +615,19 @@ fn every_attribute_is_shown_as_the_cloud_itself_shows_it() {
     }
     let loader = Loader::start(planted.index.clone(), shown, || ()).unwrap();
     for node in [0, planted.index.nodes().len() - 1] {
-        loader.post(vec![Wish { node, planes: 1, destination: Some(Box::new(Keep(words.clone()))) }]);
+        loader.post(vec![Wish {
+            node,
+            planes: 1,
+            destination: Some(Box::new(Keep(words.clone()))),
+        }]);
         assert!(matches!(answers(&loader, 1)[0].outcome, Outcome::Done(_)));
-        let expected: Vec<u32> = planted.index.samples(node).unwrap().iter().map(|(p, _)| shown.elevation(p.z)).collect();
+        let expected: Vec<u32> = planted
+            .index
+            .samples(node)
+            .unwrap()
+            .iter()
+            .map(|(p, _)| shown.elevation(p.z))
+            .collect();
         assert_eq!(*words.lock().unwrap(), expected);
     }
 }

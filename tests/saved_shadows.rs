@@ -35,7 +35,9 @@ impl Place {
     }
 
     fn cast(&self, name: &str, line: &str) -> String {
-        succeeded(&self.run(&format!("shadows @street.pnti -o @{name} {LIGHT} --effect shadows={CAST} {line}")))
+        succeeded(&self.run(&format!(
+            "shadows @street.pnti -o @{name} {LIGHT} --effect shadows={CAST} {line}"
+        )))
     }
 
     fn explained(&self, line: &str) -> Value {
@@ -46,7 +48,11 @@ impl Place {
 }
 
 fn casts(explained: &Value) -> bool {
-    explained["passes"].as_array().unwrap().iter().any(|pass| pass == "shadow_depth" || pass == "light_limit")
+    explained["passes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .any(|pass| pass == "shadow_depth" || pass == "light_limit")
 }
 
 #[test]
@@ -57,7 +63,10 @@ fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
     let cast = place.explained(&format!("-o @cast.png {all} {LIGHT} --effect shadows=on,{CAST}"));
     let saved = place.explained(&format!("-o @saved.png {all} {LIGHT} --shadows @a.shadows"));
     assert!(casts(&cast) && !casts(&saved), "{saved}");
-    assert_eq!((&saved["shadows"]["saved"], &saved["shadows"]["samples"]), (&Value::from(true), &Value::from(6)));
+    assert_eq!(
+        (&saved["shadows"]["saved"], &saved["shadows"]["samples"]),
+        (&Value::from(true), &Value::from(6))
+    );
     assert_eq!(saved["shadows"]["layer_m"], cast["shadows"]["layer_m"]);
     let [cast, saved, none] = ["cast", "saved", "none"].map(|name| {
         if name == "none" {
@@ -68,13 +77,20 @@ fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
     assert!(cast.pixels == saved.pixels && cast.pixels != none.pixels);
     // A direction has no length; and settings of what is not cast any more change nothing, but how dark shadows are.
     let note = |line: &str| {
-        let said = succeeded(&place.run(&format!("render @street.pnti --size 320x200 -o @again.png {all} --shadows @a.shadows {line}")));
+        let said = succeeded(&place.run(&format!(
+            "render @street.pnti --size 320x200 -o @again.png {all} --shadows @a.shadows {line}"
+        )));
         (said, read_png(&place.at("again.png")).pixels == saved.pixels)
     };
     let (quiet, same) = note("--light direction:0.6,1.6,-1.6");
     assert!(!quiet.contains("note:") && same, "{quiet}");
     let (said, same) = note(&format!("{LIGHT} --effect shadows=on,samples=16,radius=20"));
-    assert!(said.contains("note: shadows are those that were saved, and take no account of samples and radius;") && same, "{said}");
+    assert!(
+        said.contains(
+            "note: shadows are those that were saved, and take no account of samples and radius;"
+        ) && same,
+        "{said}"
+    );
     for line in ["shadows=on,ambient=0.1 --effect phong=off", "phong=on,ambient=0.1"] {
         let (said, same) = note(&format!("{LIGHT} --effect {line}"));
         assert!(!said.contains("note:") && !same, "{said}");
@@ -91,7 +107,10 @@ fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
     // However little memory there is.
     let said = place.cast("b.shadows", "--memory 3MiB");
     assert!(said.contains("read 12 times"), "{said}");
-    assert!(std::fs::read(place.at("a.shadows")).unwrap() == std::fs::read(place.at("b.shadows")).unwrap());
+    assert!(
+        std::fs::read(place.at("a.shadows")).unwrap()
+            == std::fs::read(place.at("b.shadows")).unwrap()
+    );
 }
 
 #[test]
@@ -105,13 +124,20 @@ fn samples_of_inner_nodes_have_the_mean_of_the_points_that_they_stand_for() {
             let mut own = vec![0; index.nodes()[node].count as usize];
             marks.read(node, &mut own).unwrap();
             let weights = index.samples(node).unwrap();
-            let sum = own.iter().zip(&weights).map(|(&mark, (_, weight))| mark as f64 * *weight as f64).sum();
+            let sum = own
+                .iter()
+                .zip(&weights)
+                .map(|(&mark, (_, weight))| mark as f64 * *weight as f64)
+                .sum();
             (sum, weights.iter().map(|(_, weight)| *weight as f64).sum())
         })
         .collect();
     let (mut inner, mut between) = (0, false);
     for (node, record) in index.nodes().iter().enumerate().filter(|(_, record)| !record.is_leaf()) {
-        let below = record.children().map(|child| sums[child]).fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        let below = record
+            .children()
+            .map(|child| sums[child])
+            .fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
         let (own, all) = sums[node];
         assert_eq!(all, below.1);
         // Each is rounded once.
@@ -161,7 +187,13 @@ fn shadows_of_another_cloud_or_light_are_refused_and_damaged_ones_are_said() {
     }
     let said = failed(&place.run("shadows @street.las -o @c.shadows"), 1);
     assert!(said.contains("pointillist index"), "{said}");
-    let said = failed(&place.run(&format!("shadows @street.pnti -o @c.shadows {LIGHT} --effect edl=on")), 2);
-    assert!(said.contains("only shadows are cast here") && !place.at("c.shadows").exists(), "{said}");
+    let said = failed(
+        &place.run(&format!("shadows @street.pnti -o @c.shadows {LIGHT} --effect edl=on")),
+        2,
+    );
+    assert!(
+        said.contains("only shadows are cast here") && !place.at("c.shadows").exists(),
+        "{said}"
+    );
     assert!(pointillist().arg("shadows").output().unwrap().status.code() == Some(2));
 }

@@ -37,12 +37,18 @@ fn split(file: &Path, apart: f64) -> Vec<PathBuf> {
     let source = |record: &[u8]| u16::from_le_bytes([record[SOURCE], record[SOURCE + 1]]);
     let stations: BTreeSet<u16> = records.chunks_exact(RECORD).map(source).collect();
     let write = |(number, station): (usize, u16)| {
-        let own: Vec<u8> = records.chunks_exact(RECORD).filter(|record| source(record) == station).flatten().copied().collect();
+        let own: Vec<u8> = records
+            .chunks_exact(RECORD)
+            .filter(|record| source(record) == station)
+            .flatten()
+            .copied()
+            .collect();
         let mut head = head.to_vec();
         head[107..111].copy_from_slice(&((own.len() / RECORD) as u32).to_le_bytes());
         // Offset, highest and lowest along x.
         for at in [155, 179, 187] {
-            let moved = f64::from_le_bytes(head[at..at + 8].try_into().unwrap()) + apart * number as f64;
+            let moved =
+                f64::from_le_bytes(head[at..at + 8].try_into().unwrap()) + apart * number as f64;
             head[at..at + 8].copy_from_slice(&moved.to_le_bytes());
         }
         let path = file.with_file_name(format!("{station}.las"));
@@ -76,8 +82,15 @@ fn exposures_of_an_index_are_those_of_its_files() {
         same(std::slice::from_ref(&street), &Options { threads, ..OPTIONS });
         assert!(fs::read(index.path()).unwrap() == bytes, "{threads} threads");
     }
-    let lattices =
-        |index: &Index| index.nodes().iter().filter(|node| node.is_leaf()).map(|node| node.lattice).collect::<BTreeSet<_>>().len();
+    let lattices = |index: &Index| {
+        index
+            .nodes()
+            .iter()
+            .filter(|node| node.is_leaf())
+            .map(|node| node.lattice)
+            .collect::<BTreeSet<_>>()
+            .len()
+    };
     for (apart, trees) in [(0.0, 1), (0.00037, 5)] {
         let files = split(&street, apart);
         let (index, several) = same(&files, &OPTIONS);
@@ -95,7 +108,8 @@ fn of_more_points_than_are_looked_at_an_index_takes_the_same_as_a_cloud_in_memor
     let street = folder.path().join("street.las");
     scan(&street, Scene::Street, 3_000_000);
     let (_, one) = same(std::slice::from_ref(&street), &Options { memory: 24 << 20, ..OPTIONS });
-    let (_, several) = same(&split(&street, 0.00037), &Options { memory: 24 << 20, threads: 3, ..OPTIONS });
+    let (_, several) =
+        same(&split(&street, 0.00037), &Options { memory: 24 << 20, threads: 3, ..OPTIONS });
     assert!(one.iter().zip(&several).all(|(a, b)| (a - b).abs() < 0.02), "{one:?} {several:?}");
 }
 
@@ -108,11 +122,17 @@ fn one_station_has_no_exposures_and_those_of_an_index_without_any_are_not_evened
     let path = folder.path().join("a.pnti");
     build::build(&[alone], &path, &OPTIONS, &Silent).unwrap();
     let index = Index::open(&path).unwrap();
-    assert_eq!((index.directory.contents.stations.len(), &index.directory.contents.balance), (1, &None));
+    assert_eq!(
+        (index.directory.contents.stations.len(), &index.directory.contents.balance),
+        (1, &None)
+    );
     let without = Options { wanted: Wanted { rgb: false, ..Wanted::ALL }, ..OPTIONS };
     build::build(&[street], &path, &without, &Silent).unwrap();
     let index = Index::open(&path).unwrap();
-    assert_eq!((index.directory.contents.stations.len(), &index.directory.contents.balance), (5, &None));
+    assert_eq!(
+        (index.directory.contents.stations.len(), &index.directory.contents.balance),
+        (5, &None)
+    );
 }
 
 /// Tiles that lie apart, as most files of a site do.
@@ -131,7 +151,10 @@ fn a_node_takes_as_few_bytes_as_it_may_to_say_which_stations_have_seen_it() {
         stations.iter().for_each(|&station| seen[station as usize] += 1);
         let one = stations.iter().all(|station| *station == stations[0]);
         assert_eq!(record.one_station().is_some(), one);
-        assert_eq!(record.range(Plane::Station).1, if one { 0 } else { (record.count as u64).div_ceil(2) });
+        assert_eq!(
+            record.range(Plane::Station).1,
+            if one { 0 } else { (record.count as u64).div_ceil(2) }
+        );
     }
     let read = cloud::read(&files, &READ, &Silent).unwrap();
     assert_eq!(seen.to_vec(), read.parts.iter().map(|part| part.columns.len()).collect::<Vec<_>>());
@@ -140,11 +163,17 @@ fn a_node_takes_as_few_bytes_as_it_may_to_say_which_stations_have_seen_it() {
     // What is shown of stations is the same.
     let picture = |name: &str, cloud: &[PathBuf]| {
         let to = folder.path().join(name);
-        let line = ["--color", "source", "--style", "points", "--view", "top", "--size", "320x180", "--lod", "0.01", "-o"];
-        support::succeeded(&support::pointillist().arg("render").args(cloud).args(line).arg(&to).output().unwrap());
+        let line = [
+            "--color", "source", "--style", "points", "--view", "top", "--size", "320x180",
+            "--lod", "0.01", "-o",
+        ];
+        support::succeeded(
+            &support::pointillist().arg("render").args(cloud).args(line).arg(&to).output().unwrap(),
+        );
         support::read_png(&to).pixels
     };
-    let [of_files, of_index] = [picture("files.png", &files), picture("index.png", std::slice::from_ref(&path))];
+    let [of_files, of_index] =
+        [picture("files.png", &files), picture("index.png", std::slice::from_ref(&path))];
     let other = of_files.iter().zip(&of_index).filter(|(a, b)| a != b).count();
     assert!(other <= 3, "{other} pixels");
 }

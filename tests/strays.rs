@@ -12,7 +12,8 @@ use support::{Png, read_png, render, run, succeeded, text};
 /// Returns a wavy sheet of 20 x 20 m.
 fn sheet(points: usize, corner: DVec3) -> Vec<DVec3> {
     let place = |i: usize| {
-        let (x, y) = (((i * 7919) % 20_011) as f64 / 1000.55, ((i * 104_729) % 19_997) as f64 / 999.85);
+        let (x, y) =
+            (((i * 7919) % 20_011) as f64 / 1000.55, ((i * 104_729) % 19_997) as f64 / 999.85);
         corner + DVec3::new(x, y, 3.0 * (0.3 * x).sin() * (0.3 * y).cos())
     };
     (0..points).map(place).collect()
@@ -82,7 +83,12 @@ fn succeeded_text(cloud: &Path) -> String {
 /// Returns the share of pixels that differ by more than a few levels.
 fn differing(a: &Png, b: &Png) -> f64 {
     assert_eq!(a.size, b.size);
-    let differ = a.pixels.iter().zip(&b.pixels).filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 8)).count();
+    let differ = a
+        .pixels
+        .iter()
+        .zip(&b.pixels)
+        .filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 8))
+        .count();
     differ as f64 / a.pixels.len() as f64
 }
 
@@ -107,7 +113,12 @@ fn pictures_are_those_of_the_cloud_without_strays() {
         for cloud in [with.clone(), with.with_extension("pnti")] {
             let said = place.info(&cloud);
             assert_eq!(said["strays"]["points"], strays.len(), "{name}: {said}");
-            let at: Vec<f64> = said["strays"]["places"][0].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+            let at: Vec<f64> = said["strays"]["places"][0]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|v| v.as_f64().unwrap())
+                .collect();
             assert!((DVec3::from_slice(&at) - strays[0]).length() < 1.0, "{name}: {at:?}");
         }
     }
@@ -119,11 +130,17 @@ fn strays_are_drawn_where_they_lie_unless_they_are_to_be_hidden() {
     let points = sheet(5000, DVec3::ZERO);
     let las = place.las("with", &[&points[..], &[DVec3::new(10.0, 10.0, 60.0)]].concat());
     let camera = place.folder.path().join("camera.json");
-    std::fs::write(&camera, r#"{"eye": [10, -120, 30], "target": [10, 10, 30], "up": [0, 0, 1], "fov_y": 50}"#).unwrap();
+    std::fs::write(
+        &camera,
+        r#"{"eye": [10, -120, 30], "target": [10, 10, 30], "up": [0, 0, 1], "fov_y": 50}"#,
+    )
+    .unwrap();
     let options = format!("--camera {} --effect edl=off", camera.display());
     for cloud in [las.clone(), place.index(&las)] {
-        let [shown, hidden] = ["show", "hide"].map(|strays| place.picture(&cloud, &format!("{options} --strays {strays}")));
-        let differ: Vec<usize> = (0..shown.pixels.len()).filter(|&i| shown.pixels[i] != hidden.pixels[i]).collect();
+        let [shown, hidden] = ["show", "hide"]
+            .map(|strays| place.picture(&cloud, &format!("{options} --strays {strays}")));
+        let differ: Vec<usize> =
+            (0..shown.pixels.len()).filter(|&i| shown.pixels[i] != hidden.pixels[i]).collect();
         assert_eq!(differ.len(), 1, "{}: {differ:?}", cloud.display());
         assert!(differ[0] < shown.pixels.len() / 3, "it lies above the sheet");
     }
@@ -146,15 +163,22 @@ fn pictures_of_classes_have_the_colours_of_classes_alone() {
     let path = place.folder.path().join("classes.las");
     write(&path, &sheet(5000, DVec3::ZERO), |i| 2 + (i * 31 % 7) as u8 / 2);
     for cloud in [path.clone(), place.index(&path)] {
-        for fill in ["fill=method=pintus", "fill=method=pullpush", "fill=method=dobrev", "fill=auto"] {
+        for fill in
+            ["fill=method=pintus", "fill=method=pullpush", "fill=method=dobrev", "fill=auto"]
+        {
             let colors = |options: &str| -> BTreeSet<[u8; 3]> {
-                let picture = place.picture(&cloud, &format!("--color class --effect shape=off --effect edl=off {options}"));
+                let picture = place.picture(
+                    &cloud,
+                    &format!("--color class --effect shape=off --effect edl=off {options}"),
+                );
                 picture.pixels.into_iter().collect()
             };
             let palette = colors("--effect fill=off --effect visibility=off");
             assert_eq!(palette.len(), 5);
             // Colours are rounded on their way.
-            let is_one = |color: &[u8; 3]| palette.iter().any(|one| (0..3).all(|c| color[c].abs_diff(one[c]) <= 1));
+            let is_one = |color: &[u8; 3]| {
+                palette.iter().any(|one| (0..3).all(|c| color[c].abs_diff(one[c]) <= 1))
+            };
             let filled = colors(&format!("--effect {fill}"));
             assert!(filled.iter().all(is_one), "{fill}: {filled:?} {palette:?}");
         }

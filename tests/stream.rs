@@ -25,8 +25,20 @@ fn rows(columns: &Columns) -> Vec<u64> {
     let row = |i| {
         let mut hasher = DefaultHasher::new();
         let place = [columns.x[i], columns.y[i], columns.z[i]];
-        let numbers = (at(&columns.intensity, i), at(&columns.class, i), at(&columns.returns, i), at(&columns.source, i));
-        (place, at(&columns.rgb, i), numbers, at(&columns.normal, i), at(&columns.gps_time, i).map(f64::to_bits)).hash(&mut hasher);
+        let numbers = (
+            at(&columns.intensity, i),
+            at(&columns.class, i),
+            at(&columns.returns, i),
+            at(&columns.source, i),
+        );
+        (
+            place,
+            at(&columns.rgb, i),
+            numbers,
+            at(&columns.normal, i),
+            at(&columns.gps_time, i).map(f64::to_bits),
+        )
+            .hash(&mut hasher);
         hasher.finish()
     };
     (0..columns.len()).map(row).collect()
@@ -37,7 +49,11 @@ fn read(path: &Path, options: &ReadOptions) -> Result<(Vec<Told>, Vec<String>)> 
     let told = |part: &cloud::Part| {
         let mut rows = rows(&part.columns);
         rows.sort_unstable();
-        (part.title(), format!("{:?} {:?} {:?}", part.lattice, part.intensity_range, part.header), rows)
+        (
+            part.title(),
+            format!("{:?} {:?} {:?}", part.lattice, part.intensity_range, part.header),
+            rows,
+        )
     };
     Ok((cloud.parts.iter().map(told).collect(), cloud.notes))
 }
@@ -48,7 +64,11 @@ fn collect(source: &stream::Source) -> Result<(Vec<u64>, Streamed)> {
     let stream = || {
         batches.lock().unwrap().clear();
         source.stream(&Silent, &|batch| {
-            assert!((1..=BATCH).contains(&batch.columns.len()), "{} points in a batch", batch.columns.len());
+            assert!(
+                (1..=BATCH).contains(&batch.columns.len()),
+                "{} points in a batch",
+                batch.columns.len()
+            );
             assert_eq!(batch.columns.available(), source.available());
             batches.lock().unwrap().push(batch.columns.clone());
             Ok(())
@@ -80,7 +100,8 @@ fn streamed(path: &Path, options: &ReadOptions) -> Result<(Vec<Told>, Vec<String
         assert_eq!(source.path(), path);
         let (rows, streamed) = collect(&source)?;
         notes.extend(streamed.notes);
-        let about = format!("{:?} {:?} {:?}", source.lattice(), source.intensity_range(), source.header());
+        let about =
+            format!("{:?} {:?} {:?}", source.lattice(), source.intensity_range(), source.header());
         parts.push((source.title(), about, rows));
     }
     Ok((parts, notes))
@@ -94,7 +115,12 @@ fn agree(path: &Path, options: &ReadOptions) -> std::result::Result<usize, Strin
             assert_eq!(own_notes, notes, "{}", path.display());
             assert_eq!(own_parts.len(), parts.len(), "{}", path.display());
             for (own, part) in own_parts.iter().zip(&parts) {
-                assert_eq!((&own.0, &own.1, own.2.len()), (&part.0, &part.1, part.2.len()), "{}", path.display());
+                assert_eq!(
+                    (&own.0, &own.1, own.2.len()),
+                    (&part.0, &part.1, part.2.len()),
+                    "{}",
+                    path.display()
+                );
                 assert!(own.2 == part.2, "{}: other points", path.display());
             }
             Ok(parts.iter().map(|part| part.2.len()).sum())
@@ -110,7 +136,11 @@ fn agree(path: &Path, options: &ReadOptions) -> std::result::Result<usize, Strin
 
 const ALL: ReadOptions = ReadOptions::new(Wanted::ALL, false);
 
-fn agree_bytes(name: &str, bytes: &[u8], options: &ReadOptions) -> std::result::Result<usize, String> {
+fn agree_bytes(
+    name: &str,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> std::result::Result<usize, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     fs::write(&path, bytes).unwrap();
@@ -154,7 +184,11 @@ fn bad_files_are_judged_alike() {
     assert!(files.len() >= 36, "{} files", files.len());
     for path in files {
         for strict in [false, true] {
-            println!("{} {strict}: {:?}", path.display(), agree(&path, &ReadOptions { strict, ..ALL }));
+            println!(
+                "{} {strict}: {:?}",
+                path.display(),
+                agree(&path, &ReadOptions { strict, ..ALL })
+            );
         }
     }
 }
@@ -162,9 +196,11 @@ fn bad_files_are_judged_alike() {
 #[test]
 fn columns_that_are_not_wanted_are_not_in_batches() {
     let Some(path) = shared("data/formats/las1.4_pf9.laz") else { return };
-    for wanted in
-        [Wanted::default(), Wanted { intensity: true, ..Wanted::default() }, Wanted { rgb: true, source: true, ..Wanted::default() }]
-    {
+    for wanted in [
+        Wanted::default(),
+        Wanted { intensity: true, ..Wanted::default() },
+        Wanted { rgb: true, source: true, ..Wanted::default() },
+    ] {
         assert!(agree(&path, &ReadOptions::new(wanted, true)).is_ok());
     }
 }
@@ -174,7 +210,9 @@ fn lies_and_cuts_are_judged_alike() {
     for name in ["las1.2_pf2.las", "las1.2_pf2.laz", "las1.4_pf6_rand.laz", "las1.4_pf9.las"] {
         let Some(path) = shared(&format!("data/formats/{name}")) else { return };
         let bytes = fs::read(path).unwrap();
-        for length in (0..bytes.len()).step_by(997).chain(bytes.len().saturating_sub(60)..bytes.len()) {
+        for length in
+            (0..bytes.len()).step_by(997).chain(bytes.len().saturating_sub(60)..bytes.len())
+        {
             let _ = agree_bytes("cut.las", &bytes[..length], &ALL);
         }
         // Counts, scale, offset, bounds, then the laszip record, the first chunk, and the table.
@@ -186,11 +224,27 @@ fn lies_and_cuts_are_judged_alike() {
         if let Some(record) = bytes.windows(14).position(|window| window == b"laszip encoded") {
             let contents = record - 2 + 54;
             let (chunks, table) = (number(96), number(number(96)));
-            places.extend([contents, contents + 12, contents + 32, contents + 34, chunks, chunks + 8, chunks + 38, chunks + 42]);
+            places.extend([
+                contents,
+                contents + 12,
+                contents + 32,
+                contents + 34,
+                chunks,
+                chunks + 8,
+                chunks + 38,
+                chunks + 42,
+            ]);
             places.extend([table, table + 4, table + 8, table + 12]);
         }
         for at in places {
-            for value in [0u16, 1, 0x7ff0, 0x8000, u16::MAX, u16::from_le_bytes([bytes[at], bytes[at + 1]]).wrapping_add(1)] {
+            for value in [
+                0u16,
+                1,
+                0x7ff0,
+                0x8000,
+                u16::MAX,
+                u16::from_le_bytes([bytes[at], bytes[at + 1]]).wrapping_add(1),
+            ] {
                 let mut lying = bytes.clone();
                 lying[at..at + 2].copy_from_slice(&value.to_le_bytes());
                 let _ = agree_bytes("lying.las", &lying, &ALL);
@@ -218,10 +272,15 @@ enum Chunks {
 
 fn record(i: usize, format: u8, color: u16) -> Vec<u8> {
     let mut record = Vec::new();
-    let q = [i as i32 % 1000, i as i32 / 1000, (i as i32).wrapping_mul(0x9E37_79B9u32 as i32) >> 20];
+    let q =
+        [i as i32 % 1000, i as i32 / 1000, (i as i32).wrapping_mul(0x9E37_79B9u32 as i32) >> 20];
     q.iter().for_each(|q| record.extend(q.to_le_bytes()));
     record.extend((i as u16).to_le_bytes());
-    record.extend(if format == 3 { vec![0b01_010_001, (i % 20) as u8, 0, 0] } else { vec![0x21, 0, (i % 20) as u8, 0, 0, 0] });
+    record.extend(if format == 3 {
+        vec![0b01_010_001, (i % 20) as u8, 0, 0]
+    } else {
+        vec![0x21, 0, (i % 20) as u8, 0, 0, 0]
+    });
     record.extend((i as u16 / 4096).to_le_bytes());
     record.extend((i as f64 * 0.25).to_le_bytes());
     [color, 0, color / 2].iter().for_each(|channel| record.extend(channel.to_le_bytes()));
@@ -301,7 +360,10 @@ fn las_made_here_streams_in_full_and_cut() {
         for wide_at in [None, Some(0), Some(BATCH - 1), Some(BATCH + 9000), Some(COUNT - 1)] {
             let file = las(format, &colors(wide_at));
             assert_eq!(agree_bytes("whole.las", &file, &ALL), Ok(COUNT));
-            assert_eq!(agree_bytes("cut.las", &file[..file.len() - 70_000 * format.1 - 3], &ALL), Ok(COUNT - 70_001));
+            assert_eq!(
+                agree_bytes("cut.las", &file[..file.len() - 70_000 * format.1 - 3], &ALL),
+                Ok(COUNT - 70_001)
+            );
         }
         assert_eq!(agree_bytes("black.las", &las(format, &[0; 100_000]), &ALL), Ok(100_000));
         assert_eq!(agree_bytes("none.las", &las(format, &[]), &ALL), Ok(0));
@@ -312,13 +374,19 @@ fn las_made_here_streams_in_full_and_cut() {
 fn laz_made_here_streams_with_and_without_its_table() {
     for format in FORMATS {
         // Smaller than a batch, larger, and all of the file.
-        for chunks in [Chunks::Of(5000), Chunks::Of(70_000), Chunks::Of(1_000_000), Chunks::Varying] {
-            let depths = if matches!(chunks, Chunks::Of(70_000)) { &[None, Some(BATCH + 9000)][..] } else { &[Some(BATCH + 9000)] };
+        for chunks in [Chunks::Of(5000), Chunks::Of(70_000), Chunks::Of(1_000_000), Chunks::Varying]
+        {
+            let depths = if matches!(chunks, Chunks::Of(70_000)) {
+                &[None, Some(BATCH + 9000)][..]
+            } else {
+                &[Some(BATCH + 9000)]
+            };
             for &wide_at in depths {
                 let file = laz(format, &colors(wide_at), chunks);
                 assert_eq!(agree_bytes("whole.laz", &file, &ALL), Ok(COUNT));
                 let points_at = u32::from_le_bytes(file[96..100].try_into().unwrap()) as usize;
-                let table_at = u64::from_le_bytes(file[points_at..points_at + 8].try_into().unwrap()) as usize;
+                let table_at =
+                    u64::from_le_bytes(file[points_at..points_at + 8].try_into().unwrap()) as usize;
                 let cut = agree_bytes("tableless.laz", &file[..table_at], &ALL);
                 match (format.0, chunks) {
                     (3, Chunks::Varying) => assert!(cut.unwrap_err().contains("varying size")),
@@ -337,7 +405,10 @@ fn laz_made_here_streams_with_and_without_its_table() {
                 let _ = agree_bytes("damaged.laz", &damaged, &ReadOptions { strict: true, ..ALL });
             }
         }
-        assert_eq!(agree_bytes("black.laz", &laz(format, &[0; 10_000], Chunks::Of(5000)), &ALL), Ok(10_000));
+        assert_eq!(
+            agree_bytes("black.laz", &laz(format, &[0; 10_000], Chunks::Of(5000)), &ALL),
+            Ok(10_000)
+        );
     }
 }
 
@@ -347,20 +418,30 @@ fn what_a_source_says_before_its_points_are_read() {
     let path = folder.path().join("a.las");
     let mut file = las(FORMATS[0], &colors(None));
     file[179..227].copy_from_slice(
-        &[[0.999f64, 0.0], [0.15, 0.0], [2.047, -2.048]].concat().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>(),
+        &[[0.999f64, 0.0], [0.15, 0.0], [2.047, -2.048]]
+            .concat()
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect::<Vec<_>>(),
     );
     fs::write(&path, &file).unwrap();
-    let open = || stream::open(std::slice::from_ref(&path), &ALL, &Silent, &mut Vec::new()).unwrap().remove(0);
+    let open = || {
+        stream::open(std::slice::from_ref(&path), &ALL, &Silent, &mut Vec::new()).unwrap().remove(0)
+    };
     let source = open();
-    assert_eq!((source.title().as_str(), source.name(), source.points()), ("a.las", None, COUNT as u64));
+    assert_eq!(
+        (source.title().as_str(), source.name(), source.points()),
+        ("a.las", None, COUNT as u64)
+    );
     assert_eq!(source.available(), Wanted { normal: false, ..Wanted::ALL });
     let ([lo, hi], streamed) = (source.stated_bounds().unwrap(), collect(&source).unwrap().1);
     assert_eq!(streamed.bounds, Some([[0, 0, -2048], [999, 150, 2047]]));
-    assert!(
-        (0..3).all(|axis| (0..=1).contains(&([0, 0, -2048][axis] - lo[axis])) && (0..=1).contains(&(hi[axis] - [999, 150, 2047][axis])))
-    );
+    assert!((0..3).all(|axis| (0..=1).contains(&([0, 0, -2048][axis] - lo[axis]))
+        && (0..=1).contains(&(hi[axis] - [999, 150, 2047][axis]))));
     assert_eq!(streamed.notes.len(), 1, "{:?}", streamed.notes);
-    for (at, value) in [(179, f64::NAN), (187, 2.0), (195, f64::INFINITY), (203, -1e300), (211, 1e9)] {
+    for (at, value) in
+        [(179, f64::NAN), (187, 2.0), (195, f64::INFINITY), (203, -1e300), (211, 1e9)]
+    {
         let mut lying = file.clone();
         lying[at..at + 8].copy_from_slice(&f64::to_le_bytes(value));
         fs::write(&path, &lying).unwrap();
@@ -371,10 +452,15 @@ fn what_a_source_says_before_its_points_are_read() {
 #[test]
 fn a_source_can_be_streamed_again_but_not_once_its_file_has_changed() {
     let folder = tempfile::tempdir().unwrap();
-    for (name, file) in [("a.las", las(FORMATS[0], &colors(None))), ("a.laz", laz(FORMATS[1], &colors(None), Chunks::Of(5000)))] {
+    for (name, file) in [
+        ("a.las", las(FORMATS[0], &colors(None))),
+        ("a.laz", laz(FORMATS[1], &colors(None), Chunks::Of(5000))),
+    ] {
         let path = folder.path().join(name);
         fs::write(&path, &file).unwrap();
-        let source = stream::open(std::slice::from_ref(&path), &ALL, &Silent, &mut Vec::new()).unwrap().remove(0);
+        let source = stream::open(std::slice::from_ref(&path), &ALL, &Silent, &mut Vec::new())
+            .unwrap()
+            .remove(0);
         let (first, again) = (collect(&source).unwrap(), collect(&source).unwrap());
         assert!(first.0 == again.0 && first.1.notes == again.1.notes);
         let ended = source.stream(&Silent, &|_| Err(Error::Interrupted));
@@ -395,23 +481,45 @@ fn other_formats_stream_in_batches_too() {
 #[test]
 fn a_sample_is_points_of_the_file_from_all_over_it() {
     let folder = tempfile::tempdir().unwrap();
-    for (name, asked, expected) in [("scan.las", 20_000, 20_000..=20_100), ("scan.laz", 110_000, 100_000..=150_000)] {
+    for (name, asked, expected) in
+        [("scan.las", 20_000, 20_000..=20_100), ("scan.laz", 110_000, 100_000..=150_000)]
+    {
         let path = folder.path().join(name);
         support::scan(&path, pointillist::synth::Scene::Street, 300_000);
         let wanted = Wanted { rgb: true, ..Wanted::default() };
-        let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent).unwrap();
-        let sample =
-            cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(wanted, false), asked, &Silent).unwrap().expect("a sample");
+        let whole =
+            cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent)
+                .unwrap();
+        let sample = cloud::sample(
+            std::slice::from_ref(&path),
+            &ReadOptions::new(wanted, false),
+            asked,
+            &Silent,
+        )
+        .unwrap()
+        .expect("a sample");
         assert!(expected.contains(&sample.len()), "{name}: {} points", sample.len());
         let points = |cloud: &pointillist::cloud::Cloud| -> Vec<([i32; 3], [u8; 3])> {
             let columns = &cloud.parts[0].columns;
             let rgb = columns.rgb.as_ref().unwrap();
-            (0..columns.len()).map(|i| ([columns.x[i], columns.y[i], columns.z[i]], rgb[i])).collect()
+            (0..columns.len())
+                .map(|i| ([columns.x[i], columns.y[i], columns.z[i]], rgb[i]))
+                .collect()
         };
         let all: std::collections::HashSet<_> = points(&whole).into_iter().collect();
-        assert!(points(&sample).iter().all(|point| all.contains(point)), "{name}: a point that the file does not have");
-        let size = |cloud: &pointillist::cloud::Cloud| cloud.bounds().map(|(lo, hi)| (hi - lo).length()).unwrap();
-        assert!(size(&sample) > 0.5 * size(&whole), "{name}: {} of {} metres", size(&sample), size(&whole));
+        assert!(
+            points(&sample).iter().all(|point| all.contains(point)),
+            "{name}: a point that the file does not have"
+        );
+        let size = |cloud: &pointillist::cloud::Cloud| {
+            cloud.bounds().map(|(lo, hi)| (hi - lo).length()).unwrap()
+        };
+        assert!(
+            size(&sample) > 0.5 * size(&whole),
+            "{name}: {} of {} metres",
+            size(&sample),
+            size(&whole)
+        );
     }
 }
 
@@ -423,21 +531,35 @@ fn a_sample_is_coarse_and_has_no_gaps() {
         let path = folder.path().join(name);
         support::scan(&path, pointillist::synth::Scene::Street, 2_000_000);
         let wanted = Wanted::default();
-        let whole = cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent).unwrap();
-        let sample =
-            cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(wanted, false), 200_000, &Silent).unwrap().expect("a sample");
+        let whole =
+            cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent)
+                .unwrap();
+        let sample = cloud::sample(
+            std::slice::from_ref(&path),
+            &ReadOptions::new(wanted, false),
+            200_000,
+            &Silent,
+        )
+        .unwrap()
+        .expect("a sample");
         // Cells of two metres.
         let cells = |cloud: &pointillist::cloud::Cloud| {
             let part = &cloud.parts[0];
             let mut cells = std::collections::HashMap::<[i64; 3], u32>::new();
             for i in 0..part.columns.len() {
-                let place = part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from));
+                let place = part.lattice.world(
+                    [part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from),
+                );
                 *cells.entry((place / 2.0).floor().to_array().map(|v| v as i64)).or_default() += 1;
             }
             cells
         };
         let (all, some) = (cells(&whole), cells(&sample));
-        let seen: Vec<_> = all.iter().filter(|(_, points)| **points >= 500).map(|(cell, _)| some.contains_key(cell)).collect();
+        let seen: Vec<_> = all
+            .iter()
+            .filter(|(_, points)| **points >= 500)
+            .map(|(cell, _)| some.contains_key(cell))
+            .collect();
         let share = seen.iter().filter(|seen| **seen).count() as f64 / seen.len() as f64;
         println!("{name}: {share:.3} of {} cells", seen.len());
         assert!(share >= least, "{name}: {share:.3} of {} cells", seen.len());
@@ -451,9 +573,20 @@ fn a_sample_of_odd_files_is_what_they_have() {
     support::scan(&path, pointillist::synth::Scene::Street, 1000);
     let bytes = std::fs::read(&path).unwrap();
     let sampled = |points: u64| {
-        cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(Wanted::ALL, false), points, &Silent).unwrap().unwrap().len()
+        cloud::sample(
+            std::slice::from_ref(&path),
+            &ReadOptions::new(Wanted::ALL, false),
+            points,
+            &Silent,
+        )
+        .unwrap()
+        .unwrap()
+        .len()
     };
-    assert_eq!([0, 1, 63, 65, 1000, 1001, u64::MAX].map(sampled), [0, 64, 64, 125, 1000, 1000, 1000]);
+    assert_eq!(
+        [0, 1, 63, 65, 1000, 1001, u64::MAX].map(sampled),
+        [0, 64, 64, 125, 1000, 1000, 1000]
+    );
     // Cut off, and without any point.
     std::fs::write(&path, &bytes[..227 + 34 * 500 + 7]).unwrap();
     assert_eq!([10, 500, 5000].map(sampled), [62, 500, 500]);
@@ -462,7 +595,15 @@ fn a_sample_of_odd_files_is_what_they_have() {
     let path = folder.path().join("scan.laz");
     support::scan(&path, pointillist::synth::Scene::Street, 120_000);
     let sampled = |points: u64| {
-        cloud::sample(std::slice::from_ref(&path), &ReadOptions::new(Wanted::ALL, false), points, &Silent).unwrap().unwrap().len()
+        cloud::sample(
+            std::slice::from_ref(&path),
+            &ReadOptions::new(Wanted::ALL, false),
+            points,
+            &Silent,
+        )
+        .unwrap()
+        .unwrap()
+        .len()
     };
     assert_eq!([0, 3, 120_000, u64::MAX].map(sampled), [0, 5, 120_000, 120_000]);
 }

@@ -27,7 +27,12 @@ fn the_precision_study_keeps_its_promises() {
         sections.into_iter().next().unwrap().rows
     });
     // Three scenes, three views, four settings, six metrics.
-    csv_holds_exactly(&std::fs::read_to_string(folder.path().join("precision.csv")).unwrap(), &rows, ["precision", "bits", "auto"], 216);
+    csv_holds_exactly(
+        &std::fs::read_to_string(folder.path().join("precision.csv")).unwrap(),
+        &rows,
+        ["precision", "bits", "auto"],
+        216,
+    );
     assert!(rows.iter().all(|row| row.n == 3));
     errors_fall_as_bits_rise(&rows);
     fronts_are_fronts(&rows);
@@ -41,21 +46,38 @@ fn the_precision_study_keeps_its_promises() {
         .filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|e| e == "svg"))
         .count();
     assert_eq!((pictures, page.matches("<svg").count()), (6, 6));
-    assert!(["device", "driver", "commit", "seed", "command"].iter().all(|fact| page.contains(&format!("<th>{fact}</th>"))));
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 8, "nothing half written is left");
+    assert!(
+        ["device", "driver", "commit", "seed", "command"]
+            .iter()
+            .all(|fact| page.contains(&format!("<th>{fact}</th>")))
+    );
+    assert_eq!(
+        std::fs::read_dir(folder.path()).unwrap().count(),
+        8,
+        "nothing half written is left"
+    );
 }
 
 fn csv_holds_exactly(text: &str, rows: &[Row], [study, knob, auto]: [&str; 3], count: usize) {
     let mut lines = text.lines();
-    assert_eq!(lines.next(), Some("study,scene,view,knob,value,metric,error,ms_median,ms_q1,ms_q3,n,auto,front,device"));
+    assert_eq!(
+        lines.next(),
+        Some("study,scene,view,knob,value,metric,error,ms_median,ms_q1,ms_q3,n,auto,front,device")
+    );
     assert_eq!((rows.len(), lines.clone().count()), (count, count));
     for (line, row) in lines.zip(rows) {
         let fields: Vec<&str> = line.splitn(14, ',').collect();
         assert_eq!(fields[..6], [study, row.scene, row.view, knob, &row.value, row.metric]);
         let numbers: Vec<f64> = fields[6..10].iter().map(|field| field.parse().unwrap()).collect();
         assert_eq!(numbers, [row.error, row.ms[1], row.ms[0], row.ms[2]]);
-        assert!(row.error >= 0.0 && row.ms[0] > 0.0 && row.ms[0] <= row.ms[1] && row.ms[1] <= row.ms[2], "{row:?}");
-        assert_eq!(fields[10..13], [row.n.to_string(), (row.value == auto).to_string(), row.front.to_string()]);
+        assert!(
+            row.error >= 0.0 && row.ms[0] > 0.0 && row.ms[0] <= row.ms[1] && row.ms[1] <= row.ms[2],
+            "{row:?}"
+        );
+        assert_eq!(
+            fields[10..13],
+            [row.n.to_string(), (row.value == auto).to_string(), row.front.to_string()]
+        );
         assert!(fields[13].len() > 2);
     }
 }
@@ -69,7 +91,11 @@ fn made(name: &str, plan: &Plan) -> (Vec<Row>, String, usize) {
         sections.into_iter().next().unwrap().rows
     });
     let page = std::fs::read_to_string(folder.path().join("study.html")).unwrap();
-    (rows, std::fs::read_to_string(folder.path().join(format!("{name}.csv"))).unwrap(), page.matches("<svg").count())
+    (
+        rows,
+        std::fs::read_to_string(folder.path().join(format!("{name}.csv"))).unwrap(),
+        page.matches("<svg").count(),
+    )
 }
 
 #[test]
@@ -80,9 +106,19 @@ fn the_lod_study_keeps_its_promises() {
     csv_holds_exactly(&text, &rows, ["lod", "lod", "auto"], 2 * 7 * (3 * 9 + 2));
     assert_eq!(figures, 10);
     // More dB are better: their front is that of the RMS errors that they are logarithms of.
-    for (psnr, rms) in rows.iter().filter(|row| row.metric == "psnr_db").zip(rows.iter().filter(|row| row.metric == "rms")) {
-        assert_eq!((psnr.scene, psnr.view, &psnr.value, psnr.front), (rms.scene, rms.view, &rms.value, rms.front));
-        assert!((psnr.error + 20.0 * rms.error.log10()).abs() < 1e-9 || rms.error == 0.0 && psnr.error == f64::INFINITY);
+    for (psnr, rms) in rows
+        .iter()
+        .filter(|row| row.metric == "psnr_db")
+        .zip(rows.iter().filter(|row| row.metric == "rms"))
+    {
+        assert_eq!(
+            (psnr.scene, psnr.view, &psnr.value, psnr.front),
+            (rms.scene, rms.view, &rms.value, rms.front)
+        );
+        assert!(
+            (psnr.error + 20.0 * rms.error.log10()).abs() < 1e-9
+                || rms.error == 0.0 && psnr.error == f64::INFINITY
+        );
     }
     rows.retain(|row| row.metric != "psnr_db");
     fronts_are_fronts(&rows);
@@ -93,7 +129,10 @@ fn the_lod_study_keeps_its_promises() {
         let at = format!("{scene} {view} {metric}: {falling:?} auto {}", error("auto"));
         match metric {
             "points" | "bytes_read" => {
-                assert!(falling.is_sorted() && error("auto") <= error("1") && falling[0] > 0.0, "{at}");
+                assert!(
+                    falling.is_sorted() && error("auto") <= error("1") && falling[0] > 0.0,
+                    "{at}"
+                );
                 let budget = 2.0 * (plan.size[0] * plan.size[1]) as f64;
                 assert!(metric != "points" || error("auto") <= budget.max(falling[0]), "{at}");
             }
@@ -120,18 +159,23 @@ fn the_index_study_keeps_its_promises() {
     fronts_are_fronts(&rows);
     for ((scene, view, metric), rows) in groups(&rows) {
         let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
-        let at = format!("{scene} {view} {metric}: {} {} {}", error("10"), error("20"), error("all"));
+        let at =
+            format!("{scene} {view} {metric}: {} {} {}", error("10"), error("20"), error("all"));
         if metric == "bytes_point" {
             assert!(error("10") == 4.0 && error("20") <= 8.0 && error("all") <= 12.0, "{at}");
             continue;
         }
-        assert!(error("all") == 0.0 && error("20") <= error("10") / 512.0 && error("10") > 0.0, "{at}");
+        assert!(
+            error("all") == 0.0 && error("20") <= error("10") / 512.0 && error("10") > 0.0,
+            "{at}"
+        );
     }
 }
 
 fn groups(rows: &[Row]) -> BTreeMap<(&str, &str, &str), Vec<&Row>> {
     let mut groups: BTreeMap<_, Vec<&Row>> = BTreeMap::new();
-    rows.iter().for_each(|row| groups.entry((row.scene, row.view, row.metric)).or_default().push(row));
+    rows.iter()
+        .for_each(|row| groups.entry((row.scene, row.view, row.metric)).or_default().push(row));
     groups
 }
 
@@ -143,7 +187,12 @@ fn errors_fall_as_bits_rise(rows: &[Row]) {
         let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
         if metric == "bytes_read" {
             // Four bytes a point and plane.
-            assert!(error("10") <= error("20") && error("20") <= error("all") && error("auto") <= error("all"), "{scene} {view}");
+            assert!(
+                error("10") <= error("20")
+                    && error("20") <= error("all")
+                    && error("auto") <= error("all"),
+                "{scene} {view}"
+            );
             assert!(error("10") > 0.0 && error("10") % 4.0 == 0.0, "{scene} {view}");
             continue;
         }
@@ -151,12 +200,27 @@ fn errors_fall_as_bits_rise(rows: &[Row]) {
             "px_max" | "px_rms" => 12.0 * u * 88.0,
             "m_max" | "m_rms" => 12.0 * u * 1e4,
             _ => {
-                assert_eq!(error("all"), 0.0, "{scene} {view}: the picture at full precision is its own reference");
+                assert_eq!(
+                    error("all"),
+                    0.0,
+                    "{scene} {view}: the picture at full precision is its own reference"
+                );
                 0.0
             }
         };
-        let at = format!("{scene} {view} {metric}: {} {} {} auto {}", error("10"), error("20"), error("all"), error("auto"));
-        assert!(error("10") + floor >= error("20") && error("20") + floor >= error("all") && error("10") + floor >= error("auto"), "{at}");
+        let at = format!(
+            "{scene} {view} {metric}: {} {} {} auto {}",
+            error("10"),
+            error("20"),
+            error("all"),
+            error("auto")
+        );
+        assert!(
+            error("10") + floor >= error("20")
+                && error("20") + floor >= error("all")
+                && error("10") + floor >= error("auto"),
+            "{at}"
+        );
         if metric == "px_max" && view == "close-up" {
             assert!(error("10") > 0.5, "10 bits do not fail visibly: {at}");
             // What auto promises of quantisation, beside the floor; in a corner of this picture a point is 1.25 times as far from the eye as it is deep.
@@ -181,7 +245,9 @@ fn fronts_are_fronts(rows: &[Row]) {
 
 #[test]
 fn a_study_that_there_is_not_names_those_that_there_are() {
-    let error = gpu::with(Way::Compute64, |gpu| study::run(&["speed".into()], gpu, &PLAN, &Silent).err().unwrap().to_string());
+    let error = gpu::with(Way::Compute64, |gpu| {
+        study::run(&["speed".into()], gpu, &PLAN, &Silent).err().unwrap().to_string()
+    });
     assert!(error.contains("speed") && error.contains("precision"), "{error}");
 }
 
@@ -211,22 +277,42 @@ fn the_truth_has_no_errors_and_what_is_not_true_has() {
         let of = |depth: &[f32]| case.errors(depth, depth, None);
         let own = of(&depth);
         assert!(own.interior > 500 && own.inside > own.interior, "{own:?}");
-        assert_eq!([own.misplaced, own.wrong_layer, own.holes, own.spilled, own.hidden[0]], [0; 5], "{own:?}");
+        assert_eq!(
+            [own.misplaced, own.wrong_layer, own.holes, own.spilled, own.hidden[0]],
+            [0; 5],
+            "{own:?}"
+        );
         assert!(own.visible[0] > own.inside / 2);
         for by in [0.9, 1.1] {
             let shifted = of(&depth.iter().map(|depth| depth * by).collect::<Vec<_>>());
-            assert!(shifted.misplaced == own.interior && shifted.wrong_layer == own.interior && shifted.holes == 0, "{shifted:?}");
+            assert!(
+                shifted.misplaced == own.interior
+                    && shifted.wrong_layer == own.interior
+                    && shifted.holes == 0,
+                "{shifted:?}"
+            );
             // Nothing hides what is nearer than the surface.
-            assert_eq!((shifted.visible[0] == 0, shifted.hidden[0] == 0), (by > 1.0, by < 1.0), "{shifted:?}");
+            assert_eq!(
+                (shifted.visible[0] == 0, shifted.hidden[0] == 0),
+                (by > 1.0, by < 1.0),
+                "{shifted:?}"
+            );
         }
-        let every_fifth: Vec<f32> = (0..depth.len()).map(|i| if i % 5 == 0 { f32::INFINITY } else { depth[i] }).collect();
+        let every_fifth: Vec<f32> =
+            (0..depth.len()).map(|i| if i % 5 == 0 { f32::INFINITY } else { depth[i] }).collect();
         let thinned = of(&every_fifth);
-        assert_eq!(thinned.holes, (0..depth.len()).step_by(5).filter(|&i| truth.inside[i]).count() as u64);
+        assert_eq!(
+            thinned.holes,
+            (0..depth.len()).step_by(5).filter(|&i| truth.inside[i]).count() as u64
+        );
         assert!((thinned.hole_share() - 0.2).abs() < 0.02 && thinned.misplaced == 0);
         let flooded = of(&depth.iter().map(|depth| depth.min(3.0)).collect::<Vec<_>>());
         assert_eq!(flooded.spilled, truth.beyond.iter().filter(|beyond| **beyond).count() as u64);
         let hidden = case.errors(&depth, &depth, Some(&vec![false; depth.len()]));
-        assert_eq!((hidden.recall(), hidden.visible[0], hidden.visible[1]), (0.0, 0, own.visible[0]));
+        assert_eq!(
+            (hidden.recall(), hidden.visible[0], hidden.visible[1]),
+            (0.0, 0, own.visible[0])
+        );
         assert_eq!([own, hidden].into_iter().sum::<Errors>().inside, 2 * own.inside);
     });
     assert_eq!(count, 2 * 3 * 2, "two scenes, three views, two noises");
@@ -241,8 +327,12 @@ fn projected(case: &Case) -> Vec<f32> {
             let q = [part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from);
             let p = part.lattice.world(q) - case.view.camera.eye;
             let z = p.dot(case.view.basis.forward);
-            let f = case.view.focal_px() / if case.view.camera.ortho_height.is_some() { 1.0 } else { z };
-            let (x, y) = (p.dot(case.view.basis.right) * f + width / 2.0, height / 2.0 - p.dot(case.view.basis.up) * f);
+            let f = case.view.focal_px()
+                / if case.view.camera.ortho_height.is_some() { 1.0 } else { z };
+            let (x, y) = (
+                p.dot(case.view.basis.right) * f + width / 2.0,
+                height / 2.0 - p.dot(case.view.basis.up) * f,
+            );
             if (0.0..width).contains(&x) && (0.0..height).contains(&y) {
                 let pixel = &mut depth[y as usize * width as usize + x as usize];
                 *pixel = pixel.min(z as f32);
@@ -261,16 +351,33 @@ fn points_of_a_case_lie_on_its_surface_and_are_as_dense_as_they_say() {
         let errors = case.errors(&raw, &raw, None);
         let Sampling::Density(density) = case.sampling else { panic!("a sphere has no vertices") };
         assert!((case.density / density - 1.0).abs() < 0.1, "{density}: {}", case.density);
-        let visible = |i: usize| raw[i].is_finite() && case.truth.is_visible(i, raw[i] as f64, case.noise_px) == Some(true);
+        let visible = |i: usize| {
+            raw[i].is_finite()
+                && case.truth.is_visible(i, raw[i] as f64, case.noise_px) == Some(true)
+        };
         let kept: Vec<bool> = (0..raw.len()).map(visible).collect();
-        let shown = (0..raw.len()).filter(|&i| kept[i] && case.truth.inside[i]).count() as f64 / errors.inside as f64;
+        let shown = (0..raw.len()).filter(|&i| kept[i] && case.truth.inside[i]).count() as f64
+            / errors.inside as f64;
         let even = 1.0 - (-density).exp();
         let as_dense = case.noise_px > 0.0 || (0.6 * even..1.02 * even).contains(&shown);
-        assert!(as_dense && errors.spilled == 0, "{} {}: {shown} {errors:?}", case.scene, case.view_name);
+        assert!(
+            as_dense && errors.spilled == 0,
+            "{} {}: {shown} {errors:?}",
+            case.scene,
+            case.view_name
+        );
         // Without what lies behind, nothing is wrong: what is left is on the surface, up to its noise.
-        let front: Vec<f32> = raw.iter().zip(&kept).map(|(depth, kept)| if *kept { *depth } else { f32::INFINITY }).collect();
+        let front: Vec<f32> = raw
+            .iter()
+            .zip(&kept)
+            .map(|(depth, kept)| if *kept { *depth } else { f32::INFINITY })
+            .collect();
         let errors = case.errors(&raw, &front, Some(&kept));
-        assert_eq!((errors.wrong_layer, errors.precision(), errors.recall()), (0, 1.0, 1.0), "{errors:?}");
+        assert_eq!(
+            (errors.wrong_layer, errors.precision(), errors.recall()),
+            (0, 1.0, 1.0),
+            "{errors:?}"
+        );
     });
     assert_eq!(left_out.len(), 2 * 3, "{left_out:?}");
 }
@@ -294,7 +401,16 @@ impl Surface for Triangles {
 /// An octahedron, every triangle cut into four again and again, on the unit sphere.
 fn sphere_mesh(levels: u32) -> Mesh {
     let mut vertices = vec![DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
-    let mut faces: Vec<[u32; 3]> = vec![[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]];
+    let mut faces: Vec<[u32; 3]> = vec![
+        [0, 1, 2],
+        [1, 3, 2],
+        [3, 4, 2],
+        [4, 0, 2],
+        [1, 0, 5],
+        [3, 1, 5],
+        [4, 3, 5],
+        [0, 4, 5],
+    ];
     for _ in 0..levels {
         let mut middles = HashMap::new();
         let mut middle = |a: u32, b: u32| {
@@ -323,10 +439,17 @@ fn a_sphere_of_triangles_is_the_sphere() {
     let (round, flat) = (Truth::cast(&view, &round), Truth::cast(&view, &flat));
     let depth: Vec<f32> = flat.depth.iter().map(|depth| *depth as f32).collect();
     let errors = study::truth::compare(&round, 0.0, &depth, &depth, None);
-    assert_eq!([errors.misplaced, errors.wrong_layer, errors.holes, errors.spilled, errors.hidden[0]], [0; 5], "{errors:?}");
+    assert_eq!(
+        [errors.misplaced, errors.wrong_layer, errors.holes, errors.spilled, errors.hidden[0]],
+        [0; 5],
+        "{errors:?}"
+    );
     let interior = |i: &usize| round.interior[*i];
     // A chord of 90 / 128 degrees lies 1 - cos(half of it) = 2e-5 below its arc; a steep pixel sees that under 2 px of its limb.
-    let farthest = (0..depth.len()).filter(interior).map(|i| (round.depth[i] - flat.depth[i]).abs()).fold(0.0, f64::max);
+    let farthest = (0..depth.len())
+        .filter(interior)
+        .map(|i| (round.depth[i] - flat.depth[i]).abs())
+        .fold(0.0, f64::max);
     assert!(farthest < 2e-4, "{farthest}");
     let differ = (0..depth.len()).filter(|&i| round.inside[i] != flat.inside[i]).count();
     assert!(differ < 20, "{differ}");
@@ -334,24 +457,41 @@ fn a_sphere_of_triangles_is_the_sphere() {
 
 #[test]
 fn the_surface_study_keeps_its_promises() {
-    let plan = Plan { points: 3_000, repeat: 1, size: [48, 48], scenes: vec!["sphere".into(), "torus".into()], ..PLAN };
+    let plan = Plan {
+        points: 3_000,
+        repeat: 1,
+        size: [48, 48],
+        scenes: vec!["sphere".into(), "torus".into()],
+        ..PLAN
+    };
     let (rows, text, figures) = made("surface", &plan);
     assert_eq!((figures, rows.len() % 6, text.lines().count()), (6, 0, rows.len() + 1));
-    for (case, rows) in groups(&rows).into_values().flatten().map(|row| ((row.scene, row.view, &row.value), row)).fold(
-        BTreeMap::<_, Vec<&Row>>::new(),
-        |mut cases, (case, row)| {
+    for (case, rows) in groups(&rows)
+        .into_values()
+        .flatten()
+        .map(|row| ((row.scene, row.view, &row.value), row))
+        .fold(BTreeMap::<_, Vec<&Row>>::new(), |mut cases, (case, row)| {
             cases.entry(case).or_default().push(row);
             cases
-        },
-    ) {
+        })
+    {
         let error = |metric: &str| rows.iter().find(|row| row.metric == metric).unwrap().error;
-        assert!(rows.len() == 6 && rows.iter().all(|row| (0.0..=1.0).contains(&row.error)), "{case:?}");
+        assert!(
+            rows.len() == 6 && rows.iter().all(|row| (0.0..=1.0).contains(&row.error)),
+            "{case:?}"
+        );
         // Points alone: no hole is closed, and every point is taken for visible.
-        assert!(!case.2.starts_with("points") || error("lost_visible") == 0.0 && error("spilled") < 0.01, "{case:?}");
+        assert!(
+            !case.2.starts_with("points")
+                || error("lost_visible") == 0.0 && error("spilled") < 0.01,
+            "{case:?}"
+        );
     }
     let holes = |value: &str| {
         let found = rows.iter().find(|row| {
-            (row.scene, row.view, row.metric) == ("torus", "whole", "holes") && row.value.starts_with("points") && row.value.contains(value)
+            (row.scene, row.view, row.metric) == ("torus", "whole", "holes")
+                && row.value.starts_with("points")
+                && row.value.contains(value)
         });
         found.unwrap().error
     };
@@ -360,21 +500,36 @@ fn the_surface_study_keeps_its_promises() {
 
 /// All rows of a study of configurations on two scenes, tiny; `configurations` of them, of which one is automatic, in each of two scenes and both together, at three densities.
 fn configured(name: &str, configurations: usize, metrics: usize, figures: usize) -> Vec<Row> {
-    let plan = Plan { points: 50_000, repeat: 2, scenes: vec!["sphere".into(), "torus".into()], ..PLAN };
+    let plan =
+        Plan { points: 50_000, repeat: 2, scenes: vec!["sphere".into(), "torus".into()], ..PLAN };
     let (rows, text, found) = made(name, &plan);
-    assert_eq!((rows.len(), text.lines().count(), found), (3 * 3 * configurations * metrics, rows.len() + 1, figures));
+    assert_eq!(
+        (rows.len(), text.lines().count(), found),
+        (3 * 3 * configurations * metrics, rows.len() + 1, figures)
+    );
     fronts_are_fronts(&rows);
     for (group, rows) in groups(&rows) {
-        assert_eq!((rows.len(), rows.iter().filter(|row| row.auto).count()), (configurations, 1), "{group:?}");
+        assert_eq!(
+            (rows.len(), rows.iter().filter(|row| row.auto).count()),
+            (configurations, 1),
+            "{group:?}"
+        );
         // What floods the background can spill more than the silhouette holds.
         let most = if ["spilled", "false_holes"].contains(&group.2) { f64::INFINITY } else { 1.0 };
-        assert!(rows.iter().all(|row| row.n == 2 && (0.0..=most).contains(&row.error) && row.ms[0] >= 0.0), "{group:?}");
+        assert!(
+            rows.iter()
+                .all(|row| row.n == 2 && (0.0..=most).contains(&row.error) && row.ms[0] >= 0.0),
+            "{group:?}"
+        );
     }
     rows
 }
 
 fn of(rows: &[Row], scene: &str, metric: &str, value: &str) -> f64 {
-    let sum = rows.iter().filter(|row| (row.scene, row.metric, row.value.as_str()) == (scene, metric, value)).map(|row| row.error);
+    let sum = rows
+        .iter()
+        .filter(|row| (row.scene, row.metric, row.value.as_str()) == (scene, metric, value))
+        .map(|row| row.error);
     sum.reduce(|a, b| a + b).unwrap_or_else(|| panic!("no {value} in {scene}, {metric}")) / 3.0
 }
 
@@ -384,8 +539,14 @@ fn the_visibility_study_keeps_its_promises() {
     let thresholds: Vec<_> = rows.iter().filter(|row| row.knob == "threshold").cloned().collect();
     for scene in ["all scenes", "sphere", "torus"] {
         // A higher threshold takes more for hidden.
-        let along = |metric: &str| ["0.5", "1.5", "2.5", "4"].map(|threshold| of(&thresholds, scene, metric, threshold));
-        assert!(along("shown_hidden").is_sorted_by(|a, b| a >= b), "{scene} {:?}", along("shown_hidden"));
+        let along = |metric: &str| {
+            ["0.5", "1.5", "2.5", "4"].map(|threshold| of(&thresholds, scene, metric, threshold))
+        };
+        assert!(
+            along("shown_hidden").is_sorted_by(|a, b| a >= b),
+            "{scene} {:?}",
+            along("shown_hidden")
+        );
         assert!(along("lost_visible").is_sorted(), "{scene} {:?}", along("lost_visible"));
         assert!(along("lost_visible")[3] > along("lost_visible")[0]);
     }
@@ -397,10 +558,22 @@ fn the_fill_study_keeps_its_promises() {
     for scene in ["all scenes", "sphere", "torus"] {
         let error = |metric: &str, value: &str| of(&rows, scene, metric, value);
         // Larger splats leave fewer holes and spill more; without visibility pull-push floods the background; what is only points spills nothing.
-        let splats = |metric: &str| ["splat 1 px", "splat 3 px", "splat 9 px"].map(|value| error(metric, value));
-        assert!(splats("holes").is_sorted_by(|a, b| a >= b) && splats("spilled").is_sorted(), "{scene}");
-        assert!(error("holes", "pullpush, no visibility") == 0.0 && error("spilled", "pullpush, no visibility") > 0.1, "{scene}");
-        assert!(error("spilled", "points") == 0.0 && error("holes", "points") > error("holes", "auto"), "{scene}");
+        let splats = |metric: &str| {
+            ["splat 1 px", "splat 3 px", "splat 9 px"].map(|value| error(metric, value))
+        };
+        assert!(
+            splats("holes").is_sorted_by(|a, b| a >= b) && splats("spilled").is_sorted(),
+            "{scene}"
+        );
+        assert!(
+            error("holes", "pullpush, no visibility") == 0.0
+                && error("spilled", "pullpush, no visibility") > 0.1,
+            "{scene}"
+        );
+        assert!(
+            error("spilled", "points") == 0.0 && error("holes", "points") > error("holes", "auto"),
+            "{scene}"
+        );
     }
 }
 
@@ -410,18 +583,28 @@ fn the_smooth_study_keeps_its_promises() {
     for scene in ["all scenes", "sphere", "torus"] {
         let error = |metric: &str, value: &str| of(&rows, scene, metric, value);
         // Every filter takes steps away.
-        let [none, filters @ ..] = ["none", "alleviated", "gaussian", "box"].map(|value| error("roughness_rms", value));
+        let [none, filters @ ..] =
+            ["none", "alleviated", "gaussian", "box"].map(|value| error("roughness_rms", value));
         assert!(filters.iter().all(|filter| *filter < 0.8 * none), "{scene}: {none}, {filters:?}");
         // They lie where something was filled: smoothing there takes nearly as much of a surface's roughness as smoothing all, and leaves it as near to the truth.
         for filled in ["auto", "alleviated"] {
-            let taken = [filled, "all, alleviated"].map(|value| none - error("roughness_rms", value));
+            let taken =
+                [filled, "all, alleviated"].map(|value| none - error("roughness_rms", value));
             let depth = [filled, "all, alleviated"].map(|value| error("depth_rms", value));
-            assert!(taken[0] > 0.9 * taken[1] && depth[0] < 1.1 * depth[1], "{scene}: {filled} {taken:?}, {depth:?}");
+            assert!(
+                taken[0] > 0.9 * taken[1] && depth[0] < 1.1 * depth[1],
+                "{scene}: {filled} {taken:?}, {depth:?}"
+            );
         }
     }
-    for ((scene, view, metric), rows) in groups(&rows).into_iter().filter(|((scene, ..), _)| *scene != "all scenes") {
+    for ((scene, view, metric), rows) in
+        groups(&rows).into_iter().filter(|((scene, ..), _)| *scene != "all scenes")
+    {
         let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
-        assert!(["alleviated", "box"].into_iter().any(|filter| error(filter) == error("auto")), "{scene}, {view}: {metric}");
+        assert!(
+            ["alleviated", "box"].into_iter().any(|filter| error(filter) == error("auto")),
+            "{scene}, {view}: {metric}"
+        );
     }
 }
 
@@ -446,13 +629,17 @@ fn the_ao_study_keeps_its_promises() {
 /// What both corrections leave of steps and take of details, beside the offline reference; a tenth more than by that is allowed. And what is called for brings the picture nearer to the truth by 6 dB.
 #[test]
 fn the_luminance_study_keeps_its_promises() {
-    let (rows, text, figures) = made("luminance", &Plan { points: 150_000, repeat: 1, size: [160, 96], ..PLAN });
+    let (rows, text, figures) =
+        made("luminance", &Plan { points: 150_000, repeat: 1, size: [160, 96], ..PLAN });
     // Three sizes, sixteen configurations, three metrics.
     assert_eq!((rows.len(), text.lines().count(), figures), (144, 145, 3));
     for ((_, view, metric), rows) in groups(&rows) {
         let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
-        let [before, auto, after, reference] = ["uncorrected", "auto", "alone", "reference"].map(error);
-        println!("{view} {metric}: {before} before, {auto} with what is called for, {after} averaged, {reference} offline");
+        let [before, auto, after, reference] =
+            ["uncorrected", "auto", "alone", "reference"].map(error);
+        println!(
+            "{view} {metric}: {before} before, {auto} with what is called for, {after} averaged, {reference} offline"
+        );
         match metric {
             "step" => assert!(auto <= 1.1 * reference && auto < 0.1 * before, "{view}"),
             "detail_lost" => assert!(auto <= reference + 0.05, "{view}"),
@@ -475,18 +662,34 @@ fn the_luminance_study_keeps_its_promises() {
 #[test]
 fn where_stations_meet_on_a_wall_the_correction_leaves_less_than_the_reference() {
     let plan = Plan { points: 60_000, size: [128, 72], repeat: 1, ..PLAN };
-    let table = gpu::with(gpu::WAYS[0], |gpu| pointillist::study::luminance::problems::table(gpu, &plan, &Silent)).unwrap();
+    let table = gpu::with(gpu::WAYS[0], |gpu| {
+        pointillist::study::luminance::problems::table(gpu, &plan, &Silent)
+    })
+    .unwrap();
     assert_eq!(table.rows.len(), 15);
     for region in table.rows.chunks(5) {
         let numbers = |row: &[String]| [2, 3, 4].map(|column| row[column].parse::<f64>().unwrap());
-        let [before, reference, even, after, both] = [0, 1, 2, 3, 4].map(|way| numbers(&region[way]));
+        let [before, reference, even, after, both] =
+            [0, 1, 2, 3, 4].map(|way| numbers(&region[way]));
         println!("{}: {before:?} before, {reference:?} offline, {after:?} after", region[0][0]);
-        assert!((0..2).all(|k| after[k] < 0.25 * before[k] && after[k] <= reference[k]), "{}", region[0][0]);
+        assert!(
+            (0..2).all(|k| after[k] < 0.25 * before[k] && after[k] <= reference[k]),
+            "{}",
+            region[0][0]
+        );
         // Each station's own side stays as it is: nothing there says which of the two is right.
         assert!(after[2] <= before[2] && after[2] <= 1.1 * reference[2], "{}", region[0][0]);
         // A factor a station mends all but a shadow, and does no harm to that.
-        assert!(region[0][0] == "shadowing" || (0..3).all(|k| even[k] < 0.1 * before[k]), "{}: {even:?}", region[0][0]);
-        assert!((0..3).all(|k| even[k] <= 1.01 * before[k] && both[k] <= 1.1 * reference[k]), "{}: {even:?} {both:?}", region[0][0]);
+        assert!(
+            region[0][0] == "shadowing" || (0..3).all(|k| even[k] < 0.1 * before[k]),
+            "{}: {even:?}",
+            region[0][0]
+        );
+        assert!(
+            (0..3).all(|k| even[k] <= 1.01 * before[k] && both[k] <= 1.1 * reference[k]),
+            "{}: {even:?} {both:?}",
+            region[0][0]
+        );
     }
 }
 
@@ -499,27 +702,45 @@ fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
     let columns = &mut strips.parts[0].columns;
     let intensity = columns.intensity.take().unwrap();
     let most = *intensity.iter().max().unwrap() as f64;
-    columns.rgb = Some(intensity.iter().map(|&value| [(255.0 * (value as f64 / most).sqrt()).round().max(1.0) as u8; 3]).collect());
+    columns.rgb = Some(
+        intensity
+            .iter()
+            .map(|&value| [(255.0 * (value as f64 / most).sqrt()).round().max(1.0) as u8; 3])
+            .collect(),
+    );
     let (mut offline, mut marked) = (strips.clone(), strips.clone());
     index::luminance::correct(&mut offline, index::luminance::NEIGHBOURS, &Silent).unwrap();
     let sources = strips.parts[0].columns.source.as_ref().unwrap();
-    marked.parts[0].columns.rgb =
-        Some(sources.iter().map(|&source| if source == sources[0] { [255, 1, 1] } else { [1, 1, 255] }).collect());
+    marked.parts[0].columns.rgb = Some(
+        sources
+            .iter()
+            .map(|&source| if source == sources[0] { [255, 1, 1] } else { [1, 1, 255] })
+            .collect(),
+    );
     let plain = gpu::bare();
     let mut averaged = plain.clone();
     averaged.effects.set("luminance=on").unwrap();
     for side in [56, 104] {
         let size = [side, side];
-        let view = View::new(Camera::framing(Preset::Top, &strips.core_points(), size), size).unwrap();
+        let view =
+            View::new(Camera::framing(Preset::Top, &strips.core_points(), size), size).unwrap();
         let draw = |cloud: &Cloud, wishes| gpu::draw(Way::Compute64, cloud, &view, wishes);
-        let station: Vec<bool> = draw(&marked, &plain).color.iter().map(|color| color[0] > color[2]).collect();
+        let station: Vec<bool> =
+            draw(&marked, &plain).color.iter().map(|color| color[0] > color[2]).collect();
         // What neighbours on one surface differ by, stops: the mean between stations, from the second to the first, beside which what there is to see adds up to nothing; and the mean square within one; and the first one's standard error.
         let judged = |cloud: &Cloud, wishes| {
             let drawn = draw(cloud, wishes);
             let (mut between, mut within) = (Vec::new(), Vec::new());
             for i in 0..drawn.depth.len() {
-                for k in [(i % side as usize + 1 < side as usize).then_some(i + 1), Some(i + side as usize)].into_iter().flatten() {
-                    let is_one = k < drawn.depth.len() && (drawn.depth[i] - drawn.depth[k]).abs() < 0.5;
+                for k in [
+                    (i % side as usize + 1 < side as usize).then_some(i + 1),
+                    Some(i + side as usize),
+                ]
+                .into_iter()
+                .flatten()
+                {
+                    let is_one =
+                        k < drawn.depth.len() && (drawn.depth[i] - drawn.depth[k]).abs() < 0.5;
                     if !is_one {
                         continue;
                     }
@@ -536,7 +757,8 @@ fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
             let spread = mean(&between.iter().map(|step| step * step).collect::<Vec<_>>()).sqrt();
             [mean(&between).abs(), mean(&within), spread / (between.len() as f64).sqrt()]
         };
-        let [before, after, reference] = [judged(&strips, &plain), judged(&strips, &averaged), judged(&offline, &plain)];
+        let [before, after, reference] =
+            [judged(&strips, &plain), judged(&strips, &averaged), judged(&offline, &plain)];
         let lost = |judged: [f64; 3]| 1.0 - judged[1] / before[1];
         println!(
             "{side}: steps of {:.3} stops become {:.3}, offline {:.3}; details lost {:.2}, offline {:.2}",
@@ -547,7 +769,10 @@ fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
             lost(reference)
         );
         // Both are near nothing, and a mean of so many steps is known to its standard error.
-        assert!(after[0] <= 1.1 * reference[0] + 2.0 * after[2] && after[0] < 0.02 * before[0], "{after:?} {reference:?}");
+        assert!(
+            after[0] <= 1.1 * reference[0] + 2.0 * after[2] && after[0] < 0.02 * before[0],
+            "{after:?} {reference:?}"
+        );
         assert!(lost(after) <= lost(reference) + 0.05, "{after:?} {reference:?}");
     }
 }
@@ -562,7 +787,11 @@ fn the_strokes_study_keeps_its_promises() {
     for ((scene, ..), rows) in groups(&rows) {
         let error = |value: &str| rows.iter().find(|row| row.value == value).unwrap().error;
         let falling = ["1", "2", "4", "8", "16", "32"].map(error);
-        println!("{scene}: {falling:?}, opaque {}, whole strokes {}", error("opaque"), error("stroke"));
+        println!(
+            "{scene}: {falling:?}, opaque {}, whole strokes {}",
+            error("opaque"),
+            error("stroke")
+        );
         assert_eq!(error("auto"), 0.0, "{scene}");
         assert!(falling.is_sorted_by(|a, b| a >= b) && falling[0] > 0.0, "{scene}: {falling:?}");
         assert!(error("stroke") > 0.0 && error("stroke") < falling[0], "{scene}");
@@ -619,13 +848,18 @@ fn the_normals_study_keeps_its_promises() {
     assert_eq!((rows.len(), text.lines().count(), figures), (108, 109, 3));
     fronts_are_fronts(&rows);
     for ((scene, view, metric), rows) in groups(&rows) {
-        let error = |knob: &str, value: &str| rows.iter().find(|row| row.knob == knob && row.value == value).unwrap().error;
+        let error = |knob: &str, value: &str| {
+            rows.iter().find(|row| row.knob == knob && row.value == value).unwrap().error
+        };
         let by_radius = ["2", "3", "6"].map(|value| error("radii", value));
         println!("{scene} {view} {metric}: {by_radius:?}");
         assert_eq!(error("radii", "3"), error("neighbours", "8"));
         match (metric, scene.starts_with("noisy")) {
             ("median_degrees", false) => assert!(by_radius[1] < 1.0, "{scene}: {by_radius:?}"),
-            ("median_degrees", true) => assert!(by_radius.is_sorted_by(|a, b| a > b) && by_radius[1] < 5.0, "{scene}: {by_radius:?}"),
+            ("median_degrees", true) => assert!(
+                by_radius.is_sorted_by(|a, b| a > b) && by_radius[1] < 5.0,
+                "{scene}: {by_radius:?}"
+            ),
             ("unknown", _) => assert_eq!(by_radius[1], 0.0, "{scene}"),
             _ => {}
         }

@@ -11,7 +11,15 @@ use pointillist::view::View;
 use proptest::prelude::*;
 use std::path::Path;
 
-const SCENES: [Scene; 7] = [Scene::Plane, Scene::Sphere, Scene::Torus, Scene::NestedTori, Scene::Step, Scene::Street, Scene::Terrain];
+const SCENES: [Scene; 7] = [
+    Scene::Plane,
+    Scene::Sphere,
+    Scene::Torus,
+    Scene::NestedTori,
+    Scene::Step,
+    Scene::Street,
+    Scene::Terrain,
+];
 
 #[derive(Parser)]
 struct Line {
@@ -42,7 +50,11 @@ fn scan(world: &World, points: u64, noise: f64) -> Vec<Chunk> {
 
 /// (chunk, index, position relative to the offset).
 fn positions(chunks: &[Chunk]) -> impl Iterator<Item = (&Chunk, usize, DVec3)> {
-    chunks.iter().flat_map(|c| (0..c.len()).map(move |i| (c, i, DVec3::new(c.x[i] as f64, c.y[i] as f64, c.z[i] as f64) * c.lattice.step)))
+    chunks.iter().flat_map(|c| {
+        (0..c.len()).map(move |i| {
+            (c, i, DVec3::new(c.x[i] as f64, c.y[i] as f64, c.z[i] as f64) * c.lattice.step)
+        })
+    })
 }
 
 fn torus_distance(p: DVec3, minor: f64) -> f64 {
@@ -55,7 +67,10 @@ fn distance(scene: Scene, p: DVec3) -> f64 {
         Scene::Plane => p.z.abs(),
         Scene::Sphere => (p.length() - 1.0).abs(),
         Scene::Torus => torus_distance(p, 0.4).abs(),
-        Scene::NestedTori => [0.14, 0.27, 0.40].map(|r| torus_distance(p, r).abs()).into_iter().fold(f64::INFINITY, f64::min),
+        Scene::NestedTori => [0.14, 0.27, 0.40]
+            .map(|r| torus_distance(p, r).abs())
+            .into_iter()
+            .fold(f64::INFINITY, f64::min),
         Scene::Step => p.z.abs().min((p.z - 0.1).abs()),
         _ => unreachable!(),
     }
@@ -76,17 +91,30 @@ fn hits_lie_on_the_surface() {
         for (origin, direction) in camera_rays(&world) {
             let Some(hit) = world.trace(origin, direction) else { continue };
             hits += 1;
-            assert!((hit.normal.length() - 1.0).abs() < 1e-12 && hit.normal.dot(direction) <= 0.0, "{scene:?}: {hit:?}");
-            assert!(hit.albedo.min_element() >= 0.0 && hit.albedo.max_element() < 1.1 && hit.lit.is_finite(), "{scene:?}: {hit:?}");
+            assert!(
+                (hit.normal.length() - 1.0).abs() < 1e-12 && hit.normal.dot(direction) <= 0.0,
+                "{scene:?}: {hit:?}"
+            );
+            assert!(
+                hit.albedo.min_element() >= 0.0
+                    && hit.albedo.max_element() < 1.1
+                    && hit.lit.is_finite(),
+                "{scene:?}: {hit:?}"
+            );
             // From a millimetre above, straight down: the surface must be there. Something else may stand between (a leaf).
-            let again = world.trace(hit.point + hit.normal * 1e-3, -hit.normal).expect("the surface just hit");
+            let again = world
+                .trace(hit.point + hit.normal * 1e-3, -hit.normal)
+                .expect("the surface just hit");
             back += ((again.t - 1e-3).abs() < 1e-9) as u32;
             if !matches!(scene, Scene::Street | Scene::Terrain) {
                 assert!(distance(scene, hit.point) < 1e-9, "{scene:?}: {hit:?}");
             }
         }
         assert!(hits > 500, "{scene:?}: the scene's camera sees only {hits} hits");
-        assert!(back as f64 > 0.998 * hits as f64, "{scene:?}: {back} of {hits} hits are found again along their normal");
+        assert!(
+            back as f64 > 0.998 * hits as f64,
+            "{scene:?}: {back} of {hits} hits are found again along their normal"
+        );
     }
 }
 
@@ -142,11 +170,13 @@ fn points_lie_on_the_traced_surface() {
     assert!(agree as f64 > 0.97 * total as f64, "street: {agree} of {total}");
     let world = synth::build(Scene::Terrain, 1, 0.1);
     let (mut agree, mut total) = (0, 0);
-    for (chunk, i, p) in positions(&scan(&world, 20_000, 0.0)).filter(|(c, i, _)| c.class[*i] == 2) {
+    for (chunk, i, p) in positions(&scan(&world, 20_000, 0.0)).filter(|(c, i, _)| c.class[*i] == 2)
+    {
         assert!(chunk.returns[i].0 == chunk.returns[i].1, "nothing lies behind the ground");
         let hit = world.trace(p + DVec3::Z * 0.02, DVec3::NEG_Z);
         total += 1;
-        agree += hit.is_some_and(|h| (h.point - p).dot(h.normal).abs() <= rounding(&world) + 1e-6) as u32;
+        agree += hit.is_some_and(|h| (h.point - p).dot(h.normal).abs() <= rounding(&world) + 1e-6)
+            as u32;
     }
     assert!(total > 10_000 && agree as f64 > 0.995 * total as f64, "terrain: {agree} of {total}");
 }
@@ -156,7 +186,8 @@ fn exactly_as_many_points_as_asked() {
     for scene in SCENES {
         let world = synth::build(scene, 1, 0.1);
         for points in [1, 10_007, 70_001] {
-            let total: usize = scan(&world, points, scene.default_noise()).iter().map(Chunk::len).sum();
+            let total: usize =
+                scan(&world, points, scene.default_noise()).iter().map(Chunk::len).sum();
             assert_eq!(total as u64, points, "{scene:?}");
         }
     }
@@ -179,7 +210,8 @@ fn same_seed_same_bytes_whatever_the_threads() {
         assert!(one == two, "{scene}: the bytes depend on the number of threads");
         assert!(one != other, "{scene}: the seed changes nothing");
     }
-    let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    let left: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert_eq!(left.len(), 9 - 3, "only the files asked for are left: {left:?}");
 }
 
@@ -191,20 +223,32 @@ fn the_file_says_what_was_scanned() {
     let mut reader = las::Reader::from_path(&path).unwrap();
     assert_eq!(reader.header().number_of_points(), 40_000);
     let bounds = reader.header().bounds();
-    assert!((bounds.min.x - 500_000.0).abs() < 100.0 && (bounds.min.y - 5_000_000.0).abs() < 100.0, "{bounds:?}");
-    let points: Vec<las::Point> = reader.read_all().unwrap().points().collect::<las::Result<_>>().unwrap();
-    let stations: std::collections::BTreeSet<u16> = points.iter().map(|p| p.point_source_id).collect();
+    assert!(
+        (bounds.min.x - 500_000.0).abs() < 100.0 && (bounds.min.y - 5_000_000.0).abs() < 100.0,
+        "{bounds:?}"
+    );
+    let points: Vec<las::Point> =
+        reader.read_all().unwrap().points().collect::<las::Result<_>>().unwrap();
+    let stations: std::collections::BTreeSet<u16> =
+        points.iter().map(|p| p.point_source_id).collect();
     assert_eq!(stations, (1..=5).collect());
-    assert!(points.iter().all(|p| p.color.is_some() && p.gps_time.is_some() && p.return_number == 1));
+    assert!(
+        points.iter().all(|p| p.color.is_some() && p.gps_time.is_some() && p.return_number == 1)
+    );
 
     let path = folder.path().join("terrain.laz");
     synth_file(&path, "terrain --points 60000 --offset 300000,4000000,0", 2);
     let mut reader = las::Reader::from_path(&path).unwrap();
-    let points: Vec<las::Point> = reader.read_all().unwrap().points().collect::<las::Result<_>>().unwrap();
+    let points: Vec<las::Point> =
+        reader.read_all().unwrap().points().collect::<las::Result<_>>().unwrap();
     assert!(points.iter().any(|p| p.number_of_returns >= 3), "woods give several returns");
-    assert!(points.iter().any(|p| p.scan_angle > 11.0) && points.iter().any(|p| p.scan_angle < -11.0));
+    assert!(
+        points.iter().any(|p| p.scan_angle > 11.0) && points.iter().any(|p| p.scan_angle < -11.0)
+    );
     assert!(points.iter().all(|p| p.return_number >= 1 && p.return_number <= p.number_of_returns));
-    assert!(points.iter().all(|p| (p.x - 300_000.0).abs() < 310.0 && (p.y - 4_000_000.0).abs() < 230.0));
+    assert!(
+        points.iter().all(|p| (p.x - 300_000.0).abs() < 310.0 && (p.y - 4_000_000.0).abs() < 230.0)
+    );
 }
 
 #[test]
@@ -215,7 +259,11 @@ fn density_falls_with_distance_and_stations_differ_in_exposure() {
     let ring = |from: f64, to: f64| {
         let inside = |(c, i, p): &(&Chunk, usize, DVec3)| {
             let away = (*p - first).truncate().length();
-            c.source[*i] == 1 && p.z.abs() < 0.03 && p.x.abs() < 3.0 && (from..to).contains(&away) && p.y > first.y
+            c.source[*i] == 1
+                && p.z.abs() < 0.03
+                && p.x.abs() < 3.0
+                && (from..to).contains(&away)
+                && p.y > first.y
         };
         // The road is 6 m wide, so far rings are strips of it.
         positions(&chunks).filter(inside).count() as f64 / (to - from)
@@ -229,23 +277,33 @@ fn density_falls_with_distance_and_stations_differ_in_exposure() {
     };
     for (index, station) in world.stations().iter().enumerate() {
         let mut ratios: Vec<f64> = Vec::new();
-        for (chunk, i, p) in positions(&chunks).filter(|(c, i, _)| c.source[*i] as usize == index + 1).step_by(97) {
+        for (chunk, i, p) in
+            positions(&chunks).filter(|(c, i, _)| c.source[*i] as usize == index + 1).step_by(97)
+        {
             let Some(hit) = world.trace(station.position, p - station.position) else { continue };
             ratios.push(linear(chunk.rgb[i][1]) / hit.lit.y);
         }
         ratios.sort_by(f64::total_cmp);
         let median = ratios[ratios.len() / 2];
-        assert!((median / station.gain.y - 1.0).abs() < 1e-3, "station {index}: {median} instead of {}", station.gain.y);
+        assert!(
+            (median / station.gain.y - 1.0).abs() < 1e-3,
+            "station {index}: {median} instead of {}",
+            station.gain.y
+        );
     }
     let gains: Vec<f64> = world.stations().iter().map(|s| s.gain.y).collect();
-    assert!(gains.iter().enumerate().all(|(i, a)| gains[..i].iter().all(|b| (a - b).abs() > 0.05)), "{gains:?}");
+    assert!(
+        gains.iter().enumerate().all(|(i, a)| gains[..i].iter().all(|b| (a - b).abs() > 0.05)),
+        "{gains:?}"
+    );
 }
 
 #[test]
 fn noise_has_the_asked_deviation() {
     let world = synth::build(Scene::Sphere, 1, 0.1);
     let chunks = scan(&world, 50_000, 0.01);
-    let variance = positions(&chunks).map(|(_, _, p)| (p.length() - 1.0).powi(2)).sum::<f64>() / 50_000.0;
+    let variance =
+        positions(&chunks).map(|(_, _, p)| (p.length() - 1.0).powi(2)).sum::<f64>() / 50_000.0;
     // The standard error of a deviation is sigma / sqrt(2 n): 0.3 %.
     assert!((variance.sqrt() / 0.01 - 1.0).abs() < 0.015, "{}", variance.sqrt());
 }
@@ -264,16 +322,27 @@ fn truth_of_the_sphere_is_the_closed_form() {
         let (a, half_b, c) = (d.length_squared(), o.dot(d), o.length_squared() - 1.0);
         let disc = half_b * half_b - a * c;
         if disc < 0.0 {
-            assert!(channel("depth.Z")[i] == f32::INFINITY && channel("A")[i] == 0.0 && truth.parts[i] == u32::MAX);
+            assert!(
+                channel("depth.Z")[i] == f32::INFINITY
+                    && channel("A")[i] == 0.0
+                    && truth.parts[i] == u32::MAX
+            );
             continue;
         }
         hits += 1;
         let depth = (-half_b - disc.sqrt()) / a;
         let normal = o + d * depth;
         // UTM costs the origin 1e-9 m; the rest is f32's half ulp, except where the ray grazes.
-        assert!((channel("depth.Z")[i] as f64 - depth).abs() < 3e-7 * depth + 1e-9 / disc.sqrt(), "pixel {i}");
-        assert!((channel("normal.X")[i] as f64 - normal.x).abs() < 1e-6 && (channel("normal.Z")[i] as f64 - normal.z).abs() < 1e-6);
-        let luminance = 0.2126 * channel("R")[i] + 0.7152 * channel("G")[i] + 0.0722 * channel("B")[i];
+        assert!(
+            (channel("depth.Z")[i] as f64 - depth).abs() < 3e-7 * depth + 1e-9 / disc.sqrt(),
+            "pixel {i}"
+        );
+        assert!(
+            (channel("normal.X")[i] as f64 - normal.x).abs() < 1e-6
+                && (channel("normal.Z")[i] as f64 - normal.z).abs() < 1e-6
+        );
+        let luminance =
+            0.2126 * channel("R")[i] + 0.7152 * channel("G")[i] + 0.0722 * channel("B")[i];
         assert!((luminance - channel("luminance.V")[i]).abs() < 1e-6);
     }
     assert!(hits > 1000);
@@ -288,9 +357,23 @@ fn truth_file_has_its_layers_and_the_same_bytes() {
     let one = synth_file(&folder.path().join("one.exr"), &line, 1);
     let two = synth_file(&folder.path().join("two.exr"), &line, 2);
     assert!(one == two);
-    let image = exr::prelude::read_all_flat_layers_from_file(folder.path().join("one.exr")).unwrap();
-    let names: Vec<String> = image.layer_data[0].channel_data.list.iter().map(|c| c.name.to_string()).collect();
-    for name in ["R", "G", "B", "A", "depth.Z", "normal.X", "normal.Y", "normal.Z", "albedo.G", "luminance.V", "index.V"] {
+    let image =
+        exr::prelude::read_all_flat_layers_from_file(folder.path().join("one.exr")).unwrap();
+    let names: Vec<String> =
+        image.layer_data[0].channel_data.list.iter().map(|c| c.name.to_string()).collect();
+    for name in [
+        "R",
+        "G",
+        "B",
+        "A",
+        "depth.Z",
+        "normal.X",
+        "normal.Y",
+        "normal.Z",
+        "albedo.G",
+        "luminance.V",
+        "index.V",
+    ] {
         assert!(names.iter().any(|n| n == name), "{name} is missing in {names:?}");
     }
 }
@@ -306,7 +389,8 @@ fn refusals_and_interruptions_leave_nothing_behind() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("keep.las");
     std::fs::write(&path, "mine").unwrap();
-    let line = |rest: &str| arguments(&format!("sphere --points 1000 -o {} {rest}", path.display()));
+    let line =
+        |rest: &str| arguments(&format!("sphere --points 1000 -o {} {rest}", path.display()));
     assert!(matches!(run(&line(""), &Impatient), Err(Error::Interrupted)));
     assert!(matches!(run(&line("--step 1e-12"), &Silent), Err(Error::Request(_))));
     assert!(matches!(run(&line("--noise=-1"), &Silent), Err(Error::Request(_))));

@@ -46,7 +46,9 @@ fn refused(name: &str, text: &str) -> String {
 fn world(cloud: &Cloud) -> Vec<DVec3> {
     let points = |part: &cloud::Part| {
         let columns = &part.columns;
-        let place = |i: usize| part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from));
+        let place = |i: usize| {
+            part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))
+        };
         (0..columns.len()).map(place).collect::<Vec<_>>()
     };
     cloud.parts.iter().flat_map(points).collect()
@@ -117,7 +119,9 @@ fn compare(cloud: &Cloud, rows: &[Values], columns: &[Column]) -> std::result::R
         if !off.cmple(part.lattice.step * 0.500001 + 1e-12 * place.abs()).all() {
             return Err(format!("point {i} at {place}, not {:?}", row.position));
         }
-        let differs = |what: &str, read: String, written: String| Err(format!("point {i}: {what} {read}, not {written}"));
+        let differs = |what: &str, read: String, written: String| {
+            Err(format!("point {i}: {what} {read}, not {written}"))
+        };
         if let Some(rgb) = &read.rgb
             && rgb[i] != row.rgb.unwrap_or_default()
         {
@@ -140,7 +144,11 @@ fn compare(cloud: &Cloud, rows: &[Values], columns: &[Column]) -> std::result::R
             let number = row.number.unwrap_or(0);
             let count = if has(Column::Returns) { row.returns.unwrap_or(0) } else { number };
             if returns[i] != number | count << 4 {
-                return differs("returns", format!("{:#x}", returns[i]), format!("{number} of {count}"));
+                return differs(
+                    "returns",
+                    format!("{:#x}", returns[i]),
+                    format!("{number} of {count}"),
+                );
             }
         }
         if let Some(source) = &read.source
@@ -154,7 +162,8 @@ fn compare(cloud: &Cloud, rows: &[Values], columns: &[Column]) -> std::result::R
             return differs("time", time[i].to_string(), format!("{:?}", row.time));
         }
         if let Some(normal) = &read.normal
-            && normal[i] != row.normal.map_or([0; 3], |normal| normal.map(|v| (v * 127.0).round() as i8))
+            && normal[i]
+                != row.normal.map_or([0; 3], |normal| normal.map(|v| (v * 127.0).round() as i8))
         {
             return differs("normal", format!("{:?}", normal[i]), format!("{:?}", row.normal));
         }
@@ -232,9 +241,15 @@ fn name(column: Column, dialect: usize) -> &'static str {
         Column::Channel(_) => of(["b", "Blue", "B", "blue"]),
         Column::Intensity => of(["intensity", "Intensity", "Reflectance", "scalar_Intensity"]),
         Column::Class => of(["class", "Classification", "classification", "scalar_Classification"]),
-        Column::Number => of(["return_number", "ReturnNumber", "TargetIndex", "scalar_Return_Number"]),
-        Column::Returns => of(["number_of_returns", "NumberOfReturns", "TargetCount", "scalar_Number_Of_Returns"]),
-        Column::Source => of(["point_source_id", "PointSourceId", "source_id", "scalar_Point_Source_ID"]),
+        Column::Number => {
+            of(["return_number", "ReturnNumber", "TargetIndex", "scalar_Return_Number"])
+        }
+        Column::Returns => {
+            of(["number_of_returns", "NumberOfReturns", "TargetCount", "scalar_Number_Of_Returns"])
+        }
+        Column::Source => {
+            of(["point_source_id", "PointSourceId", "source_id", "scalar_Point_Source_ID"])
+        }
         Column::Time => of(["gps_time", "GpsTime", "Timestamp", "scalar_GPS_Time"]),
         Column::Normal(0) => of(["nx", "NormalX", "Nx", "normal_x"]),
         Column::Normal(1) => of(["ny", "NormalY", "Ny", "normal_y"]),
@@ -270,19 +285,25 @@ impl Style {
             Column::Returns => whole(row.returns.map(u32::from)),
             Column::Source => whole(row.source.map(u32::from)),
             Column::Time => row.time.map_or_else(gap, |time| self.number(time, 6)),
-            Column::Normal(axis) => row.normal.map_or_else(gap, |normal| self.number(normal[axis], 6)),
+            Column::Normal(axis) => {
+                row.normal.map_or_else(gap, |normal| self.number(normal[axis], 6))
+            }
             Column::Unknown => (7 * i + 3).to_string(),
             Column::Text => ["tree", "dead", "P1", "0x1F", "c\u{f4}te"][i % 5].into(),
         };
-        let quoted = self.quotes == Quotes::All || self.quotes == Quotes::Texts && column == Column::Text;
+        let quoted =
+            self.quotes == Quotes::All || self.quotes == Quotes::Texts && column == Column::Text;
         if quoted { format!("\"{text}\"") } else { text }
     }
 
     fn write(&self, columns: &[Column], rows: &[Values]) -> Vec<u8> {
         let mut lines = Vec::new();
         let names = |quote: &str, delimiter: &str| {
-            let unit = |column: &Column| if matches!(column, Column::Axis(_)) { self.unit } else { "" };
-            let named = columns.iter().map(|column| format!("{quote}{}{}{quote}", name(*column, self.dialect), unit(column)));
+            let unit =
+                |column: &Column| if matches!(column, Column::Axis(_)) { self.unit } else { "" };
+            let named = columns.iter().map(|column| {
+                format!("{quote}{}{}{quote}", name(*column, self.dialect), unit(column))
+            });
             named.collect::<Vec<_>>().join(delimiter)
         };
         match self.heading {
@@ -299,15 +320,22 @@ impl Style {
                 lines.push("# made by hand, 1 2 3".into());
                 lines.push(String::new());
             }
-            let fields: Vec<String> = columns.iter().map(|column| self.field(*column, row, i)).collect();
-            lines.push(fields.join(self.delimiter) + if self.trailing { self.delimiter } else { "" });
+            let fields: Vec<String> =
+                columns.iter().map(|column| self.field(*column, row, i)).collect();
+            lines.push(
+                fields.join(self.delimiter) + if self.trailing { self.delimiter } else { "" },
+            );
         }
         let text = lines.join(self.line_end) + if self.ends { self.line_end } else { "" };
         match self.encoding {
             Encoding::Utf8 => text.into_bytes(),
             Encoding::Marked => ["\u{feff}", &text].concat().into_bytes(),
-            Encoding::Little => ["\u{feff}", &text].concat().encode_utf16().flat_map(u16::to_le_bytes).collect(),
-            Encoding::Big => ["\u{feff}", &text].concat().encode_utf16().flat_map(u16::to_be_bytes).collect(),
+            Encoding::Little => {
+                ["\u{feff}", &text].concat().encode_utf16().flat_map(u16::to_le_bytes).collect()
+            }
+            Encoding::Big => {
+                ["\u{feff}", &text].concat().encode_utf16().flat_map(u16::to_be_bytes).collect()
+            }
         }
     }
 }
@@ -334,42 +362,51 @@ fn style() -> impl Strategy<Value = Style> {
         2 => prop::sample::select(&[";", "\t", " ", "; "][..]).prop_map(|delimiter| (delimiter, ',')),
         1 => Just((",", ',')),
     ];
-    let encoding =
-        prop_oneof![4 => Just(Encoding::Utf8), 1 => Just(Encoding::Marked), 1 => Just(Encoding::Little), 1 => Just(Encoding::Big)];
-    let quotes = prop_oneof![3 => Just(Quotes::None), 1 => Just(Quotes::Texts), 1 => Just(Quotes::All)];
+    let encoding = prop_oneof![4 => Just(Encoding::Utf8), 1 => Just(Encoding::Marked), 1 => Just(Encoding::Little), 1 => Just(Encoding::Big)];
+    let quotes =
+        prop_oneof![3 => Just(Quotes::None), 1 => Just(Quotes::Texts), 1 => Just(Quotes::All)];
     let form = prop_oneof![4 => Just(Form::Fixed), 2 => Just(Form::Shortest), 1 => Just(Form::Exponent), 1 => Just(Form::Fortran), 1 => Just(Form::Plus), 1 => Just(Form::Whole)];
-    let (units, gaps, ends) =
-        (&["", "", " [m]", "(m)", "[m]", "_m"][..], &["", "", "NaN", "n/a", "-", "null"][..], &["\n", "\r\n", "\r"][..]);
+    let (units, gaps, ends) = (
+        &["", "", " [m]", "(m)", "[m]", "_m"][..],
+        &["", "", "NaN", "n/a", "-", "null"][..],
+        &["\n", "\r\n", "\r"][..],
+    );
     (
         (marks, heading, prop::sample::select(units), 0..DIALECTS, encoding),
         (quotes, prop::sample::select(gaps), prop::sample::select(ends), any::<bool>(), form),
         (prop::bool::weighted(0.2), prop::bool::weighted(0.2), prop::bool::weighted(0.1)),
     )
-        .prop_map(|((marks, heading, unit, dialect, encoding), (quotes, gap, line_end, ends, form), (counted, remarks, trailing))| {
-            let (delimiter, decimal) = marks;
-            let is_blank = delimiter.trim().is_empty() && delimiter != "\t";
-            Style {
-                delimiter,
-                decimal,
-                heading,
-                unit,
-                dialect,
-                encoding,
-                // Where commas are everything, quotes say which are delimiters; behind a blank they are no quotes.
-                quotes: match quotes {
-                    _ if (delimiter, decimal) == (",", ',') => Quotes::All,
-                    _ if delimiter.len() > 1 && !is_blank => Quotes::None,
-                    quotes => quotes,
-                },
-                gap: if gap.is_empty() && is_blank { "NaN" } else { gap },
-                line_end,
-                ends,
-                form,
-                counted,
-                remarks,
-                trailing,
-            }
-        })
+        .prop_map(
+            |(
+                (marks, heading, unit, dialect, encoding),
+                (quotes, gap, line_end, ends, form),
+                (counted, remarks, trailing),
+            )| {
+                let (delimiter, decimal) = marks;
+                let is_blank = delimiter.trim().is_empty() && delimiter != "\t";
+                Style {
+                    delimiter,
+                    decimal,
+                    heading,
+                    unit,
+                    dialect,
+                    encoding,
+                    // Where commas are everything, quotes say which are delimiters; behind a blank they are no quotes.
+                    quotes: match quotes {
+                        _ if (delimiter, decimal) == (",", ',') => Quotes::All,
+                        _ if delimiter.len() > 1 && !is_blank => Quotes::None,
+                        quotes => quotes,
+                    },
+                    gap: if gap.is_empty() && is_blank { "NaN" } else { gap },
+                    line_end,
+                    ends,
+                    form,
+                    counted,
+                    remarks,
+                    trailing,
+                }
+            },
+        )
 }
 
 /// Columns in some order: of those without names, an order that needs none.
@@ -425,25 +462,42 @@ fn columns(named: bool) -> BoxedStrategy<Vec<Column>> {
 
 fn values(gaps: bool) -> impl Strategy<Value = Values> {
     let axis = || prop_oneof![-20_000i64..20_000, 500_000_000..500_900_000i64];
-    let normals = prop::sample::select(&[[1.0, 0.0, 0.0], [0.0, -0.6, 0.8], [-0.28, 0.96, 0.0], [0.0, 0.0, -1.0]][..]);
+    let normals = prop::sample::select(
+        &[[1.0, 0.0, 0.0], [0.0, -0.6, 0.8], [-0.28, 0.96, 0.0], [0.0, 0.0, -1.0]][..],
+    );
     let bytes = any::<([u8; 3], u16, u8, u16)>();
-    (prop::array::uniform3(axis()), bytes, (0..16u8, 0..16u8), 0..4_000_000_000i64, normals, any::<[u16; 2]>()).prop_map(
-        move |(position, (rgb, intensity, class, source), (number, returns), time, normal, masks)| {
-            let missing = if gaps { masks[0] & masks[1] } else { 0 };
-            let is_there = |bit: u16| missing >> bit & 1 == 0;
-            Values {
-                position: position.map(|v| v as f64 / 1000.0),
-                rgb: is_there(0).then_some(rgb),
-                intensity: is_there(1).then_some(intensity),
-                class: is_there(2).then_some(class),
-                number: is_there(3).then_some(number),
-                returns: is_there(4).then_some(returns),
-                source: is_there(5).then_some(source),
-                time: is_there(6).then_some(time as f64 / 1e3),
-                normal: is_there(7).then_some(normal),
-            }
-        },
+    (
+        prop::array::uniform3(axis()),
+        bytes,
+        (0..16u8, 0..16u8),
+        0..4_000_000_000i64,
+        normals,
+        any::<[u16; 2]>(),
     )
+        .prop_map(
+            move |(
+                position,
+                (rgb, intensity, class, source),
+                (number, returns),
+                time,
+                normal,
+                masks,
+            )| {
+                let missing = if gaps { masks[0] & masks[1] } else { 0 };
+                let is_there = |bit: u16| missing >> bit & 1 == 0;
+                Values {
+                    position: position.map(|v| v as f64 / 1000.0),
+                    rgb: is_there(0).then_some(rgb),
+                    intensity: is_there(1).then_some(intensity),
+                    class: is_there(2).then_some(class),
+                    number: is_there(3).then_some(number),
+                    returns: is_there(4).then_some(returns),
+                    source: is_there(5).then_some(source),
+                    time: is_there(6).then_some(time as f64 / 1e3),
+                    normal: is_there(7).then_some(normal),
+                }
+            },
+        )
 }
 
 /// A row without gaps.
@@ -470,8 +524,17 @@ fn table() -> impl Strategy<Value = Written> {
 }
 
 /// As `proptest!` does it, but for what it says where a case fails.
-fn run<S: Strategy>(count: u32, strategy: &S, test: impl Fn(S::Value) -> std::result::Result<(), TestCaseError>) {
-    let config = Config { cases: count, failure_persistence: None, max_shrink_iters: 500, ..Config::default() };
+fn run<S: Strategy>(
+    count: u32,
+    strategy: &S,
+    test: impl Fn(S::Value) -> std::result::Result<(), TestCaseError>,
+) {
+    let config = Config {
+        cases: count,
+        failure_persistence: None,
+        max_shrink_iters: 500,
+        ..Config::default()
+    };
     let random = TestRng::deterministic_rng(RngAlgorithm::ChaCha);
     match TestRunner::new_with_rng(config, random).run(strategy, test) {
         Err(TestError::Fail(why, _)) => panic!("{why}"),
@@ -495,18 +558,34 @@ fn tables_are_read_as_written_or_refused_with_the_line() {
         let text = || String::from_utf8_lossy(&bytes).into_owned();
         match cloud::read(std::slice::from_ref(&path), &ALL, &Silent) {
             Ok(cloud) => {
-                compare(&cloud, &rows, &columns)
-                    .map_err(|what| TestCaseError::fail(format!("{what}\n{:?}\n{:?}\n{}", style, cloud.notes, text())))?;
+                compare(&cloud, &rows, &columns).map_err(|what| {
+                    TestCaseError::fail(format!(
+                        "{what}\n{:?}\n{:?}\n{}",
+                        style,
+                        cloud.notes,
+                        text()
+                    ))
+                })?;
                 prop_assert!(says(&cloud, "fields between"), "{:?}", cloud.notes);
-                let gaps = rows.iter().any(|row| row.class.is_none()) && columns.contains(&Column::Class);
-                prop_assert!(!gaps || says(&cloud, "without a value"), "{:?}\n{}", cloud.notes, text());
+                let gaps =
+                    rows.iter().any(|row| row.class.is_none()) && columns.contains(&Column::Class);
+                prop_assert!(
+                    !gaps || says(&cloud, "without a value"),
+                    "{:?}\n{}",
+                    cloud.notes,
+                    text()
+                );
                 prop_assert!(!says(&cloud, "left out"), "{:?}\n{}", cloud.notes, text());
             }
             Err(error) => {
                 refusals.set(refusals.get() + 1);
                 prop_assert!(error.to_string().contains("line "), "{error}");
                 prop_assert!(style.form == Form::Whole, "{error}\n{style:?}\n{}", text());
-                prop_assert!(error.to_string().contains("two meanings"), "{error}\n{style:?}\n{}", text());
+                prop_assert!(
+                    error.to_string().contains("two meanings"),
+                    "{error}\n{style:?}\n{}",
+                    text()
+                );
             }
         }
         Ok(())
@@ -529,7 +608,11 @@ enum Plain {
 /// As the undamaged table is written, without quotes.
 fn plainly(line: &str, style: &Style, columns: &[Column]) -> Plain {
     let is_blank = style.delimiter.trim().is_empty() && style.delimiter != "\t";
-    let line = if style.delimiter == "\t" { line.trim_matches(' ') } else { line.trim_matches([' ', '\t']) };
+    let line = if style.delimiter == "\t" {
+        line.trim_matches(' ')
+    } else {
+        line.trim_matches([' ', '\t'])
+    };
     if line.trim().is_empty()
         || line.starts_with(['#', '%'])
         || line.starts_with("//")
@@ -539,7 +622,10 @@ fn plainly(line: &str, style: &Style, columns: &[Column]) -> Plain {
     }
     let mut fields: Vec<&str> = match is_blank {
         true => line.split([' ', '\t']).filter(|field| !field.is_empty()).collect(),
-        false => line.split(style.delimiter.trim_matches(' ')).map(|field| field.trim_matches([' ', '\t', '\x0c'])).collect(),
+        false => line
+            .split(style.delimiter.trim_matches(' '))
+            .map(|field| field.trim_matches([' ', '\t', '\x0c']))
+            .collect(),
     };
     // A delimiter behind every row makes one more column, of nothing.
     let width = columns.len() + (style.trailing && !is_blank) as usize;
@@ -550,18 +636,34 @@ fn plainly(line: &str, style: &Style, columns: &[Column]) -> Plain {
         return Plain::Odd;
     }
     let number = |text: &str| {
-        let has_fraction = |(_, fraction): (&str, &str)| fraction.starts_with(|c: char| c.is_ascii_digit());
+        let has_fraction =
+            |(_, fraction): (&str, &str)| fraction.starts_with(|c: char| c.is_ascii_digit());
         let text = match style.decimal {
-            ',' if text.contains('.') || text.split_once(',').is_some_and(|parts| !has_fraction(parts)) => return None,
+            ',' if text.contains('.')
+                || text.split_once(',').is_some_and(|parts| !has_fraction(parts)) =>
+            {
+                return None;
+            }
             ',' => text.replacen(',', ".", 1),
             _ => text.into(),
         };
-        let text = if text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c)) { text.replace(['d', 'D'], "e") } else { text };
+        let text = if text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c)) {
+            text.replace(['d', 'D'], "e")
+        } else {
+            text
+        };
         text.parse::<f64>().ok()
     };
-    let axis = |axis: usize| columns.iter().position(|column| *column == Column::Axis(axis)).and_then(|place| number(fields[place]));
+    let axis = |axis: usize| {
+        columns
+            .iter()
+            .position(|column| *column == Column::Axis(axis))
+            .and_then(|place| number(fields[place]))
+    };
     match [axis(0), axis(1), axis(2)] {
-        [Some(x), Some(y), Some(z)] if [x, y, z].iter().all(|v| v.is_finite() && !(1e37..=3.5e38).contains(&v.abs())) => {
+        [Some(x), Some(y), Some(z)]
+            if [x, y, z].iter().all(|v| v.is_finite() && !(1e37..=3.5e38).contains(&v.abs())) =>
+        {
             Plain::Row([x, y, z])
         }
         _ => Plain::Odd,
@@ -578,8 +680,10 @@ fn what_damage_changes_is_said_or_is_what_the_damaged_line_says() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("table.txt");
     let [exact, said, refused] = [(); 3].map(|()| Cell::new(0));
-    let bytes = prop_oneof![prop::sample::select(&b"0123456789.,;-+eD \t\n\r\"#/x\0\xff"[..]), any::<u8>()];
-    let edits = prop::collection::vec((0..3usize, any::<prop::sample::Index>(), bytes, 1..30usize), 1..4);
+    let bytes =
+        prop_oneof![prop::sample::select(&b"0123456789.,;-+eD \t\n\r\"#/x\0\xff"[..]), any::<u8>()];
+    let edits =
+        prop::collection::vec((0..3usize, any::<prop::sample::Index>(), bytes, 1..30usize), 1..4);
     let test = |((style, columns, rows), edits): (Written, Vec<Edit>)| {
         let decimal = if style.delimiter.contains(',') { '.' } else { style.decimal };
         let style = Style { encoding: Encoding::Utf8, quotes: Quotes::None, decimal, ..style };
@@ -610,9 +714,16 @@ fn what_damage_changes_is_said_or_is_what_the_damaged_line_says() {
             return Ok(());
         }
         let lines = lossy.split(['\n', '\r']).enumerate();
-        let first = lines.clone().find(|(_, line)| matches!(plainly(line, &style, &columns), Plain::Row(_))).map_or(0, |(place, _)| place);
-        let plain: Vec<Plain> = lines.skip(first).map(|(_, line)| plainly(line, &style, &columns)).collect();
-        let rows: Vec<[f64; 3]> = plain.iter().filter_map(|plain| if let Plain::Row(row) = plain { Some(*row) } else { None }).collect();
+        let first = lines
+            .clone()
+            .find(|(_, line)| matches!(plainly(line, &style, &columns), Plain::Row(_)))
+            .map_or(0, |(place, _)| place);
+        let plain: Vec<Plain> =
+            lines.skip(first).map(|(_, line)| plainly(line, &style, &columns)).collect();
+        let rows: Vec<[f64; 3]> = plain
+            .iter()
+            .filter_map(|plain| if let Plain::Row(row) = plain { Some(*row) } else { None })
+            .collect();
         let odd = plain.iter().filter(|plain| **plain == Plain::Odd).count();
         let places = world(&cloud);
         let step = cloud.parts[0].lattice.step;
@@ -621,9 +732,16 @@ fn what_damage_changes_is_said_or_is_what_the_damaged_line_says() {
                 let off = (*read - DVec3::from_array(*row)).abs();
                 off.cmple(step * 0.500001 + 1e-12 * read.abs()).all()
             });
-        let about = || format!("{} points of {rows:?}, {odd} odd: {:?}\n{style:?}\n{lossy}", places.len(), cloud.notes);
+        let about = || {
+            format!(
+                "{} points of {rows:?}, {odd} odd: {:?}\n{style:?}\n{lossy}",
+                places.len(),
+                cloud.notes
+            )
+        };
         prop_assert!(same, "{}", about());
-        let tells = ["left out", "passed over", "counts say"].iter().any(|words| says(&cloud, words));
+        let tells =
+            ["left out", "passed over", "counts say"].iter().any(|words| says(&cloud, words));
         prop_assert!(odd == 0 || tells, "{}", about());
         exact.set(exact.get() + 1);
         Ok(())
@@ -647,7 +765,13 @@ fn points(cloud: &Cloud) -> Vec<[f64; 3]> {
 #[test]
 fn two_meanings_are_an_error_that_shows_both() {
     let error = refused("a.csv", "500000,5,5000000,25,100,75\n500001,5,5000001,25,101,75\n");
-    for part in ["line 1", "500000,5,5000000,25,100,75", "500000 5 5000000", "500000.5 5000000.25 100.75", "--delimiter"] {
+    for part in [
+        "line 1",
+        "500000,5,5000000,25,100,75",
+        "500000 5 5000000",
+        "500000.5 5000000.25 100.75",
+        "--delimiter",
+    ] {
         assert!(error.contains(part), "{error}");
     }
     // One of them is not what the line says.
@@ -661,7 +785,11 @@ fn two_meanings_are_an_error_that_shows_both() {
     assert_eq!(points(&read("e.csv", "1,05,5,25,100,75\n")), [[1.05, 5.25, 100.75]]);
     // Names that are one fewer than fields, as tables with numbered rows have them.
     let error = refused("f.txt", "x y z\n1 0.5 0.6 0.7\n2 1.5 1.6 1.7\n");
-    assert!(error.contains("line 1 names 3 columns, but rows have 4 fields") && error.contains("--columns"), "{error}");
+    assert!(
+        error.contains("line 1 names 3 columns, but rows have 4 fields")
+            && error.contains("--columns"),
+        "{error}"
+    );
     let error = refused("g.csv", "x,y,intensity\n1,2,3\n");
     assert!(error.contains("names x and y, but not all"), "{error}");
 }
@@ -680,20 +808,49 @@ fn columns_that_are_no_part_of_a_point_are_attributes_of_their_own() {
     let text = "x,y,z,Planarity (0.1),name,depth\n1,2,3,0.25,a,\n2,3,4,-0.5,b,7\n3,4,5,0.75,c,9\n";
     let options = ReadOptions { extras: true, ..ALL };
     let cloud = read_as("a.csv", text.as_bytes(), &options).unwrap();
-    let extra = |name: &str, min: f64, max: f64, missing: u64| Extra { name: name.into(), min: Some(min), max: Some(max), missing };
-    assert_eq!(cloud.parts[0].header.extras, [extra("Planarity (0.1)", -0.5, 0.75, 0), extra("depth", 7.0, 9.0, 1)]);
+    let extra = |name: &str, min: f64, max: f64, missing: u64| Extra {
+        name: name.into(),
+        min: Some(min),
+        max: Some(max),
+        missing,
+    };
+    assert_eq!(
+        cloud.parts[0].header.extras,
+        [extra("Planarity (0.1)", -0.5, 0.75, 0), extra("depth", 7.0, 9.0, 1)]
+    );
     assert!(says(&cloud, "text that is not kept: \"name\""), "{:?}", cloud.notes);
     // One of them is intensity, where it is asked for; by a name as other programs write it, too.
     for name in ["Planarity (0.1)", "scalar_planarity", "column 4"] {
-        let scalar = ReadOptions { text: TextOptions { scalar: Some(name), ..TextOptions::NONE }, ..options };
-        let read =
-            read_as("a.csv", text.replace("Planarity (0.1)", if name == "column 4" { "" } else { "Planarity (0.1)" }).as_bytes(), &scalar);
+        let scalar = ReadOptions {
+            text: TextOptions { scalar: Some(name), ..TextOptions::NONE },
+            ..options
+        };
+        let read = read_as(
+            "a.csv",
+            text.replace(
+                "Planarity (0.1)",
+                if name == "column 4" { "" } else { "Planarity (0.1)" },
+            )
+            .as_bytes(),
+            &scalar,
+        );
         let part = &read.unwrap_or_else(|error| panic!("{error}")).parts[0];
-        assert_eq!((part.intensity_range, part.columns.intensity.as_deref()), ([-0.5, 0.75], Some(&[39321, 0, 65535][..])), "{name}");
+        assert_eq!(
+            (part.intensity_range, part.columns.intensity.as_deref()),
+            ([-0.5, 0.75], Some(&[39321, 0, 65535][..])),
+            "{name}"
+        );
         assert_eq!(part.header.extras.len(), 1);
     }
-    for (name, why) in [("none", "it has x, y, z, Planarity (0.1), name, depth"), ("name", "it is text"), ("x", "it is a coordinate")] {
-        let scalar = ReadOptions { text: TextOptions { scalar: Some(name), ..TextOptions::NONE }, ..options };
+    for (name, why) in [
+        ("none", "it has x, y, z, Planarity (0.1), name, depth"),
+        ("name", "it is text"),
+        ("x", "it is a coordinate"),
+    ] {
+        let scalar = ReadOptions {
+            text: TextOptions { scalar: Some(name), ..TextOptions::NONE },
+            ..options
+        };
         let error = read_as("a.csv", text.as_bytes(), &scalar).unwrap_err().to_string();
         assert!(error.contains(why), "{error}");
     }
@@ -703,7 +860,9 @@ fn columns_that_are_no_part_of_a_point_are_attributes_of_their_own() {
 fn strictly_nothing_is_guessed_and_nothing_is_lost() {
     let strictly = |text: &str, columns: Option<&str>| {
         let options = ReadOptions { strict: true, ..with(columns, None) };
-        read_as("a.txt", text.as_bytes(), &options).map(|cloud| cloud.len()).map_err(|error| error.to_string())
+        read_as("a.txt", text.as_bytes(), &options)
+            .map(|cloud| cloud.len())
+            .map_err(|error| error.to_string())
     };
     for (text, why) in [
         ("1 2 3 40\n2 3 4 50\n", "could be x y z intensity"),
@@ -720,9 +879,15 @@ fn strictly_nothing_is_guessed_and_nothing_is_lost() {
 
 #[test]
 fn decimals_stay_the_decimals_they_are() {
-    let cloud = read("a.xyz", "500000.001 5000000.25 97.5\n500019.999 5000019.998 103\n500007.5 5000001 98\n");
+    let cloud = read(
+        "a.xyz",
+        "500000.001 5000000.25 97.5\n500019.999 5000019.998 103\n500007.5 5000001 98\n",
+    );
     let part = &cloud.parts[0];
-    assert_eq!((part.lattice.step, part.lattice.offset), (DVec3::splat(0.001), DVec3::new(500000.001, 5000000.25, 97.5)));
+    assert_eq!(
+        (part.lattice.step, part.lattice.offset),
+        (DVec3::splat(0.001), DVec3::new(500000.001, 5000000.25, 97.5))
+    );
     assert_eq!(part.columns.x, [0, 19998, 7499]);
     // Where that is no loss, steps are powers of two; and where there are more digits than steps, too.
     assert_eq!(read("b.xyz", "0.5 0.25 0\n1 2 3\n").parts[0].lattice.step, DVec3::splat(0.25));
@@ -733,21 +898,31 @@ fn decimals_stay_the_decimals_they_are() {
 #[test]
 fn what_is_asked_for_is_not_found_out() {
     let ambiguous = b"500000,5,5000000,25,100,75\n";
-    let read = |bytes: &[u8], options: ReadOptions| read_as("a.txt", bytes, &options).unwrap_or_else(|error| panic!("{error}"));
+    let read = |bytes: &[u8], options: ReadOptions| {
+        read_as("a.txt", bytes, &options).unwrap_or_else(|error| panic!("{error}"))
+    };
     assert_eq!(points(&read(ambiguous, with(None, Some(",")))), [[500000.0, 5.0, 5000000.0]]);
-    assert_eq!(points(&read(ambiguous, with(Some("x,y,z"), None))), [[500000.5, 5000000.25, 100.75]]);
-    assert_eq!(points(&read(ambiguous, with(Some("x,y,z,r,g,b"), None))), [[500000.0, 5.0, 5000000.0]]);
+    assert_eq!(
+        points(&read(ambiguous, with(Some("x,y,z"), None))),
+        [[500000.5, 5000000.25, 100.75]]
+    );
+    assert_eq!(
+        points(&read(ambiguous, with(Some("x,y,z,r,g,b"), None))),
+        [[500000.0, 5.0, 5000000.0]]
+    );
     let cloud = read(b"z y x\n3 2 1 9 200 100 50\n", with(Some("x,y,z,-,red,green,blue"), None));
     assert_eq!(points(&cloud), [[3.0, 2.0, 1.0]]);
     assert_eq!(cloud.parts[0].columns.rgb, Some(vec![[200, 100, 50]]));
     assert!(
-        cloud.parts[0].columns.intensity.is_none() && says(&cloud, "columns as asked for: x y z - red green blue"),
+        cloud.parts[0].columns.intensity.is_none()
+            && says(&cloud, "columns as asked for: x y z - red green blue"),
         "{:?}",
         cloud.notes
     );
     let cloud = read(b"id;x;y;z\n1;1,5;2,5;3,5\n", with(Some("-,y,x,z"), Some(";")));
     assert_eq!(points(&cloud), [[2.5, 1.5, 3.5]]);
-    let error = read_as("a.txt", b"1 2 3\n", &with(Some("x,y,z,intensity"), None)).unwrap_err().to_string();
+    let error =
+        read_as("a.txt", b"1 2 3\n", &with(Some("x,y,z,intensity"), None)).unwrap_err().to_string();
     assert!(error.contains("4 columns that were asked for") && error.contains("1 2 3"), "{error}");
     for wrong in ["x,y", "x,y,z,w", "x,y,z,x", ""] {
         assert!(wrong.parse::<Columns>().is_err(), "{wrong}");
@@ -760,21 +935,39 @@ fn names_are_known_whatever_stands_around_them() {
     let cloud = read("a.txt", "Point ID X [m] Y [m] Z [m] Gps Time\n7 1 2 3 1000.5\n");
     assert_eq!(points(&cloud), [[1.0, 2.0, 3.0]]);
     assert_eq!(cloud.parts[0].columns.gps_time, Some(vec![1000.5]));
-    assert!(cloud.parts[0].header.facts.contains(&("names".into(), "Point ID, X [m], Y [m], Z [m], Gps Time".into())));
+    assert!(
+        cloud.parts[0]
+            .header
+            .facts
+            .contains(&("names".into(), "Point ID, X [m], Y [m], Z [m], Gps Time".into()))
+    );
     // Latin-1, a directive of Excel, a line of units, numbers of rows without a name.
     let latin = b"sep=;\nRechtswert;Hochwert;H\xF6he\nm;m;m\n1,5;2,5;3,5\n";
     let cloud = read_as("b.csv", latin, &ALL).unwrap();
     assert_eq!(points(&cloud), [[1.5, 2.5, 3.5]]);
     assert!(says(&cloud, "2 lines before them passed over"), "{:?}", cloud.notes);
-    assert_eq!(points(&read("c.csv", ",x,y,z\n0,1,2,3\n1,4,5,6\n")), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+    assert_eq!(
+        points(&read("c.csv", ",x,y,z\n0,1,2,3\n1,4,5,6\n")),
+        [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    );
     // Remarks may be anything.
     let cloud = read("d.txt", "# x y z of an old church\n1 2 3 10 20 30\n");
     assert_eq!(points(&cloud), [[1.0, 2.0, 3.0]]);
-    assert!(says(&cloud, "columns are taken as x y z red green blue; line 1 names 7 columns, but rows have 6"), "{:?}", cloud.notes);
+    assert!(
+        says(
+            &cloud,
+            "columns are taken as x y z red green blue; line 1 names 7 columns, but rows have 6"
+        ),
+        "{:?}",
+        cloud.notes
+    );
     let cloud = read("e.csv", "# x y z r g b\n1,2,3,10,20,30\n");
     assert!(says(&cloud, "by their names in line 1"), "{:?}", cloud.notes);
     let cloud = read("f.csv", "a,b,c,intensity\n1,2,3,7\n4,5,6,9\n");
-    assert_eq!((points(&cloud)[1], cloud.parts[0].columns.intensity.clone()), ([4.0, 5.0, 6.0], Some(vec![7, 9])));
+    assert_eq!(
+        (points(&cloud)[1], cloud.parts[0].columns.intensity.clone()),
+        ([4.0, 5.0, 6.0], Some(vec![7, 9]))
+    );
     assert!(says(&cloud, "no x, y and z among the names in line 1"), "{:?}", cloud.notes);
     // Words of several parts between blanks.
     assert_eq!(read("g.txt", "1 2 3 a tree\n4 5 6 grass\n7 8 9 a big tree\n").len(), 3);
@@ -782,16 +975,34 @@ fn names_are_known_whatever_stands_around_them() {
 
 #[test]
 fn lines_that_are_no_rows_are_counted_and_the_first_is_shown() {
-    let text = "x y z i\r\n1 2 3 4\r\n# remark\r\n\r\n1 2 3\r\n5 6 7 8 9\r\n1 two 3 4\r\n4 5 6 -\r\n";
+    let text =
+        "x y z i\r\n1 2 3 4\r\n# remark\r\n\r\n1 2 3\r\n5 6 7 8 9\r\n1 two 3 4\r\n4 5 6 -\r\n";
     let cloud = read("a.txt", text);
     assert_eq!(points(&cloud), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
-    assert!(says(&cloud, "3 lines are not points, and were left out; line 5: \"1 2 3\": 3 fields, not 4"), "{:?}", cloud.notes);
-    assert!(says(&cloud, "1 line without a value for \"i\", the first is line 8"), "{:?}", cloud.notes);
-    let error = read_as("a.txt", text.as_bytes(), &ReadOptions::new(Wanted::ALL, true)).unwrap_err().to_string();
+    assert!(
+        says(
+            &cloud,
+            "3 lines are not points, and were left out; line 5: \"1 2 3\": 3 fields, not 4"
+        ),
+        "{:?}",
+        cloud.notes
+    );
+    assert!(
+        says(&cloud, "1 line without a value for \"i\", the first is line 8"),
+        "{:?}",
+        cloud.notes
+    );
+    let error = read_as("a.txt", text.as_bytes(), &ReadOptions::new(Wanted::ALL, true))
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("line 5 is no row of the table: \"1 2 3\": 3 fields, not 4"), "{error}");
     // What a line lacks that is no row is not counted.
     let cloud = read("gaps.csv", "x,y,z,i,class\n1,2,3,,5\n4,5,6,\n-1.7e38,0,0,,1\n7,8,9,1,2\n");
-    assert!(says(&cloud, "1 line without a value for \"i\", the first is line 2"), "{:?}", cloud.notes);
+    assert!(
+        says(&cloud, "1 line without a value for \"i\", the first is line 2"),
+        "{:?}",
+        cloud.notes
+    );
     // In a later block, too.
     let mut long: String = (0..700_000).map(|i| format!("{i}.25 {} -7\n", i % 1000)).collect();
     long += "one two three\n1 2 3\n";
@@ -799,15 +1010,29 @@ fn lines_that_are_no_rows_are_counted_and_the_first_is_shown() {
     assert!(says(&cloud, "line 700001: \"one two three\""), "{:?}", cloud.notes);
     // A first row that is damaged is no heading.
     let cloud = read("b.xyz", "1.2.3 4 5\n6 7 8\n");
-    assert!(says(&cloud, "1 line is no point, and was left out; line 1: \"1.2.3 4 5\""), "{:?}", cloud.notes);
+    assert!(
+        says(&cloud, "1 line is no point, and was left out; line 1: \"1.2.3 4 5\""),
+        "{:?}",
+        cloud.notes
+    );
     assert!(says(&read("c.xyz", "a church\n6 7 8\n"), "1 line before them passed over"));
 }
 
 #[test]
 fn coordinates_that_stand_for_none_are_left_out() {
-    let cloud = read("a.xyz", "1 2 3\n-1.70141E+38 -1.70141E+38 -1.70141E+38\n4 5 -3.4028234663852886e+38\n1e38 1 1\n7 8 9\n1e30 0 0\n");
+    let cloud = read(
+        "a.xyz",
+        "1 2 3\n-1.70141E+38 -1.70141E+38 -1.70141E+38\n4 5 -3.4028234663852886e+38\n1e38 1 1\n7 8 9\n1e30 0 0\n",
+    );
     assert_eq!(cloud.len(), 3);
-    assert!(says(&cloud, "3 lines without data (coordinates such as -1.70141E+38) left out, the first is line 2"), "{:?}", cloud.notes);
+    assert!(
+        says(
+            &cloud,
+            "3 lines without data (coordinates such as -1.70141E+38) left out, the first is line 2"
+        ),
+        "{:?}",
+        cloud.notes
+    );
 }
 
 #[test]
@@ -819,15 +1044,17 @@ fn counts_are_held_against_what_is_there() {
     assert_eq!((part.header.format.as_str(), part.header.points), ("PTS", Some(3)));
     assert_eq!(part.columns.rgb.as_ref().unwrap()[2], [70, 80, 90]);
     // Integers are kept as they are, from the least on.
-    assert_eq!((part.intensity_range, part.columns.intensity.clone()), ([-500.0, 65035.0], Some(vec![0, 1200, 500])));
+    assert_eq!(
+        (part.intensity_range, part.columns.intensity.clone()),
+        ([-500.0, 65035.0], Some(vec![0, 1200, 500]))
+    );
     // What the table and its colours are taken for; nothing about counts.
     assert_eq!(cloud.notes.len(), 2, "{:?}", cloud.notes);
     let cloud = read("a.txt", &blocks.replace("1\n7", "5\n7"));
     assert!(says(&cloud, "counts say 7 points, 3 could be read"), "{:?}", cloud.notes);
 }
 
-const PTX: &str =
-    "2\n2\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n100 200 300 1\n1 0 0 0.5\n0 0 0 0.5\n0 2 0 0.25\n0 0 3 1\n";
+const PTX: &str = "2\n2\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n100 200 300 1\n1 0 0 0.5\n0 0 0 0.5\n0 2 0 0.25\n0 0 3 1\n";
 
 #[test]
 fn ptx_scans_stand_where_their_matrices_say() {
@@ -837,17 +1064,28 @@ fn ptx_scans_stand_where_their_matrices_say() {
         .lines()
         .collect::<Vec<_>>()
         .join("\r\n");
-    let second =
-        second.replace("0 0 0 0.5", "0 0 0 0.5 0 0 0").replace("0 2 0 0.25", "0 2 0 0.25 1 2 3").replace("0 0 3 1", "0 0 3 1 4 5 6");
+    let second = second
+        .replace("0 0 0 0.5", "0 0 0 0.5 0 0 0")
+        .replace("0 2 0 0.25", "0 2 0 0.25 1 2 3")
+        .replace("0 0 3 1", "0 0 3 1 4 5 6");
     for name in ["a.ptx", "a.txt", "a.xyz", "a.csv", "a.asc", "a.pts"] {
         let cloud = read(name, &format!("{PTX}{second}\r\n"));
         assert_eq!(cloud.parts.len(), 2, "{:?}", cloud.notes);
         // A quarter turn about z: x is y, and y is -x.
-        let places =
-            [[100.0, 201.0, 300.0], [98.0, 200.0, 300.0], [100.0, 200.0, 303.0], [0.0, 1.0, 7.0], [-2.0, 0.0, 7.0], [0.0, 0.0, 10.0]];
+        let places = [
+            [100.0, 201.0, 300.0],
+            [98.0, 200.0, 300.0],
+            [100.0, 200.0, 303.0],
+            [0.0, 1.0, 7.0],
+            [-2.0, 0.0, 7.0],
+            [0.0, 0.0, 10.0],
+        ];
         assert_eq!(points(&cloud), places);
         assert_eq!(cloud.parts[0].header.format, "PTX");
-        assert_eq!(cloud.stations.iter().map(|station| (station.part, station.points)).collect::<Vec<_>>(), [(0, 3), (1, 3)]);
+        assert_eq!(
+            cloud.stations.iter().map(|station| (station.part, station.points)).collect::<Vec<_>>(),
+            [(0, 3), (1, 3)]
+        );
         assert_eq!(cloud.parts[1].columns.rgb, Some(vec![[255, 0, 9], [1, 2, 3], [4, 5, 6]]));
         assert_eq!(cloud.parts[0].columns.intensity, Some(vec![32768, 16384, 65535]));
         assert!(says(&cloud, "scan 1: 1 of 4 directions hit nothing"), "{:?}", cloud.notes);
@@ -865,7 +1103,9 @@ fn ptx_scans_stand_where_their_matrices_say() {
     let cloud = read("many.ptx", &many);
     assert_eq!((cloud.parts.len(), cloud.len()), (2, 7), "{:?}", cloud.notes);
     let strict = ReadOptions::new(Wanted::ALL, true);
-    assert!([missing, many].iter().all(|text| read_as("odd.ptx", text.as_bytes(), &strict).is_err()));
+    assert!(
+        [missing, many].iter().all(|text| read_as("odd.ptx", text.as_bytes(), &strict).is_err())
+    );
     for end in ["\n", "\r\n", "\r"] {
         let cloud = read("rest.ptx", &format!("{PTX}1 2 3 4\n5 6 7 8\n").replace('\n', end));
         let what = "line 15 should begin scan 2, and does not: \"1 2 3 4\"; the rest was left out";
@@ -875,13 +1115,19 @@ fn ptx_scans_stand_where_their_matrices_say() {
 
 #[test]
 fn what_other_text_files_are_is_said() {
-    assert!(refused("a.asc", "ncols 4\nnrows 2\nxllcorner 0\n1 2 3 4\n5 6 7 8\n").contains("grid of heights"));
+    assert!(
+        refused("a.asc", "ncols 4\nnrows 2\nxllcorner 0\n1 2 3 4\n5 6 7 8\n")
+            .contains("grid of heights")
+    );
     let utf16: Vec<u8> = "1 2 3\n4 5 6\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
     let error = read_as("a.txt", &utf16, &ALL).unwrap_err().to_string();
     assert!(error.contains("UTF-16 without a byte order mark"), "{error}");
     assert!(refused("a.xyz", "nothing here\n").contains("\"nothing here\""));
     // The x of an integer in front is no coordinate of two that follow a blank: this is no table between commas.
-    assert!(refused("b.txt", "1 2 3,4,5,6\n7 8 9,1,2,3\n").contains("no rows of at least three numbers"));
+    assert!(
+        refused("b.txt", "1 2 3,4,5,6\n7 8 9,1,2,3\n")
+            .contains("no rows of at least three numbers")
+    );
 }
 
 #[test]
@@ -890,7 +1136,10 @@ fn decimal_commas_of_ply() {
     let cloud = read("a.ply", &format!("{header}1,5 2,25 -3,125\n4 5 6\n"));
     assert_eq!(points(&cloud), [[1.5, 2.25, -3.125], [4.0, 5.0, 6.0]]);
     assert!(says(&cloud, "decimal commas"), "{:?}", cloud.notes);
-    assert_eq!(points(&read("b.ply", &format!("{header}1,2,3\n4,5,6\n"))), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+    assert_eq!(
+        points(&read("b.ply", &format!("{header}1,2,3\n4,5,6\n"))),
+        [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    );
     assert_eq!(read("c.obj", "v 1,5 2,5 3,5\n").len(), 0);
 }
 
@@ -904,25 +1153,78 @@ const CASES: &[Case] = &[
         "riegl.csv",
         3000,
         [[0.015, 0.004, -2.992], [19.992, 20.0, 2.998]],
-        &["intensity \"Reflectance (dB)\"", "further attributes, one of which --scalar reads as intensity: \"Point ID\""],
+        &[
+            "intensity \"Reflectance (dB)\"",
+            "further attributes, one of which --scalar reads as intensity: \"Point ID\"",
+        ],
     ),
-    ("cc_full.txt", 3000, [[0.015, 0.004, -2.992], [19.992, 20.0, 2.998]], &["red \"Rf\"", "nz \"Nz\"", "\"Illuminance (PCV)\""]),
-    ("units_head.csv", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["x \"X [m]\"", "blue \"B\""]),
-    ("comma_semi.csv", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["between semicolons, decimal commas"]),
-    ("comma_space.xyz", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["between spaces, decimal commas"]),
+    (
+        "cc_full.txt",
+        3000,
+        [[0.015, 0.004, -2.992], [19.992, 20.0, 2.998]],
+        &["red \"Rf\"", "nz \"Nz\"", "\"Illuminance (PCV)\""],
+    ),
+    (
+        "units_head.csv",
+        4000,
+        [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]],
+        &["x \"X [m]\"", "blue \"B\""],
+    ),
+    (
+        "comma_semi.csv",
+        4000,
+        [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]],
+        &["between semicolons, decimal commas"],
+    ),
+    (
+        "comma_space.xyz",
+        4000,
+        [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]],
+        &["between spaces, decimal commas"],
+    ),
     ("deccomma.ply", 4000, [[0.001, 0.001, 97.0], [19.999, 19.998, 103.0]], &["decimal commas"]),
-    ("blank_mid.csv", 3000, [[0.003, 0.008, -2.997], [19.996, 19.999, 2.998]], &["2000 lines without a value for \"intensity\""]),
-    ("bom_nohead.xyz", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["taken as x y z"]),
-    ("hexwords.csv", 4000, [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]], &["text that is not kept: \"label\""]),
-    ("name_first.csv", 3000, [[0.003, 0.008, -2.997], [19.996, 19.999, 2.998]], &["text that is not kept: \"name\""]),
-    ("latlon_named.csv", 3000, [[500000.007, 5000000.016, -2.992], [500019.993, 5000020.0, 2.999]], &["x \"lon\"", "y \"lat\""]),
+    (
+        "blank_mid.csv",
+        3000,
+        [[0.003, 0.008, -2.997], [19.996, 19.999, 2.998]],
+        &["2000 lines without a value for \"intensity\""],
+    ),
+    (
+        "bom_nohead.xyz",
+        4000,
+        [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]],
+        &["taken as x y z"],
+    ),
+    (
+        "hexwords.csv",
+        4000,
+        [[500000.001, 5000000.001, 97.0], [500019.999, 5000019.998, 103.0]],
+        &["text that is not kept: \"label\""],
+    ),
+    (
+        "name_first.csv",
+        3000,
+        [[0.003, 0.008, -2.997], [19.996, 19.999, 2.998]],
+        &["text that is not kept: \"name\""],
+    ),
+    (
+        "latlon_named.csv",
+        3000,
+        [[500000.007, 5000000.016, -2.992], [500019.993, 5000020.0, 2.999]],
+        &["x \"lon\"", "y \"lat\""],
+    ),
     (
         "two_as.txt",
         3600,
         [[500000.0021, 5000000.0053, 97.0024], [500049.9888, 5000019.9936, 103.0]],
         &["200 of 2000 directions hit nothing", "read as PTX"],
     ),
-    ("nodata.xyz", 40, [[-4.43177, -4.81295, 0.126597], [4.12488, 4.40649, 2.97934]], &["1 line without data", "line 41"]),
+    (
+        "nodata.xyz",
+        40,
+        [[-4.43177, -4.81295, 0.126597], [4.12488, 4.40649, 2.97934]],
+        &["1 line without data", "line 41"],
+    ),
 ];
 
 #[test]
@@ -933,15 +1235,22 @@ fn files_of_other_programs_have_their_values() {
         assert_eq!(cloud.len(), *points, "{name}");
         let (lo, hi) = cloud.bounds().unwrap();
         for (read, known) in [lo, hi].into_iter().zip(bounds) {
-            assert!((read - DVec3::from_array(*known)).abs().max_element() < 2e-6, "{name}: {read} {known:?}");
+            assert!(
+                (read - DVec3::from_array(*known)).abs().max_element() < 2e-6,
+                "{name}: {read} {known:?}"
+            );
         }
-        words.iter().for_each(|words| assert!(says(&cloud, words), "{name}: no word of {words:?}: {:?}", cloud.notes));
+        words.iter().for_each(|words| {
+            assert!(says(&cloud, words), "{name}: no word of {words:?}: {:?}", cloud.notes)
+        });
         let columns = &cloud.parts[0].columns;
         match *name {
             "riegl.csv" => assert_eq!(cloud.parts[0].intensity_range, [-19.5, -0.5]),
             "cc_full.txt" => {
                 assert!(columns.rgb.as_ref().unwrap().iter().all(|rgb| *rgb == [204, 102, 51]));
-                assert!(columns.normal.as_ref().unwrap().iter().all(|normal| *normal == [0, 76, 102]));
+                assert!(
+                    columns.normal.as_ref().unwrap().iter().all(|normal| *normal == [0, 76, 102])
+                );
             }
             "units_head.csv" => assert_eq!(columns.rgb.as_ref().unwrap()[0], [103, 85, 17]),
             "blank_mid.csv" => {
@@ -967,7 +1276,8 @@ fn the_program_reads_the_same() {
         let Some(path) = shared(&format!("cases/{name}")) else { return };
         let path = path.to_str().unwrap();
         let info = program(&["info", "--json", path]);
-        let report: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let report: serde_json::Value =
+            serde_json::from_slice(&info.stdout).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert_eq!(report["points"], *points, "{name}");
         let index = at("index.pnti");
         let made = program(&["index", path, "-o", &index]);
@@ -975,10 +1285,13 @@ fn the_program_reads_the_same() {
         for (what, output) in [("index", made), ("render", drawn)] {
             let said = String::from_utf8_lossy(&output.stderr).into_owned();
             assert!(output.status.success(), "{what} {name}: {said}");
-            words.iter().for_each(|words| assert!(said.contains(words), "{what} {name}: no word of {words:?}: {said}"));
+            words.iter().for_each(|words| {
+                assert!(said.contains(words), "{what} {name}: no word of {words:?}: {said}")
+            });
         }
         let info = program(&["info", "--json", &index]);
-        let indexed: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let indexed: serde_json::Value =
+            serde_json::from_slice(&info.stdout).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert_eq!(indexed["points"], *points, "{name}");
     }
 }

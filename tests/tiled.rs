@@ -25,7 +25,10 @@ impl Place {
 
     fn render(&self, file: &str, name: &str, line: &str) -> std::process::Output {
         let (output, camera) = (self.at(name), self.at("cam.json"));
-        render(&self.at(file), &format!("-o {} --camera {} {line}", output.display(), camera.display()))
+        render(
+            &self.at(file),
+            &format!("-o {} --camera {} {line}", output.display(), camera.display()),
+        )
     }
 }
 
@@ -54,7 +57,11 @@ fn no_seam_shows_whatever_is_drawn() {
         // As a window saves it.
         succeeded(&place.render("street.las", "tiles.png", &format!("{size} {look} --tile 72")));
         assert!(read_png(&place.at("tiles.png")).pixels == whole.pixels, "{look}");
-        assert!(std::fs::read(place.at("tiles.png")).unwrap() == std::fs::read(place.at("whole.png")).unwrap(), "{look}");
+        assert!(
+            std::fs::read(place.at("tiles.png")).unwrap()
+                == std::fs::read(place.at("whole.png")).unwrap(),
+            "{look}"
+        );
     }
 }
 
@@ -62,7 +69,15 @@ fn no_seam_shows_whatever_is_drawn() {
 #[test]
 fn samples_of_an_index_meet_without_a_seam_that_could_be_seen() {
     let place = Place::new(100_000);
-    succeeded(&pointillist().arg("index").arg(place.at("street.las")).arg("-o").arg(place.at("street.pnti")).output().unwrap());
+    succeeded(
+        &pointillist()
+            .arg("index")
+            .arg(place.at("street.las"))
+            .arg("-o")
+            .arg(place.at("street.pnti"))
+            .output()
+            .unwrap(),
+    );
     succeeded(&place.render("street.pnti", "whole.png", "--size 256x160 --lod 2"));
     succeeded(&place.render("street.pnti", "pieces.png", "--size 256x160 --lod 2 --piece 64"));
     let [whole, pieces] = ["whole.png", "pieces.png"].map(|name| read_png(&place.at(name)));
@@ -75,7 +90,15 @@ fn samples_of_an_index_meet_without_a_seam_that_could_be_seen() {
 #[test]
 fn what_is_drawn_in_tiles_is_the_same_to_the_bit_whatever_it_is_drawn_from() {
     let place = Place::new(100_000);
-    succeeded(&pointillist().arg("index").arg(place.at("street.las")).arg("-o").arg(place.at("street.pnti")).output().unwrap());
+    succeeded(
+        &pointillist()
+            .arg("index")
+            .arg(place.at("street.las"))
+            .arg("-o")
+            .arg(place.at("street.pnti"))
+            .output()
+            .unwrap(),
+    );
     for (file, look) in [
         ("street.las", "--style strokes --effect strokes=largest=0.03"),
         ("street.las", "--effect fill=method=pullpush"),
@@ -85,7 +108,11 @@ fn what_is_drawn_in_tiles_is_the_same_to_the_bit_whatever_it_is_drawn_from() {
     ] {
         succeeded(&place.render(file, "whole.png", &format!("--size 256x160 {look}")));
         succeeded(&place.render(file, "tiles.png", &format!("--size 256x160 {look} --tile 40")));
-        assert!(std::fs::read(place.at("tiles.png")).unwrap() == std::fs::read(place.at("whole.png")).unwrap(), "{file} {look}");
+        assert!(
+            std::fs::read(place.at("tiles.png")).unwrap()
+                == std::fs::read(place.at("whole.png")).unwrap(),
+            "{file} {look}"
+        );
     }
 }
 

@@ -110,7 +110,11 @@ fn samples_of_the_light_follow_when_the_window_rests() {
     let mut viewer = place.view(&[&cloud], line);
     for (key, view) in [("7", "top"), ("0", "fit")] {
         viewer.key(key);
-        viewer.shows(&place.picture(&[&cloud], &format!("{view}.png"), &format!("{line} --view {view}")));
+        viewer.shows(&place.picture(
+            &[&cloud],
+            &format!("{view}.png"),
+            &format!("{line} --view {view}"),
+        ));
     }
     viewer.rests();
 }
@@ -124,7 +128,11 @@ fn strokes_are_brought_into_order_when_the_window_rests() {
     let mut viewer = place.view(&[&cloud], line);
     for (key, view) in [("7", "top"), ("0", "fit")] {
         viewer.key(key);
-        viewer.shows(&place.picture(&[&cloud], &format!("{view}.png"), &format!("{line} --view {view}")));
+        viewer.shows(&place.picture(
+            &[&cloud],
+            &format!("{view}.png"),
+            &format!("{line} --view {view}"),
+        ));
     }
     viewer.rests();
 }
@@ -132,7 +140,8 @@ fn strokes_are_brought_into_order_when_the_window_rests() {
 #[test]
 fn a_scene_and_an_index_are_shown_as_render_draws_them() {
     let place = Place::new();
-    let (cloud, index, scene) = (place.street(300_000), place.at("scan.pnti"), place.at("scene.json"));
+    let (cloud, index, scene) =
+        (place.street(300_000), place.at("scan.pnti"), place.at("scene.json"));
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
     let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation",
         "effects": ["edl=on,strength=0.7", "shape=off"], "light": "direction:1,1,-2", "background": "ffffff"}"#;
@@ -169,10 +178,15 @@ fn put_away(viewer: &mut Viewer) {
 #[test]
 fn what_cannot_be_opened_keeps_nothing_else_from_being_opened() {
     let place = Place::new();
-    let (cloud, bad, worse) = (place.scan("torus.las", Scene::Torus, 60_000), place.at("bad.las"), place.at("worse.ply"));
+    let (cloud, bad, worse) =
+        (place.scan("torus.las", Scene::Torus, 60_000), place.at("bad.las"), place.at("worse.ply"));
     [&bad, &worse].iter().for_each(|path| std::fs::write(path, b"LASF, or so it says").unwrap());
     let mut viewer = place.view(&[&bad, &cloud, &worse], "--view top");
-    viewer.until("both said", |viewer| ["bad.las", "worse.ply"].iter().all(|name| viewer.said().iter().any(|line| line.contains(name))));
+    viewer.until("both said", |viewer| {
+        ["bad.las", "worse.ply"]
+            .iter()
+            .all(|name| viewer.said().iter().any(|line| line.contains(name)))
+    });
     put_away(&mut viewer);
     viewer.shows(&place.picture(&[&cloud], "torus.png", "--view top"));
     let said = viewer.close();
@@ -192,7 +206,9 @@ fn what_is_dropped_and_cannot_be_opened_leaves_the_window_as_it_was() {
     drop_file(&place.display, &viewer.window, &bad);
     viewer.until("trouble", is_in_trouble);
     drop_file(&place.display, &viewer.window, &torus);
-    viewer.until("said twice", |viewer| viewer.said().iter().any(|line| line.contains("torus.las is open already")));
+    viewer.until("said twice", |viewer| {
+        viewer.said().iter().any(|line| line.contains("torus.las is open already"))
+    });
     drop_file(&place.display, &viewer.window, &street);
     let both = place.picture(&[&torus, &street], "both.png", view);
     viewer.until("both", |viewer| {
@@ -211,12 +227,25 @@ fn every_effect_is_switched_on_as_render_does() {
     let camera = r#""camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105], "up": [0, 0, 1], "fov_y": 45}"#;
     let mut viewer = place.view(&[&cloud], "");
     for on in EFFECTS {
-        let effects: Vec<String> =
-            EFFECTS.iter().map(|effect| format!("\"{effect}={}\"", if effect == on { "on" } else { "off" })).collect();
+        let effects: Vec<String> = EFFECTS
+            .iter()
+            .map(|effect| format!("\"{effect}={}\"", if effect == on { "on" } else { "off" }))
+            .collect();
         let scene = place.at(&format!("{on}.json"));
-        std::fs::write(&scene, format!("{{{camera}, \"opacity\": [\"class:6=0.5\"], \"effects\": [{}]}}", effects.join(", "))).unwrap();
+        std::fs::write(
+            &scene,
+            format!(
+                "{{{camera}, \"opacity\": [\"class:6=0.5\"], \"effects\": [{}]}}",
+                effects.join(", ")
+            ),
+        )
+        .unwrap();
         drop_file(&place.display, &viewer.window, &scene);
-        viewer.shows(&place.picture(&[&cloud], &format!("{on}.png"), &format!("--scene {}", scene.display())));
+        viewer.shows(&place.picture(
+            &[&cloud],
+            &format!("{on}.png"),
+            &format!("--scene {}", scene.display()),
+        ));
     }
     viewer.close();
 }
@@ -228,7 +257,13 @@ fn render_and_a_window_take_the_same_scene() {
     scan(&cloud, Scene::Torus, 5000);
     let bad = folder.path().join("scene.json");
     std::fs::write(&bad, "{}").unwrap();
-    let said = support::failed(&render(&cloud, &format!("-o {} --scene {}", folder.path().join("o.png").display(), bad.display())), 1);
+    let said = support::failed(
+        &render(
+            &cloud,
+            &format!("-o {} --scene {}", folder.path().join("o.png").display(), bad.display()),
+        ),
+        1,
+    );
     assert!(said.contains("scene.json") && said.contains("camera"), "{said}");
 }
 
@@ -256,13 +291,18 @@ fn one_ctrl_c_closes_the_window_and_leaves_nothing_half_written() {
 
 /// All that a file says.
 fn read(file: &Path) -> cloud::Part {
-    cloud::read(&[file.to_owned()], &ReadOptions::new(Wanted::ALL, true), &Silent).unwrap().parts.remove(0)
+    cloud::read(&[file.to_owned()], &ReadOptions::new(Wanted::ALL, true), &Silent)
+        .unwrap()
+        .parts
+        .remove(0)
 }
 
 /// Position of a point of a file.
 /// With the digits that its lattice has, as files and people get it.
 fn position(part: &cloud::Part, i: usize) -> DVec3 {
-    let place = part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from));
+    let place = part
+        .lattice
+        .world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from));
     Digits::of([part.lattice]).round(place)
 }
 
@@ -277,43 +317,70 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
     };
     std::fs::write(place.at("cam.json"), serde_json::to_string(&camera).unwrap()).unwrap();
     let line = format!("--camera {}", place.at("cam.json").display());
-    let drawn = place.picture(&[&cloud], "picture.png", &format!("{line} --exr {}", layers.display()));
+    let drawn =
+        place.picture(&[&cloud], "picture.png", &format!("{line} --exr {}", layers.display()));
     let (view, depth) = (View::new(camera, SIZE).unwrap(), read_exr(&layers).floats("depth.Z"));
     let mut viewer = place.view(&[&cloud], &line);
     viewer.shows(&drawn);
     // Two places where a surface is, all around.
-    let solid = |x: usize, y: usize| (y - 9..=y + 9).all(|y| (x - 9..=x + 9).all(|x| depth[y * SIZE[0] as usize + x].is_finite()));
-    let places: Vec<[usize; 2]> =
-        (20..280).step_by(7).flat_map(|y| (20..380).step_by(11).map(move |x| [x, y])).filter(|[x, y]| solid(*x, *y)).collect();
+    let solid = |x: usize, y: usize| {
+        (y - 9..=y + 9)
+            .all(|y| (x - 9..=x + 9).all(|x| depth[y * SIZE[0] as usize + x].is_finite()))
+    };
+    let places: Vec<[usize; 2]> = (20..280)
+        .step_by(7)
+        .flat_map(|y| (20..380).step_by(11).map(move |x| [x, y]))
+        .filter(|[x, y]| solid(*x, *y))
+        .collect();
     let clicked = [places[places.len() / 4], places[3 * places.len() / 4]];
     let part = read(&cloud);
     let all: Vec<DVec3> = (0..part.columns.len()).map(|i| position(&part, i)).collect();
     let mut picked = Vec::new();
     for (number, [x, y]) in clicked.into_iter().enumerate() {
-        let gesture =
-            if number == 0 { format!("mousemove {x} {y} click 1") } else { format!("mousemove {x} {y} keydown shift click 1 keyup shift") };
+        let gesture = if number == 0 {
+            format!("mousemove {x} {y} click 1")
+        } else {
+            format!("mousemove {x} {y} keydown shift click 1 keyup shift")
+        };
         place.display.xdotool(&gesture);
         let start = format!("point {}: ", number + 1);
-        let find = |viewer: &Viewer| viewer.printed().into_iter().find(|line| line.starts_with(&start));
+        let find =
+            |viewer: &Viewer| viewer.printed().into_iter().find(|line| line.starts_with(&start));
         viewer.until("picked point", |viewer| find(viewer).is_some());
         let line = find(&viewer).unwrap();
-        let numbers: Vec<f64> = line[start.len()..].split_whitespace().take(3).map(|number| number.parse().unwrap()).collect();
+        let numbers: Vec<f64> = line[start.len()..]
+            .split_whitespace()
+            .take(3)
+            .map(|number| number.parse().unwrap())
+            .collect();
         let point = DVec3::from_slice(&numbers);
         assert!(all.contains(&point), "{line} is no point of the file");
-        assert!(line.contains(" class ") && line.contains(" return ") && line.contains(" station "), "{line}");
+        assert!(
+            line.contains(" class ") && line.contains(" return ") && line.contains(" station "),
+            "{line}"
+        );
         let [px, py] = view.pixel(point).unwrap();
-        assert!((px - x as f64).hypot(py - y as f64) < 10.0, "{line} is seen at {px} {py}, not at {x} {y}");
+        assert!(
+            (px - x as f64).hypot(py - y as f64) < 10.0,
+            "{line} is seen at {px} {py}, not at {x} {y}"
+        );
         // What is seen there, not what is behind it.
         let seen = depth[py as usize * SIZE[0] as usize + px as usize] as f64;
         let deep = (point - camera.eye).dot(view.basis.forward);
-        assert!((deep - seen).abs() < 0.02 * seen, "{line} is {deep} m deep, and the surface {seen}");
+        assert!(
+            (deep - seen).abs() < 0.02 * seen,
+            "{line} is {deep} m deep, and the surface {seen}"
+        );
         picked.push(point);
     }
     let measured = format!("distance {:.4} m", picked[0].distance(picked[1]));
-    viewer.until("distance", |viewer| viewer.printed().iter().any(|line| line.starts_with(&measured)));
+    viewer.until("distance", |viewer| {
+        viewer.printed().iter().any(|line| line.starts_with(&measured))
+    });
     for number in [1, 2] {
         let start = format!("record {number}: ");
-        viewer.until("record", |viewer| viewer.printed().iter().any(|line| line.starts_with(&start)));
+        viewer
+            .until("record", |viewer| viewer.printed().iter().any(|line| line.starts_with(&start)));
     }
     let table = place.saved(&mut viewer, "c", "pointillist-1.csv");
     let json = place.saved(&mut viewer, "g", "pointillist-1.geojson");
@@ -324,7 +391,8 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
         "x y z class return station returns source intensity red green blue gps_time point file near_infrared scan_angle user_data marks extra_bytes unit x_m y_m z_m"
     );
     for (row, picked) in rows[1..].iter().zip(&picked) {
-        let numbers: Vec<f64> = row[..14].iter().map(|number| number.parse().unwrap_or(f64::NAN)).collect();
+        let numbers: Vec<f64> =
+            row[..14].iter().map(|number| number.parse().unwrap_or(f64::NAN)).collect();
         assert_eq!(DVec3::from_slice(&numbers), *picked);
         // The record is the one that stands there in the file.
         let (i, columns) = (numbers[13] as usize, &part.columns);
@@ -332,18 +400,30 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
         let whole = |column: &Option<Vec<u8>>| column.as_ref().unwrap()[i] as f64;
         assert_eq!(
             [numbers[3], numbers[4], numbers[6]],
-            [whole(&columns.class), (columns.returns.as_ref().unwrap()[i] & 15) as f64, (columns.returns.as_ref().unwrap()[i] >> 4) as f64]
+            [
+                whole(&columns.class),
+                (columns.returns.as_ref().unwrap()[i] & 15) as f64,
+                (columns.returns.as_ref().unwrap()[i] >> 4) as f64
+            ]
         );
-        assert_eq!([numbers[7], numbers[8]], [columns.source.as_ref().unwrap()[i], columns.intensity.as_ref().unwrap()[i]].map(f64::from));
+        assert_eq!(
+            [numbers[7], numbers[8]],
+            [columns.source.as_ref().unwrap()[i], columns.intensity.as_ref().unwrap()[i]]
+                .map(f64::from)
+        );
         // In the file's own 16 bits.
-        assert_eq!([0, 1, 2].map(|c| (numbers[9 + c] / 257.0).round()), columns.rgb.as_ref().unwrap()[i].map(f64::from));
+        assert_eq!(
+            [0, 1, 2].map(|c| (numbers[9 + c] / 257.0).round()),
+            columns.rgb.as_ref().unwrap()[i].map(f64::from)
+        );
         assert_eq!((row[16], row[17]), ("0", "0"));
         let time = columns.gps_time.as_ref().map(|times| times[i]);
         assert!(time.is_none() || time == Some(numbers[12]), "{time:?} {row:?}");
         assert_eq!(row[14], "scan.las");
     }
     assert_eq!(rows.len(), 3);
-    let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    let json: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
     let distance = json["features"][0]["properties"]["distance_m"].as_f64().unwrap();
     assert!((distance - picked[0].distance(picked[1])).abs() < 1e-8, "{distance}");
     viewer.close();
@@ -406,7 +486,11 @@ fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let line = "--size 640x900 --style points --effect exposure=off --effect edl=on";
-    let mut viewer = place.view_with_panel(&[&cloud], [640, 900], "--style points --effect exposure=off --effect edl=on");
+    let mut viewer = place.view_with_panel(
+        &[&cloud],
+        [640, 900],
+        "--style points --effect exposure=off --effect edl=on",
+    );
     let on = place.picture(&[&cloud], "on.png", line);
     viewer.key("n");
     viewer.shows(&on);
@@ -418,7 +502,11 @@ fn an_effect_that_is_switched_off_in_the_panel_is_gone_from_the_picture() {
     place.display.xdotool(&format!("mousemove 28 {row} click 1"));
     viewer.until("effect that stops", |viewer| find(viewer, green).is_none());
     place.display.xdotool("mousemove 600 800 key n");
-    viewer.shows(&place.picture(&[&cloud], "off.png", "--size 640x900 --style points --effect exposure=off --effect edl=off"));
+    viewer.shows(&place.picture(
+        &[&cloud],
+        "off.png",
+        "--size 640x900 --style points --effect exposure=off --effect edl=off",
+    ));
     let saved = place.saved(&mut viewer, "F8", "pointillist-1.json");
     assert!(std::fs::read_to_string(&saved).unwrap().contains("edl=off"));
     viewer.close();
@@ -435,17 +523,32 @@ fn a_class_that_is_unticked_is_not_drawn_and_one_that_is_ticked_again_is() {
     const CLASS: u8 = 6;
     let size = "--size 640x700 --color class";
     for cloud in [&file, &index] {
-        let mut viewer = place.view_with_panel(&[cloud], [640, 700], "--color class --effect shape=off --effect edl=off");
-        let [all, without] = [("all.png", ""), ("without.png", "--opacity class:6=0")]
-            .map(|(name, rule)| place.picture(&[cloud], name, &format!("{size} --effect shape=off --effect edl=off {rule}")));
+        let mut viewer = place.view_with_panel(
+            &[cloud],
+            [640, 700],
+            "--color class --effect shape=off --effect edl=off",
+        );
+        let [all, without] =
+            [("all.png", ""), ("without.png", "--opacity class:6=0")].map(|(name, rule)| {
+                place.picture(
+                    &[cloud],
+                    name,
+                    &format!("{size} --effect shape=off --effect edl=off {rule}"),
+                )
+            });
         // The legend shows each class's colour beside its box.
-        viewer.until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
+        viewer
+            .until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
         for wanted in [without, all] {
             let [x, y] = find_at_rest(&mut viewer, code_color(Attribute::Class, CLASS));
-            place.display.xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x + 20));
+            place
+                .display
+                .xdotool(&format!("mousemove {} {y} click 1 mousemove 600 650 key n", x + 20));
             viewer.shows(&wanted);
             viewer.key("n");
-            viewer.until("legend", |viewer| find(viewer, code_color(Attribute::Class, CLASS)).is_some());
+            viewer.until("legend", |viewer| {
+                find(viewer, code_color(Attribute::Class, CLASS)).is_some()
+            });
         }
         viewer.close();
     }
@@ -464,7 +567,8 @@ fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
     // Wide enough for the box to be beside the panel.
     let (size, line) = ([640, 400], "--size 640x400");
     let mut viewer = place.view_with_panel(&[&cloud], size, "--view top");
-    let pixel = |picture: &support::Png, x: i64, y: i64| picture.pixels[(y * size[0] as i64 + x) as usize];
+    let pixel =
+        |picture: &support::Png, x: i64, y: i64| picture.pixels[(y * size[0] as i64 + x) as usize];
     let panel = |viewer: &Viewer| pixel(&viewer.photograph(), 20, 20);
     viewer.until("panel", |viewer| panel(viewer) != pointillist::config::BACKGROUND);
     viewer.key("n");
@@ -475,7 +579,10 @@ fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
     let camera: Camera = serde_json::from_value(before["camera"].clone()).unwrap();
     let [x0, y0, z0, x1, y1, z1]: [f64; 6] = faces(&before).try_into().unwrap();
     // The handle of the face in the east.
-    let [x, y] = View::new(camera, size).unwrap().pixel(DVec3::new(x1, (y0 + y1) / 2.0, (z0 + z1) / 2.0)).unwrap();
+    let [x, y] = View::new(camera, size)
+        .unwrap()
+        .pixel(DVec3::new(x1, (y0 + y1) / 2.0, (z0 + z1) / 2.0))
+        .unwrap();
     let (x, y) = (x.round() as i64, y.round() as i64);
     viewer.key("n");
     viewer.until("handle", |viewer| pixel(&viewer.photograph(), x, y) == [0x90, 0xEE, 0x90]);
@@ -483,7 +590,9 @@ fn a_clip_box_is_added_around_a_picked_point_and_its_face_dragged() {
     let to = x + 40;
     for (x, hand) in [(x, ""), (x, "mousedown 1"), (x + 20, ""), (to, "")] {
         place.display.xdotool(&format!("mousemove {x} {y} {hand}"));
-        viewer.until("handle under the cursor", |viewer| pixel(&viewer.photograph(), x, y) == [255; 3]);
+        viewer.until("handle under the cursor", |viewer| {
+            pixel(&viewer.photograph(), x, y) == [255; 3]
+        });
     }
     place.display.xdotool(&format!("mouseup 1 mousemove {to} 10 key n"));
     let after = place.shows_its_scene(&mut viewer, &[&cloud], 2, line);
@@ -519,30 +628,44 @@ fn a_profile_has_the_points_of_the_file_that_lie_along_its_line() {
     let mut viewer = place.view(&[&cloud], "--view top");
     viewer.shows(&place.picture(&[&cloud], "top.png", "--view top"));
     viewer.key("x");
-    viewer.until("word of what is missing", |viewer| viewer.said().iter().any(|line| line.contains("two picked points")));
+    viewer.until("word of what is missing", |viewer| {
+        viewer.said().iter().any(|line| line.contains("two picked points"))
+    });
     put_away(&mut viewer);
     pick(&place, &mut viewer, &[[195, 150], [202, 260]]);
     viewer.key("x");
-    viewer.until("profile", |viewer| viewer.printed().iter().any(|line| line.starts_with("profile: ")));
+    viewer.until("profile", |viewer| {
+        viewer.printed().iter().any(|line| line.starts_with("profile: "))
+    });
     let said = viewer.printed().into_iter().find(|line| line.starts_with("profile: ")).unwrap();
     let picks = place.saved(&mut viewer, "c", "pointillist-1.csv");
     let table = |path: &Path| -> Vec<Vec<f64>> {
         let text = std::fs::read_to_string(path).unwrap();
-        text.lines().skip(1).map(|line| line.split(',').map(|number| number.parse().unwrap_or(f64::NAN)).collect()).collect()
+        text.lines()
+            .skip(1)
+            .map(|line| line.split(',').map(|number| number.parse().unwrap_or(f64::NAN)).collect())
+            .collect()
     };
     let ends: Vec<DVec3> = table(&picks).iter().map(|row| DVec3::from_slice(row)).collect();
     let width = 0.02 * (ends[1] - ends[0]).truncate().length();
     let slab = Slab::new(ends[0], ends[1], width).unwrap();
     let part = read(&cloud);
     let bits = |p: DVec3| p.to_array().map(f64::to_bits);
-    let mut expected: Vec<_> = (0..part.columns.len()).map(|i| position(&part, i)).filter(|p| slab.place(*p).is_some()).map(bits).collect();
+    let mut expected: Vec<_> = (0..part.columns.len())
+        .map(|i| position(&part, i))
+        .filter(|p| slab.place(*p).is_some())
+        .map(bits)
+        .collect();
     let rows = table(&place.at("pointillist-1.profile.csv"));
     let mut found: Vec<_> = rows.iter().map(|row| bits(DVec3::from_slice(&row[3..]))).collect();
     expected.sort_unstable();
     found.sort_unstable();
     assert!(expected.len() > 20 && found == expected, "{} of {}", found.len(), expected.len());
     assert!(said.contains(&format!("{} points, ", found.len())), "{said}");
-    assert!(rows.iter().all(|row| row[0] >= 0.0 && row[0] <= slab.length && row[1] == row[5] && row[2].abs() <= width / 2.0));
+    assert!(rows.iter().all(|row| row[0] >= 0.0
+        && row[0] <= slab.length
+        && row[1] == row[5]
+        && row[2].abs() <= width / 2.0));
     // Once for the profile, and then for the window.
     viewer.key("Escape");
     viewer.close();
@@ -553,13 +676,19 @@ fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "");
-    let [fit, above] =
-        [("fit.png", ""), ("above.png", "--view top --color class --effect shape=off --clip box:-inf,-inf,-inf,500010,inf,inf")]
-            .map(|(name, line)| place.picture(&[&cloud], name, line));
+    let [fit, above] = [
+        ("fit.png", ""),
+        (
+            "above.png",
+            "--view top --color class --effect shape=off --clip box:-inf,-inf,-inf,500010,inf,inf",
+        ),
+    ]
+    .map(|(name, line)| place.picture(&[&cloud], name, line));
     viewer.shows(&fit);
     viewer.key("7");
     let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
-    let mut words: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&scene).unwrap()).unwrap();
+    let mut words: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(&scene).unwrap()).unwrap();
     words["color"] = "class".into();
     words["effects"] = serde_json::json!(["shape=off"]);
     words["clip"] = serde_json::json!(["box:-inf,-inf,-inf,500010,inf,inf"]);
@@ -600,7 +729,10 @@ fn after_a_lost_device_the_window_shows_what_it_did_and_has_what_was_picked() {
     // Pictures, until the device is gone.
     viewer.until("lost device", |viewer| {
         place.display.xdotool("click 4 click 5");
-        viewer.said().iter().any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
+        viewer
+            .said()
+            .iter()
+            .any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
     });
     put_away(&mut viewer);
     let table = place.saved(&mut viewer, "c", "pointillist-1.csv");
@@ -616,7 +748,11 @@ fn where_the_disk_hangs_the_window_says_so_within_a_second_and_shows_what_it_has
     let place = Place::new();
     let (cloud, index) = (place.street(1_500_000), place.at("cloud.pnti"));
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
-    for (fault, word) in [("hang:4", "has not come"), ("panic:4", "could not be read: on purpose"), ("end:4", "has ended")] {
+    for (fault, word) in [
+        ("hang:4", "has not come"),
+        ("panic:4", "could not be read: on purpose"),
+        ("end:4", "has ended"),
+    ] {
         let mut viewer = place.view(&[&index], &format!("--lod 0 --fail-reading {fault}"));
         viewer.until(word, |viewer| viewer.said().iter().any(|line| line.contains(word)));
         // Keys still move the camera, and pictures of what is there follow.
@@ -639,7 +775,8 @@ fn a_camera_path_made_in_the_window_is_played_there_and_drawn_by_render() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "");
-    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")]
+        .map(|(name, line)| place.picture(&[&cloud], name, line));
     viewer.shows(&fit);
     place.display.xdotool("mousemove 200 150 key k click 4 click 4 key k");
     let path = place.saved(&mut viewer, "F7", "pointillist-1.path.json");
@@ -648,19 +785,38 @@ fn a_camera_path_made_in_the_window_is_played_there_and_drawn_by_render() {
     viewer.shows(&top);
     viewer.key("space");
     let [png, exr] = ["tour.png", "tour.exr"].map(|name| place.at(name));
-    let line = format!("-o {} --exr {} --size {}x{} --path {}", png.display(), exr.display(), SIZE[0], SIZE[1], path.display());
+    let line = format!(
+        "-o {} --exr {} --size {}x{} --path {}",
+        png.display(),
+        exr.display(),
+        SIZE[0],
+        SIZE[1],
+        path.display()
+    );
     let text = std::fs::read_to_string(&path).unwrap().replace("25.0", "1.0");
     std::fs::write(&path, text).unwrap();
     succeeded(&render(&cloud, &line));
-    let frames: Vec<_> = names(place.folder.path()).into_iter().filter(|name| name.starts_with("tour-")).collect();
-    assert_eq!(frames, [1, 2, 3].map(|number| [format!("tour-000{number}.exr"), format!("tour-000{number}.png")]).concat());
+    let frames: Vec<_> =
+        names(place.folder.path()).into_iter().filter(|name| name.starts_with("tour-")).collect();
+    assert_eq!(
+        frames,
+        [1, 2, 3]
+            .map(|number| [format!("tour-000{number}.exr"), format!("tour-000{number}.png")])
+            .concat()
+    );
     assert_eq!(read_png(&place.at("tour-0001.png")).pixels, read_png(&fit).pixels);
     // Each frame with its own layers.
     place.picture(&[&cloud], "fit.png", &format!("--exr {}", place.at("fit.exr").display()));
-    let depths = ["fit.exr", "tour-0001.exr", "tour-0003.exr"].map(|name| read_exr(&place.at(name)).floats("depth.Z"));
+    let depths = ["fit.exr", "tour-0001.exr", "tour-0003.exr"]
+        .map(|name| read_exr(&place.at(name)).floats("depth.Z"));
     // Cameras of a path may differ from their keys by a rounding.
-    let alike = |a: &[f32], b: &[f32]| a.iter().zip(b).filter(|(a, b)| a == b || (*a - *b).abs() < 1e-4 * **a).count();
-    assert!(alike(&depths[0], &depths[1]) > 9 * depths[0].len() / 10 && alike(&depths[1], &depths[2]) < depths[0].len());
+    let alike = |a: &[f32], b: &[f32]| {
+        a.iter().zip(b).filter(|(a, b)| a == b || (*a - *b).abs() < 1e-4 * **a).count()
+    };
+    assert!(
+        alike(&depths[0], &depths[1]) > 9 * depths[0].len() / 10
+            && alike(&depths[1], &depths[2]) < depths[0].len()
+    );
     viewer.shows(&place.at("tour-0003.png"));
     viewer.close();
     // What is there is drawn again, or kept, which is said.

@@ -21,7 +21,9 @@ fn points(file: &Path) -> Vec<DVec3> {
     let read = ReadOptions::new(Wanted::default(), true);
     let part = cloud::read(&[file.to_owned()], &read, &Silent).unwrap().parts.remove(0);
     let columns = &part.columns;
-    (0..columns.len()).map(|i| part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))).collect()
+    (0..columns.len())
+        .map(|i| part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from)))
+        .collect()
 }
 
 fn resize(place: &Place, viewer: &mut Viewer, [width, height]: [u32; 2]) {
@@ -35,7 +37,8 @@ fn while_a_large_picture_is_saved_the_window_goes_on_and_closes_at_once() {
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "--save-size 8x");
-    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")]
+        .map(|(name, line)| place.picture(&[&cloud], name, line));
     let size = SIZE.map(|side| 8 * side);
     let large = place.picture(&[&cloud], "large.png", &format!("--size {}x{}", size[0], size[1]));
     viewer.shows(&fit);
@@ -57,8 +60,13 @@ fn while_a_large_picture_is_saved_the_window_goes_on_and_closes_at_once() {
     viewer.key("Escape");
     let said = succeeded(&viewer.ended());
     assert!(began.elapsed().as_secs() < 5, "{:?} to close", began.elapsed());
-    assert!(said.contains("pointillist-3.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
-    let left: Vec<_> = names(place.folder.path()).into_iter().filter(|name| name.contains("partial")).collect();
+    assert!(
+        said.contains("pointillist-3.png was not saved")
+            && !said.to_lowercase().contains("validation"),
+        "{said}"
+    );
+    let left: Vec<_> =
+        names(place.folder.path()).into_iter().filter(|name| name.contains("partial")).collect();
     assert!(left.is_empty(), "{left:?}");
 }
 
@@ -69,14 +77,20 @@ fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothi
     let (cloud, index) = (place.street(1_500_000), place.at("scan.pnti"));
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
     let mut viewer = place.view(&[&index], "--lod 0 --fail-reading hang:4");
-    viewer.until("word of it", |viewer| viewer.said().iter().any(|line| line.contains("has not come")));
+    viewer.until("word of it", |viewer| {
+        viewer.said().iter().any(|line| line.contains("has not come"))
+    });
     viewer.key("F9");
     viewer.key("7");
     let scene = place.saved(&mut viewer, "F8", "pointillist-1.json");
     assert!(std::fs::read_to_string(scene).unwrap().contains("orthographic"));
     place.display.xdotool("key Escape key Escape");
     let said = support::text(&viewer.ended().stderr);
-    assert!(said.contains("pointillist-1.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
+    assert!(
+        said.contains("pointillist-1.png was not saved")
+            && !said.to_lowercase().contains("validation"),
+        "{said}"
+    );
 
     let small = place.scan("small.las", Scene::Street, 60_000);
     let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 8");
@@ -84,7 +98,10 @@ fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothi
     viewer.key("F9");
     viewer.until("lost device", |viewer| {
         place.display.xdotool("click 4 click 5");
-        viewer.said().iter().any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
+        viewer
+            .said()
+            .iter()
+            .any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
     });
     place.display.xdotool("key Escape key 0");
     viewer.shows(&fit);
@@ -92,7 +109,11 @@ fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothi
     assert!(saved.exists());
     viewer.key("Escape");
     let said = support::text(&viewer.ended().stderr);
-    assert!(said.contains("pointillist-1.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
+    assert!(
+        said.contains("pointillist-1.png was not saved")
+            && !said.to_lowercase().contains("validation"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -100,7 +121,11 @@ fn layers_are_saved_as_render_writes_them() {
     let place = Place::new();
     let (cloud, layers) = (place.street(60_000), place.at("layers.exr"));
     let mut viewer = place.view(&[&cloud], "--view top");
-    viewer.shows(&place.picture(&[&cloud], "top.png", &format!("--view top --exr {}", layers.display())));
+    viewer.shows(&place.picture(
+        &[&cloud],
+        "top.png",
+        &format!("--view top --exr {}", layers.display()),
+    ));
     let saved = place.saved(&mut viewer, "l", "pointillist-1.exr");
     assert!(std::fs::read(saved).unwrap() == std::fs::read(layers).unwrap());
     viewer.close();
@@ -110,7 +135,11 @@ fn layers_are_saved_as_render_writes_them() {
 #[test]
 fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_the_next_picture() {
     let place = Place::new();
-    let (torus, street, scene) = (place.scan("torus.las", Scene::Torus, 10_000), place.street(30_000), place.at("scene.json"));
+    let (torus, street, scene) = (
+        place.scan("torus.las", Scene::Torus, 10_000),
+        place.street(30_000),
+        place.at("scene.json"),
+    );
     let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation"}"#;
     std::fs::write(&scene, words).unwrap();
     let (top, drawn) = ("--view top", format!("--scene {}", scene.display()));
@@ -143,7 +172,11 @@ fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_t
     viewer.shows(&wanted);
     viewer.key("Escape");
     let said = succeeded(&viewer.ended());
-    assert!(said.contains("pointillist-3.png was not saved") && !said.to_lowercase().contains("validation"), "{said}");
+    assert!(
+        said.contains("pointillist-3.png was not saved")
+            && !said.to_lowercase().contains("validation"),
+        "{said}"
+    );
 }
 
 /// Of a million points, which takes seconds.
@@ -151,11 +184,10 @@ fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_t
 fn while_strokes_are_found_the_window_goes_on_and_then_is_painted() {
     let place = Place::new();
     let (cloud, scene) = (place.street(1_000_000), place.at("scene.json"));
-    let words =
-        r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation", "effects": ["strokes=on"]}"#;
+    let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation", "effects": ["strokes=on"]}"#;
     std::fs::write(&scene, words).unwrap();
-    let [fit, top] =
-        [("fit.png", ""), ("top.png", "--view top --color elevation")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    let [fit, top] = [("fit.png", ""), ("top.png", "--view top --color elevation")]
+        .map(|(name, line)| place.picture(&[&cloud], name, line));
     let mut viewer = place.view(&[&cloud], "");
     viewer.shows(&fit);
     drop_file(&place.display, &viewer.window, &scene);
@@ -184,14 +216,18 @@ fn after_a_lost_device_a_painted_window_shows_what_there_is_until_it_is_painted_
     place.display.xdotool("mousemove 200 150");
     viewer.until("lost device", |viewer| {
         place.display.xdotool("click 4");
-        viewer.said().iter().any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
+        viewer
+            .said()
+            .iter()
+            .any(|line| line.contains("DEVICE_LOST") && line.contains("opened again"))
     });
     place.display.xdotool("key Escape key 0");
     // Strokes are known, so that points alone may be there for no longer than a glance.
     let wanted = read_png(&painted);
     viewer.until("something before it is painted", |viewer| {
         let seen = viewer.photograph();
-        seen.pixels != wanted.pixels && seen.pixels.iter().any(|pixel| *pixel != pointillist::config::BACKGROUND)
+        seen.pixels != wanted.pixels
+            && seen.pixels.iter().any(|pixel| *pixel != pointillist::config::BACKGROUND)
     });
     viewer.shows(&painted);
     viewer.close();
@@ -206,13 +242,19 @@ fn while_a_large_picture_of_an_index_is_saved_the_window_shows_and_picks_what_it
     let line = "--view top --lod 3";
     let mut viewer = place.view(&[&index], &format!("{line} --save-size 6x"));
     let top = place.picture(&[&index], "top.png", line);
-    let large = place.picture(&[&index], "large.png", &format!("{line} --size {}x{}", 6 * SIZE[0], 6 * SIZE[1]));
+    let large = place.picture(
+        &[&index],
+        "large.png",
+        &format!("{line} --size {}x{}", 6 * SIZE[0], 6 * SIZE[1]),
+    );
     viewer.shows(&top);
     viewer.rests();
     viewer.key("F9");
     let saved = place.at("pointillist-1.png");
     place.display.xdotool("mousemove 195 150 click 1");
-    viewer.until("picked point", |viewer| viewer.printed().iter().any(|line| line.starts_with("point 1:")));
+    viewer.until("picked point", |viewer| {
+        viewer.printed().iter().any(|line| line.starts_with("point 1:"))
+    });
     assert!(!saved.exists(), "the pick waited for the file");
     viewer.until("saved picture", |_| saved.exists());
     assert!(std::fs::read(&saved).unwrap() == std::fs::read(&large).unwrap());
@@ -226,7 +268,8 @@ fn a_window_that_is_put_away_and_brought_back_draws_nothing_meanwhile_and_shows_
     let place = Place::new();
     let cloud = place.street(60_000);
     let mut viewer = place.view(&[&cloud], "");
-    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")].map(|(name, line)| place.picture(&[&cloud], name, line));
+    let [fit, top] = [("fit.png", ""), ("top.png", "--view top")]
+        .map(|(name, line)| place.picture(&[&cloud], name, line));
     viewer.shows(&fit);
     place.display.xdotool(&format!("windowunmap --sync {}", viewer.window));
     viewer.rests();
@@ -246,16 +289,26 @@ fn what_is_odd_about_a_file_and_what_changes_nothing_are_said_in_the_panel() {
     let cloud = place.street(60_000);
     let whole = std::fs::read(&cloud).unwrap();
     let noted = |viewer: &mut Viewer| viewer.photograph().pixels.contains(&[255, 255, 224]);
-    for (bytes, line) in [(whole.len() / 2, ""), (whole.len(), "--effect phong=on,backfaces=drop")] {
+    for (bytes, line) in [(whole.len() / 2, ""), (whole.len(), "--effect phong=on,backfaces=drop")]
+    {
         std::fs::write(&cloud, &whole[..bytes]).unwrap();
         let mut viewer = place.view_with_panel(&[&cloud], [640, 480], line);
         viewer.until("note", noted);
-        assert_eq!(viewer.said().iter().any(|line| line.contains("note: ") && line.contains("scan.las")), line.is_empty());
+        assert_eq!(
+            viewer.said().iter().any(|line| line.contains("note: ") && line.contains("scan.las")),
+            line.is_empty()
+        );
         viewer.close();
     }
     let mut viewer = place.view_with_panel(&[&cloud], [640, 480], "");
     viewer.until("picture", |viewer| {
-        viewer.photograph().pixels.iter().filter(|pixel| **pixel == pointillist::config::BACKGROUND).count() > 100
+        viewer
+            .photograph()
+            .pixels
+            .iter()
+            .filter(|pixel| **pixel == pointillist::config::BACKGROUND)
+            .count()
+            > 100
     });
     // The panel follows the picture by a tenth of a second.
     std::thread::sleep(Duration::from_secs(2));
@@ -292,24 +345,45 @@ fn a_window_that_is_moved_shows_and_picks_what_it_did() {
 }
 
 /// Clicks near the middle of a window at this place of the screen, until a point is picked; that is one of the file's and is seen there.
-fn picks(place: &Place, viewer: &mut Viewer, cloud: &Path, size: [u32; 2], corner: [u32; 2], number: usize) {
-    let scene: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(place.at(&format!("pointillist-{number}.json"))).unwrap()).unwrap();
-    let view = View::new(serde_json::from_value::<Camera>(scene["camera"].clone()).unwrap(), size).unwrap();
+fn picks(
+    place: &Place,
+    viewer: &mut Viewer,
+    cloud: &Path,
+    size: [u32; 2],
+    corner: [u32; 2],
+    number: usize,
+) {
+    let scene: serde_json::Value = serde_json::from_str(
+        &std::fs::read_to_string(place.at(&format!("pointillist-{number}.json"))).unwrap(),
+    )
+    .unwrap();
+    let view = View::new(serde_json::from_value::<Camera>(scene["camera"].clone()).unwrap(), size)
+        .unwrap();
     let mut tried = [0; 2];
     let mut tries = 0;
     viewer.until("picked point", |viewer| {
         tried = [0, 1].map(|axis| size[axis] / 2 + 7 * (tries % 5));
-        place.display.xdotool(&format!("mousemove {} {} click 1 sleep 0.6", corner[0] + tried[0], corner[1] + tried[1]));
+        place.display.xdotool(&format!(
+            "mousemove {} {} click 1 sleep 0.6",
+            corner[0] + tried[0],
+            corner[1] + tried[1]
+        ));
         tries += 1;
         viewer.printed().iter().any(|line| line.starts_with("point 1:"))
     });
     let said = viewer.printed().into_iter().find(|line| line.starts_with("point 1:")).unwrap();
-    let numbers: Vec<f64> = said["point 1: ".len()..].split_whitespace().take(3).map(|number| number.parse().unwrap()).collect();
+    let numbers: Vec<f64> = said["point 1: ".len()..]
+        .split_whitespace()
+        .take(3)
+        .map(|number| number.parse().unwrap())
+        .collect();
     let point = DVec3::from_slice(&numbers);
     assert!(points(cloud).contains(&point), "{said} is no point of the file");
     let pixel = view.pixel(point).unwrap();
-    assert!((0..2).all(|axis| (pixel[axis] - tried[axis] as f64).abs() < 10.0), "{said} is seen at {pixel:?}, not at {tried:?}");
+    assert!(
+        (0..2).all(|axis| (pixel[axis] - tried[axis] as f64).abs() < 10.0),
+        "{said} is seen at {pixel:?}, not at {tried:?}"
+    );
 }
 
 #[test]
@@ -322,7 +396,8 @@ fn on_a_fine_monitor_the_panel_is_as_large_as_hands_need_it_and_points_lie_under
         20 + row.iter().take_while(|pixel| **pixel != pointillist::config::BACKGROUND).count()
     };
     let widths = ["1", "2"].map(|scale| {
-        let mut viewer = place.view_with_panel(&[], size, &format!("WINIT_X11_SCALE_FACTOR={scale}"));
+        let mut viewer =
+            place.view_with_panel(&[], size, &format!("WINIT_X11_SCALE_FACTOR={scale}"));
         viewer.until("panel", |viewer| (200..700).contains(&width(viewer)));
         let width = width(&viewer);
         viewer.close();
@@ -346,7 +421,11 @@ fn on_its_way_to_a_finer_monitor_and_back_the_window_is_as_large_to_the_eye_and_
     let cloud = place.street(60_000);
     let [once, twice] = [1, 2].map(|scale| {
         let size = SIZE.map(|side| scale * side);
-        place.picture(&[&cloud], &format!("{scale}.png"), &format!("--view top --size {}x{}", size[0], size[1]))
+        place.picture(
+            &[&cloud],
+            &format!("{scale}.png"),
+            &format!("--view top --size {}x{}", size[0], size[1]),
+        )
     });
     let mut desktop = Desktop::of(&place.display);
     let mut viewer = place.view(&[&cloud], "--view top");
@@ -383,7 +462,8 @@ fn on_its_way_to_a_finer_monitor_and_back_the_window_is_as_large_to_the_eye_and_
 fn after_a_lost_surface_the_window_shows_what_it_did() {
     let place = Place::new();
     let cloud = place.street(60_000);
-    let [top, front] = ["top", "front"].map(|view| place.picture(&[&cloud], &format!("{view}.png"), &format!("--view {view}")));
+    let [top, front] = ["top", "front"]
+        .map(|view| place.picture(&[&cloud], &format!("{view}.png"), &format!("--view {view}")));
     for pictures in [0, 1, 12] {
         let mut viewer = place.view(&[&cloud], &format!("--view top --lose-surface {pictures}"));
         for (key, picture) in [("7", &top), ("1", &front), ("7", &top), ("1", &front)] {
@@ -406,9 +486,13 @@ fn the_whole_cloud_is_beside_the_panel_where_there_is_one() {
     for (number, key) in ["0", "7", "1"].into_iter().enumerate() {
         viewer.key(key);
         let scene = place.saved(&mut viewer, "F8", &format!("pointillist-{}.json", number + 1));
-        let scene: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(scene).unwrap()).unwrap();
-        let view = View::new(serde_json::from_value::<Camera>(scene["camera"].clone()).unwrap(), size).unwrap();
-        let places: Vec<f64> = all.iter().filter_map(|&point| view.pixel(point)).map(|[x, _]| x).collect();
+        let scene: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(scene).unwrap()).unwrap();
+        let view =
+            View::new(serde_json::from_value::<Camera>(scene["camera"].clone()).unwrap(), size)
+                .unwrap();
+        let places: Vec<f64> =
+            all.iter().filter_map(|&point| view.pixel(point)).map(|[x, _]| x).collect();
         // Strays are anywhere.
         let beside = places.iter().filter(|x| (240.0..640.0).contains(*x)).count();
         assert!(100 * beside > 97 * all.len(), "{key}: {beside} of {}", all.len());
@@ -423,7 +507,8 @@ fn the_whole_cloud_is_beside_the_panel_where_there_is_one() {
 #[test]
 fn a_scene_that_does_not_say_how_fine_leaves_that_as_it_was_asked_for() {
     let place = Place::new();
-    let (cloud, index, scene) = (place.street(300_000), place.at("scan.pnti"), place.at("scene.json"));
+    let (cloud, index, scene) =
+        (place.street(300_000), place.at("scan.pnti"), place.at("scene.json"));
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
     let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation"}"#;
     std::fs::write(&scene, words).unwrap();
@@ -431,6 +516,10 @@ fn a_scene_that_does_not_say_how_fine_leaves_that_as_it_was_asked_for() {
     let mut viewer = place.view(&[&index], line);
     viewer.shows(&place.picture(&[&index], "fit.png", line));
     drop_file(&place.display, &viewer.window, &scene);
-    viewer.shows(&place.picture(&[&index], "scene.png", &format!("{line} --scene {}", scene.display())));
+    viewer.shows(&place.picture(
+        &[&index],
+        "scene.png",
+        &format!("{line} --scene {}", scene.display()),
+    ));
     viewer.close();
 }

@@ -14,11 +14,16 @@ struct Picture {
 
 impl Picture {
     fn read(path: &str) -> std::result::Result<Picture, String> {
-        let image = read_first_flat_layer_from_file(path).map_err(|error| format!("cannot read {path}: {error}"))?;
+        let image = read_first_flat_layer_from_file(path)
+            .map_err(|error| format!("cannot read {path}: {error}"))?;
         let size = [image.layer_data.size.width(), image.layer_data.size.height()];
         let channels = image.layer_data.channel_data.list;
-        let channels =
-            channels.into_iter().map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect())).collect();
+        let channels = channels
+            .into_iter()
+            .map(|channel| {
+                (channel.name.to_string(), channel.sample_data.values_as_f32().collect())
+            })
+            .collect();
         Ok(Picture { size, channels })
     }
 
@@ -40,12 +45,19 @@ impl<'p> Truth<'p> {
         let [width, _] = size;
         let inverse = |pixel: usize| 1.0 / depth[pixel] as f64;
         let kink = |before: usize, pixel: usize, after: usize| {
-            let bend = (inverse(before) - 2.0 * inverse(pixel) + inverse(after)).abs() * depth[pixel] as f64;
+            let bend = (inverse(before) - 2.0 * inverse(pixel) + inverse(after)).abs()
+                * depth[pixel] as f64;
             // Nothing is infinitely far: 1 / depth is 0 there, and the border of it is a kink.
             !depth[pixel].is_finite() || bend > 0.01
         };
-        let inside = |pixel: usize| (1..size[0] - 1).contains(&(pixel % width)) && (1..size[1] - 1).contains(&(pixel / width));
-        let kinked = |pixel| inside(pixel) && (kink(pixel - 1, pixel, pixel + 1) || kink(pixel - width, pixel, pixel + width));
+        let inside = |pixel: usize| {
+            (1..size[0] - 1).contains(&(pixel % width))
+                && (1..size[1] - 1).contains(&(pixel / width))
+        };
+        let kinked = |pixel| {
+            inside(pixel)
+                && (kink(pixel - 1, pixel, pixel + 1) || kink(pixel - width, pixel, pixel + width))
+        };
         Truth { depth, size, kinks: (0..depth.len()).into_par_iter().map(kinked).collect() }
     }
 
@@ -53,7 +65,8 @@ impl<'p> Truth<'p> {
         let [width, height] = self.size;
         let (x, y) = (pixel % width, pixel / width);
         let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
-        (y.saturating_sub(reach)..(y + reach + 1).min(height)).flat_map(move |row| columns.clone().map(move |column| row * width + column))
+        (y.saturating_sub(reach)..(y + reach + 1).min(height))
+            .flat_map(move |row| columns.clone().map(move |column| row * width + column))
     }
 
     fn near_edge(&self, pixel: usize) -> bool {
@@ -63,12 +76,16 @@ impl<'p> Truth<'p> {
     /// What a point anywhere in the pixel may differ by: 1 %, and the slope of the surface.
     fn tolerance(&self, pixel: usize) -> f32 {
         let own = self.depth[pixel];
-        self.around(pixel, 1).map(|other| (self.depth[other] - own).abs()).fold(0.0, f32::max) + 0.01 * own
+        self.around(pixel, 1).map(|other| (self.depth[other] - own).abs()).fold(0.0, f32::max)
+            + 0.01 * own
     }
 }
 
 fn quantile(sorted: &[f32], share: f64) -> f32 {
-    sorted.get((share * (sorted.len().max(1) - 1) as f64).round() as usize).copied().unwrap_or(f32::NAN)
+    sorted
+        .get((share * (sorted.len().max(1) - 1) as f64).round() as usize)
+        .copied()
+        .unwrap_or(f32::NAN)
 }
 
 /// IEC 61966-2-1.
@@ -82,12 +99,17 @@ fn encode(linear: f32) -> u8 {
 fn side_by_side(pictures: &[&Picture]) -> std::result::Result<Vec<[u8; 3]>, String> {
     let [width, height] = pictures[0].size;
     let mut pixels = Vec::with_capacity(width * height * pictures.len());
-    let planes: std::result::Result<Vec<_>, String> =
-        pictures.iter().map(|picture| Ok([picture.channel("R")?, picture.channel("G")?, picture.channel("B")?])).collect();
+    let planes: std::result::Result<Vec<_>, String> = pictures
+        .iter()
+        .map(|picture| Ok([picture.channel("R")?, picture.channel("G")?, picture.channel("B")?]))
+        .collect();
     let planes = planes?;
     for row in 0..height {
         for plane in &planes {
-            pixels.extend((row * width..(row + 1) * width).map(|pixel| plane.map(|channel| encode(channel[pixel]))));
+            pixels.extend(
+                (row * width..(row + 1) * width)
+                    .map(|pixel| plane.map(|channel| encode(channel[pixel]))),
+            );
         }
     }
     Ok(pixels)
@@ -96,27 +118,46 @@ fn side_by_side(pictures: &[&Picture]) -> std::result::Result<Vec<[u8; 3]>, Stri
 /// Median cut (Heckbert 1982): the box of the greatest extent, weighed by the root of its pixels, is halved at its longest axis until there are `count`.
 fn palette(pixels: &[[u8; 3]], count: usize) -> Vec<[u8; 3]> {
     let extent = |colors: &[[u8; 3]]| {
-        let of = |axis: usize| colors.iter().map(|color| color[axis]).fold((255, 0), |(lo, hi), v| (v.min(lo), v.max(hi)));
+        let of = |axis: usize| {
+            colors
+                .iter()
+                .map(|color| color[axis])
+                .fold((255, 0), |(lo, hi), v| (v.min(lo), v.max(hi)))
+        };
         (0..3).map(|axis| (of(axis).1.saturating_sub(of(axis).0), axis)).max().unwrap_or_default()
     };
     let mut boxes = vec![(extent(pixels), pixels.to_vec())];
     while boxes.len() < count {
-        let widest = (0..boxes.len()).max_by_key(|&i| boxes[i].0.0 as usize * boxes[i].1.len().isqrt());
-        let Some(((_, axis), mut colors)) = widest.map(|i| boxes.swap_remove(i)).filter(|(extent, _)| extent.0 > 0) else { break };
+        let widest =
+            (0..boxes.len()).max_by_key(|&i| boxes[i].0.0 as usize * boxes[i].1.len().isqrt());
+        let Some(((_, axis), mut colors)) =
+            widest.map(|i| boxes.swap_remove(i)).filter(|(extent, _)| extent.0 > 0)
+        else {
+            break;
+        };
         colors.sort_unstable_by_key(|color| color[axis]);
         let middle = colors[colors.len() / 2][axis];
         let cut = colors.partition_point(|color| color[axis] < middle);
-        let cut = if cut == 0 { colors.partition_point(|color| color[axis] <= middle) } else { cut };
+        let cut =
+            if cut == 0 { colors.partition_point(|color| color[axis] <= middle) } else { cut };
         let upper = colors.split_off(cut);
         boxes.extend([colors, upper].map(|colors| (extent(&colors), colors)));
     }
     let mean = |colors: &[[u8; 3]]| {
-        std::array::from_fn(|axis| (colors.iter().map(|color| color[axis] as usize).sum::<usize>() / colors.len().max(1)) as u8)
+        std::array::from_fn(|axis| {
+            (colors.iter().map(|color| color[axis] as usize).sum::<usize>() / colors.len().max(1))
+                as u8
+        })
     };
     boxes.iter().map(|(_, colors)| mean(colors)).collect()
 }
 
-fn write_png(path: &str, [width, height]: [usize; 2], pixels: &[[u8; 3]], colors: Option<usize>) -> std::result::Result<(), String> {
+fn write_png(
+    path: &str,
+    [width, height]: [usize; 2],
+    pixels: &[[u8; 3]],
+    colors: Option<usize>,
+) -> std::result::Result<(), String> {
     let failed = |error: &dyn std::fmt::Display| format!("cannot write {path}: {error}");
     let file = std::fs::File::create(path).map_err(|error| failed(&error))?;
     let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), width as u32, height as u32);
@@ -132,8 +173,12 @@ fn write_png(path: &str, [width, height]: [usize; 2], pixels: &[[u8; 3]], colors
             encoder.set_color(png::ColorType::Indexed);
             encoder.set_filter(png::Filter::NoFilter);
             encoder.set_palette(palette.as_flattened().to_vec());
-            let off = |color: [u8; 3], pixel: [u8; 3]| (0..3).map(|axis| (color[axis] as i32 - pixel[axis] as i32).pow(2)).sum::<i32>();
-            let nearest = |&pixel: &[u8; 3]| (0..palette.len()).min_by_key(|&i| off(palette[i], pixel)).unwrap_or(0) as u8;
+            let off = |color: [u8; 3], pixel: [u8; 3]| {
+                (0..3).map(|axis| (color[axis] as i32 - pixel[axis] as i32).pow(2)).sum::<i32>()
+            };
+            let nearest = |&pixel: &[u8; 3]| {
+                (0..palette.len()).min_by_key(|&i| off(palette[i], pixel)).unwrap_or(0) as u8
+            };
             pixels.par_iter().map(nearest).collect()
         }
     };
@@ -155,21 +200,35 @@ fn compare(drawn: &str, truth: &str, both: &str) -> std::result::Result<(), Stri
     }
     let depth = drawn.channel("depth.Z")?;
     let truth_of = Truth::new(truth.channel("depth.Z")?, truth.size);
-    let (solid, sky): (Vec<usize>, Vec<usize>) = (0..depth.len()).partition(|&pixel| truth_of.depth[pixel].is_finite());
-    let drawn_in = |pixels: &[usize]| pixels.iter().copied().filter(|&pixel| depth[pixel].is_finite()).collect::<Vec<_>>();
+    let (solid, sky): (Vec<usize>, Vec<usize>) =
+        (0..depth.len()).partition(|&pixel| truth_of.depth[pixel].is_finite());
+    let drawn_in = |pixels: &[usize]| {
+        pixels.iter().copied().filter(|&pixel| depth[pixel].is_finite()).collect::<Vec<_>>()
+    };
     let (covered, in_the_sky) = (drawn_in(&solid), drawn_in(&sky));
-    let inside: Vec<usize> = covered.par_iter().copied().filter(|&pixel| !truth_of.near_edge(pixel)).collect();
+    let inside: Vec<usize> =
+        covered.par_iter().copied().filter(|&pixel| !truth_of.near_edge(pixel)).collect();
     let off = |pixel: usize| (depth[pixel] - truth_of.depth[pixel]).abs();
-    let wrong_layer = inside.iter().filter(|&&pixel| off(pixel) > truth_of.tolerance(pixel)).count();
-    let mut errors: Vec<f32> = inside.iter().map(|&pixel| off(pixel) / truth_of.depth[pixel]).collect();
+    let wrong_layer =
+        inside.iter().filter(|&&pixel| off(pixel) > truth_of.tolerance(pixel)).count();
+    let mut errors: Vec<f32> =
+        inside.iter().map(|&pixel| off(pixel) / truth_of.depth[pixel]).collect();
     errors.sort_by(f32::total_cmp);
-    let share = |part: usize, of: usize| format!("{:6.2} %  {part} of {of}", 100.0 * part as f64 / of.max(1) as f64);
+    let share = |part: usize, of: usize| {
+        format!("{:6.2} %  {part} of {of}", 100.0 * part as f64 / of.max(1) as f64)
+    };
     println!("pixels with a surface that got a point       {}", share(covered.len(), solid.len()));
     println!("pixels of empty sky that got a point         {}", share(in_the_sky.len(), sky.len()));
     println!("covered pixels away from edges               {}", share(inside.len(), covered.len()));
     println!("  of these on a wrong layer                  {}", share(wrong_layer, inside.len()));
-    println!("  relative depth error, median               {:6.4} %", 100.0 * quantile(&errors, 0.5));
-    println!("  relative depth error, 95th percentile      {:6.4} %", 100.0 * quantile(&errors, 0.95));
+    println!(
+        "  relative depth error, median               {:6.4} %",
+        100.0 * quantile(&errors, 0.5)
+    );
+    println!(
+        "  relative depth error, 95th percentile      {:6.4} %",
+        100.0 * quantile(&errors, 0.95)
+    );
     write_png(both, [2 * drawn.size[0], drawn.size[1]], &side_by_side(&[&drawn, &truth])?, None)
 }
 

@@ -23,10 +23,13 @@ const TRAVEL: f64 = 200.0;
 /// Around all that was picked, or else the middle of the picture. On whole millimetres, which are easier to read.
 pub fn around(measure: &Measure, camera: &Camera) -> Clip {
     let places = measure.places();
-    let [min, max] = [places.iter().copied().reduce(DVec3::min), places.iter().copied().reduce(DVec3::max)]
-        .map(|corner| corner.unwrap_or(camera.target));
+    let [min, max] =
+        [places.iter().copied().reduce(DVec3::min), places.iter().copied().reduce(DVec3::max)]
+            .map(|corner| corner.unwrap_or(camera.target));
     let height = match camera.projection {
-        Projection::Perspective => 2.0 * (camera.fov_y.to_radians() / 2.0).tan() * min.distance(camera.eye),
+        Projection::Perspective => {
+            2.0 * (camera.fov_y.to_radians() / 2.0).tan() * min.distance(camera.eye)
+        }
         Projection::Orthographic => camera.ortho_height.unwrap_or(1.0),
     };
     let reach = if min == max { REACH * height / 2.0 } else { BEYOND * min.distance(max) };
@@ -37,35 +40,42 @@ pub fn around(measure: &Measure, camera: &Camera) -> Clip {
 /// Every box in numbers; opens with the first.
 pub fn list(ui: &mut Ui, clips: &mut Clips, added: &mut bool) {
     let title = format!("clip boxes, {} of {} on", clips.active(), clips.0.len());
-    egui::CollapsingHeader::new(title).id_salt(("clip boxes", clips.0.is_empty())).default_open(!clips.0.is_empty()).show(ui, |ui| {
-        *added = ui.button("add").on_hover_text("B: around what was picked, or the middle of the picture").clicked();
-        let mut gone = None;
-        for (number, clip) in clips.0.iter_mut().enumerate() {
-            ui.horizontal(|ui| {
-                for &keeps in Keeps::value_variants() {
-                    ui.selectable_value(&mut clip.keeps, keeps, Choice::name(&keeps));
-                }
-                if ui.button("delete").clicked() {
-                    gone = Some(number);
-                }
-            });
-            egui::Grid::new(("clip box", number)).show(ui, |ui| {
-                for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-                    let Clip { min, max, .. } = clip;
-                    let length = max[axis] - min[axis];
-                    let speed = if length.is_finite() { (length / TRAVEL).max(1e-3) } else { 0.1 };
-                    ui.label(name);
-                    ui.add(DragValue::new(&mut min[axis]).speed(speed).max_decimals(4));
-                    ui.add(DragValue::new(&mut max[axis]).speed(speed).max_decimals(4));
-                    ui.end_row();
-                    min[axis] = min[axis].min(max[axis]);
-                }
-            });
-        }
-        if let Some(number) = gone {
-            clips.0.remove(number);
-        }
-    });
+    egui::CollapsingHeader::new(title)
+        .id_salt(("clip boxes", clips.0.is_empty()))
+        .default_open(!clips.0.is_empty())
+        .show(ui, |ui| {
+            *added = ui
+                .button("add")
+                .on_hover_text("B: around what was picked, or the middle of the picture")
+                .clicked();
+            let mut gone = None;
+            for (number, clip) in clips.0.iter_mut().enumerate() {
+                ui.horizontal(|ui| {
+                    for &keeps in Keeps::value_variants() {
+                        ui.selectable_value(&mut clip.keeps, keeps, Choice::name(&keeps));
+                    }
+                    if ui.button("delete").clicked() {
+                        gone = Some(number);
+                    }
+                });
+                egui::Grid::new(("clip box", number)).show(ui, |ui| {
+                    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+                        let Clip { min, max, .. } = clip;
+                        let length = max[axis] - min[axis];
+                        let speed =
+                            if length.is_finite() { (length / TRAVEL).max(1e-3) } else { 0.1 };
+                        ui.label(name);
+                        ui.add(DragValue::new(&mut min[axis]).speed(speed).max_decimals(4));
+                        ui.add(DragValue::new(&mut max[axis]).speed(speed).max_decimals(4));
+                        ui.end_row();
+                        min[axis] = min[axis].min(max[axis]);
+                    }
+                });
+            }
+            if let Some(number) = gone {
+                clips.0.remove(number);
+            }
+        });
 }
 
 /// Edges of all boxes that are on, and a handle in the middle of every face.
@@ -75,7 +85,8 @@ pub fn handles(ui: &Ui, clips: &mut Clips, view: &View) {
         if clip.keeps == Keeps::Off || !(clip.min.is_finite() && clip.max.is_finite()) {
             continue;
         }
-        let color = if clip.keeps == Keeps::Box { Color32::LIGHT_GREEN } else { Color32::LIGHT_RED };
+        let color =
+            if clip.keeps == Keeps::Box { Color32::LIGHT_GREEN } else { Color32::LIGHT_RED };
         edges(ui, clip, view, color);
         for face in 0..6 {
             handle(ui, (number, face), clip, view, color);
@@ -85,8 +96,15 @@ pub fn handles(ui: &Ui, clips: &mut Clips, view: &View) {
 
 fn edges(ui: &Ui, clip: &Clip, view: &View, color: Color32) {
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
-    let corner = |k: usize| DVec3::from_array([0, 1, 2].map(|axis| if k >> axis & 1 == 1 { clip.max[axis] } else { clip.min[axis] }));
-    for (k, axis) in (0..8).flat_map(|k| (0..3).map(move |axis| (k, axis))).filter(|(k, axis)| k >> axis & 1 == 0) {
+    let corner = |k: usize| {
+        DVec3::from_array(
+            [0, 1, 2].map(|axis| if k >> axis & 1 == 1 { clip.max[axis] } else { clip.min[axis] }),
+        )
+    };
+    for (k, axis) in (0..8)
+        .flat_map(|k| (0..3).map(move |axis| (k, axis)))
+        .filter(|(k, axis)| k >> axis & 1 == 0)
+    {
         if let Some([a, b]) = in_front(view, corner(k), corner(k | 1 << axis)) {
             let ends = [a, b].map(|p| place(ui, view, p));
             if let [Some(a), Some(b)] = ends {
@@ -120,9 +138,15 @@ fn handle(ui: &Ui, id: (usize, usize), clip: &mut Clip, view: &View, color: Colo
     let (axis, upper) = (id.1 / 2, id.1 % 2 == 1);
     let mut middle = (clip.min + clip.max) / 2.0;
     middle[axis] = if upper { clip.max[axis] } else { clip.min[axis] };
-    let Some(at) = place(ui, view, middle).filter(|at| ui.ctx().content_rect().contains(*at)) else { return };
+    let Some(at) = place(ui, view, middle).filter(|at| ui.ctx().content_rect().contains(*at))
+    else {
+        return;
+    };
     let around = Rect::from_center_size(at, Vec2::splat(HANDLE));
-    let area = egui::Area::new(egui::Id::new(("clip handle", id))).fixed_pos(around.min).order(egui::Order::Middle).constrain(false);
+    let area = egui::Area::new(egui::Id::new(("clip handle", id)))
+        .fixed_pos(around.min)
+        .order(egui::Order::Middle)
+        .constrain(false);
     let dragged = area.show(ui.ctx(), |ui| {
         let (_, response) = ui.allocate_exact_size(Vec2::splat(HANDLE), Sense::drag());
         let filled = if response.hovered() || response.dragged() { Color32::WHITE } else { color };
@@ -160,7 +184,8 @@ mod tests {
     use crate::resident::Point;
 
     fn camera() -> Camera {
-        serde_json::from_str(r#"{"eye": [500000, 4999990, 5], "target": [500000, 5000000, 5]}"#).unwrap()
+        serde_json::from_str(r#"{"eye": [500000, 4999990, 5], "target": [500000, 5000000, 5]}"#)
+            .unwrap()
     }
 
     #[test]
@@ -169,10 +194,17 @@ mod tests {
         let clip = around(&measure, &camera());
         assert!(clip.min.cmplt(camera().target).all() && clip.max.cmpgt(camera().target).all());
         for p in [[500_001.0, 5_000_000.0, 2.0], [500_003.0, 5_000_004.0, 6.0]] {
-            measure.points.push(Picked::new(Point { position: DVec3::from_array(p), exact: true, kind: None }));
+            measure.points.push(Picked::new(Point {
+                position: DVec3::from_array(p),
+                exact: true,
+                kind: None,
+            }));
         }
         let clip = around(&measure, &camera());
-        assert_eq!((clip.min, clip.max), (DVec3::new(500_000.7, 4_999_999.7, 1.7), DVec3::new(500_003.3, 5_000_004.3, 6.3)));
+        assert_eq!(
+            (clip.min, clip.max),
+            (DVec3::new(500_000.7, 4_999_999.7, 1.7), DVec3::new(500_003.3, 5_000_004.3, 6.3))
+        );
     }
 
     #[test]

@@ -115,8 +115,15 @@ impl App {
     /// Of what is loaded now.
     fn profile(&mut self) {
         let places = self.facts.measure.places();
-        let width = if self.facts.width > 0.0 { self.facts.width } else { profile::SHARE * self.facts.measure.horizontal() };
-        let slab = places.first().zip(places.last()).and_then(|(&start, &end)| Slab::new(start, end, width));
+        let width = if self.facts.width > 0.0 {
+            self.facts.width
+        } else {
+            profile::SHARE * self.facts.measure.horizontal()
+        };
+        let slab = places
+            .first()
+            .zip(places.last())
+            .and_then(|(&start, &end)| Slab::new(start, end, width));
         match slab {
             Some(slab) => self.post(Message::Section(slab)),
             None => self.trouble(&Error::Request(
@@ -127,13 +134,17 @@ impl App {
 
     /// On the drawing thread, which says when it is there.
     fn save_picture(&mut self, layers: bool) {
-        let path = unused_names(if layers { "exr" } else { "png" }).find(|path| !self.promised.contains(path)).expect("numbers do not end");
+        let path = unused_names(if layers { "exr" } else { "png" })
+            .find(|path| !self.promised.contains(path))
+            .expect("numbers do not end");
         self.promised.push(path.clone());
         self.post(Message::Save { path, size: self.facts.enlarged.of(self.size()), layers });
     }
 
     fn save_profile(&mut self) {
-        if let Some(text) = self.facts.profile.as_ref().map(|profile| profile.csv(&self.facts.measure.reference)) {
+        if let Some(text) =
+            self.facts.profile.as_ref().map(|profile| profile.csv(&self.facts.measure.reference))
+        {
             self.save(&unused_name("profile.csv"), |_, path| write(path, text));
         }
     }
@@ -163,7 +174,9 @@ impl App {
 }
 
 fn write(path: &Path, text: String) -> Result<()> {
-    whole_file(path, |partial| std::fs::write(partial, text).map_err(|error| Error::io("write", path, error)))
+    whole_file(path, |partial| {
+        std::fs::write(partial, text).map_err(|error| Error::io("write", path, error))
+    })
 }
 
 /// Of the files that [`unused_name`] has named, the last.
@@ -178,5 +191,7 @@ fn unused_name(extension: &str) -> PathBuf {
 }
 
 fn unused_names(extension: &str) -> impl Iterator<Item = PathBuf> {
-    (1..).map(move |number| PathBuf::from(format!("pointillist-{number}.{extension}"))).filter(|path| !path.exists())
+    (1..)
+        .map(move |number| PathBuf::from(format!("pointillist-{number}.{extension}")))
+        .filter(|path| !path.exists())
 }

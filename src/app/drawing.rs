@@ -196,7 +196,11 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    pub fn start(gpu: Gpu, present: Present, report: impl Fn(Report) + Send + Sync + 'static) -> Result<Drawing> {
+    pub fn start(
+        gpu: Gpu,
+        present: Present,
+        report: impl Fn(Report) + Send + Sync + 'static,
+    ) -> Result<Drawing> {
         let (posts, posted) = channel();
         let count = Arc::new(AtomicU64::new(0));
         let thread = Thread {
@@ -222,7 +226,8 @@ impl Drawing {
             uncounted: None,
         };
         let thread = std::thread::Builder::new().name("drawing".into()).spawn(move || thread.run());
-        let thread = thread.map_err(|error| Error::Device(format!("cannot start a thread to draw: {error}")))?;
+        let thread = thread
+            .map_err(|error| Error::Device(format!("cannot start a thread to draw: {error}")))?;
         Ok(Drawing { posts, posted: count, thread: Some(thread) })
     }
 
@@ -316,21 +321,31 @@ impl Progress for Newer<'_> {
 const REFINING: Duration = Duration::from_millis(100);
 
 /// Adds samples of the light to those that shadows are made of, until something newer is wanted; in submissions of their own, so that what has been cast stays when the picture gives way.
-fn refine_shadows(gpu: &mut Gpu, view: &View, resident: &Resident, look: &Look, newer: &Newer) -> Result<()> {
+fn refine_shadows(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    look: &Look,
+    newer: &Newer,
+) -> Result<()> {
     let (scene, began) = (look.scene(view, resident), Instant::now());
     loop {
         let mut g = Graph::new(gpu);
-        let marks = match shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1)) {
-            Ok(marks) => marks,
-            Err(error) => {
-                g.abandon();
-                // The picture says so.
-                return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
-            }
-        };
+        let marks =
+            match shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1)) {
+                Ok(marks) => marks,
+                Err(error) => {
+                    g.abandon();
+                    // The picture says so.
+                    return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
+                }
+            };
         let Some(shadows::Marks { counts, saved: None, facts, .. }) = marks else { return Ok(()) };
         g.submit(&[counts.resource()])?.shelve(gpu);
-        if facts.cast == facts.samples || began.elapsed() >= REFINING || newer.tick("", 0, 0).is_err() {
+        if facts.cast == facts.samples
+            || began.elapsed() >= REFINING
+            || newer.tick("", 0, 0).is_err()
+        {
             return Ok(());
         }
     }
@@ -356,7 +371,9 @@ impl Thread {
             Ok(ended) => ended,
             // It has been printed where it happened. What the device may still be at work with stays.
             Err(_panic) => {
-                (self.report)(Report::Ended(Error::Device("drawing has ended by a mistake in this program, which is said above".into())));
+                (self.report)(Report::Ended(Error::Device(
+                    "drawing has ended by a mistake in this program, which is said above".into(),
+                )));
                 return std::mem::forget(self);
             }
         };
@@ -406,7 +423,9 @@ impl Thread {
             Wanted::Now => Some(Duration::ZERO),
             Wanted::More => Some(LOADING),
             Wanted::Whole => Some(STILL.saturating_sub(self.changed.elapsed())),
-            Wanted::Nothing if self.uncounted.is_some() => Some(STILL.saturating_sub(self.changed.elapsed())),
+            Wanted::Nothing if self.uncounted.is_some() => {
+                Some(STILL.saturating_sub(self.changed.elapsed()))
+            }
             Wanted::Nothing if !self.saving.is_empty() => Some(Duration::ZERO),
             Wanted::Nothing => None,
         };
@@ -437,11 +456,17 @@ impl Thread {
             Message::Pick { id, at, adds } => {
                 self.look_back()?;
                 // Ids are of the picture that was drawn last; where nodes have come since, they are others.
-                let resident = self.cloud.as_ref().map(Brought::resident).filter(|resident| resident.identity() == self.last_drawn);
+                let resident = self
+                    .cloud
+                    .as_ref()
+                    .map(Brought::resident)
+                    .filter(|resident| resident.identity() == self.last_drawn);
                 match resident {
                     Some(resident) => {
                         let point = resident.point(&mut self.gpu, id)?;
-                        point.into_iter().for_each(|point| (self.report)(Report::Picked { point, adds }));
+                        point
+                            .into_iter()
+                            .for_each(|point| (self.report)(Report::Picked { point, adds }));
                     }
                     None => (self.report)(Report::PickLater { at, adds }),
                 }
@@ -449,7 +474,11 @@ impl Thread {
             Message::Section(slab) => {
                 self.look_back()?;
                 if let Some(resident) = self.cloud.as_ref().map(Brought::resident) {
-                    (self.report)(Report::Profile(Box::new(Profile::new(slab, resident.section(&mut self.gpu, &slab)?, resident.shown))));
+                    (self.report)(Report::Profile(Box::new(Profile::new(
+                        slab,
+                        resident.section(&mut self.gpu, &slab)?,
+                        resident.shown,
+                    ))));
                 }
             }
             Message::Save { path, size, layers } => self.save(path, size, layers)?,
@@ -460,7 +489,9 @@ impl Thread {
 
     /// Some more of the cloud that is on its way; beside the one in the window, and one at most that pictures are saved of.
     fn bring_on(&mut self) -> Result<()> {
-        let Some(mut bring) = self.bringing.take_if(|_| self.former.is_empty()) else { return Ok(()) };
+        let Some(mut bring) = self.bringing.take_if(|_| self.former.is_empty()) else {
+            return Ok(());
+        };
         let brought = match bring.prepared.step(&mut self.gpu, &bring.watch) {
             Ok(true) => {
                 self.bringing = Some(bring);
@@ -516,7 +547,9 @@ impl Thread {
         }
         match self.wanted {
             _ if self.again => self.show_again(),
-            Wanted::Nothing if self.uncounted.is_some() && self.changed.elapsed() >= STILL => self.count(),
+            Wanted::Nothing if self.uncounted.is_some() && self.changed.elapsed() >= STILL => {
+                self.count()
+            }
             Wanted::Nothing => self.save_on(),
             _ => Ok(()),
         }
@@ -530,10 +563,14 @@ impl Thread {
         if self.wanted != Wanted::Nothing {
             return Ok(());
         }
-        let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &self.cloud, &self.present) else { return Ok(()) };
+        let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &self.cloud, &self.present)
+        else {
+            return Ok(());
+        };
         let view = View::new(scene.camera, present.size())?;
         let mut g = Graph::new(&mut self.gpu);
-        let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.wishes.precision) else {
+        let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.wishes.precision)
+        else {
             // Whoever draws them says so.
             g.abandon();
             return Ok(());
@@ -592,21 +629,31 @@ impl Thread {
                 bytes_read,
                 worked: Duration::ZERO,
             });
-            errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
+            errors
+                .into_iter()
+                .for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
         let complete = loading.is_none_or(|loading| loading.awaited == 0);
         spent.taking_in = taking_in.elapsed();
         let recording = Instant::now();
         let resident = cloud.resident();
         let identity = resident.identity();
-        if self.wanted == Wanted::More && identity == self.last_drawn && !complete && !present.is_blank() {
+        if self.wanted == Wanted::More
+            && identity == self.last_drawn
+            && !complete
+            && !present.is_blank()
+        {
             return Ok(false);
         }
         let newer = Newer { count: &self.count, heard: self.heard };
         // What is only a finer picture of the same gives way.
         let gives_way = self.wanted != Wanted::Now;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
-        let mut look = look::decide(&wishes(scene, resident), &View::new(scene.camera, present.size())?, resident);
+        let mut look = look::decide(
+            &wishes(scene, resident),
+            &View::new(scene.camera, present.size())?,
+            resident,
+        );
         if brushes_lack(scene, resident) {
             look.decided.explain("strokes", "what brushes need to know is still being found");
         }
@@ -639,10 +686,14 @@ impl Thread {
                 };
             }
         };
-        let mut screen = Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
+        let mut screen = Screen {
+            words: g.import("screen", present.screen()),
+            blue_first: present.blue_first(),
+        };
         encode::record(&mut g, &outcome.picture, &mut screen)?;
         let warned = Warned::ask(&mut g, &drawn.effects);
-        let [depth, index] = [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
+        let [depth, index] =
+            [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
         spent.recording = recording.elapsed();
         let (began, heard) = (Instant::now(), self.heard);
         let running = match g.launch(&[screen.words.resource()]) {
@@ -656,16 +707,29 @@ impl Thread {
         let took = began.elapsed();
         let reading_back = Instant::now();
         present.holds(&mut self.gpu, size)?;
-        let seen = Arc::new(Seen { view, depth: frame.read(&depth).to_vec(), index: frame.read(&index).to_vec() });
+        let seen = Arc::new(Seen {
+            view,
+            depth: frame.read(&depth).to_vec(),
+            index: frame.read(&index).to_vec(),
+        });
         let passes = frame.passes.clone();
         let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
         let ordered = unordered.is_none_or(|unordered| frame.read::<u32>(unordered)[0] == 0);
         let mut notes = look.notes(cloud.resident());
-        notes.extend(warned.note(&frame).into_iter().chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())));
+        notes.extend(
+            warned
+                .note(&frame)
+                .into_iter()
+                .chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())),
+        );
         frame.shelve(&mut self.gpu);
         self.pace = self.pace.after(divisor, took);
         self.last_drawn = identity;
-        let lit = outcome.layers.marks.as_ref().is_none_or(|marks| marks.facts.cast == marks.facts.samples);
+        let lit = outcome
+            .layers
+            .marks
+            .as_ref()
+            .is_none_or(|marks| marks.facts.cast == marks.facts.samples);
         let finest = divisor == 1 && drawn.effects == look.effects && lit && ordered;
         self.wanted = match (finest, complete) {
             (true, true) => Wanted::Nothing,
@@ -673,7 +737,8 @@ impl Thread {
             _ => Wanted::Whole,
         };
         self.again = false;
-        self.uncounted = cloud.resident().leaves_out().then(|| look.drops_back_faces(cloud.resident()));
+        self.uncounted =
+            cloud.resident().leaves_out().then(|| look.drops_back_faces(cloud.resident()));
         (spent.drawing, spent.reading_back) = (took, reading_back.elapsed());
         let showing = Instant::now();
         if !present.show(&self.gpu)? {
@@ -683,8 +748,10 @@ impl Thread {
         if let (Some(loading), Brought::Parts(residency)) = (&mut loading, cloud) {
             loading.worked = residency.loader_worked();
         }
-        let (decided, statistics, latency) = (look.decided, outcome.statistics, self.asked.elapsed());
-        let (whole, leaves_out) = (finest && complete && self.bringing.is_none(), self.uncounted.is_some());
+        let (decided, statistics, latency) =
+            (look.decided, outcome.statistics, self.asked.elapsed());
+        let (whole, leaves_out) =
+            (finest && complete && self.bringing.is_none(), self.uncounted.is_some());
         (self.report)(Report::Drawn(Box::new(Drawn {
             seen,
             decided,
@@ -705,8 +772,16 @@ impl Thread {
     /// Shows the background alone.
     fn blank(&mut self) -> Result<()> {
         let present = self.present.as_mut().expect("taken at the end");
-        let [red, green, blue] = self.scene.as_ref().map_or(crate::config::BACKGROUND, |scene| scene.wishes.background).map(u32::from);
-        let word = if present.blue_first() { blue | green << 8 | red << 16 } else { red | green << 8 | blue << 16 };
+        let [red, green, blue] = self
+            .scene
+            .as_ref()
+            .map_or(crate::config::BACKGROUND, |scene| scene.wishes.background)
+            .map(u32::from);
+        let word = if present.blue_first() {
+            blue | green << 8 | red << 16
+        } else {
+            red | green << 8 | blue << 16
+        };
         let mut g = Graph::new(&mut self.gpu);
         let mut screen = g.import("screen", present.screen());
         g.fill(&mut screen, word | 255 << 24);

@@ -23,9 +23,13 @@ use winit::window::{Window, WindowId};
 impl App {
     fn start(&mut self, events: &ActiveEventLoop) -> Result<()> {
         let [width, height] = self.options.size;
-        let attributes =
-            Window::default_attributes().with_title("pointillist").with_inner_size(PhysicalSize::new(width, height)).with_visible(true);
-        let window = events.create_window(attributes).map_err(|error| Error::Device(format!("cannot open a window: {error}")))?;
+        let attributes = Window::default_attributes()
+            .with_title("pointillist")
+            .with_inner_size(PhysicalSize::new(width, height))
+            .with_visible(true);
+        let window = events
+            .create_window(attributes)
+            .map_err(|error| Error::Device(format!("cannot open a window: {error}")))?;
         let window = Arc::new(window);
         self.panel = Some(Panel::new(&window));
         self.window = Some(window.clone());
@@ -51,7 +55,9 @@ impl App {
         /// A device that is lost again so soon is lost for good.
         const SOON: Duration = Duration::from_secs(10);
         let again = self.lost.is_some_and(|when| when.elapsed() < SOON);
-        let (true, false, Some(window), Some(panel)) = (error.is_lost_device(), again, self.window.clone(), &mut self.panel) else {
+        let (true, false, Some(window), Some(panel)) =
+            (error.is_lost_device(), again, self.window.clone(), &mut self.panel)
+        else {
             return Err(error);
         };
         self.lost = Some(Instant::now());
@@ -65,7 +71,9 @@ impl App {
         (self.whole, self.seen, self.facts.shown, self.facts.loading) = (None, None, None, None);
         (self.options.wish.lost_after, self.options.wish.surface_lost_after) = (None, None);
         self.draw_in(window)?;
-        self.trouble(&Error::Device(format!("{error}; the device was opened again, and the files are read again")));
+        self.trouble(&Error::Device(format!(
+            "{error}; the device was opened again, and the files are read again"
+        )));
         Ok(())
     }
 }
@@ -83,7 +91,13 @@ impl ApplicationHandler<Event> for App {
     fn user_event(&mut self, events: &ActiveEventLoop, event: Event) {
         match event {
             // Nobody waits for it any more; another one may have taken its place.
-            Event::Progress(_, errand) | Event::Opened(_, errand) | Event::LookedUp(_, _, errand) if errand.is_given_up() => return,
+            Event::Progress(_, errand)
+            | Event::Opened(_, errand)
+            | Event::LookedUp(_, _, errand)
+                if errand.is_given_up() =>
+            {
+                return;
+            }
             Event::Progress(text, _) => self.facts.doing = Some(text),
             Event::Opened(Ok(opened), _) => self.opened(*opened),
             Event::Opened(Err(error), _) => self.not_opened(&error),
@@ -140,7 +154,8 @@ impl ApplicationHandler<Event> for App {
             }
             WindowEvent::ModifiersChanged(modifiers) => {
                 let state = modifiers.state();
-                self.modifiers = Modifiers { shift: state.shift_key(), control: state.control_key() };
+                self.modifiers =
+                    Modifiers { shift: state.shift_key(), control: state.control_key() };
             }
             WindowEvent::KeyboardInput { event, .. } => {
                 if let PhysicalKey::Code(code) = event.physical_key {
@@ -167,7 +182,12 @@ impl ApplicationHandler<Event> for App {
         }
         let wakes = self.flight.as_ref().and_then(Flight::wakes);
         events.set_control_flow(
-            self.laid_out.into_iter().chain(self.moves).chain(wakes).min().map_or(ControlFlow::Wait, ControlFlow::WaitUntil),
+            self.laid_out
+                .into_iter()
+                .chain(self.moves)
+                .chain(wakes)
+                .min()
+                .map_or(ControlFlow::Wait, ControlFlow::WaitUntil),
         );
     }
 

@@ -16,7 +16,8 @@ impl App {
     pub(super) fn take(&mut self, file: PathBuf) {
         // Whoever asks for something else has read what went wrong before.
         self.facts.trouble = None;
-        let is_scene = file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
+        let is_scene =
+            file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         let taken = if is_scene {
             self.load(&file)
         } else if self.files.contains(&file) {
@@ -72,13 +73,25 @@ impl App {
         let is_painted = self.facts.shown.is_some_and(|shown| shown.further.strokes);
         // What is on the screen whole is seen until it is there again as a whole, and with its strokes where it had them.
         let first = match &self.whole {
-            Some(whole) if *whole == asked || whole.files == asked.files && is_painted => First::All,
+            Some(whole) if *whole == asked || whole.files == asked.files && is_painted => {
+                First::All
+            }
             Some(whole) if whole.files == asked.files => First::Points,
             _ => First::Sample,
         };
         let (watch, events) = (self.watch(errand.clone()), self.events.clone());
-        let opened = move |result: Result<Opened>| drop(events.send_event(Event::Opened(result.map(Box::new), errand.clone())));
-        self.openings.push(opening::start(asked, opening, further, first, self.strokes.clone(), watch, opened)?);
+        let opened = move |result: Result<Opened>| {
+            drop(events.send_event(Event::Opened(result.map(Box::new), errand.clone())))
+        };
+        self.openings.push(opening::start(
+            asked,
+            opening,
+            further,
+            first,
+            self.strokes.clone(),
+            watch,
+            opened,
+        )?);
         Ok(())
     }
 
@@ -95,7 +108,10 @@ impl App {
             return self.not_painted(error);
         }
         let before = self.last_opened.clone();
-        let is_wrong = |file: &PathBuf| error.path() == Some(file) && before.as_ref().is_none_or(|before| !before.files.contains(file));
+        let is_wrong = |file: &PathBuf| {
+            error.path() == Some(file)
+                && before.as_ref().is_none_or(|before| !before.files.contains(file))
+        };
         match before {
             // What was asked for beside it may be in order.
             _ if self.files.iter().any(is_wrong) => self.files.retain(|file| !is_wrong(file)),
@@ -105,7 +121,11 @@ impl App {
         }
         // A sample of what cannot be opened may be on the screen, or what came before has never been, or was on its way and is given up.
         let asked = self.asked();
-        let reopened = if asked != failed && self.whole.as_ref() != Some(&asked) { self.open() } else { Ok(()) };
+        let reopened = if asked != failed && self.whole.as_ref() != Some(&asked) {
+            self.open()
+        } else {
+            Ok(())
+        };
         self.trouble(error);
         if let Err(error) = reopened {
             self.trouble(&error);
@@ -124,7 +144,9 @@ impl App {
             self.framed = true;
             match self.options.camera {
                 Some(camera) => self.navigation.camera = camera,
-                None => self.navigation.handle(Input::Look { from: self.options.preset, covered_px: 0.0 }),
+                None => self
+                    .navigation
+                    .handle(Input::Look { from: self.options.preset, covered_px: 0.0 }),
             }
             self.views.iter().for_each(|&view| self.navigation.handle(view));
             self.glimpsed = (!is_whole).then_some(self.navigation.camera);
@@ -150,7 +172,10 @@ impl App {
         self.facts.why_shown = why_shown;
         (self.facts.loading, self.facts.bytes_read) = (None, 0);
         // As `render` does; once, however often the files are read.
-        notes.iter().filter(|note| !self.facts.notes.contains(note)).for_each(|note| complain(&format!("note: {note}")));
+        notes
+            .iter()
+            .filter(|note| !self.facts.notes.contains(note))
+            .for_each(|note| complain(&format!("note: {note}")));
         self.facts.notes = notes;
         if let Err(error) = self.find_strokes() {
             self.trouble(&error);

@@ -44,7 +44,15 @@ pub const REST: Duration = Duration::from_secs(2);
 
 impl Flight {
     pub fn new(length: Duration) -> Flight {
-        Flight { length, stage: Stage::Before, pictures: Vec::new(), to_whole: None, at_rest: 0, rest_cpu: None, cpu_before: None }
+        Flight {
+            length,
+            stage: Stage::Before,
+            pictures: Vec::new(),
+            to_whole: None,
+            at_rest: 0,
+            rest_cpu: None,
+            cpu_before: None,
+        }
     }
 
     /// A picture is on the screen, and is all that is wanted or not.

@@ -50,7 +50,11 @@ impl App {
         // Who takes hold of the camera has it.
         self.facts.plays &= matches!(
             input,
-            Input::Move { .. } | Input::Release { .. } | Input::Fly { pressed: false, .. } | Input::Drag { .. } | Input::NextMode
+            Input::Move { .. }
+                | Input::Release { .. }
+                | Input::Fly { pressed: false, .. }
+                | Input::Drag { .. }
+                | Input::NextMode
         );
         let before = self.navigation.camera;
         let early = input.is_a_view() && (!self.framed || self.glimpsed == Some(before));
@@ -85,7 +89,9 @@ impl App {
         let under = self.under_cursor();
         if button == Button::Left {
             self.pressed = Some(self.cursor);
-            let again = self.clicked.is_some_and(|(when, at)| when.elapsed() < DOUBLE && at.distance(self.cursor) < CLICK_PX);
+            let again = self.clicked.is_some_and(|(when, at)| {
+                when.elapsed() < DOUBLE && at.distance(self.cursor) < CLICK_PX
+            });
             self.clicked = (!again).then(|| (Instant::now(), self.cursor));
             if let Some(on) = under.filter(|_| again) {
                 return self.navigate(Input::Centre { on });
@@ -94,7 +100,13 @@ impl App {
         self.navigate(Input::Press { button, modifiers: self.modifiers, at: self.cursor, under });
     }
 
-    pub(super) fn key(&mut self, events: &ActiveEventLoop, code: KeyCode, pressed: bool, repeated: bool) {
+    pub(super) fn key(
+        &mut self,
+        events: &ActiveEventLoop,
+        code: KeyCode,
+        pressed: bool,
+        repeated: bool,
+    ) {
         match keys::find(code) {
             Some(Act::Fly(way)) => self.fly(way, pressed),
             Some(Act::Do(deed)) if pressed && !repeated => self.deed(deed),

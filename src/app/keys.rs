@@ -33,11 +33,21 @@ const fn project(onto: Projection) -> Act {
 }
 
 pub const KEYS: &[Key] = &[
-    key(&[KeyCode::Digit0, KeyCode::Numpad0, KeyCode::Home], "0", look(Preset::Fit), "the whole cloud"),
+    key(
+        &[KeyCode::Digit0, KeyCode::Numpad0, KeyCode::Home],
+        "0",
+        look(Preset::Fit),
+        "the whole cloud",
+    ),
     key(&[KeyCode::Digit1, KeyCode::Numpad1], "1", look(Preset::Front), "from the south"),
     key(&[KeyCode::Digit3, KeyCode::Numpad3], "3", look(Preset::Side), "from the east"),
     key(&[KeyCode::Digit7, KeyCode::Numpad7], "7", look(Preset::Top), "from above"),
-    key(&[KeyCode::Digit5, KeyCode::Numpad5], "5", Act::Do(Deed::Navigate(Input::OtherProjection)), "with perspective, or without"),
+    key(
+        &[KeyCode::Digit5, KeyCode::Numpad5],
+        "5",
+        Act::Do(Deed::Navigate(Input::OtherProjection)),
+        "with perspective, or without",
+    ),
     key(&[KeyCode::KeyP], "P", project(Projection::Perspective), "with perspective"),
     key(&[KeyCode::KeyO], "O", project(Projection::Orthographic), "without"),
     key(&[KeyCode::KeyW, KeyCode::ArrowUp], "W", Act::Fly(Way::Forward), "fly ahead"),
@@ -45,20 +55,55 @@ pub const KEYS: &[Key] = &[
     key(&[KeyCode::KeyA, KeyCode::ArrowLeft], "A", Act::Fly(Way::Left), "left"),
     key(&[KeyCode::KeyD, KeyCode::ArrowRight], "D", Act::Fly(Way::Right), "right"),
     key(&[KeyCode::KeyE, KeyCode::KeyR, KeyCode::PageUp], "E", Act::Fly(Way::Up), "up; R too"),
-    key(&[KeyCode::KeyQ, KeyCode::KeyF, KeyCode::PageDown], "Q", Act::Fly(Way::Down), "down; F too"),
-    key(&[KeyCode::KeyM], "M", Act::Do(Deed::Navigate(Input::NextMode)), "the mouse orbits, looks around in flight, or grabs the ground"),
+    key(
+        &[KeyCode::KeyQ, KeyCode::KeyF, KeyCode::PageDown],
+        "Q",
+        Act::Fly(Way::Down),
+        "down; F too",
+    ),
+    key(
+        &[KeyCode::KeyM],
+        "M",
+        Act::Do(Deed::Navigate(Input::NextMode)),
+        "the mouse orbits, looks around in flight, or grabs the ground",
+    ),
     key(&[KeyCode::KeyX], "X", Act::Do(Deed::Profile), "a profile along what was picked"),
-    key(&[KeyCode::KeyC], "C", Act::Do(Deed::Export("csv")), "save what was picked, as a table, and the profile"),
-    key(&[KeyCode::KeyG], "G", Act::Do(Deed::Export("geojson")), "save what was picked, as GeoJSON"),
-    key(&[KeyCode::Delete, KeyCode::Backspace], "Del", Act::Do(Deed::Forget), "forget what was picked"),
-    key(&[KeyCode::KeyB], "B", Act::Do(Deed::AddBox), "one more clip box, around what was picked or the middle of the picture"),
+    key(
+        &[KeyCode::KeyC],
+        "C",
+        Act::Do(Deed::Export("csv")),
+        "save what was picked, as a table, and the profile",
+    ),
+    key(
+        &[KeyCode::KeyG],
+        "G",
+        Act::Do(Deed::Export("geojson")),
+        "save what was picked, as GeoJSON",
+    ),
+    key(
+        &[KeyCode::Delete, KeyCode::Backspace],
+        "Del",
+        Act::Do(Deed::Forget),
+        "forget what was picked",
+    ),
+    key(
+        &[KeyCode::KeyB],
+        "B",
+        Act::Do(Deed::AddBox),
+        "one more clip box, around what was picked or the middle of the picture",
+    ),
     key(&[KeyCode::KeyK], "K", Act::Do(Deed::AddKey), "one more view of the camera path"),
     key(&[KeyCode::Space], "Space", Act::Do(Deed::Play), "fly along the camera path, or stop"),
     key(&[KeyCode::F6], "F6", Act::Do(Deed::LoadScene), "load the scene that was saved last"),
     key(&[KeyCode::F7], "F7", Act::Do(Deed::SavePath), "save the camera path, for render --path"),
     key(&[KeyCode::F8], "F8", Act::Do(Deed::SaveScene), "save the scene, for render --scene"),
     key(&[KeyCode::F9], "F9", Act::Do(Deed::SavePicture), "save the picture"),
-    key(&[KeyCode::KeyL], "L", Act::Do(Deed::SaveLayers), "save its layers: depth, point ids, normals and more, as EXR"),
+    key(
+        &[KeyCode::KeyL],
+        "L",
+        Act::Do(Deed::SaveLayers),
+        "save its layers: depth, point ids, normals and more, as EXR",
+    ),
     key(&[KeyCode::F11], "F11", Act::Do(Deed::FullScreen), "full screen"),
     key(&[KeyCode::KeyH, KeyCode::F1], "H", Act::Do(Deed::Help), "these keys"),
     key(&[KeyCode::KeyN], "N", Act::Do(Deed::Panel), "without the panel, or with it"),
@@ -74,13 +119,29 @@ pub fn mouse(habit: Habit, mode: Mode) -> Vec<(&'static str, &'static str)> {
     };
     let moves = "move the point under the cursor along";
     let drags = match (habit, mode) {
-        (Habit::Blender, _) => vec![("middle drag", turns), ("shift middle drag", moves), ("ctrl middle drag", "nearer and farther")],
-        (_, Mode::Earth) => vec![("left drag", turns), ("right drag", "turn about the point under the cursor"), ("middle drag", moves)],
+        (Habit::Blender, _) => vec![
+            ("middle drag", turns),
+            ("shift middle drag", moves),
+            ("ctrl middle drag", "nearer and farther"),
+        ],
+        (_, Mode::Earth) => vec![
+            ("left drag", turns),
+            ("right drag", "turn about the point under the cursor"),
+            ("middle drag", moves),
+        ],
         _ => vec![("left drag", turns), ("right, middle drag", moves)],
     };
-    let wheel = if mode == Mode::Fly { "fly faster or slower" } else { "towards the point under the cursor, or away" };
-    let others =
-        [("wheel", wheel), ("click", "pick the point"), ("shift click", "pick one more"), ("double click", "make the point the middle")];
+    let wheel = if mode == Mode::Fly {
+        "fly faster or slower"
+    } else {
+        "towards the point under the cursor, or away"
+    };
+    let others = [
+        ("wheel", wheel),
+        ("click", "pick the point"),
+        ("shift click", "pick one more"),
+        ("double click", "make the point the middle"),
+    ];
     drags.into_iter().chain(others).collect()
 }
 

@@ -11,7 +11,11 @@ const RADIUS: f32 = 34.0;
 /// `eye` is where a lamp stands that nobody has placed yet; world.
 pub fn choose(ui: &mut Ui, light: &mut Light, eye: DVec3) {
     ui.horizontal(|ui| {
-        for (name, other) in [("headlight", Light::Headlight), ("sun", Light::Direction(SUN)), ("lamp", Light::Position(eye))] {
+        for (name, other) in [
+            ("headlight", Light::Headlight),
+            ("sun", Light::Direction(SUN)),
+            ("lamp", Light::Position(eye)),
+        ] {
             let is_it = std::mem::discriminant(light) == std::mem::discriminant(&other);
             if ui.selectable_label(is_it, name).clicked() && !is_it {
                 *light = other;
@@ -28,8 +32,15 @@ pub fn choose(ui: &mut Ui, light: &mut Light, eye: DVec3) {
         }
         Light::Position(place) => {
             ui.horizontal(|ui| {
-                for (name, number) in [("x", &mut place.x), ("y", &mut place.y), ("z", &mut place.z)] {
-                    ui.add(DragValue::new(number).prefix(format!("{name} ")).speed(0.1).max_decimals(3));
+                for (name, number) in
+                    [("x", &mut place.x), ("y", &mut place.y), ("z", &mut place.z)]
+                {
+                    ui.add(
+                        DragValue::new(number)
+                            .prefix(format!("{name} "))
+                            .speed(0.1)
+                            .max_decimals(3),
+                    );
                 }
             });
         }
@@ -38,7 +49,8 @@ pub fn choose(ui: &mut Ui, light: &mut Light, eye: DVec3) {
 
 /// The half of the sky that is above, from above, north up: light comes from the spot. It is dragged, or is where somebody clicks.
 fn ball(ui: &mut Ui, way: &mut DVec3) {
-    let (response, painter) = ui.allocate_painter(Vec2::splat(2.0 * RADIUS + 4.0), Sense::click_and_drag());
+    let (response, painter) =
+        ui.allocate_painter(Vec2::splat(2.0 * RADIUS + 4.0), Sense::click_and_drag());
     let centre = response.rect.center();
     if let Some(at) = response.interact_pointer_pos() {
         *way = -sky((at - centre) / RADIUS);
@@ -46,9 +58,15 @@ fn ball(ui: &mut Ui, way: &mut DVec3) {
     let from = -way.normalize();
     let high = from.z >= 0.0;
     painter.circle(centre, RADIUS, Color32::from_gray(45), Stroke::new(1.0, Color32::GRAY));
-    painter.line_segment([centre, centre - vec2(0.0, RADIUS)], Stroke::new(1.0, Color32::DARK_GRAY));
+    painter
+        .line_segment([centre, centre - vec2(0.0, RADIUS)], Stroke::new(1.0, Color32::DARK_GRAY));
     let spot = centre + RADIUS * vec2(from.x as f32, -from.y as f32);
-    painter.circle(spot, 5.0, if high { Color32::YELLOW } else { Color32::TRANSPARENT }, Stroke::new(1.5, Color32::YELLOW));
+    painter.circle(
+        spot,
+        5.0,
+        if high { Color32::YELLOW } else { Color32::TRANSPARENT },
+        Stroke::new(1.5, Color32::YELLOW),
+    );
     response.on_hover_text("drag: where light comes from, from above, north up");
 }
 
@@ -61,9 +79,11 @@ fn sky(at: Vec2) -> DVec3 {
 
 fn angles(ui: &mut Ui, way: &mut DVec3) {
     let from = -way.normalize();
-    let (mut azimuth, mut height) = (from.x.atan2(from.y).to_degrees(), from.z.clamp(-1.0, 1.0).asin().to_degrees());
-    let turned = ui.add(Slider::new(&mut azimuth, -180.0..=180.0).suffix("°").text("from")).changed()
-        | ui.add(Slider::new(&mut height, -89.0..=89.0).suffix("°").text("high")).changed();
+    let (mut azimuth, mut height) =
+        (from.x.atan2(from.y).to_degrees(), from.z.clamp(-1.0, 1.0).asin().to_degrees());
+    let turned =
+        ui.add(Slider::new(&mut azimuth, -180.0..=180.0).suffix("°").text("from")).changed()
+            | ui.add(Slider::new(&mut height, -89.0..=89.0).suffix("°").text("high")).changed();
     if turned {
         let (around, up) = (azimuth.to_radians(), height.to_radians());
         *way = -DVec3::new(around.sin() * up.cos(), around.cos() * up.cos(), up.sin());

@@ -23,10 +23,18 @@ pub fn ramp(ui: &mut Ui, shown: &Shown, reference: &Reference) {
         ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(r, g, b));
     }
     let unit = reference.height_unit();
-    let said = |end: f64| if shown.attribute == Attribute::Elevation { unit.length(end, 2) } else { format!("{end:.2}") };
+    let said = |end: f64| {
+        if shown.attribute == Attribute::Elevation {
+            unit.length(end, 2)
+        } else {
+            format!("{end:.2}")
+        }
+    };
     ui.horizontal(|ui| {
         ui.label(said(ends[0]));
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| ui.label(said(ends[1])));
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            ui.label(said(ends[1]))
+        });
     });
 }
 

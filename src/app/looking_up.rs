@@ -18,13 +18,16 @@ impl App {
     }
 
     pub(super) fn look_up(&mut self, point: &Point) {
-        let station = point.kind.and_then(|kind| self.facts.kinds.stations.get((kind >> STATION_SHIFT) as usize));
+        let station = point
+            .kind
+            .and_then(|kind| self.facts.kinds.stations.get((kind >> STATION_SHIFT) as usize));
         let sought = Sought {
             position: point.position,
             kind: point.kind.map(|kind| [kind as u8, (kind >> 8) as u8 & 15]),
             station: station.map(|station| (station.part, station.source)),
         };
-        let (files, done, read) = (self.origins.clone(), self.events.clone(), self.options.opening.read);
+        let (files, done, read) =
+            (self.origins.clone(), self.events.clone(), self.options.opening.read);
         let errand = self.looking_up.clone();
         let watch = self.watch(errand.clone());
         let work = move || {
@@ -33,7 +36,9 @@ impl App {
         };
         match std::thread::Builder::new().name("looking up".into()).spawn(work) {
             Ok(thread) => self.openings.push(thread),
-            Err(error) => self.trouble(&Error::Request(format!("cannot start a thread to look a point up: {error}"))),
+            Err(error) => self.trouble(&Error::Request(format!(
+                "cannot start a thread to look a point up: {error}"
+            ))),
         }
     }
 
@@ -44,7 +49,9 @@ impl App {
                 for number in self.facts.measure.found(place, &record) {
                     match &record {
                         Some(record) => tell(&format!("record {number}: {record}")),
-                        None => tell(&format!("record {number}: none, since it is a sample that stands for several points")),
+                        None => tell(&format!(
+                            "record {number}: none, since it is a sample that stands for several points"
+                        )),
                     }
                 }
             }

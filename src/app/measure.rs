@@ -60,9 +60,12 @@ impl Measure {
 
     /// What was found of the point in this place; the numbers, from 1 on, of those that it is the record of.
     pub fn found(&mut self, place: DVec3, record: &Option<Record>) -> Vec<usize> {
-        let looked = record.clone().map_or(Looked::Nowhere, |record| Looked::Found(Box::new(record)));
-        let waiting = |picked: &Picked| picked.point.position == place && picked.record == Looked::Underway;
-        let found: Vec<usize> = (0..self.points.len()).filter(|&number| waiting(&self.points[number])).collect();
+        let looked =
+            record.clone().map_or(Looked::Nowhere, |record| Looked::Found(Box::new(record)));
+        let waiting =
+            |picked: &Picked| picked.point.position == place && picked.record == Looked::Underway;
+        let found: Vec<usize> =
+            (0..self.points.len()).filter(|&number| waiting(&self.points[number])).collect();
         found.iter().for_each(|&number| self.points[number].record = looked.clone());
         found.into_iter().map(|number| number + 1).collect()
     }
@@ -102,7 +105,8 @@ impl Measure {
         let (&first, rest) = places.split_first()?;
         // From the first point on, since coordinates are large and areas small.
         let from_first = |place: &DVec3| *place - first;
-        let twice: DVec3 = rest.windows(2).map(|pair| from_first(&pair[0]).cross(from_first(&pair[1]))).sum();
+        let twice: DVec3 =
+            rest.windows(2).map(|pair| from_first(&pair[0]).cross(from_first(&pair[1]))).sum();
         (rest.len() > 1).then(|| twice.length() / 2.0)
     }
 
@@ -115,7 +119,8 @@ impl Measure {
         let line = |picked: &Picked| {
             let place = self.reference.digits.round(picked.point.position);
             let DVec3 { x, y, z } = place;
-            let kind = kind(&picked.point).map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
+            let kind = kind(&picked.point)
+                .map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
             let record = picked.record().cloned().unwrap_or_default();
             fn word(number: Option<impl ToString>) -> String {
                 number.map_or(String::new(), |number| number.to_string())
@@ -123,10 +128,15 @@ impl Measure {
             let [r, g, b] = [0, 1, 2].map(|channel| word(record.rgb.map(|rgb| rgb[channel])));
             let (returns, source) = (word(record.returns), word(record.source));
             let (intensity, time) = (word(record.intensity), word(record.gps_time.map(number)));
-            let (point, file) = (word(picked.record().map(|record| record.point)), record.file.replace('"', "\"\""));
+            let (point, file) = (
+                word(picked.record().map(|record| record.point)),
+                record.file.replace('"', "\"\""),
+            );
             let file = if file.contains([',', '"']) { format!("\"{file}\"") } else { file };
-            let Extras { near_infrared, scan_angle_deg, user_data, marks, extra_bytes } = record.extras;
-            let (infrared, angle, data) = (word(near_infrared), word(scan_angle_deg), word(user_data));
+            let Extras { near_infrared, scan_angle_deg, user_data, marks, extra_bytes } =
+                record.extras;
+            let (infrared, angle, data) =
+                (word(near_infrared), word(scan_angle_deg), word(user_data));
             let (marks, extra) = (marks.join(" and "), hex(&extra_bytes));
             format!(
                 "{x},{y},{z},{kind},{returns},{source},{intensity},{r},{g},{b},{time},{point},{file},{infrared},{angle},{data},{marks},{extra},{}\n",
@@ -154,9 +164,15 @@ impl Measure {
     /// In longitude and latitude where they are known; else as the files have them, with their system, and a note that says so.
     pub fn geojson(&self) -> Value {
         let reference = &self.reference;
-        let on_earth: Option<Vec<[f64; 3]>> = self.places().into_iter().map(|place| reference.on_earth(place)).collect();
+        let on_earth: Option<Vec<[f64; 3]>> =
+            self.places().into_iter().map(|place| reference.on_earth(place)).collect();
         let is_on_earth = on_earth.is_some();
-        let own = || self.places().into_iter().map(|place| reference.digits.round(place).to_array()).collect();
+        let own = || {
+            self.places()
+                .into_iter()
+                .map(|place| reference.digits.round(place).to_array())
+                .collect()
+        };
         let mut places: Vec<[f64; 3]> = on_earth.unwrap_or_else(own);
         let each = places.clone();
         let feature = |geometry: Value, properties: Value| json!({ "type": "Feature", "geometry": geometry, "properties": properties });
@@ -171,15 +187,22 @@ impl Measure {
             "length_m": length * to_metres, "distance_m": distance * to_metres, "height_m": height * up, "angle_deg": self.angle()
         });
         if !unit.is_metre() {
-            let own = [("length", json!(length)), ("distance", json!(distance)), ("height", json!(height)), ("unit", json!(unit.symbol()))];
+            let own = [
+                ("length", json!(length)),
+                ("distance", json!(distance)),
+                ("height", json!(height)),
+                ("unit", json!(unit.symbol())),
+            ];
             own.into_iter().for_each(|(key, value)| facts[key] = value);
         }
         let mut features = vec![feature(line, facts)];
         if let Some(area) = self.area() {
             // A ring ends where it began.
             places.push(places[0]);
-            features
-                .push(feature(json!({ "type": "Polygon", "coordinates": [places] }), json!({ "area_m2": area * to_metres * to_metres })));
+            features.push(feature(
+                json!({ "type": "Polygon", "coordinates": [places] }),
+                json!({ "area_m2": area * to_metres * to_metres }),
+            ));
         }
         features.extend(self.points.iter().zip(each).map(|(picked, coordinates)| {
             let position = reference.digits.round(picked.point.position).to_array();
@@ -192,9 +215,11 @@ impl Measure {
         if !is_on_earth {
             let system = reference.system.as_ref();
             let named = system.map_or("that no file names".into(), |system| system.to_string());
-            let unit = if reference.says_unit() { format!(", in {}", unit.name) } else { String::new() };
-            collection["note"] =
-                json!(format!("coordinates are not longitude and latitude but those of the system of the files: {named}{unit}"));
+            let unit =
+                if reference.says_unit() { format!(", in {}", unit.name) } else { String::new() };
+            collection["note"] = json!(format!(
+                "coordinates are not longitude and latitude but those of the system of the files: {named}{unit}"
+            ));
             if let Some(code) = system.and_then(|system| system.epsg) {
                 let name = format!("urn:ogc:def:crs:EPSG::{code}");
                 collection["crs"] = json!({ "type": "name", "properties": { "name": name } });
@@ -219,7 +244,8 @@ impl std::fmt::Display for Measure {
             write!(f, " (about: the rest of its digits is not loaded)")?;
         }
         if self.points.len() > 1 {
-            let [distance, horizontal] = [self.distance(), self.horizontal()].map(|length| unit.length(length, 4));
+            let [distance, horizontal] =
+                [self.distance(), self.horizontal()].map(|length| unit.length(length, 4));
             let height = self.reference.height_unit().length(self.height(), 4);
             write!(f, "\ndistance {distance}, height {height}, horizontal {horizontal}")?;
         }
@@ -237,8 +263,15 @@ mod tests {
     const ORIGIN: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
 
     fn measure(points: &[[f64; 3]]) -> Measure {
-        let point = |&p: &[f64; 3]| Point { position: ORIGIN + DVec3::from_array(p), exact: true, kind: Some(6 | 2 << 8 | 1 << 16) };
-        Measure { points: points.iter().map(point).map(Picked::new).collect(), ..Measure::default() }
+        let point = |&p: &[f64; 3]| Point {
+            position: ORIGIN + DVec3::from_array(p),
+            exact: true,
+            kind: Some(6 | 2 << 8 | 1 << 16),
+        };
+        Measure {
+            points: points.iter().map(point).map(Picked::new).collect(),
+            ..Measure::default()
+        }
     }
 
     fn is(value: f64, wanted: f64) {
@@ -247,7 +280,8 @@ mod tests {
 
     #[test]
     fn lengths_heights_angles_and_areas_are_those_of_a_slanted_rectangle() {
-        let corners = measure(&[[0.0, 0.0, 0.0], [3.0, 0.0, 4.0], [3.0, 2.0, 4.0], [0.0, 2.0, 0.0]]);
+        let corners =
+            measure(&[[0.0, 0.0, 0.0], [3.0, 0.0, 4.0], [3.0, 2.0, 4.0], [0.0, 2.0, 0.0]]);
         is(corners.length(), 12.0);
         is(corners.distance(), 2.0);
         is(corners.height(), 0.0);
@@ -266,9 +300,18 @@ mod tests {
     fn files_hold_every_digit() {
         let points = measure(&[[1.0 / 3.0, 0.1, 0.2], [7.0, 8.0, 9.0], [0.0, 1.0, 0.0]]);
         let mut points = points;
-        let record = Record { file: "a, b.las".into(), point: 41, rgb: Some([1, 2, 3]), gps_time: Some(0.1 + 0.2), ..Record::default() };
+        let record = Record {
+            file: "a, b.las".into(),
+            point: 41,
+            rgb: Some([1, 2, 3]),
+            gps_time: Some(0.1 + 0.2),
+            ..Record::default()
+        };
         assert_eq!(points.found(points.place(0), &Some(record)), [1]);
-        assert_eq!((points.found(points.place(0), &None), points.found(points.place(1), &None)), (vec![], vec![2]));
+        assert_eq!(
+            (points.found(points.place(0), &None), points.found(points.place(1), &None)),
+            (vec![], vec![2])
+        );
         let csv = points.csv();
         let row = csv.lines().nth(1).unwrap();
         let read: Vec<f64> = row.split(',').take(6).map(|number| number.parse().unwrap()).collect();
@@ -276,7 +319,10 @@ mod tests {
         assert!(row.ends_with(",,,,1,2,3,0.30000000000000004,41,\"a, b.las\",,,,,,,,,"), "{row}");
         assert!(points.to_string().contains("class 6 return 2 station 2\ndistance"), "{points}");
         let json = points.geojson();
-        assert_eq!(json["features"][0]["geometry"]["coordinates"][0][0].as_f64().unwrap(), points.place(0).x);
+        assert_eq!(
+            json["features"][0]["geometry"]["coordinates"][0][0].as_f64().unwrap(),
+            points.place(0).x
+        );
         let ring = json["features"][1]["geometry"]["coordinates"][0].as_array().unwrap();
         assert_eq!((ring.len(), &ring[0]), (4, &ring[3]));
         assert_eq!(json["features"][2]["properties"]["record"]["point"], 41);

@@ -69,7 +69,8 @@ enum Event {
 
 /// Opens a window, and returns when it is closed, from within or by `progress`.
 pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
-    let no_window = |error| Error::Device(format!("cannot open a window ({error}); `render` needs none"));
+    let no_window =
+        |error| Error::Device(format!("cannot open a window ({error}); `render` needs none"));
     let events = EventLoop::<Event>::with_user_event().build().map_err(no_window)?;
     let interrupted = events.create_proxy();
     progress.when_interrupted(Box::new(move || drop(interrupted.send_event(Event::Interrupted))));
@@ -223,6 +224,7 @@ impl App {
         complain(&error.to_string());
         // Of several files each may be wrong in its own way.
         let before = self.facts.trouble.take().filter(|before| *before != error.to_string());
-        self.facts.trouble = Some(before.map_or(error.to_string(), |before| format!("{before}\n{error}")));
+        self.facts.trouble =
+            Some(before.map_or(error.to_string(), |before| format!("{before}\n{error}")));
     }
 }

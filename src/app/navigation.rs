@@ -136,8 +136,15 @@ pub struct Subject {
 
 impl Subject {
     pub fn of(core: Vec<DVec3>) -> Subject {
-        let (min, max) = core.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| (min.min(p), max.max(p)));
-        let (centre, radius) = if core.is_empty() { (DVec3::ZERO, 1.0) } else { ((min + max) / 2.0, ((max - min) / 2.0).length()) };
+        let (min, max) =
+            core.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| {
+                (min.min(p), max.max(p))
+            });
+        let (centre, radius) = if core.is_empty() {
+            (DVec3::ZERO, 1.0)
+        } else {
+            ((min + max) / 2.0, ((max - min) / 2.0).length())
+        };
         Subject { core: Arc::new(core), centre, radius: if radius > 0.0 { radius } else { 1.0 } }
     }
 }
@@ -262,7 +269,9 @@ impl Navigation {
                 self.keep_in_front();
                 self.wheeled = self.wheeled.map(|(from, point, _)| (from, point, self.camera));
             }
-            Input::Centre { on } => self.shift(on - self.camera.eye - self.basis().forward * self.depth(on)),
+            Input::Centre { on } => {
+                self.shift(on - self.camera.eye - self.basis().forward * self.depth(on))
+            }
             Input::Fly { way, pressed } => {
                 self.held.retain(|&held| held != way);
                 if pressed {
@@ -280,7 +289,8 @@ impl Navigation {
             }),
             Input::Drag { mode } => self.mode = mode,
             Input::NextMode => {
-                let at = Mode::ALL.iter().position(|&mode| mode == self.mode).expect("all are there");
+                let at =
+                    Mode::ALL.iter().position(|&mode| mode == self.mode).expect("all are there");
                 self.mode = Mode::ALL[(at + 1) % Mode::ALL.len()];
             }
         }
@@ -304,7 +314,8 @@ impl Navigation {
             // Nothing comes nearer without perspective: the picture shows less.
             let height = self.camera.ortho_height.unwrap_or(1.0);
             let height = height * (-step.dot(forward) / self.subject.radius).exp();
-            self.camera.ortho_height = Some(height.clamp(self.nearest(), FARTHEST * self.subject.radius));
+            self.camera.ortho_height =
+                Some(height.clamp(self.nearest(), FARTHEST * self.subject.radius));
         }
         self.shift(step);
         self.keep_in_front();
@@ -363,8 +374,12 @@ impl Navigation {
     /// surface, and would lead through it.
     fn towards(&mut self, at: DVec2, under: Option<DVec3>) -> DVec3 {
         let point = self.point(at, under);
-        let stays = |(from, _, camera): &(DVec2, DVec3, Camera)| from.distance(at) < STAYS_PX && *camera == self.camera;
-        let is_nearer = |(_, kept, _): &(DVec2, DVec3, Camera)| (0.0..=self.depth(point)).contains(&self.depth(*kept));
+        let stays = |(from, _, camera): &(DVec2, DVec3, Camera)| {
+            from.distance(at) < STAYS_PX && *camera == self.camera
+        };
+        let is_nearer = |(_, kept, _): &(DVec2, DVec3, Camera)| {
+            (0.0..=self.depth(point)).contains(&self.depth(*kept))
+        };
         let kept = self.wheeled.filter(|kept| stays(kept) && is_nearer(kept));
         let (from, point, camera) = kept.unwrap_or((at, point, self.camera));
         self.wheeled = Some((from, point, camera));
@@ -458,7 +473,9 @@ impl Navigation {
         let slope = (self.camera.fov_y.to_radians() / 2.0).tan();
         let Camera { eye, target, .. } = self.camera;
         match onto {
-            Projection::Orthographic => self.camera.ortho_height = Some(2.0 * slope * (target - eye).length()),
+            Projection::Orthographic => {
+                self.camera.ortho_height = Some(2.0 * slope * (target - eye).length())
+            }
             Projection::Perspective => {
                 let distance = self.camera.ortho_height.unwrap_or(1.0) / (2.0 * slope);
                 self.camera.eye = target - self.basis().forward * distance;

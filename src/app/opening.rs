@@ -59,7 +59,12 @@ pub struct Kinds {
 impl Kinds {
     fn of(source: &Source) -> Kinds {
         let Counts { classes, returns } = source.counts().unwrap_or_default();
-        Kinds { classes, returns, stations: source.stations().to_vec(), reference: source.reference() }
+        Kinds {
+            classes,
+            returns,
+            stations: source.stations().to_vec(),
+            reference: source.reference(),
+        }
     }
 }
 
@@ -87,7 +92,9 @@ impl Progress for Watch {
         if said.is_none_or(|last| last.elapsed() >= BETWEEN) {
             *said = Some(Instant::now());
             let percent = (100 * done.min(total)).checked_div(total);
-            (self.say)(percent.map_or(doing.to_string(), |percent| format!("{doing}: {percent} %")));
+            (self.say)(
+                percent.map_or(doing.to_string(), |percent| format!("{doing}: {percent} %")),
+            );
         }
         Ok(())
     }
@@ -116,20 +123,39 @@ pub fn start(
 ) -> Result<JoinHandle<()>> {
     // People choose while they look.
     let further = Further { kind: true, normal: true, ..further };
-    let shown = asked.color.map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
+    let shown = asked
+        .color
+        .map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
     let of_files = Further { strokes: further.strokes && first == First::All, ..further };
-    let opening = Opening { read: ReadOptions { wanted: shown.and(of_files.wanted()), ..opening.read }, ..opening };
+    let opening = Opening {
+        read: ReadOptions { wanted: shown.and(of_files.wanted()), ..opening.read },
+        ..opening
+    };
     let (files, color) = (asked.files.clone(), asked.color);
-    let ready = move |mut source: Source, sample_of: Option<u64>, progress: &dyn Progress| -> Result<Opened> {
+    let ready = move |mut source: Source,
+                      sample_of: Option<u64>,
+                      progress: &dyn Progress|
+          -> Result<Opened> {
         source.find(color, progress)?;
         let (mut shown, why_shown) = source.shown(color)?;
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
         let further = if let Source::Index(_) = source { further } else { of_files };
-        shown.further = Further { normal: source.has_normals(), light: source.has_light(), ..further };
+        shown.further =
+            Further { normal: source.has_normals(), light: source.has_light(), ..further };
         // Of a sample, what is odd about it is said once the whole is there.
         let notes = if sample_of.is_none() { source.notes(shown.further) } else { Vec::new() };
-        let (asked, is_whole, points) = (asked.clone(), sample_of.is_none(), sample_of.unwrap_or(source.points()));
-        let said = Said { asked, is_whole, origins: source.files(), shown, kinds, points, why_shown, notes };
+        let (asked, is_whole, points) =
+            (asked.clone(), sample_of.is_none(), sample_of.unwrap_or(source.points()));
+        let said = Said {
+            asked,
+            is_whole,
+            origins: source.files(),
+            shown,
+            kinds,
+            points,
+            why_shown,
+            notes,
+        };
         Ok(Opened { prepared: source.prepare(shown, &found, progress)?, subject, said })
     };
     let work = move || {
@@ -139,11 +165,16 @@ pub fn start(
         {
             opened(ready(source, Some(points), &watch));
         }
-        opened(Source::open(&files, &opening, &watch).and_then(|source| ready(source, None, &watch)));
+        opened(
+            Source::open(&files, &opening, &watch).and_then(|source| ready(source, None, &watch)),
+        );
     };
-    let failed = |error: &dyn std::fmt::Display| Error::Request(format!("cannot start a thread to read files: {error}"));
+    let failed = |error: &dyn std::fmt::Display| {
+        Error::Request(format!("cannot start a thread to read files: {error}"))
+    };
     // Who draws what has been read so far would otherwise wait in one queue with all that is still to be read.
     let pool = rayon::ThreadPoolBuilder::new().build().map_err(|error| failed(&error))?;
-    let thread = std::thread::Builder::new().name("opening".into()).spawn(move || pool.install(work));
+    let thread =
+        std::thread::Builder::new().name("opening".into()).spawn(move || pool.install(work));
     thread.map_err(|error| failed(&error))
 }

@@ -32,7 +32,9 @@ impl Pace {
     pub fn after(self, divisor: u32, took: Duration) -> Pace {
         let would = |other: u32| took.mul_f64((divisor * divisor) as f64 / (other * other) as f64);
         // Part of a frame is the same at any size, so what would be slower is known better than what would be faster.
-        let fits = |other: &u32| would(*other) <= if *other < divisor { TARGET.mul_f64(SPARE) } else { TARGET };
+        let fits = |other: &u32| {
+            would(*other) <= if *other < divisor { TARGET.mul_f64(SPARE) } else { TARGET }
+        };
         Pace { divisor: (1..=COARSEST).find(fits).unwrap_or(COARSEST) }
     }
 }
@@ -50,7 +52,9 @@ mod tests {
     fn pictures_are_as_fine_as_the_target_allows_and_settle() {
         for whole_ms in [5.0, 33.0, 40.0, 100.0, 400.0, 3000.0] {
             let mut pace = Pace::default();
-            let cost = |pace: Pace| Duration::from_secs_f64(whole_ms / 1e3 / (pace.divisor * pace.divisor) as f64);
+            let cost = |pace: Pace| {
+                Duration::from_secs_f64(whole_ms / 1e3 / (pace.divisor * pace.divisor) as f64)
+            };
             for _ in 0..4 {
                 pace = pace.after(pace.divisor, cost(pace));
             }

@@ -19,7 +19,10 @@ use crate::scene::Scene;
 use crate::view::View;
 use clap::ValueEnum;
 use egui::text::{LayoutJob, TextFormat};
-use egui::{CollapsingHeader, Color32, ComboBox, DragValue, ProgressBar, RichText, ScrollArea, Slider, TextStyle, Ui};
+use egui::{
+    CollapsingHeader, Color32, ComboBox, DragValue, ProgressBar, RichText, ScrollArea, Slider,
+    TextStyle, Ui,
+};
 use glam::DVec3;
 use std::time::Duration;
 use winit::event::{ElementState, WindowEvent};
@@ -143,7 +146,14 @@ const LEAST_SHARE: f64 = 0.01;
 impl Panel {
     pub fn new(window: &Window) -> Panel {
         let context = egui::Context::default();
-        let input = egui_winit::State::new(context, egui::ViewportId::ROOT, window, None, window.theme(), None);
+        let input = egui_winit::State::new(
+            context,
+            egui::ViewportId::ROOT,
+            window,
+            None,
+            window.theme(),
+            None,
+        );
         Panel { input, cursor: egui::Pos2::ZERO, unfolded: false, reaches_px: 0.0 }
     }
 
@@ -169,9 +179,13 @@ impl Panel {
             // Drags that began on the picture end there.
             WindowEvent::MouseInput { state: ElementState::Released, .. } => false,
             // Who clicks as soon as the cursor is there clicks before the panel has been laid out with the cursor over it.
-            WindowEvent::MouseInput { .. } | WindowEvent::MouseWheel { .. } => response.consumed || self.is_over(),
+            WindowEvent::MouseInput { .. } | WindowEvent::MouseWheel { .. } => {
+                response.consumed || self.is_over()
+            }
             // It closes what is unfolded, and not the window.
-            WindowEvent::KeyboardInput { event, .. } if event.physical_key == PhysicalKey::Code(KeyCode::Escape) => {
+            WindowEvent::KeyboardInput { event, .. }
+                if event.physical_key == PhysicalKey::Code(KeyCode::Escape) =>
+            {
                 response.consumed || self.unfolded
             }
             _ => response.consumed,
@@ -191,7 +205,13 @@ impl Panel {
         if hidden { 0.0 } else { self.reaches_px }
     }
 
-    pub fn lay_out(&mut self, window: &Window, facts: &mut Facts, view: Option<&View>, scene: &mut Scene) -> LaidOut {
+    pub fn lay_out(
+        &mut self,
+        window: &Window,
+        facts: &mut Facts,
+        view: Option<&View>,
+        scene: &mut Scene,
+    ) -> LaidOut {
         let input = self.input.take_egui_input(window);
         let context = self.input.egui_ctx().clone();
         let (mut deeds, mut reaches) = (Vec::new(), 0.0);
@@ -204,9 +224,13 @@ impl Panel {
                 boxes::handles(ui, &mut scene.clips, view);
             }
             if !facts.hidden {
-                let shown = egui::Window::new("pointillist").default_pos([8.0, 8.0]).default_size([WIDTH, tall]).show(ui.ctx(), |ui| {
-                    ScrollArea::vertical().show(ui, |ui| everything(ui, facts, view, scene, &mut deeds));
-                });
+                let shown = egui::Window::new("pointillist")
+                    .default_pos([8.0, 8.0])
+                    .default_size([WIDTH, tall])
+                    .show(ui.ctx(), |ui| {
+                        ScrollArea::vertical()
+                            .show(ui, |ui| everything(ui, facts, view, scene, &mut deeds));
+                    });
                 let rect = shown.map_or(egui::Rect::NOTHING, |shown| shown.response.rect);
                 let at_the_left = rect.left() < WIDTH / 4.0 && rect.height() > tall / 2.0;
                 reaches = if at_the_left { rect.right() } else { 0.0 };
@@ -218,7 +242,9 @@ impl Panel {
             }
             trouble(ui.ctx(), facts);
             if facts.help {
-                egui::Window::new("keys").default_pos([WIDTH + 60.0, 8.0]).show(ui.ctx(), |ui| keys(ui, facts));
+                egui::Window::new("keys")
+                    .default_pos([WIDTH + 60.0, 8.0])
+                    .show(ui.ctx(), |ui| keys(ui, facts));
             }
         });
         self.reaches_px = (reaches * output.pixels_per_point).into();
@@ -234,19 +260,38 @@ impl Panel {
     }
 }
 
-fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut Scene, deeds: &mut Vec<Deed>) {
+fn everything(
+    ui: &mut Ui,
+    facts: &mut Facts,
+    view: Option<&View>,
+    scene: &mut Scene,
+    deeds: &mut Vec<Deed>,
+) {
     if let Some(doing) = &facts.doing {
         ui.label(RichText::new(doing).color(Color32::LIGHT_BLUE));
     }
-    let hidden = scene.opacities.0.iter().filter(|rule| rule.opacity == 0.0).map(|rule| rule.what.to_string());
-    let without = hidden.reduce(|all, one| format!("{all}, {one}")).map_or(String::new(), |hidden| format!(", but for those of {hidden}"));
+    let hidden = scene
+        .opacities
+        .0
+        .iter()
+        .filter(|rule| rule.opacity == 0.0)
+        .map(|rule| rule.what.to_string());
+    let without = hidden
+        .reduce(|all, one| format!("{all}, {one}"))
+        .map_or(String::new(), |hidden| format!(", but for those of {hidden}"));
     let at_most = if facts.at_most { "at most " } else { "" };
-    ui.label(format!("{}\n{at_most}{} of {} points{without}", facts.title, grouped(facts.drawn), grouped(facts.points)));
+    ui.label(format!(
+        "{}\n{at_most}{} of {} points{without}",
+        facts.title,
+        grouped(facts.drawn),
+        grouped(facts.points)
+    ));
     loading(ui, facts, view, &mut scene.fineness);
     notes(ui, facts);
     ui.horizontal(|ui| {
         for mode in Mode::ALL {
-            if ui.selectable_label(facts.mode == mode, mode.name()).clicked() && facts.mode != mode {
+            if ui.selectable_label(facts.mode == mode, mode.name()).clicked() && facts.mode != mode
+            {
                 deeds.push(Deed::Navigate(Input::Drag { mode }));
             }
         }
@@ -271,21 +316,32 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
     });
     CollapsingHeader::new("what runs, and why").show(ui, |ui| {
         for (name, reason) in &facts.decided.0 {
-            let title = RichText::new(format!("{name} {}:", if reason.runs { "on" } else { "off" }));
+            let title =
+                RichText::new(format!("{name} {}:", if reason.runs { "on" } else { "off" }));
             ui.horizontal_wrapped(|ui| {
-                ui.label(title.color(if reason.runs { Color32::LIGHT_GREEN } else { Color32::GRAY }));
+                ui.label(title.color(if reason.runs {
+                    Color32::LIGHT_GREEN
+                } else {
+                    Color32::GRAY
+                }));
                 ui.label(apart(ui, &reason.why));
             });
         }
     });
     camera_path(ui, facts, deeds);
-    CollapsingHeader::new(format!("picture, {:.1} ms", facts.took.as_secs_f64() * 1e3)).id_salt("passes").show(ui, |ui| passes(ui, facts));
+    CollapsingHeader::new(format!("picture, {:.1} ms", facts.took.as_secs_f64() * 1e3))
+        .id_salt("passes")
+        .show(ui, |ui| passes(ui, facts));
     enlarged(ui, &mut facts.enlarged, view);
     ui.horizontal(|ui| {
         if ui.button("save picture").on_hover_text("F9").clicked() {
             deeds.push(Deed::SavePicture);
         }
-        if ui.button("save layers").on_hover_text("L: depth, point ids, normals and more, as EXR").clicked() {
+        if ui
+            .button("save layers")
+            .on_hover_text("L: depth, point ids, normals and more, as EXR")
+            .clicked()
+        {
             deeds.push(Deed::SaveLayers);
         }
     });
@@ -294,7 +350,11 @@ fn everything(ui: &mut Ui, facts: &mut Facts, view: Option<&View>, scene: &mut S
         if ui.button("save scene").on_hover_text(for_render).clicked() {
             deeds.push(Deed::SaveScene);
         }
-        if ui.button("load scene").on_hover_text("F6: the one saved last; others are dropped on the window").clicked() {
+        if ui
+            .button("load scene")
+            .on_hover_text("F6: the one saved last; others are dropped on the window")
+            .clicked()
+        {
             deeds.push(Deed::LoadScene);
         }
     });
@@ -309,7 +369,9 @@ fn notes(ui: &mut Ui, facts: &Facts) {
     if notes.len() <= FEW {
         all(ui);
     } else {
-        CollapsingHeader::new(noted(&format!("{} notes", notes.len()))).id_salt("notes").show(ui, all);
+        CollapsingHeader::new(noted(&format!("{} notes", notes.len())))
+            .id_salt("notes")
+            .show(ui, all);
     }
 }
 
@@ -317,7 +379,10 @@ fn notes(ui: &mut Ui, facts: &Facts) {
 fn trouble(context: &egui::Context, facts: &mut Facts) {
     let Some(text) = &facts.trouble else { return };
     let mut unread = true;
-    let above = egui::Window::new("trouble").open(&mut unread).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -20.0]).collapsible(false);
+    let above = egui::Window::new("trouble")
+        .open(&mut unread)
+        .anchor(egui::Align2::CENTER_BOTTOM, [0.0, -20.0])
+        .collapsible(false);
     above.show(context, |ui| ui.label(RichText::new(text).color(Color32::LIGHT_RED)));
     if !unread {
         facts.put_away();
@@ -337,8 +402,12 @@ fn enlarged(ui: &mut Ui, enlarged: &mut Enlarged, view: Option<&View>) {
             *enlarged = Enlarged::To(enlarged.of(window));
         }
         match enlarged {
-            Enlarged::To(sides) => sides.iter_mut().for_each(|side| drop(ui.add(DragValue::new(side).range(1..=MOST)))),
-            Enlarged::Times(_) => drop(ui.label(enlarged.of(window).map(|side| side.to_string()).join(" x "))),
+            Enlarged::To(sides) => {
+                sides.iter_mut().for_each(|side| drop(ui.add(DragValue::new(side).range(1..=MOST))))
+            }
+            Enlarged::Times(_) => {
+                drop(ui.label(enlarged.of(window).map(|side| side.to_string()).join(" x ")))
+            }
         }
     });
 }
@@ -346,9 +415,12 @@ fn enlarged(ui: &mut Ui, enlarged: &mut Enlarged, view: Option<&View>) {
 fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
     /// As high as a list of all that points may show, points.
     const LIST: f32 = 300.0;
-    let automatic = || facts.shown.map_or("auto".into(), |shown| format!("auto: {}", shown.attribute.name()));
-    let combo =
-        ComboBox::from_label("color").height(LIST).selected_text(scene.color.map_or_else(automatic, Attribute::name)).show_ui(ui, |ui| {
+    let automatic =
+        || facts.shown.map_or("auto".into(), |shown| format!("auto: {}", shown.attribute.name()));
+    let combo = ComboBox::from_label("color")
+        .height(LIST)
+        .selected_text(scene.color.map_or_else(automatic, Attribute::name))
+        .show_ui(ui, |ui| {
             ui.selectable_value(&mut scene.color, None, "auto");
             for &attribute in Attribute::value_variants() {
                 ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
@@ -368,13 +440,26 @@ fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
 
 /// How much of an index is drawn, and what is being read of it.
 fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Fineness) {
-    let (Some(Loading { fitting, nodes, awaited, largest_error_px, pool_bytes: [pool, used], .. }), Some(view)) = (facts.loading, view)
+    let (
+        Some(Loading {
+            fitting, nodes, awaited, largest_error_px, pool_bytes: [pool, used], ..
+        }),
+        Some(view),
+    ) = (facts.loading, view)
     else {
         return;
     };
-    let reading = if awaited > 0 { format!("{awaited} of {nodes} nodes to come") } else { format!("{nodes} nodes, all there") };
+    let reading = if awaited > 0 {
+        format!("{awaited} of {nodes} nodes to come")
+    } else {
+        format!("{nodes} nodes, all there")
+    };
     let said = format!("index: {reading}, {:.1} MB read", facts.bytes_read as f64 / 1e6);
-    let fine = format!("Largest projected error: {largest_error_px:.2} px. Pool: {} of at most {} MiB in use.", used >> 20, pool >> 20);
+    let fine = format!(
+        "Largest projected error: {largest_error_px:.2} px. Pool: {} of at most {} MiB in use.",
+        used >> 20,
+        pool >> 20
+    );
     ui.label(said).on_hover_text(fine);
     let asked = fineness.of(view.size);
     let (mut most, mut lod) = (asked.budget, asked.lod_px);
@@ -392,7 +477,14 @@ fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Finen
             fineness.budget = Some(most);
         }
         if ui
-            .add(DragValue::new(&mut lod).range(0.0..=64.0).clamp_existing_to_range(false).speed(0.02).max_decimals(2).suffix(" px apart"))
+            .add(
+                DragValue::new(&mut lod)
+                    .range(0.0..=64.0)
+                    .clamp_existing_to_range(false)
+                    .speed(0.02)
+                    .max_decimals(2)
+                    .suffix(" px apart"),
+            )
             .changed()
         {
             fineness.lod_px = Some(lod);
@@ -402,7 +494,9 @@ fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Finen
         }
     });
     if let Some(fitting) = fitting {
-        ui.label(RichText::new(format!("{} points fit the device's memory", grouped(fitting))).weak());
+        ui.label(
+            RichText::new(format!("{} points fit the device's memory", grouped(fitting))).weak(),
+        );
     }
 }
 
@@ -414,8 +508,11 @@ fn effect(ui: &mut Ui, listed: Listed, decided: &Decided) {
             ui.selectable_value(switch, choice, Choice::name(&choice));
         }
         let runs = reason.is_some_and(|reason| reason.runs);
-        let title = RichText::new(name).color(if runs { Color32::LIGHT_GREEN } else { Color32::GRAY });
-        let why = reason.map_or(String::new(), |reason| format!("\n\n{}, because {}", if runs { "on" } else { "off" }, reason.why));
+        let title =
+            RichText::new(name).color(if runs { Color32::LIGHT_GREEN } else { Color32::GRAY });
+        let why = reason.map_or(String::new(), |reason| {
+            format!("\n\n{}, because {}", if runs { "on" } else { "off" }, reason.why)
+        });
         ui.label(title).on_hover_text(format!("{about}{why}"));
     });
     if !settings.is_empty() && *switch != Switch::Off {
@@ -429,8 +526,16 @@ fn effect(ui: &mut Ui, listed: Listed, decided: &Decided) {
 
 /// Of all effects that tell surfaces apart; 0: automatic.
 fn layer_distance(ui: &mut Ui, layer_m: &mut f64) {
-    let said = |layer_m: f64, _| if layer_m == 0.0 { "automatic".to_string() } else { format!("{layer_m} m") };
-    let read = |text: &str| if text.trim() == "automatic" { Some(0.0) } else { text.trim().trim_end_matches('m').trim().parse().ok() };
+    let said = |layer_m: f64, _| {
+        if layer_m == 0.0 { "automatic".to_string() } else { format!("{layer_m} m") }
+    };
+    let read = |text: &str| {
+        if text.trim() == "automatic" {
+            Some(0.0)
+        } else {
+            text.trim().trim_end_matches('m').trim().parse().ok()
+        }
+    };
     ui.horizontal(|ui| {
         ui.add(DragValue::new(layer_m).range(0.0..=1e9).speed(0.01).max_decimals(4).custom_formatter(said).custom_parser(read));
         ui.label("between layers")
@@ -451,9 +556,11 @@ fn setting(ui: &mut Ui, setting: Setting) {
             ui.add(Slider::new(number, range).logarithmic(wide).integer().text(name))
         }
         Value::OneOf(number, of) => {
-            let shown = ComboBox::from_label(name).selected_text(number.to_string()).show_ui(ui, |ui| {
-                of.iter().for_each(|one| drop(ui.selectable_value(number, *one, one.to_string())));
-            });
+            let shown =
+                ComboBox::from_label(name).selected_text(number.to_string()).show_ui(ui, |ui| {
+                    of.iter()
+                        .for_each(|one| drop(ui.selectable_value(number, *one, one.to_string())));
+                });
             shown.response
         }
         Value::Choice(choice) => {
@@ -477,10 +584,16 @@ fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
         let name = class_name(number).map_or(String::new(), |name| format!(" {name}"));
         (What::Class(number), number, format!("{number}{name}: {}", grouped(count)))
     };
-    let returned = |&(number, count): &(u8, u64)| (What::Return(number), number, format!("{number}: {}", grouped(count)));
+    let returned = |&(number, count): &(u8, u64)| {
+        (What::Return(number), number, format!("{number}: {}", grouped(count)))
+    };
     // Points show the lower byte of their source.
     let station = |Station { name, source, points, .. }: &Station| {
-        (What::Station(name.clone()), source.unwrap_or(0) as u8, format!("{name}: {}", grouped(*points)))
+        (
+            What::Station(name.clone()),
+            source.unwrap_or(0) as u8,
+            format!("{name}: {}", grouped(*points)),
+        )
     };
     let lists = [
         ("classes", Attribute::Class, classes.iter().map(class).collect::<Vec<_>>()),
@@ -512,22 +625,25 @@ fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
 
 fn camera_path(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
     let keys = facts.path.keys.len();
-    CollapsingHeader::new(format!("camera path, {keys} views, {:.1} s", facts.path.duration())).id_salt("camera path").show(ui, |ui| {
-        ui.horizontal(|ui| {
-            let play = if facts.plays { "stop" } else { "play" };
-            for (name, key, deed, useful) in [
-                ("add view", "K", Deed::AddKey, true),
-                (play, "Space", Deed::Play, keys > 0),
-                ("save", "F7, for render --path", Deed::SavePath, keys > 0),
-                ("forget", "", Deed::ForgetPath, keys > 0),
-            ] {
-                let key = apart(ui, key);
-                if ui.add_enabled(useful, egui::Button::new(name)).on_hover_text(key).clicked() {
-                    deeds.push(deed);
+    CollapsingHeader::new(format!("camera path, {keys} views, {:.1} s", facts.path.duration()))
+        .id_salt("camera path")
+        .show(ui, |ui| {
+            ui.horizontal(|ui| {
+                let play = if facts.plays { "stop" } else { "play" };
+                for (name, key, deed, useful) in [
+                    ("add view", "K", Deed::AddKey, true),
+                    (play, "Space", Deed::Play, keys > 0),
+                    ("save", "F7, for render --path", Deed::SavePath, keys > 0),
+                    ("forget", "", Deed::ForgetPath, keys > 0),
+                ] {
+                    let key = apart(ui, key);
+                    if ui.add_enabled(useful, egui::Button::new(name)).on_hover_text(key).clicked()
+                    {
+                        deeds.push(deed);
+                    }
                 }
-            }
+            });
         });
-    });
 }
 
 /// Coordinates in full: f64 tells a micrometre at ten million metres.
@@ -536,14 +652,20 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
     let Some(measure::Picked { point, record }) = measure.points.last() else { return };
     CollapsingHeader::new("picked").default_open(true).show(ui, |ui| {
         let DVec3 { x, y, z } = measure.reference.digits.round(point.position);
-        ui.label(format!("x {x}\ny {y}\nz {z}{}", if point.exact { "" } else { "\nabout: the rest of its digits is not loaded" }));
+        ui.label(format!(
+            "x {x}\ny {y}\nz {z}{}",
+            if point.exact { "" } else { "\nabout: the rest of its digits is not loaded" }
+        ));
         if let Some([class, number, station]) = measure::kind(point) {
             ui.label(format!("class {class}, return {number}, station {station}"));
         }
         ui.label(match record {
             Looked::Found(record) => record.to_string().replace(", ", "\n"),
             Looked::Underway => "being looked up in its file".into(),
-            Looked::Nowhere => "a sample that stands for several points of the file; nearer by there are these".into(),
+            Looked::Nowhere => {
+                "a sample that stands for several points of the file; nearer by there are these"
+                    .into()
+            }
         });
         if measure.points.len() > 1 {
             let (unit, height) = (measure.reference.unit(), measure.reference.height_unit());
@@ -555,17 +677,34 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
                 unit.length(measure.horizontal(), 4)
             );
             let length = || unit.length(measure.length(), 4);
-            text += &measure.angle().map_or(String::new(), |angle| format!("\nlength {}\nangle {angle:.3}°", length()));
-            text += &measure.area().map_or(String::new(), |area| format!("\narea {}", unit.area(area, 4)));
+            text += &measure
+                .angle()
+                .map_or(String::new(), |angle| format!("\nlength {}\nangle {angle:.3}°", length()));
+            text += &measure
+                .area()
+                .map_or(String::new(), |area| format!("\narea {}", unit.area(area, 4)));
             ui.label(text);
             ui.horizontal(|ui| {
                 if ui.button("profile").on_hover_text("X: of the points along the line").clicked() {
                     deeds.push(Deed::Profile);
                 }
-                let said =
-                    |width: f64, _| if width == 0.0 { "wide by its length".into() } else { format!("{width:.4} {} wide", unit.symbol()) };
-                let read = |text: &str| text.split_whitespace().next().and_then(|number| number.parse().ok());
-                ui.add(DragValue::new(width).range(0.0..=f64::INFINITY).speed(0.01).custom_formatter(said).custom_parser(read));
+                let said = |width: f64, _| {
+                    if width == 0.0 {
+                        "wide by its length".into()
+                    } else {
+                        format!("{width:.4} {} wide", unit.symbol())
+                    }
+                };
+                let read = |text: &str| {
+                    text.split_whitespace().next().and_then(|number| number.parse().ok())
+                };
+                ui.add(
+                    DragValue::new(width)
+                        .range(0.0..=f64::INFINITY)
+                        .speed(0.01)
+                        .custom_formatter(said)
+                        .custom_parser(read),
+                );
             });
         }
         ui.label(RichText::new("shift and click for one more").weak());
@@ -586,7 +725,8 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
 fn marks(ui: &Ui, measure: &Measure, view: &View) {
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
     let per_point = ui.ctx().pixels_per_point();
-    let seen = |place: DVec3| view.pixel(place).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point);
+    let seen =
+        |place: DVec3| view.pixel(place).map(|[x, y]| egui::pos2(x as f32, y as f32) / per_point);
     /// Of a line or a point, points; what is said of all of them stands below.
     const ABOVE: f32 = 14.0;
     let stroke = egui::Stroke::new(2.0, Color32::YELLOW);
@@ -670,7 +810,12 @@ fn apart(ui: &Ui, text: &str) -> LayoutJob {
 /// Digits in threes.
 fn grouped(number: u64) -> String {
     let digits = number.to_string();
-    let threes: Vec<&str> = digits.as_bytes().rchunks(3).rev().map(|three| std::str::from_utf8(three).expect("digits")).collect();
+    let threes: Vec<&str> = digits
+        .as_bytes()
+        .rchunks(3)
+        .rev()
+        .map(|three| std::str::from_utf8(three).expect("digits"))
+        .collect();
     threes.join(",")
 }
 
@@ -678,6 +823,9 @@ fn grouped(number: u64) -> String {
 mod tests {
     #[test]
     fn digits_come_in_threes() {
-        assert_eq!([0, 12, 999, 1000, 1_234_567].map(super::grouped), ["0", "12", "999", "1,000", "1,234,567"]);
+        assert_eq!(
+            [0, 12, 999, 1000, 1_234_567].map(super::grouped),
+            ["0", "12", "999", "1,000", "1,234,567"]
+        );
     }
 }

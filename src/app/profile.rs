@@ -32,7 +32,8 @@ pub struct Profile {
 impl Profile {
     pub fn new(slab: Slab, section: Section, shown: Shown) -> Profile {
         let heights = || section.points.iter().map(|found| found.point.position.z);
-        let (lo, hi) = (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
+        let (lo, hi) =
+            (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
         // A little room, and at least some height.
         let middle = if lo <= hi { (lo + hi) / 2.0 } else { 0.0 };
         let half = (0.52 * (hi - lo)).max(FLATTEST * slab.length / 2.0).max(f64::MIN_POSITIVE);
@@ -47,7 +48,8 @@ impl Profile {
 
     fn pixel(&self, found: &Found) -> [usize; 2] {
         let [lo, hi] = self.heights;
-        let at = DVec2::new(found.place.x / self.slab.length, (hi - found.point.position.z) / (hi - lo));
+        let at =
+            DVec2::new(found.place.x / self.slab.length, (hi - found.point.position.z) / (hi - lo));
         [0, 1].map(|axis| ((at[axis] * SIZE[axis] as f64) as usize).min(SIZE[axis] - 1))
     }
 
@@ -63,14 +65,23 @@ impl Profile {
 
     /// A line a point: its place in the profile, then in the world, and the unit of both.
     pub fn csv(&self, reference: &Reference) -> String {
-        let unit = if reference.says_unit() { reference.unit().symbol().to_string() } else { String::new() };
+        let unit = if reference.says_unit() {
+            reference.unit().symbol().to_string()
+        } else {
+            String::new()
+        };
         let line = |found: &Found| {
             let DVec3 { x, y, z } = reference.digits.round(found.point.position);
-            let kind = measure::kind(&found.point).map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
+            let kind = measure::kind(&found.point)
+                .map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
             let [r, g, b] = resolve::color_of(&self.shown, found.shown);
-            format!("{},{z},{},{x},{y},{z},{kind},{r},{g},{b},{unit}\n", found.place.x, found.place.y)
+            format!(
+                "{},{z},{},{x},{y},{z},{kind},{r},{g},{b},{unit}\n",
+                found.place.x, found.place.y
+            )
         };
-        let head = "distance,height,left,x,y,z,class,return,station,red,green,blue,unit\n".to_string();
+        let head =
+            "distance,height,left,x,y,z,class,return,station,red,green,blue,unit\n".to_string();
         std::iter::once(head).chain(self.section.points.iter().map(line)).collect()
     }
 
@@ -82,15 +93,21 @@ impl Profile {
     /// What it is made of.
     pub fn says(&self, reference: &Reference) -> String {
         let Section { points, resident, all } = &self.section;
-        let part = if resident < all { format!(", of the {resident} of {all} that are loaded") } else { String::new() };
-        let [length, width] = [self.slab.length, self.slab.width].map(|length| reference.unit().length(length, 3));
+        let part = if resident < all {
+            format!(", of the {resident} of {all} that are loaded")
+        } else {
+            String::new()
+        };
+        let [length, width] =
+            [self.slab.length, self.slab.width].map(|length| reference.unit().length(length, 3));
         format!("profile: {} points{part}, {length} long, {width} wide", points.len())
     }
 
     pub fn show(&mut self, ui: &mut Ui, reference: &Reference, deeds: &mut Vec<Deed>) {
         let image = self.texture.is_none().then(|| self.image());
-        let texture =
-            self.texture.get_or_insert_with(|| ui.ctx().load_texture("profile", image.unwrap_or_default(), TextureOptions::NEAREST));
+        let texture = self.texture.get_or_insert_with(|| {
+            ui.ctx().load_texture("profile", image.unwrap_or_default(), TextureOptions::NEAREST)
+        });
         let size = Vec2::new(SIZE[0] as f32, SIZE[1] as f32);
         let shown = ui.add(egui::Image::new((texture.id(), size)));
         let [lo, hi] = self.heights;

@@ -53,9 +53,12 @@ impl App {
 
     pub(super) fn drawn(&mut self, drawn: Drawn) {
         // Nothing more comes, of the cloud or of the picture.
-        let rests = drawn.whole && !self.underway && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
+        let rests = drawn.whole
+            && !self.underway
+            && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
         self.statistics.drawn(&drawn, rests);
-        let hands = self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
+        let hands =
+            self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
         self.seen = Some(drawn.seen);
         if let Some((at, adds)) = self.picks_later.take() {
             self.pick(at, adds);
@@ -99,11 +102,26 @@ impl App {
     /// Says what is open and what is going on.
     pub(super) fn title(&mut self) {
         let Some(window) = &self.window else { return };
-        let file = self.files.first().and_then(|file| file.file_name()).map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let more = if self.files.len() > 1 { format!(" and {} more", self.files.len() - 1) } else { String::new() };
+        let file = self
+            .files
+            .first()
+            .and_then(|file| file.file_name())
+            .map(|name| name.to_string_lossy().into_owned())
+            .unwrap_or_default();
+        let more = if self.files.len() > 1 {
+            format!(" and {} more", self.files.len() - 1)
+        } else {
+            String::new()
+        };
         self.facts.title = format!("{file}{more}");
-        let parts = [Some(self.facts.title.clone()), self.facts.doing.clone(), Some("pointillist".into())];
-        let title = parts.into_iter().flatten().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" - ");
+        let parts =
+            [Some(self.facts.title.clone()), self.facts.doing.clone(), Some("pointillist".into())];
+        let title = parts
+            .into_iter()
+            .flatten()
+            .filter(|part| !part.is_empty())
+            .collect::<Vec<_>>()
+            .join(" - ");
         if title != self.titled {
             window.set_title(&title);
             self.titled = title;

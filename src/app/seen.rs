@@ -19,28 +19,44 @@ const MISS_PX: i64 = 6;
 impl Seen {
     /// The place on the surface under a pixel of a window of this size, or next to it.
     pub fn place(&self, at: DVec2, window: [u32; 2]) -> Option<DVec3> {
-        let (pixel, depth) = self.nearest(at, window, |i| Some(self.depth[i] as f64).filter(|depth| depth.is_finite() && *depth > 0.0))?;
+        let (pixel, depth) = self.nearest(at, window, |i| {
+            Some(self.depth[i] as f64).filter(|depth| depth.is_finite() && *depth > 0.0)
+        })?;
         let (origin, direction) = self.view.ray(pixel[0] as f64 + 0.5, pixel[1] as f64 + 0.5);
         Some(origin + direction * depth)
     }
 
     /// The id of the visible point there, or next to there.
     pub fn point(&self, at: DVec2, window: [u32; 2]) -> Option<u32> {
-        self.nearest(at, window, |i| Some(self.index[i]).filter(|&id| id != NO_POINT)).map(|(_, id)| id)
+        self.nearest(at, window, |i| Some(self.index[i]).filter(|&id| id != NO_POINT))
+            .map(|(_, id)| id)
     }
 
     /// What the nearest pixel has that has anything, and that pixel.
-    fn nearest<T>(&self, at: DVec2, window: [u32; 2], has: impl Fn(usize) -> Option<T>) -> Option<([i64; 2], T)> {
+    fn nearest<T>(
+        &self,
+        at: DVec2,
+        window: [u32; 2],
+        has: impl Fn(usize) -> Option<T>,
+    ) -> Option<([i64; 2], T)> {
         // While the camera moves pictures are smaller than their window.
         let [width, height] = self.view.size.map(|side| side as i64);
-        let scale = DVec2::new(width as f64 / window[0].max(1) as f64, height as f64 / window[1].max(1) as f64);
+        let scale = DVec2::new(
+            width as f64 / window[0].max(1) as f64,
+            height as f64 / window[1].max(1) as f64,
+        );
         let centre = (at * scale).floor();
         let (x, y) = (centre.x as i64, centre.y as i64);
-        let mut around: Vec<[i64; 2]> = (-MISS_PX..=MISS_PX).flat_map(|dy| (-MISS_PX..=MISS_PX).map(move |dx| [dx, dy])).collect();
+        let mut around: Vec<[i64; 2]> = (-MISS_PX..=MISS_PX)
+            .flat_map(|dy| (-MISS_PX..=MISS_PX).map(move |dx| [dx, dy]))
+            .collect();
         around.sort_by_key(|[dx, dy]| dx * dx + dy * dy);
         around.into_iter().map(|[dx, dy]| [x + dx, y + dy]).find_map(|pixel| {
             let within = (0..width).contains(&pixel[0]) && (0..height).contains(&pixel[1]);
-            within.then(|| has((pixel[1] * width + pixel[0]) as usize)).flatten().map(|found| (pixel, found))
+            within
+                .then(|| has((pixel[1] * width + pixel[0]) as usize))
+                .flatten()
+                .map(|found| (pixel, found))
         })
     }
 }

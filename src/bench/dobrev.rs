@@ -72,7 +72,14 @@ const WAYS: [Way; 6] = [
     Way { name: "10 samples", layers: 1, samples: 10, paper: [[0.6, 0.6], [9.6, 9.0]] },
 ];
 
-const SURFACE: [&str; 6] = ["visibility=off", "fill=on,method=dobrev,iterations=1", "smooth=on", "shape=off", "phong=on", "antialias=on"];
+const SURFACE: [&str; 6] = [
+    "visibility=off",
+    "fill=on,method=dobrev,iterations=1",
+    "smooth=on",
+    "shape=off",
+    "phong=on",
+    "antialias=on",
+];
 
 pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(wish)?;
@@ -88,7 +95,14 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
     Ok(rows)
 }
 
-fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, paper: usize, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+fn of(
+    gpu: &mut Gpu,
+    name: &str,
+    cloud: Cloud,
+    paper: usize,
+    plan: &Plan,
+    progress: &dyn Progress,
+) -> Result<Vec<Row>> {
     let (points, core) = (cloud.len(), cloud.core_points());
     let shown = Shown::new(Attribute::White, &cloud);
     let mut resident = Resident::fill(gpu, cloud, shown, progress)?;
@@ -109,7 +123,10 @@ fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, paper: usize, plan: &Plan, progre
             let ratios = times.iter().zip(local).map(|(ms, local)| ms / local);
             [quartiles(&mut times.clone()), quartiles(&mut ratios.collect::<Vec<_>>())]
         });
-        let row = |(way, [[ms_q1, ms_median, ms_q3], [ratio_q1, ratio_median, ratio_q3]]): (&Way, [[f64; 3]; 2])| Row {
+        let row = |(way, [[ms_q1, ms_median, ms_q3], [ratio_q1, ratio_median, ratio_q3]]): (
+            &Way,
+            [[f64; 3]; 2],
+        )| Row {
             bench: "dobrev",
             cloud: name.into(),
             points,
@@ -132,13 +149,26 @@ fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, paper: usize, plan: &Plan, progre
 }
 
 /// Milliseconds of all passes of a frame.
-fn draw(gpu: &mut Gpu, view: &View, resident: &mut Resident, way: &Way, round: usize) -> Result<f64> {
+fn draw(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &mut Resident,
+    way: &Way,
+    round: usize,
+) -> Result<f64> {
     let opacity = if way.layers > 1 { 0.5 } else { 1.0 };
     resident.opacities = Opacities(vec![Rule { what: What::All, opacity }]);
     // Never twice the same, so that no marks are kept.
-    let mut wishes = Wishes { light: Light::Direction(DVec3::new(0.5, 0.7, -0.8 - 1e-3 * round as f64)), ..Wishes::default() };
+    let mut wishes = Wishes {
+        light: Light::Direction(DVec3::new(0.5, 0.7, -0.8 - 1e-3 * round as f64)),
+        ..Wishes::default()
+    };
     let transparency = format!("transparency=auto,layers={}", way.layers);
-    let shadows = format!("shadows={},samples={},radius=2", if way.samples > 0 { "on" } else { "off" }, way.samples.max(1));
+    let shadows = format!(
+        "shadows={},samples={},radius=2",
+        if way.samples > 0 { "on" } else { "off" },
+        way.samples.max(1)
+    );
     let effects = SURFACE.into_iter().chain([transparency.as_str(), shadows.as_str()]);
     effects.for_each(|effect| wishes.effects.set(effect).expect("constants above"));
     let look = look::decide(&wishes, view, resident);
@@ -156,7 +186,11 @@ pub fn table(rows: &[Row]) -> String {
         "cloud", "points", "size", "way", "ms", "q1", "q3", "ratio", "q1", "q3", "in the paper"
     );
     for row in rows {
-        let paper = format!("{:.2} to {:.2}", row.paper[0].min(row.paper[1]), row.paper[0].max(row.paper[1]));
+        let paper = format!(
+            "{:.2} to {:.2}",
+            row.paper[0].min(row.paper[1]),
+            row.paper[0].max(row.paper[1])
+        );
         writeln!(
             text,
             "{:<20} {:>10} {:>10} {:<10} {:>10.2} {:>10.2} {:>10.2} {:>8.2} {:>6.2} {:>6.2} {:>14}",

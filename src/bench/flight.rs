@@ -83,10 +83,18 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Flig
     plan.sizes.iter().map(|&size| fly(&mut gpu, &index, plan, size, progress)).collect()
 }
 
-fn fly(gpu: &mut Gpu, index: &Arc<Index>, plan: &Plan, size: [u32; 2], progress: &dyn Progress) -> Result<Flight> {
+fn fly(
+    gpu: &mut Gpu,
+    index: &Arc<Index>,
+    plan: &Plan,
+    size: [u32; 2],
+    progress: &dyn Progress,
+) -> Result<Flight> {
     let usual = Detail::of(size);
-    let detail = Detail { budget: plan.budget.unwrap_or(usual.budget), lod_px: plan.lod_px, ..usual };
-    let whole_bytes = index.nodes().iter().map(|node| (node.position_planes() + 1) as u64 * PAGE_BYTES).sum();
+    let detail =
+        Detail { budget: plan.budget.unwrap_or(usual.budget), lod_px: plan.lod_px, ..usual };
+    let whole_bytes =
+        index.nodes().iter().map(|node| (node.position_planes() + 1) as u64 * PAGE_BYTES).sum();
     let pool_bytes = plan.pool_bytes.unwrap_or(whole_bytes / 4).max(PAGE_BYTES);
     let contents = &index.directory.contents;
     let colored = index.nodes().iter().any(|node| node.has(Plane::Rgb));
@@ -157,14 +165,20 @@ fn milliseconds(since: Instant) -> f64 {
 /// Median, 99.9 % and the worst: the values nearest to those ranks.
 fn ranks(values: &mut [f64]) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
-    [0.5, 0.999, 1.0].map(|share| values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(0.0))
+    [0.5, 0.999, 1.0].map(|share| {
+        values
+            .get(((values.len().max(1) - 1) as f64 * share).round() as usize)
+            .copied()
+            .unwrap_or(0.0)
+    })
 }
 
 /// Nodes of the cut of which something that can be seen is not shown, although they or something above them is resident.
 fn holes_that_could_be_filled(residency: &Residency, view: &View, update: &Update) -> usize {
     let index = residency.index();
     let drawn: HashSet<usize> = residency.drawn().iter().copied().collect();
-    let parent = |node: usize| Some(index.nodes()[node].parent as usize).filter(|&parent| parent != node);
+    let parent =
+        |node: usize| Some(index.nodes()[node].parent as usize).filter(|&parent| parent != node);
     let up = |node: usize| std::iter::successors(Some(node), move |&node| parent(node));
     let shown_below = |node: usize| {
         let mut open = vec![node];
@@ -227,7 +241,14 @@ impl Path {
         let t = at - k as f64;
         let t = t * t * (3.0 - 2.0 * t);
         let [eye, target] = [0, 1].map(|end| self.stops[k][end].lerp(self.stops[k + 1][end], t));
-        Camera { eye, target, up: DVec3::Z, fov_y: self.fov_y, projection: crate::view::Projection::Perspective, ortho_height: None }
+        Camera {
+            eye,
+            target,
+            up: DVec3::Z,
+            fov_y: self.fov_y,
+            projection: crate::view::Projection::Perspective,
+            ortho_height: None,
+        }
     }
 }
 
@@ -271,7 +292,9 @@ pub fn table(flights: &[Flight]) -> String {
             f.frames_with_holes, f.needless_holes
         )
         .expect("writing to a string");
-        f.errors.iter().for_each(|error| writeln!(text, "  note: {error}").expect("writing to a string"));
+        f.errors
+            .iter()
+            .for_each(|error| writeln!(text, "  note: {error}").expect("writing to a string"));
     }
     if let Some(f) = flights.first() {
         writeln!(text, "device: {} ({})", f.device, f.driver).expect("writing to a string");

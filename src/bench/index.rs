@@ -67,12 +67,20 @@ impl Drop for Scratch {
 
 fn measure(plan: &Plan, points: u64, progress: &dyn Progress) -> Result<Row> {
     let format = if plan.laz { "laz" } else { "las" };
-    let at = |name: &str| plan.folder.join(format!("pointillist-bench-{}-{name}", std::process::id()));
+    let at =
+        |name: &str| plan.folder.join(format!("pointillist-bench-{}-{name}", std::process::id()));
     let (input, output, copy) = (at(&format!("street.{format}")), at("street.pnti"), at("copy"));
     let _scratch = Scratch(vec![input.clone(), output.clone(), copy.clone()]);
     let world = synth::build(Scene::Street, plan.seed, 0.0);
     let mut file = LasFile::create(&input, world.lattice(), points)?;
-    synth::scan(&world, points, plan.seed, Scene::Street.default_noise(), &mut |chunk| file.write(chunk), progress)?;
+    synth::scan(
+        &world,
+        points,
+        plan.seed,
+        Scene::Street.default_noise(),
+        &mut |chunk| file.write(chunk),
+        progress,
+    )?;
     file.finish()?;
     read_alone(&input, progress)?;
     let (mut seconds, mut reads, mut writes) = (Vec::new(), Vec::new(), Vec::new());
@@ -118,9 +126,17 @@ fn read_alone(input: &Path, progress: &dyn Progress) -> Result<f64> {
 }
 
 fn index(input: &Path, output: &Path, memory: &str) -> Result<Summary> {
-    let failed = |what: String| Error::Request(format!("the process that was to index {} failed: {what}", input.display()));
+    let failed = |what: String| {
+        Error::Request(format!("the process that was to index {} failed: {what}", input.display()))
+    };
     let program = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
-    let done = Command::new(program).arg("index").arg(input).arg("-o").arg(output).args(["--json", "--memory", memory]).output();
+    let done = Command::new(program)
+        .arg("index")
+        .arg(input)
+        .arg("-o")
+        .arg(output)
+        .args(["--json", "--memory", memory])
+        .output();
     let done = done.map_err(|error| failed(error.to_string()))?;
     if !done.status.success() {
         return Err(failed(String::from_utf8_lossy(&done.stderr).trim().to_string()));

@@ -48,8 +48,12 @@ pub struct Row {
 }
 
 /// Of the paper, for 1, 4, 16 and 64 million points.
-const PAPER: [(u64, f64); 4] =
-    [(1_000_000, 1.0 - 80.0 / 140.0), (4_000_000, 1.0 - 40.0 / 75.0), (16_000_000, 1.0 - 10.0 / 19.0), (64_000_000, 1.0 - 2.5 / 5.0)];
+const PAPER: [(u64, f64); 4] = [
+    (1_000_000, 1.0 - 80.0 / 140.0),
+    (4_000_000, 1.0 - 40.0 / 75.0),
+    (16_000_000, 1.0 - 10.0 / 19.0),
+    (64_000_000, 1.0 - 2.5 / 5.0),
+];
 
 pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(wish)?;
@@ -71,21 +75,36 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
     });
     let mut rows = Vec::new();
     for &points in &plan.points {
-        let cloud = synth::collect("street", &world, points, plan.seed, synth::Scene::Street.default_noise(), progress)?;
+        let cloud = synth::collect(
+            "street",
+            &world,
+            points,
+            plan.seed,
+            synth::Scene::Street.default_noise(),
+            progress,
+        )?;
         let shown = Shown::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(&mut gpu, cloud, shown, progress)?;
         let mut times: [Vec<f64>; 4] = Default::default();
         // One round more, which warms up.
         for round in 0..=plan.repeat {
             progress.tick("bench luminance", round as u64, plan.repeat as u64)?;
-            let [without, with] = [draw(&mut gpu, &view, &resident, &ways[0])?, draw(&mut gpu, &view, &resident, &ways[1])?];
+            let [without, with] = [
+                draw(&mut gpu, &view, &resident, &ways[0])?,
+                draw(&mut gpu, &view, &resident, &ways[1])?,
+            ];
             if round > 0 {
-                times.iter_mut().zip([without[0], with[0], with[1], with[2]]).for_each(|(times, ms)| times.push(ms));
+                times
+                    .iter_mut()
+                    .zip([without[0], with[0], with[1], with[2]])
+                    .for_each(|(times, ms)| times.push(ms));
             }
         }
         resident.free(&mut gpu);
-        let [without_ms, with_ms, luminance_ms, project_ms] = times.map(|mut times| quartiles(&mut times)[1]);
-        let paper = PAPER.iter().find(|(known, _)| *known == points).map_or(f64::NAN, |(_, lost)| *lost);
+        let [without_ms, with_ms, luminance_ms, project_ms] =
+            times.map(|mut times| quartiles(&mut times)[1]);
+        let paper =
+            PAPER.iter().find(|(known, _)| *known == points).map_or(f64::NAN, |(_, lost)| *lost);
         let (device, driver) = (gpu.device.name.clone(), gpu.device.driver.clone());
         let size = format!("{}x{}", plan.size[0], plan.size[1]);
         let lost = 1.0 - without_ms / with_ms;
@@ -121,10 +140,29 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
 pub fn table(rows: &[Row]) -> String {
     let mut table = format!(
         "{:>10}  {:>9}  {:>10}  {:>9}  {:>12}  {:>10}  {:>6}  {:>6}  {:>5}\n",
-        "points", "size", "without ms", "with ms", "luminance ms", "project ms", "lost", "target", "paper"
+        "points",
+        "size",
+        "without ms",
+        "with ms",
+        "luminance ms",
+        "project ms",
+        "lost",
+        "target",
+        "paper"
     );
     for row in rows {
-        let Row { points, size, without_ms, with_ms, luminance_ms, project_ms, lost, target, paper, .. } = row;
+        let Row {
+            points,
+            size,
+            without_ms,
+            with_ms,
+            luminance_ms,
+            project_ms,
+            lost,
+            target,
+            paper,
+            ..
+        } = row;
         writeln!(table, "{points:>10}  {size:>9}  {without_ms:>10.2}  {with_ms:>9.2}  {luminance_ms:>12.2}  {project_ms:>10.2}  {:>5.1}%  {:>5.0}%  {:>4.0}%", 100.0 * lost, 100.0 * target, 100.0 * paper).expect("into a string");
     }
     if let Some(row) = rows.first() {

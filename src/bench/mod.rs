@@ -60,11 +60,19 @@ pub fn table(rows: &[Row], baseline: &[Row]) -> String {
         write!(
             text,
             "{:<12} {:>10}  {:<8} {:>10} {:>10.2} {:>10.2} {:>10.2} {:>10.1}",
-            row.way, row.points, row.order, row.size, row.ms_median, row.ms_q1, row.ms_q3, row.mpts_per_s
+            row.way,
+            row.points,
+            row.order,
+            row.size,
+            row.ms_median,
+            row.ms_q1,
+            row.ms_q3,
+            row.mpts_per_s
         )
         .expect("writing to a string");
         if let Some(before) = baseline.iter().find(|before| before.is_of(row)) {
-            write!(text, "  {:.2} x", before.ms_median / row.ms_median).expect("writing to a string");
+            write!(text, "  {:.2} x", before.ms_median / row.ms_median)
+                .expect("writing to a string");
         }
         text.push('\n');
     }
@@ -76,7 +84,8 @@ pub fn table(rows: &[Row], baseline: &[Row]) -> String {
 
 pub fn read_baseline(path: &Path) -> Result<Vec<Row>> {
     let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
-    let wrong = |error| Error::format(path, format!("is no list of rows from bench --json ({error})"));
+    let wrong =
+        |error| Error::format(path, format!("is no list of rows from bench --json ({error})"));
     let rows: Vec<serde_json::Value> = serde_json::from_str(&text).map_err(wrong)?;
     // A flight is not compared.
     let rows = rows.into_iter().filter(|row| row.get("bench").is_none());

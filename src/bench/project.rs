@@ -51,11 +51,20 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
         for order in ["morton", "shuffled"] {
             let arrange = if order == "morton" { index::organise } else { index::shuffle };
             let shown = Shown::new(Attribute::White, &cloud);
-            let resident = Resident::arrange(&mut gpus.compute, cloud.clone(), shown, arrange, progress)?;
+            let resident =
+                Resident::arrange(&mut gpus.compute, cloud.clone(), shown, arrange, progress)?;
             let scene = Points::new(&mut gpus.compute, &resident)?;
             for &size in &plan.sizes {
                 let view = View::new(Camera::framing(Preset::Fit, &sample, size), size)?;
-                rows.extend(measure(&mut gpus, &resident, &scene, &view, order, plan.repeat, progress)?);
+                rows.extend(measure(
+                    &mut gpus,
+                    &resident,
+                    &scene,
+                    &view,
+                    order,
+                    plan.repeat,
+                    progress,
+                )?);
             }
             resident.free(&mut gpus.compute);
         }
@@ -72,14 +81,22 @@ struct Points {
 impl Points {
     fn new(gpu: &mut Gpu, resident: &Resident) -> Result<Points> {
         let centre = resident.nodes.first().map_or(DVec3::ZERO, |node| node.bounds().0);
-        Ok(Points { centre, positions: resident.positions(gpu)?.into_iter().map(|p| (p - centre).as_vec3().to_array()).collect() })
+        Ok(Points {
+            centre,
+            positions: resident
+                .positions(gpu)?
+                .into_iter()
+                .map(|p| (p - centre).as_vec3().to_array())
+                .collect(),
+        })
     }
 
     /// Rows to pixels times depth from the picture's centre, and to depth.
     fn rows(&self, view: &View) -> [[f32; 4]; 3] {
         let offset = self.centre - view.camera.eye;
         let f = view.focal_px();
-        [view.basis.right * f, view.basis.up * -f, view.basis.forward].map(|axis| axis.extend(axis.dot(offset)).as_vec4().to_array())
+        [view.basis.right * f, view.basis.up * -f, view.basis.forward]
+            .map(|axis| axis.extend(axis.dot(offset)).as_vec4().to_array())
     }
 }
 
@@ -92,18 +109,27 @@ fn measure(
     repeat: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<Row>> {
-    let ways: Vec<_> = WAYS.into_iter().filter(|&way| way != "compute64" || gpus.compute.device.int64_atomics).collect();
+    let ways: Vec<_> = WAYS
+        .into_iter()
+        .filter(|&way| way != "compute64" || gpus.compute.device.int64_atomics)
+        .collect();
     let mut covered = Vec::new();
     for &way in &ways {
         covered.push(draw(gpus, resident, points, view, way, true)?.1);
     }
     // Reversed f32 depth and positions relative to one centre round otherwise than ours: a few pixels in a thousand may differ, not more.
     if covered.iter().any(|&pixels| pixels.abs_diff(covered[0]) as f64 > 3e-3 * covered[0] as f64) {
-        return Err(Error::Request(format!("the ways do not draw the same: {ways:?} cover {covered:?} pixels")));
+        return Err(Error::Request(format!(
+            "the ways do not draw the same: {ways:?} cover {covered:?} pixels"
+        )));
     }
     let mut times = vec![Vec::new(); ways.len()];
     for round in 0..repeat {
-        progress.tick(&format!("bench {} points {order}", points.positions.len()), round as u64, repeat as u64)?;
+        progress.tick(
+            &format!("bench {} points {order}", points.positions.len()),
+            round as u64,
+            repeat as u64,
+        )?;
         for (way, times) in ways.iter().zip(&mut times) {
             times.push(draw(gpus, resident, points, view, way, false)?.0);
         }
@@ -120,15 +146,30 @@ fn measure(
             ms_q1,
             ms_q3,
             mpts_per_s: points.positions.len() as f64 / ms_median / 1e3,
-            device: if cpu { format!("{} threads", rayon::current_num_threads()) } else { gpus.compute.device.name.clone() },
-            driver: if cpu { format!("rustc, {}", std::env::consts::ARCH) } else { gpus.compute.device.driver.clone() },
+            device: if cpu {
+                format!("{} threads", rayon::current_num_threads())
+            } else {
+                gpus.compute.device.name.clone()
+            },
+            driver: if cpu {
+                format!("rustc, {}", std::env::consts::ARCH)
+            } else {
+                gpus.compute.device.driver.clone()
+            },
         }
     };
     Ok(ways.into_iter().zip(times).map(row).collect())
 }
 
 /// Draws once in one way: milliseconds, and the pixels covered where they are to be counted.
-fn draw(gpus: &mut Gpus, resident: &Resident, points: &Points, view: &View, way: &str, count: bool) -> Result<(f64, usize)> {
+fn draw(
+    gpus: &mut Gpus,
+    resident: &Resident,
+    points: &Points,
+    view: &View,
+    way: &str,
+    count: bool,
+) -> Result<(f64, usize)> {
     match way {
         "cpu" => Ok(draw_on_cpu(points, view)),
         "point_list" => draw_point_list(&mut gpus.raster, points, view, count),
@@ -150,19 +191,35 @@ fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Re
     for band in project::bands(view.size, project::KEY_BYTES, g.gathered_limit()) {
         wanted.push(project::record(&mut g, view, &drawn, None, None, band).words);
     }
-    let downloads: Vec<Buffer> = if count { wanted.iter().map(|keys| g.download_buffer(keys)).collect() } else { Vec::new() };
+    let downloads: Vec<Buffer> = if count {
+        wanted.iter().map(|keys| g.download_buffer(keys)).collect()
+    } else {
+        Vec::new()
+    };
     let frame = g.submit(&wanted.iter().map(Handle::resource).collect::<Vec<_>>())?;
-    let covered = downloads.iter().map(|keys| frame.read::<[u32; 2]>(keys).iter().filter(|key| key[0] != NO_POINT).count()).sum();
+    let covered = downloads
+        .iter()
+        .map(|keys| frame.read::<[u32; 2]>(keys).iter().filter(|key| key[0] != NO_POINT).count())
+        .sum();
     let ms = frame.ms("project") + frame.ms("clear");
     frame.shelve(gpu);
     Ok((ms, covered))
 }
 
-fn draw_point_list(gpu: &mut Gpu, points: &Points, view: &View, count: bool) -> Result<(f64, usize)> {
+fn draw_point_list(
+    gpu: &mut Gpu,
+    points: &Points,
+    view: &View,
+    count: bool,
+) -> Result<(f64, usize)> {
     let rows = points.rows(view);
     let clip = |row: [f32; 4], side: u32| row.map(|v| v * 2.0 / side as f32);
-    let push =
-        shader::point_list::Push { row_x: clip(rows[0], view.size[0]), row_y: clip(rows[1], view.size[1]), row_w: rows[2], near: 1e-3 };
+    let push = shader::point_list::Push {
+        row_x: clip(rows[0], view.size[0]),
+        row_y: clip(rows[1], view.size[1]),
+        row_w: rows[2],
+        near: 1e-3,
+    };
     let mut g = Graph::new(gpu);
     let vertices = g.upload("vertices", &points.positions)?;
     let mut index = g.image("index", view.size, Kind::R32ui);
@@ -171,7 +228,9 @@ fn draw_point_list(gpu: &mut Gpu, points: &Points, view: &View, count: bool) -> 
     g.draw(shader::PointList { push }, drawn, [&mut index, &mut depth], false);
     let download = count.then(|| g.download(&index));
     let frame = g.submit(&[index.resource(), depth.resource()])?;
-    let covered = download.map_or(0, |index| frame.read::<u32>(&index).iter().filter(|&&point| point != NO_POINT).count());
+    let covered = download.map_or(0, |index| {
+        frame.read::<u32>(&index).iter().filter(|&&point| point != NO_POINT).count()
+    });
     let ms = frame.ms("point_list");
     frame.shelve(gpu);
     Ok((ms, covered))
@@ -181,7 +240,8 @@ fn draw_on_cpu(points: &Points, view: &View) -> (f64, usize) {
     let [row_x, row_y, row_z] = points.rows(view);
     let [width, height] = view.size.map(|side| side as f32);
     // Touched before the clock starts: fresh memory costs the system more than clearing it.
-    let keys: Vec<AtomicU64> = (0..view.size[0] as usize * view.size[1] as usize).map(|_| AtomicU64::new(1)).collect();
+    let keys: Vec<AtomicU64> =
+        (0..view.size[0] as usize * view.size[1] as usize).map(|_| AtomicU64::new(1)).collect();
     let start = Instant::now();
     keys.par_iter().for_each(|key| key.store(u64::MAX, Relaxed));
     const CHUNK: usize = 4096;

@@ -69,31 +69,66 @@ const WAYS: [(&str, Style, &str); 4] = [
 pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(wish)?;
     let mut rows = Vec::new();
-    let scenes = [("torus", Scene::Torus, TORUS_POINTS), ("tori", Scene::NestedTori, TORI_POINTS)].into_iter();
-    for (name, scene, points) in scenes.chain(plan.points.iter().map(|&points| ("street", Scene::Street, points))) {
+    let scenes = [("torus", Scene::Torus, TORUS_POINTS), ("tori", Scene::NestedTori, TORI_POINTS)]
+        .into_iter();
+    for (name, scene, points) in
+        scenes.chain(plan.points.iter().map(|&points| ("street", Scene::Street, points)))
+    {
         let world = synth::build(scene, plan.seed, 0.0);
-        let mut cloud = synth::collect(name, &world, points, plan.seed, scene.default_noise(), progress)?;
+        let mut cloud =
+            synth::collect(name, &world, points, plan.seed, scene.default_noise(), progress)?;
         if scene == Scene::Torus {
             cloud.parts.iter_mut().for_each(|part| part.columns.rgb = None);
         }
         rows.extend(of(&mut gpu, name, cloud, plan, progress)?);
     }
     for path in &plan.models {
-        let cloud = cloud::read(std::slice::from_ref(path), &ReadOptions::new(Attribute::Rgb.wanted(), false), progress)?;
-        rows.extend(of(&mut gpu, &path.file_name().unwrap_or_default().to_string_lossy(), cloud, plan, progress)?);
+        let cloud = cloud::read(
+            std::slice::from_ref(path),
+            &ReadOptions::new(Attribute::Rgb.wanted(), false),
+            progress,
+        )?;
+        rows.extend(of(
+            &mut gpu,
+            &path.file_name().unwrap_or_default().to_string_lossy(),
+            cloud,
+            plan,
+            progress,
+        )?);
     }
     Ok(rows)
 }
 
-fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+fn of(
+    gpu: &mut Gpu,
+    name: &str,
+    cloud: Cloud,
+    plan: &Plan,
+    progress: &dyn Progress,
+) -> Result<Vec<Row>> {
     let (points, sample) = (cloud.len(), cloud.core_points());
     let [device, driver] = [gpu.device.name.clone(), gpu.device.driver.clone()];
     let row = |way, size: &str, mut times: Vec<f64>, plain: Option<f64>, fragments| {
         let rounds = times.len();
         let [ms_q1, ms_median, ms_q3] = quartiles(&mut times);
         let of_points = plain.map_or(0.0, |plain| ms_median / plain);
-        let (scene, size, device, driver) = (name.to_string(), size.to_string(), device.clone(), driver.clone());
-        Row { bench: "strokes", scene, points, way, size, ms_median, ms_q1, ms_q3, rounds, of_points, fragments, device, driver }
+        let (scene, size, device, driver) =
+            (name.to_string(), size.to_string(), device.clone(), driver.clone());
+        Row {
+            bench: "strokes",
+            scene,
+            points,
+            way,
+            size,
+            ms_median,
+            ms_q1,
+            ms_q3,
+            rounds,
+            of_points,
+            fragments,
+            device,
+            driver,
+        }
     };
     let attribute = if Attribute::Rgb.is_in(&cloud) { Attribute::Rgb } else { Attribute::White };
     let mut shown = Shown::new(attribute, &cloud);
@@ -107,7 +142,11 @@ fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, plan: &Plan, progress: &dyn Progr
         let mut times = vec![Vec::new(); WAYS.len()];
         let mut fragments = vec![0; WAYS.len()];
         for round in 0..warming + rounds {
-            progress.tick(&format!("bench strokes {name}"), round as u64, (warming + rounds) as u64)?;
+            progress.tick(
+                &format!("bench strokes {name}"),
+                round as u64,
+                (warming + rounds) as u64,
+            )?;
             for (k, (_, style, effect)) in WAYS.iter().enumerate() {
                 let (ms, count) = draw(gpu, &view, &resident, *style, effect)?;
                 fragments[k] = count;
@@ -119,7 +158,10 @@ fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, plan: &Plan, progress: &dyn Progr
         let plain = quartiles(&mut times[0].clone())[1];
         let size = format!("{}x{}", size[0], size[1]);
         rows.extend(
-            WAYS.iter().zip(times).zip(fragments).map(|((way, times), fragments)| row(way.0, &size, times, Some(plain), fragments)),
+            WAYS.iter()
+                .zip(times)
+                .zip(fragments)
+                .map(|((way, times), fragments)| row(way.0, &size, times, Some(plain), fragments)),
         );
     }
     resident.free(gpu);
@@ -127,7 +169,13 @@ fn of(gpu: &mut Gpu, name: &str, cloud: Cloud, plan: &Plan, progress: &dyn Progr
 }
 
 /// Milliseconds, and fragments of the A-buffer.
-fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, style: Style, effect: &str) -> Result<(f64, u64)> {
+fn draw(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    style: Style,
+    effect: &str,
+) -> Result<(f64, u64)> {
     let mut wishes = Wishes { effects: Effects::of(style), ..Wishes::default() };
     for effect in [effect, "edl=off"] {
         wishes.effects.set(effect).expect("an effect's own words");
@@ -151,17 +199,33 @@ pub fn table(rows: &[Row]) -> String {
         "scene", "points", "way", "size", "ms", "q1", "q3", "rounds", "x points", "fragments"
     );
     for row in rows {
-        let times = if row.of_points > 0.0 { format!("{:.2}", row.of_points) } else { "-".to_string() };
+        let times =
+            if row.of_points > 0.0 { format!("{:.2}", row.of_points) } else { "-".to_string() };
         writeln!(
             text,
             "{:<24} {:>10}  {:<8} {:>10} {:>10.1} {:>10.1} {:>10.1} {:>6} {:>10} {:>12}",
-            row.scene, row.points, row.way, row.size, row.ms_median, row.ms_q1, row.ms_q3, row.rounds, times, row.fragments
+            row.scene,
+            row.points,
+            row.way,
+            row.size,
+            row.ms_median,
+            row.ms_q1,
+            row.ms_q3,
+            row.rounds,
+            times,
+            row.fragments
         )
         .expect("writing to a string");
     }
     if let Some(row) = rows.first() {
-        writeln!(text, "device: {} ({}); prepare: {} threads", row.device, row.driver, rayon::current_num_threads())
-            .expect("writing to a string");
+        writeln!(
+            text,
+            "device: {} ({}); prepare: {} threads",
+            row.device,
+            row.driver,
+            rayon::current_num_threads()
+        )
+        .expect("writing to a string");
     }
     text
 }

@@ -143,7 +143,8 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
     for round in 0..=plan.repeat {
         progress.tick("bench surface", round as u64, plan.repeat as u64)?;
         for (k, (_, drawn, effects, passes, _)) in WAYS.iter().enumerate() {
-            let (_, resident) = residents.iter().find(|(other, _)| other == drawn).expect("made above");
+            let (_, resident) =
+                residents.iter().find(|(other, _)| other == drawn).expect("made above");
             parts[k] = draw(&mut gpu, &view, resident, effects, passes)?;
             if round > 0 {
                 times[k].push(parts[k].values().sum::<f64>());
@@ -152,17 +153,38 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
     }
     residents.into_iter().for_each(|(_, resident)| resident.free(&mut gpu));
     let one = quartiles(&mut times[0].clone())[1];
-    let row = |(((way, _, _, _, target), mut times), passes): ((Way, Vec<f64>), BTreeMap<String, f64>)| {
+    let row = |(((way, _, _, _, target), mut times), passes): (
+        (Way, Vec<f64>),
+        BTreeMap<String, f64>,
+    )| {
         let [ms_q1, ms_median, ms_q3] = quartiles(&mut times);
         let (device, driver) = (gpu.device.name.clone(), gpu.device.driver.clone());
         let size = format!("{}x{}", plan.size[0], plan.size[1]);
-        Row { bench: "surface", way, size, ms_median, ms_q1, ms_q3, plain_passes: ms_median / one, passes, target, device, driver }
+        Row {
+            bench: "surface",
+            way,
+            size,
+            ms_median,
+            ms_q1,
+            ms_q3,
+            plain_passes: ms_median / one,
+            passes,
+            target,
+            device,
+            driver,
+        }
     };
     Ok(WAYS.into_iter().zip(times).zip(parts).map(row).collect())
 }
 
 /// Milliseconds of the passes that count, by name.
-fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, effects: &[&str], passes: &[&str]) -> Result<BTreeMap<String, f64>> {
+fn draw(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    effects: &[&str],
+    passes: &[&str],
+) -> Result<BTreeMap<String, f64>> {
     let mut wishes = Wishes::default();
     effects.iter().for_each(|effect| wishes.effects.set(effect).expect("a constant above"));
     let look = look::decide(&wishes, view, resident);
@@ -171,12 +193,21 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, effects: &[&str], passe
     let mut wanted = vec![outcome.layers.depth.resource(), outcome.picture.resource()];
     if passes == ["plain"] {
         let mut mean = g.image("mean", view.size, Kind::R32f);
-        g.run(shader::Plain { depth: &outcome.layers.depth, mean: &mut mean, push: shader::plain::Push { size: view.size } }, Tiles::All);
+        g.run(
+            shader::Plain {
+                depth: &outcome.layers.depth,
+                mean: &mut mean,
+                push: shader::plain::Push { size: view.size },
+            },
+            Tiles::All,
+        );
         wanted = vec![mean.resource()];
     }
     let frame = g.submit(&wanted)?;
     let mut ms = BTreeMap::new();
-    for (name, time) in frame.passes.iter().filter(|(name, _)| passes.iter().any(|pass| name.starts_with(pass))) {
+    for (name, time) in
+        frame.passes.iter().filter(|(name, _)| passes.iter().any(|pass| name.starts_with(pass)))
+    {
         *ms.entry(name.clone()).or_default() += time;
     }
     frame.shelve(gpu);
@@ -192,9 +223,11 @@ fn walls(size: [u32; 2], sparse: f64, seed: u64) -> Cloud {
             state ^= state << 13;
             state ^= state >> 7;
             state ^= state << 17;
-            let in_sparse = ((x / 64) as f64 + 0.5) * sparse % 1.0 > 1.0 - sparse - 1e-9 && sparse > 0.0;
+            let in_sparse =
+                ((x / 64) as f64 + 0.5) * sparse % 1.0 > 1.0 - sparse - 1e-9 && sparse > 0.0;
             for behind in [0, 50] {
-                if behind == 0 && in_sparse && !state.is_multiple_of(6) || behind > 0 && !in_sparse {
+                if behind == 0 && in_sparse && !state.is_multiple_of(6) || behind > 0 && !in_sparse
+                {
                     continue;
                 }
                 columns.x.push(4 * x + 2);
@@ -237,8 +270,10 @@ fn cloud_of(columns: Columns) -> Cloud {
 }
 
 pub fn table(rows: &[Row]) -> String {
-    let mut text =
-        format!("{:<12} {:>10} {:>10} {:>10} {:>10} {:>12} {:>10}\n", "way", "size", "ms", "q1", "q3", "plain passes", "at most");
+    let mut text = format!(
+        "{:<12} {:>10} {:>10} {:>10} {:>10} {:>12} {:>10}\n",
+        "way", "size", "ms", "q1", "q3", "plain passes", "at most"
+    );
     for row in rows {
         writeln!(
             text,
@@ -247,7 +282,8 @@ pub fn table(rows: &[Row]) -> String {
         )
         .expect("writing to a string");
         if row.passes.len() > 1 {
-            let parts: Vec<String> = row.passes.iter().map(|(name, ms)| format!("{name} {ms:.2}")).collect();
+            let parts: Vec<String> =
+                row.passes.iter().map(|(name, ms)| format!("{name} {ms:.2}")).collect();
             writeln!(text, "    {}", parts.join(", ")).expect("writing to a string");
         }
     }

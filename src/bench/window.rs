@@ -68,21 +68,37 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
         cameras.iter().try_for_each(|&camera| path.add(camera))?;
         path.write(&written)?;
         let size = format!("{}x{}", size[0], size[1]);
-        let mut words: Vec<OsString> = ["view", "--timings=json", "--no-cache", "--size", &size].map(OsString::from).into();
+        let mut words: Vec<OsString> =
+            ["view", "--timings=json", "--no-cache", "--size", &size].map(OsString::from).into();
         words.extend(["--flight".into(), plan.seconds.to_string().into()]);
         words.extend(["--path".into(), written.clone().into()]);
         words.extend(plan.options.clone());
         words.push(file.into());
-        rows.push(Row { bench: "window", cloud: cloud.into(), points, size, summary: view(&words)? });
+        rows.push(Row {
+            bench: "window",
+            cloud: cloud.into(),
+            points,
+            size,
+            summary: view(&words)?,
+        });
         Ok(())
     };
     for &points in &plan.points {
         let file = folder.join(format!("street-{points}.las"));
         let world = synth::build(Scene::Street, plan.seed, 0.0);
         let mut las = LasFile::create(&file, world.lattice(), points)?;
-        synth::scan(&world, points, plan.seed, Scene::Street.default_noise(), &mut |chunk| las.write(chunk), progress)?;
+        synth::scan(
+            &world,
+            points,
+            plan.seed,
+            Scene::Street.default_noise(),
+            &mut |chunk| las.write(chunk),
+            progress,
+        )?;
         las.finish()?;
-        plan.sizes.iter().try_for_each(|&size| fly("street", points, &file, &on_foot(world.camera()), size))?;
+        plan.sizes
+            .iter()
+            .try_for_each(|&size| fly("street", points, &file, &on_foot(world.camera()), size))?;
     }
     if let Some(file) = &plan.index {
         let index = Index::open(file)?;
@@ -102,15 +118,24 @@ fn on_foot(look: synth::Look) -> Vec<Camera> {
     let way = (look.target - look.eye).with_z(0.0);
     let at = |share: f64| {
         let [eye, target] = [look.eye, look.target].map(|place| place + share * way);
-        Camera { eye, target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None }
+        Camera {
+            eye,
+            target,
+            up: DVec3::Z,
+            fov_y: look.fov_y,
+            projection: Projection::Perspective,
+            ortho_height: None,
+        }
     };
     [0.0, 0.4, 0.8, 0.4, 0.0].map(at).into()
 }
 
 fn view(words: &[OsString]) -> Result<Summary> {
-    let failed = |what: String| Error::Request(format!("the window that was to be measured failed: {what}"));
+    let failed =
+        |what: String| Error::Request(format!("the window that was to be measured failed: {what}"));
     let program = std::env::current_exe().map_err(|error| failed(error.to_string()))?;
-    let done = Command::new(program).args(words).output().map_err(|error| failed(error.to_string()))?;
+    let done =
+        Command::new(program).args(words).output().map_err(|error| failed(error.to_string()))?;
     if !done.status.success() {
         return Err(failed(String::from_utf8_lossy(&done.stderr).trim().to_string()));
     }
@@ -138,8 +163,11 @@ pub fn table(rows: &[Row]) -> String {
             slow_for_loader,
             ..
         } = flight;
-        writeln!(text, "{cloud}, {points} points, {size}: {pictures} pictures, {empty} of them without a point")
-            .expect("writing to a string");
+        writeln!(
+            text,
+            "{cloud}, {points} points, {size}: {pictures} pictures, {empty} of them without a point"
+        )
+        .expect("writing to a string");
         let times = [
             ("frame", frame_ms),
             ("of which loading", loading_ms),
@@ -149,8 +177,11 @@ pub fn table(rows: &[Row]) -> String {
             ("the loader's part", loader_ms),
         ];
         for (name, Spread { median, p99, worst }) in times {
-            writeln!(text, "  {name:<18} median {median:>8.1} ms   99 % {p99:>8.1} ms   worst {worst:>8.1} ms")
-                .expect("writing to a string");
+            writeln!(
+                text,
+                "  {name:<18} median {median:>8.1} ms   99 % {p99:>8.1} ms   worst {worst:>8.1} ms"
+            )
+            .expect("writing to a string");
         }
         writeln!(
             text,

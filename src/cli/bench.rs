@@ -76,26 +76,49 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
-    let baseline = arguments.baseline.as_deref().map(bench::read_baseline).transpose()?.unwrap_or_default();
-    let asked =
-        |name: &str, otherwise: bool| if arguments.names.is_empty() { otherwise } else { arguments.names.iter().any(|n| n == name) };
+    let baseline =
+        arguments.baseline.as_deref().map(bench::read_baseline).transpose()?.unwrap_or_default();
+    let asked = |name: &str, otherwise: bool| {
+        if arguments.names.is_empty() {
+            otherwise
+        } else {
+            arguments.names.iter().any(|n| n == name)
+        }
+    };
     let rows = if asked("project", true) { projections(arguments, progress)? } else { Vec::new() };
-    let indexes = if asked("index", false) { index::run(&index_plan(arguments), progress)? } else { Vec::new() };
-    let surfaces = if asked("surface", false) { surfaces(arguments, progress)? } else { Vec::new() };
-    let luminances = if asked("luminance", false) { luminances(arguments, progress)? } else { Vec::new() };
-    let paintings = if asked("strokes", false) { paintings(arguments, progress)? } else { Vec::new() };
+    let indexes = if asked("index", false) {
+        index::run(&index_plan(arguments), progress)?
+    } else {
+        Vec::new()
+    };
+    let surfaces =
+        if asked("surface", false) { surfaces(arguments, progress)? } else { Vec::new() };
+    let luminances =
+        if asked("luminance", false) { luminances(arguments, progress)? } else { Vec::new() };
+    let paintings =
+        if asked("strokes", false) { paintings(arguments, progress)? } else { Vec::new() };
     let dobrevs = if asked("dobrev", false) { dobrevs(arguments, progress)? } else { Vec::new() };
-    let flights = if asked("flight", arguments.index.is_some()) { flights(arguments, progress)? } else { Vec::new() };
+    let flights = if asked("flight", arguments.index.is_some()) {
+        flights(arguments, progress)?
+    } else {
+        Vec::new()
+    };
     let windows = if asked("window", false) { windows(arguments, progress)? } else { Vec::new() };
     if arguments.json {
-        let values = rows.iter().map(serde_json::to_value).chain(indexes.iter().map(serde_json::to_value));
+        let values =
+            rows.iter().map(serde_json::to_value).chain(indexes.iter().map(serde_json::to_value));
         let values = values.chain(surfaces.iter().map(serde_json::to_value));
         let values = values.chain(luminances.iter().map(serde_json::to_value));
         let values = values.chain(paintings.iter().map(serde_json::to_value));
         let values = values.chain(dobrevs.iter().map(serde_json::to_value));
         let values = values.chain(windows.iter().map(serde_json::to_value));
-        let values = values.chain(flights.iter().map(serde_json::to_value)).collect::<std::result::Result<Vec<_>, _>>();
-        println!("{:#}", serde_json::Value::from(values.map_err(|error| Error::Request(error.to_string()))?));
+        let values = values
+            .chain(flights.iter().map(serde_json::to_value))
+            .collect::<std::result::Result<Vec<_>, _>>();
+        println!(
+            "{:#}",
+            serde_json::Value::from(values.map_err(|error| Error::Request(error.to_string()))?)
+        );
         return Ok(());
     }
     if !rows.is_empty() {
@@ -153,7 +176,11 @@ fn index_plan(arguments: &Arguments) -> index::Plan {
 fn surfaces(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<surface::Row>> {
     let mut rows = Vec::new();
     for size in sizes(arguments) {
-        let plan = surface::Plan { size, repeat: arguments.repeat.unwrap_or(9) as usize, seed: arguments.seed };
+        let plan = surface::Plan {
+            size,
+            repeat: arguments.repeat.unwrap_or(9) as usize,
+            seed: arguments.seed,
+        };
         rows.extend(surface::run(&arguments.device.wish(), &plan, progress)?);
     }
     Ok(rows)
@@ -189,15 +216,23 @@ fn dobrevs(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<dobrev:
     for (number, &points) in arguments.points.iter().enumerate() {
         // Models have the points that they have.
         let models = if number == 0 { arguments.model.clone() } else { Vec::new() };
-        let plan =
-            dobrev::Plan { points, models, sizes: sizes(arguments), repeat: arguments.repeat.unwrap_or(5) as usize, seed: arguments.seed };
+        let plan = dobrev::Plan {
+            points,
+            models,
+            sizes: sizes(arguments),
+            repeat: arguments.repeat.unwrap_or(5) as usize,
+            seed: arguments.seed,
+        };
         rows.extend(dobrev::run(&arguments.device.wish(), &plan, progress)?);
     }
     Ok(rows)
 }
 
 fn flights(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<flight::Flight>> {
-    let path = arguments.index.clone().ok_or_else(|| Error::Request("bench flight needs an index: --index FILE.pnti".into()))?;
+    let path = arguments
+        .index
+        .clone()
+        .ok_or_else(|| Error::Request("bench flight needs an index: --index FILE.pnti".into()))?;
     let detail = &arguments.detail;
     let plan = flight::Plan {
         index: path,
@@ -213,7 +248,9 @@ fn flights(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<flight:
 fn windows(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<window::Row>> {
     let DetailOptions { budget, lod, pool, .. } = &arguments.detail;
     let mut options: Vec<OsString> = Vec::new();
-    let mut word = |name: &str, value: Option<String>| options.extend(value.into_iter().flat_map(|value| [name.into(), value.into()]));
+    let mut word = |name: &str, value: Option<String>| {
+        options.extend(value.into_iter().flat_map(|value| [name.into(), value.into()]))
+    };
     word("--budget", budget.map(|points| points.to_string()));
     word("--lod", lod.map(|pixels| pixels.to_string()));
     word("--pool", pool.map(|bytes| bytes.to_string()));

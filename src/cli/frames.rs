@@ -28,8 +28,12 @@ fn numbered(output: &Path, extension: &str, number: u64, total: u64) -> PathBuf 
 pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Result<()> {
     let path = CameraPath::read(path)?;
     let total = path.frames();
-    let [png, exr] = [(&arguments.output, "png"), (&arguments.exr, "exr")]
-        .map(|(output, extension)| move |number: u64| output.as_deref().map(|output| numbered(output, extension, number + 1, total)));
+    let [png, exr] =
+        [(&arguments.output, "png"), (&arguments.exr, "exr")].map(|(output, extension)| {
+            move |number: u64| {
+                output.as_deref().map(|output| numbered(output, extension, number + 1, total))
+            }
+        });
     let mut missing = Vec::new();
     for number in 0..total {
         let files: Vec<PathBuf> = png(number).into_iter().chain(exr(number)).collect();
@@ -47,7 +51,11 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     png(first).iter().chain(&exr(first)).try_for_each(|file| WholeFile::create(file).map(drop))?;
     let options = arguments.picture.with_scene()?;
     let (size, wishes) = (options.size.0, options.wishes()?);
-    let source = Source::open(&arguments.files, &options.detail.opening(options.read_options(arguments.strict), options.light), progress)?;
+    let source = Source::open(
+        &arguments.files,
+        &options.detail.opening(options.read_options(arguments.strict), options.light),
+        progress,
+    )?;
     source.notes(options.further()).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     let (shown, _) = options.shown(&source)?;
     let mut gpu = Gpu::open(&arguments.device.wish())?;
@@ -56,7 +64,8 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     let mut said = Vec::new();
     for number in missing {
         let frames = Whole { progress, doing: "drawing frames", done: number, total };
-        let view = View::new(path.frame(number), size).map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
+        let view = View::new(path.frame(number), size)
+            .map_err(|error| Error::Request(format!("frame {}: {error}", number + 1)))?;
         // Once, of however many frames.
         let mut say = |note: String| {
             if !said.contains(&note) {
@@ -64,7 +73,10 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
                 said.push(note);
             }
         };
-        for note in brought.settle(&mut gpu, &view, &options.detail.fineness().of(size), &frames)?.into_iter().flat_map(|taken| taken.notes)
+        for note in brought
+            .settle(&mut gpu, &view, &options.detail.fineness().of(size), &frames)?
+            .into_iter()
+            .flat_map(|taken| taken.notes)
         {
             if arguments.strict {
                 return Err(Error::Request(note));
@@ -75,7 +87,9 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
         look.notes(brought.resident()).into_iter().for_each(&mut say);
         let [picture, layers] = [&arguments.output, &arguments.exr].map(Option::is_some);
         let done =
-            frame::draw(&mut gpu, &view, brought.resident(), &look, &frames, |g, outcome| Downloads::ask(g, outcome, picture, layers))?;
+            frame::draw(&mut gpu, &view, brought.resident(), &look, &frames, |g, outcome| {
+                Downloads::ask(g, outcome, picture, layers)
+            })?;
         done.notes.into_iter().for_each(&mut say);
         done.asked.write(&done.frame, size, png(number).as_deref(), exr(number).as_deref())?;
         done.frame.shelve(&mut gpu);
@@ -91,7 +105,10 @@ mod tests {
 
     #[test]
     fn frames_sort_by_their_numbers() {
-        assert_eq!(numbered("a/tour.png".as_ref(), "png", 7, 250), PathBuf::from("a/tour-0007.png"));
+        assert_eq!(
+            numbered("a/tour.png".as_ref(), "png", 7, 250),
+            PathBuf::from("a/tour-0007.png")
+        );
         assert_eq!(numbered("tour".as_ref(), "exr", 7, 12_345), PathBuf::from("tour-00007.exr"));
     }
 }

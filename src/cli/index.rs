@@ -87,7 +87,8 @@ impl std::str::FromStr for Bytes {
 impl std::fmt::Display for Bytes {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let units = [(1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"), (1, "")];
-        let (size, unit) = units.into_iter().find(|&(size, _)| self.0.is_multiple_of(size)).unwrap_or((1, ""));
+        let (size, unit) =
+            units.into_iter().find(|&(size, _)| self.0.is_multiple_of(size)).unwrap_or((1, ""));
         write!(f, "{}{unit}", self.0 / size)
     }
 }
@@ -98,11 +99,15 @@ const LEAST_MEMORY: u64 = 64 << 20;
 impl Arguments {
     pub fn options(&self) -> Result<Options> {
         if self.memory.0 < LEAST_MEMORY {
-            return Err(Error::Request(format!("--memory {} is too little; 64MiB is the least", self.memory)));
+            return Err(Error::Request(format!(
+                "--memory {} is too little; 64MiB is the least",
+                self.memory
+            )));
         }
         let usual = Options::usual(self.strict);
         let threads = self.threads.map_or(usual.threads, |threads| threads as usize);
-        let derive = Derive { normals: self.normals, strokes: self.strokes, luminance: self.luminance };
+        let derive =
+            Derive { normals: self.normals, strokes: self.strokes, luminance: self.luminance };
         let wanted = Wanted { gps_time: self.gps_time, ..usual.wanted };
         let (text, rgb_range) = (self.text.options(), self.colors.rgb_range);
         Ok(Options { memory: self.memory.0, threads, wanted, text, rgb_range, derive, ..usual })
@@ -112,13 +117,19 @@ impl Arguments {
 pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     refuse_to_overwrite(&arguments.output, &arguments.files)?;
     ends_in(&arguments.output, &["pnti"])?;
-    let summary = build::build(&arguments.files, &arguments.output, &arguments.options()?, progress)?;
+    let summary =
+        build::build(&arguments.files, &arguments.output, &arguments.options()?, progress)?;
     summary.notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&summary).map_err(|error| Error::Request(error.to_string()))?);
+        println!(
+            "{}",
+            serde_json::to_string_pretty(&summary)
+                .map_err(|error| Error::Request(error.to_string()))?
+        );
         return Ok(());
     }
-    let Summary { points, nodes, leaves, bytes, seconds, derive_seconds, spilled_bytes, .. } = summary;
+    let Summary { points, nodes, leaves, bytes, seconds, derive_seconds, spilled_bytes, .. } =
+        summary;
     let per_point = |bytes: u64| bytes as f64 / points.max(1) as f64;
     eprintln!(
         "{}: {points} points in {leaves} leaves and {} inner nodes, {} MiB ({:.1} bytes a point), {seconds:.1} s ({:.1} M points/s){}{}",
@@ -132,7 +143,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         } else {
             String::new()
         },
-        if spilled_bytes > 0 { format!(", {} MiB through a temporary file", spilled_bytes >> 20) } else { String::new() },
+        if spilled_bytes > 0 {
+            format!(", {} MiB through a temporary file", spilled_bytes >> 20)
+        } else {
+            String::new()
+        },
     );
     Ok(())
 }

@@ -4,7 +4,9 @@
 //! need every point), of `exposures` the `balance` where it was found, where they were counted `classes` [{`class`, `points`}] and `returns` [{`return`, `points`}], and `index` {`bytes`, `bytes_per_point`, `nodes`, `leaves`, `inner`, `roots`, `levels` [{`level`, `nodes`, `samples`,
 //! `spacing`}], `planes` {name: bytes}, `leaf_points` {`least`, `median`, `most`}}.
 
-use super::info::{Bounds, Class, LISTED, Spacing, gain, listed, system_words, uneven, unit_words, words};
+use super::info::{
+    Bounds, Class, LISTED, Spacing, gain, listed, system_words, uneven, unit_words, words,
+};
 use crate::cloud::Station;
 use crate::cloud::counts::Counts;
 use crate::cloud::spacing::{self, Around};
@@ -21,8 +23,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-const HOW_SPACING: &str =
-    "the root of the area that each of the eight nearest places has, the upper quartile of about 2000 places of 64 leaves";
+const HOW_SPACING: &str = "the root of the area that each of the eight nearest places has, the upper quartile of about 2000 places of 64 leaves";
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -100,7 +101,10 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
     let (contents, reference) = (&index.directory.contents, index.reference());
     let report = Report {
         points: contents.points,
-        bounds: contents.bounds.map(|ends| ends.map(|end| reference.digits.round(end))).map(|[min, max]| Bounds { min, max }),
+        bounds: contents
+            .bounds
+            .map(|ends| ends.map(|end| reference.digits.round(end)))
+            .map(|[min, max]| Bounds { min, max }),
         unit: reference.unit(),
         unit_is_stated: reference.says_unit(),
         spacing: Spacing { value: spacing(&index)?, how: HOW_SPACING },
@@ -114,8 +118,9 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
         notes: &contents.notes,
     };
     if json {
-        return serde_json::to_string_pretty(&report)
-            .map_err(|error| Error::Request(format!("the report cannot be written as JSON: {error}")));
+        return serde_json::to_string_pretty(&report).map_err(|error| {
+            Error::Request(format!("the report cannot be written as JSON: {error}"))
+        });
     }
     Ok(report.text(path))
 }
@@ -123,7 +128,8 @@ pub fn report(path: &Path, json: bool) -> Result<String> {
 impl Tree {
     fn new(index: &Index) -> Tree {
         let nodes = index.nodes();
-        let mut leaves: Vec<u32> = nodes.iter().filter(|node| node.is_leaf()).map(|node| node.count).collect();
+        let mut leaves: Vec<u32> =
+            nodes.iter().filter(|node| node.is_leaf()).map(|node| node.count).collect();
         leaves.sort_unstable();
         let mut levels = Vec::new();
         for level in 0..=nodes.iter().map(|node| node.level).max().unwrap_or(0) {
@@ -132,12 +138,19 @@ impl Tree {
                 level,
                 nodes: on_level().count(),
                 samples: on_level().map(|node| node.count as u64).sum(),
-                spacing: on_level().map(|node| node.spacing).filter(|&spacing| spacing > 0.0).reduce(f64::max),
+                spacing: on_level()
+                    .map(|node| node.spacing)
+                    .filter(|&spacing| spacing > 0.0)
+                    .reduce(f64::max),
             });
         }
-        let bytes_of = |plane| nodes.iter().filter(|node| node.has(plane)).map(|node| node.range(plane).1).sum::<u64>();
-        let planes =
-            PLANES.iter().map(|&(plane, _)| (format!("{plane:?}").to_lowercase(), bytes_of(plane))).filter(|(_, bytes)| *bytes > 0);
+        let bytes_of = |plane| {
+            nodes.iter().filter(|node| node.has(plane)).map(|node| node.range(plane).1).sum::<u64>()
+        };
+        let planes = PLANES
+            .iter()
+            .map(|&(plane, _)| (format!("{plane:?}").to_lowercase(), bytes_of(plane)))
+            .filter(|(_, bytes)| *bytes > 0);
         Tree {
             bytes: index.bytes(),
             bytes_per_point: index.bytes() as f64 / index.directory.contents.points.max(1) as f64,
@@ -166,37 +179,75 @@ impl Report<'_> {
         line("points", self.points.to_string());
         line("bounds", words(&self.bounds));
         line("unit", unit_words(&self.unit, self.unit_is_stated));
-        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
+        let value = self
+            .spacing
+            .value
+            .map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
         line("spacing", format!("{value} ({})", self.spacing.how));
         let tree = &self.index;
-        line("size", format!("{} MiB, {:.1} bytes a point", tree.bytes >> 20, tree.bytes_per_point));
-        line("tree", format!("{} leaves, {} inner nodes, {} roots", tree.leaves, tree.inner, tree.roots));
-        line("leaves", format!("{} to {} points, median {}", tree.leaf_points.least, tree.leaf_points.most, tree.leaf_points.median));
+        line(
+            "size",
+            format!("{} MiB, {:.1} bytes a point", tree.bytes >> 20, tree.bytes_per_point),
+        );
+        line(
+            "tree",
+            format!("{} leaves, {} inner nodes, {} roots", tree.leaves, tree.inner, tree.roots),
+        );
+        line(
+            "leaves",
+            format!(
+                "{} to {} points, median {}",
+                tree.leaf_points.least, tree.leaf_points.most, tree.leaf_points.median
+            ),
+        );
         for Level { level, nodes, samples, spacing } in &tree.levels {
-            let spacing = spacing.map_or(String::new(), |spacing| format!(", samples up to {} apart", self.unit.length(spacing, 4)));
-            line(if *level == 0 { "levels" } else { "" }, format!("{level}: {nodes} nodes, {samples} samples{spacing}"));
+            let spacing = spacing.map_or(String::new(), |spacing| {
+                format!(", samples up to {} apart", self.unit.length(spacing, 4))
+            });
+            line(
+                if *level == 0 { "levels" } else { "" },
+                format!("{level}: {nodes} nodes, {samples} samples{spacing}"),
+            );
         }
         for (number, (plane, bytes)) in tree.planes.iter().enumerate() {
             line(
                 if number == 0 { "planes" } else { "" },
-                format!("{plane}: {} MiB, {:.2} bytes a point", bytes >> 20, *bytes as f64 / self.points.max(1) as f64),
+                format!(
+                    "{plane}: {} MiB, {:.2} bytes a point",
+                    bytes >> 20,
+                    *bytes as f64 / self.points.max(1) as f64
+                ),
             );
         }
         for part in self.parts {
             let name = part.name.as_ref().map(|name| format!(", {name}")).unwrap_or_default();
-            line("from", format!("{}{name}: {}, {} points", part.path.display(), part.header.format, part.points));
+            line(
+                "from",
+                format!(
+                    "{}{name}: {}, {} points",
+                    part.path.display(),
+                    part.header.format,
+                    part.points
+                ),
+            );
             part.header.system.iter().for_each(|system| line("crs", system_words(system)));
         }
         if let Some(classes) = self.classes.as_ref().filter(|classes| !classes.is_empty()) {
             line("classes", listed(classes.iter().map(|class| (class.class, class.points))));
         }
         if let Some(returns) = self.returns.as_ref().filter(|returns| !returns.is_empty()) {
-            line("returns", listed(returns.iter().map(|returned| (returned.number, returned.points))));
+            line(
+                "returns",
+                listed(returns.iter().map(|returned| (returned.number, returned.points))),
+            );
         }
         line("stations", self.stations.len().to_string());
         let balance = self.exposures.as_ref().map(|exposures| exposures.balance);
         for (number, station) in self.stations.iter().enumerate().take(LISTED) {
-            line("", format!("{}: {} points{}", station.name, station.points, gain(balance, number)));
+            line(
+                "",
+                format!("{}: {} points{}", station.name, station.points, gain(balance, number)),
+            );
         }
         balance.into_iter().for_each(|balance| line("balance", uneven(balance)));
         if self.stations.len() > LISTED {
@@ -212,15 +263,20 @@ impl Report<'_> {
 /// Returns the spacing of points within leaves spread evenly through the tree; none of one place.
 fn spacing(index: &Index) -> Result<Option<f64>> {
     const LEAVES: usize = 64;
-    let leaves: Vec<usize> = (0..index.nodes().len()).filter(|&node| index.nodes()[node].is_leaf()).collect();
-    let asked: Vec<usize> = leaves.iter().copied().step_by(leaves.len().div_ceil(LEAVES).max(1)).collect();
+    let leaves: Vec<usize> =
+        (0..index.nodes().len()).filter(|&node| index.nodes()[node].is_leaf()).collect();
+    let asked: Vec<usize> =
+        leaves.iter().copied().step_by(leaves.len().div_ceil(LEAVES).max(1)).collect();
     let points: u64 = asked.iter().map(|&leaf| index.nodes()[leaf].count as u64).sum();
     let every = points.div_ceil(spacing::SEEDS).max(1) as usize;
     let of_leaf = |&leaf: &usize| {
         let places: Vec<DVec3> = index.samples(leaf)?.iter().map(|(place, _)| *place).collect();
         let apart = |&seed: &DVec3| {
             let mut around = Around::NONE;
-            let others = places.iter().map(|place| (place.distance_squared(seed), *place)).filter(|(square, _)| *square > 0.0);
+            let others = places
+                .iter()
+                .map(|place| (place.distance_squared(seed), *place))
+                .filter(|(square, _)| *square > 0.0);
             others.for_each(|(square, place)| around.add(square, place));
             around.apart()
         };

@@ -62,25 +62,38 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
             source::refuse_rgb_range(path, arguments.colors.rgb_range)?;
             indexed_info::report(path, arguments.json)?
         }
-        Some(path) => return Err(Error::Request(format!("{} is an index; ask about it alone", path.display()))),
+        Some(path) => {
+            return Err(Error::Request(format!(
+                "{} is an index; ask about it alone",
+                path.display()
+            )));
+        }
         None => of_files(arguments, progress)?,
     };
     text.push('\n');
     match std::io::stdout().lock().write_all(text.as_bytes()) {
         // Whoever closed the pipe has read enough.
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::io("write", Path::new("standard output"), error)),
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::io("write", Path::new("standard output"), error))
+        }
         _ => Ok(()),
     }
 }
 
 fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
     let (text, rgb_range) = (arguments.text.options(), arguments.colors.rgb_range);
-    let options = ReadOptions { text, rgb_range, extras: true, ..ReadOptions::new(Wanted::ALL, arguments.strict) };
+    let options = ReadOptions {
+        text,
+        rgb_range,
+        extras: true,
+        ..ReadOptions::new(Wanted::ALL, arguments.strict)
+    };
     let cloud = cloud::read(&arguments.files, &options, progress)?;
     let report = Report::new(&cloud);
     if arguments.json {
-        return serde_json::to_string_pretty(&report)
-            .map_err(|error| Error::Request(format!("the report cannot be written as JSON: {error}")));
+        return serde_json::to_string_pretty(&report).map_err(|error| {
+            Error::Request(format!("the report cannot be written as JSON: {error}"))
+        });
     }
     Ok(report.text())
 }
@@ -219,7 +232,12 @@ impl<'a> Report<'a> {
             unit: reference.unit(),
             unit_is_stated: reference.says_unit(),
             spacing: Spacing { value: spacing::spacing(cloud), how: HOW_SPACING },
-            parts: cloud.parts.iter().enumerate().map(|(index, part)| PartReport::new(part, index, cloud)).collect(),
+            parts: cloud
+                .parts
+                .iter()
+                .enumerate()
+                .map(|(index, part)| PartReport::new(part, index, cloud))
+                .collect(),
             strays: cloud.strays(),
             stations: &cloud.stations,
             exposures: exposures(cloud),
@@ -238,7 +256,10 @@ impl<'a> Report<'a> {
             line("bounds", words(&self.bounds));
         }
         line("unit", unit_words(&self.unit, self.unit_is_stated));
-        let value = self.spacing.value.map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
+        let value = self
+            .spacing
+            .value
+            .map_or("unknown, fewer than two places".into(), |value| self.unit.length(value, 6));
         line("spacing", format!("{value} ({})", self.spacing.how));
         line("stations", self.stations.len().to_string());
         let exposures = self.exposures.as_ref();
@@ -256,7 +277,8 @@ impl<'a> Report<'a> {
         if self.stations.len() > LISTED {
             line("", format!("and {} more; --json lists them all", self.stations.len() - LISTED));
         }
-        for overlap in self.exposures.iter().flat_map(|exposures| &exposures.overlaps).take(LISTED) {
+        for overlap in self.exposures.iter().flat_map(|exposures| &exposures.overlaps).take(LISTED)
+        {
             let [one, two] = overlap.stations.map(|number| &self.stations[number].name);
             line(
                 "overlap",
@@ -290,7 +312,8 @@ pub fn uneven(balance: &Balance) -> String {
 /// How many kinds there are, and how many points of each.
 pub fn listed(counts: impl ExactSizeIterator<Item = (u8, u64)>) -> String {
     let (kinds, more) = (counts.len(), if counts.len() > LISTED { ", ..." } else { "" });
-    let listed: Vec<String> = counts.take(LISTED).map(|(kind, points)| format!("{kind} ({points})")).collect();
+    let listed: Vec<String> =
+        counts.take(LISTED).map(|(kind, points)| format!("{kind} ({points})")).collect();
     format!("{kinds}: {}{more}", listed.join(", "))
 }
 
@@ -308,21 +331,43 @@ impl<'a> PartReport<'a> {
             bounds: bounds(part.bounds(), &Digits::of([part.lattice])),
             step: part.lattice.step,
             offset: part.lattice.offset,
-            attributes: Attributes::new(part, cloud.stations.iter().filter(|station| station.part == index).count()),
+            attributes: Attributes::new(
+                part,
+                cloud.stations.iter().filter(|station| station.part == index).count(),
+            ),
         }
     }
 
     fn write(&self, out: &mut String) {
-        let _ = writeln!(out, "{}{}", self.path, self.name.map(|name| format!(", {name}")).unwrap_or_default());
+        let _ = writeln!(
+            out,
+            "{}{}",
+            self.path,
+            self.name.map(|name| format!(", {name}")).unwrap_or_default()
+        );
         let mut line = |what: &str, value: String| push(out, what, &value);
         line("format", self.format.into());
         let promised = self.header.points.filter(|&points| points != self.points);
-        line("points", format!("{}{}", self.points, promised.map(|points| format!(" (header says {points})")).unwrap_or_default()));
+        line(
+            "points",
+            format!(
+                "{}{}",
+                self.points,
+                promised.map(|points| format!(" (header says {points})")).unwrap_or_default()
+            ),
+        );
         line("bounds", words(&self.bounds));
         if let Some([min, max]) = self.header.bounds {
             line("header", words(&Some(Bounds { min: min.into(), max: max.into() })));
         }
-        line("lattice", format!("steps of {}, from {}", self.step.to_array().map(significant).join(" "), triple(self.offset)));
+        line(
+            "lattice",
+            format!(
+                "steps of {}, from {}",
+                self.step.to_array().map(significant).join(" "),
+                triple(self.offset)
+            ),
+        );
         self.attributes.write(&mut line);
         if let Some(system) = &self.header.system {
             line("crs", system_words(system));
@@ -340,30 +385,53 @@ impl Attributes {
         let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         Self {
             rgb: columns.rgb.as_ref().map(|colors| {
-                let extremes = colors.iter().fold(([255; 3], [0; 3]), |(min, max): ([u8; 3], [u8; 3]), color| {
-                    (std::array::from_fn(|i| min[i].min(color[i])), std::array::from_fn(|i| max[i].max(color[i])))
-                });
-                Rgb { bits: part.rgb_scale.bits(), scale: part.rgb_scale, min: extremes.0, max: extremes.1 }
+                let extremes = colors.iter().fold(
+                    ([255; 3], [0; 3]),
+                    |(min, max): ([u8; 3], [u8; 3]), color| {
+                        (
+                            std::array::from_fn(|i| min[i].min(color[i])),
+                            std::array::from_fn(|i| max[i].max(color[i])),
+                        )
+                    },
+                );
+                Rgb {
+                    bits: part.rgb_scale.bits(),
+                    scale: part.rgb_scale,
+                    min: extremes.0,
+                    max: extremes.1,
+                }
             }),
-            intensity: columns.intensity.as_ref().and_then(|column| cloud::range(column)).map(|(min, max)| {
-                let value = |stored: u16| cloud::intensity_of(stored, part.intensity_range);
-                Range { min: value(min), max: value(max) }
-            }),
+            intensity: columns.intensity.as_ref().and_then(|column| cloud::range(column)).map(
+                |(min, max)| {
+                    let value = |stored: u16| cloud::intensity_of(stored, part.intensity_range);
+                    Range { min: value(min), max: value(max) }
+                },
+            ),
             class: columns.class.as_ref().map(|_| Class::list(&Counts::of([columns]))),
             returns: columns.returns.as_ref().map(|column| Returns {
                 most: column.iter().map(|packed| packed >> 4).max().unwrap_or(0),
-                impossible: column.iter().filter(|&packed| packed & 15 == 0 || packed & 15 > packed >> 4).count() as u64,
+                impossible: column
+                    .iter()
+                    .filter(|&packed| packed & 15 == 0 || packed & 15 > packed >> 4)
+                    .count() as u64,
             }),
             source: columns.source.as_ref().map(|_| Sources { ids: stations }),
             gps_time: columns.gps_time.as_ref().map(|column| {
                 let nan = column.iter().filter(|time| time.is_nan()).count();
                 let times = || column.iter().copied().filter(|time| !time.is_nan());
-                Times { min: times().reduce(f64::min), max: times().reduce(f64::max), nan, nan_share: share(nan, column.len()) }
+                Times {
+                    min: times().reduce(f64::min),
+                    max: times().reduce(f64::max),
+                    nan,
+                    nan_share: share(nan, column.len()),
+                }
             }),
-            normal: columns
-                .normal
-                .as_ref()
-                .map(|column| Normals { zero_share: share(column.iter().filter(|normal| **normal == [0; 3]).count(), column.len()) }),
+            normal: columns.normal.as_ref().map(|column| Normals {
+                zero_share: share(
+                    column.iter().filter(|normal| **normal == [0; 3]).count(),
+                    column.len(),
+                ),
+            }),
             extra: part.header.extras.clone(),
         }
     }
@@ -385,7 +453,11 @@ impl Attributes {
             line("classes", listed(classes.iter().map(|class| (class.class, class.points))));
         }
         if let Some(Returns { most, impossible }) = &self.returns {
-            let odd = if *impossible > 0 { format!("; {impossible} points with an impossible return number") } else { String::new() };
+            let odd = if *impossible > 0 {
+                format!("; {impossible} points with an impossible return number")
+            } else {
+                String::new()
+            };
             line("returns", format!("up to {most}{odd}"));
         }
         if let Some(Sources { ids }) = &self.source {
@@ -393,15 +465,19 @@ impl Attributes {
         }
         if let Some(Times { min, max, nan, .. }) = &self.gps_time {
             let nan = if *nan > 0 { format!("; {nan} are NaN") } else { String::new() };
-            let range = min.zip(*max).map_or("none".into(), |(min, max)| format!("{}..{}", digits::number(min), digits::number(max)));
+            let range = min.zip(*max).map_or("none".into(), |(min, max)| {
+                format!("{}..{}", digits::number(min), digits::number(max))
+            });
             line("gps time", format!("{range}{nan}"));
         }
         if let Some(Normals { zero_share }) = &self.normal {
             line("normals", format!("{:.1} % are zero", zero_share * 100.0));
         }
         for Extra { name, min, max, missing } in &self.extra {
-            let range = min.zip(*max).map_or("no number".into(), |(min, max)| format!("{min} to {max}"));
-            let missing = if *missing > 0 { format!(", missing in {missing}") } else { String::new() };
+            let range =
+                min.zip(*max).map_or("no number".into(), |(min, max)| format!("{min} to {max}"));
+            let missing =
+                if *missing > 0 { format!(", missing in {missing}") } else { String::new() };
             line("extra", format!("\"{name}\": {range}{missing}"));
         }
     }
@@ -422,7 +498,11 @@ pub fn system_words(system: &System) -> String {
         Some(unit) => format!(", in {} ({} m)", unit.name, unit.metres),
         None => ", in a unit that it does not name".into(),
     };
-    let heights = system.height_unit.as_ref().map(|unit| format!(", heights in {} ({} m)", unit.name, unit.metres)).unwrap_or_default();
+    let heights = system
+        .height_unit
+        .as_ref()
+        .map(|unit| format!(", heights in {} ({} m)", unit.name, unit.metres))
+        .unwrap_or_default();
     let plane = system.plane.map(|plane| format!("; {plane}")).unwrap_or_default();
     format!("{system}{unit}{heights}{plane}")
 }
@@ -433,7 +513,9 @@ pub fn unit_words(unit: &Unit, is_stated: bool) -> String {
 
 /// Two corners.
 pub fn words(bounds: &Option<Bounds>) -> String {
-    bounds.as_ref().map_or("none".into(), |Bounds { min, max }| format!("{} to {}", triple(*min), triple(*max)))
+    bounds.as_ref().map_or("none".into(), |Bounds { min, max }| {
+        format!("{} to {}", triple(*min), triple(*max))
+    })
 }
 
 /// Nine decimals say more than any scanner, and hide the last bit of `f64`.

@@ -29,7 +29,11 @@ const MIB: u64 = 1 << 20;
 pub fn ends_in(path: &Path, endings: &[&str]) -> Result<()> {
     match path.extension() {
         Some(other) if endings.iter().all(|ending| !other.eq_ignore_ascii_case(ending)) => {
-            Err(Error::Request(format!("what is written is .{}, and {} would say otherwise", endings.join(" or ."), path.display())))
+            Err(Error::Request(format!(
+                "what is written is .{}, and {} would say otherwise",
+                endings.join(" or ."),
+                path.display()
+            )))
         }
         _ => Ok(()),
     }
@@ -74,7 +78,11 @@ pub struct PictureOptions {
     #[arg(long, value_name = "METRES", value_parser = metres, allow_hyphen_values = true)]
     pub layer: Option<f64>,
     /// How opaque points are, 0 to 1: all, or those of a class, return number, station (its name, `source N`, or its number in the list of `info`) or file; what applies to a point is multiplied; 0 leaves it out. Repeatable
-    #[arg(long, value_name = "[class:N|return:N|station:S|file:F=]OPACITY", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "[class:N|return:N|station:S|file:F=]OPACITY",
+        allow_hyphen_values = true
+    )]
     pub opacity: Vec<Rule>,
     /// Which part of the cloud is there: what lies in a box, given by two opposite corners in the world, or in one of several; or what lies outside:X0,... of each. Faces are part of a box; inf is a number. Repeatable
     #[arg(long, value_name = "box|outside|off:X0,Y0,Z0,X1,Y1,Z1", allow_hyphen_values = true)]
@@ -165,7 +173,13 @@ impl DetailOptions {
             _ if self.no_cache => Some(cache::Place::Nowhere),
             folder => folder.clone().map(cache::Place::Folder),
         };
-        Opening { read, index, place, shadows: self.shadows.clone().map(|path| (path, light)), fault: None }
+        Opening {
+            read,
+            index,
+            place,
+            shadows: self.shadows.clone().map(|path| (path, light)),
+            fault: None,
+        }
     }
 }
 
@@ -177,7 +191,11 @@ pub fn effect(text: &str) -> std::result::Result<String, String> {
 /// Of the setting's own limits.
 fn abuffer(text: &str) -> std::result::Result<Bytes, String> {
     let bytes = text.parse::<Bytes>().map_err(|error| error.to_string())?;
-    if (MIB..=65_536 * MIB).contains(&bytes.0) { Ok(bytes) } else { Err("from 1MiB to 64GiB".into()) }
+    if (MIB..=65_536 * MIB).contains(&bytes.0) {
+        Ok(bytes)
+    } else {
+        Err("from 1MiB to 64GiB".into())
+    }
 }
 
 fn metres(text: &str) -> std::result::Result<f64, String> {
@@ -214,9 +232,13 @@ impl std::str::FromStr for Size {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Size, String> {
-        let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-        let valid = sides.filter(|sides: &[u32; 2]| sides.iter().all(|side| (1..=LARGEST_SIDE).contains(side)));
-        valid.map(Size).ok_or(format!("{text:?} is not WIDTHxHEIGHT in pixels, 1 to {LARGEST_SIDE} each"))
+        let sides =
+            text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+        let valid = sides
+            .filter(|sides: &[u32; 2]| sides.iter().all(|side| (1..=LARGEST_SIDE).contains(side)));
+        valid
+            .map(Size)
+            .ok_or(format!("{text:?} is not WIDTHxHEIGHT in pixels, 1 to {LARGEST_SIDE} each"))
     }
 }
 
@@ -232,11 +254,30 @@ impl PictureOptions {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
         let Scene { camera, color, wishes, opacities, clips, fineness } = Scene::read(path)?;
         let effect = wishes.effects.clone().list().iter().map(ToString::to_string).collect();
-        let (light, background, layer) = (wishes.light, Background(wishes.background), Some(wishes.layer_m).filter(|layer| *layer > 0.0));
+        let (light, background, layer) = (
+            wishes.light,
+            Background(wishes.background),
+            Some(wishes.layer_m).filter(|layer| *layer > 0.0),
+        );
         let (opacity, clip) = (opacities.0, clips.0);
         let own = &self.detail;
-        let detail = DetailOptions { budget: own.budget.or(fineness.budget), lod: own.lod.or(fineness.lod_px), ..own.clone() };
-        Ok(PictureOptions { saved_camera: Some(camera), color, effect, light, background, layer, opacity, clip, detail, ..self.clone() })
+        let detail = DetailOptions {
+            budget: own.budget.or(fineness.budget),
+            lod: own.lod.or(fineness.lod_px),
+            ..own.clone()
+        };
+        Ok(PictureOptions {
+            saved_camera: Some(camera),
+            color,
+            effect,
+            light,
+            background,
+            layer,
+            opacity,
+            clip,
+            detail,
+            ..self.clone()
+        })
     }
 
     pub fn wishes(&self) -> Result<Wishes> {
@@ -259,7 +300,8 @@ impl PictureOptions {
     /// The columns to read for what the points are to show, and to tell stations apart where colours of several are shown together.
     pub fn wanted(&self) -> Wanted {
         let shown = match self.color {
-            Some(attribute) => Wanted { source: attribute.has_luminance(), ..Wanted::default() }.and(attribute.wanted()),
+            Some(attribute) => Wanted { source: attribute.has_luminance(), ..Wanted::default() }
+                .and(attribute.wanted()),
             None => Wanted { rgb: true, intensity: true, source: true, ..Wanted::default() },
         };
         shown.and(self.further().wanted())
@@ -267,7 +309,9 @@ impl PictureOptions {
 
     /// What points bring to the device beside what they show.
     pub fn further(&self) -> Further {
-        let asked = |asks: &dyn Fn(&Effects) -> bool| self.wishes().is_ok_and(|wishes| asks(&wishes.effects));
+        let asked = |asks: &dyn Fn(&Effects) -> bool| {
+            self.wishes().is_ok_and(|wishes| asks(&wishes.effects))
+        };
         Further {
             kind: self.opacities().needs_kinds(),
             normal: asked(&|effects| effects.phong.wants_normals(self.light)),
@@ -330,12 +374,23 @@ impl PictureOptions {
 
 impl DeviceOptions {
     pub fn wish(&self) -> Wish {
-        Wish { device: self.device.clone(), validate: self.validate, unmapped: self.unmapped, ..Wish::default() }
+        Wish {
+            device: self.device.clone(),
+            validate: self.validate,
+            unmapped: self.unmapped,
+            ..Wish::default()
+        }
     }
 }
 
 pub fn read_camera(path: &Path) -> Result<Camera> {
     let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
-    serde_json::from_str(&text)
-        .map_err(|error| Error::format(path, format!("no camera ({error}); it needs at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}")))
+    serde_json::from_str(&text).map_err(|error| {
+        Error::format(
+            path,
+            format!(
+                "no camera ({error}); it needs at least {{\"eye\": [x,y,z], \"target\": [x,y,z]}}"
+            ),
+        )
+    })
 }

@@ -81,7 +81,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if let (Some(png), Some(exr)) = (&arguments.output, &arguments.exr)
         && png == exr
     {
-        return Err(Error::Request(format!("-o and --exr both name {}; they are two files", png.display())));
+        return Err(Error::Request(format!(
+            "-o and --exr both name {}; they are two files",
+            png.display()
+        )));
     }
     if let Some(path) = &arguments.path {
         return frames::run(arguments, path, progress);
@@ -123,7 +126,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if arguments.tile.is_some() || tiled::needs_pieces(&gpu, view.size, arguments.piece) {
         return in_pieces(arguments, &picture, &view, &mut gpu, brought, progress);
     }
-    facts.taken = brought.settle(&mut gpu, &view, &picture.detail.fineness().of(view.size), progress)?;
+    facts.taken =
+        brought.settle(&mut gpu, &view, &picture.detail.fineness().of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
             return Err(Error::Request(note.clone()));
@@ -136,12 +140,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     look.notes(resident).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
 
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::is_some);
-    let Done { frame, asked, notes } = frame::draw(&mut gpu, &view, resident, &look, progress, |g, outcome| {
-        facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
-        facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
-        let counts = arguments.explain.is_some().then(|| counts::Asked::of(g, &outcome.layers));
-        Ok((Downloads::ask(g, outcome, png, exr)?, counts, outcome.statistics))
-    })?;
+    let Done { frame, asked, notes } =
+        frame::draw(&mut gpu, &view, resident, &look, progress, |g, outcome| {
+            facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
+            facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
+            let counts = arguments.explain.is_some().then(|| counts::Asked::of(g, &outcome.layers));
+            Ok((Downloads::ask(g, outcome, png, exr)?, counts, outcome.statistics))
+        })?;
     let (downloads, counts, statistics) = asked;
     stages.done("draw");
     notes.iter().for_each(|note| eprintln!("pointillist: note: {note}"));
@@ -151,8 +156,13 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if let Some(counts) = counts {
         let counts = counts.counts(&frame, view.size, &look.effects);
         match arguments.explain.as_deref() {
-            Some("json") => println!("{}", explain_json(&facts, &gpu, resident, &look, &statistics, &counts, &frame)),
-            _ => eprint!("{}", explain(&facts, &gpu, resident, &look, &statistics, &counts, &frame)),
+            Some("json") => println!(
+                "{}",
+                explain_json(&facts, &gpu, resident, &look, &statistics, &counts, &frame)
+            ),
+            _ => {
+                eprint!("{}", explain(&facts, &gpu, resident, &look, &statistics, &counts, &frame))
+            }
         }
     }
     if arguments.timings {
@@ -172,7 +182,9 @@ fn in_pieces(
     mut brought: Brought,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let (Some(output), None, None, false) = (&arguments.output, &arguments.exr, &arguments.explain, arguments.timings) else {
+    let (Some(output), None, None, false) =
+        (&arguments.output, &arguments.exr, &arguments.explain, arguments.timings)
+    else {
         return Err(Error::Request(format!(
             "{}x{} pixels are drawn in pieces, of which there are no layers, times and reasons; leave out --exr, --explain and --timings, or draw fewer",
             view.size[0], view.size[1]
@@ -196,7 +208,10 @@ fn in_pieces(
 pub fn refuse_to_overwrite(output: &Path, inputs: &[PathBuf]) -> Result<()> {
     let same = |input: &PathBuf| matches!((output.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
     match inputs.iter().find(|input| same(input)) {
-        Some(input) => Err(Error::Request(format!("{} is an input; name another file to write", input.display()))),
+        Some(input) => Err(Error::Request(format!(
+            "{} is an input; name another file to write",
+            input.display()
+        ))),
         None => Ok(()),
     }
 }
@@ -217,8 +232,19 @@ struct Facts {
     strokes: Option<strokes::Facts>,
 }
 
-fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &Statistics, counts: &Counts, frame: &Frame) -> String {
-    let mut text = format!("device: {} ({}), 64-bit atomics: {}\n", gpu.device.name, gpu.device.driver, gpu.device.int64_atomics);
+fn explain(
+    facts: &Facts,
+    gpu: &Gpu,
+    resident: &Resident,
+    look: &Look,
+    drawn: &Statistics,
+    counts: &Counts,
+    frame: &Frame,
+) -> String {
+    let mut text = format!(
+        "device: {} ({}), 64-bit atomics: {}\n",
+        gpu.device.name, gpu.device.driver, gpu.device.int64_atomics
+    );
     text += &format!(
         "cloud: {} points of {} files in {} nodes, {} MiB resident\n",
         facts.points,
@@ -227,7 +253,10 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
         resident.bytes() >> 20
     );
     text += &facts.taken.as_ref().map_or(String::new(), Taken::to_string);
-    text += &format!("memory: {} MiB in buffers and images of the device\n", gpu.memory.allocated >> 20);
+    text += &format!(
+        "memory: {} MiB in buffers and images of the device\n",
+        gpu.memory.allocated >> 20
+    );
     text += &format!("color: {}, because {}\n", facts.shows, facts.why_shown);
     text += &format!(
         "drawn: {} points of {} nodes, {} nodes outside of the view; {:.1} position bytes a point, quantised by at most {:.6} px\n",
@@ -256,7 +285,11 @@ fn explain(facts: &Facts, gpu: &Gpu, resident: &Resident, look: &Look, drawn: &S
     );
     text += &format!("light: {}\n", look.light);
     for (name, reason) in &look.decided.0 {
-        text += &format!("{name}: {}, because {}\n", if reason.runs { "on" } else { "off" }, reason.why);
+        text += &format!(
+            "{name}: {}, because {}\n",
+            if reason.runs { "on" } else { "off" },
+            reason.why
+        );
     }
     if look.decided.runs("phong") {
         text += &format!("normals: {}\n", phong::source(&scene, &look.effects.phong.settings));
@@ -282,8 +315,12 @@ fn explain_json(
     counts: &Counts,
     frame: &Frame,
 ) -> serde_json::Value {
-    let effects: serde_json::Map<_, _> =
-        look.decided.0.iter().map(|(name, reason)| (name.to_string(), serde_json::json!(reason))).collect();
+    let effects: serde_json::Map<_, _> = look
+        .decided
+        .0
+        .iter()
+        .map(|(name, reason)| (name.to_string(), serde_json::json!(reason)))
+        .collect();
     serde_json::json!({
         "device": { "name": gpu.device.name, "driver": gpu.device.driver, "int64_atomics": gpu.device.int64_atomics, "bytes": gpu.memory.allocated },
         "cloud": { "points": facts.points, "files": facts.files, "nodes": facts.nodes.unwrap_or(resident.nodes.len()), "resident_bytes": resident.bytes() },
@@ -329,7 +366,10 @@ impl Stages {
         for (name, ms) in &self.done {
             eprintln!("{name:<16} {ms:>9.1} ms");
             if *name == "draw" {
-                frame.passes.iter().for_each(|(pass, ms)| eprintln!("  {pass:<14} {ms:>9.1} ms on the device"));
+                frame
+                    .passes
+                    .iter()
+                    .for_each(|(pass, ms)| eprintln!("  {pass:<14} {ms:>9.1} ms on the device"));
             }
         }
         eprintln!("{:<16} {:>9.1} ms", "total", self.done.iter().map(|(_, ms)| ms).sum::<f64>());

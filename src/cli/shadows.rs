@@ -45,7 +45,9 @@ pub struct Arguments {
 
 fn shadows(text: &str) -> std::result::Result<String, String> {
     match text.strip_prefix("shadows=") {
-        Some(settings) if settings.split(',').any(|setting| setting == "off") => Err("shadows are what this casts".into()),
+        Some(settings) if settings.split(',').any(|setting| setting == "off") => {
+            Err("shadows are what this casts".into())
+        }
         Some(_) => effect(text),
         None => Err("only shadows are cast here".into()),
     }
@@ -60,8 +62,15 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let index = Index::open(&arguments.file)?;
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     let settings = &effects.shadows.settings;
-    let Summary { facts, leaves, readings, bytes } =
-        whole::cast(&mut gpu, &index, arguments.light, settings, arguments.memory.0, &arguments.output, progress)?;
+    let Summary { facts, leaves, readings, bytes } = whole::cast(
+        &mut gpu,
+        &index,
+        arguments.light,
+        settings,
+        arguments.memory.0,
+        &arguments.output,
+        progress,
+    )?;
     eprintln!(
         "{}: {} points in {leaves} leaves, read {}; {facts}; {} KiB",
         arguments.output.display(),

@@ -43,7 +43,8 @@ pub struct Arguments {
 }
 
 fn help() -> String {
-    let studies: Vec<String> = STUDIES.iter().map(|(name, about)| format!("  {name:<14} {about}")).collect();
+    let studies: Vec<String> =
+        STUDIES.iter().map(|(name, about)| format!("  {name:<14} {about}")).collect();
     format!("Studies:\n{}\n\n{EXAMPLES}", studies.join("\n"))
 }
 

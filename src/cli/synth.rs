@@ -63,8 +63,11 @@ pub struct Arguments {
 const TRUTH_SIDE: u32 = 16_384;
 
 fn parse_offset(text: &str) -> std::result::Result<DVec3, String> {
-    let numbers: Vec<f64> =
-        text.split(',').map(|n| n.trim().parse::<f64>()).collect::<std::result::Result<_, _>>().map_err(|e| e.to_string())?;
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|n| n.trim().parse::<f64>())
+        .collect::<std::result::Result<_, _>>()
+        .map_err(|e| e.to_string())?;
     match numbers[..] {
         [e, n, h] if e.is_finite() && n.is_finite() && h.is_finite() => Ok(DVec3::new(e, n, h)),
         _ => Err("three finite numbers are needed: E,N,H".to_owned()),
@@ -79,8 +82,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     world.offset = arguments.offset.unwrap_or(world.offset);
     world.step = arguments.step.unwrap_or(world.step);
     if let Some(path) = &arguments.camera_out {
-        let text = serde_json::to_string_pretty(&camera(world.camera())).expect("a camera is plain numbers");
-        whole_file(path, |partial| std::fs::write(partial, text + "\n").map_err(|e| Error::io("write", path, e)))?;
+        let text = serde_json::to_string_pretty(&camera(world.camera()))
+            .expect("a camera is plain numbers");
+        whole_file(path, |partial| {
+            std::fs::write(partial, text + "\n").map_err(|e| Error::io("write", path, e))
+        })?;
     }
     if let Some(output) = &arguments.output {
         ends_in(output, if arguments.truth.is_some() { &["exr"] } else { &["las", "laz"] })?;
@@ -89,7 +95,9 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         (Some(output), Some(camera)) => {
             if arguments.size.0.iter().any(|&side| side > TRUTH_SIDE) {
                 let size = arguments.size;
-                return Err(Error::Request(format!("a truth of {size} pixels is beyond {TRUTH_SIDE} a side; ask for a smaller --size")));
+                return Err(Error::Request(format!(
+                    "a truth of {size} pixels is beyond {TRUTH_SIDE} a side; ask for a smaller --size"
+                )));
             }
             let view = View::new(read_camera(camera)?, arguments.size.0)?;
             let Truth { channels, parts, .. } = truth(&world, &view, progress)?;
@@ -99,17 +107,34 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         (Some(output), None) => {
             let noise = arguments.noise.unwrap_or(arguments.scene.default_noise());
             let mut file = LasFile::create(output, world.lattice(), arguments.points)?;
-            synth::scan(&world, arguments.points, arguments.seed, noise, &mut |chunk| file.write(chunk), progress)?;
+            synth::scan(
+                &world,
+                arguments.points,
+                arguments.seed,
+                noise,
+                &mut |chunk| file.write(chunk),
+                progress,
+            )?;
             file.finish()
         }
         (None, _) if arguments.camera_out.is_some() => Ok(()),
-        (None, _) => Err(Error::Request("nothing to write: name a file with -o file.las (or --camera-out camera.json)".to_owned())),
+        (None, _) => Err(Error::Request(
+            "nothing to write: name a file with -o file.las (or --camera-out camera.json)"
+                .to_owned(),
+        )),
     }
 }
 
 /// The scene's own camera as the renderer's.
 pub fn camera(look: Look) -> Camera {
-    Camera { eye: look.eye, target: look.target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None }
+    Camera {
+        eye: look.eye,
+        target: look.target,
+        up: DVec3::Z,
+        fov_y: look.fov_y,
+        projection: Projection::Perspective,
+        ortho_height: None,
+    }
 }
 
 /// One sample for each pixel centre, as f32 planes; what a checker compares with.
@@ -121,8 +146,20 @@ pub struct Truth {
     pub parts: Vec<u32>,
 }
 
-const CHANNELS: [&str; 12] =
-    ["R", "G", "B", "A", "depth.Z", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "luminance.V"];
+const CHANNELS: [&str; 12] = [
+    "R",
+    "G",
+    "B",
+    "A",
+    "depth.Z",
+    "normal.X",
+    "normal.Y",
+    "normal.Z",
+    "albedo.R",
+    "albedo.G",
+    "albedo.B",
+    "luminance.V",
+];
 
 /// Casts the ray of every pixel centre. Where there is nothing: depth infinite, everything else 0.
 pub fn truth(world: &World, view: &View, progress: &dyn Progress) -> Result<Truth> {
@@ -134,7 +171,8 @@ pub fn truth(world: &World, view: &View, progress: &dyn Progress) -> Result<Trut
         progress.tick("ray casting", top as u64, height as u64)?;
         let rows = top..height.min(top + rows_at_once);
         let pixel = |i: usize| -> ([f32; 12], u32) {
-            let (origin, direction) = view.ray((i % width) as f64 + 0.5, (top + i / width) as f64 + 0.5);
+            let (origin, direction) =
+                view.ray((i % width) as f64 + 0.5, (top + i / width) as f64 + 0.5);
             let Some(hit) = world.trace(origin - world.offset, direction) else {
                 let mut nothing = [0.0; 12];
                 nothing[4] = f32::INFINITY;
@@ -142,7 +180,23 @@ pub fn truth(world: &World, view: &View, progress: &dyn Progress) -> Result<Trut
             };
             let (c, n, a) = (hit.lit.as_vec3(), hit.normal.as_vec3(), hit.albedo.as_vec3());
             // The direction's forward component is 1, so t is planar depth.
-            ([c.x, c.y, c.z, 1.0, hit.t as f32, n.x, n.y, n.z, a.x, a.y, a.z, hit.luminance as f32], hit.part)
+            (
+                [
+                    c.x,
+                    c.y,
+                    c.z,
+                    1.0,
+                    hit.t as f32,
+                    n.x,
+                    n.y,
+                    n.z,
+                    a.x,
+                    a.y,
+                    a.z,
+                    hit.luminance as f32,
+                ],
+                hit.part,
+            )
         };
         let pixels: Vec<_> = (0..rows.len() * width).into_par_iter().map(pixel).collect();
         for (values, part) in pixels {

@@ -30,7 +30,11 @@ impl Terminal {
             }
             call_waiting();
         });
-        Terminal { shows: std::io::stderr().is_terminal(), since: Instant::now(), bar: Mutex::new(None) }
+        Terminal {
+            shows: std::io::stderr().is_terminal(),
+            since: Instant::now(),
+            bar: Mutex::new(None),
+        }
     }
 }
 
@@ -55,7 +59,9 @@ impl Progress for Terminal {
         let mut shown = self.bar.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if shown.as_ref().is_none_or(|(what, _)| what != doing) {
             let bar = ProgressBar::new(total);
-            if let Ok(style) = ProgressStyle::with_template("{msg} {bar:30} {human_pos}/{human_len} {per_sec} {eta} left") {
+            if let Ok(style) = ProgressStyle::with_template(
+                "{msg} {bar:30} {human_pos}/{human_len} {per_sec} {eta} left",
+            ) {
                 bar.set_style(style);
             }
             bar.set_message(doing.to_string());

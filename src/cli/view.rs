@@ -61,15 +61,22 @@ pub struct Arguments {
 }
 
 fn enlarged(text: &str) -> std::result::Result<Enlarged, String> {
-    let times = text.strip_suffix('x').and_then(|times| times.parse().ok()).filter(|times| (1..=64).contains(times));
+    let times = text
+        .strip_suffix('x')
+        .and_then(|times| times.parse().ok())
+        .filter(|times| (1..=64).contains(times));
     match times {
         Some(times) => Ok(Enlarged::Times(times)),
-        None => text.parse().map(|Size(size)| Enlarged::To(size)).map_err(|why| format!("{why}, nor 1x to 64x")),
+        None => text
+            .parse()
+            .map(|Size(size)| Enlarged::To(size))
+            .map_err(|why| format!("{why}, nor 1x to 64x")),
     }
 }
 
 fn help() -> String {
-    let keys: Vec<_> = keys::KEYS.iter().map(|key| format!("  {:<4} {}", key.name, key.about)).collect();
+    let keys: Vec<_> =
+        keys::KEYS.iter().map(|key| format!("  {:<4} {}", key.name, key.about)).collect();
     format!("Keys:\n{}\n\n{EXAMPLES}", keys.join("\n"))
 }
 
@@ -88,7 +95,10 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     };
     let options = Options {
         files: arguments.files.clone(),
-        opening: Opening { fault: arguments.fail_reading, ..picture.detail.opening(picture.read_options(arguments.strict), picture.light) },
+        opening: Opening {
+            fault: arguments.fail_reading,
+            ..picture.detail.opening(picture.read_options(arguments.strict), picture.light)
+        },
         further: picture.further(),
         scene,
         preset: picture.view,
@@ -96,7 +106,11 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         size: picture.size.0,
         habit: arguments.navigation,
         enlarged: arguments.save_size,
-        wish: Wish { lost_after: arguments.lose_device, surface_lost_after: arguments.lose_surface, ..arguments.device.wish() },
+        wish: Wish {
+            lost_after: arguments.lose_device,
+            surface_lost_after: arguments.lose_surface,
+            ..arguments.device.wish()
+        },
         pool_bytes: picture.detail.pool_bytes(),
         path: arguments.path.as_deref().map(CameraPath::read).transpose()?.unwrap_or_default(),
         flight: arguments.flight.map(|seconds| Duration::from_secs(seconds as u64)),

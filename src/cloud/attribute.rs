@@ -100,7 +100,14 @@ impl Further {
     /// The columns that it is made of.
     pub fn wanted(self) -> Wanted {
         // Strokes are as large as what is of one colour.
-        Wanted { rgb: self.strokes, class: self.kind, returns: self.kind, source: self.kind, normal: self.normal, ..Wanted::default() }
+        Wanted {
+            rgb: self.strokes,
+            class: self.kind,
+            returns: self.kind,
+            source: self.kind,
+            normal: self.normal,
+            ..Wanted::default()
+        }
     }
 }
 
@@ -161,17 +168,22 @@ impl Shown {
         };
         let heights = heights.unwrap_or_default();
         let coded = attribute == Attribute::Rgb && cloud.stations.len() > 1;
-        let shown = Shown { attribute, heights, stretch: [0, 255], coded, further: Further::default() };
+        let shown =
+            Shown { attribute, heights, stretch: [0, 255], coded, further: Further::default() };
         Shown { stretch: shown.stretched(cloud), ..shown }
     }
 
     /// Elevation over these heights, each with how many points lie there.
     pub fn of_heights(heights: Vec<(f64, u64)>) -> Shown {
-        let fold = |pick: fn(f64, f64) -> f64, from: f64| heights.iter().map(|&(height, _)| height).fold(from, pick);
+        let fold = |pick: fn(f64, f64) -> f64, from: f64| {
+            heights.iter().map(|&(height, _)| height).fold(from, pick)
+        };
         let ends = [fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY)];
         let shown = Shown::indexed(Attribute::Elevation, ends, [0, 255]);
         let mut counts = vec![0u64; 1 << 16];
-        heights.iter().for_each(|&(height, points)| counts[shown.elevation(height) as usize & 0xFFFF] += points);
+        heights.iter().for_each(|&(height, points)| {
+            counts[shown.elevation(height) as usize & 0xFFFF] += points
+        });
         Shown { stretch: percentiles(&counts), ..shown }
     }
 
@@ -186,7 +198,10 @@ impl Shown {
             return (Shown::new(Attribute::Rgb, cloud), "the points have colours");
         }
         let intensity = Shown::new(Attribute::Intensity, cloud);
-        let everywhere = cloud.parts.iter().all(|part| part.columns.intensity.is_some() || part.columns.is_empty());
+        let everywhere = cloud
+            .parts
+            .iter()
+            .all(|part| part.columns.intensity.is_some() || part.columns.is_empty());
         if everywhere && intensity.stretch[1] > intensity.stretch[0] {
             return (intensity, "no colours, but an intensity that varies");
         }
@@ -195,7 +210,10 @@ impl Shown {
 
     /// Words that a point brings: what it shows, then what is further.
     pub fn words(&self) -> u32 {
-        1 + self.further.kind as u32 + self.further.normal as u32 + 2 * self.further.strokes as u32 + self.further.light as u32
+        1 + self.further.kind as u32
+            + self.further.normal as u32
+            + 2 * self.further.strokes as u32
+            + self.further.light as u32
     }
 
     /// Which of its words is a point's kind.
@@ -220,7 +238,10 @@ impl Shown {
 
     /// The columns that its words are made of.
     pub fn wanted(&self) -> Wanted {
-        self.attribute.wanted().and(self.further.wanted()).and(Wanted { source: self.coded, ..Wanted::default() })
+        self.attribute
+            .wanted()
+            .and(self.further.wanted())
+            .and(Wanted { source: self.coded, ..Wanted::default() })
     }
 
     /// All words of a point, but for those that a brush needs, of a part whose stations are these, the first of them this number in the cloud.
@@ -237,10 +258,17 @@ impl Shown {
         if let Some(place) = self.kind() {
             let byte = |column: &Option<Vec<u8>>| column.as_ref().map_or(0, |column| column[i]);
             let station = station();
-            words[place as usize] = kind(byte(&columns.class), byte(&columns.returns), station.min(u16::MAX as usize) as u16);
+            words[place as usize] = kind(
+                byte(&columns.class),
+                byte(&columns.returns),
+                station.min(u16::MAX as usize) as u16,
+            );
         }
         if let Some(place) = self.normal() {
-            words[place as usize] = columns.normal.as_ref().map_or(octahedral::UNKNOWN, |normal| octahedral::of_bytes(normal[i]));
+            words[place as usize] = columns
+                .normal
+                .as_ref()
+                .map_or(octahedral::UNKNOWN, |normal| octahedral::of_bytes(normal[i]));
         }
         words
     }
@@ -251,13 +279,20 @@ impl Shown {
         let bytes = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
         match self.attribute {
             // Of a cloud whose colours have been corrected.
-            Attribute::Rgb | Attribute::Corrected => columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i])),
+            Attribute::Rgb | Attribute::Corrected => {
+                columns.rgb.as_ref().map_or(0xFFFFFF, |rgb| bytes(rgb[i]))
+            }
             Attribute::Intensity => columns.intensity.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Class => columns.class.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Source => columns.source.as_ref().map_or(0, |v| v[i] as u32),
             Attribute::Return => columns.returns.as_ref().map_or(0, |v| (v[i] & 15) as u32),
-            Attribute::Normal => columns.normal.as_ref().map_or(0x7F7F7F, |v| bytes(v[i].map(|c| (c as i16 + 127) as u8))),
-            Attribute::Elevation => self.elevation(part.lattice.offset.z + part.lattice.step.z * columns.z[i] as f64),
+            Attribute::Normal => columns
+                .normal
+                .as_ref()
+                .map_or(0x7F7F7F, |v| bytes(v[i].map(|c| (c as i16 + 127) as u8))),
+            Attribute::Elevation => {
+                self.elevation(part.lattice.offset.z + part.lattice.step.z * columns.z[i] as f64)
+            }
             Attribute::White => 0,
         }
     }
@@ -266,7 +301,9 @@ impl Shown {
     pub fn ends(&self) -> Option<[f64; 2]> {
         let [bottom, top] = self.heights;
         match self.attribute {
-            Attribute::Elevation => Some(self.stretch.map(|word| bottom + (top - bottom) * word as f64 / ELEVATION_LEVELS)),
+            Attribute::Elevation => Some(
+                self.stretch.map(|word| bottom + (top - bottom) * word as f64 / ELEVATION_LEVELS),
+            ),
             Attribute::Intensity => Some(self.stretch.map(f64::from)),
             _ => None,
         }
@@ -275,7 +312,11 @@ impl Shown {
     /// The word of a world height.
     pub fn elevation(&self, height: f64) -> u32 {
         let [lo, hi] = self.heights;
-        if hi > lo { ((height - lo) / (hi - lo) * ELEVATION_LEVELS).clamp(0.0, ELEVATION_LEVELS) as u32 } else { 0 }
+        if hi > lo {
+            ((height - lo) / (hi - lo) * ELEVATION_LEVELS).clamp(0.0, ELEVATION_LEVELS) as u32
+        } else {
+            0
+        }
     }
 
     /// The words at the 2nd and 98th percentile of the points, by counting every point.
@@ -296,7 +337,8 @@ impl Shown {
                 .into_par_iter()
                 .map(|k| {
                     let mut counts = zero();
-                    (k * chunk..part.columns.len().min((k + 1) * chunk)).for_each(|i| counts[self.word(part, i) as usize & 0xFFFF] += 1);
+                    (k * chunk..part.columns.len().min((k + 1) * chunk))
+                        .for_each(|i| counts[self.word(part, i) as usize & 0xFFFF] += 1);
                     counts
                 })
                 .reduce(zero, add);

@@ -46,8 +46,12 @@ impl Axis {
         match (self, block) {
             (Axis::Narrow(values), Axis::Narrow(block)) => values.extend(block),
             (Axis::Wide(values), Axis::Wide(block)) => values.extend(block),
-            (Axis::Wide(values), Axis::Narrow(block)) => values.extend(block.into_iter().map(f64::from)),
-            (Axis::Narrow(_), Axis::Wide(_)) => unreachable!("a block of f64 values for an axis of f32"),
+            (Axis::Wide(values), Axis::Narrow(block)) => {
+                values.extend(block.into_iter().map(f64::from))
+            }
+            (Axis::Narrow(_), Axis::Wide(_)) => {
+                unreachable!("a block of f64 values for an axis of f32")
+            }
         }
     }
 
@@ -61,7 +65,9 @@ impl Axis {
     /// A copy of the values of some points.
     pub fn pick(&self, points: &[u32]) -> Axis {
         match self {
-            Axis::Narrow(values) => Axis::Narrow(points.iter().map(|&i| values[i as usize]).collect()),
+            Axis::Narrow(values) => {
+                Axis::Narrow(points.iter().map(|&i| values[i as usize]).collect())
+            }
             Axis::Wide(values) => Axis::Wide(points.iter().map(|&i| values[i as usize]).collect()),
         }
     }
@@ -70,8 +76,14 @@ impl Axis {
     pub fn range(&self) -> (f64, f64) {
         let join = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
         let range = match self {
-            Axis::Narrow(values) => values.par_iter().with_min_len(TASK).map(|&v| (v.into(), v.into())).reduce_with(join),
-            Axis::Wide(values) => values.par_iter().with_min_len(TASK).map(|&v| (v, v)).reduce_with(join),
+            Axis::Narrow(values) => values
+                .par_iter()
+                .with_min_len(TASK)
+                .map(|&v| (v.into(), v.into()))
+                .reduce_with(join),
+            Axis::Wide(values) => {
+                values.par_iter().with_min_len(TASK).map(|&v| (v, v)).reduce_with(join)
+            }
         };
         range.unwrap_or((0.0, 0.0))
     }
@@ -80,7 +92,9 @@ impl Axis {
     pub fn is_on(&self, step: f64) -> bool {
         let is_whole = |v: f64| (v / step).fract() == 0.0;
         match self {
-            Axis::Narrow(values) => values.par_iter().with_min_len(TASK).all(|&v| is_whole(v.into())),
+            Axis::Narrow(values) => {
+                values.par_iter().with_min_len(TASK).all(|&v| is_whole(v.into()))
+            }
             Axis::Wide(values) => values.par_iter().with_min_len(TASK).all(|&v| is_whole(v)),
         }
     }
@@ -89,7 +103,9 @@ impl Axis {
     pub fn decimals(&self, least: i32, most: i32) -> Option<i32> {
         let Axis::Wide(values) = self else { return None };
         let of_task = |values: &[f64]| {
-            values.iter().try_fold(least, |digits, &value| (digits..=most).find(|&digits| is_decimal(value, 10f64.powi(digits))))
+            values.iter().try_fold(least, |digits, &value| {
+                (digits..=most).find(|&digits| is_decimal(value, 10f64.powi(digits)))
+            })
         };
         values.par_chunks(TASK).map(of_task).try_reduce(|| least, |a, b| Some(a.max(b)))
     }
@@ -98,7 +114,9 @@ impl Axis {
     pub fn quantise(self, offset: f64, step: f64) -> Vec<i32> {
         let q = |v: f64| (v / step - offset / step).round() as i32;
         match self {
-            Axis::Narrow(values) => values.into_par_iter().with_min_len(TASK).map(|v| q(v.into())).collect(),
+            Axis::Narrow(values) => {
+                values.into_par_iter().with_min_len(TASK).map(|v| q(v.into())).collect()
+            }
             Axis::Wide(values) => values.into_par_iter().with_min_len(TASK).map(q).collect(),
         }
     }

@@ -151,7 +151,11 @@ impl Occurred {
 
     /// What the fields count to; 16 bits, as they are meant, where nothing occurred.
     pub fn range(self) -> RgbRange {
-        if self.is_black() || is_many(self.wide, self.coloured) { RgbRange::Words } else { RgbRange::Bytes }
+        if self.is_black() || is_many(self.wide, self.coloured) {
+            RgbRange::Words
+        } else {
+            RgbRange::Bytes
+        }
     }
 
     /// What to say of colours that were taken to count to `scale`: whatever is not as the format has it, or not clear.
@@ -159,7 +163,8 @@ impl Occurred {
         let Occurred { coloured, wide } = self;
         let narrow = coloured - wide;
         if coloured == 0 || scale.by == By::Request {
-            return (wide > 0 && scale.full < 65535.0).then(|| format!("{wide} points have out-of-range colours, which were clamped"));
+            return (wide > 0 && scale.full < 65535.0)
+                .then(|| format!("{wide} points have out-of-range colours, which were clamped"));
         }
         if scale.full > 255.0 {
             return is_many(narrow, coloured).then(|| {
@@ -168,8 +173,11 @@ impl Occurred {
                 )
             });
         }
-        let outliers =
-            if wide > 0 { format!(" but for {wide} of {coloured} points, which were clamped; {OTHERWISE} 65535") } else { String::new() };
+        let outliers = if wide > 0 {
+            format!(" but for {wide} of {coloured} points, which were clamped; {OTHERWISE} 65535")
+        } else {
+            String::new()
+        };
         Some(format!("{NOTE_8_IN_16}{outliers}"))
     }
 }

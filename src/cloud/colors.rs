@@ -16,27 +16,39 @@ pub struct Converted {
 }
 
 /// `limits` are the stated ones, channel by channel; `asked` goes before them.
-pub fn convert(stored: &[[f32; 3]], limits: Option<[[f64; 2]; 3]>, asked: Option<RgbRange>) -> Converted {
+pub fn convert(
+    stored: &[[f32; 3]],
+    limits: Option<[[f64; 2]; 3]>,
+    asked: Option<RgbRange>,
+) -> Converted {
     let (limits, by) = decide(stored, limits, asked);
     let full = limits.iter().map(|[_, hi]| *hi).fold(0.0, f64::max);
     let scale = Scale { full, by };
-    let is_beyond = |color: &[f32; 3]| color.iter().zip(&limits).any(|(&v, [lo, hi])| !(*lo..=*hi).contains(&v.into()));
+    let is_beyond = |color: &[f32; 3]| {
+        color.iter().zip(&limits).any(|(&v, [lo, hi])| !(*lo..=*hi).contains(&v.into()))
+    };
     let clamped = chunked(stored).filter(|color| is_beyond(color)).count() as u64;
     let rgb = chunked(stored).map(|color| bytes(color, &limits)).collect();
-    let note = (by == By::Values).then(|| format!("colours are taken as values of {scale}; {OTHERWISE}"));
+    let note =
+        (by == By::Values).then(|| format!("colours are taken as values of {scale}; {OTHERWISE}"));
     Converted { rgb, scale, clamped, note }
 }
 
 /// The ends of every channel, and who says so.
-fn decide(stored: &[[f32; 3]], stated: Option<[[f64; 2]; 3]>, asked: Option<RgbRange>) -> ([[f64; 2]; 3], By) {
+fn decide(
+    stored: &[[f32; 3]],
+    stated: Option<[[f64; 2]; 3]>,
+    asked: Option<RgbRange>,
+) -> ([[f64; 2]; 3], By) {
     let up_to = |range: RgbRange| [[0.0, range.full().into()]; 3];
     if let Some(range) = asked {
         return (up_to(range), By::Request);
     }
     // NaN is more than nothing.
     let coloured = chunked(stored).filter(|color| color.iter().any(|&v| v > 0.0)).count() as u64;
-    let beyond =
-        |is_beyond: &(dyn Fn(&[f32; 3]) -> bool + Sync)| is_many(chunked(stored).filter(|color| is_beyond(color)).count() as u64, coloured);
+    let beyond = |is_beyond: &(dyn Fn(&[f32; 3]) -> bool + Sync)| {
+        is_many(chunked(stored).filter(|color| is_beyond(color)).count() as u64, coloured)
+    };
     if let Some(limits) = stated {
         let reaches = |share: f64| {
             let limits = limits.map(|[lo, hi]| (lo + share * (hi - lo)) as f32);

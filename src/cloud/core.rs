@@ -19,10 +19,15 @@ impl Cloud {
     /// A sample of the points, and whatever hangs together with most of them; no strays. World.
     pub fn core_points(&self) -> Vec<DVec3> {
         let every = self.len() / SAMPLES + 1;
-        let samples: Vec<_> = self.places(|_| |q| scatter(q).is_multiple_of(every)).into_iter().map(|p| (p, 1)).collect();
+        let samples: Vec<_> = self
+            .places(|_| |q| scatter(q).is_multiple_of(every))
+            .into_iter()
+            .map(|p| (p, 1))
+            .collect();
         let samples = near(samples);
         let certain = Certain::of(samples.clone());
-        let mut core: Vec<DVec3> = samples.into_iter().map(|(p, _)| p).filter(|&p| certain.beyond(p) == 0.0).collect();
+        let mut core: Vec<DVec3> =
+            samples.into_iter().map(|(p, _)| p).filter(|&p| certain.beyond(p) == 0.0).collect();
         // Of a spire's tip a sample would have nothing.
         let outside = self.places(|part| {
             let inside = certain.steps(&part.lattice);
@@ -50,7 +55,8 @@ impl Cloud {
 pub fn without_strays(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
     let samples = near(samples);
     let certain = Certain::of(samples.clone());
-    let (mut core, outside): (Vec<DVec3>, Vec<DVec3>) = samples.into_iter().map(|(p, _)| p).partition(|&p| certain.beyond(p) == 0.0);
+    let (mut core, outside): (Vec<DVec3>, Vec<DVec3>) =
+        samples.into_iter().map(|(p, _)| p).partition(|&p| certain.beyond(p) == 0.0);
     core.extend(certain.tied(outside));
     core
 }
@@ -58,7 +64,9 @@ pub fn without_strays(samples: Vec<(DVec3, u32)>) -> Vec<DVec3> {
 /// Leaves out what lies far outside: of few samples one alone is more than the share that percentiles leave out.
 fn near(mut samples: Vec<(DVec3, u32)>) -> Vec<(DVec3, u32)> {
     let Some(core) = Core::of(samples.len(), |i| samples[i].0) else { return samples };
-    let points = |keeps: &dyn Fn(DVec3) -> bool| samples.iter().filter(|(p, _)| keeps(*p)).map(|&(_, weight)| weight as f64).sum::<f64>();
+    let points = |keeps: &dyn Fn(DVec3) -> bool| {
+        samples.iter().filter(|(p, _)| keeps(*p)).map(|&(_, weight)| weight as f64).sum::<f64>()
+    };
     if points(&|p| !core.has(p)) <= points(&|_| true).sqrt() {
         samples.retain(|(p, _)| core.has(*p));
     }
@@ -102,7 +110,10 @@ impl Certain {
         let step = STEP * self.size;
         let mut cells: HashMap<[i64; 3], Vec<DVec3>> = HashMap::new();
         let mut reached = Vec::new();
-        for p in outside.into_iter().filter(|&p| self.beyond(p) > 0.0 && self.beyond(p) <= WAY * self.size) {
+        for p in outside
+            .into_iter()
+            .filter(|&p| self.beyond(p) > 0.0 && self.beyond(p) <= WAY * self.size)
+        {
             let cell = ((p - self.low) / step).floor().to_array().map(|c| c as i64);
             cells.entry(cell).or_default().push(p);
             if self.beyond(p) <= step {
@@ -121,7 +132,11 @@ impl Certain {
 }
 
 /// The first coordinate that has more than `beyond` points up to it.
-fn within<'s>(samples: impl Iterator<Item = &'s (DVec3, u32)>, axis: usize, beyond: f64) -> Option<f64> {
+fn within<'s>(
+    samples: impl Iterator<Item = &'s (DVec3, u32)>,
+    axis: usize,
+    beyond: f64,
+) -> Option<f64> {
     let mut sums = samples.scan(0.0, |sum, (p, weight)| {
         *sum += *weight as f64;
         Some((*sum, p[axis]))
@@ -131,7 +146,9 @@ fn within<'s>(samples: impl Iterator<Item = &'s (DVec3, u32)>, axis: usize, beyo
 
 /// A number that looks random and depends on a point's lattice coordinates alone.
 fn scatter(q: [i32; 3]) -> u64 {
-    mix((q[0] as u32 as u64) ^ (q[1] as u32 as u64).rotate_left(21) ^ (q[2] as u32 as u64).rotate_left(42))
+    mix((q[0] as u32 as u64)
+        ^ (q[1] as u32 as u64).rotate_left(21)
+        ^ (q[2] as u32 as u64).rotate_left(42))
 }
 
 #[cfg(test)]
@@ -140,7 +157,9 @@ mod tests {
 
     /// A wall of 200 x 200 points over 10 x 10 m.
     fn wall() -> Vec<(DVec3, u32)> {
-        (0..40_000).map(|i| (DVec3::new((i % 200) as f64 * 0.05, 0.0, (i / 200) as f64 * 0.05), 1)).collect()
+        (0..40_000)
+            .map(|i| (DVec3::new((i % 200) as f64 * 0.05, 0.0, (i / 200) as f64 * 0.05), 1))
+            .collect()
     }
 
     fn top(points: &[DVec3]) -> f64 {

@@ -25,7 +25,9 @@ impl Counts {
     pub fn are_possible(&self, points: u64) -> bool {
         let fit = |counts: &[(u8, u64)], kinds: usize| {
             let sum = counts.iter().fold(0u64, |sum, (_, count)| sum.saturating_add(*count));
-            counts.is_sorted_by(|a, b| a.0 < b.0) && counts.iter().all(|(kind, _)| (*kind as usize) < kinds) && sum <= points
+            counts.is_sorted_by(|a, b| a.0 < b.0)
+                && counts.iter().all(|(kind, _)| (*kind as usize) < kinds)
+                && sum <= points
         };
         fit(&self.classes, CLASSES) && fit(&self.returns, RETURNS)
     }
@@ -47,7 +49,11 @@ impl Default for Tally {
 impl Tally {
     pub fn add(&mut self, columns: &Columns) {
         columns.class.iter().flatten().for_each(|&class| self.classes[class as usize] += 1);
-        columns.returns.iter().flatten().for_each(|&packed| self.returns[packed as usize % RETURNS] += 1);
+        columns
+            .returns
+            .iter()
+            .flatten()
+            .for_each(|&packed| self.returns[packed as usize % RETURNS] += 1);
     }
 
     pub fn join(&mut self, other: &Tally) {
@@ -56,7 +62,9 @@ impl Tally {
     }
 
     pub fn counts(&self) -> Counts {
-        let occurring = |counts: &[u64]| (0..=u8::MAX).zip(counts.iter().copied()).filter(|&(_, count)| count > 0).collect();
+        let occurring = |counts: &[u64]| {
+            (0..=u8::MAX).zip(counts.iter().copied()).filter(|&(_, count)| count > 0).collect()
+        };
         Counts { classes: occurring(&self.classes), returns: occurring(&self.returns) }
     }
 }
@@ -67,18 +75,33 @@ mod tests {
 
     #[test]
     fn return_numbers_are_counted_whatever_the_number_of_returns() {
-        let one = Columns { class: Some(vec![2, 6, 2]), returns: Some(vec![0x11, 0x21, 0x22]), ..Columns::default() };
+        let one = Columns {
+            class: Some(vec![2, 6, 2]),
+            returns: Some(vec![0x11, 0x21, 0x22]),
+            ..Columns::default()
+        };
         let other = Columns { returns: Some(vec![0xf2, 0]), ..Columns::default() };
         let counts = Counts::of([&one, &other]);
-        assert_eq!(counts, Counts { classes: vec![(2, 2), (6, 1)], returns: vec![(0, 1), (1, 2), (2, 2)] });
+        assert_eq!(
+            counts,
+            Counts { classes: vec![(2, 2), (6, 1)], returns: vec![(0, 1), (1, 2), (2, 2)] }
+        );
         assert!(counts.are_possible(5) && !counts.are_possible(4));
     }
 
     #[test]
     fn counts_that_nobody_counted_are_impossible() {
-        let of = |classes: &[(u8, u64)], returns: &[(u8, u64)]| Counts { classes: classes.to_vec(), returns: returns.to_vec() };
+        let of = |classes: &[(u8, u64)], returns: &[(u8, u64)]| Counts {
+            classes: classes.to_vec(),
+            returns: returns.to_vec(),
+        };
         assert!(of(&[(0, 1), (255, 1)], &[(15, 2)]).are_possible(2));
-        for counts in [of(&[], &[(16, 1)]), of(&[(3, 1), (3, 1)], &[]), of(&[(4, 1), (3, 1)], &[]), of(&[(1, u64::MAX), (2, 1)], &[])] {
+        for counts in [
+            of(&[], &[(16, 1)]),
+            of(&[(3, 1), (3, 1)], &[]),
+            of(&[(4, 1), (3, 1)], &[]),
+            of(&[(1, u64::MAX), (2, 1)], &[]),
+        ] {
             assert!(!counts.are_possible(2), "{counts:?}");
         }
     }

@@ -15,8 +15,12 @@ const MOST: usize = 15;
 impl Digits {
     /// Those that the finest of these lattices needs.
     pub fn of(lattices: impl IntoIterator<Item = Lattice>) -> Digits {
-        let own = |lattice: Lattice| [0, 1, 2].map(|axis| decimals(lattice.step[axis], lattice.offset[axis]));
-        Digits(lattices.into_iter().map(own).reduce(|a, b| [0, 1, 2].map(|axis| a[axis].max(b[axis]))))
+        let own = |lattice: Lattice| {
+            [0, 1, 2].map(|axis| decimals(lattice.step[axis], lattice.offset[axis]))
+        };
+        Digits(
+            lattices.into_iter().map(own).reduce(|a, b| [0, 1, 2].map(|axis| a[axis].max(b[axis]))),
+        )
     }
 
     pub fn round(&self, place: DVec3) -> DVec3 {
@@ -38,7 +42,9 @@ fn decimals(step: f64, offset: f64) -> usize {
     }
     let fine = (1.0 - step.log10()).ceil().clamp(0.0, MOST as f64) as usize;
     let is_exact = |v: f64, decimals: usize| (round(v, decimals) - v).abs() <= 1e-6 * step;
-    (0..=(fine + 2).max(6)).find(|&decimals| is_exact(step, decimals) && is_exact(offset, decimals)).unwrap_or(fine)
+    (0..=(fine + 2).max(6))
+        .find(|&decimals| is_exact(step, decimals) && is_exact(offset, decimals))
+        .unwrap_or(fine)
 }
 
 /// A number as it is read best: in full, or with an exponent where that would take many zeros.
@@ -77,8 +83,8 @@ mod tests {
 
     #[test]
     fn every_step_keeps_its_own_decimal() {
-        for lattice in
-            [0.01, 0.001, 1e-7, 2f64.powi(-20)].map(|step| Lattice { step: DVec3::splat(step), offset: DVec3::splat(848_000.25) })
+        for lattice in [0.01, 0.001, 1e-7, 2f64.powi(-20)]
+            .map(|step| Lattice { step: DVec3::splat(step), offset: DVec3::splat(848_000.25) })
         {
             let digits = Digits::of([lattice]);
             for q in [-99_999i64, 0, 1, 7, 99_208] {
@@ -87,8 +93,15 @@ mod tests {
                 assert!(off <= 0.06 * lattice.step.x, "{} {off}", lattice.step.x);
             }
         }
-        let place = Lattice { step: DVec3::splat(0.01), offset: DVec3::ZERO }.world([84_899_208; 3]);
-        assert_eq!(Digits::of([Lattice { step: DVec3::splat(0.01), offset: DVec3::ZERO }]).round(place).x.to_string(), "848992.08");
+        let place =
+            Lattice { step: DVec3::splat(0.01), offset: DVec3::ZERO }.world([84_899_208; 3]);
+        assert_eq!(
+            Digits::of([Lattice { step: DVec3::splat(0.01), offset: DVec3::ZERO }])
+                .round(place)
+                .x
+                .to_string(),
+            "848992.08"
+        );
         assert_eq!(Digits::default().round(place), place);
     }
 }

@@ -17,7 +17,12 @@ use glam::{DQuat, DVec3};
 use std::fs::File;
 use std::io::BufReader;
 
-pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+pub fn read(
+    input: &Input,
+    options: &ReadOptions,
+    progress: &dyn Progress,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Part>> {
     let mut reader = guard(|| E57Reader::from_file(&input.path).map_err(|error| line(&error)))
         .flatten()
         .map_err(|what| input.wrong(format!("cannot be read as E57: {what}")))?;
@@ -28,11 +33,15 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let file_facts = file_facts(&reader);
     let mut parts = Vec::new();
     for (index, scan) in scans.iter().enumerate() {
-        let name = scan.name.clone().unwrap_or_else(|| format!("{} scan {}", input.name(), index + 1));
+        let name =
+            scan.name.clone().unwrap_or_else(|| format!("{} scan {}", input.name(), index + 1));
         let found = points(input, &mut reader, scan, &name, options, progress)?;
         let read = found.floats.len() as u64 + found.floats.not_finite + found.invalid;
         if read < scan.records {
-            let what = format!("scan \"{name}\" says {} points, {read} could be read: {}", scan.records, found.why);
+            let what = format!(
+                "scan \"{name}\" says {} points, {read} could be read: {}",
+                scan.records, found.why
+            );
             if options.strict || read == 0 {
                 return Err(input.wrong(what));
             }
@@ -57,7 +66,9 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
         let unit = ColorUnit::Limits(found.color_limits);
         let own = found.floats.into_parts(input, header, unit, found.intensity_limits, notes);
         if options.strict && own[0].rgb_scale.by == By::Values {
-            return Err(input.wrong(format!("scan \"{name}\" states limits of colours that are not those of its points")));
+            return Err(input.wrong(format!(
+                "scan \"{name}\" states limits of colours that are not those of its points"
+            )));
         }
         parts.extend(own.into_iter().map(|part| Part { name: Some(name.clone()), ..part }));
     }
@@ -87,16 +98,24 @@ fn points(
     let shape = Shape::new(scan);
     let bits: u64 = scan.prototype.iter().map(|record| bits(&record.data_type)).sum();
     if scan.records > 0 && (shape.cartesian.is_none() && shape.spherical.is_none()) {
-        return Err(input.wrong(format!("scan \"{name}\" has neither x, y, z nor range, azimuth, elevation")));
+        return Err(input
+            .wrong(format!("scan \"{name}\" has neither x, y, z nor range, azimuth, elevation")));
     }
     // The decoder never ends on records that take no bits at all.
     if scan.records > 0 && bits == 0 {
-        return Err(input.wrong(format!("scan \"{name}\" claims {} points that take no bytes", scan.records)));
+        return Err(input
+            .wrong(format!("scan \"{name}\" claims {} points that take no bytes", scan.records)));
     }
     let mut floats = Floats::new(there(&shape.roles()), options.wanted, false, false);
     floats.reserve(scan.records.min(input.length.saturating_mul(8) / bits.max(1)) as usize);
     let intensity_limits = shape.intensity.map(|_| shape.intensity_limits);
-    let mut found = Found { floats, invalid: 0, intensity_limits, color_limits: shape.color_limits, why: String::new() };
+    let mut found = Found {
+        floats,
+        invalid: 0,
+        intensity_limits,
+        color_limits: shape.color_limits,
+        why: String::new(),
+    };
     if scan.records == 0 {
         return Ok(found);
     }
@@ -147,21 +166,34 @@ impl Shape {
         let color = triple(RecordName::ColorRed, RecordName::ColorGreen, RecordName::ColorBlue);
         let intensity = find(RecordName::Intensity);
         let stated = scan.color_limits.as_ref();
-        let limits = |channel: usize, stated: Option<(&Option<RecordValue>, &Option<RecordValue>)>| {
-            limits(color.map(|indices| &scan.prototype[indices[channel]].data_type), stated)
-        };
+        let limits =
+            |channel: usize, stated: Option<(&Option<RecordValue>, &Option<RecordValue>)>| {
+                limits(color.map(|indices| &scan.prototype[indices[channel]].data_type), stated)
+            };
         let color_limits = [
             limits(0, stated.map(|limits| (&limits.red_min, &limits.red_max))),
             limits(1, stated.map(|limits| (&limits.green_min, &limits.green_max))),
             limits(2, stated.map(|limits| (&limits.blue_min, &limits.blue_max))),
         ];
-        let stated = scan.intensity_limits.as_ref().map(|limits| (&limits.intensity_min, &limits.intensity_max));
-        let intensity_limits = self::limits(intensity.map(|index| &scan.prototype[index].data_type), stated);
+        let stated = scan
+            .intensity_limits
+            .as_ref()
+            .map(|limits| (&limits.intensity_min, &limits.intensity_max));
+        let intensity_limits =
+            self::limits(intensity.map(|index| &scan.prototype[index].data_type), stated);
         let (rotation, translation) = pose(scan);
         Self {
-            cartesian: triple(RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ),
+            cartesian: triple(
+                RecordName::CartesianX,
+                RecordName::CartesianY,
+                RecordName::CartesianZ,
+            ),
             cartesian_state: find(RecordName::CartesianInvalidState),
-            spherical: triple(RecordName::SphericalRange, RecordName::SphericalAzimuth, RecordName::SphericalElevation),
+            spherical: triple(
+                RecordName::SphericalRange,
+                RecordName::SphericalAzimuth,
+                RecordName::SphericalElevation,
+            ),
             spherical_state: find(RecordName::SphericalInvalidState),
             color,
             color_state: find(RecordName::IsColorInvalid),
@@ -181,30 +213,46 @@ impl Shape {
 
     /// The point in the file's coordinate system; `None` where the scan says there is none.
     fn point(&self, scan: &PointCloud, values: &[RecordValue]) -> Option<Point> {
-        let value = |index: usize| values[index].to_f64(&scan.prototype[index].data_type).unwrap_or(f64::NAN);
+        let value = |index: usize| {
+            values[index].to_f64(&scan.prototype[index].data_type).unwrap_or(f64::NAN)
+        };
         let valid = |state: Option<usize>| state.is_none_or(|index| value(index) == 0.0);
         let local = if let Some(indices) = self.cartesian.filter(|_| valid(self.cartesian_state)) {
             DVec3::from_array(indices.map(value))
         } else {
-            let [range, azimuth, elevation] = self.spherical.filter(|_| valid(self.spherical_state))?.map(value);
-            range * DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
+            let [range, azimuth, elevation] =
+                self.spherical.filter(|_| valid(self.spherical_state))?.map(value);
+            range
+                * DVec3::new(
+                    elevation.cos() * azimuth.cos(),
+                    elevation.cos() * azimuth.sin(),
+                    elevation.sin(),
+                )
         };
-        let mut point = Point { position: (self.rotation * local + self.translation).to_array(), ..Point::default() };
+        let mut point = Point {
+            position: (self.rotation * local + self.translation).to_array(),
+            ..Point::default()
+        };
         if let Some(indices) = self.color {
             let is_valid = valid(self.color_state);
             for (channel, index) in indices.into_iter().enumerate() {
-                point.color[channel] = if is_valid { value(index) } else { self.color_limits[channel][0] } as f32;
+                point.color[channel] =
+                    if is_valid { value(index) } else { self.color_limits[channel][0] } as f32;
             }
         }
         if let Some(index) = self.intensity {
-            point.intensity = if valid(self.intensity_state) { value(index) as f32 } else { f32::NAN };
+            point.intensity =
+                if valid(self.intensity_state) { value(index) as f32 } else { f32::NAN };
         }
         Some(point)
     }
 }
 
 /// What a channel spans: the scan's stated limits if they are a range, else its type's, else 0 to 1.
-fn limits(data_type: Option<&RecordDataType>, stated: Option<(&Option<RecordValue>, &Option<RecordValue>)>) -> [f64; 2] {
+fn limits(
+    data_type: Option<&RecordDataType>,
+    stated: Option<(&Option<RecordValue>, &Option<RecordValue>)>,
+) -> [f64; 2] {
     let Some(data_type) = data_type else { return [0.0, 1.0] };
     let number = |value: &RecordValue| match value {
         RecordValue::Integer(value) => Some(*value as f64),
@@ -214,7 +262,9 @@ fn limits(data_type: Option<&RecordDataType>, stated: Option<(&Option<RecordValu
     let typed = match *data_type {
         RecordDataType::Single { min, max } => min.zip(max).map(|(lo, hi)| [lo as f64, hi as f64]),
         RecordDataType::Double { min, max } => min.zip(max).map(|(lo, hi)| [lo, hi]),
-        RecordDataType::ScaledInteger { min, max, scale, offset } => Some([min as f64 * scale + offset, max as f64 * scale + offset]),
+        RecordDataType::ScaledInteger { min, max, scale, offset } => {
+            Some([min as f64 * scale + offset, max as f64 * scale + offset])
+        }
         RecordDataType::Integer { min, max } => Some([min as f64, max as f64]),
     };
     let range = |[lo, hi]: &[f64; 2]| lo < hi && (hi - lo).is_finite();
@@ -227,14 +277,19 @@ fn pose(scan: &PointCloud) -> (DQuat, DVec3) {
     let (q, t) = (&pose.rotation, &pose.translation);
     let rotation = DQuat::from_xyzw(q.x, q.y, q.z, q.w);
     let length = rotation.length();
-    let rotation = if length.is_finite() && length > 0.0 { rotation / length } else { DQuat::IDENTITY };
+    let rotation =
+        if length.is_finite() && length > 0.0 { rotation / length } else { DQuat::IDENTITY };
     (rotation, DVec3::new(t.x, t.y, t.z))
 }
 
 /// The bounds a scan states are in its own coordinates, so they only count where the pose moves nothing.
 fn bounds(scan: &PointCloud) -> Option<[[f64; 3]; 2]> {
-    let stated = scan.cartesian_bounds.as_ref().filter(|_| pose(scan) == (DQuat::IDENTITY, DVec3::ZERO))?;
-    Some([[stated.x_min?, stated.y_min?, stated.z_min?], [stated.x_max?, stated.y_max?, stated.z_max?]])
+    let stated =
+        scan.cartesian_bounds.as_ref().filter(|_| pose(scan) == (DQuat::IDENTITY, DVec3::ZERO))?;
+    Some([
+        [stated.x_min?, stated.y_min?, stated.z_min?],
+        [stated.x_max?, stated.y_max?, stated.z_max?],
+    ])
 }
 
 fn bits(data_type: &RecordDataType) -> u64 {
@@ -242,18 +297,27 @@ fn bits(data_type: &RecordDataType) -> u64 {
         RecordDataType::Single { .. } => 32,
         RecordDataType::Double { .. } => 64,
         RecordDataType::ScaledInteger { min, max, .. } | RecordDataType::Integer { min, max } => {
-            64 - u64::from(((max as i128 - min as i128).clamp(0, u64::MAX as i128) as u64).leading_zeros())
+            64 - u64::from(
+                ((max as i128 - min as i128).clamp(0, u64::MAX as i128) as u64).leading_zeros(),
+            )
         }
     }
 }
 
 fn file_facts(reader: &E57Reader<BufReader<File>>) -> Vec<(String, String)> {
-    let facts = [("software", reader.library_version()), ("coordinate system", reader.coordinate_metadata())];
+    let facts = [
+        ("software", reader.library_version()),
+        ("coordinate system", reader.coordinate_metadata()),
+    ];
     facts.into_iter().filter_map(|(what, value)| fact(what, value)).collect()
 }
 
 fn scan_facts(scan: &PointCloud) -> Vec<(String, String)> {
-    let facts = [("sensor", &scan.sensor_vendor), ("sensor model", &scan.sensor_model), ("description", &scan.description)];
+    let facts = [
+        ("sensor", &scan.sensor_vendor),
+        ("sensor model", &scan.sensor_model),
+        ("description", &scan.description),
+    ];
     facts.into_iter().filter_map(|(what, value)| fact(what, value.as_deref())).collect()
 }
 

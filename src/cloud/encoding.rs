@@ -24,14 +24,18 @@ pub fn decoded(input: &Input, notes: &mut Vec<String>) -> Result<Option<Input>> 
     } else {
         let zeros = start.iter().filter(|&&byte| byte == 0).count();
         if zeros * 4 > start.len() {
-            return Err(input.wrong("is no text, or UTF-16 without a byte order mark; save it as UTF-8"));
+            return Err(
+                input.wrong("is no text, or UTF-16 without a byte order mark; save it as UTF-8")
+            );
         }
         return Ok(None);
     };
     let bytes = input.take(2, u64::MAX)?;
     let mut text = String::with_capacity(bytes.len() / 2);
     let pairs = bytes.chunks_exact(2).map(|bytes| pair([bytes[0], bytes[1]]));
-    text.extend(char::decode_utf16(pairs).map(|decoded| decoded.unwrap_or(char::REPLACEMENT_CHARACTER)));
+    text.extend(
+        char::decode_utf16(pairs).map(|decoded| decoded.unwrap_or(char::REPLACEMENT_CHARACTER)),
+    );
     notes.push(format!("{}: read as {name}", input.name()));
     Ok(Some(input.with(text.into_bytes())))
 }

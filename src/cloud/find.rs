@@ -68,7 +68,12 @@ struct Candidate {
 }
 
 /// The record of a point, or none where no point of these files lies in its place. Files are read as before, but for columns that were not wanted then.
-pub fn find(paths: &[PathBuf], read: ReadOptions, sought: &Sought, progress: &dyn Progress) -> Result<Option<Record>> {
+pub fn find(
+    paths: &[PathBuf],
+    read: ReadOptions,
+    sought: &Sought,
+    progress: &dyn Progress,
+) -> Result<Option<Record>> {
     let options = ReadOptions { wanted: Wanted::ALL, strict: false, ..read };
     let mut best: Option<Candidate> = None;
     let mut found = 0;
@@ -78,8 +83,10 @@ pub fn find(paths: &[PathBuf], read: ReadOptions, sought: &Sought, progress: &dy
         let candidates = Mutex::new(Vec::new());
         let streamed = source.stream(progress, &|batch| {
             let columns = batch.columns;
-            let here = (0..columns.len()).filter(|&i| [columns.x[i], columns.y[i], columns.z[i]] == steps);
-            let here: Vec<Candidate> = here.map(|i| candidate(sought, part, source, batch, i)).collect();
+            let here =
+                (0..columns.len()).filter(|&i| [columns.x[i], columns.y[i], columns.z[i]] == steps);
+            let here: Vec<Candidate> =
+                here.map(|i| candidate(sought, part, source, batch, i)).collect();
             candidates.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).extend(here);
             Ok(())
         })?;
@@ -97,8 +104,13 @@ pub fn find(paths: &[PathBuf], read: ReadOptions, sought: &Sought, progress: &dy
     Ok(best.map(|Candidate { mut record, part, place, .. }| {
         // Batches do not know yet how wide the colours of a whole file are.
         if sources[part].is_las() {
-            let (rgb, extras) =
-                single::record(sources[part].path(), record.point, place, sources[part].own_lattice().step).unwrap_or_default();
+            let (rgb, extras) = single::record(
+                sources[part].path(),
+                record.point,
+                place,
+                sources[part].own_lattice().step,
+            )
+            .unwrap_or_default();
             (record.rgb, record.extras) = (rgb.filter(|_| record.rgb.is_some()), extras);
         }
         Record { others: found - 1, ..record }
@@ -108,7 +120,8 @@ pub fn find(paths: &[PathBuf], read: ReadOptions, sought: &Sought, progress: &dy
 /// The steps whose place this is, bit by bit.
 fn steps_at(lattice: &Lattice, place: DVec3) -> Option<[i32; 3]> {
     let steps = ((place - lattice.offset) / lattice.step).round();
-    let fits = steps.cmpge(DVec3::splat(i32::MIN as f64)).all() && steps.cmple(DVec3::splat(i32::MAX as f64)).all();
+    let fits = steps.cmpge(DVec3::splat(i32::MIN as f64)).all()
+        && steps.cmple(DVec3::splat(i32::MAX as f64)).all();
     let steps = steps.as_i64vec3().to_array();
     (fits && lattice.world(steps) == place).then(|| steps.map(|step| step as i32))
 }
@@ -120,18 +133,26 @@ fn candidate(sought: &Sought, part: usize, source: &Source, batch: &Batch, i: us
         file: source.title(),
         point: batch.first + i as u64,
         rgb: columns.rgb.as_ref().map(|column| column[i].map(u16::from)),
-        intensity: columns.intensity.as_ref().map(|column| intensity_of(column[i], source.intensity_range())),
+        intensity: columns
+            .intensity
+            .as_ref()
+            .map(|column| intensity_of(column[i], source.intensity_range())),
         class: columns.class.as_ref().map(|column| column[i]),
         return_number: returns.map(|returns| returns & 15),
         returns: returns.map(|returns| returns >> 4),
         source: columns.source.as_ref().map(|column| column[i]),
-        normal: columns.normal.as_ref().map(|column| column[i].map(|component| component as f64 / 127.0)),
+        normal: columns
+            .normal
+            .as_ref()
+            .map(|column| column[i].map(|component| component as f64 / 127.0)),
         gps_time: columns.gps_time.as_ref().map(|column| column[i]),
         extras: Extras::default(),
         others: 0,
     };
     let kind = [record.class.unwrap_or(0), record.return_number.unwrap_or(0)];
-    let is_elsewhere = sought.station.is_some_and(|(other, id)| other != part || (id.is_some() && id != record.source));
+    let is_elsewhere = sought
+        .station
+        .is_some_and(|(other, id)| other != part || (id.is_some() && id != record.source));
     let unlike = (is_elsewhere, sought.kind.is_some_and(|other| other != kind), record.point);
     Candidate { unlike, record, part, place: DVec3::ZERO }
 }

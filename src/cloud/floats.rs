@@ -240,7 +240,10 @@ impl Floats {
     ) -> Vec<Part> {
         let name = input.name();
         if self.not_finite > 0 {
-            notes.push(format!("{name}: {} points with NaN or infinite coordinates were left out", self.not_finite));
+            notes.push(format!(
+                "{name}: {} points with NaN or infinite coordinates were left out",
+                self.not_finite
+            ));
         }
         let is_angular = System::of(&header).is_some_and(|system| system.degrees.is_some());
         let mut columns = Columns {
@@ -267,7 +270,9 @@ impl Floats {
             rgb.iter_mut().for_each(|color| *color = color.map(|v| asked.to_8_bits(v.into())));
         }
         if clamped > 0 {
-            notes.push(format!("{name}: {clamped} points have NaN or out-of-range colours, which were clamped"));
+            notes.push(format!(
+                "{name}: {clamped} points have NaN or out-of-range colours, which were clamped"
+            ));
         }
         columns.rgb = columns.rgb.filter(|rgb| rgb.iter().any(|color| *color != [0; 3]));
         let mut intensity_range = [0.0, 65535.0];
@@ -282,34 +287,60 @@ impl Floats {
         let part = |axes: [Axis; 3], columns: Columns, strays: bool| {
             let (lattice, columns, step) = on_a_lattice(axes, columns, is_angular, strays);
             let header = Header { strays, ..header.clone() };
-            (Part { path: input.path.clone(), name: None, header, lattice, columns, intensity_range, rgb_scale }, step)
+            (
+                Part {
+                    path: input.path.clone(),
+                    name: None,
+                    header,
+                    lattice,
+                    columns,
+                    intensity_range,
+                    rgb_scale,
+                },
+                step,
+            )
         };
         let place = |i: usize| DVec3::from_array(self.axes.each_ref().map(|axis| axis.at(i)));
         let parts = match Core::of(self.axes[0].len(), place) {
             None => vec![part(self.axes, columns, false)],
             Some(core) => {
-                let (inside, strays): (Vec<u32>, Vec<u32>) = (0..self.axes[0].len() as u32).partition(|&i| core.has(place(i as usize)));
-                let some = |points: &[u32]| (self.axes.each_ref().map(|axis| axis.pick(points)), columns.pick(points));
-                let [(inside, inside_columns), (strays, strays_columns)] = [some(&inside), some(&strays)];
+                let (inside, strays): (Vec<u32>, Vec<u32>) =
+                    (0..self.axes[0].len() as u32).partition(|&i| core.has(place(i as usize)));
+                let some = |points: &[u32]| {
+                    (self.axes.each_ref().map(|axis| axis.pick(points)), columns.pick(points))
+                };
+                let [(inside, inside_columns), (strays, strays_columns)] =
+                    [some(&inside), some(&strays)];
                 vec![part(inside, inside_columns, false), part(strays, strays_columns, true)]
             }
         };
         let (_, step) = parts[0];
         if step > LARGEST_QUIET_STEP {
-            notes.push(format!("{name}: the coordinates span so much that positions are kept to steps of {} only", number(step)));
+            notes.push(format!(
+                "{name}: the coordinates span so much that positions are kept to steps of {} only",
+                number(step)
+            ));
         }
         parts.into_iter().map(|(part, _)| part).collect()
     }
 }
 
 /// Puts places on a lattice as fine as their extent allows, whose step along z comes with it; that of strays is as fine as how far away they are.
-fn on_a_lattice(axes: [Axis; 3], mut columns: Columns, is_angular: bool, strays: bool) -> (Lattice, Columns, f64) {
+fn on_a_lattice(
+    axes: [Axis; 3],
+    mut columns: Columns,
+    is_angular: bool,
+    strays: bool,
+) -> (Lattice, Columns, f64) {
     let Extent { offset, step } = extent(&axes, is_angular, strays);
     let [x, y, z] = axes;
     columns.x = x.quantise(offset[0], step[0]);
     columns.y = y.quantise(offset[1], step[1]);
     columns.z = z.quantise(offset[2], step[2]);
-    let lattice = Lattice { step: DVec3::from_array(step) * coarsen(&mut columns) as f64, offset: DVec3::from_array(offset) };
+    let lattice = Lattice {
+        step: DVec3::from_array(step) * coarsen(&mut columns) as f64,
+        offset: DVec3::from_array(offset),
+    };
     (lattice, columns, step[2])
 }
 
@@ -359,7 +390,8 @@ fn half_width(ranges: &[(f64, f64)]) -> f64 {
 /// The last digit of coordinates that are decimals, if the width is less than 2^30 of it; of `f32` alone nothing is known.
 fn decimal_step(axes: &[Axis], half: f64) -> Option<f64> {
     const MOST: i32 = 15;
-    let most = (0..=MOST).take_while(|&digits| half * 10f64.powi(digits) < (1u64 << 29) as f64).last()?;
+    let most =
+        (0..=MOST).take_while(|&digits| half * 10f64.powi(digits) < (1u64 << 29) as f64).last()?;
     let digits = axes.iter().try_fold(0, |digits, axis| axis.decimals(digits, most))?;
     Some(1.0 / 10f64.powi(digits))
 }
@@ -368,7 +400,8 @@ fn binary_step(half: f64) -> f64 {
     if half == 0.0 {
         return 1.0 / 1024.0;
     }
-    let exponent = (floor_log2(half) + 2 - 30).clamp(*STEP_EXPONENTS.start(), *STEP_EXPONENTS.end());
+    let exponent =
+        (floor_log2(half) + 2 - 30).clamp(*STEP_EXPONENTS.start(), *STEP_EXPONENTS.end());
     2f64.powi(exponent)
 }
 
@@ -379,7 +412,8 @@ fn floor_log2(v: f64) -> i32 {
 
 /// Divides all steps by the power of two they share, and returns it.
 fn coarsen(columns: &mut Columns) -> u32 {
-    let occurred = [&columns.x, &columns.y, &columns.z].into_iter().flatten().fold(0, |bits, q| bits | q);
+    let occurred =
+        [&columns.x, &columns.y, &columns.z].into_iter().flatten().fold(0, |bits, q| bits | q);
     let shared = if occurred == 0 { 0 } else { occurred.trailing_zeros() };
     if shared > 0 {
         for axis in [&mut columns.x, &mut columns.y, &mut columns.z] {
@@ -392,17 +426,23 @@ fn coarsen(columns: &mut Columns) -> u32 {
 /// Intensities over 0..=65535. Integers that fit are kept as they are, counted from the least below 0; others are spread over the stated limits, or over their own range.
 fn intensities(stored: &[f32], limits: Option<[f64; 2]>) -> (Vec<u16>, [f64; 2]) {
     let finite = || stored.iter().copied().filter(|v| v.is_finite());
-    let (lo, hi) = finite().fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
+    let (lo, hi) =
+        finite().fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
     if lo > hi {
         return (vec![0; stored.len()], [0.0, 0.0]);
     }
     let least = lo.min(0.0);
     if hi - least <= 65535.0 && hi - least > 1.0 && finite().all(|v| v.fract() == 0.0) {
         let from_least = |v: f32| (if v.is_finite() { v } else { lo } - least) as u16;
-        return (stored.iter().map(|&v| from_least(v)).collect(), [least.into(), least as f64 + 65535.0]);
+        return (
+            stored.iter().map(|&v| from_least(v)).collect(),
+            [least.into(), least as f64 + 65535.0],
+        );
     }
     let own = [lo as f64, hi as f64];
-    let [lo, hi] = limits.filter(|[a, b]| a.is_finite() && b.is_finite() && *a <= own[0] && own[1] <= *b).unwrap_or(own);
+    let [lo, hi] = limits
+        .filter(|[a, b]| a.is_finite() && b.is_finite() && *a <= own[0] && own[1] <= *b)
+        .unwrap_or(own);
     let scale = if hi > lo { 65535.0 / (hi - lo) } else { 0.0 };
     let spread = |v: f32| if v.is_finite() { ((v as f64 - lo) * scale).round() as u16 } else { 0 };
     (stored.iter().map(|&v| spread(v)).collect(), [lo, hi])

@@ -28,7 +28,13 @@ pub fn guard<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     let result = panic::catch_unwind(AssertUnwindSafe(call));
     SILENT.set(before);
     result.map_err(|payload| {
-        let message = payload.downcast_ref::<&str>().map(|text| text.to_string()).or_else(|| payload.downcast_ref::<String>().cloned());
-        format!("the decoder gave up: {}", message.unwrap_or_default().lines().next().unwrap_or("no reason given"))
+        let message = payload
+            .downcast_ref::<&str>()
+            .map(|text| text.to_string())
+            .or_else(|| payload.downcast_ref::<String>().cloned());
+        format!(
+            "the decoder gave up: {}",
+            message.unwrap_or_default().lines().next().unwrap_or("no reason given")
+        )
     })
 }

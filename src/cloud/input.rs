@@ -34,15 +34,28 @@ impl Input {
             return Err(Error::format(path, "is a folder; give the files in it"));
         }
         if !metadata.is_file() {
-            return Err(Error::format(path, "is not a regular file (a pipe or a device); save it to a file first"));
+            return Err(Error::format(
+                path,
+                "is not a regular file (a pipe or a device); save it to a file first",
+            ));
         }
         let file = File::open(path).map_err(|source| Error::io("open", path, source))?;
-        Ok(Self { path: path.to_owned(), length: metadata.len(), rgb_range: None, contents: Contents::File(file) })
+        Ok(Self {
+            path: path.to_owned(),
+            length: metadata.len(),
+            rgb_range: None,
+            contents: Contents::File(file),
+        })
     }
 
     /// The same file with other bytes in place of its own.
     pub fn with(&self, bytes: Vec<u8>) -> Input {
-        Input { path: self.path.clone(), length: bytes.len() as u64, rgb_range: self.rgb_range, contents: Contents::Made(bytes) }
+        Input {
+            path: self.path.clone(),
+            length: bytes.len() as u64,
+            rgb_range: self.rgb_range,
+            contents: Contents::Made(bytes),
+        }
     }
 
     /// With what was said of its colours.
@@ -54,7 +67,10 @@ impl Input {
     pub fn read_at(&self, offset: u64, bytes: &mut [u8]) -> Result<usize> {
         let mut filled = 0;
         while filled < bytes.len() {
-            match self.contents.read_some_at(&mut bytes[filled..], offset.saturating_add(filled as u64)) {
+            match self
+                .contents
+                .read_some_at(&mut bytes[filled..], offset.saturating_add(filled as u64))
+            {
                 Ok(0) => break,
                 Ok(count) => filled += count,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
@@ -68,7 +84,10 @@ impl Input {
     pub fn read_exactly(&self, offset: u64, bytes: &mut [u8]) -> Result<()> {
         let there = self.read_at(offset, bytes)?;
         if there < bytes.len() {
-            return Err(self.wrong(format!("became shorter while it was read: byte {} is gone", offset + there as u64)));
+            return Err(self.wrong(format!(
+                "became shorter while it was read: byte {} is gone",
+                offset + there as u64
+            )));
         }
         Ok(())
     }
@@ -105,7 +124,10 @@ impl Contents {
         match self {
             Contents::File(file) => read_some_at(file, bytes, offset),
             Contents::Made(made) => {
-                let rest = usize::try_from(offset).ok().and_then(|offset| made.get(offset..)).unwrap_or_default();
+                let rest = usize::try_from(offset)
+                    .ok()
+                    .and_then(|offset| made.get(offset..))
+                    .unwrap_or_default();
                 let count = rest.len().min(bytes.len());
                 bytes[..count].copy_from_slice(&rest[..count]);
                 Ok(count)

@@ -70,7 +70,12 @@ pub struct Sequence {
     chunk_points: u64,
 }
 
-pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+pub fn read(
+    input: &Input,
+    options: &ReadOptions,
+    progress: &dyn Progress,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Part>> {
     let las = Las::open(input, options.wanted, notes)?;
     let (mut part, mut occurred, mut why) = las.read(input, progress)?;
     if las.reconsiders(occurred) {
@@ -88,12 +93,16 @@ impl Las {
         let (mut columns, lanes, why) = match &self.places {
             Places::Known(stretches) => {
                 let no_room = || {
-                    let what =
-                        format!("has {} points, more than fit the memory; index it instead, or ask for fewer attributes", self.points());
+                    let what = format!(
+                        "has {} points, more than fit the memory; index it instead, or ask for fewer attributes",
+                        self.points()
+                    );
                     input.wrong(what)
                 };
-                let mut columns = records::columns(self.points() as usize, self.available).ok_or_else(no_room)?;
-                let mut windows = Window::over(&mut columns).split_into(stretches.iter().map(|stretch| stretch.points as usize));
+                let mut columns =
+                    records::columns(self.points() as usize, self.available).ok_or_else(no_room)?;
+                let mut windows = Window::over(&mut columns)
+                    .split_into(stretches.iter().map(|stretch| stretch.points as usize));
                 let why = self.read_stretches(input, windows.par_iter_mut(), progress)?;
                 let lanes = windows.iter().map(Window::filled).collect();
                 (columns, lanes, why)
@@ -131,8 +140,10 @@ impl Las {
             (None, places, odd)
         };
         let range = Mutex::new(input.rgb_range.unwrap_or(RgbRange::Words));
-        let mut las = Self { layout, available, places, fields, range, asked: input.rgb_range, coding, odd };
-        let are_angles = las.layout.header.system.as_ref().is_some_and(|system| system.degrees.is_some());
+        let mut las =
+            Self { layout, available, places, fields, range, asked: input.rgb_range, coding, odd };
+        let are_angles =
+            las.layout.header.system.as_ref().is_some_and(|system| system.degrees.is_some());
         if are_angles || available.rgb && las.asked.is_none() {
             let Census { occurred, places } = las.census(input)?;
             las.reconsiders(occurred);
@@ -148,10 +159,18 @@ impl Las {
         match sample::few(self) {
             Places::Known(stretches) => {
                 for stretch in &stretches {
-                    self.one_stretch(input, stretch, &mut Vec::new(), &mut &mut census, &Meter::new(&Silent, input, 0))?;
+                    self.one_stretch(
+                        input,
+                        stretch,
+                        &mut Vec::new(),
+                        &mut &mut census,
+                        &Meter::new(&Silent, input, 0),
+                    )?;
                 }
             }
-            Places::Sequence(sequence) => drop(self.sequence(input, &sequence, &mut &mut census, &Silent)?),
+            Places::Sequence(sequence) => {
+                drop(self.sequence(input, &sequence, &mut &mut census, &Silent)?)
+            }
         }
         Ok(census)
     }
@@ -159,7 +178,8 @@ impl Las {
     /// Takes colours for what these values show them to be; whether they were taken for something else so far.
     pub fn reconsiders(&self, occurred: Occurred) -> bool {
         let mut range = self.range.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        let found = if self.asked.is_some() || occurred.is_black() { *range } else { occurred.range() };
+        let found =
+            if self.asked.is_some() || occurred.is_black() { *range } else { occurred.range() };
         std::mem::replace(&mut *range, found) != found
     }
 
@@ -198,22 +218,39 @@ impl Las {
         let outcomes = stretches
             .par_iter()
             .zip(lanes)
-            .map_init(Vec::new, |block, (stretch, mut lane)| self.one_stretch(input, stretch, block, &mut lane, &meter))
+            .map_init(Vec::new, |block, (stretch, mut lane)| {
+                self.one_stretch(input, stretch, block, &mut lane, &meter)
+            })
             .collect::<Result<Vec<_>>>()?;
         let mut short = outcomes.iter().flatten();
-        let why = short
-            .next()
-            .map(|first| format!("{} of {} LAZ chunks could not be read to the end ({first})", 1 + short.count(), outcomes.len()));
+        let why = short.next().map(|first| {
+            format!(
+                "{} of {} LAZ chunks could not be read to the end ({first})",
+                1 + short.count(),
+                outcomes.len()
+            )
+        });
         Ok(self.odd_and(why))
     }
 
     /// All chunks one after the other, into one lane. Returns as [`Las::read_stretches`].
-    pub fn read_sequence(&self, input: &Input, lane: &mut impl Lane, progress: &dyn Progress) -> Result<String> {
+    pub fn read_sequence(
+        &self,
+        input: &Input,
+        lane: &mut impl Lane,
+        progress: &dyn Progress,
+    ) -> Result<String> {
         let Places::Sequence(sequence) = &self.places else { return Ok(String::new()) };
         Ok(self.odd_and(self.sequence(input, sequence, lane, progress)?))
     }
 
-    fn sequence(&self, input: &Input, sequence: &Sequence, lane: &mut impl Lane, progress: &dyn Progress) -> Result<laz::Outcome> {
+    fn sequence(
+        &self,
+        input: &Input,
+        sequence: &Sequence,
+        lane: &mut impl Lane,
+        progress: &dyn Progress,
+    ) -> Result<laz::Outcome> {
         let Some(coding) = &self.coding else { return Ok(None) };
         let meter = Meter::new(progress, input, sequence.points);
         laz::sequence(input, sequence, coding, &self.fields(), lane, &meter)
@@ -226,7 +263,14 @@ impl Las {
     }
 
     /// The notes that `points` deserve in whose colours this occurred, or the error.
-    pub fn verdict(&self, input: &Input, points: u64, occurred: Occurred, why: String, strict: bool) -> Result<Vec<String>> {
+    pub fn verdict(
+        &self,
+        input: &Input,
+        points: u64,
+        occurred: Occurred,
+        why: String,
+        strict: bool,
+    ) -> Result<Vec<String>> {
         let mut notes = Vec::new();
         if let Some(lie) = self.layout.lies.first().filter(|_| strict) {
             return Err(input.wrong(lie));
@@ -234,7 +278,10 @@ impl Las {
         if points != self.layout.points {
             let because = if why.is_empty() { String::new() } else { format!(": {why}") };
             let field = if points > self.layout.points { " (number of point records)" } else { "" };
-            let what = format!("header says {} points{field}, {points} could be read{because}", self.layout.points);
+            let what = format!(
+                "header says {} points{field}, {points} could be read{because}",
+                self.layout.points
+            );
             if strict || points == 0 {
                 return Err(input.wrong(what));
             }
@@ -244,7 +291,9 @@ impl Las {
         }
         let scale = self.scale();
         if strict && scale.by == By::Values && occurred.wide > 0 {
-            return Err(input.wrong(format!("colours: {}", occurred.says(scale).unwrap_or_default())));
+            return Err(
+                input.wrong(format!("colours: {}", occurred.says(scale).unwrap_or_default()))
+            );
         }
         notes.extend(occurred.says(scale).map(|what| format!("{}: {what}", input.name())));
         Ok(notes)
@@ -274,7 +323,14 @@ impl Las {
     }
 
     /// One stretch of uncompressed records.
-    fn stretch(&self, input: &Input, stretch: &Stretch, block: &mut Vec<u8>, lane: &mut impl Lane, meter: &Meter) -> Result<()> {
+    fn stretch(
+        &self,
+        input: &Input,
+        stretch: &Stretch,
+        block: &mut Vec<u8>,
+        lane: &mut impl Lane,
+        meter: &Meter,
+    ) -> Result<()> {
         let fields = self.fields();
         let width = fields.record_bytes;
         let piece = (BLOCK_BYTES / width).clamp(1, BLOCK);
@@ -309,7 +365,12 @@ fn plain(input: &Input, layout: &Layout) -> Result<(Places, String)> {
     } else if are_points(input, layout, end)? {
         (layout.points + more, String::new())
     } else {
-        (layout.points, format!("the file has room for {more} more points than its header says, and no such records there"))
+        (
+            layout.points,
+            format!(
+                "the file has room for {more} more points than its header says, and no such records there"
+            ),
+        )
     };
     let stretch = |start| {
         let points = STRETCH.min(count - start);

@@ -136,7 +136,11 @@ impl Columns {
     /// A copy of these points; of columns that are there.
     pub fn pick(&self, points: &[u32]) -> Columns {
         fn some<T: Copy>(column: &[T], points: &[u32]) -> Vec<T> {
-            if column.is_empty() { Vec::new() } else { points.iter().map(|&i| column[i as usize]).collect() }
+            if column.is_empty() {
+                Vec::new()
+            } else {
+                points.iter().map(|&i| column[i as usize]).collect()
+            }
         }
         fn pick<T: Copy>(column: &Option<Vec<T>>, points: &[u32]) -> Option<Vec<T>> {
             column.as_ref().map(|column| some(column, points))
@@ -180,7 +184,15 @@ pub struct Wanted {
 }
 
 impl Wanted {
-    pub const ALL: Wanted = Wanted { rgb: true, intensity: true, class: true, returns: true, source: true, normal: true, gps_time: true };
+    pub const ALL: Wanted = Wanted {
+        rgb: true,
+        intensity: true,
+        class: true,
+        returns: true,
+        source: true,
+        normal: true,
+        gps_time: true,
+    };
 
     /// What either wants.
     pub fn and(self, other: Wanted) -> Wanted {
@@ -213,7 +225,14 @@ pub struct ReadOptions {
 impl ReadOptions {
     /// With everything about text files and colours found out.
     pub const fn new(wanted: Wanted, strict: bool) -> ReadOptions {
-        ReadOptions { wanted, strict, text: TextOptions::NONE, rgb_range: None, strays: Treatment::Show, extras: false }
+        ReadOptions {
+            wanted,
+            strict,
+            text: TextOptions::NONE,
+            rgb_range: None,
+            strays: Treatment::Show,
+            extras: false,
+        }
     }
 }
 
@@ -267,7 +286,9 @@ impl Extra {
     }
 
     fn widen(&mut self, min: Option<f64>, max: Option<f64>) {
-        let either = |a: Option<f64>, b: Option<f64>, pick: fn(f64, f64) -> f64| a.into_iter().chain(b).reduce(pick);
+        let either = |a: Option<f64>, b: Option<f64>, pick: fn(f64, f64) -> f64| {
+            a.into_iter().chain(b).reduce(pick)
+        };
         self.min = either(self.min, min, f64::min);
         self.max = either(self.max, max, f64::max);
     }
@@ -323,7 +344,10 @@ impl Cloud {
 
     /// The box around the points themselves, never the header's (HARD_CASES 30); `None` for an empty cloud.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        self.parts.iter().filter_map(Part::bounds).reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)))
+        self.parts
+            .iter()
+            .filter_map(Part::bounds)
+            .reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)))
     }
 }
 
@@ -336,10 +360,14 @@ impl Part {
 
     /// Looks where some points are, of a part whose coordinates may be angles, unless its reader has.
     fn look_around(&mut self) {
-        if self.header.sample.is_none() && System::of(&self.header).is_some_and(|system| system.degrees.is_some()) {
+        if self.header.sample.is_none()
+            && System::of(&self.header).is_some_and(|system| system.degrees.is_some())
+        {
             let Columns { x, y, z, .. } = &self.columns;
             let every = x.len().div_ceil(SAMPLE).max(1);
-            let places = (0..x.len()).step_by(every).map(|i| self.lattice.world([x[i], y[i], z[i]].map(i64::from)));
+            let places = (0..x.len())
+                .step_by(every)
+                .map(|i| self.lattice.world([x[i], y[i], z[i]].map(i64::from)));
             self.header.sample = Sample::of(places.collect());
         }
     }
@@ -360,7 +388,10 @@ fn title(name: Option<&str>, path: &Path) -> String {
 /// Smallest and largest of a column.
 pub fn range<T: Copy + Ord + Send + Sync>(column: &[T]) -> Option<(T, T)> {
     let widen = |a: (T, T), b: (T, T)| (a.0.min(b.0), a.1.max(b.1));
-    column.par_chunks(1 << 16).map(|chunk| chunk.iter().fold((chunk[0], chunk[0]), |range, &v| widen(range, (v, v)))).reduce_with(widen)
+    column
+        .par_chunks(1 << 16)
+        .map(|chunk| chunk.iter().fold((chunk[0], chunk[0]), |range, &v| widen(range, (v, v))))
+        .reduce_with(widen)
 }
 
 /// Opens `paths` as one cloud, in their order. The first file that cannot be read at all ends it.
@@ -373,16 +404,33 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
             let index = cloud.parts.len();
             let title = part.title();
             let bounds = part.bounds();
-            cloud.notes.extend(bounds_note(path, &title, &part.header, part.lattice, bounds, options.strict)?);
+            cloud.notes.extend(bounds_note(
+                path,
+                &title,
+                &part.header,
+                part.lattice,
+                bounds,
+                options.strict,
+            )?);
             far_error(path, part.lattice, bounds)?;
             part.look_around();
-            part.lattice = system::settle(&mut part.header, part.lattice, &mut plane, &title, &mut cloud.notes);
+            part.lattice = system::settle(
+                &mut part.header,
+                part.lattice,
+                &mut plane,
+                &title,
+                &mut cloud.notes,
+            );
             if let Some(lie) = system::lie(&part.header).filter(|_| options.strict) {
                 return Err(Error::format(path, lie));
             }
             if options.strays == Treatment::Hide {
                 let own = self::title(part.name.as_deref(), path);
-                cloud.notes.extend(part.strays().said().map(|said| format!("{own}: {said}; left out, as asked for")));
+                cloud.notes.extend(
+                    part.strays()
+                        .said()
+                        .map(|said| format!("{own}: {said}; left out, as asked for")),
+                );
                 if !part.hide_strays() {
                     continue;
                 }
@@ -396,7 +444,12 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
 }
 
 /// About so many points from all over the files, for a first look at large ones; none where some file is of a format that has to be read to know where its points are.
-pub fn sample(paths: &[PathBuf], options: &ReadOptions, points: u64, progress: &dyn Progress) -> Result<Option<Cloud>> {
+pub fn sample(
+    paths: &[PathBuf],
+    options: &ReadOptions,
+    points: u64,
+    progress: &dyn Progress,
+) -> Result<Option<Cloud>> {
     let (mut cloud, mut plane) = (Cloud::default(), None);
     let share = points / paths.len().max(1) as u64;
     for path in paths {
@@ -404,8 +457,16 @@ pub fn sample(paths: &[PathBuf], options: &ReadOptions, points: u64, progress: &
         if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
             return Ok(None);
         }
-        let Some(mut part) = las::sample(&input, options.wanted, share, progress)? else { return Ok(None) };
-        part.lattice = system::settle(&mut part.header, part.lattice, &mut plane, &input.name(), &mut cloud.notes);
+        let Some(mut part) = las::sample(&input, options.wanted, share, progress)? else {
+            return Ok(None);
+        };
+        part.lattice = system::settle(
+            &mut part.header,
+            part.lattice,
+            &mut plane,
+            &input.name(),
+            &mut cloud.notes,
+        );
         if options.strays == Treatment::Hide {
             part.hide_strays();
         }
@@ -416,7 +477,12 @@ pub fn sample(paths: &[PathBuf], options: &ReadOptions, points: u64, progress: &
 }
 
 /// By what the file begins with, since names lie; by its name where text formats begin with anything.
-fn read_one(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+fn read_one(
+    input: &Input,
+    options: &ReadOptions,
+    progress: &dyn Progress,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Part>> {
     let start = input.take(0, 8)?;
     if start.is_empty() {
         return Err(input.wrong("is empty (0 bytes)"));
@@ -464,7 +530,9 @@ fn far_error(path: &Path, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> R
     const MOST_STEPS: f64 = (1u64 << 53) as f64;
     let Some((lo, hi)) = bounds else { return Ok(()) };
     let far = lo.abs().max(hi.abs());
-    let is_far = |axis: &usize| !(far[*axis] / lattice.step[*axis] <= MOST_STEPS && (hi[*axis] - lo[*axis]).is_finite());
+    let is_far = |axis: &usize| {
+        !(far[*axis] / lattice.step[*axis] <= MOST_STEPS && (hi[*axis] - lo[*axis]).is_finite())
+    };
     let Some(axis) = (0..3).find(is_far) else { return Ok(()) };
     let (name, far, step) = (["x", "y", "z"][axis], far[axis], lattice.step[axis]);
     Err(Error::format(
@@ -476,7 +544,11 @@ fn far_error(path: &Path, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> R
 }
 
 /// What is wrong about the header's bounds, by more than a step and the digits that headers are rounded to.
-fn wrong_bounds(header: &Header, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> Option<String> {
+fn wrong_bounds(
+    header: &Header,
+    lattice: Lattice,
+    bounds: Option<(DVec3, DVec3)>,
+) -> Option<String> {
     let [stated_lo, stated_hi] = header.bounds?.map(DVec3::from_array);
     let (lo, hi) = bounds?;
     let tolerance = 1.001 * lattice.step + 1e-6 * (hi - lo) + 1e-12 * lo.abs().max(hi.abs());
@@ -484,8 +556,18 @@ fn wrong_bounds(header: &Header, lattice: Lattice, bounds: Option<(DVec3, DVec3)
     if !differ(stated_lo, lo) && !differ(stated_hi, hi) {
         return None;
     }
-    let shown = |v: DVec3| v.to_array().map(|v| if v.abs() < 1e16 { format!("{v:.3}") } else { digits::number(v) }).join(" ");
-    Some(format!("header says bounds {} to {}, the points lie in {} to {}", shown(stated_lo), shown(stated_hi), shown(lo), shown(hi)))
+    let shown = |v: DVec3| {
+        v.to_array()
+            .map(|v| if v.abs() < 1e16 { format!("{v:.3}") } else { digits::number(v) })
+            .join(" ")
+    };
+    Some(format!(
+        "header says bounds {} to {}, the points lie in {} to {}",
+        shown(stated_lo),
+        shown(stated_hi),
+        shown(lo),
+        shown(hi)
+    ))
 }
 
 /// One station a point source id that occurs, or one for the whole part.
@@ -493,10 +575,22 @@ fn wrong_bounds(header: &Header, lattice: Lattice, bounds: Option<(DVec3, DVec3)
 pub fn stations(part: &Part, index: usize) -> Vec<Station> {
     let name = part.title();
     let Some(source) = &part.columns.source else {
-        return vec![Station { part: index, source: None, name, points: part.columns.len() as u64 }];
+        return vec![Station {
+            part: index,
+            source: None,
+            name,
+            points: part.columns.len() as u64,
+        }];
     };
     let mut counts = vec![0u64; 1 << 16];
     source.iter().for_each(|&id| counts[id as usize] += 1);
     let occurring = (0..=u16::MAX).zip(counts).filter(|&(_, points)| points > 0);
-    occurring.map(|(id, points)| Station { part: index, source: Some(id), name: format!("{name} source {id}"), points }).collect()
+    occurring
+        .map(|(id, points)| Station {
+            part: index,
+            source: Some(id),
+            name: format!("{name} source {id}"),
+            points,
+        })
+        .collect()
 }

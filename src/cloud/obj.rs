@@ -8,7 +8,12 @@ use super::{Header, Part, ReadOptions, Wanted, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
-pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+pub fn read(
+    input: &Input,
+    options: &ReadOptions,
+    progress: &dyn Progress,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Part>> {
     let there = Wanted { rgb: true, ..Wanted::default() };
     let meter = Meter::new(progress, input, input.length);
     let mut floats = Floats::new(there, options.wanted, false, false);
@@ -16,8 +21,9 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let parse = |block: &[u8]| {
         let mut floats = Floats::new(there, options.wanted, false, false);
         let mut bad = 0u64;
-        for line in
-            text::lines(block).filter_map(|line| line.strip_prefix(b"v")).filter(|line| line.first().is_some_and(u8::is_ascii_whitespace))
+        for line in text::lines(block)
+            .filter_map(|line| line.strip_prefix(b"v"))
+            .filter(|line| line.first().is_some_and(u8::is_ascii_whitespace))
         {
             match vertex(line) {
                 Some(point) => floats.push(&point),

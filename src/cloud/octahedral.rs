@@ -57,7 +57,10 @@ mod tests {
         for v in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z] {
             assert_eq!(unpack(pack(v)), Some(v));
         }
-        assert_eq!((of_bytes([0; 3]), unpack(UNKNOWN), unpack(0xAB_FF_FF_FF)), (UNKNOWN, None, None));
+        assert_eq!(
+            (of_bytes([0; 3]), unpack(UNKNOWN), unpack(0xAB_FF_FF_FF)),
+            (UNKNOWN, None, None)
+        );
         assert_eq!(unpack(of_bytes([0, -127, 0])), Some(DVec3::NEG_Y));
     }
 }

@@ -26,10 +26,16 @@ const SAMPLE_LINES: usize = 64;
 /// Tasks between two appends: bounds what is held besides the columns.
 const TASKS: u64 = 32;
 
-pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+pub fn read(
+    input: &Input,
+    options: &ReadOptions,
+    progress: &dyn Progress,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Part>> {
     let layout = header::read(input)?;
     let Some(index) = layout.elements.iter().position(|element| element.name == "vertex") else {
-        return Err(input.wrong(format!("declares no vertex element, only {} others", layout.elements.len())));
+        return Err(input
+            .wrong(format!("declares no vertex element, only {} others", layout.elements.len())));
     };
     let vertex = &layout.elements[index];
     let roles: Vec<Role> = vertex.properties.iter().map(|property| property.role).collect();
@@ -38,22 +44,30 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
             return Err(input.wrong(format!("has vertices without {name}")));
         }
     }
-    let color = vertex.properties.iter().find(|property| property.role == Role::Color(0)).map(|property| property.scalar);
+    let color = vertex
+        .properties
+        .iter()
+        .find(|property| property.role == Role::Color(0))
+        .map(|property| property.scalar);
     let (bytes, unit) = match color {
         _ if vertex.is_splats() => (false, ColorUnit::Harmonics),
         Some(Scalar::F32 | Scalar::F64) => (false, ColorUnit::Unit),
         Some(Scalar::U8 | Scalar::I8) | None => (true, ColorUnit::Unit),
         Some(_) => (false, ColorUnit::Fields),
     };
-    let positions = vertex.properties.iter().filter(|property| matches!(property.role, Role::Position(_)));
+    let positions =
+        vertex.properties.iter().filter(|property| matches!(property.role, Role::Position(_)));
     // Decimal digits in ascii are no `f32`, whatever the header declares: they are kept as written.
-    let narrow = layout.coding != Coding::Ascii && positions.map(|property| property.scalar).all(Scalar::fits_f32);
+    let narrow = layout.coding != Coding::Ascii
+        && positions.map(|property| property.scalar).all(Scalar::fits_f32);
     let empty = Floats::new(there(&roles), options.wanted, narrow, bytes);
 
     let found = match (skip(input, &layout, &layout.elements[..index])?, vertex.record_bytes()) {
         _ if vertex.count == 0 => Found { floats: empty, records: 0 },
         (None, _) => Found { floats: empty, records: 0 },
-        (Some(at), _) if layout.coding == Coding::Ascii && layout.returns => returned(input, vertex, at, empty, progress)?,
+        (Some(at), _) if layout.coding == Coding::Ascii && layout.returns => {
+            returned(input, vertex, at, empty, progress)?
+        }
         (Some(at), _) if layout.coding == Coding::Ascii => {
             let decimal_comma = has_decimal_commas(&input.take(at, SAMPLE_BYTES)?, vertex);
             if decimal_comma {
@@ -61,18 +75,28 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
             }
             ascii(input, vertex, at, decimal_comma, empty, progress)?
         }
-        (Some(at), Some(stride)) => fixed(input, vertex, at, stride, layout.coding == Coding::Big, empty, progress)?,
-        (Some(at), None) => listed(input, vertex, at, layout.coding == Coding::Big, empty, progress)?,
+        (Some(at), Some(stride)) => {
+            fixed(input, vertex, at, stride, layout.coding == Coding::Big, empty, progress)?
+        }
+        (Some(at), None) => {
+            listed(input, vertex, at, layout.coding == Coding::Big, empty, progress)?
+        }
     };
     if found.records < vertex.count {
-        let what = format!("header says {} points, {} could be read: the file ends or is damaged after them", vertex.count, found.records);
+        let what = format!(
+            "header says {} points, {} could be read: the file ends or is damaged after them",
+            vertex.count, found.records
+        );
         if options.strict || found.records == 0 {
             return Err(input.wrong(what));
         }
         notes.push(format!("{}: {what}", input.name()));
     }
     if vertex.is_splats() && options.wanted.rgb {
-        notes.push(format!("{}: colours are those of Gaussian splats seen from all around, 0.5 + {HARMONIC} f_dc", input.name()));
+        notes.push(format!(
+            "{}: colours are those of Gaussian splats seen from all around, 0.5 + {HARMONIC} f_dc",
+            input.name()
+        ));
     }
     let header = Header {
         format: format!("PLY {}", layout.coding.name()),
@@ -108,7 +132,11 @@ fn skip(input: &Input, layout: &Layout, elements: &[Element]) -> Result<Option<u
             let Some(next) = skip_returned(input, at, lines)? else { return Ok(None) };
             at = next;
         } else if layout.coding == Coding::Ascii {
-            let (next, lines) = text::skip_lines(input, at, if element.properties.is_empty() { 0 } else { element.count })?;
+            let (next, lines) = text::skip_lines(
+                input,
+                at,
+                if element.properties.is_empty() { 0 } else { element.count },
+            )?;
             if lines < element.count && !element.properties.is_empty() {
                 return Ok(None);
             }
@@ -119,7 +147,11 @@ fn skip(input: &Input, layout: &Layout, elements: &[Element]) -> Result<Option<u
                 _ => return Ok(None),
             }
         } else {
-            let mut source = Records { source: BufReader::new(input.stream(at)), big: layout.coding == Coding::Big, bytes: 0 };
+            let mut source = Records {
+                source: BufReader::new(input.stream(at)),
+                big: layout.coding == Coding::Big,
+                bytes: 0,
+            };
             for _ in 0..element.count {
                 if source.record(element, |_, _| {}).is_none() {
                     return Ok(None);
@@ -136,14 +168,22 @@ fn has_decimal_commas(start: &[u8], vertex: &Element) -> bool {
     let lines = || text::lines(start).take(SAMPLE_LINES.min(vertex.count as usize));
     let is_record = |line: &[u8]| {
         let fields = text::blanks(line).filter(|field| text::number_with(field, true).is_some());
-        fields.count() == text::blanks(line).count() && header::parse_line(line, &vertex.properties, true, |_, _| {}).is_some()
+        fields.count() == text::blanks(line).count()
+            && header::parse_line(line, &vertex.properties, true, |_, _| {}).is_some()
     };
     // The last line of the sample may be cut, and one may be damaged.
     let (all, records) = (lines().count(), lines().filter(|line| is_record(line)).count());
     lines().any(|line| line.contains(&b',')) && records * 10 >= all * 9
 }
 
-fn ascii(input: &Input, vertex: &Element, at: u64, decimal_comma: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
+fn ascii(
+    input: &Input,
+    vertex: &Element,
+    at: u64,
+    decimal_comma: bool,
+    empty: Floats,
+    progress: &dyn Progress,
+) -> Result<Found> {
     let (end, lines) = text::skip_lines(input, at, vertex.count)?;
     let meter = Meter::new(progress, input, end - at);
     let splats = vertex.is_splats();
@@ -156,7 +196,11 @@ fn ascii(input: &Input, vertex: &Element, at: u64, decimal_comma: bool, empty: F
         let mut records = 0u64;
         for line in text::lines(block) {
             let mut point = Point::default();
-            if header::parse_line(line, &vertex.properties, decimal_comma, |role, value| set(&mut point, role, value, splats)).is_some() {
+            if header::parse_line(line, &vertex.properties, decimal_comma, |role, value| {
+                set(&mut point, role, value, splats)
+            })
+            .is_some()
+            {
                 floats.push(&point);
                 records += 1;
             }
@@ -186,15 +230,27 @@ fn skip_returned(input: &Input, at: u64, count: u64) -> Result<Option<u64>> {
     Ok((seen == count).then_some(end))
 }
 
-fn returned(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &dyn Progress) -> Result<Found> {
+fn returned(
+    input: &Input,
+    vertex: &Element,
+    at: u64,
+    empty: Floats,
+    progress: &dyn Progress,
+) -> Result<Found> {
     let splats = vertex.is_splats();
     let meter = Meter::new(progress, input, vertex.count);
     let bytes = input.take(at, u64::MAX)?;
     let mut found = Found { floats: empty, records: 0 };
-    let lines = bytes.split(|byte| matches!(byte, b'\r' | b'\n')).filter(|line| !line.trim_ascii().is_empty());
+    let lines = bytes
+        .split(|byte| matches!(byte, b'\r' | b'\n'))
+        .filter(|line| !line.trim_ascii().is_empty());
     for line in lines.take(vertex.count.try_into().unwrap_or(usize::MAX)) {
         let mut point = Point::default();
-        if header::parse_line(line, &vertex.properties, false, |role, value| set(&mut point, role, value, splats)).is_some() {
+        if header::parse_line(line, &vertex.properties, false, |role, value| {
+            set(&mut point, role, value, splats)
+        })
+        .is_some()
+        {
             found.floats.push(&point);
             found.records += 1;
         }
@@ -203,7 +259,15 @@ fn returned(input: &Input, vertex: &Element, at: u64, empty: Floats, progress: &
     Ok(found)
 }
 
-fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
+fn fixed(
+    input: &Input,
+    vertex: &Element,
+    at: u64,
+    stride: u64,
+    big: bool,
+    empty: Floats,
+    progress: &dyn Progress,
+) -> Result<Found> {
     let records = vertex.count.min((input.length - at) / stride);
     let meter = Meter::new(progress, input, records);
     let splats = vertex.is_splats();
@@ -219,7 +283,8 @@ fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty
     floats.reserve(records as usize);
     let task = (TASK_BYTES / stride).max(1);
     for batch in (0..records).step_by((task * TASKS) as usize) {
-        let starts: Vec<u64> = (batch..records.min(batch + task * TASKS)).step_by(task as usize).collect();
+        let starts: Vec<u64> =
+            (batch..records.min(batch + task * TASKS)).step_by(task as usize).collect();
         let blocks = starts
             .into_par_iter()
             .map(|start| {
@@ -244,7 +309,14 @@ fn fixed(input: &Input, vertex: &Element, at: u64, stride: u64, big: bool, empty
     Ok(Found { floats, records })
 }
 
-fn listed(input: &Input, vertex: &Element, at: u64, big: bool, empty: Floats, progress: &dyn Progress) -> Result<Found> {
+fn listed(
+    input: &Input,
+    vertex: &Element,
+    at: u64,
+    big: bool,
+    empty: Floats,
+    progress: &dyn Progress,
+) -> Result<Found> {
     let meter = Meter::new(progress, input, vertex.count);
     let mut source = Records { source: BufReader::new(input.stream(at)), big, bytes: 0 };
     let splats = vertex.is_splats();
@@ -296,7 +368,8 @@ impl<R: Read> Records<R> {
     }
 
     fn pass(&mut self, count: u64) -> Option<()> {
-        let passed = std::io::copy(&mut (&mut self.source).take(count), &mut std::io::sink()).ok()?;
+        let passed =
+            std::io::copy(&mut (&mut self.source).take(count), &mut std::io::sink()).ok()?;
         self.bytes += passed;
         (passed == count).then_some(())
     }

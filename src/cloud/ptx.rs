@@ -47,7 +47,8 @@ fn head(start: &[u8]) -> Option<Head> {
         if line.trim_ascii().is_empty() {
             continue;
         }
-        let own: Vec<f64> = text::blanks(line.trim_ascii()).map(text::number).collect::<Option<_>>()?;
+        let own: Vec<f64> =
+            text::blanks(line.trim_ascii()).map(text::number).collect::<Option<_>>()?;
         if own.len() != count || own.iter().any(|v| !v.is_finite()) {
             return None;
         }
@@ -62,17 +63,35 @@ fn head(start: &[u8]) -> Option<Head> {
     // Rows of the file are columns here: its points stand left of the matrix.
     let pose = DMat4::from_cols_array(&matrix);
     let is_affine = [3, 7, 11].iter().all(|&place| matrix[place] == 0.0) && matrix[15] == 1.0;
-    is_affine.then_some(Head { columns: size(numbers[0])?, rows: size(numbers[1])?, pose, bytes: end as u64, lines })
+    is_affine.then_some(Head {
+        columns: size(numbers[0])?,
+        rows: size(numbers[1])?,
+        pose,
+        bytes: end as u64,
+        lines,
+    })
 }
 
-pub fn read(input: &Input, begin: u64, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+pub fn read(
+    input: &Input,
+    begin: u64,
+    options: &ReadOptions,
+    progress: &dyn Progress,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Part>> {
     notes.extend(options.text.idle(input));
     let parts = scans(input, begin, options, progress, notes)?;
     notes.push(format!("{}: read as PTX, scans in their places: {}", input.name(), parts.len()));
     Ok(parts)
 }
 
-fn scans(input: &Input, begin: u64, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+fn scans(
+    input: &Input,
+    begin: u64,
+    options: &ReadOptions,
+    progress: &dyn Progress,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Part>> {
     let meter = Meter::new(progress, input, input.length);
     let mut parts = Vec::new();
     let (mut at, mut line) = (begin, 0);
@@ -83,7 +102,11 @@ fn scans(input: &Input, begin: u64, options: &ReadOptions, progress: &dyn Progre
         }
         let Some(head) = head(&start) else {
             let shown = text::lines(&start).next().map(text::shown).unwrap_or_default();
-            let what = format!("line {} should begin scan {}, and does not: {shown}; the rest was left out", line + 1, parts.len() + 1);
+            let what = format!(
+                "line {} should begin scan {}, and does not: {shown}; the rest was left out",
+                line + 1,
+                parts.len() + 1
+            );
             if options.strict || parts.is_empty() {
                 return Err(input.wrong(what));
             }
@@ -99,7 +122,10 @@ fn scans(input: &Input, begin: u64, options: &ReadOptions, progress: &dyn Progre
         let facts = vec![
             ("columns".into(), head.columns.to_string()),
             ("rows".into(), head.rows.to_string()),
-            ("scanner".into(), head.pose.w_axis.truncate().to_array().map(|v| v.to_string()).join(" ")),
+            (
+                "scanner".into(),
+                head.pose.w_axis.truncate().to_array().map(|v| v.to_string()).join(" "),
+            ),
         ];
         let header = Header { format: "PTX".into(), facts, ..Header::default() };
         let own = scan.floats.into_parts(input, header, ColorUnit::Guess, Some([0.0, 1.0]), notes);
@@ -120,7 +146,14 @@ struct Scan {
 }
 
 /// The points from `at` on, after so many lines.
-fn scan(input: &Input, at: u64, before: u64, head: &Head, options: &ReadOptions, meter: &Meter) -> Result<Scan> {
+fn scan(
+    input: &Input,
+    at: u64,
+    before: u64,
+    head: &Head,
+    options: &ReadOptions,
+    meter: &Meter,
+) -> Result<Scan> {
     let (end, records) = end(input, at, head.columns.saturating_mul(head.rows))?;
     let start = input.take(at, HEAD_BYTES.min(end - at))?;
     let width = text::lines(&start).next().map_or(0, |line| text::blanks(line).count());
@@ -171,7 +204,13 @@ fn end(input: &Input, at: u64, stated: u64) -> Result<(u64, u64)> {
 fn lines_within(input: &Input, range: Range<u64>) -> Result<u64> {
     let mut count = 0;
     let silent = Meter::new(&Silent, input, range.end - range.start);
-    text::parse(input, range, &silent, |block| text::lines(block).count() as u64, |lines, _| count += lines)?;
+    text::parse(
+        input,
+        range,
+        &silent,
+        |block| text::lines(block).count() as u64,
+        |lines, _| count += lines,
+    )?;
     Ok(count)
 }
 
@@ -229,21 +268,34 @@ impl Scan {
     }
 
     fn append(&mut self, block: Scan) {
-        self.first_bad = self.first_bad.take().or(block.first_bad.map(|(line, shown)| (line + self.lines, shown)));
+        self.first_bad = self
+            .first_bad
+            .take()
+            .or(block.first_bad.map(|(line, shown)| (line + self.lines, shown)));
         self.lines += block.lines;
         self.floats.append(block.floats);
         self.misses += block.misses;
         self.bad += block.bad;
     }
 
-    fn tell(&self, input: &Input, name: &str, head: &Head, options: &ReadOptions, notes: &mut Vec<String>) -> Result<()> {
+    fn tell(
+        &self,
+        input: &Input,
+        name: &str,
+        head: &Head,
+        options: &ReadOptions,
+        notes: &mut Vec<String>,
+    ) -> Result<()> {
         let stated = head.columns.saturating_mul(head.rows);
         let mut lost = Vec::new();
         if self.records != stated {
             lost.push(format!("says {stated} lines, and has {}", self.records));
         }
         if let Some((line, shown)) = &self.first_bad {
-            lost.push(format!("{} no points, and left out; line {line}: {shown}", text::lines_in_words(self.bad)));
+            lost.push(format!(
+                "{} no points, and left out; line {line}: {shown}",
+                text::lines_in_words(self.bad)
+            ));
         }
         for what in lost {
             if options.strict {
@@ -252,7 +304,10 @@ impl Scan {
             notes.push(format!("{name}: {what}"));
         }
         if self.misses > 0 {
-            notes.push(format!("{name}: {} of {} directions hit nothing, and were left out", self.misses, self.records));
+            notes.push(format!(
+                "{name}: {} of {} directions hit nothing, and were left out",
+                self.misses, self.records
+            ));
         }
         Ok(())
     }

@@ -43,7 +43,8 @@ pub const SEEDS: u64 = 2048;
 pub fn spacing(cloud: &Cloud) -> Option<f64> {
     let parts = || cloud.parts.iter().filter(|part| !part.header.strays);
     let bounds = parts().filter_map(Part::bounds);
-    let (lo, hi) = bounds.reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)))?;
+    let (lo, hi) =
+        bounds.reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)))?;
     let seeds = seeds(cloud);
     let widest = (hi - lo).max_element();
     if !widest.is_finite() || widest <= 0.0 {
@@ -51,12 +52,17 @@ pub fn spacing(cloud: &Cloud) -> Option<f64> {
     }
     // On a surface, n points are closer than m of them by the square root of m / n; and the eighth is three times as far as the first; some are sparser.
     let closer = (seeds.len() as f64 / cloud.len() as f64).sqrt();
-    let mut cell = between(&seeds).map_or(widest, |distance| 8.0 * distance * closer).max(widest * SMALLEST_CELL);
+    let mut cell = between(&seeds)
+        .map_or(widest, |distance| 8.0 * distance * closer)
+        .max(widest * SMALLEST_CELL);
     loop {
         let around = around(cloud, &seeds, lo, cell);
         let is_last = cell > 2.0 * widest;
-        let is_settled = |found: &&Around| is_last || found.count == NEIGHBOURS && found.squares[NEIGHBOURS - 1] <= cell * cell;
-        let mut settled: Vec<f64> = around.iter().filter(is_settled).filter_map(Around::apart).collect();
+        let is_settled = |found: &&Around| {
+            is_last || found.count == NEIGHBOURS && found.squares[NEIGHBOURS - 1] <= cell * cell
+        };
+        let mut settled: Vec<f64> =
+            around.iter().filter(is_settled).filter_map(Around::apart).collect();
         if is_last || settled.len() > seeds.len() * 3 / 4 {
             // Of all seeds: the unsettled ones are farther than any settled one.
             return quartile(&mut settled, seeds.len());
@@ -74,7 +80,11 @@ pub struct Around {
 }
 
 impl Around {
-    pub const NONE: Around = Around { squares: [f64::INFINITY; NEIGHBOURS], places: [DVec3::ZERO; NEIGHBOURS], count: 0 };
+    pub const NONE: Around = Around {
+        squares: [f64::INFINITY; NEIGHBOURS],
+        places: [DVec3::ZERO; NEIGHBOURS],
+        count: 0,
+    };
 
     pub fn add(&mut self, square: f64, place: DVec3) {
         if square >= self.squares[NEIGHBOURS - 1] || self.places[..self.count].contains(&place) {
@@ -97,7 +107,10 @@ impl Around {
 fn between(seeds: &[DVec3]) -> Option<f64> {
     let nearest = |i: usize| {
         let others = seeds.iter().enumerate().filter(|(j, _)| *j != i);
-        others.map(|(_, other)| other.distance_squared(seeds[i])).fold(f64::INFINITY, f64::min).sqrt()
+        others
+            .map(|(_, other)| other.distance_squared(seeds[i]))
+            .fold(f64::INFINITY, f64::min)
+            .sqrt()
     };
     let mut distances: Vec<f64> = (0..seeds.len()).into_par_iter().map(nearest).collect();
     distances.sort_by(f64::total_cmp);
@@ -110,7 +123,10 @@ fn seeds(cloud: &Cloud) -> Vec<DVec3> {
     let of_part = |part: &Part| {
         let Columns { x, y, z, .. } = &part.columns;
         let steps = |i: usize| [x[i], y[i], z[i]].map(i64::from);
-        let chosen = (0..x.len()).into_par_iter().with_min_len(1 << 15).filter(|&i| hash(steps(i)) >> 32 < (1 << 32) / every);
+        let chosen = (0..x.len())
+            .into_par_iter()
+            .with_min_len(1 << 15)
+            .filter(|&i| hash(steps(i)) >> 32 < (1 << 32) / every);
         chosen.map(|i| part.lattice.world(steps(i))).collect::<Vec<_>>()
     };
     let mut seeds: Vec<DVec3> = cloud.parts.iter().flat_map(of_part).collect();
@@ -127,7 +143,10 @@ fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
     for (index, &seed) in seeds.iter().enumerate() {
         let [x, y, z] = key(seed);
         for offset in 0..27 {
-            watching.entry([x + offset / 9 - 1, y + offset / 3 % 3 - 1, z + offset % 3 - 1]).or_default().push(index);
+            watching
+                .entry([x + offset / 9 - 1, y + offset / 3 % 3 - 1, z + offset % 3 - 1])
+                .or_default()
+                .push(index);
         }
     }
     // Few points are near a seed: one bit a coarse hash of the cell turns the others away before the map is asked.
@@ -138,11 +157,13 @@ fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
     }
     let found: Vec<Mutex<Around>> = seeds.iter().map(|_| Mutex::new(Around::NONE)).collect();
     // The farthest that counts. Squared distances are positive, so their bits order as they do.
-    let bounds: Vec<AtomicU64> = seeds.iter().map(|_| AtomicU64::new(f64::INFINITY.to_bits())).collect();
+    let bounds: Vec<AtomicU64> =
+        seeds.iter().map(|_| AtomicU64::new(f64::INFINITY.to_bits())).collect();
     for part in &cloud.parts {
         let columns = &part.columns;
         (0..columns.len()).into_par_iter().with_min_len(1 << 15).for_each(|i| {
-            let p = part.lattice.world([columns.x[i].into(), columns.y[i].into(), columns.z[i].into()]);
+            let p =
+                part.lattice.world([columns.x[i].into(), columns.y[i].into(), columns.z[i].into()]);
             let cell = key(p);
             let bit = filter_bit(cell);
             if near[bit / 64] >> (bit % 64) & 1 == 0 {
@@ -151,14 +172,18 @@ fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
             for &seed in watching.get(&cell).into_iter().flatten() {
                 let square = (p - seeds[seed]).length_squared();
                 if square > 0.0 && square.to_bits() < bounds[seed].load(Ordering::Relaxed) {
-                    let mut around = found[seed].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                    let mut around =
+                        found[seed].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
                     around.add(square, p);
                     bounds[seed].store(around.squares[NEIGHBOURS - 1].to_bits(), Ordering::Relaxed);
                 }
             }
         });
     }
-    found.into_iter().map(|around| around.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())).collect()
+    found
+        .into_iter()
+        .map(|around| around.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()))
+        .collect()
 }
 
 const FILTER_BITS: usize = 1 << 20;

@@ -62,7 +62,9 @@ impl Core {
             return None;
         }
         // The whole part of the binary logarithm.
-        let factor = |p: DVec3| (((1.0 + middle.beyond(p) / size).to_bits() >> 52) as usize - 1023).min(FACTORS - 1);
+        let factor = |p: DVec3| {
+            (((1.0 + middle.beyond(p) / size).to_bits() >> 52) as usize - 1023).min(FACTORS - 1)
+        };
         // Where some of the samples lie within each factor there is no gap, and nothing to count.
         let farthest = factor(seen.all.low).max(factor(seen.all.high));
         let mut met = vec![false; farthest + 1];
@@ -76,12 +78,18 @@ impl Core {
         };
         let add = |a: Vec<u64>, b: Vec<u64>| a.into_iter().zip(b).map(|(a, b)| a + b).collect();
         let none = || vec![0; FACTORS];
-        let counts = (0..count).into_par_iter().with_min_len(AT_ONCE).fold(none, count_one).reduce(none, add);
+        let counts = (0..count)
+            .into_par_iter()
+            .with_min_len(AT_ONCE)
+            .fold(none, count_one)
+            .reduce(none, add);
         let gap = counts.iter().position(|&points| points == 0)?;
         let strays: u64 = counts[gap..].iter().sum();
         let few = (count as f64).sqrt() as u64;
         let reach = size * (2f64.powi(gap as i32) - 1.0);
-        (1..=few).contains(&strays).then(|| Core { low: middle.low - reach, high: middle.high + reach })
+        (1..=few)
+            .contains(&strays)
+            .then(|| Core { low: middle.low - reach, high: middle.high + reach })
     }
 
     /// Returns the box of a part where some of its points are strays: lattice steps.
@@ -114,7 +122,13 @@ impl Default for Seen {
 impl Seen {
     fn and(mut self, other: Seen) -> Seen {
         self.samples.extend(other.samples);
-        Seen { all: Core { low: self.all.low.min(other.all.low), high: self.all.high.max(other.all.high) }, samples: self.samples }
+        Seen {
+            all: Core {
+                low: self.all.low.min(other.all.low),
+                high: self.all.high.max(other.all.high),
+            },
+            samples: self.samples,
+        }
     }
 }
 
@@ -126,7 +140,9 @@ fn middle_half(mut samples: Vec<DVec3>) -> Option<Core> {
         if samples.len() < 4 {
             return None;
         }
-        let mut along = |k: usize| samples.select_nth_unstable_by(k, |a, b| a[axis].total_cmp(&b[axis])).1[axis];
+        let mut along = |k: usize| {
+            samples.select_nth_unstable_by(k, |a, b| a[axis].total_cmp(&b[axis])).1[axis]
+        };
         (low[axis], high[axis]) = (along(first), along(third));
     }
     Some(Core { low, high })
@@ -150,9 +166,14 @@ impl Strays {
 
     fn of(lattice: &Lattice, columns: &Columns) -> Strays {
         let Some(core) = Core::in_steps(columns) else { return Strays::default() };
-        let outside = (0..columns.len()).into_par_iter().with_min_len(AT_ONCE).filter(|&i| !core.has(steps(columns, i)));
+        let outside = (0..columns.len())
+            .into_par_iter()
+            .with_min_len(AT_ONCE)
+            .filter(|&i| !core.has(steps(columns, i)));
         let outside: Vec<usize> = outside.collect();
-        let place = |&i: &usize| lattice.world([columns.x[i].into(), columns.y[i].into(), columns.z[i].into()]);
+        let place = |&i: &usize| {
+            lattice.world([columns.x[i].into(), columns.y[i].into(), columns.z[i].into()])
+        };
         Strays::listed(outside.len() as u64, outside.iter().map(place))
     }
 
@@ -181,7 +202,9 @@ impl Part {
     pub fn strays(&self) -> Strays {
         let columns = &self.columns;
         if self.header.strays {
-            let places = (0..columns.len()).map(|i| self.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from)));
+            let places = (0..columns.len()).map(|i| {
+                self.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))
+            });
             return Strays::listed(columns.len() as u64, places);
         }
         Strays::of(&self.lattice, columns)
@@ -190,7 +213,9 @@ impl Part {
     /// Leaves strays out, and returns whether the part has other points.
     pub fn hide_strays(&mut self) -> bool {
         if let Some(core) = Core::in_steps(&self.columns) {
-            let kept: Vec<u32> = (0..self.columns.len() as u32).filter(|&i| core.has(steps(&self.columns, i as usize))).collect();
+            let kept: Vec<u32> = (0..self.columns.len() as u32)
+                .filter(|&i| core.has(steps(&self.columns, i as usize)))
+                .collect();
             self.columns = self.columns.pick(&kept);
         }
         !self.header.strays
@@ -202,7 +227,8 @@ impl Part {
         let (lo, hi) = match Core::in_steps(&self.columns) {
             None => super::range(z)?,
             Some(core) => {
-                let inside = (0..z.len()).filter(|&i| core.has(steps(&self.columns, i))).map(|i| z[i]);
+                let inside =
+                    (0..z.len()).filter(|&i| core.has(steps(&self.columns, i))).map(|i| z[i]);
                 inside.fold((i32::MAX, i32::MIN), |(lo, hi), v| (lo.min(v), hi.max(v)))
             }
         };
@@ -241,12 +267,19 @@ mod tests {
     use super::*;
 
     fn sheet(points: usize) -> Vec<DVec3> {
-        let place = |i: usize| DVec3::new((i * 7919 % 2003) as f64 / 100.0, (i * 104_729 % 1999) as f64 / 100.0, (i % 7) as f64);
+        let place = |i: usize| {
+            DVec3::new(
+                (i * 7919 % 2003) as f64 / 100.0,
+                (i * 104_729 % 1999) as f64 / 100.0,
+                (i % 7) as f64,
+            )
+        };
         (0..points).map(place).collect()
     }
 
     fn strays(points: &[DVec3]) -> usize {
-        Core::of(points.len(), |i| points[i]).map_or(0, |core| points.iter().filter(|&&p| !core.has(p)).count())
+        Core::of(points.len(), |i| points[i])
+            .map_or(0, |core| points.iter().filter(|&&p| !core.has(p)).count())
     }
 
     #[test]
@@ -254,11 +287,17 @@ mod tests {
         for count in [40, 5000, 200_000] {
             let points = sheet(count);
             assert_eq!(strays(&points), 0);
-            for far in [DVec3::new(10.0, 10.0, 1000.0), DVec3::splat(-5e5), DVec3::new(1e30, 0.0, 0.0), DVec3::new(10.0, 80.0, 3.0)] {
+            for far in [
+                DVec3::new(10.0, 10.0, 1000.0),
+                DVec3::splat(-5e5),
+                DVec3::new(1e30, 0.0, 0.0),
+                DVec3::new(10.0, 80.0, 3.0),
+            ] {
                 let with: Vec<DVec3> = points.iter().copied().chain([far]).collect();
                 assert_eq!(strays(&with), 1, "{far} beside {count}");
             }
-            let tower = points.iter().copied().chain((0..40).map(|i| DVec3::new(10.0, 10.0, i as f64)));
+            let tower =
+                points.iter().copied().chain((0..40).map(|i| DVec3::new(10.0, 10.0, i as f64)));
             assert_eq!(strays(&tower.collect::<Vec<_>>()), 0);
         }
     }
@@ -266,7 +305,8 @@ mod tests {
     #[test]
     fn what_is_far_but_many_is_another_part_of_the_scene() {
         let points = sheet(5000);
-        let both: Vec<DVec3> = points.iter().copied().chain(points[..200].iter().map(|&p| p + 1000.0)).collect();
+        let both: Vec<DVec3> =
+            points.iter().copied().chain(points[..200].iter().map(|&p| p + 1000.0)).collect();
         assert_eq!(strays(&both), 0);
     }
 

@@ -64,17 +64,25 @@ pub struct Streamed {
 }
 
 /// Opens `paths`, in their order. The first file that cannot be read at all ends it.
-pub fn open(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Source>> {
+pub fn open(
+    paths: &[PathBuf],
+    options: &ReadOptions,
+    progress: &dyn Progress,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Source>> {
     let (mut sources, mut plane) = (Vec::new(), None);
     for path in paths {
         let input = Input::open(path)?.counting_to(options.rgb_range);
-        let mut push = |contents| sources.push(Source::new(path, options.strict, contents, &mut plane));
+        let mut push =
+            |contents| sources.push(Source::new(path, options.strict, contents, &mut plane));
         if input.take(0, las::MAGIC.len() as u64)? == las::MAGIC {
             notes.extend(options.text.idle(&input));
             let las = Box::new(Las::open(&input, options.wanted, notes)?);
             push(Contents::Las { las, length: input.length });
         } else {
-            super::read_one(&input, options, progress, notes)?.into_iter().for_each(|part| push(Contents::Part(Box::new(part))));
+            super::read_one(&input, options, progress, notes)?
+                .into_iter()
+                .for_each(|part| push(Contents::Part(Box::new(part))));
         }
     }
     notes.extend(system::differences(sources.iter().map(Source::header)));
@@ -110,7 +118,9 @@ pub fn about(paths: &[PathBuf]) -> Result<About> {
 impl Source {
     fn new(path: &Path, strict: bool, mut contents: Contents, plane: &mut Option<Plane>) -> Source {
         let (lattice, title, header) = match &mut contents {
-            Contents::Las { las, .. } => (las.layout.lattice, super::title(None, path), &mut las.layout.header),
+            Contents::Las { las, .. } => {
+                (las.layout.lattice, super::title(None, path), &mut las.layout.header)
+            }
             Contents::Part(part) => {
                 part.look_around();
                 (part.lattice, part.title(), &mut part.header)
@@ -194,7 +204,9 @@ impl Source {
                 let steps = |corner| (DVec3::from_array(corner) - lattice.offset) / lattice.step;
                 let [lo, hi] = las.layout.header.bounds?;
                 let (lo, hi) = (steps(lo).floor(), steps(hi).ceil());
-                let fits = lo.cmple(hi).all() && lo.min_element() >= i32::MIN as f64 && hi.max_element() <= i32::MAX as f64;
+                let fits = lo.cmple(hi).all()
+                    && lo.min_element() >= i32::MIN as f64
+                    && hi.max_element() <= i32::MAX as f64;
                 fits.then(|| [lo.as_ivec3().to_array(), hi.as_ivec3().to_array()])
             }
             Contents::Part(part) => part.columns.bounds(),
@@ -210,22 +222,46 @@ impl Source {
     }
 
     /// Calls `sink` with every batch, from all threads, in no particular order. An error of `sink` ends it. It may be called again.
-    pub fn stream(&self, progress: &dyn Progress, sink: &(dyn Fn(&Batch) -> Result<()> + Sync)) -> Result<Streamed> {
-        let desk = Desk { sink, available: self.available(), spare: Mutex::default(), sum: Mutex::default() };
+    pub fn stream(
+        &self,
+        progress: &dyn Progress,
+        sink: &(dyn Fn(&Batch) -> Result<()> + Sync),
+    ) -> Result<Streamed> {
+        let desk = Desk {
+            sink,
+            available: self.available(),
+            spare: Mutex::default(),
+            sum: Mutex::default(),
+        };
         let (mut notes, mut again) = (Vec::new(), false);
         match &self.contents {
             Contents::Las { las, length } => {
                 let input = Input::open(&self.path)?;
                 if input.length != *length {
-                    return Err(input.wrong(format!("had {length} bytes when it was opened, and has {} now", input.length)));
+                    return Err(input.wrong(format!(
+                        "had {length} bytes when it was opened, and has {} now",
+                        input.length
+                    )));
                 }
                 let why = match &las.places {
                     Places::Known(stretches) => {
-                        let before = |sum: &mut u64, points: u64| Some(std::mem::replace(sum, *sum + points));
-                        let firsts: Vec<u64> = stretches.iter().map(|stretch| stretch.points).scan(0, before).collect();
-                        las.read_stretches(&input, firsts.par_iter().map(|&first| desk.lane(first)), progress)?
+                        let before = |sum: &mut u64, points: u64| {
+                            Some(std::mem::replace(sum, *sum + points))
+                        };
+                        let firsts: Vec<u64> = stretches
+                            .iter()
+                            .map(|stretch| stretch.points)
+                            .scan(0, before)
+                            .collect();
+                        las.read_stretches(
+                            &input,
+                            firsts.par_iter().map(|&first| desk.lane(first)),
+                            progress,
+                        )?
                     }
-                    Places::Sequence(_) => las.read_sequence(&input, &mut desk.lane(0), progress)?,
+                    Places::Sequence(_) => {
+                        las.read_sequence(&input, &mut desk.lane(0), progress)?
+                    }
                 };
                 let sum = desk.sum();
                 again = las.reconsiders(sum.occurred);
@@ -244,7 +280,14 @@ impl Source {
         let Sum { points, occurred, bounds } = *desk.sum();
         let own = self.own_lattice();
         let world = bounds.map(|bounds| own.world_box(bounds));
-        notes.extend(super::bounds_note(&self.path, &self.title(), self.header(), own, world, self.strict)?);
+        notes.extend(super::bounds_note(
+            &self.path,
+            &self.title(),
+            self.header(),
+            own,
+            world,
+            self.strict,
+        )?);
         super::far_error(&self.path, own, world)?;
         if let Some(lie) = system::lie(self.header()).filter(|_| self.strict) {
             return Err(Error::format(&self.path, lie));
@@ -296,7 +339,9 @@ impl Desk<'_> {
         sum.points += columns.len() as u64;
         sum.occurred = sum.occurred.join(occurred);
         sum.bounds = Some(sum.bounds.map_or(own, |[lo, hi]| {
-            let pick = |a: [i32; 3], b: [i32; 3], pick: fn(i32, i32) -> i32| std::array::from_fn(|axis| pick(a[axis], b[axis]));
+            let pick = |a: [i32; 3], b: [i32; 3], pick: fn(i32, i32) -> i32| {
+                std::array::from_fn(|axis| pick(a[axis], b[axis]))
+            };
             [pick(lo, own[0], i32::min), pick(hi, own[1], i32::max)]
         }));
         drop(sum);

@@ -38,7 +38,9 @@ impl Unit {
         let is = |other: f64| (metres / other - 1.0).abs() < 1e-9;
         // The two feet differ by two parts in a million, and files round them.
         let known = [(1.0, "metre"), (FOOT, "foot"), (SURVEY_FOOT, "US survey foot")];
-        let known = known.into_iter().find(|(other, _)| is(*other) || (*other == SURVEY_FOOT && (metres / other - 1.0).abs() < 2e-7));
+        let known = known.into_iter().find(|(other, _)| {
+            is(*other) || (*other == SURVEY_FOOT && (metres / other - 1.0).abs() < 2e-7)
+        });
         let (metres, name) = known.unwrap_or((metres, name));
         Unit { name: name.into(), metres }
     }
@@ -78,7 +80,11 @@ impl Unit {
     /// The same of an area.
     pub fn area(&self, area: f64, decimals: usize) -> String {
         let own = format!("{area:.decimals$} {}²", self.symbol());
-        if self.is_metre() { own } else { format!("{own} ({:.decimals$} m²)", area * self.metres * self.metres) }
+        if self.is_metre() {
+            own
+        } else {
+            format!("{own} ({:.decimals$} m²)", area * self.metres * self.metres)
+        }
     }
 }
 
@@ -138,18 +144,26 @@ impl System {
     pub fn of(header: &Header) -> Option<System> {
         let says = |what: &str, text: &str| {
             let text = text.to_lowercase();
-            let has = |words: [&str; 2]| text.split(|c: char| !c.is_alphabetic()).any(|word| words.contains(&word));
+            let has = |words: [&str; 2]| {
+                text.split(|c: char| !c.is_alphabetic()).any(|word| words.contains(&word))
+            };
             COORDINATES.contains(&what) && has(["longitude", "lon"]) && has(["latitude", "lat"])
         };
-        let said = || header.facts.iter().any(|(what, text)| says(what, text)).then(System::degrees);
+        let said =
+            || header.facts.iter().any(|(what, text)| says(what, text)).then(System::degrees);
         header.system.clone().or_else(said)
     }
 
     /// With what its EPSG code says, where the file says no more, or the same.
     fn completed(mut self, of_file: Option<String>) -> System {
-        let known = self.epsg.and_then(|code| crs_definitions::from_code(code.try_into().ok()?)).map(|def| def.proj4.to_string());
+        let known = self
+            .epsg
+            .and_then(|code| crs_definitions::from_code(code.try_into().ok()?))
+            .map(|def| def.proj4.to_string());
         let known = known.filter(|proj| match (&self.unit, unit_of(proj)) {
-            (Some(own), Some(its)) if self.kind == Kind::Projected => (own.metres / its.metres - 1.0).abs() < 1e-9,
+            (Some(own), Some(its)) if self.kind == Kind::Projected => {
+                (own.metres / its.metres - 1.0).abs() < 1e-9
+            }
             _ => true,
         });
         if self.unit.is_none() && self.kind == Kind::Projected {
@@ -179,11 +193,15 @@ impl System {
         if let Some(plane) = &self.plane {
             return Some(plane.lonlat(place));
         }
-        let proj = self.proj.as_ref().filter(|_| matches!(self.kind, Kind::Projected | Kind::Geocentric))?;
+        let proj = self
+            .proj
+            .as_ref()
+            .filter(|_| matches!(self.kind, Kind::Projected | Kind::Geocentric))?;
         let convert = || -> Option<[f64; 2]> {
             let from = Proj::from_proj_string(proj).ok()?;
             let to = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs").ok()?;
-            let mut point = (place.x, place.y, if self.kind == Kind::Geocentric { place.z } else { 0.0 });
+            let mut point =
+                (place.x, place.y, if self.kind == Kind::Geocentric { place.z } else { 0.0 });
             proj4rs::transform::transform(&from, &to, &mut point).ok()?;
             Some([point.0.to_degrees(), point.1.to_degrees()])
         };
@@ -239,7 +257,9 @@ impl Sample {
         if places.is_empty() {
             return None;
         }
-        let corner = |pick: &dyn Fn(&[f64]) -> Option<f64>| Some(DVec3::new(pick(&sorted[0])?, pick(&sorted[1])?, pick(&sorted[2])?));
+        let corner = |pick: &dyn Fn(&[f64]) -> Option<f64>| {
+            Some(DVec3::new(pick(&sorted[0])?, pick(&sorted[1])?, pick(&sorted[2])?))
+        };
         Some(Sample {
             middle: corner(&|values| values.get(values.len() / 2).copied())?,
             lo: corner(&|values| values.get(values.len() / 50).copied())?,
@@ -295,15 +315,21 @@ impl Reference {
 /// What is to be said of the systems of files that are opened together.
 pub fn differences<'a>(headers: impl Iterator<Item = &'a Header>) -> Option<String> {
     let systems: Vec<Option<&System>> = headers.map(|header| header.system.as_ref()).collect();
-    let mut units: Vec<Unit> = systems.iter().map(|system| system.map(System::unit).unwrap_or_default()).collect();
+    let mut units: Vec<Unit> =
+        systems.iter().map(|system| system.map(System::unit).unwrap_or_default()).collect();
     units.dedup();
     let is_angular = |system: &Option<&System>| system.is_some_and(|system| system.plane.is_some());
     if units.len() > 1 {
         let names: Vec<&str> = units.iter().map(|unit| unit.name.as_str()).collect();
-        return Some(format!("the files are in different units ({}), and are drawn as their numbers are", names.join(", ")));
+        return Some(format!(
+            "the files are in different units ({}), and are drawn as their numbers are",
+            names.join(", ")
+        ));
     }
     let mixed = systems.iter().any(is_angular) && !systems.iter().all(is_angular);
-    mixed.then(|| "some files are in degrees, and drawn on a local plane, where the others are not".into())
+    mixed.then(|| {
+        "some files are in degrees, and drawn on a local plane, where the others are not".into()
+    })
 }
 
 const NO_DEGREES: &str = "the coordinates are said to be degrees, and are none";
@@ -316,13 +342,22 @@ pub fn lie(header: &Header) -> Option<&'static str> {
 
 /// Brings a part's lattice to the plane that it is drawn on, where its coordinates are angles, and its header to say so.
 /// `shared` is the plane of all files that are opened together.
-pub fn settle(header: &mut Header, lattice: Lattice, shared: &mut Option<Plane>, name: &str, notes: &mut Vec<String>) -> Lattice {
+pub fn settle(
+    header: &mut Header,
+    lattice: Lattice,
+    shared: &mut Option<Plane>,
+    name: &str,
+    notes: &mut Vec<String>,
+) -> Lattice {
     let sample = header.sample.take();
     header.system = System::of(header);
     let Some(system) = &mut header.system else { return lattice };
     let Some(degrees) = system.degrees.filter(|_| system.kind == Kind::Geographic) else {
         if let (Some(unit), Some(height)) = (&system.unit, &system.height_unit) {
-            notes.push(format!("{name}: heights are in {}, distances in {}: lengths of both are not true", height.name, unit.name));
+            notes.push(format!(
+                "{name}: heights are in {}, distances in {}: lengths of both are not true",
+                height.name, unit.name
+            ));
         }
         return lattice;
     };

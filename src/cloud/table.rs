@@ -84,7 +84,12 @@ impl FromStr for Columns {
         let mut columns = Columns { roles: [Role::Other; MOST_COLUMNS], count: 0 };
         for name in text.split(',').map(str::trim) {
             let role = if name == "-" { Some(Role::Other) } else { names::role(name) };
-            let role = role.ok_or_else(|| format!("{name:?} is no column; there are {}, and - for one to leave aside", names::listed()))?;
+            let role = role.ok_or_else(|| {
+                format!(
+                    "{name:?} is no column; there are {}, and - for one to leave aside",
+                    names::listed()
+                )
+            })?;
             if role != Role::Other && columns.roles().contains(&role) {
                 return Err(format!("{} is there twice", word(role)));
             }
@@ -195,11 +200,18 @@ impl Table {
 
     /// Colours of columns whose names end in f, for fractions, are fractions.
     pub fn color_unit(&self) -> ColorUnit {
-        let are_fractions = self.columns.iter().filter(|column| matches!(column.role, Role::Color(_))).all(|column| {
-            let name = column.name.as_deref().map(names::key).unwrap_or_default();
-            names::FRACTIONS.contains(&name.as_str())
-        });
-        if are_fractions && self.roles().contains(&Role::Color(0)) { ColorUnit::Unit } else { ColorUnit::Guess }
+        let are_fractions =
+            self.columns.iter().filter(|column| matches!(column.role, Role::Color(_))).all(
+                |column| {
+                    let name = column.name.as_deref().map(names::key).unwrap_or_default();
+                    names::FRACTIONS.contains(&name.as_str())
+                },
+            );
+        if are_fractions && self.roles().contains(&Role::Color(0)) {
+            ColorUnit::Unit
+        } else {
+            ColorUnit::Guess
+        }
     }
 
     /// What columns are taken for, in their order.
@@ -217,31 +229,46 @@ impl Table {
 
     /// A column as an attribute of its own, before any value.
     pub fn extra(&self, column: usize) -> Extra {
-        let name = self.columns[column].name.clone().unwrap_or_else(|| format!("column {}", column + 1));
+        let name =
+            self.columns[column].name.clone().unwrap_or_else(|| format!("column {}", column + 1));
         Extra { name, ..Extra::default() }
     }
 
     /// What nothing in the file says, or what is not kept of it: roles that columns have by their order and values alone, and columns of words. That the first three numbers are coordinates is no guess.
     pub fn guess_or_loss(&self) -> Option<String> {
-        let has_more = self.columns.iter().any(|column| !matches!(column.role, Role::Position(_) | Role::Other));
+        let has_more = self
+            .columns
+            .iter()
+            .any(|column| !matches!(column.role, Role::Position(_) | Role::Other));
         let [_, texts] = self.left_aside();
         match self.source {
             Source::Asked => None,
-            Source::Values if has_more => Some(format!("has no names of columns, which by their values could be {}", self.words())),
+            Source::Values if has_more => Some(format!(
+                "has no names of columns, which by their values could be {}",
+                self.words()
+            )),
             Source::Partly(line) => Some(format!("names no x, y and z in line {line}")),
-            _ => (!texts.is_empty()).then(|| format!("has columns of text, which are not kept: {}", texts.join(", "))),
+            _ => (!texts.is_empty())
+                .then(|| format!("has columns of text, which are not kept: {}", texts.join(", "))),
         }
     }
 
     /// Names of columns that are no part of a point: of numbers, and of words.
     fn left_aside(&self) -> [Vec<String>; 2] {
         let name = |(place, column): (usize, &Column)| {
-            let name = column.name.as_ref().map_or(format!("column {}", place + 1), |name| format!("\"{name}\""));
+            let name = column
+                .name
+                .as_ref()
+                .map_or(format!("column {}", place + 1), |name| format!("\"{name}\""));
             let is_long = self.words_at_end && place + 1 == self.columns.len();
             if is_long { format!("{name} (of several words)") } else { name }
         };
         let aside = |is_text: bool| {
-            let own = self.columns.iter().enumerate().filter(|(_, column)| column.role == Role::Other && column.is_text == is_text);
+            let own = self
+                .columns
+                .iter()
+                .enumerate()
+                .filter(|(_, column)| column.role == Role::Other && column.is_text == is_text);
             own.map(name).collect()
         };
         [aside(false), aside(true)]
@@ -254,21 +281,34 @@ impl fmt::Display for Table {
         write!(f, "{}; ", self.reading)?;
         let taken = || {
             let used = self.columns.iter().filter(|column| column.role != Role::Other);
-            used.map(|column| format!("{} \"{}\"", word(column.role), column.name.as_deref().unwrap_or_default())).collect::<Vec<_>>()
+            used.map(|column| {
+                format!("{} \"{}\"", word(column.role), column.name.as_deref().unwrap_or_default())
+            })
+            .collect::<Vec<_>>()
         };
         match self.source {
-            Source::Names(line) => write!(f, "columns by their names in line {line}: {}", taken().join(", "))?,
+            Source::Names(line) => {
+                write!(f, "columns by their names in line {line}: {}", taken().join(", "))?
+            }
             Source::Partly(line) => write!(
                 f,
                 "no x, y and z among the names in line {line}, so that the first columns are taken for them: {}",
                 taken().join(", ")
             )?,
-            Source::Values => write!(f, "no names; by their order and values columns are taken as {}", self.words())?,
+            Source::Values => write!(
+                f,
+                "no names; by their order and values columns are taken as {}",
+                self.words()
+            )?,
             Source::Asked => write!(f, "columns as asked for: {}", self.words())?,
         }
         let [extras, texts] = self.left_aside();
         if !extras.is_empty() && self.source != Source::Asked {
-            write!(f, "; further attributes, one of which --scalar reads as intensity: {}", extras.join(", "))?;
+            write!(
+                f,
+                "; further attributes, one of which --scalar reads as intensity: {}",
+                extras.join(", ")
+            )?;
         }
         if !texts.is_empty() && self.source != Source::Asked {
             write!(f, "; text that is not kept: {}", texts.join(", "))?;

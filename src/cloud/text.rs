@@ -99,7 +99,8 @@ pub fn lines(block: &[u8]) -> impl Iterator<Item = &[u8]> {
 
 /// Fields between any of space, tab, comma, semicolon.
 pub fn fields(line: &[u8]) -> impl Iterator<Item = &[u8]> {
-    line.split(|byte| matches!(byte, b' ' | b'\t' | b',' | b';' | b'\r')).filter(|field| !field.is_empty())
+    line.split(|byte| matches!(byte, b' ' | b'\t' | b',' | b';' | b'\r'))
+        .filter(|field| !field.is_empty())
 }
 
 /// Fields between spaces and tabs.
@@ -132,7 +133,9 @@ pub fn number_with(field: &[u8], decimal_comma: bool) -> Option<f64> {
 /// `1.5D+03`.
 fn fortran(field: &[u8]) -> Option<f64> {
     let is_exponent = |byte: &u8| matches!(byte, b'd' | b'D');
-    let is_number = field.iter().all(|byte| byte.is_ascii_digit() || is_exponent(byte) || matches!(byte, b'+' | b'-' | b'.'));
+    let is_number = field.iter().all(|byte| {
+        byte.is_ascii_digit() || is_exponent(byte) || matches!(byte, b'+' | b'-' | b'.')
+    });
     (is_number && field.iter().any(is_exponent)).then_some(())?;
     replaced(field, |byte| if is_exponent(&byte) { b'e' } else { byte }, plain)
 }
@@ -142,7 +145,11 @@ fn plain(field: &[u8]) -> Option<f64> {
 }
 
 /// The number that a field is with other bytes for some. A field of more bytes is no number.
-fn replaced(field: &[u8], other: impl Fn(u8) -> u8, parse: fn(&[u8]) -> Option<f64>) -> Option<f64> {
+fn replaced(
+    field: &[u8],
+    other: impl Fn(u8) -> u8,
+    parse: fn(&[u8]) -> Option<f64>,
+) -> Option<f64> {
     let mut bytes = [0; 64];
     let bytes = bytes.get_mut(..field.len())?;
     bytes.iter_mut().zip(field).for_each(|(slot, &byte)| *slot = other(byte));
@@ -198,16 +205,38 @@ mod tests {
         let lines: Vec<&[u8]> = all_lines(b"a\r\nb\n\nc\rd\r\n").collect();
         assert_eq!(lines, [b"a".as_slice(), b"b", b"", b"c", b"d"]);
         assert_eq!(all_lines(b"").count(), 0);
-        assert_eq!((first_end(b"ab\r\nc"), first_end(b"ab\r"), last_end(b"a\rb\r"), last_end(b"ab")), (Some(4), None, Some(2), None));
+        assert_eq!(
+            (first_end(b"ab\r\nc"), first_end(b"ab\r"), last_end(b"a\rb\r"), last_end(b"ab")),
+            (Some(4), None, Some(2), None)
+        );
     }
 
     #[test]
     fn numbers_are_those_of_the_standard_library() {
-        for text in ["1", "-1.5", "+2.25", ".5", "5.", "1e-320", "1.7976931348623157e308", "-0", "1E+05", "123456789.123456789", "0.1"] {
+        for text in [
+            "1",
+            "-1.5",
+            "+2.25",
+            ".5",
+            "5.",
+            "1e-320",
+            "1.7976931348623157e308",
+            "-0",
+            "1E+05",
+            "123456789.123456789",
+            "0.1",
+        ] {
             assert_eq!(number(text.as_bytes()), text.parse().ok(), "{text}");
         }
-        assert!(number(b"NaN").unwrap().is_nan() && number(b"-inf") == Some(f64::NEG_INFINITY) && number(b"1e999") == Some(f64::INFINITY));
-        for text in ["", "-", ".", "0x1F", "1 2", "1,5", "tree", "dead", "d", "1e", "--1", "1.2.3", "infinit", "1d", "e5"] {
+        assert!(
+            number(b"NaN").unwrap().is_nan()
+                && number(b"-inf") == Some(f64::NEG_INFINITY)
+                && number(b"1e999") == Some(f64::INFINITY)
+        );
+        for text in [
+            "", "-", ".", "0x1F", "1 2", "1,5", "tree", "dead", "d", "1e", "--1", "1.2.3",
+            "infinit", "1d", "e5",
+        ] {
             assert_eq!(number(text.as_bytes()), None, "{text}");
         }
         assert_eq!(number(b"1.5D+03"), Some(1500.0));

@@ -11,7 +11,12 @@ use super::{Extra, Header, Part, ReadOptions, encoding, ptx, system, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
-pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes: &mut Vec<String>) -> Result<Vec<Part>> {
+pub fn read(
+    input: &Input,
+    options: &ReadOptions,
+    progress: &dyn Progress,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Part>> {
     let decoded = encoding::decoded(input, notes)?;
     let input = decoded.as_ref().unwrap_or(input);
     let begin = encoding::mark_bytes(input)?;
@@ -23,17 +28,32 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
     let table = sniff::sniff(&start, is_whole, &options.text).map_err(|what| input.wrong(what))?;
     notes.push(format!("{}: {table}", input.name()));
     if let Some(what) = table.guess_or_loss().filter(|_| options.strict) {
-        return Err(input.wrong(format!("{what}; say what all columns are with --columns, - for one to leave aside")));
+        return Err(input.wrong(format!(
+            "{what}; say what all columns are with --columns, - for one to leave aside"
+        )));
     }
     let mut rows = rows(input, begin + table.body_at as u64, &table, options, progress)?;
     tell(input, &table, &rows, options, notes)?;
     let points = table.count.map(|first| first.saturating_add(rows.counted));
-    let format = if table.count.is_some() && table.source == Source::Values { "PTS" } else { "XYZ" };
-    let names = table.columns.iter().map(|column| column.name.clone().unwrap_or_default()).collect::<Vec<_>>().join(", ");
-    let named = Some(("names".to_string(), names)).filter(|_| table.columns.iter().any(|column| column.name.is_some()));
-    let angles = Some(system::DEGREES).filter(|_| names_angles(&table)).map(|(what, text)| (what.into(), text.into()));
-    let facts = [("columns".into(), table.words())].into_iter().chain(named).chain(angles).collect();
-    let extras = std::mem::take(&mut rows.extras).into_iter().zip(&table.columns).filter(|(_, column)| column.is_extra());
+    let format =
+        if table.count.is_some() && table.source == Source::Values { "PTS" } else { "XYZ" };
+    let names = table
+        .columns
+        .iter()
+        .map(|column| column.name.clone().unwrap_or_default())
+        .collect::<Vec<_>>()
+        .join(", ");
+    let named = Some(("names".to_string(), names))
+        .filter(|_| table.columns.iter().any(|column| column.name.is_some()));
+    let angles = Some(system::DEGREES)
+        .filter(|_| names_angles(&table))
+        .map(|(what, text)| (what.into(), text.into()));
+    let facts =
+        [("columns".into(), table.words())].into_iter().chain(named).chain(angles).collect();
+    let extras = std::mem::take(&mut rows.extras)
+        .into_iter()
+        .zip(&table.columns)
+        .filter(|(_, column)| column.is_extra());
     let extras = extras.map(|(extra, _)| extra).collect();
     let header = Header { format: format.into(), points, facts, extras, ..Header::default() };
     Ok(rows.floats.into_parts(input, header, table.color_unit(), None, notes))
@@ -42,7 +62,11 @@ pub fn read(input: &Input, options: &ReadOptions, progress: &dyn Progress, notes
 /// Says whether the columns that x and y are taken from are named after longitude and latitude.
 fn names_angles(table: &Table) -> bool {
     let named = |axis: usize, short: &str| {
-        let own = table.columns.iter().find(|column| column.role == Role::Position(axis)).and_then(|column| column.name.as_ref());
+        let own = table
+            .columns
+            .iter()
+            .find(|column| column.role == Role::Position(axis))
+            .and_then(|column| column.name.as_ref());
         own.is_some_and(|name| name.trim().to_lowercase().starts_with(short))
     };
     named(0, "lon") && named(1, "lat")
@@ -79,7 +103,13 @@ impl Bad {
     }
 }
 
-fn rows(input: &Input, at: u64, table: &Table, options: &ReadOptions, progress: &dyn Progress) -> Result<Rows> {
+fn rows(
+    input: &Input,
+    at: u64,
+    table: &Table,
+    options: &ReadOptions,
+    progress: &dyn Progress,
+) -> Result<Rows> {
     let there = there(&table.roles());
     let empty = || Rows {
         floats: Floats::new(there, options.wanted, false, false),
@@ -89,7 +119,11 @@ fn rows(input: &Input, at: u64, table: &Table, options: &ReadOptions, progress: 
         no_data: Missing::default(),
         missing: vec![Missing::default(); table.columns.len()],
         gaps: Vec::new(),
-        extras: if options.extras { table.columns.iter().enumerate().map(|(place, _)| table.extra(place)).collect() } else { Vec::new() },
+        extras: if options.extras {
+            table.columns.iter().enumerate().map(|(place, _)| table.extra(place)).collect()
+        } else {
+            Vec::new()
+        },
     };
     let parse = |block: &[u8]| {
         let mut rows = empty();
@@ -108,7 +142,8 @@ fn rows(input: &Input, at: u64, table: &Table, options: &ReadOptions, progress: 
     let meter = Meter::new(progress, input, length);
     text::parse(input, at..input.length, &meter, parse, |block, bytes| {
         if rows.floats.len() == 0 {
-            rows.floats.reserve((block.floats.len() as u64 * length / bytes.max(1) as u64) as usize);
+            rows.floats
+                .reserve((block.floats.len() as u64 * length / bytes.max(1) as u64) as usize);
         }
         rows.append(block);
     })?;
@@ -142,22 +177,40 @@ impl Rows {
         self.lines += block.lines;
         self.counted = self.counted.saturating_add(block.counted);
         self.bad.lines += block.bad.lines;
-        self.bad.first = self.bad.first.take().or(block.bad.first.map(|(line, what)| (line + before, what)));
+        self.bad.first =
+            self.bad.first.take().or(block.bad.first.map(|(line, what)| (line + before, what)));
         self.no_data.join(later(block.no_data));
         self.extras.iter_mut().zip(block.extras).for_each(|(sum, extra)| sum.join(extra));
-        self.missing.iter_mut().zip(block.missing).for_each(|(sum, missing)| sum.join(later(missing)));
+        self.missing
+            .iter_mut()
+            .zip(block.missing)
+            .for_each(|(sum, missing)| sum.join(later(missing)));
     }
 }
 
 /// Says what is no row and what rows lack; where it is strict, lines that are lost end it.
-fn tell(input: &Input, table: &Table, rows: &Rows, options: &ReadOptions, notes: &mut Vec<String>) -> Result<()> {
+fn tell(
+    input: &Input,
+    table: &Table,
+    rows: &Rows,
+    options: &ReadOptions,
+    notes: &mut Vec<String>,
+) -> Result<()> {
     let lines = |count: u64| text::lines_in_words(count);
     if let Some((line, what)) = &rows.bad.first {
         if options.strict {
             return Err(input.wrong(format!("line {line} is no row of the table: {what}")));
         }
-        let are = if rows.bad.lines == 1 { "is no point, and was left out" } else { "are not points, and were left out" };
-        notes.push(format!("{}: {} {are}; line {line}: {what}", input.name(), lines(rows.bad.lines)));
+        let are = if rows.bad.lines == 1 {
+            "is no point, and was left out"
+        } else {
+            "are not points, and were left out"
+        };
+        notes.push(format!(
+            "{}: {} {are}; line {line}: {what}",
+            input.name(),
+            lines(rows.bad.lines)
+        ));
     }
     if rows.no_data.lines > 0 {
         let Missing { lines: count, first } = rows.no_data;
@@ -167,7 +220,8 @@ fn tell(input: &Input, table: &Table, rows: &Rows, options: &ReadOptions, notes:
             lines(count)
         ));
     }
-    for (place, missing) in rows.missing.iter().enumerate().filter(|(_, missing)| missing.lines > 0) {
+    for (place, missing) in rows.missing.iter().enumerate().filter(|(_, missing)| missing.lines > 0)
+    {
         notes.push(format!(
             "{}: {} without a value for {}, the first is line {}",
             input.name(),
@@ -177,7 +231,9 @@ fn tell(input: &Input, table: &Table, rows: &Rows, options: &ReadOptions, notes:
         ));
     }
     let read = rows.floats.len() as u64 + rows.floats.not_finite + rows.no_data.lines;
-    if let Some(count) = table.count.map(|first| first.saturating_add(rows.counted)).filter(|&count| count != read) {
+    if let Some(count) =
+        table.count.map(|first| first.saturating_add(rows.counted)).filter(|&count| count != read)
+    {
         let what = format!("the lines of counts say {count} points, {read} could be read");
         if options.strict {
             return Err(input.wrong(what));

@@ -101,8 +101,9 @@ impl Device {
             }
         };
         let int64_atomics = !missing_int64 && !wish.no_int64_atomics;
-        let family = queue_family(&instance, physical)
-            .ok_or_else(|| Error::Device("the device has no queue that computes and draws".to_string()))?;
+        let family = queue_family(&instance, physical).ok_or_else(|| {
+            Error::Device("the device has no queue that computes and draws".to_string())
+        })?;
         let raw = open_device(&instance, physical, family, int64_atomics, wish.window)?;
         // SAFETY: the family and its queue 0 were asked for in open_device.
         let queue = unsafe { raw.get_device_queue(family, 0) };
@@ -123,7 +124,9 @@ impl Device {
             is_mapped: !wish.unmapped && is_mapped(&memory),
             texels: !wish.no_texels && properties.limits.max_texel_buffer_elements >= TEXELS_NEEDED,
             most_groups: match properties.device_type {
-                vk::PhysicalDeviceType::CPU => 8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32),
+                vk::PhysicalDeviceType::CPU => {
+                    8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32)
+                }
                 _ => properties.limits.max_compute_work_group_count[0],
             },
             most_memory,
@@ -137,7 +140,9 @@ impl Device {
 
     /// What the validation layers have said since the last call; an error when they said anything.
     pub fn objections(&self) -> Result<()> {
-        let said = std::mem::take(&mut *self.messages.lock().unwrap_or_else(|poisoned| poisoned.into_inner()));
+        let said = std::mem::take(
+            &mut *self.messages.lock().unwrap_or_else(|poisoned| poisoned.into_inner()),
+        );
         if said.is_empty() { Ok(()) } else { Err(Error::Validation(said.join("\n"))) }
     }
 
@@ -145,7 +150,8 @@ impl Device {
     pub fn name<H: vk::Handle>(&self, handle: H, name: &str) {
         if let Some(labels) = &self.labels {
             let name = std::ffi::CString::new(name).unwrap_or_default();
-            let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);
+            let info =
+                vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);
             // SAFETY: the handle belongs to this device. A name that is lost only makes messages less clear.
             let _ = unsafe { labels.set_debug_utils_object_name(&info) };
         }
@@ -156,10 +162,14 @@ impl Device {
 fn is_mapped(memory: &vk::PhysicalDeviceMemoryProperties) -> bool {
     use vk::MemoryPropertyFlags as Flags;
     let largest = |wanted: Flags| {
-        let types = memory.memory_types_as_slice().iter().filter(|kind| kind.property_flags.contains(wanted));
+        let types = memory
+            .memory_types_as_slice()
+            .iter()
+            .filter(|kind| kind.property_flags.contains(wanted));
         types.map(|kind| memory.memory_heaps[kind.heap_index as usize].size).max().unwrap_or(0)
     };
-    largest(Flags::DEVICE_LOCAL | Flags::HOST_VISIBLE | Flags::HOST_COHERENT) >= largest(Flags::DEVICE_LOCAL)
+    largest(Flags::DEVICE_LOCAL | Flags::HOST_VISIBLE | Flags::HOST_COHERENT)
+        >= largest(Flags::DEVICE_LOCAL)
 }
 
 impl Drop for Device {
@@ -189,8 +199,13 @@ fn list(instance: &ash::Instance, devices: &[vk::PhysicalDevice]) -> String {
     devices.iter().enumerate().map(line).collect::<Vec<_>>().join("; ")
 }
 
-fn open_instance(entry: &ash::Entry, wish: &Wish) -> Result<(ash::Instance, Option<ext::debug_utils::Instance>)> {
-    let app = vk::ApplicationInfo::default().application_name(c"pointillist").api_version(vk::API_VERSION_1_3);
+fn open_instance(
+    entry: &ash::Entry,
+    wish: &Wish,
+) -> Result<(ash::Instance, Option<ext::debug_utils::Instance>)> {
+    let app = vk::ApplicationInfo::default()
+        .application_name(c"pointillist")
+        .api_version(vk::API_VERSION_1_3);
     let validate = wish.validate;
     // SAFETY: plain queries of the loader.
     let (layers, extensions) = unsafe {
@@ -200,19 +215,27 @@ fn open_instance(entry: &ash::Entry, wish: &Wish) -> Result<(ash::Instance, Opti
         )
     };
     if validate && !layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)) {
-        return Err(Error::Device("--validate needs the Vulkan validation layers; install vulkan-validationlayers".to_string()));
+        return Err(Error::Device(
+            "--validate needs the Vulkan validation layers; install vulkan-validationlayers"
+                .to_string(),
+        ));
     }
     // The layer itself brings debug_utils where the loader does not list it.
-    let offers = |name: &CStr| extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name));
+    let offers = |name: &CStr| {
+        extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
+    };
     let has_debug = validate || offers(ext::debug_utils::NAME);
-    let layer_names: Vec<*const c_char> = if validate { vec![VALIDATION_LAYER.as_ptr()] } else { vec![] };
-    let mut extension_names: Vec<*const c_char> = if has_debug { vec![ext::debug_utils::NAME.as_ptr()] } else { vec![] };
+    let layer_names: Vec<*const c_char> =
+        if validate { vec![VALIDATION_LAYER.as_ptr()] } else { vec![] };
+    let mut extension_names: Vec<*const c_char> =
+        if has_debug { vec![ext::debug_utils::NAME.as_ptr()] } else { vec![] };
     if wish.window {
         if !offers(khr::surface::NAME) {
             return Err(Error::Device("the Vulkan loader knows no window system".to_string()));
         }
         // Which of them the window is of turns out when it is there.
-        extension_names.extend(WINDOW_SYSTEMS.iter().filter(|name| offers(name)).map(|name| name.as_ptr()));
+        extension_names
+            .extend(WINDOW_SYSTEMS.iter().filter(|name| offers(name)).map(|name| name.as_ptr()));
     }
     let checks = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
     let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
@@ -224,13 +247,19 @@ fn open_instance(entry: &ash::Entry, wish: &Wish) -> Result<(ash::Instance, Opti
         info = info.push_next(&mut features);
     }
     // SAFETY: every pointer in `info` outlives the call.
-    let instance = unsafe { entry.create_instance(&info, None) }.map_err(failed("vkCreateInstance"))?;
+    let instance =
+        unsafe { entry.create_instance(&info, None) }.map_err(failed("vkCreateInstance"))?;
     let debug = has_debug.then(|| ext::debug_utils::Instance::new(entry, &instance));
     Ok((instance, debug))
 }
 
-fn listen(debug: &ext::debug_utils::Instance, messages: &Mutex<Vec<String>>) -> Result<vk::DebugUtilsMessengerEXT> {
-    use vk::{DebugUtilsMessageSeverityFlagsEXT as Severity, DebugUtilsMessageTypeFlagsEXT as Type};
+fn listen(
+    debug: &ext::debug_utils::Instance,
+    messages: &Mutex<Vec<String>>,
+) -> Result<vk::DebugUtilsMessengerEXT> {
+    use vk::{
+        DebugUtilsMessageSeverityFlagsEXT as Severity, DebugUtilsMessageTypeFlagsEXT as Type,
+    };
     let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
         .message_severity(Severity::ERROR | Severity::WARNING)
         // Not PERFORMANCE: it objects to the GENERAL layout, which is our choice (STYLE: at most one memory barrier between passes).
@@ -238,7 +267,8 @@ fn listen(debug: &ext::debug_utils::Instance, messages: &Mutex<Vec<String>>) -> 
         .pfn_user_callback(Some(hear))
         .user_data(messages as *const _ as *mut c_void);
     // SAFETY: `messages` is boxed in the Device, which destroys the messenger before it drops the box.
-    unsafe { debug.create_debug_utils_messenger(&info, None) }.map_err(failed("vkCreateDebugUtilsMessengerEXT"))
+    unsafe { debug.create_debug_utils_messenger(&info, None) }
+        .map_err(failed("vkCreateDebugUtilsMessengerEXT"))
 }
 
 unsafe extern "system" fn hear(
@@ -248,7 +278,8 @@ unsafe extern "system" fn hear(
     messages: *mut c_void,
 ) -> vk::Bool32 {
     // SAFETY: the layer passes valid data, and the pointer that `listen` gave it.
-    let (message, messages) = unsafe { ((*data).message_as_c_str(), &*(messages as *const Mutex<Vec<String>>)) };
+    let (message, messages) =
+        unsafe { ((*data).message_as_c_str(), &*(messages as *const Mutex<Vec<String>>)) };
     let message = message.map_or(String::new(), |message| message.to_string_lossy().into_owned());
     messages.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(message);
     vk::FALSE
@@ -259,7 +290,8 @@ type Choice = (vk::PhysicalDevice, vk::PhysicalDeviceProperties, bool);
 fn choose(instance: &ash::Instance, wish: &Wish) -> Result<Choice> {
     let wished = wish.device.as_deref();
     // SAFETY: plain query of a live instance.
-    let devices = unsafe { instance.enumerate_physical_devices() }.map_err(failed("vkEnumeratePhysicalDevices"))?;
+    let devices = unsafe { instance.enumerate_physical_devices() }
+        .map_err(failed("vkEnumeratePhysicalDevices"))?;
     let rank = |kind| match kind {
         vk::PhysicalDeviceType::DISCRETE_GPU => 0,
         vk::PhysicalDeviceType::INTEGRATED_GPU => 1,
@@ -292,21 +324,33 @@ fn choose(instance: &ash::Instance, wish: &Wish) -> Result<Choice> {
     fit.sort_by_key(|&(rank, index, _)| (rank, index));
     fit.into_iter().next().map(|(_, _, choice)| choice).ok_or_else(|| {
         Error::Device(match (devices.is_empty(), unfit.is_empty(), wished) {
-            (true, ..) => "no Vulkan device; install a driver (mesa-vulkan-drivers has one that needs no GPU)".to_string(),
+            (true, ..) => {
+                "no Vulkan device; install a driver (mesa-vulkan-drivers has one that needs no GPU)"
+                    .to_string()
+            }
             (_, false, _) => format!("no usable Vulkan device: {}", unfit.join("; ")),
-            (_, _, wish) => format!("no device matches --device {}; there are: {}", wish.unwrap_or(""), list(instance, &devices)),
+            (_, _, wish) => format!(
+                "no device matches --device {}; there are: {}",
+                wish.unwrap_or(""),
+                list(instance, &devices)
+            ),
         })
     })
 }
 
 /// The required features that a device lacks, and whether it lacks 64-bit atomics, which are optional.
-fn missing(instance: &ash::Instance, device: vk::PhysicalDevice, properties: &vk::PhysicalDeviceProperties) -> (Vec<&'static str>, bool) {
+fn missing(
+    instance: &ash::Instance,
+    device: vk::PhysicalDevice,
+    properties: &vk::PhysicalDeviceProperties,
+) -> (Vec<&'static str>, bool) {
     if properties.api_version < vk::API_VERSION_1_3 {
         return (vec!["Vulkan 1.3"], true);
     }
     let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
     let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
-    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut v12).push_next(&mut v13);
+    let mut features =
+        vk::PhysicalDeviceFeatures2::default().push_next(&mut v12).push_next(&mut v13);
     // SAFETY: the device has Vulkan 1.3, so it knows these structures.
     unsafe { instance.get_physical_device_features2(device, &mut features) };
     let int64 = features.features.shader_int64;
@@ -320,14 +364,18 @@ fn missing(instance: &ash::Instance, device: vk::PhysicalDevice, properties: &vk
         (v12.buffer_device_address, "bufferDeviceAddress"),
         (v12.scalar_block_layout, "scalarBlockLayout"),
     ];
-    let missing = required.iter().filter(|(has, _)| *has == vk::FALSE).map(|&(_, name)| name).collect();
+    let missing =
+        required.iter().filter(|(has, _)| *has == vk::FALSE).map(|&(_, name)| name).collect();
     (missing, int64 == vk::FALSE || v12.shader_buffer_int64_atomics == vk::FALSE)
 }
 
 fn has_swapchains(instance: &ash::Instance, device: vk::PhysicalDevice) -> bool {
     // SAFETY: plain query.
-    let extensions = unsafe { instance.enumerate_device_extension_properties(device) }.unwrap_or_default();
-    extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(khr::swapchain::NAME))
+    let extensions =
+        unsafe { instance.enumerate_device_extension_properties(device) }.unwrap_or_default();
+    extensions
+        .iter()
+        .any(|extension| extension.extension_name_as_c_str() == Ok(khr::swapchain::NAME))
 }
 
 fn open_device(
@@ -339,7 +387,9 @@ fn open_device(
 ) -> Result<ash::Device> {
     let extensions: &[*const c_char] = if window { &[khr::swapchain::NAME.as_ptr()] } else { &[] };
     let priorities = [1.0];
-    let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&priorities)];
+    let queues = [vk::DeviceQueueCreateInfo::default()
+        .queue_family_index(family)
+        .queue_priorities(&priorities)];
     let mut v12 = vk::PhysicalDeviceVulkan12Features::default()
         .timeline_semaphore(true)
         .buffer_device_address(true)
@@ -351,7 +401,9 @@ fn open_device(
         .maintenance4(true)
         .shader_demote_to_helper_invocation(true)
         .robust_image_access(true);
-    let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64_atomics).fragment_stores_and_atomics(true);
+    let features = vk::PhysicalDeviceFeatures::default()
+        .shader_int64(int64_atomics)
+        .fragment_stores_and_atomics(true);
     let info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_extension_names(extensions)
@@ -373,10 +425,12 @@ fn queue_family(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Optio
 fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice) -> (String, u64) {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut limits = vk::PhysicalDeviceMaintenance3Properties::default();
-    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver).push_next(&mut limits);
+    let mut properties =
+        vk::PhysicalDeviceProperties2::default().push_next(&mut driver).push_next(&mut limits);
     // SAFETY: the structures belong to Vulkan 1.2, which every chosen device has.
     unsafe { instance.get_physical_device_properties2(physical, &mut properties) };
-    let name = format!("{} {}", text(&driver.driver_name), text(&driver.driver_info)).trim().to_string();
+    let name =
+        format!("{} {}", text(&driver.driver_name), text(&driver.driver_info)).trim().to_string();
     (name, limits.max_memory_allocation_size)
 }
 
@@ -393,7 +447,8 @@ mod tests {
     /// Heaps, MiB, and for every type of memory its heap and what it is.
     fn memory(heaps: &[u64], types: &[(u32, Flags)]) -> vk::PhysicalDeviceMemoryProperties {
         let mut memory = vk::PhysicalDeviceMemoryProperties::default();
-        (memory.memory_heap_count, memory.memory_type_count) = (heaps.len() as u32, types.len() as u32);
+        (memory.memory_heap_count, memory.memory_type_count) =
+            (heaps.len() as u32, types.len() as u32);
         heaps.iter().zip(&mut memory.memory_heaps).for_each(|(&mib, heap)| heap.size = mib << 20);
         for (&(heap_index, property_flags), kind) in types.iter().zip(&mut memory.memory_types) {
             *kind = vk::MemoryType { property_flags, heap_index };
@@ -406,7 +461,12 @@ mod tests {
         let (own, host) = (Flags::DEVICE_LOCAL, Flags::HOST_VISIBLE | Flags::HOST_COHERENT);
         for (what, heaps, types, expected) in [
             ("a software or integrated device", &[8192][..], &[(0, own | host)][..], true),
-            ("a card with a resizable BAR", &[8192, 16384], &[(0, own), (1, host), (0, own | host)], true),
+            (
+                "a card with a resizable BAR",
+                &[8192, 16384],
+                &[(0, own), (1, host), (0, own | host)],
+                true,
+            ),
             ("a card without", &[8192, 16384, 256], &[(0, own), (1, host), (2, own | host)], false),
             ("a card that maps none of its memory", &[8192, 16384], &[(0, own), (1, host)], false),
         ] {

@@ -80,7 +80,12 @@ impl Kernels {
         Kernels { device: device.raw.clone(), made: HashMap::new() }
     }
 
-    pub fn get(&mut self, device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<&Kernel> {
+    pub fn get(
+        &mut self,
+        device: &Device,
+        code: &Code,
+        constants: &[(u32, u32)],
+    ) -> Result<&Kernel> {
         let key = (code.name, constants.to_vec());
         if !self.made.contains_key(&key) {
             let kernel = make(device, code, constants)?;
@@ -115,23 +120,38 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
                 .descriptor_type(descriptor_type(binding.kind))
         })
         .collect();
-    let entries: Vec<_> =
-        (0..constants.len()).map(|i| vk::SpecializationMapEntry { constant_id: constants[i].0, offset: 4 * i as u32, size: 4 }).collect();
+    let entries: Vec<_> = (0..constants.len())
+        .map(|i| vk::SpecializationMapEntry {
+            constant_id: constants[i].0,
+            offset: 4 * i as u32,
+            size: 4,
+        })
+        .collect();
     let values: Vec<u32> = constants.iter().map(|&(_, value)| value).collect();
-    let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
-    let push = [vk::PushConstantRange { stage_flags: vk::ShaderStageFlags::COMPUTE, offset: 0, size: code.push_bytes }];
+    let specialization =
+        vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
+    let push = [vk::PushConstantRange {
+        stage_flags: vk::ShaderStageFlags::COMPUTE,
+        offset: 0,
+        size: code.push_bytes,
+    }];
     let raw = &device.raw;
     // SAFETY: all pointers outlive their calls; the SPIR-V was made by build.rs from this repository's GLSL, and its layout from its own reflection.
     unsafe {
         let set_layout = raw
-            .create_descriptor_set_layout(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings), None)
+            .create_descriptor_set_layout(
+                &vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings),
+                None,
+            )
             .map_err(failed("vkCreateDescriptorSetLayout"))?;
         let set_layouts = [set_layout];
         let mut layout_info = vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts);
         if code.push_bytes > 0 {
             layout_info = layout_info.push_constant_ranges(&push);
         }
-        let layout = raw.create_pipeline_layout(&layout_info, None).map_err(failed("vkCreatePipelineLayout"))?;
+        let layout = raw
+            .create_pipeline_layout(&layout_info, None)
+            .map_err(failed("vkCreatePipelineLayout"))?;
         let module = raw
             .create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code.spirv), None)
             .map_err(failed("vkCreateShaderModule"))?;
@@ -143,7 +163,8 @@ fn make(device: &Device, code: &Code, constants: &[(u32, u32)]) -> Result<Kernel
         let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout);
         let pipeline = raw.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
         raw.destroy_shader_module(module, None);
-        let pipeline = pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateComputePipelines"))?[0];
+        let pipeline =
+            pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateComputePipelines"))?[0];
         device.name(pipeline, code.name);
         Ok(Kernel { pipeline, layout, set_layout })
     }

@@ -7,7 +7,9 @@ use super::{Device, failed};
 use crate::error::{Error, Result};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
+use gpu_allocator::vulkan::{
+    Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc,
+};
 use std::collections::HashMap;
 use std::mem::ManuallyDrop;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -62,8 +64,17 @@ impl ImageDesc {
 
     /// All of such an image.
     pub fn whole(&self) -> vk::ImageSubresourceRange {
-        let aspect = if self.format == vk::Format::D32_SFLOAT { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
-        vk::ImageSubresourceRange { aspect_mask: aspect, level_count: 1, layer_count: 1, ..Default::default() }
+        let aspect = if self.format == vk::Format::D32_SFLOAT {
+            vk::ImageAspectFlags::DEPTH
+        } else {
+            vk::ImageAspectFlags::COLOR
+        };
+        vk::ImageSubresourceRange {
+            aspect_mask: aspect,
+            level_count: 1,
+            layer_count: 1,
+            ..Default::default()
+        }
     }
 }
 
@@ -98,7 +109,11 @@ impl RawBuffer {
     pub fn window(&self, bytes: std::ops::Range<u64>, alive: &Alive) -> Window {
         assert!(bytes.start <= bytes.end && bytes.end <= self.desc.bytes);
         let map = self.allocation.mapped_ptr().expect("a mapped buffer").as_ptr().cast::<u8>();
-        Window { first: map.wrapping_add(bytes.start as usize), length: (bytes.end - bytes.start) as usize, alive: alive.clone() }
+        Window {
+            first: map.wrapping_add(bytes.start as usize),
+            length: (bytes.end - bytes.start) as usize,
+            alive: alive.clone(),
+        }
     }
 }
 
@@ -122,14 +137,20 @@ impl Alive {
 
     /// Does `work` with all of it kept, or says `otherwise` where it is gone.
     pub fn while_it_is<T>(&self, otherwise: T, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let around = self.around.as_ref().map(|around| around.read().unwrap_or_else(PoisonError::into_inner));
+        let around = self
+            .around
+            .as_ref()
+            .map(|around| around.read().unwrap_or_else(PoisonError::into_inner));
         let own = self.own.read().unwrap_or_else(PoisonError::into_inner);
         if *own && around.is_none_or(|around| *around) { work() } else { Ok(otherwise) }
     }
 
     /// Waits for whoever is at work with it, and does the last of it where that is not done yet.
     pub fn end(&self, last: impl FnOnce()) {
-        let around = self.around.as_ref().map(|around| around.read().unwrap_or_else(PoisonError::into_inner));
+        let around = self
+            .around
+            .as_ref()
+            .map(|around| around.read().unwrap_or_else(PoisonError::into_inner));
         let mut own = self.own.write().unwrap_or_else(PoisonError::into_inner);
         if std::mem::take(&mut *own) && around.is_none_or(|around| *around) {
             last();
@@ -149,10 +170,17 @@ unsafe impl Send for Window {}
 
 impl Window {
     pub fn write(&mut self, at: usize, bytes: &[u8]) {
-        assert!(at.checked_add(bytes.len()).is_some_and(|end| end <= self.length), "{} bytes at {at} of {}", bytes.len(), self.length);
+        assert!(
+            at.checked_add(bytes.len()).is_some_and(|end| end <= self.length),
+            "{} bytes at {at} of {}",
+            bytes.len(),
+            self.length
+        );
         let written = self.alive.while_it_is((), || {
             // SAFETY: within the window, checked above; the map is there as long as the buffer, whose end ends `alive`, and `bytes` cannot overlap what only we write.
-            unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), self.first.add(at), bytes.len()) };
+            unsafe {
+                std::ptr::copy_nonoverlapping(bytes.as_ptr(), self.first.add(at), bytes.len())
+            };
             Ok(())
         });
         written.expect("writing cannot fail");
@@ -245,7 +273,10 @@ impl Memory {
         }
         // SAFETY: a plain creation on a live device; memory of the asked requirements is bound before anyone sees the buffer.
         let (raw, requirements) = unsafe {
-            let raw = self.device.create_buffer(&buffer_info(desc.bytes), None).map_err(failed("vkCreateBuffer"))?;
+            let raw = self
+                .device
+                .create_buffer(&buffer_info(desc.bytes), None)
+                .map_err(failed("vkCreateBuffer"))?;
             (raw, self.device.get_buffer_memory_requirements(raw))
         };
         let location = match desc.place {
@@ -259,11 +290,18 @@ impl Memory {
         })?;
         // SAFETY: see above; the address is asked for after binding.
         let address = unsafe {
-            self.device.bind_buffer_memory(raw, allocation.memory(), allocation.offset()).map_err(failed("vkBindBufferMemory"))?;
-            self.device.get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
+            self.device
+                .bind_buffer_memory(raw, allocation.memory(), allocation.offset())
+                .map_err(failed("vkBindBufferMemory"))?;
+            self.device
+                .get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
         };
         device.name(raw, name);
-        let texels = if desc.place == Place::Download { Texels::default() } else { self.texels(device, raw, desc.bytes)? };
+        let texels = if desc.place == Place::Download {
+            Texels::default()
+        } else {
+            self.texels(device, raw, desc.bytes)?
+        };
         Ok(RawBuffer { raw, desc, address, texels, allocation })
     }
 
@@ -276,13 +314,20 @@ impl Memory {
     }
 
     /// As many whole texels of a buffer as it has and as a view may have; null where that is none.
-    fn texels_of(&self, device: &Device, buffer: vk::Buffer, bytes: u64, format: vk::Format) -> Result<vk::BufferView> {
+    fn texels_of(
+        &self,
+        device: &Device,
+        buffer: vk::Buffer,
+        bytes: u64,
+        format: vk::Format,
+    ) -> Result<vk::BufferView> {
         let texel = if format == vk::Format::R32_UINT { 4 } else { 16 };
         let texels = (bytes / texel).min(device.limits.max_texel_buffer_elements as u64);
         if texels == 0 {
             return Ok(vk::BufferView::null());
         }
-        let view = vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(texels * texel);
+        let view =
+            vk::BufferViewCreateInfo::default().buffer(buffer).format(format).range(texels * texel);
         // SAFETY: the buffer has memory and was made with STORAGE_TEXEL_BUFFER, and both formats are mandatory for it.
         unsafe { self.device.create_buffer_view(&view, None) }.map_err(failed("vkCreateBufferView"))
     }
@@ -294,8 +339,10 @@ impl Memory {
             let mut needs = vk::MemoryRequirements2::default();
             // SAFETY: asks about an image that is not made.
             unsafe {
-                self.device
-                    .get_device_image_memory_requirements(&vk::DeviceImageMemoryRequirements::default().create_info(&info), &mut needs)
+                self.device.get_device_image_memory_requirements(
+                    &vk::DeviceImageMemoryRequirements::default().create_info(&info),
+                    &mut needs,
+                )
             };
             room(device, needs.memory_requirements)
         })
@@ -308,8 +355,10 @@ impl Memory {
             let mut needs = vk::MemoryRequirements2::default();
             // SAFETY: asks about a buffer that is not made.
             unsafe {
-                self.device
-                    .get_device_buffer_memory_requirements(&vk::DeviceBufferMemoryRequirements::default().create_info(&info), &mut needs)
+                self.device.get_device_buffer_memory_requirements(
+                    &vk::DeviceBufferMemoryRequirements::default().create_info(&info),
+                    &mut needs,
+                )
             };
             room(device, needs.memory_requirements)
         })
@@ -319,33 +368,62 @@ impl Memory {
     pub fn block(&mut self, wanted: Room) -> Result<Block> {
         self.blocks_asked += 1;
         let asked = self.blocks_asked;
-        let (old, kept) = std::mem::take(&mut self.blocks).into_iter().partition(|block: &Block| block.shelved + BLOCKS_TO_WAIT < asked);
+        let (old, kept) = std::mem::take(&mut self.blocks)
+            .into_iter()
+            .partition(|block: &Block| block.shelved + BLOCKS_TO_WAIT < asked);
         self.blocks = kept;
         let old: Vec<Block> = old;
         old.into_iter().for_each(|block| self.destroy_block(block));
 
-        let alike = |block: &Block| block.room.types == wanted.types && block.room.align >= wanted.align;
-        let sizes = || self.blocks.iter().enumerate().filter(|(_, block)| alike(block)).map(|(i, block)| (block.room.bytes, i));
-        if let Some((_, place)) = sizes().filter(|(bytes, _)| (wanted.bytes..=ROOMY * wanted.bytes).contains(bytes)).min() {
+        let alike =
+            |block: &Block| block.room.types == wanted.types && block.room.align >= wanted.align;
+        let sizes = || {
+            self.blocks
+                .iter()
+                .enumerate()
+                .filter(|(_, block)| alike(block))
+                .map(|(i, block)| (block.room.bytes, i))
+        };
+        if let Some((_, place)) =
+            sizes().filter(|(bytes, _)| (wanted.bytes..=ROOMY * wanted.bytes).contains(bytes)).min()
+        {
             return Ok(self.blocks.swap_remove(place));
         }
         if let Some((_, place)) = sizes().filter(|(bytes, _)| *bytes < wanted.bytes).max() {
             let small = self.blocks.swap_remove(place);
             self.destroy_block(small);
         }
-        let requirements = vk::MemoryRequirements { size: wanted.bytes, alignment: wanted.align, memory_type_bits: wanted.types };
+        let requirements = vk::MemoryRequirements {
+            size: wanted.bytes,
+            alignment: wanted.align,
+            memory_type_bits: wanted.types,
+        };
         let allocation = self.allocate("a frame", requirements, MemoryLocation::GpuOnly, false)?;
-        Ok(Block { room: wanted, allocation, images: HashMap::new(), buffers: HashMap::new(), shelved: 0 })
+        Ok(Block {
+            room: wanted,
+            allocation,
+            images: HashMap::new(),
+            buffers: HashMap::new(),
+            shelved: 0,
+        })
     }
 
     /// An image from this byte of a block on.
-    pub fn image(&mut self, device: &Device, block: &mut Block, at: u64, desc: ImageDesc, name: &str) -> Result<RawImage> {
+    pub fn image(
+        &mut self,
+        device: &Device,
+        block: &mut Block,
+        at: u64,
+        desc: ImageDesc,
+        name: &str,
+    ) -> Result<RawImage> {
         if let Some(image) = block.images.get(&(desc, at)) {
             device.name(image.raw, name);
             return Ok(*image);
         }
         // SAFETY: a plain creation on a live device; memory is bound before anyone sees the image.
-        let raw = unsafe { self.device.create_image(&image_info(desc), None) }.map_err(failed("vkCreateImage"))?;
+        let raw = unsafe { self.device.create_image(&image_info(desc), None) }
+            .map_err(failed("vkCreateImage"))?;
         let view_info = vk::ImageViewCreateInfo::default()
             .image(raw)
             .view_type(vk::ImageViewType::TYPE_2D)
@@ -357,7 +435,9 @@ impl Memory {
                 .device
                 .bind_image_memory(raw, block.allocation.memory(), block.allocation.offset() + at)
                 .map_err(failed("vkBindImageMemory")))
-            .and_then(|()| self.device.create_image_view(&view_info, None).map_err(failed("vkCreateImageView")))
+            .and_then(|()| {
+                self.device.create_image_view(&view_info, None).map_err(failed("vkCreateImageView"))
+            })
             .inspect_err(|_| self.device.destroy_image(raw, None))?
         };
         device.name(raw, name);
@@ -368,7 +448,12 @@ impl Memory {
     }
 
     /// An image in a block of its own.
-    pub fn image_alone(&mut self, device: &Device, desc: ImageDesc, name: &str) -> Result<(RawImage, Block)> {
+    pub fn image_alone(
+        &mut self,
+        device: &Device,
+        desc: ImageDesc,
+        name: &str,
+    ) -> Result<(RawImage, Block)> {
         let room = self.image_room(device, desc);
         let mut block = self.block(room)?;
         match self.image(device, &mut block, 0, desc, name) {
@@ -381,19 +466,33 @@ impl Memory {
     }
 
     /// A buffer on the device from this byte of a block on.
-    pub fn buffer_in(&mut self, device: &Device, block: &mut Block, at: u64, desc: BufferDesc, name: &str) -> Result<(vk::Buffer, Texels)> {
+    pub fn buffer_in(
+        &mut self,
+        device: &Device,
+        block: &mut Block,
+        at: u64,
+        desc: BufferDesc,
+        name: &str,
+    ) -> Result<(vk::Buffer, Texels)> {
         if let Some(&(raw, texels)) = block.buffers.get(&(desc, at)) {
             device.name(raw, name);
             return Ok((raw, texels));
         }
         // SAFETY: as in `image`.
-        let raw = unsafe { self.device.create_buffer(&buffer_info(desc.bytes), None) }.map_err(failed("vkCreateBuffer"))?;
+        let raw = unsafe { self.device.create_buffer(&buffer_info(desc.bytes), None) }
+            .map_err(failed("vkCreateBuffer"))?;
         // SAFETY: the block has room for it there, as its owner says.
-        let texels = unsafe { self.device.bind_buffer_memory(raw, block.allocation.memory(), block.allocation.offset() + at) }
-            .map_err(failed("vkBindBufferMemory"))
-            .and_then(|()| self.texels(device, raw, desc.bytes))
-            // SAFETY: nobody has seen the buffer.
-            .inspect_err(|_| unsafe { self.device.destroy_buffer(raw, None) })?;
+        let texels = unsafe {
+            self.device.bind_buffer_memory(
+                raw,
+                block.allocation.memory(),
+                block.allocation.offset() + at,
+            )
+        }
+        .map_err(failed("vkBindBufferMemory"))
+        .and_then(|()| self.texels(device, raw, desc.bytes))
+        // SAFETY: nobody has seen the buffer.
+        .inspect_err(|_| unsafe { self.device.destroy_buffer(raw, None) })?;
         device.name(raw, name);
         block.buffers.insert((desc, at), (raw, texels));
         Ok((raw, texels))
@@ -416,7 +515,10 @@ impl Memory {
                 self.device.destroy_image_view(image.view, None);
                 self.device.destroy_image(image.raw, None);
             }
-            block.buffers.drain().for_each(|(_, (buffer, texels))| self.destroy_with_views(buffer, texels));
+            block
+                .buffers
+                .drain()
+                .for_each(|(_, (buffer, texels))| self.destroy_with_views(buffer, texels));
         }
     }
 
@@ -429,7 +531,13 @@ impl Memory {
     }
 
     /// The buffer of this name, at least so large, and how many steps of what is made of `made_of` it holds; where that is none, whatever it holds is void.
-    pub fn keep(&mut self, device: &Device, name: &str, bytes: u64, made_of: &[u64]) -> Result<(&RawBuffer, u32)> {
+    pub fn keep(
+        &mut self,
+        device: &Device,
+        name: &str,
+        bytes: u64,
+        made_of: &[u64],
+    ) -> Result<(&RawBuffer, u32)> {
         if self.kept.get(name).is_some_and(|kept| kept.buffer.desc.bytes < bytes) {
             let old = self.kept.remove(name).expect("found");
             self.shelve_buffer(old.buffer);
@@ -441,7 +549,11 @@ impl Memory {
             self.kept.insert(name.to_string(), Kept { buffer, made_of: None });
         }
         let kept = self.kept.get_mut(name).expect("put there");
-        let steps = kept.made_of.as_ref().filter(|(before, _)| before == made_of).map_or(0, |(_, steps)| *steps);
+        let steps = kept
+            .made_of
+            .as_ref()
+            .filter(|(before, _)| before == made_of)
+            .map_or(0, |(_, steps)| *steps);
         if steps == 0 {
             kept.made_of = None;
         }
@@ -487,8 +599,20 @@ impl Memory {
         }
     }
 
-    fn allocate(&mut self, name: &str, requirements: vk::MemoryRequirements, location: MemoryLocation, linear: bool) -> Result<Allocation> {
-        let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme: AllocationScheme::GpuAllocatorManaged };
+    fn allocate(
+        &mut self,
+        name: &str,
+        requirements: vk::MemoryRequirements,
+        location: MemoryLocation,
+        linear: bool,
+    ) -> Result<Allocation> {
+        let desc = AllocationCreateDesc {
+            name,
+            requirements,
+            location,
+            linear,
+            allocation_scheme: AllocationScheme::GpuAllocatorManaged,
+        };
         let allocation = self.allocator.allocate(&desc).map_err(|error| {
             Error::Device(format!(
                 "{name} needs {} MiB of device memory ({error}); a smaller --size or fewer points need less",
@@ -508,7 +632,8 @@ impl Memory {
 impl Drop for Memory {
     fn drop(&mut self) {
         self.alive.end(|| ());
-        let kept: Vec<_> = std::mem::take(&mut self.kept).into_values().map(|kept| kept.buffer).collect();
+        let kept: Vec<_> =
+            std::mem::take(&mut self.kept).into_values().map(|kept| kept.buffer).collect();
         for buffer in std::mem::take(&mut self.buffers).into_values().flatten().chain(kept) {
             self.destroy_buffer(buffer);
         }
@@ -537,7 +662,9 @@ fn image_info(desc: ImageDesc) -> vk::ImageCreateInfo<'static> {
     let attachment = match desc.format {
         vk::Format::D32_SFLOAT => Usage::DEPTH_STENCIL_ATTACHMENT,
         // Not all devices write these as storage.
-        vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM | vk::Format::R32G32_UINT => Usage::COLOR_ATTACHMENT,
+        vk::Format::B8G8R8A8_UNORM | vk::Format::R8G8B8A8_UNORM | vk::Format::R32G32_UINT => {
+            Usage::COLOR_ATTACHMENT
+        }
         _ => Usage::STORAGE | Usage::COLOR_ATTACHMENT,
     };
     vk::ImageCreateInfo::default()

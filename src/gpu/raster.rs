@@ -49,7 +49,13 @@ impl Rasters {
         Rasters { device: device.raw.clone(), made: HashMap::new() }
     }
 
-    pub fn get(&mut self, device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Result<&Pipeline> {
+    pub fn get(
+        &mut self,
+        device: &Device,
+        draw: &Draw,
+        color: &RawImage,
+        depth: &RawImage,
+    ) -> Result<&Pipeline> {
         let key = (draw.stages[0].name, draw.constants.clone(), draw.primitives);
         if !self.made.contains_key(&key) {
             let pipeline = make(device, draw, color, depth)?;
@@ -66,25 +72,48 @@ impl Drop for Rasters {
             unsafe {
                 self.device.destroy_pipeline(made.pipeline, None);
                 self.device.destroy_pipeline_layout(made.layout, None);
-                made.set_layouts.into_iter().for_each(|layout| self.device.destroy_descriptor_set_layout(layout, None));
+                made.set_layouts
+                    .into_iter()
+                    .for_each(|layout| self.device.destroy_descriptor_set_layout(layout, None));
             }
         }
     }
 }
 
 /// Records what the pipeline is to draw, with everything bound.
-pub fn record(device: &Device, commands: vk::CommandBuffer, draw: &Draw, vertices: Option<vk::Buffer>, color: &RawImage, depth: &RawImage) {
+pub fn record(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    draw: &Draw,
+    vertices: Option<vk::Buffer>,
+    color: &RawImage,
+    depth: &RawImage,
+) {
     let [width, height] = color.desc.size;
     let area = vk::Rect2D { extent: vk::Extent2D { width, height }, ..Default::default() };
     let load = if draw.keeps { vk::AttachmentLoadOp::LOAD } else { vk::AttachmentLoadOp::CLEAR };
     let attachment = |view| {
-        let info = vk::RenderingAttachmentInfo::default().image_view(view).image_layout(vk::ImageLayout::GENERAL);
+        let info = vk::RenderingAttachmentInfo::default()
+            .image_view(view)
+            .image_layout(vk::ImageLayout::GENERAL);
         info.load_op(load).store_op(vk::AttachmentStoreOp::STORE)
     };
-    let color = [attachment(color.view).clear_value(vk::ClearValue { color: vk::ClearColorValue { uint32: [u32::MAX; 4] } })];
-    let depth = attachment(depth.view).clear_value(vk::ClearValue { depth_stencil: vk::ClearDepthStencilValue { depth: 0.0, stencil: 0 } });
-    let rendering = vk::RenderingInfo::default().render_area(area).layer_count(1).color_attachments(&color).depth_attachment(&depth);
-    let viewport = vk::Viewport { width: width as f32, height: height as f32, max_depth: 1.0, ..Default::default() };
+    let color = [attachment(color.view)
+        .clear_value(vk::ClearValue { color: vk::ClearColorValue { uint32: [u32::MAX; 4] } })];
+    let depth = attachment(depth.view).clear_value(vk::ClearValue {
+        depth_stencil: vk::ClearDepthStencilValue { depth: 0.0, stencil: 0 },
+    });
+    let rendering = vk::RenderingInfo::default()
+        .render_area(area)
+        .layer_count(1)
+        .color_attachments(&color)
+        .depth_attachment(&depth);
+    let viewport = vk::Viewport {
+        width: width as f32,
+        height: height as f32,
+        max_depth: 1.0,
+        ..Default::default()
+    };
     let vertices_each = match draw.primitives {
         Primitives::Points => 1,
         Primitives::Squares => 6,
@@ -108,10 +137,23 @@ fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Res
     let stage_flags = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT];
     let push: Vec<_> = (draw.stages.iter().zip(stage_flags))
         .filter(|(code, _)| code.push_bytes > 0)
-        .map(|(code, stage_flags)| vk::PushConstantRange { stage_flags, offset: 0, size: code.push_bytes })
+        .map(|(code, stage_flags)| vk::PushConstantRange {
+            stage_flags,
+            offset: 0,
+            size: code.push_bytes,
+        })
         .collect();
-    let binding = [vk::VertexInputBindingDescription { binding: 0, stride: 12, input_rate: vk::VertexInputRate::VERTEX }];
-    let attribute = [vk::VertexInputAttributeDescription { location: 0, binding: 0, format: vk::Format::R32G32B32_SFLOAT, offset: 0 }];
+    let binding = [vk::VertexInputBindingDescription {
+        binding: 0,
+        stride: 12,
+        input_rate: vk::VertexInputRate::VERTEX,
+    }];
+    let attribute = [vk::VertexInputAttributeDescription {
+        location: 0,
+        binding: 0,
+        format: vk::Format::R32G32B32_SFLOAT,
+        offset: 0,
+    }];
     let (input, topology) = match draw.primitives {
         Primitives::Points => (
             vk::PipelineVertexInputStateCreateInfo::default()
@@ -119,28 +161,40 @@ fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Res
                 .vertex_attribute_descriptions(&attribute),
             vk::PrimitiveTopology::POINT_LIST,
         ),
-        Primitives::Squares => (vk::PipelineVertexInputStateCreateInfo::default(), vk::PrimitiveTopology::TRIANGLE_LIST),
+        Primitives::Squares => (
+            vk::PipelineVertexInputStateCreateInfo::default(),
+            vk::PrimitiveTopology::TRIANGLE_LIST,
+        ),
     };
     let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(topology);
-    let viewport = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
+    let viewport =
+        vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
     let rasterization = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
-    let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
+    let samples = vk::PipelineMultisampleStateCreateInfo::default()
+        .rasterization_samples(vk::SampleCountFlags::TYPE_1);
     let depth_test = vk::PipelineDepthStencilStateCreateInfo::default()
         .depth_test_enable(true)
         .depth_write_enable(true)
         .depth_compare_op(vk::CompareOp::GREATER);
-    let written = [vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA)];
+    let written = [vk::PipelineColorBlendAttachmentState::default()
+        .color_write_mask(vk::ColorComponentFlags::RGBA)];
     let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&written);
     let dynamic_states = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic_states);
     let formats = [color.desc.format];
-    let mut rendering =
-        vk::PipelineRenderingCreateInfo::default().color_attachment_formats(&formats).depth_attachment_format(depth.desc.format);
+    let mut rendering = vk::PipelineRenderingCreateInfo::default()
+        .color_attachment_formats(&formats)
+        .depth_attachment_format(depth.desc.format);
     let entries: Vec<_> = (draw.constants.iter().enumerate())
-        .map(|(i, &(constant_id, _))| vk::SpecializationMapEntry { constant_id, offset: 4 * i as u32, size: 4 })
+        .map(|(i, &(constant_id, _))| vk::SpecializationMapEntry {
+            constant_id,
+            offset: 4 * i as u32,
+            size: 4,
+        })
         .collect();
     let values: Vec<u32> = draw.constants.iter().map(|&(_, value)| value).collect();
-    let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
+    let specialization =
+        vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
     // SAFETY: all pointers outlive their calls; the SPIR-V was made by build.rs from this repository's GLSL, and its layouts from its own reflection.
     unsafe {
         let set_layout = |code: &Code, stage_flags| {
@@ -153,20 +207,36 @@ fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Res
                     .descriptor_type(kind)
             };
             let bindings: Vec<_> = code.bindings.iter().map(binding).collect();
-            raw.create_descriptor_set_layout(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings), None)
-                .map_err(failed("vkCreateDescriptorSetLayout"))
+            raw.create_descriptor_set_layout(
+                &vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings),
+                None,
+            )
+            .map_err(failed("vkCreateDescriptorSetLayout"))
         };
-        let set_layouts = [set_layout(&draw.stages[0], stage_flags[0])?, set_layout(&draw.stages[1], stage_flags[1])?];
+        let set_layouts = [
+            set_layout(&draw.stages[0], stage_flags[0])?,
+            set_layout(&draw.stages[1], stage_flags[1])?,
+        ];
         let layout = raw
-            .create_pipeline_layout(&vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts).push_constant_ranges(&push), None)
+            .create_pipeline_layout(
+                &vk::PipelineLayoutCreateInfo::default()
+                    .set_layouts(&set_layouts)
+                    .push_constant_ranges(&push),
+                None,
+            )
             .map_err(failed("vkCreatePipelineLayout"))?;
         let module = |code: &Code| {
-            raw.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code.spirv), None).map_err(failed("vkCreateShaderModule"))
+            raw.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code.spirv), None)
+                .map_err(failed("vkCreateShaderModule"))
         };
         let modules = [module(&draw.stages[0])?, module(&draw.stages[1])?];
         let stage = |k: usize| {
             let flags = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT][k];
-            vk::PipelineShaderStageCreateInfo::default().stage(flags).module(modules[k]).name(c"main").specialization_info(&specialization)
+            vk::PipelineShaderStageCreateInfo::default()
+                .stage(flags)
+                .module(modules[k])
+                .name(c"main")
+                .specialization_info(&specialization)
         };
         let stages = [stage(0), stage(1)];
         let info = vk::GraphicsPipelineCreateInfo::default()
@@ -183,7 +253,8 @@ fn make(device: &Device, draw: &Draw, color: &RawImage, depth: &RawImage) -> Res
             .push_next(&mut rendering);
         let pipeline = raw.create_graphics_pipelines(vk::PipelineCache::null(), &[info], None);
         modules.into_iter().for_each(|module| raw.destroy_shader_module(module, None));
-        let pipeline = pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateGraphicsPipelines"))?[0];
+        let pipeline =
+            pipeline.map_err(|(_, code)| code).map_err(failed("vkCreateGraphicsPipelines"))?[0];
         device.name(pipeline, draw.stages[0].name);
         Ok(Pipeline { pipeline, layout, set_layouts })
     }

@@ -17,12 +17,19 @@ pub struct Timeline {
 
 impl Timeline {
     pub fn new(device: &Device, alive: &Alive, name: &str) -> Result<Timeline> {
-        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let mut kind =
+            vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
         // SAFETY: a plain creation on a live device that has timeline semaphores (device.rs asks for them).
-        let raw = unsafe { device.raw.create_semaphore(&info, None) }.map_err(failed("vkCreateSemaphore"))?;
+        let raw = unsafe { device.raw.create_semaphore(&info, None) }
+            .map_err(failed("vkCreateSemaphore"))?;
         device.name(raw, name);
-        Ok(Timeline { raw, device: device.raw.clone(), alive: alive.within(), call: Mutex::new(()) })
+        Ok(Timeline {
+            raw,
+            device: device.raw.clone(),
+            alive: alive.within(),
+            call: Mutex::new(()),
+        })
     }
 
     /// From now on it counts nothing, whoever still has it; submissions that raise the counter are waited for.
@@ -45,7 +52,8 @@ impl Timeline {
         let _alone = self.call.lock();
         self.alive.while_it_is(u64::MAX, || {
             // SAFETY: as above.
-            unsafe { self.device.get_semaphore_counter_value(self.raw) }.map_err(failed("vkGetSemaphoreCounterValue"))
+            unsafe { self.device.get_semaphore_counter_value(self.raw) }
+                .map_err(failed("vkGetSemaphoreCounterValue"))
         })
     }
 }

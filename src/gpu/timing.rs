@@ -14,11 +14,19 @@ pub struct Timing {
 
 impl Timing {
     pub fn new(device: &Device, passes: u32) -> Result<Timing> {
-        let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2 * passes.max(1));
+        let info = vk::QueryPoolCreateInfo::default()
+            .query_type(vk::QueryType::TIMESTAMP)
+            .query_count(2 * passes.max(1));
         // SAFETY: a plain creation on a live device.
-        let pool = unsafe { device.raw.create_query_pool(&info, None) }.map_err(failed("vkCreateQueryPool"))?;
+        let pool = unsafe { device.raw.create_query_pool(&info, None) }
+            .map_err(failed("vkCreateQueryPool"))?;
         device.name(pool, "timing");
-        Ok(Timing { device: device.raw.clone(), pool, passes, nanoseconds_per_tick: device.limits.timestamp_period as f64 })
+        Ok(Timing {
+            device: device.raw.clone(),
+            pool,
+            passes,
+            nanoseconds_per_tick: device.limits.timestamp_period as f64,
+        })
     }
 
     /// Before the first pass.
@@ -30,7 +38,14 @@ impl Timing {
     pub fn mark(&self, commands: vk::CommandBuffer, pass: usize, end: bool) {
         let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
         // SAFETY: `pass` is below the count that the pool was made for.
-        unsafe { self.device.cmd_write_timestamp2(commands, stage, self.pool, 2 * pass as u32 + end as u32) };
+        unsafe {
+            self.device.cmd_write_timestamp2(
+                commands,
+                stage,
+                self.pool,
+                2 * pass as u32 + end as u32,
+            )
+        };
     }
 
     /// Milliseconds of every pass, once the submission is complete.
@@ -41,8 +56,12 @@ impl Timing {
         }
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
         // SAFETY: all queries were written by the submission that the caller waited for.
-        unsafe { self.device.get_query_pool_results(self.pool, 0, &mut ticks, flags) }.map_err(failed("vkGetQueryPoolResults"))?;
-        Ok(ticks.chunks(2).map(|pair| pair[1].saturating_sub(pair[0]) as f64 * self.nanoseconds_per_tick / 1e6).collect())
+        unsafe { self.device.get_query_pool_results(self.pool, 0, &mut ticks, flags) }
+            .map_err(failed("vkGetQueryPoolResults"))?;
+        Ok(ticks
+            .chunks(2)
+            .map(|pair| pair[1].saturating_sub(pair[0]) as f64 * self.nanoseconds_per_tick / 1e6)
+            .collect())
     }
 }
 

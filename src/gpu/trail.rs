@@ -16,7 +16,10 @@ pub struct Trail {
 
 impl Trail {
     pub fn new(device: &Device, memory: &mut Memory, names: Vec<String>) -> Result<Trail> {
-        let desc = BufferDesc { bytes: (4 * names.len() as u64).next_power_of_two().max(256), place: Place::Download };
+        let desc = BufferDesc {
+            bytes: (4 * names.len() as u64).next_power_of_two().max(256),
+            place: Place::Download,
+        };
         let mut crumbs = memory.buffer(device, desc, "trail")?;
         crumbs.bytes_mut().fill(0);
         Ok(Trail { crumbs, names })

@@ -42,7 +42,8 @@ impl Again {
 
     /// The first of this name and kind that nobody has had this time.
     pub(super) fn take(&mut self, name: &str, desc: ImageDesc) -> Option<Image> {
-        let place = (0..self.made.len()).find(|&i| !self.taken[i] && self.made[i].0 == name && self.made[i].1.desc == desc)?;
+        let place = (0..self.made.len())
+            .find(|&i| !self.taken[i] && self.made[i].0 == name && self.made[i].1.desc == desc)?;
         self.taken[place] = true;
         Some(self.made[place].1.again())
     }

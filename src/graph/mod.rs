@@ -221,7 +221,9 @@ impl Gpu {
 
     /// Waits for submissions that nobody has waited for.
     pub fn catch_up(&mut self) -> Result<()> {
-        std::mem::take(&mut self.behind).into_iter().try_for_each(|running| running.finish(self).map(|frame| frame.shelve(self)))
+        std::mem::take(&mut self.behind)
+            .into_iter()
+            .try_for_each(|running| running.finish(self).map(|frame| frame.shelve(self)))
     }
 }
 
@@ -326,7 +328,10 @@ impl<'g> Graph<'g> {
     /// A buffer that holds `words` from the start. Sizes are rounded up, so that frames find each other's buffers on the shelf.
     pub fn upload<T: bytemuck::Pod>(&mut self, name: &str, items: &[T]) -> Result<Buffer> {
         let bytes: &[u8] = bytemuck::cast_slice(items);
-        let desc = BufferDesc { bytes: (bytes.len() as u64).next_power_of_two().max(256), place: Place::Upload };
+        let desc = BufferDesc {
+            bytes: (bytes.len() as u64).next_power_of_two().max(256),
+            place: Place::Upload,
+        };
         let mut raw = self.gpu.memory.buffer(&self.gpu.device, desc, name)?;
         raw.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
         let id = self.add(name, Shape::Buffer(desc));
@@ -343,7 +348,13 @@ impl<'g> Graph<'g> {
     }
 
     /// A buffer that outlives the frame, by its name, and how many steps it holds of what is made of `made_of`, in steps. Passes of this frame add those up to `wanted`, of how many it already holds.
-    pub fn kept(&mut self, name: &str, bytes: u64, made_of: Vec<u64>, wanted: impl FnOnce(u32) -> u32) -> Result<(Buffer, u32)> {
+    pub fn kept(
+        &mut self,
+        name: &str,
+        bytes: u64,
+        made_of: Vec<u64>,
+        wanted: impl FnOnce(u32) -> u32,
+    ) -> Result<(Buffer, u32)> {
         let (raw, held) = self.gpu.memory.keep(&self.gpu.device, name, bytes, &made_of)?;
         let import = Import { raw: raw.raw, texels: raw.texels };
         let desc = BufferDesc { place: Place::Imported, ..raw.desc };
@@ -371,7 +382,9 @@ impl<'g> Graph<'g> {
     /// A second handle of a transient buffer, for who counts what passes did.
     pub fn named(&self, name: &str) -> Option<Buffer> {
         self.resources.iter().enumerate().find_map(|(i, resource)| match resource.shape {
-            Shape::Buffer(desc) if resource.name == name => Some(Buffer { id: ResourceId(i), desc }),
+            Shape::Buffer(desc) if resource.name == name => {
+                Some(Buffer { id: ResourceId(i), desc })
+            }
             _ => None,
         })
     }
@@ -380,7 +393,9 @@ impl<'g> Graph<'g> {
         let Gpu { memory, device, .. } = &mut *self.gpu;
         let room = match shape {
             Shape::Image(desc) => Some(memory.image_room(device, desc)),
-            Shape::Buffer(BufferDesc { bytes, place: Place::Device }) => Some(memory.buffer_room(device, bytes)),
+            Shape::Buffer(BufferDesc { bytes, place: Place::Device }) => {
+                Some(memory.buffer_room(device, bytes))
+            }
             Shape::Buffer(_) => None,
         };
         self.resources.push(Resource { name: name.to_string(), shape, room });
@@ -395,7 +410,11 @@ impl<'g> Graph<'g> {
     /// The same of a buffer that is gathered from as words, too, where the device has texel buffers for that.
     pub fn gathered_limit(&self) -> u64 {
         let device = &self.gpu.device;
-        let texels = if device.texels { 4 * device.limits.max_texel_buffer_elements as u64 } else { u64::MAX };
+        let texels = if device.texels {
+            4 * device.limits.max_texel_buffer_elements as u64
+        } else {
+            u64::MAX
+        };
         self.binding_limit().min(texels)
     }
 
@@ -408,7 +427,14 @@ impl<'g> Graph<'g> {
                 Shape::Image(desc) => Some(desc.format),
                 Shape::Buffer(_) => None,
             };
-            assert_eq!(binding.kind.format(), found, "{}: {} got {} of another kind", code.name, binding.name, self.resources[id.0].name);
+            assert_eq!(
+                binding.kind.format(),
+                found,
+                "{}: {} got {} of another kind",
+                code.name,
+                binding.name,
+                self.resources[id.0].name
+            );
         }
         let within = self.within.filter(|_| code.listed.is_some());
         let groups = match (tiles, within) {
@@ -419,34 +445,60 @@ impl<'g> Graph<'g> {
                 let groups = [count.div_ceil(8).min(self.gpu.device.most_groups), 1, 1];
                 self.gate(groups)
             }
-            (Tiles::Packed([width, height]), _) => self.gate([width.div_ceil(code.workgroup[0]), height, 1]),
+            (Tiles::Packed([width, height]), _) => {
+                self.gate([width.div_ceil(code.workgroup[0]), height, 1])
+            }
             (Tiles::All | Tiles::Own, _) => {
-                let written = code.bindings.iter().zip(&resources).find_map(|(binding, id)| match self.resources[id.0].shape {
-                    Shape::Image(desc) if binding.access != Access::Read => Some(desc.size),
-                    _ => None,
+                let written = code.bindings.iter().zip(&resources).find_map(|(binding, id)| {
+                    match self.resources[id.0].shape {
+                        Shape::Image(desc) if binding.access != Access::Read => Some(desc.size),
+                        _ => None,
+                    }
                 });
-                let [width, height] = written.unwrap_or_else(|| panic!("{} writes no image, so it needs Tiles::Groups", code.name));
-                self.gate([width.div_ceil(code.workgroup[0]), height.div_ceil(code.workgroup[1]), 1])
+                let [width, height] = written.unwrap_or_else(|| {
+                    panic!("{} writes no image, so it needs Tiles::Groups", code.name)
+                });
+                self.gate([
+                    width.div_ceil(code.workgroup[0]),
+                    height.div_ceil(code.workgroup[1]),
+                    1,
+                ])
             }
         };
         resources.extend(within.map(|within| within.list));
-        let mut uses: Vec<_> = code.bindings.iter().zip(&resources).map(|(binding, &id)| (id, binding.access)).collect();
+        let mut uses: Vec<_> = code
+            .bindings
+            .iter()
+            .zip(&resources)
+            .map(|(binding, &id)| (id, binding.access))
+            .collect();
         if let Groups::Listed(list, _) = groups {
             uses.push((list, Access::Read));
         }
         let mut constants = shader.constants();
         constants.extend(code.listed.map(|listed| (listed, within.is_some() as u32)));
-        self.push(code.name, uses, Work::Run { code, constants, push: shader.push().to_vec(), resources, groups });
+        self.push(
+            code.name,
+            uses,
+            Work::Run { code, constants, push: shader.push().to_vec(), resources, groups },
+        );
         self.passes.last_mut().expect("pushed").own_pixels = matches!(tiles, Tiles::Own);
     }
 
     /// Records passes that run only where the device says so: `decide` records a pass from the workgroups that they want to those that they get, three words a pass. Within another gate, that one decides.
     /// What only they write is undefined where they do not run. Clears and copies run in any case.
-    pub fn gated<T>(&mut self, decide: impl FnOnce(&mut Self, &Buffer, &mut Buffer, u32), record: impl FnOnce(&mut Self) -> T) -> T {
+    pub fn gated<T>(
+        &mut self,
+        decide: impl FnOnce(&mut Self, &Buffer, &mut Buffer, u32),
+        record: impl FnOnce(&mut Self) -> T,
+    ) -> T {
         if self.gate.is_some() {
             return record(self);
         }
-        let desc = BufferDesc { bytes: size_of::<[[u32; 3]; GATED_PASSES]>() as u64, place: Place::Upload };
+        let desc = BufferDesc {
+            bytes: size_of::<[[u32; 3]; GATED_PASSES]>() as u64,
+            place: Place::Upload,
+        };
         let wanted = Buffer { id: self.add("wanted groups", Shape::Buffer(desc)), desc };
         let mut groups = self.buffer("groups", desc.bytes);
         decide(self, &wanted, &mut groups, 3 * GATED_PASSES as u32);
@@ -516,25 +568,50 @@ impl<'g> Graph<'g> {
     }
 
     /// A pass that draws through the rasteriser: into a colour and a depth attachment, over what they hold where that is to be kept.
-    pub fn draw<R: Raster>(&mut self, shader: R, drawn: Vertices<'_>, [color, depth]: [&mut Image; 2], keeps: bool) {
+    pub fn draw<R: Raster>(
+        &mut self,
+        shader: R,
+        drawn: Vertices<'_>,
+        [color, depth]: [&mut Image; 2],
+        keeps: bool,
+    ) {
         let resources = shader.resources();
         let (primitives, vertices, count) = match drawn {
-            Vertices::Points(vertices, count) => (raster::Primitives::Points, Some(vertices.id), count),
+            Vertices::Points(vertices, count) => {
+                (raster::Primitives::Points, Some(vertices.id), count)
+            }
             Vertices::Squares(count) => (raster::Primitives::Squares, None, count),
         };
-        let bound = R::STAGES.iter().zip(&resources).flat_map(|(code, ids)| code.bindings.iter().zip(ids));
+        let bound =
+            R::STAGES.iter().zip(&resources).flat_map(|(code, ids)| code.bindings.iter().zip(ids));
         let written = if keeps { Access::Modify } else { Access::Write };
-        let uses = bound.map(|(binding, &id)| (id, binding.access)).chain(vertices.map(|id| (id, Access::Read)));
+        let uses = bound
+            .map(|(binding, &id)| (id, binding.access))
+            .chain(vertices.map(|id| (id, Access::Read)));
         let uses = uses.chain([(color.id, written), (depth.id, written)]).collect();
-        let draw =
-            raster::Draw { stages: &R::STAGES, constants: shader.constants(), push: shader.push().to_vec(), primitives, count, keeps };
-        self.push(R::STAGES[0].name, uses, Work::Draw { draw, resources, vertices, attachments: [color.id, depth.id] });
+        let draw = raster::Draw {
+            stages: &R::STAGES,
+            constants: shader.constants(),
+            push: shader.push().to_vec(),
+            primitives,
+            count,
+            keeps,
+        };
+        self.push(
+            R::STAGES[0].name,
+            uses,
+            Work::Draw { draw, resources, vertices, attachments: [color.id, depth.id] },
+        );
     }
 
     /// A pass that copies an image to a buffer, row by row.
     pub fn copy_out(&mut self, from: &Image, to: &mut Buffer) {
         let name = format!("copy {}", self.resources[from.id.0].name);
-        self.push(&name, vec![(from.id, Access::Read), (to.id, Access::Write)], Work::CopyOut { image: from.id, buffer: to.id });
+        self.push(
+            &name,
+            vec![(from.id, Access::Read), (to.id, Access::Write)],
+            Work::CopyOut { image: from.id, buffer: to.id },
+        );
     }
 
     /// Asks for an image's contents after the submission.
@@ -542,7 +619,11 @@ impl<'g> Graph<'g> {
         let name = format!("read {}", self.resources[image.id.0].name);
         let desc = BufferDesc { bytes: image.desc.bytes(), place: Place::Download };
         let buffer = Buffer { id: self.add(&name, Shape::Buffer(desc)), desc };
-        self.push(&name, vec![(image.id, Access::Read), (buffer.id, Access::Write)], Work::CopyOut { image: image.id, buffer: buffer.id });
+        self.push(
+            &name,
+            vec![(image.id, Access::Read), (buffer.id, Access::Write)],
+            Work::CopyOut { image: image.id, buffer: buffer.id },
+        );
         buffer
     }
 
@@ -581,7 +662,8 @@ impl<'g> Graph<'g> {
         let (done, left) = std::mem::take(&mut gpu.behind).into_iter().partition(Running::is_done);
         gpu.behind = left;
         let done: Vec<Running> = done;
-        done.into_iter().try_for_each(|running| running.finish(gpu).map(|frame| frame.shelve(gpu)))?;
+        done.into_iter()
+            .try_for_each(|running| running.finish(gpu).map(|frame| frame.shelve(gpu)))?;
         Ok(gpu.submitted)
     }
 
@@ -593,15 +675,20 @@ impl<'g> Graph<'g> {
 
     fn begin(mut self, wanted: &[ResourceId]) -> Result<(Running, &'g mut Gpu)> {
         for (id, words) in std::mem::take(&mut self.wanted) {
-            let Shape::Buffer(desc) = self.resources[id.0].shape else { unreachable!("made by gated") };
+            let Shape::Buffer(desc) = self.resources[id.0].shape else {
+                unreachable!("made by gated")
+            };
             let mut raw = self.gpu.memory.buffer(&self.gpu.device, desc, "wanted groups")?;
-            raw.bytes_mut()[..size_of_val(&words[..])].copy_from_slice(bytemuck::cast_slice(&words));
+            raw.bytes_mut()[..size_of_val(&words[..])]
+                .copy_from_slice(bytemuck::cast_slice(&words));
             self.uploads.push((id, raw));
         }
         let mut wanted = wanted.to_vec();
-        wanted.extend(self.resources.iter().enumerate().filter_map(|(i, resource)| match resource.shape {
-            Shape::Buffer(BufferDesc { place: Place::Download, .. }) => Some(ResourceId(i)),
-            _ => None,
+        wanted.extend(self.resources.iter().enumerate().filter_map(|(i, resource)| {
+            match resource.shape {
+                Shape::Buffer(BufferDesc { place: Place::Download, .. }) => Some(ResourceId(i)),
+                _ => None,
+            }
         }));
         let plan = plan::plan(&self.passes, &self.resources, &wanted, self.gpu.device.most_memory);
         record::launch(self, plan)
@@ -619,7 +706,11 @@ pub struct Frame {
 impl Frame {
     /// What a [`Graph::download`] brought.
     pub fn read<T: bytemuck::Pod>(&self, download: &Buffer) -> &[T] {
-        let (_, raw) = self.downloads.iter().find(|(id, _)| *id == download.id).expect("a buffer from Graph::download of this frame");
+        let (_, raw) = self
+            .downloads
+            .iter()
+            .find(|(id, _)| *id == download.id)
+            .expect("a buffer from Graph::download of this frame");
         bytemuck::cast_slice(&raw.bytes()[..download.desc.bytes as usize])
     }
 

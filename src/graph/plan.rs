@@ -67,14 +67,27 @@ pub struct Plan {
 pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId], most: u64) -> Plan {
     let kept = kept(passes, resources.len(), wanted);
     let lives = lives(passes, &kept, resources.len(), wanted);
-    let mut plan =
-        Plan { steps: Vec::new(), memory: vec![None; resources.len()], memories: Vec::new(), blocks: Vec::new(), text: String::new() };
+    let mut plan = Plan {
+        steps: Vec::new(),
+        memory: vec![None; resources.len()],
+        memories: Vec::new(),
+        blocks: Vec::new(),
+        text: String::new(),
+    };
     let places = place(resources, &lives, most, &mut plan.blocks);
     let mut placed: HashMap<(Shape, usize, u64), usize> = HashMap::new();
     for (index, pass) in passes.iter().enumerate().filter(|&(index, _)| kept[index]) {
-        for &(id, access) in pass.uses.iter().filter(|(id, _)| lives[id.0].as_ref().is_some_and(|life| life.first == index)) {
+        for &(id, access) in pass
+            .uses
+            .iter()
+            .filter(|(id, _)| lives[id.0].as_ref().is_some_and(|life| life.first == index))
+        {
             let Resource { name, shape, room } = &resources[id.0];
-            assert!(room.is_none() || access == Access::Write, "{} reads {name}, which nothing has written", pass.name);
+            assert!(
+                room.is_none() || access == Access::Write,
+                "{} reads {name}, which nothing has written",
+                pass.name
+            );
             if plan.memory[id.0].is_none() {
                 let within = places[id.0].clone();
                 let mut new = || {
@@ -82,7 +95,9 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId], most
                     plan.memories.len() - 1
                 };
                 plan.memory[id.0] = Some(match &within {
-                    Some((block, bytes)) => *placed.entry((*shape, *block, bytes.start)).or_insert_with(new),
+                    Some((block, bytes)) => {
+                        *placed.entry((*shape, *block, bytes.start)).or_insert_with(new)
+                    }
                     None => new(),
                 });
             }
@@ -101,15 +116,25 @@ fn order(plan: &mut Plan, passes: &[Pass], lives: &[Option<Life>]) {
         (Some((one, a)), Some((other, b))) => one == other && a.start < b.end && b.start < a.end,
         _ => false,
     };
-    let others: Vec<Vec<usize>> = (0..memories.len()).map(|a| (0..memories.len()).filter(|&b| a != b && shared(a, b)).collect()).collect();
+    let others: Vec<Vec<usize>> = (0..memories.len())
+        .map(|a| (0..memories.len()).filter(|&b| a != b && shared(a, b)).collect())
+        .collect();
     // What has happened to each memory since the last barrier, and whether it still holds what its own image left.
-    let (mut read, mut written, mut own) = (vec![false; memories.len()], vec![false; memories.len()], vec![false; memories.len()]);
+    let (mut read, mut written, mut own) =
+        (vec![false; memories.len()], vec![false; memories.len()], vec![false; memories.len()]);
     let mut last = 0;
     for at in 0..plan.steps.len() {
         let pass = &passes[plan.steps[at].pass];
-        let uses: Vec<(usize, Access)> = pass.uses.iter().map(|&(id, access)| (plan.memory[id.0].expect("used"), access)).collect();
+        let uses: Vec<(usize, Access)> = pass
+            .uses
+            .iter()
+            .map(|&(id, access)| (plan.memory[id.0].expect("used"), access))
+            .collect();
         let hazard = uses.iter().any(|&(memory, access)| {
-            [memory].iter().chain(&others[memory]).any(|&lies| written[lies] || (access != Access::Read && read[lies]))
+            [memory]
+                .iter()
+                .chain(&others[memory])
+                .any(|&lies| written[lies] || (access != Access::Read && read[lies]))
         });
         if hazard {
             read.fill(false);
@@ -147,25 +172,43 @@ impl Life {
     }
 }
 
-fn lives(passes: &[Pass], kept: &[bool], resources: usize, wanted: &[ResourceId]) -> Vec<Option<Life>> {
+fn lives(
+    passes: &[Pass],
+    kept: &[bool],
+    resources: usize,
+    wanted: &[ResourceId],
+) -> Vec<Option<Life>> {
     let mut lives: Vec<Option<Life>> = vec![None; resources];
     for (index, pass) in passes.iter().enumerate().filter(|&(index, _)| kept[index]) {
         for (id, _) in &pass.uses {
-            let only_read = pass.uses.iter().filter(|(other, _)| other == id).all(|(_, access)| *access == Access::Read);
+            let only_read = pass
+                .uses
+                .iter()
+                .filter(|(other, _)| other == id)
+                .all(|(_, access)| *access == Access::Read);
             let first = lives[id.0].as_ref().map_or(index, |life| life.first);
-            lives[id.0] = Some(Life { first, last: index, own_pixels: pass.own_pixels && only_read });
+            lives[id.0] =
+                Some(Life { first, last: index, own_pixels: pass.own_pixels && only_read });
         }
     }
     for id in wanted {
-        lives[id.0].iter_mut().for_each(|life| *life = Life { last: usize::MAX, own_pixels: false, ..*life });
+        lives[id.0]
+            .iter_mut()
+            .for_each(|life| *life = Life { last: usize::MAX, own_pixels: false, ..*life });
     }
     lives
 }
 
 /// A block and bytes of it for every transient, and the blocks.
-fn place(resources: &[Resource], lives: &[Option<Life>], most: u64, blocks: &mut Vec<Room>) -> Vec<Option<(usize, Range<u64>)>> {
-    let mut transients: Vec<(usize, Room, &Life)> =
-        (resources.iter().zip(lives).enumerate()).filter_map(|(i, (resource, life))| Some((i, resource.room?, life.as_ref()?))).collect();
+fn place(
+    resources: &[Resource],
+    lives: &[Option<Life>],
+    most: u64,
+    blocks: &mut Vec<Room>,
+) -> Vec<Option<(usize, Range<u64>)>> {
+    let mut transients: Vec<(usize, Room, &Life)> = (resources.iter().zip(lives).enumerate())
+        .filter_map(|(i, (resource, life))| Some((i, resource.room?, life.as_ref()?)))
+        .collect();
     transients.sort_by_key(|&(i, room, life)| (std::cmp::Reverse(room.bytes), life.first, i));
     let mut places: Vec<Option<(usize, Range<u64>)>> = vec![None; resources.len()];
     for (rank, &(i, room, life)) in transients.iter().enumerate() {
@@ -175,13 +218,21 @@ fn place(resources: &[Resource], lives: &[Option<Life>], most: u64, blocks: &mut
                 .filter(|(_, _, other)| other.first <= life.last && life.first <= other.last)
                 .filter_map(|&(j, _, other)| {
                     let (_, bytes) = places[j].clone().filter(|(within, _)| *within == block)?;
-                    let same = resources[i].shape == resources[j].shape && matches!(resources[i].shape, Shape::Image(_));
+                    let same = resources[i].shape == resources[j].shape
+                        && matches!(resources[i].shape, Shape::Image(_));
                     Some((bytes, same && (other.hands_over(life) || life.hands_over(other))))
                 })
                 .collect();
             taken.sort_by_key(|(bytes, _)| bytes.start);
-            let crossed = |bytes: &Range<u64>| taken.iter().filter(|(other, _)| other.start < bytes.end && bytes.start < other.end).count();
-            if let Some((bytes, _)) = taken.iter().find(|(bytes, handed)| *handed && crossed(bytes) == 1) {
+            let crossed = |bytes: &Range<u64>| {
+                taken
+                    .iter()
+                    .filter(|(other, _)| other.start < bytes.end && bytes.start < other.end)
+                    .count()
+            };
+            if let Some((bytes, _)) =
+                taken.iter().find(|(bytes, handed)| *handed && crossed(bytes) == 1)
+            {
                 return bytes.start;
             }
             let mut start = 0;
@@ -194,13 +245,19 @@ fn place(resources: &[Resource], lives: &[Option<Life>], most: u64, blocks: &mut
             start
         };
         let alike = (0..blocks.len()).filter(|&block| blocks[block].types == room.types);
-        let (block, start) =
-            alike.map(|block| (block, start_in(block))).find(|(_, start)| start + room.bytes <= most).unwrap_or_else(|| {
+        let (block, start) = alike
+            .map(|block| (block, start_in(block)))
+            .find(|(_, start)| start + room.bytes <= most)
+            .unwrap_or_else(|| {
                 blocks.push(Room { bytes: 0, ..room });
                 (blocks.len() - 1, 0)
             });
         places[i] = Some((block, start..start + room.bytes));
-        blocks[block] = Room { bytes: blocks[block].bytes.max(start + room.bytes), align: blocks[block].align.max(room.align), ..room };
+        blocks[block] = Room {
+            bytes: blocks[block].bytes.max(start + room.bytes),
+            align: blocks[block].align.max(room.align),
+            ..room
+        };
     }
     places
 }
@@ -212,7 +269,10 @@ fn kept(passes: &[Pass], resources: usize, wanted: &[ResourceId]) -> Vec<bool> {
     for (index, pass) in passes.iter().enumerate().rev() {
         kept[index] = pass.uses.iter().any(|&(id, access)| access != Access::Read && needed[id.0]);
         if kept[index] {
-            pass.uses.iter().filter(|(_, access)| *access != Access::Write).for_each(|(id, _)| needed[id.0] = true);
+            pass.uses
+                .iter()
+                .filter(|(_, access)| *access != Access::Write)
+                .for_each(|(id, _)| needed[id.0] = true);
         }
     }
     kept
@@ -230,7 +290,10 @@ fn folded(lines: &[String]) -> String {
     let (mut out, mut at) = (String::new(), 0);
     while at < lines.len() {
         let longest = LONGEST_BLOCK.min(lines.len() - at);
-        let (length, times) = (1..=longest).map(|length| (length, repeats(at, length))).find(|(_, times)| *times > 2).unwrap_or((1, 1));
+        let (length, times) = (1..=longest)
+            .map(|length| (length, repeats(at, length)))
+            .find(|(_, times)| *times > 2)
+            .unwrap_or((1, 1));
         out.extend(lines[at..at + length].iter().map(String::as_str));
         if times > 1 {
             out += &format!("  .. {} times the last {length} lines\n", times);
@@ -246,8 +309,15 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
     for step in &plan.steps {
         let pass = &passes[step.pass];
         let names = |wanted: fn(Access) -> bool| {
-            let named = |&&(id, access): &&(ResourceId, Access)| wanted(access).then(|| resources[id.0].name.as_str()).is_some();
-            let mut names: Vec<_> = pass.uses.iter().filter(named).map(|(id, _)| resources[id.0].name.as_str()).collect();
+            let named = |&&(id, access): &&(ResourceId, Access)| {
+                wanted(access).then(|| resources[id.0].name.as_str()).is_some()
+            };
+            let mut names: Vec<_> = pass
+                .uses
+                .iter()
+                .filter(named)
+                .map(|(id, _)| resources[id.0].name.as_str())
+                .collect();
             // A resource may be bound twice, as texels and as words.
             names.dedup();
             names.join(", ")
@@ -255,16 +325,32 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
         if step.barrier {
             lines.push("  -- barrier\n".to_string());
         }
-        let (from, to) = (names(|access| access == Access::Read), names(|access| access != Access::Read));
-        lines.push(format!("  {:<12} {}{}{}\n", pass.name, from, if from.is_empty() { "-> " } else { " -> " }, to));
+        let (from, to) =
+            (names(|access| access == Access::Read), names(|access| access != Access::Read));
+        lines.push(format!(
+            "  {:<12} {}{}{}\n",
+            pass.name,
+            from,
+            if from.is_empty() { "-> " } else { " -> " },
+            to
+        ));
     }
     let mut out = folded(&lines);
-    let dropped: Vec<_> = passes.iter().zip(kept).filter(|(_, kept)| !**kept).map(|(pass, _)| pass.name.as_str()).collect();
+    let dropped: Vec<_> = passes
+        .iter()
+        .zip(kept)
+        .filter(|(_, kept)| !**kept)
+        .map(|(pass, _)| pass.name.as_str())
+        .collect();
     if !dropped.is_empty() {
-        writeln!(out, "  dropped, because nobody reads what they write: {}", dropped.join(", ")).unwrap();
+        writeln!(out, "  dropped, because nobody reads what they write: {}", dropped.join(", "))
+            .unwrap();
     }
     for (memory, Memory { shape, within }) in plan.memories.iter().enumerate() {
-        let owners: Vec<_> = (0..resources.len()).filter(|&i| plan.memory[i] == Some(memory)).map(|i| resources[i].name.as_str()).collect();
+        let owners: Vec<_> = (0..resources.len())
+            .filter(|&i| plan.memory[i] == Some(memory))
+            .map(|i| resources[i].name.as_str())
+            .collect();
         let what = match shape {
             Shape::Image(desc) => format!("{} x {} {:?}", desc.size[0], desc.size[1], desc.format),
             Shape::Buffer(desc) => format!("{:?} buffer", desc.place).to_lowercase(),
@@ -272,10 +358,27 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
         if matches!(shape, Shape::Buffer(BufferDesc { place: Place::Imported, .. })) {
             continue;
         }
-        let at = within.as_ref().map(|(_, bytes)| format!(" from byte {}", bytes.start)).unwrap_or_default();
-        writeln!(out, "  memory {memory}: {} = {} bytes{at} for {}", what, bytes(shape), owners.join(", then ")).unwrap();
+        let at = within
+            .as_ref()
+            .map(|(_, bytes)| format!(" from byte {}", bytes.start))
+            .unwrap_or_default();
+        writeln!(
+            out,
+            "  memory {memory}: {} = {} bytes{at} for {}",
+            what,
+            bytes(shape),
+            owners.join(", then ")
+        )
+        .unwrap();
     }
-    writeln!(out, "  total: {} passes, {} barriers, {} bytes", plan.steps.len(), plan.barriers(), plan.bytes()).unwrap();
+    writeln!(
+        out,
+        "  total: {} passes, {} barriers, {} bytes",
+        plan.steps.len(),
+        plan.barriers(),
+        plan.bytes()
+    )
+    .unwrap();
     out
 }
 
@@ -294,7 +397,11 @@ impl Plan {
     }
 
     pub fn bytes(&self) -> u64 {
-        let own = self.memories.iter().filter(|memory| memory.within.is_none()).map(|memory| bytes(&memory.shape));
+        let own = self
+            .memories
+            .iter()
+            .filter(|memory| memory.within.is_none())
+            .map(|memory| bytes(&memory.shape));
         own.chain(self.blocks.iter().map(|block| block.bytes)).sum()
     }
 }
@@ -309,12 +416,15 @@ impl fmt::Display for Plan {
 mod tests {
     use super::*;
 
-    const IMAGE: Shape = Shape::Image(ImageDesc { size: [8, 8], format: ash::vk::Format::R32_SFLOAT });
+    const IMAGE: Shape =
+        Shape::Image(ImageDesc { size: [8, 8], format: ash::vk::Format::R32_SFLOAT });
 
     const ROOM: Room = Room { bytes: 256, align: 64, types: 1 };
 
     fn frame(images: usize, passes: &[(&str, &[usize], &[usize])], wanted: &[usize]) -> Plan {
-        let resources: Vec<_> = (0..images).map(|i| Resource { name: format!("r{i}"), shape: IMAGE, room: Some(ROOM) }).collect();
+        let resources: Vec<_> = (0..images)
+            .map(|i| Resource { name: format!("r{i}"), shape: IMAGE, room: Some(ROOM) })
+            .collect();
         let passes: Vec<_> = passes
             .iter()
             .map(|(name, reads, writes)| Pass {
@@ -327,19 +437,35 @@ mod tests {
                 own_pixels: name.starts_with("own"),
             })
             .collect();
-        plan(&passes, &resources, &wanted.iter().map(|&i| ResourceId(i)).collect::<Vec<_>>(), u64::MAX)
+        plan(
+            &passes,
+            &resources,
+            &wanted.iter().map(|&i| ResourceId(i)).collect::<Vec<_>>(),
+            u64::MAX,
+        )
     }
 
     #[test]
     fn read_after_write_gets_one_barrier_and_a_second_reader_none() {
-        let plan = frame(4, &[("a", &[], &[0, 1]), ("b", &[0], &[2]), ("c", &[1], &[3])], &[0, 1, 2, 3]);
-        assert_eq!(plan.steps.iter().map(|step| step.barrier).collect::<Vec<_>>(), [false, true, false]);
+        let plan =
+            frame(4, &[("a", &[], &[0, 1]), ("b", &[0], &[2]), ("c", &[1], &[3])], &[0, 1, 2, 3]);
+        assert_eq!(
+            plan.steps.iter().map(|step| step.barrier).collect::<Vec<_>>(),
+            [false, true, false]
+        );
     }
 
     #[test]
     fn write_after_read_and_write_after_write_get_barriers() {
-        let plan = frame(2, &[("a", &[], &[0]), ("b", &[0], &[1]), ("c", &[], &[0]), ("d", &[], &[0])], &[0, 1]);
-        assert_eq!(plan.steps.iter().map(|step| step.barrier).collect::<Vec<_>>(), [false, true, true, true]);
+        let plan = frame(
+            2,
+            &[("a", &[], &[0]), ("b", &[0], &[1]), ("c", &[], &[0]), ("d", &[], &[0])],
+            &[0, 1],
+        );
+        assert_eq!(
+            plan.steps.iter().map(|step| step.barrier).collect::<Vec<_>>(),
+            [false, true, true, true]
+        );
     }
 
     #[test]
@@ -351,22 +477,34 @@ mod tests {
 
     #[test]
     fn memory_of_the_same_description_is_reused_after_its_last_use_with_a_barrier() {
-        let plan = frame(4, &[("a", &[], &[0]), ("b", &[0], &[1]), ("c", &[1], &[2]), ("d", &[2], &[3])], &[3]);
+        let plan = frame(
+            4,
+            &[("a", &[], &[0]), ("b", &[0], &[1]), ("c", &[1], &[2]), ("d", &[2], &[3])],
+            &[3],
+        );
         assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(1)]);
         assert_eq!(plan.barriers(), 3);
     }
 
     #[test]
     fn what_a_pass_binds_twice_is_reused_once() {
-        let plan = frame(4, &[("a", &[], &[0]), ("b", &[0, 0], &[1]), ("c", &[1], &[2]), ("d", &[1, 2], &[3])], &[3]);
+        let plan = frame(
+            4,
+            &[("a", &[], &[0]), ("b", &[0, 0], &[1]), ("c", &[1], &[2]), ("d", &[1, 2], &[3])],
+            &[3],
+        );
         assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(2)]);
     }
 
     #[test]
     fn a_pass_of_its_own_pixels_writes_over_what_it_reads_for_the_last_time() {
-        let plan = frame(4, &[("a", &[], &[0, 1]), ("own b", &[0, 1], &[2]), ("c", &[1, 2], &[3])], &[3]);
+        let plan =
+            frame(4, &[("a", &[], &[0, 1]), ("own b", &[0, 1], &[2]), ("c", &[1, 2], &[3])], &[3]);
         assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(2)]);
-        assert_eq!(plan.steps.iter().map(|step| step.barrier).collect::<Vec<_>>(), [false, true, true]);
+        assert_eq!(
+            plan.steps.iter().map(|step| step.barrier).collect::<Vec<_>>(),
+            [false, true, true]
+        );
     }
 
     /// Of so many bytes each, used by the passes `from..=to`.
@@ -380,12 +518,19 @@ mod tests {
             .collect();
         let end = lives.iter().map(|life| life.2).max().unwrap_or(0);
         let uses = |pass| {
-            let used = (lives.iter().enumerate()).filter(move |(_, (_, from, to))| (*from..=*to).contains(&pass));
-            used.map(|(i, &(_, from, _))| (ResourceId(i), if from == pass { Access::Write } else { Access::Modify })).collect()
+            let used = (lives.iter().enumerate())
+                .filter(move |(_, (_, from, to))| (*from..=*to).contains(&pass));
+            used.map(|(i, &(_, from, _))| {
+                (ResourceId(i), if from == pass { Access::Write } else { Access::Modify })
+            })
+            .collect()
         };
-        let passes: Vec<_> = (0..=end).map(|pass| Pass { name: format!("p{pass}"), uses: uses(pass), own_pixels: false }).collect();
+        let passes: Vec<_> = (0..=end)
+            .map(|pass| Pass { name: format!("p{pass}"), uses: uses(pass), own_pixels: false })
+            .collect();
         // The last pass keeps the others: it changes what they change.
-        let wanted: Vec<_> = (0..lives.len()).filter(|&i| lives[i].2 == end).map(ResourceId).collect();
+        let wanted: Vec<_> =
+            (0..lives.len()).filter(|&i| lives[i].2 == end).map(ResourceId).collect();
         plan(&passes, &resources, &wanted, 1 << 20)
     }
 
@@ -411,10 +556,17 @@ mod tests {
 
     #[test]
     fn an_image_is_born_where_others_lay_and_not_where_it_takes_over() {
-        let plan = frame(5, &[("a", &[], &[0, 1]), ("own b", &[0, 1], &[2]), ("c", &[2], &[3]), ("d", &[3], &[4])], &[4]);
+        let plan = frame(
+            5,
+            &[("a", &[], &[0, 1]), ("own b", &[0, 1], &[2]), ("c", &[2], &[3]), ("d", &[3], &[4])],
+            &[4],
+        );
         // 0 and 2 are one memory, which 4 is again; nothing else ever lay there.
         assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(1), Some(0)]);
-        assert_eq!(plan.steps.iter().map(|step| step.born.clone()).collect::<Vec<_>>(), [vec![0, 1], vec![], vec![], vec![]]);
+        assert_eq!(
+            plan.steps.iter().map(|step| step.born.clone()).collect::<Vec<_>>(),
+            [vec![0, 1], vec![], vec![], vec![]]
+        );
     }
 
     proptest::proptest! {

@@ -3,7 +3,10 @@
 //! Every pass is a debug label, a timestamp pair and a breadcrumb.
 
 use super::plan::{Memory, Plan, Shape};
-use super::{BufferDesc, Code, Frame, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place, ResourceId, Work, too_large};
+use super::{
+    BufferDesc, Code, Frame, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place, ResourceId, Work,
+    too_large,
+};
 use crate::error::{Error, Result};
 use crate::gpu::kernel::descriptor_type;
 use crate::gpu::memory::{Block, RawBuffer, RawImage, Texels};
@@ -76,8 +79,9 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g m
     } = graph;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
     let mut realised = Realised::default();
-    let begun = realise(gpu, &plan, &resources, uploads, &imports, &mut realised)
-        .and_then(|()| execute(gpu, &plan, &names, &work, &realised.physical, progress, !without_barriers));
+    let begun = realise(gpu, &plan, &resources, uploads, &imports, &mut realised).and_then(|()| {
+        execute(gpu, &plan, &names, &work, &realised.physical, progress, !without_barriers)
+    });
     let (timing, scratch, trail) = match begun {
         Ok(begun) => begun,
         Err(error) => {
@@ -115,7 +119,9 @@ impl Gpu {
     /// Whether the device is still there, as far as tests let it.
     fn found(&self, trail: &Trail) -> Result<()> {
         match self.lost_after {
-            Some(submissions) if self.submitted >= submissions => Err(trail.blame(vk::Result::ERROR_DEVICE_LOST)),
+            Some(submissions) if self.submitted >= submissions => {
+                Err(trail.blame(vk::Result::ERROR_DEVICE_LOST))
+            }
             _ => Ok(()),
         }
     }
@@ -130,13 +136,21 @@ impl Graph<'_> {
 }
 
 /// Memory goes back to the shelf whatever happened, but for what a good frame brings home.
-fn shelve(gpu: &mut Gpu, plan: &Plan, realised: Realised, bring: bool) -> Vec<(ResourceId, RawBuffer)> {
+fn shelve(
+    gpu: &mut Gpu,
+    plan: &Plan,
+    realised: Realised,
+    bring: bool,
+) -> Vec<(ResourceId, RawBuffer)> {
     let mut downloads = Vec::new();
     realised.blocks.into_iter().for_each(|block| gpu.memory.shelve_block(block));
     for (memory, item) in realised.physical {
-        let owner = plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
+        let owner =
+            plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
         match item {
-            Physical::Buffer(buffer) if buffer.desc.place == Place::Download && bring => downloads.push((ResourceId(owner), buffer)),
+            Physical::Buffer(buffer) if buffer.desc.place == Place::Download && bring => {
+                downloads.push((ResourceId(owner), buffer))
+            }
             Physical::Buffer(buffer) => gpu.memory.shelve_buffer(buffer),
             Physical::Image(_) | Physical::Lent(_) => {}
         }
@@ -173,7 +187,12 @@ fn execute(
             let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
             if let Some(labels) = &gpu.device.labels {
                 // SAFETY: the command buffer is being recorded; the label outlives the call.
-                unsafe { labels.cmd_begin_debug_utils_label(commands, &vk::DebugUtilsLabelEXT::default().label_name(&label)) };
+                unsafe {
+                    labels.cmd_begin_debug_utils_label(
+                        commands,
+                        &vk::DebugUtilsLabelEXT::default().label_name(&label),
+                    )
+                };
             }
             trail.drop_crumb(&gpu.device, commands, order);
             // Submissions share kept buffers and shelved memory: the first step follows whatever was submitted before.
@@ -181,7 +200,9 @@ fn execute(
                 barrier(gpu, commands, step.born.iter().map(|memory| physical[memory].image()));
             }
             timing.mark(commands, order, false);
-            let at = |id: &ResourceId| &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")];
+            let at = |id: &ResourceId| {
+                &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")]
+            };
             scratch.pass(gpu, &work[step.pass], at)?;
             timing.mark(commands, order, true);
             if let Some(labels) = &gpu.device.labels {
@@ -220,7 +241,8 @@ fn realise(
         }
     }
     let name = |memory| {
-        let owner = plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
+        let owner =
+            plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
         &resources[owner].name
     };
     for (memory, Memory { shape, .. }) in plan.memories.iter().enumerate() {
@@ -232,11 +254,21 @@ fn realise(
     for (memory, Memory { shape, within }) in plan.memories.iter().enumerate() {
         let Gpu { memory: of_device, device, .. } = &mut *gpu;
         let item = match (shape, within) {
-            (Shape::Image(desc), Some((block, bytes))) => {
-                Physical::Image(of_device.image(device, &mut blocks[*block], bytes.start, *desc, name(memory))?)
-            }
+            (Shape::Image(desc), Some((block, bytes))) => Physical::Image(of_device.image(
+                device,
+                &mut blocks[*block],
+                bytes.start,
+                *desc,
+                name(memory),
+            )?),
             (Shape::Buffer(desc), Some((block, bytes))) => {
-                let (raw, texels) = of_device.buffer_in(device, &mut blocks[*block], bytes.start, *desc, name(memory))?;
+                let (raw, texels) = of_device.buffer_in(
+                    device,
+                    &mut blocks[*block],
+                    bytes.start,
+                    *desc,
+                    name(memory),
+                )?;
                 Physical::Lent(Import { raw, texels })
             }
             (Shape::Buffer(desc), None) if !physical.contains_key(&memory) => {
@@ -253,13 +285,17 @@ fn realise(
 fn within_limits(gpu: &Gpu, name: &str, shape: &Shape) -> Result<()> {
     let limits = &gpu.device.limits;
     match shape {
-        Shape::Image(desc) if desc.size.iter().any(|&side| side > limits.max_image_dimension2_d) => {
+        Shape::Image(desc)
+            if desc.size.iter().any(|&side| side > limits.max_image_dimension2_d) =>
+        {
             let ([width, height], limit) = (desc.size, limits.max_image_dimension2_d);
             Err(Error::Request(format!(
                 "a picture of {width} x {height} pixels is beyond this device's {limit} a side; ask for a smaller --size"
             )))
         }
-        Shape::Buffer(BufferDesc { place: Place::Device, bytes }) if *bytes > limits.max_storage_buffer_range as u64 => {
+        Shape::Buffer(BufferDesc { place: Place::Device, bytes })
+            if *bytes > limits.max_storage_buffer_range as u64 =>
+        {
             Err(too_large(name, *bytes, limits.max_storage_buffer_range as u64))
         }
         _ => Ok(()),
@@ -293,7 +329,10 @@ fn barrier<'a>(gpu: &Gpu, commands: vk::CommandBuffer, born: impl Iterator<Item 
     let all = [all];
     // SAFETY: recorded between passes, outside of rendering; the images live until the submission has been waited for.
     unsafe {
-        gpu.device.raw.cmd_pipeline_barrier2(commands, &vk::DependencyInfo::default().memory_barriers(&all).image_memory_barriers(&images))
+        gpu.device.raw.cmd_pipeline_barrier2(
+            commands,
+            &vk::DependencyInfo::default().memory_barriers(&all).image_memory_barriers(&images),
+        )
     };
 }
 
@@ -333,26 +372,42 @@ impl Scratch {
             size(vk::DescriptorType::STORAGE_TEXEL_BUFFER, texels),
             size(vk::DescriptorType::STORAGE_IMAGE, images),
         ];
-        let pool_info =
-            vk::CommandPoolCreateInfo::default().queue_family_index(gpu.device.family).flags(vk::CommandPoolCreateFlags::TRANSIENT);
+        let pool_info = vk::CommandPoolCreateInfo::default()
+            .queue_family_index(gpu.device.family)
+            .flags(vk::CommandPoolCreateFlags::TRANSIENT);
         // SAFETY: plain creations on a live device, destroyed in `drop`.
         unsafe {
-            let command_pool = device.create_command_pool(&pool_info, None).map_err(failed("vkCreateCommandPool"))?;
+            let command_pool = device
+                .create_command_pool(&pool_info, None)
+                .map_err(failed("vkCreateCommandPool"))?;
             let commands = device
-                .allocate_command_buffers(&vk::CommandBufferAllocateInfo::default().command_pool(command_pool).command_buffer_count(1))
+                .allocate_command_buffers(
+                    &vk::CommandBufferAllocateInfo::default()
+                        .command_pool(command_pool)
+                        .command_buffer_count(1),
+                )
                 .map_err(failed("vkAllocateCommandBuffers"))?[0];
             let descriptors = device
-                .create_descriptor_pool(&vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes), None)
+                .create_descriptor_pool(
+                    &vk::DescriptorPoolCreateInfo::default()
+                        .max_sets(sets.max(1))
+                        .pool_sizes(&sizes),
+                    None,
+                )
                 .map_err(failed("vkCreateDescriptorPool"))?;
-            let fence = device.create_fence(&vk::FenceCreateInfo::default(), None).map_err(failed("vkCreateFence"))?;
+            let fence = device
+                .create_fence(&vk::FenceCreateInfo::default(), None)
+                .map_err(failed("vkCreateFence"))?;
             Ok(Scratch { device, command_pool, commands, descriptors, fence })
         }
     }
 
     fn begin(&self) -> Result<()> {
-        let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        let info = vk::CommandBufferBeginInfo::default()
+            .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: a fresh command buffer.
-        unsafe { self.device.begin_command_buffer(self.commands, &info) }.map_err(failed("vkBeginCommandBuffer"))
+        unsafe { self.device.begin_command_buffer(self.commands, &info) }
+            .map_err(failed("vkBeginCommandBuffer"))
     }
 
     /// A descriptor set of one stage; `last`: of the last of its bindings, where `resources` has none.
@@ -365,9 +420,12 @@ impl Scratch {
         at: &impl Fn(&ResourceId) -> &'p Physical,
     ) -> Result<vk::DescriptorSet> {
         let layouts = [layout];
-        let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.descriptors).set_layouts(&layouts);
+        let info = vk::DescriptorSetAllocateInfo::default()
+            .descriptor_pool(self.descriptors)
+            .set_layouts(&layouts);
         // SAFETY: the pool was sized for exactly these sets.
-        let set = unsafe { self.device.allocate_descriptor_sets(&info) }.map_err(failed("vkAllocateDescriptorSets"))?[0];
+        let set = unsafe { self.device.allocate_descriptor_sets(&info) }
+            .map_err(failed("vkAllocateDescriptorSets"))?[0];
         let whole = |raw| [vk::DescriptorBufferInfo::default().buffer(raw).range(vk::WHOLE_SIZE)];
         let (mut buffers, mut texels, mut images) = (Vec::new(), Vec::new(), Vec::new());
         for (binding, id) in code.bindings.iter().zip(resources) {
@@ -375,14 +433,23 @@ impl Scratch {
                 Kind::TexelsR32ui => texels.push((binding, [at(id).buffer().1.words])),
                 Kind::TexelsRgba32ui => texels.push((binding, [at(id).buffer().1.fours])),
                 Kind::Buffer => buffers.push((binding, whole(at(id).buffer().0))),
-                _ => images.push((binding, [vk::DescriptorImageInfo::default().image_view(at(id).image().view).image_layout(LAYOUT)])),
+                _ => images.push((
+                    binding,
+                    [vk::DescriptorImageInfo::default()
+                        .image_view(at(id).image().view)
+                        .image_layout(LAYOUT)],
+                )),
             }
         }
         texels.extend(code.bindings.last().zip(last).map(|(binding, words)| (binding, [words])));
         let write = |binding: &crate::gpu::Binding| {
-            vk::WriteDescriptorSet::default().dst_set(set).dst_binding(binding.bind).descriptor_type(descriptor_type(binding.kind))
+            vk::WriteDescriptorSet::default()
+                .dst_set(set)
+                .dst_binding(binding.bind)
+                .descriptor_type(descriptor_type(binding.kind))
         };
-        let mut writes: Vec<_> = buffers.iter().map(|(binding, info)| write(binding).buffer_info(info)).collect();
+        let mut writes: Vec<_> =
+            buffers.iter().map(|(binding, info)| write(binding).buffer_info(info)).collect();
         writes.extend(texels.iter().map(|(binding, view)| write(binding).texel_buffer_view(view)));
         writes.extend(images.iter().map(|(binding, info)| write(binding).image_info(info)));
         // SAFETY: kinds and formats were checked when the pass was recorded; everything lives until the fence.
@@ -390,7 +457,12 @@ impl Scratch {
         Ok(set)
     }
 
-    fn pass<'p>(&self, gpu: &mut Gpu, work: &Work, at: impl Fn(&ResourceId) -> &'p Physical) -> Result<()> {
+    fn pass<'p>(
+        &self,
+        gpu: &mut Gpu,
+        work: &Work,
+        at: impl Fn(&ResourceId) -> &'p Physical,
+    ) -> Result<()> {
         match work {
             Work::Run { code, constants, push, resources, groups } => {
                 // Of a shader that keeps to no area nobody reads the list of its tiles, which wants a buffer all the same.
@@ -406,13 +478,32 @@ impl Scratch {
                 // SAFETY: sizes of push constants were checked by the generated types; everything lives until the fence.
                 unsafe {
                     self.device.cmd_bind_pipeline(self.commands, bind, kernel.pipeline);
-                    self.device.cmd_bind_descriptor_sets(self.commands, bind, kernel.layout, 0, &[set], &[]);
+                    self.device.cmd_bind_descriptor_sets(
+                        self.commands,
+                        bind,
+                        kernel.layout,
+                        0,
+                        &[set],
+                        &[],
+                    );
                     if !push.is_empty() {
-                        self.device.cmd_push_constants(self.commands, kernel.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
+                        self.device.cmd_push_constants(
+                            self.commands,
+                            kernel.layout,
+                            vk::ShaderStageFlags::COMPUTE,
+                            0,
+                            push,
+                        );
                     }
                     match groups {
-                        Groups::Fixed([x, y, z]) => self.device.cmd_dispatch(self.commands, *x, *y, *z),
-                        Groups::Listed(list, byte) => self.device.cmd_dispatch_indirect(self.commands, at(list).buffer().0, *byte),
+                        Groups::Fixed([x, y, z]) => {
+                            self.device.cmd_dispatch(self.commands, *x, *y, *z)
+                        }
+                        Groups::Listed(list, byte) => self.device.cmd_dispatch_indirect(
+                            self.commands,
+                            at(list).buffer().0,
+                            *byte,
+                        ),
                     }
                 }
             }
@@ -422,23 +513,61 @@ impl Scratch {
                 let bind = vk::PipelineBindPoint::GRAPHICS;
                 let mut sets = [vk::DescriptorSet::null(); 2];
                 for (stage, set) in sets.iter_mut().enumerate() {
-                    *set = self.set(pipeline.set_layouts[stage], &draw.stages[stage], &resources[stage], None, &at)?;
+                    *set = self.set(
+                        pipeline.set_layouts[stage],
+                        &draw.stages[stage],
+                        &resources[stage],
+                        None,
+                        &at,
+                    )?;
                 }
                 // SAFETY: as above.
                 unsafe {
                     self.device.cmd_bind_pipeline(self.commands, bind, pipeline.pipeline);
-                    self.device.cmd_bind_descriptor_sets(self.commands, bind, pipeline.layout, 0, &sets, &[]);
-                    for (code, flags) in draw.stages.iter().zip([vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT]) {
+                    self.device.cmd_bind_descriptor_sets(
+                        self.commands,
+                        bind,
+                        pipeline.layout,
+                        0,
+                        &sets,
+                        &[],
+                    );
+                    for (code, flags) in draw
+                        .stages
+                        .iter()
+                        .zip([vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT])
+                    {
                         if code.push_bytes > 0 {
-                            self.device.cmd_push_constants(self.commands, pipeline.layout, flags, 0, &draw.push);
+                            self.device.cmd_push_constants(
+                                self.commands,
+                                pipeline.layout,
+                                flags,
+                                0,
+                                &draw.push,
+                            );
                         }
                     }
                 }
-                raster::record(&gpu.device, self.commands, draw, vertices.as_ref().map(|id| at(id).buffer().0), color, depth);
+                raster::record(
+                    &gpu.device,
+                    self.commands,
+                    draw,
+                    vertices.as_ref().map(|id| at(id).buffer().0),
+                    color,
+                    depth,
+                );
             }
             Work::Fill { buffer: id, word } => {
                 // SAFETY: the buffer was made with TRANSFER_DST.
-                unsafe { self.device.cmd_fill_buffer(self.commands, at(id).buffer().0, 0, vk::WHOLE_SIZE, *word) };
+                unsafe {
+                    self.device.cmd_fill_buffer(
+                        self.commands,
+                        at(id).buffer().0,
+                        0,
+                        vk::WHOLE_SIZE,
+                        *word,
+                    )
+                };
             }
             Work::Clear { image } => {
                 let range = vk::ImageSubresourceRange {
@@ -461,33 +590,77 @@ impl Scratch {
             Work::CopyBuffer { from, to, bytes } => {
                 let region = vk::BufferCopy::default().size(*bytes);
                 // SAFETY: both buffers have at least so many bytes.
-                unsafe { self.device.cmd_copy_buffer(self.commands, at(from).buffer().0, at(to).buffer().0, &[region]) };
+                unsafe {
+                    self.device.cmd_copy_buffer(
+                        self.commands,
+                        at(from).buffer().0,
+                        at(to).buffer().0,
+                        &[region],
+                    )
+                };
             }
             Work::CopyParts { from, to, parts } => {
-                let region = |&[from, to, bytes]: &[u64; 3]| vk::BufferCopy::default().src_offset(from).dst_offset(to).size(bytes);
+                let region = |&[from, to, bytes]: &[u64; 3]| {
+                    vk::BufferCopy::default().src_offset(from).dst_offset(to).size(bytes)
+                };
                 let regions: Vec<_> = parts.iter().map(region).collect();
                 // SAFETY: whoever recorded it says that both buffers have these bytes, and that no two parts share any of `to`.
-                unsafe { self.device.cmd_copy_buffer(self.commands, at(from).buffer().0, at(to).buffer().0, &regions) };
+                unsafe {
+                    self.device.cmd_copy_buffer(
+                        self.commands,
+                        at(from).buffer().0,
+                        at(to).buffer().0,
+                        &regions,
+                    )
+                };
             }
             Work::CopyImage { from, to } => {
                 let [from, to] = [from, to].map(|id| at(id).image());
                 let [width, height] = from.desc.size;
-                let color = vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, layer_count: 1, ..Default::default() };
-                let region =
-                    vk::ImageCopy::default().src_subresource(color).dst_subresource(color).extent(vk::Extent3D { width, height, depth: 1 });
+                let color = vk::ImageSubresourceLayers {
+                    aspect_mask: vk::ImageAspectFlags::COLOR,
+                    layer_count: 1,
+                    ..Default::default()
+                };
+                let region = vk::ImageCopy::default()
+                    .src_subresource(color)
+                    .dst_subresource(color)
+                    .extent(vk::Extent3D { width, height, depth: 1 });
                 // SAFETY: both images have the same size and format.
-                unsafe { self.device.cmd_copy_image(self.commands, from.raw, LAYOUT, to.raw, LAYOUT, &[region]) };
+                unsafe {
+                    self.device.cmd_copy_image(
+                        self.commands,
+                        from.raw,
+                        LAYOUT,
+                        to.raw,
+                        LAYOUT,
+                        &[region],
+                    )
+                };
             }
             Work::CopyOut { image: from, buffer: to } => {
                 let from = at(from).image();
                 let depth = from.desc.format == vk::Format::D32_SFLOAT;
-                let aspect = if depth { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
+                let aspect =
+                    if depth { vk::ImageAspectFlags::DEPTH } else { vk::ImageAspectFlags::COLOR };
                 let [width, height] = from.desc.size;
                 let region = vk::BufferImageCopy::default()
                     .image_extent(vk::Extent3D { width, height, depth: 1 })
-                    .image_subresource(vk::ImageSubresourceLayers { aspect_mask: aspect, layer_count: 1, ..Default::default() });
+                    .image_subresource(vk::ImageSubresourceLayers {
+                        aspect_mask: aspect,
+                        layer_count: 1,
+                        ..Default::default()
+                    });
                 // SAFETY: the buffer was made for exactly these pixels.
-                unsafe { self.device.cmd_copy_image_to_buffer(self.commands, from.raw, LAYOUT, at(to).buffer().0, &[region]) };
+                unsafe {
+                    self.device.cmd_copy_image_to_buffer(
+                        self.commands,
+                        from.raw,
+                        LAYOUT,
+                        at(to).buffer().0,
+                        &[region],
+                    )
+                };
             }
         }
         Ok(())
@@ -500,7 +673,9 @@ impl Scratch {
         // SAFETY: the submission has been waited for.
         unsafe {
             self.device.reset_fences(&[self.fence]).map_err(failed("vkResetFences"))?;
-            self.device.reset_command_pool(self.command_pool, vk::CommandPoolResetFlags::empty()).map_err(failed("vkResetCommandPool"))?;
+            self.device
+                .reset_command_pool(self.command_pool, vk::CommandPoolResetFlags::empty())
+                .map_err(failed("vkResetCommandPool"))?;
         }
         self.begin()
     }
@@ -513,7 +688,12 @@ impl Scratch {
             .dst_stage_mask(vk::PipelineStageFlags2::HOST)
             .dst_access_mask(vk::AccessFlags2::HOST_READ)];
         // SAFETY: recorded outside of rendering.
-        unsafe { self.device.cmd_pipeline_barrier2(self.commands, &vk::DependencyInfo::default().memory_barriers(&to_host)) };
+        unsafe {
+            self.device.cmd_pipeline_barrier2(
+                self.commands,
+                &vk::DependencyInfo::default().memory_barriers(&to_host),
+            )
+        };
         gpu.submitted += 1;
         let passed = [vk::SemaphoreSubmitInfo::default()
             .semaphore(gpu.passed.raw)
@@ -531,16 +711,21 @@ impl Scratch {
     /// A lost device is blamed on the pass that was running.
     fn wait(&self, trail: &Trail) -> Result<()> {
         // SAFETY: the fence is alive, and was given to a submission.
-        unsafe { self.device.wait_for_fences(&[self.fence], true, u64::MAX) }.map_err(|code| trail.blame(code))
+        unsafe { self.device.wait_for_fences(&[self.fence], true, u64::MAX) }
+            .map_err(|code| trail.blame(code))
     }
 
     fn run(&self, gpu: &Gpu, trail: &Trail, signals: &[vk::SemaphoreSubmitInfo]) -> Result<()> {
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
-        let submission = vk::SubmitInfo2::default().command_buffer_infos(&commands).signal_semaphore_infos(signals);
+        let submission = vk::SubmitInfo2::default()
+            .command_buffer_infos(&commands)
+            .signal_semaphore_infos(signals);
         // SAFETY: the command buffer is complete, and all it uses lives until the fence has been waited for.
         unsafe {
             self.device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
-            self.device.queue_submit2(gpu.device.queue, &[submission], self.fence).map_err(|code| trail.blame(code))
+            self.device
+                .queue_submit2(gpu.device.queue, &[submission], self.fence)
+                .map_err(|code| trail.blame(code))
         }
     }
 }

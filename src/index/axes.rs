@@ -59,8 +59,22 @@ impl Moments {
             let [xx, xy, xz, yy, yz, zz] = products(p);
             sums.count += 1.0;
             sums.first += p;
-            sums.second.iter_mut().zip([xx, xy, xz, yy, yz, zz]).for_each(|(sum, product)| *sum += product);
-            let third = [xx * p.x, xx * p.y, xx * p.z, yy * p.x, xy * p.z, zz * p.x, yy * p.y, yy * p.z, zz * p.y, zz * p.z];
+            sums.second
+                .iter_mut()
+                .zip([xx, xy, xz, yy, yz, zz])
+                .for_each(|(sum, product)| *sum += product);
+            let third = [
+                xx * p.x,
+                xx * p.y,
+                xx * p.z,
+                yy * p.x,
+                xy * p.z,
+                zz * p.x,
+                yy * p.y,
+                yy * p.z,
+                zz * p.y,
+                zz * p.z,
+            ];
             sums.third.iter_mut().zip(third).for_each(|(sum, product)| *sum += product);
         }
         sums
@@ -78,11 +92,14 @@ impl Moments {
         let count = self.count.max(1.0);
         let mean = self.first / count;
         let of_mean = products(mean);
-        let [(least, _), (middle, second), (most, first)] = eigen(std::array::from_fn(|k| self.second[k] / count - of_mean[k]));
+        let [(least, _), (middle, second), (most, first)] =
+            eigen(std::array::from_fn(|k| self.second[k] / count - of_mean[k]));
         if !(middle - least > NOTHING * most && most - middle > NOTHING * most) {
             return Axes::default();
         }
-        let [Some(x), Some(y)] = [first, second].map(|axis| self.towards(axis, mean, most)) else { return Axes::default() };
+        let [Some(x), Some(y)] = [first, second].map(|axis| self.towards(axis, mean, most)) else {
+            return Axes::default();
+        };
         // Of numbers that the order of summing moves in their last digits pictures shall not tell.
         let x = x.as_vec3().as_dvec3().normalize();
         let y = y.as_vec3().as_dvec3();
@@ -106,22 +123,33 @@ impl Moments {
             3.0 * y * z * z,
             z * z * z,
         ];
-        let cubes: f64 = self.third.iter().zip(factors).map(|(sum, factor)| sum / count * factor).sum();
+        let cubes: f64 =
+            self.third.iter().zip(factors).map(|(sum, factor)| sum / count * factor).sum();
         let [xx, xy, xz, yy, yz, zz] = self.second.map(|sum| sum / count);
-        let squares = x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + x * z * xz + y * z * yz);
+        let squares =
+            x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + x * z * xz + y * z * yz);
         let m = mean.dot(axis);
         let lopsided = cubes - 3.0 * m * squares + 2.0 * m * m * m;
-        (lopsided.abs() > NOTHING * most.powf(1.5)).then_some(if lopsided < 0.0 { -axis } else { axis })
+        (lopsided.abs() > NOTHING * most.powf(1.5)).then_some(if lopsided < 0.0 {
+            -axis
+        } else {
+            axis
+        })
     }
 }
 
 /// Of all points of a cloud in memory.
 pub fn of(parts: &[Part]) -> Axes {
-    let bounds = parts.iter().filter_map(Part::bounds).reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)));
+    let bounds = parts
+        .iter()
+        .filter_map(Part::bounds)
+        .reduce(|(lo, hi), (part_lo, part_hi)| (lo.min(part_lo), hi.max(part_hi)));
     let middle = bounds.map_or(DVec3::ZERO, |(lo, hi)| (lo + hi) / 2.0);
     let of_part = |part: &Part| {
         let columns = &part.columns;
-        let world = |i: usize| part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from));
+        let world = |i: usize| {
+            part.lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))
+        };
         Moments::of((0..columns.len()).map(|i| world(i) - middle))
     };
     parts.iter().map(of_part).fold(Moments::default(), Moments::and).axes()
@@ -141,17 +169,27 @@ mod tests {
     fn lump() -> Vec<DVec3> {
         (0..500)
             .map(|k| k as f64 / 500.0)
-            .map(|t| DVec3::new(5.0 * t * t, 2.0 * (7.3 * t).fract().powi(3), (31.7 * t).fract().powi(4)))
+            .map(|t| {
+                DVec3::new(5.0 * t * t, 2.0 * (7.3 * t).fract().powi(3), (31.7 * t).fract().powi(4))
+            })
             .collect()
     }
 
     #[test]
     fn axes_turn_with_the_points_wherever_they_are() {
-        let of = |turn: DQuat, to: DVec3| Moments::of(lump().into_iter().map(|p| turn * p + to)).axes().0;
+        let of = |turn: DQuat, to: DVec3| {
+            Moments::of(lump().into_iter().map(|p| turn * p + to)).axes().0
+        };
         let own = of(DQuat::IDENTITY, DVec3::ZERO);
-        assert!((own[0].cross(own[1]).dot(own[2]) - 1.0).abs() < 1e-12 && own[0].x > 0.8, "{own:?}");
+        assert!(
+            (own[0].cross(own[1]).dot(own[2]) - 1.0).abs() < 1e-12 && own[0].x > 0.8,
+            "{own:?}"
+        );
         for k in 0..50 {
-            let turn = DQuat::from_axis_angle(DVec3::new((k as f64).sin(), (2.1 * k as f64).cos(), 0.3).normalize(), k as f64);
+            let turn = DQuat::from_axis_angle(
+                DVec3::new((k as f64).sin(), (2.1 * k as f64).cos(), 0.3).normalize(),
+                k as f64,
+            );
             let found = of(turn, DVec3::new(3.0, -2.0, 1.0));
             (0..3).for_each(|i| assert!(found[i].distance(turn * own[i]) < 1e-5, "{k}: {found:?}"));
         }
@@ -161,7 +199,11 @@ mod tests {
     fn what_has_no_axes_of_its_own_has_those_of_its_file() {
         let ball = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
         assert_eq!(Moments::of(ball.clone()).axes(), Axes::default(), "no direction");
-        assert_eq!(Moments::of(ball.map(|p| p * DVec3::new(3.0, 2.0, 1.0))).axes(), Axes::default(), "no side");
+        assert_eq!(
+            Moments::of(ball.map(|p| p * DVec3::new(3.0, 2.0, 1.0))).axes(),
+            Axes::default(),
+            "no side"
+        );
         assert_eq!(Moments::default().axes(), Axes::default());
     }
 
@@ -169,8 +211,10 @@ mod tests {
     fn parts_add_up() {
         let points = lump();
         let (some, others) = points.split_at(123);
-        let [whole, parts] =
-            [Moments::of(points.iter().copied()), Moments::of(some.iter().copied()).and(Moments::of(others.iter().copied()))];
+        let [whole, parts] = [
+            Moments::of(points.iter().copied()),
+            Moments::of(some.iter().copied()).and(Moments::of(others.iter().copied())),
+        ];
         let (whole, parts) = (whole.axes().0, parts.axes().0);
         (0..3).for_each(|i| assert!(whole[i].distance(parts[i]) < 1e-6));
     }

@@ -90,7 +90,9 @@ impl Spill {
 
     fn write(&self, records: &[u8]) -> Result<Block> {
         let at = self.end.fetch_add(records.len() as u64, Relaxed);
-        self.file.write_all_at(records, at).map_err(|error| Error::io("write", &self.path, error))?;
+        self.file
+            .write_all_at(records, at)
+            .map_err(|error| Error::io("write", &self.path, error))?;
         Ok(Block::Disk { at, bytes: records.len() as u32 })
     }
 
@@ -232,7 +234,14 @@ impl Grid {
 
     fn over(corner: Cell, bits: u32, levels: u32, layout: Layout, limit: u64) -> Grid {
         let levels = levels.min(bits);
-        Grid { corner, bits, levels, limit, layout, buckets: (0..1 << (3 * levels)).map(|_| Mutex::default()).collect() }
+        Grid {
+            corner,
+            bits,
+            levels,
+            limit,
+            layout,
+            buckets: (0..1 << (3 * levels)).map(|_| Mutex::default()).collect(),
+        }
     }
 
     fn number(&self, q: Cell) -> u16 {
@@ -252,23 +261,30 @@ impl Grid {
     /// Records that were in a coarser bucket.
     fn add_records(&self, from: &[u8], spill: &Spill) -> Result<()> {
         let mut sorter = Sorter::default();
-        sorter.sort(from.chunks_exact(self.layout.bytes).map(|record| self.number(self.layout.cell(record))), self.buckets.len());
+        sorter.sort(
+            from.chunks_exact(self.layout.bytes)
+                .map(|record| self.number(self.layout.cell(record))),
+            self.buckets.len(),
+        );
         sorter.records.resize(from.len(), 0);
         for (record, &slot) in from.chunks_exact(self.layout.bytes).zip(&sorter.slots) {
-            sorter.records[slot as usize * self.layout.bytes..][..self.layout.bytes].copy_from_slice(record);
+            sorter.records[slot as usize * self.layout.bytes..][..self.layout.bytes]
+                .copy_from_slice(record);
         }
         self.append_runs(&sorter, spill)
     }
 
     fn append_runs(&self, sorter: &Sorter, spill: &Spill) -> Result<()> {
         sorter.runs.iter().try_for_each(|&(number, ref run)| {
-            let records = &sorter.records[run.start * self.layout.bytes..run.end * self.layout.bytes];
+            let records =
+                &sorter.records[run.start * self.layout.bytes..run.end * self.layout.bytes];
             self.append(number, records, spill)
         })
     }
 
     fn append(&self, number: u16, records: &[u8], spill: &Spill) -> Result<()> {
-        let mut bucket = self.buckets[number as usize].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let mut bucket =
+            self.buckets[number as usize].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if let Some(finer) = bucket.finer.clone() {
             drop(bucket);
             return finer.add_records(records, spill);
@@ -278,9 +294,14 @@ impl Grid {
             return Ok(());
         }
         let shift = self.bits - self.levels;
-        let corner = std::array::from_fn(|axis| self.corner[axis] + (morton::axis(number as u32, axis, self.levels) << shift));
+        let corner = std::array::from_fn(|axis| {
+            self.corner[axis] + (morton::axis(number as u32, axis, self.levels) << shift)
+        });
         let finer = Arc::new(Grid::over(corner, shift, FINER_LEVELS, self.layout, self.limit));
-        let full = std::mem::replace(&mut *bucket, Bucket { finer: Some(finer.clone()), ..Bucket::default() });
+        let full = std::mem::replace(
+            &mut *bucket,
+            Bucket { finer: Some(finer.clone()), ..Bucket::default() },
+        );
         // Others may fill the finer grid while this thread moves what the bucket had.
         drop(bucket);
         full.drain(spill, &mut |records| finer.add_records(records, spill))
@@ -288,7 +309,9 @@ impl Grid {
 
     /// Points and contents of every bucket, in Morton order.
     pub fn into_buckets(self) -> Vec<(u64, Contents)> {
-        let inner = |bucket: Mutex<Bucket>| bucket.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let inner = |bucket: Mutex<Bucket>| {
+            bucket.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())
+        };
         let contents = |mut bucket: Bucket| match bucket.finer.take().and_then(Arc::into_inner) {
             Some(finer) => (finer.points(), Contents::Finer(finer)),
             None => (bucket.points, Contents::Points(bucket)),

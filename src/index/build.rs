@@ -72,7 +72,15 @@ impl Options {
     pub fn usual(strict: bool) -> Options {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let wanted = Wanted { gps_time: false, ..Wanted::ALL };
-        Options { memory: INDEX_MEMORY, threads, wanted, strict, text: TextOptions::NONE, rgb_range: None, derive: Derive::NONE }
+        Options {
+            memory: INDEX_MEMORY,
+            threads,
+            wanted,
+            strict,
+            text: TextOptions::NONE,
+            rgb_range: None,
+            derive: Derive::NONE,
+        }
     }
 }
 
@@ -122,18 +130,28 @@ const HELD_BYTES_PER_NODE: usize = size_of::<Built>() + size_of::<NodeRecord>() 
 const BESIDE: u64 = 192 << 20;
 const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 19);
 
-pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn Progress) -> Result<Summary> {
+pub fn build(
+    paths: &[PathBuf],
+    output: &Path,
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<Summary> {
     let began = Instant::now();
     let options = &Options { threads: options.threads.max(1), ..*options };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build();
-    let pool = pool.map_err(|error| Error::Request(format!("cannot start {} threads: {error}", options.threads)))?;
+    let pool = pool.map_err(|error| {
+        Error::Request(format!("cannot start {} threads: {error}", options.threads))
+    })?;
     pool.install(|| {
         let mut notes = Vec::new();
         let Options { wanted, strict, text, rgb_range, .. } = *options;
         let read = ReadOptions { text, rgb_range, ..ReadOptions::new(wanted, strict) };
         let sources = stream::open(paths, &read, progress, &mut notes)?;
         if sources.len() > u16::MAX as usize {
-            return Err(Error::Request(format!("{} files are more than the 65,535 that one index takes", sources.len())));
+            return Err(Error::Request(format!(
+                "{} files are more than the 65,535 that one index takes",
+                sources.len()
+            )));
         }
         let writer = Writer::create(output)?;
         let spill = Spill::new(output, options.bucket_bytes())?;
@@ -157,16 +175,21 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
             numbers: BTreeMap::new(),
             gains: None,
         };
-        let trees = group(&sources).into_iter().map(|group| builder.ingest(group)).collect::<Result<Vec<_>>>()?;
+        let trees = group(&sources)
+            .into_iter()
+            .map(|group| builder.ingest(group))
+            .collect::<Result<Vec<_>>>()?;
         let read_seconds = began.elapsed().as_secs_f64();
         builder.stations(&trees)?;
         builder.contents.balance = builder.balance(&trees)?;
-        builder.gains = builder.contents.balance.as_ref().map(|balance| Arc::new(Gains::new(balance)));
+        builder.gains =
+            builder.contents.balance.as_ref().map(|balance| Arc::new(Gains::new(balance)));
         trees.into_iter().try_for_each(|tree| builder.tree(tree))?;
         builder.unite()?;
         // What lies far outside has no parent in common with the others: it would show them as one place.
         builder.roots.append(&mut builder.far_roots);
-        let Builder { mut contents, parts, nodes, roots, end, intensities, tally, corners, .. } = builder;
+        let Builder { mut contents, parts, nodes, roots, end, intensities, tally, corners, .. } =
+            builder;
         contents.intensity_stretch = percentiles(&intensities);
         contents.counts = Some(tally.counts());
         contents.parts = parts.into_iter().flatten().collect();
@@ -177,7 +200,8 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
             leaves: nodes.iter().filter(|node| node.is_leaf()).count(),
             core_bytes: nodes.iter().map(core_bytes).sum(),
             spilled_bytes: spill.bytes_on_disk(),
-            held_bytes_per_point: (nodes.len() * HELD_BYTES_PER_NODE) as f64 / contents.points.max(1) as f64,
+            held_bytes_per_point: (nodes.len() * HELD_BYTES_PER_NODE) as f64
+                / contents.points.max(1) as f64,
             read_seconds,
             ..Summary::default()
         };
@@ -199,7 +223,9 @@ pub fn build(paths: &[PathBuf], output: &Path, options: &Options, progress: &dyn
 /// "VmHWM" of /proc/self/status.
 fn peak_mib() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let kib = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.split_whitespace().next()?.parse::<f64>().ok());
+    let kib = status.lines().find_map(|line| {
+        line.strip_prefix("VmHWM:")?.split_whitespace().next()?.parse::<f64>().ok()
+    });
     kib.unwrap_or(0.0) / 1024.0
 }
 
@@ -254,11 +280,21 @@ impl Builder<'_> {
     }
 
     /// Grows the chunks on all threads and writes their planes in the chunks' order; the open nodes of each chunk's cell.
-    fn grow(&mut self, tree: &Tree, chunks: Vec<Chunk>, points: u64) -> Result<BTreeMap<(u32, u128), Vec<Open>>> {
+    fn grow(
+        &mut self,
+        tree: &Tree,
+        chunks: Vec<Chunk>,
+        points: u64,
+    ) -> Result<BTreeMap<(u32, u128), Vec<Open>>> {
         let count = chunks.len();
-        let chunks: Vec<Mutex<Option<Chunk>>> = chunks.into_iter().map(|chunk| Mutex::new(Some(chunk))).collect();
+        let chunks: Vec<Mutex<Option<Chunk>>> =
+            chunks.into_iter().map(|chunk| Mutex::new(Some(chunk))).collect();
         let next = AtomicUsize::new(0);
-        let placing = Mutex::new(Placing { end: self.end, nodes: std::mem::take(&mut self.nodes), ..Placing::default() });
+        let placing = Mutex::new(Placing {
+            end: self.end,
+            nodes: std::mem::take(&mut self.nodes),
+            ..Placing::default()
+        });
         let placed = Condvar::new();
         let (this, progress) = (&*self, self.progress);
         let threads = self.options.threads;
@@ -272,7 +308,14 @@ impl Builder<'_> {
                 }
                 let chunk = lock(&chunks[number]).take().expect("each chunk is taken once");
                 let (depth, prefix) = (chunk.depth, chunk.prefix);
-                let grown = worker.grow(tree, &this.colors, chunk.depth, chunk.buckets, &station, this.spill)?;
+                let grown = worker.grow(
+                    tree,
+                    &this.colors,
+                    chunk.depth,
+                    chunk.buckets,
+                    &station,
+                    this.spill,
+                )?;
                 // Chunks that are ready before their turn wait here, not many of them.
                 let mut state = lock(&placing);
                 while state.next != number && state.waiting.len() > 2 * threads && !state.failed {
@@ -310,18 +353,26 @@ impl Builder<'_> {
                 outcome
             };
             // Where the system starts fewer threads, those do all the work.
-            let started = (0..threads).map_while(|_| std::thread::Builder::new().spawn_scoped(scope, guarded).ok());
+            let started = (0..threads)
+                .map_while(|_| std::thread::Builder::new().spawn_scoped(scope, guarded).ok());
             let handles: Vec<_> = started.collect();
             if handles.is_empty() {
                 return vec![Err(Error::Request("the system starts no more threads".into()))];
             }
-            handles.into_iter().map(|handle| handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+            handles
+                .into_iter()
+                .map(|handle| {
+                    handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+                })
+                .collect()
         });
         // The error that stopped the others, rather than theirs.
         let (mut first, mut interrupted) = (None, None);
         for outcome in outcomes {
             match outcome {
-                Ok(counts) => self.intensities.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count),
+                Ok(counts) => {
+                    self.intensities.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count)
+                }
                 Err(Error::Interrupted) => interrupted = Some(Error::Interrupted),
                 Err(error) => first = first.or(Some(error)),
             }
@@ -329,7 +380,8 @@ impl Builder<'_> {
         if let Some(error) = first.or(interrupted) {
             return Err(error);
         }
-        let Placing { end, nodes, open, .. } = placing.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let Placing { end, nodes, open, .. } =
+            placing.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
         (self.end, self.nodes) = (end, nodes);
         Ok(open)
     }
@@ -348,7 +400,14 @@ impl Builder<'_> {
             }
             for batch in joined.chunks_mut(4 * self.options.threads) {
                 self.progress.tick("joining", (deepest - depth) as u64, deepest as u64)?;
-                self.parents(kind, batch.iter_mut().map(|(_, nodes)| nodes).filter(|nodes| grow::gathered(nodes)).collect())?;
+                self.parents(
+                    kind,
+                    batch
+                        .iter_mut()
+                        .map(|(_, nodes)| nodes)
+                        .filter(|nodes| grow::gathered(nodes))
+                        .collect(),
+                )?;
             }
             for (cell, nodes) in joined {
                 // A cell is above its chunks, so it holds none itself.
@@ -364,8 +423,12 @@ impl Builder<'_> {
 
     /// One root above those of several trees, so that a view from afar need not show one of each.
     fn unite(&mut self) -> Result<()> {
-        let records: Vec<_> = self.roots.iter().map(|&root| &self.nodes[root as usize].record).collect();
-        let Some((mut kind, order)) = unite::over(&records, &self.contents, self.options.derive) else { return Ok(()) };
+        let records: Vec<_> =
+            self.roots.iter().map(|&root| &self.nodes[root as usize].record).collect();
+        let Some((mut kind, order)) = unite::over(&records, &self.contents, self.options.derive)
+        else {
+            return Ok(());
+        };
         kind.lattice_number = self.lattice(&kind.lattice, kind.corner)?;
         kind.gains = self.gains.clone();
         let open = |&place: &usize| {
@@ -387,7 +450,8 @@ impl Builder<'_> {
 
     /// Replaces each list of open nodes by their parent.
     fn parents(&mut self, kind: &Kind, lists: Vec<&mut Vec<Open>>) -> Result<()> {
-        let (nodes, writer, corners, lattices) = (&self.nodes, self.writer, &self.corners, &self.contents.lattices);
+        let (nodes, writer, corners, lattices) =
+            (&self.nodes, self.writer, &self.corners, &self.contents.lattices);
         let made: Vec<(Vec<u8>, Built)> = lists
             .par_iter()
             .map(|open| {
@@ -395,13 +459,29 @@ impl Builder<'_> {
                     let record = &nodes[open.node as usize].record;
                     let mut planes = vec![0; record.bytes() as usize];
                     writer.get(record.at, &mut planes)?;
-                    let samples = Samples::unpack(record, corners[record.lattice as usize], &samples::within(record, &planes));
+                    let samples = Samples::unpack(
+                        record,
+                        corners[record.lattice as usize],
+                        &samples::within(record, &planes),
+                    );
                     let is_own = record.lattice / 2 == kind.lattice_number / 2;
-                    Ok(if is_own { samples } else { samples.moved(&file::of_tree(record, lattices), &kind.lattice).completed(kind.has) })
+                    Ok(if is_own {
+                        samples
+                    } else {
+                        samples
+                            .moved(&file::of_tree(record, lattices), &kind.lattice)
+                            .completed(kind.has)
+                    })
                 };
                 let parts = open.iter().map(samples).collect::<Result<Vec<_>>>()?;
                 let mut planes = Vec::new();
-                let (built, _) = grow::parent(kind, open, |child| nodes[child as usize].record.spacing, parts, &mut planes);
+                let (built, _) = grow::parent(
+                    kind,
+                    open,
+                    |child| nodes[child as usize].record.spacing,
+                    parts,
+                    &mut planes,
+                );
                 Ok((planes, built))
             })
             .collect::<Result<_>>()?;
@@ -409,7 +489,11 @@ impl Builder<'_> {
             built.record.at = self.end;
             self.writer.put(self.end, &planes)?;
             self.end += planes.len() as u64;
-            *open = vec![Open { node: self.nodes.len() as u32, count: built.record.count, samples: None }];
+            *open = vec![Open {
+                node: self.nodes.len() as u32,
+                count: built.record.count,
+                samples: None,
+            }];
             self.nodes.push(built);
         }
         Ok(())
@@ -451,7 +535,11 @@ impl Placing {
             self.points += if children.is_empty() { record.points } else { 0 };
             self.nodes.push(Built { record, children });
         }
-        let open = grown.open.into_iter().map(|open| Open { node: open.node + first, samples: None, ..open });
+        let open = grown.open.into_iter().map(|open| Open {
+            node: open.node + first,
+            samples: None,
+            ..open
+        });
         self.open.insert((depth, prefix), open.collect());
         self.end += grown.planes.len() as u64;
         self.next += 1;
@@ -470,7 +558,13 @@ fn number(built: Vec<Built>, roots: &[u32]) -> (Vec<NodeRecord>, u32) {
         let Built { record, children } = &built[order[i] as usize];
         let first_child = if children.is_empty() { 0 } else { order.len() as u32 };
         let children_count = children.len() as u32;
-        records.push(NodeRecord { first_child, children: children_count, parent: parents[i], level: levels[i], ..*record });
+        records.push(NodeRecord {
+            first_child,
+            children: children_count,
+            parent: parents[i],
+            level: levels[i],
+            ..*record
+        });
         order.extend(children);
         parents.extend(children.iter().map(|_| i as u32));
         let level = levels[i].saturating_add(1);
@@ -486,8 +580,14 @@ fn elevations(directory: &Directory, writer: &Writer) -> Result<[u32; 2]> {
     let mut counts = vec![0u64; 1 << 16];
     for root in &directory.nodes[..directory.roots as usize] {
         let lattice = file::lattice(root, &directory.contents.lattices);
-        for (position, weight) in file::samples(root, lattice, &mut |plane, bytes| writer.get(root.range(plane).0, bytes))? {
-            let level = if high.z > low.z { ((position.z - low.z) / (high.z - low.z) * 65_535.0).clamp(0.0, 65_535.0) } else { 0.0 };
+        for (position, weight) in file::samples(root, lattice, &mut |plane, bytes| {
+            writer.get(root.range(plane).0, bytes)
+        })? {
+            let level = if high.z > low.z {
+                ((position.z - low.z) / (high.z - low.z) * 65_535.0).clamp(0.0, 65_535.0)
+            } else {
+                0.0
+            };
             counts[level as usize] += weight as u64;
         }
     }

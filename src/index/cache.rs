@@ -29,8 +29,12 @@ pub enum Place {
 impl Place {
     /// The user's own cache folder.
     pub fn usual() -> Result<Place> {
-        let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-        let folder = set("XDG_CACHE_HOME").filter(|path| path.is_absolute()).or_else(|| set("HOME").map(|home| home.join(".cache")));
+        let set = |name: &str| {
+            std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)
+        };
+        let folder = set("XDG_CACHE_HOME")
+            .filter(|path| path.is_absolute())
+            .or_else(|| set("HOME").map(|home| home.join(".cache")));
         let folder = folder.ok_or_else(|| {
             Error::Request("there is no cache folder (neither HOME nor XDG_CACHE_HOME is set); give --cache-dir or --no-cache".into())
         })?;
@@ -54,7 +58,12 @@ fn name(paths: &[PathBuf], options: &Options) -> Result<String> {
     Ok(format!("{}-{}.pnti", stem(&paths[0]), key(paths, options)?))
 }
 
-pub fn find_or_build(paths: &[PathBuf], place: &Place, options: &Options, progress: &dyn Progress) -> Result<Cached> {
+pub fn find_or_build(
+    paths: &[PathBuf],
+    place: &Place,
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<Cached> {
     let name = name(paths, options)?;
     match place {
         Place::Folder(folder) => {
@@ -71,7 +80,8 @@ pub fn find_or_build(paths: &[PathBuf], place: &Place, options: &Options, progre
             Ok(Cached { index: Index::open(&path)?, made: Some(made) })
         }
         Place::Nowhere => {
-            let path = std::env::temp_dir().join(format!("pointillist-{}-{name}", std::process::id()));
+            let path =
+                std::env::temp_dir().join(format!("pointillist-{}-{name}", std::process::id()));
             let made = build::build(paths, &path, options, progress)?;
             let index = Index::open(&path);
             // Its pages stay as long as it is open.
@@ -90,7 +100,13 @@ fn stem(path: &Path) -> String {
 fn key(paths: &[PathBuf], options: &Options) -> Result<String> {
     let mut hash = blake3::Hasher::new();
     hash.update(&GENERATION.to_le_bytes());
-    hash.update(format!("{:?} {} {:?} {:?}", options.wanted, options.strict, options.text, options.rgb_range).as_bytes());
+    hash.update(
+        format!(
+            "{:?} {} {:?} {:?}",
+            options.wanted, options.strict, options.text, options.rgb_range
+        )
+        .as_bytes(),
+    );
     for path in paths {
         let failed = |error| Error::io("read", path, error);
         let place = path.canonicalize().map_err(failed)?;
@@ -98,12 +114,17 @@ fn key(paths: &[PathBuf], options: &Options) -> Result<String> {
         let metadata = file.metadata().map_err(failed)?;
         hash.update(place.as_os_str().as_encoded_bytes());
         hash.update(&metadata.len().to_le_bytes());
-        let changed = metadata.modified().ok().and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok()).unwrap_or_default();
+        let changed = metadata
+            .modified()
+            .ok()
+            .and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok())
+            .unwrap_or_default();
         hash.update(&changed.as_nanos().to_le_bytes());
         let mut sample = Vec::new();
         for k in 0..SAMPLES {
             // From the first bytes to the last.
-            let at = metadata.len().saturating_sub(SAMPLE_BYTES) as u128 * k as u128 / (SAMPLES - 1) as u128;
+            let at = metadata.len().saturating_sub(SAMPLE_BYTES) as u128 * k as u128
+                / (SAMPLES - 1) as u128;
             sample.clear();
             file.seek(SeekFrom::Start(at as u64)).map_err(failed)?;
             file.by_ref().take(SAMPLE_BYTES).read_to_end(&mut sample).map_err(failed)?;

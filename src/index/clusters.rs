@@ -89,10 +89,16 @@ fn grow(near: &[[u32; NEAR]], colors: &[[u8; 3]]) -> (Vec<u32>, Vec<Region>) {
         queue.push_back(seed as u32);
         of[seed] = number;
         while let Some(place) = queue.pop_front() {
-            region.add(&Region { points: 1, color: colors[place as usize].map(u64::from), part_of: number });
+            region.add(&Region {
+                points: 1,
+                color: colors[place as usize].map(u64::from),
+                part_of: number,
+            });
             for &next in near[place as usize].iter().filter(|next| **next != NOBODY) {
                 let [r, g, b] = colors[next as usize].map(f64::from);
-                if of[next as usize] == NOBODY && region.mean().distance_squared(DVec3::new(r, g, b)) <= GROW * GROW {
+                if of[next as usize] == NOBODY
+                    && region.mean().distance_squared(DVec3::new(r, g, b)) <= GROW * GROW
+                {
                     of[next as usize] = number;
                     queue.push_back(next);
                 }
@@ -109,7 +115,11 @@ fn touching(near: &[[u32; NEAR]], of: &[u32]) -> Vec<[u32; 2]> {
     let of_chunk = |(chunk, near): (usize, &[[u32; NEAR]])| {
         let pair = |(i, near): (usize, &[u32; NEAR])| {
             let own = of[chunk * CHUNK + i];
-            let others = near.iter().filter(|next| **next != NOBODY).map(|&next| of[next as usize]).filter(|&other| other != own);
+            let others = near
+                .iter()
+                .filter(|next| **next != NOBODY)
+                .map(|&next| of[next as usize])
+                .filter(|&other| other != own);
             others.map(|other| [own.min(other), own.max(other)]).collect::<Vec<_>>()
         };
         let mut pairs: Vec<[u32; 2]> = near.iter().enumerate().flat_map(pair).collect();
@@ -117,7 +127,8 @@ fn touching(near: &[[u32; NEAR]], of: &[u32]) -> Vec<[u32; 2]> {
         pairs.dedup();
         pairs
     };
-    let mut pairs: Vec<[u32; 2]> = near.par_chunks(CHUNK).enumerate().map(of_chunk).flatten_iter().collect();
+    let mut pairs: Vec<[u32; 2]> =
+        near.par_chunks(CHUNK).enumerate().map(of_chunk).flatten_iter().collect();
     pairs.par_sort_unstable();
     pairs.dedup();
     pairs
@@ -156,9 +167,15 @@ fn absorb(regions: &mut [Region], touching: &[[u32; 2]]) {
             continue;
         }
         let mean = regions[own].mean();
-        let others = pairs.iter().map(|pair| root(regions, pair[1] as usize)).filter(|&other| other != own);
-        let like = others
-            .min_by(|&a, &b| regions[a].mean().distance_squared(mean).total_cmp(&regions[b].mean().distance_squared(mean)).then(a.cmp(&b)));
+        let others =
+            pairs.iter().map(|pair| root(regions, pair[1] as usize)).filter(|&other| other != own);
+        let like = others.min_by(|&a, &b| {
+            regions[a]
+                .mean()
+                .distance_squared(mean)
+                .total_cmp(&regions[b].mean().distance_squared(mean))
+                .then(a.cmp(&b))
+        });
         if let Some(like) = like {
             unite(regions, own, like);
         }
@@ -185,7 +202,8 @@ fn elongate(tree: &Tree, of: &[u32], clusters: &mut [Cluster]) {
         let count = cluster.points.max(1) as f64;
         let m = sum / count;
         let means = [m.x * m.x, m.x * m.y, m.x * m.z, m.y * m.y, m.y * m.z, m.z * m.z];
-        let [_, (width, _), (length, _)] = eigen(std::array::from_fn(|k| squares[k] / count - means[k]));
+        let [_, (width, _), (length, _)] =
+            eigen(std::array::from_fn(|k| squares[k] / count - means[k]));
         if width > 1e-9 * length {
             cluster.elongation = (length / width).sqrt();
         }
@@ -214,14 +232,17 @@ mod tests {
                 std::array::from_fn(|k| found.get(k).map_or(NOBODY, |neighbour| neighbour.place))
             })
             .collect();
-        let colors: Vec<[u8; 3]> = (0..tree.len()).map(|place| color(tree.steps(place)[0], tree.steps(place)[1])).collect();
+        let colors: Vec<[u8; 3]> = (0..tree.len())
+            .map(|place| color(tree.steps(place)[0], tree.steps(place)[1]))
+            .collect();
         let clusters = clusters(&tree, &near, &colors);
         (tree, clusters)
     }
 
     #[test]
     fn patches_of_colour_are_clusters_with_their_sizes_and_shapes() {
-        let (tree, found) = painted(40, 20, |x, _| if x < 10 { [200, 40, 40] } else { [40, 60, 200] });
+        let (tree, found) =
+            painted(40, 20, |x, _| if x < 10 { [200, 40, 40] } else { [40, 60, 200] });
         assert_eq!(found.clusters.iter().map(|cluster| cluster.points).sum::<u64>(), 800);
         let mut sizes: Vec<u64> = found.clusters.iter().map(|cluster| cluster.points).collect();
         sizes.sort_unstable();
@@ -230,17 +251,24 @@ mod tests {
             let cluster = found.clusters[found.of[place] as usize];
             let red = tree.steps(place)[0] < 10;
             assert_eq!(cluster.points, if red { 200 } else { 600 });
-            assert!((cluster.elongation - if red { 2.0 } else { 1.5 }).abs() < 0.02, "{}", cluster.elongation);
+            assert!(
+                (cluster.elongation - if red { 2.0 } else { 1.5 }).abs() < 0.02,
+                "{}",
+                cluster.elongation
+            );
         }
     }
 
     #[test]
     fn specks_are_absorbed_and_like_regions_joined() {
-        let (_, found) = painted(30, 30, |x, y| if (x, y) == (7, 7) { [255, 255, 255] } else { [60, 120, 60] });
+        let (_, found) =
+            painted(30, 30, |x, y| if (x, y) == (7, 7) { [255, 255, 255] } else { [60, 120, 60] });
         assert_eq!(found.clusters.len(), 1, "one white point is a speck");
-        let (_, found) = painted(30, 30, |x, _| if x < 15 { [100, 100, 100] } else { [104, 104, 104] });
+        let (_, found) =
+            painted(30, 30, |x, _| if x < 15 { [100, 100, 100] } else { [104, 104, 104] });
         assert_eq!(found.clusters.len(), 1, "four codes are one colour");
-        let (_, found) = painted(30, 30, |x, _| if x < 15 { [100, 100, 100] } else { [140, 140, 140] });
+        let (_, found) =
+            painted(30, 30, |x, _| if x < 15 { [100, 100, 100] } else { [140, 140, 140] });
         assert_eq!(found.clusters.len(), 2);
     }
 

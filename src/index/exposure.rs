@@ -47,7 +47,8 @@ pub struct Balance {
 impl Balance {
     /// Whether it may have been found.
     pub fn is_possible(&self) -> bool {
-        self.gains.iter().all(|gain| gain.log2().abs() <= MOST_STOPS) && (0.0..=1.0).contains(&self.uneven)
+        self.gains.iter().all(|gain| gain.log2().abs() <= MOST_STOPS)
+            && (0.0..=1.0).contains(&self.uneven)
     }
 }
 
@@ -118,13 +119,20 @@ type Pairs = BTreeMap<[usize; 2], Vec<Shared>>;
 pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
     let points = sample::all(cloud)?;
     let (totals, pairs) = compare(&points, dropped(&points), cloud.stations.len());
-    let values: Vec<_> = totals.iter().map(|total| (total.count > 0).then(|| total.value / total.count as f64)).collect();
+    let values: Vec<_> = totals
+        .iter()
+        .map(|total| (total.count > 0).then(|| total.value / total.count as f64))
+        .collect();
     let overlap = |(stations, cells): (&[usize; 2], &Vec<Shared>)| {
         let step = cells.iter().map(|shared| shared.step).sum::<f64>() / cells.len() as f64;
         Overlap { stations: *stations, cells: cells.len() as u64, step, gain: median(cells).exp2() }
     };
     let overlaps = pairs.iter().map(overlap).collect();
-    (values.iter().flatten().count() > 1).then(|| Exposures { values, overlaps, balance: balance(cloud) })
+    (values.iter().flatten().count() > 1).then(|| Exposures {
+        values,
+        overlaps,
+        balance: balance(cloud),
+    })
 }
 
 /// Of some of the points, so many that a moment is enough; which ones, their order does not tell. None where no two stations overlap.
@@ -154,9 +162,13 @@ fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {
     let gains = gains(&used, &mut groups, &counts);
     let differ = |([a, b], cells): (&[usize; 2], &Vec<Shared>)| {
         let gain = (gains[*b] / gains[*a]).log2();
-        cells.iter().filter(|shared| (shared.stops - gain).abs() > UNEVEN_STOPS + SURE * shared.error).count()
+        cells
+            .iter()
+            .filter(|shared| (shared.stops - gain).abs() > UNEVEN_STOPS + SURE * shared.error)
+            .count()
     };
-    let uneven = used.iter().map(differ).sum::<usize>() as f64 / used.values().map(Vec::len).sum::<usize>() as f64;
+    let uneven = used.iter().map(differ).sum::<usize>() as f64
+        / used.values().map(Vec::len).sum::<usize>() as f64;
     Some(Balance { gains, uneven })
 }
 
@@ -171,9 +183,14 @@ fn median(cells: &[Shared]) -> f64 {
 fn dropped(points: &[Point]) -> u32 {
     // For every pair of neighbours the highest bit in which their codes differ, counted from 1.
     let mut differ = [0usize; 65];
-    points.windows(2).for_each(|pair| differ[(64 - (pair[0].0 ^ pair[1].0).leading_zeros()) as usize] += 1);
+    points
+        .windows(2)
+        .for_each(|pair| differ[(64 - (pair[0].0 ^ pair[1].0).leading_zeros()) as usize] += 1);
     let cells = |dropped: u32| 1 + differ[dropped as usize + 1..].iter().sum::<usize>();
-    (0..AXIS_BITS).map(|level| 3 * level).find(|&dropped| points.len() >= POINTS * cells(dropped)).unwrap_or(3 * AXIS_BITS)
+    (0..AXIS_BITS)
+        .map(|level| 3 * level)
+        .find(|&dropped| points.len() >= POINTS * cells(dropped))
+        .unwrap_or(3 * AXIS_BITS)
 }
 
 /// What stations have, in all and in the cells that they share.
@@ -234,8 +251,10 @@ impl Groups {
 /// The gains x whose logarithms least disagree with those of the overlaps, sum over overlaps of cells * (x_b - x_a - gain)^2. Overlaps say nothing of how bright all stations of a group should be
 /// together: the mean logarithm, of as many `points` as each has, is 0.
 fn gains(pairs: &Pairs, groups: &mut Groups, points: &[u64]) -> Vec<f64> {
-    let overlaps: Vec<([usize; 2], f64, f64)> =
-        pairs.iter().map(|(stations, cells)| (*stations, cells.len() as f64, median(cells))).collect();
+    let overlaps: Vec<([usize; 2], f64, f64)> = pairs
+        .iter()
+        .map(|(stations, cells)| (*stations, cells.len() as f64, median(cells)))
+        .collect();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     // The normal equations, whose matrix is the Laplacian of the overlaps, by conjugate gradients (Hestenes and Stiefel 1952).
     let mut rest = vec![0.0; points.len()];
@@ -302,12 +321,26 @@ mod tests {
             intensity_range: [0.0, 65_535.0],
             rgb_scale: Default::default(),
         };
-        let stations = [0, 1].map(|source| Station { part: 0, source: Some(source), name: String::new(), points: 20_000 }).to_vec();
+        let stations = [0, 1]
+            .map(|source| Station {
+                part: 0,
+                source: Some(source),
+                name: String::new(),
+                points: 20_000,
+            })
+            .to_vec();
         let found = exposures(&Cloud { parts: vec![part], stations, notes: Vec::new() }).unwrap();
         assert_eq!(found.values, [Some(188.0), Some(137.0)]);
         let Balance { gains, uneven } = found.balance.clone().unwrap();
-        assert!((gains[0] - 0.5f64.sqrt()).abs() < 0.01 && (gains[1] / gains[0] - 2.0).abs() < 0.03 && uneven < 0.01, "{gains:?} {uneven}");
-        let [Overlap { stations: [0, 1], cells, step, gain }] = found.overlaps[..] else { panic!("{found:?}") };
+        assert!(
+            (gains[0] - 0.5f64.sqrt()).abs() < 0.01
+                && (gains[1] / gains[0] - 2.0).abs() < 0.03
+                && uneven < 0.01,
+            "{gains:?} {uneven}"
+        );
+        let [Overlap { stations: [0, 1], cells, step, gain }] = found.overlaps[..] else {
+            panic!("{found:?}")
+        };
         // 188 is half of white's light, 137 a quarter.
         assert!(cells > 100 && step == -51.0 && (gain - 2.0).abs() < 0.03, "{found:?}");
     }
@@ -316,16 +349,34 @@ mod tests {
     fn gains_best_agree_with_all_overlaps() {
         let truth: [f64; 6] = [0.3, -0.9, 1.1, -0.5, 0.7, 0.2];
         let overlap = |a: usize, b: usize, cells: usize, noise: f64| {
-            ([a, b], vec![Shared { step: 0.0, stops: truth[b] - truth[a] + noise, error: 0.0 }; cells])
+            (
+                [a, b],
+                vec![Shared { step: 0.0, stops: truth[b] - truth[a] + noise, error: 0.0 }; cells],
+            )
         };
-        let pairs = Pairs::from([overlap(0, 1, 100, 0.01), overlap(1, 2, 100, 0.01), overlap(0, 2, 100, -0.01), overlap(3, 4, 20, 0.0)]);
+        let pairs = Pairs::from([
+            overlap(0, 1, 100, 0.01),
+            overlap(1, 2, 100, 0.01),
+            overlap(0, 2, 100, -0.01),
+            overlap(3, 4, 20, 0.0),
+        ]);
         let mut groups = Groups::new(6);
         pairs.keys().for_each(|&[a, b]| groups.join(a, b));
-        let found: Vec<f64> = gains(&pairs, &mut groups, &[100, 100, 200, 10, 10, 5]).iter().map(|gain| gain.log2()).collect();
+        let found: Vec<f64> = gains(&pairs, &mut groups, &[100, 100, 200, 10, 10, 5])
+            .iter()
+            .map(|gain| gain.log2())
+            .collect();
         let mean = [(0.3 - 0.9 + 2.0 * 1.1) / 4.0, 0.1];
-        for (number, expected) in [0.3 - mean[0], -0.9 - mean[0], 1.1 - mean[0], -0.5 - mean[1], 0.7 - mean[1], 0.0].into_iter().enumerate()
+        for (number, expected) in
+            [0.3 - mean[0], -0.9 - mean[0], 1.1 - mean[0], -0.5 - mean[1], 0.7 - mean[1], 0.0]
+                .into_iter()
+                .enumerate()
         {
-            assert!((found[number] - expected).abs() < 0.02, "{number}: {} {expected}", found[number]);
+            assert!(
+                (found[number] - expected).abs() < 0.02,
+                "{number}: {} {expected}",
+                found[number]
+            );
         }
         assert!((found[4] - found[3] - 1.2).abs() < 1e-9 && found[5] == 0.0, "{found:?}");
     }

@@ -185,7 +185,11 @@ impl NodeRecord {
     pub fn stations(&self, stored: &[u8]) -> Vec<u8> {
         match self.one_station() {
             Some(station) => vec![station; self.count as usize],
-            None if self.station == HALVES => stored.iter().flat_map(|both| [both & 15, both >> 4]).take(self.count as usize).collect(),
+            None if self.station == HALVES => stored
+                .iter()
+                .flat_map(|both| [both & 15, both >> 4])
+                .take(self.count as usize)
+                .collect(),
             None => stored.to_vec(),
         }
     }
@@ -208,7 +212,11 @@ impl NodeRecord {
 
     /// Of all its planes in the file.
     pub fn bytes(&self) -> u64 {
-        PLANES.iter().filter(|(plane, _)| self.has(*plane)).map(|(plane, _)| self.range(*plane).1).sum()
+        PLANES
+            .iter()
+            .filter(|(plane, _)| self.has(*plane))
+            .map(|(plane, _)| self.range(*plane).1)
+            .sum()
     }
 }
 
@@ -244,7 +252,9 @@ mod any_path {
 
     pub fn serialize<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
         let bytes = || path.as_os_str().as_encoded_bytes().to_vec();
-        path.to_str().map_or_else(|| Kept::Bytes(bytes()), |text| Kept::Text(text.to_owned())).serialize(serializer)
+        path.to_str()
+            .map_or_else(|| Kept::Bytes(bytes()), |text| Kept::Text(text.to_owned()))
+            .serialize(serializer)
     }
 
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<PathBuf, D::Error> {
@@ -335,7 +345,11 @@ pub struct Writer {
 impl Writer {
     pub fn create(path: &Path) -> Result<Writer> {
         let whole = WholeFile::create(path)?;
-        let file = File::options().read(true).write(true).open(whole.partial()).map_err(|error| Error::io("create", path, error))?;
+        let file = File::options()
+            .read(true)
+            .write(true)
+            .open(whole.partial())
+            .map_err(|error| Error::io("create", path, error))?;
         Ok(Writer { whole, file, path: path.to_owned() })
     }
 
@@ -344,7 +358,8 @@ impl Writer {
 
     /// Writes planes; from any thread, each its own range.
     pub fn put(&self, at: u64, bytes: &[u8]) -> Result<()> {
-        std::os::unix::fs::FileExt::write_all_at(&self.file, bytes, at).map_err(|error| Error::io("write", &self.path, error))?;
+        std::os::unix::fs::FileExt::write_all_at(&self.file, bytes, at)
+            .map_err(|error| Error::io("write", &self.path, error))?;
         self.start_writing_back(at, bytes.len());
         Ok(())
     }
@@ -354,7 +369,14 @@ impl Writer {
     fn start_writing_back(&self, at: u64, bytes: usize) {
         use std::os::fd::AsRawFd;
         // SAFETY: a plain system call on an open file.
-        unsafe { libc::sync_file_range(self.file.as_raw_fd(), at as i64, bytes as i64, libc::SYNC_FILE_RANGE_WRITE) };
+        unsafe {
+            libc::sync_file_range(
+                self.file.as_raw_fd(),
+                at as i64,
+                bytes as i64,
+                libc::SYNC_FILE_RANGE_WRITE,
+            )
+        };
     }
 
     #[cfg(not(target_os = "linux"))]
@@ -362,16 +384,23 @@ impl Writer {
 
     /// Reads back what was put.
     pub fn get(&self, at: u64, bytes: &mut [u8]) -> Result<()> {
-        std::os::unix::fs::FileExt::read_exact_at(&self.file, bytes, at).map_err(|error| Error::io("read", &self.path, error))
+        std::os::unix::fs::FileExt::read_exact_at(&self.file, bytes, at)
+            .map_err(|error| Error::io("read", &self.path, error))
     }
 
     /// Directory, then to the disk, then the header, then to the disk, then the name.
     pub fn finish(self, directory: &Directory, end: u64) -> Result<u64> {
         let records: &[u8] = bytemuck::cast_slice(&directory.nodes);
-        let contents = serde_json::to_vec(&directory.contents).map_err(|error| Error::Request(error.to_string()))?;
+        let contents = serde_json::to_vec(&directory.contents)
+            .map_err(|error| Error::Request(error.to_string()))?;
         // JSON has no infinity, and a lattice that comes back one digit off moves every point.
-        if !serde_json::from_slice(&contents).is_ok_and(|again: Contents| again == directory.contents) {
-            return Err(Error::Request(format!("{}: what was opened has numbers that an index cannot keep", self.path.display())));
+        if !serde_json::from_slice(&contents)
+            .is_ok_and(|again: Contents| again == directory.contents)
+        {
+            return Err(Error::Request(format!(
+                "{}: what was opened has numbers that an index cannot keep",
+                self.path.display()
+            )));
         }
         self.put(end, records)?;
         self.put(end + records.len() as u64, &contents)?;
@@ -421,13 +450,19 @@ impl Index {
     /// Whether a file begins as an index does. A pipe is none, and is not opened, which could wait for ever.
     pub fn is_one(path: &Path) -> bool {
         let mut magic = [0; 8];
-        path.is_file() && File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut magic)).is_ok() && magic == MAGIC
+        path.is_file()
+            && File::open(path)
+                .and_then(|mut file| std::io::Read::read_exact(&mut file, &mut magic))
+                .is_ok()
+            && magic == MAGIC
     }
 
     /// Checks everything but the planes, which are checked when they are read.
     pub fn open(path: &Path) -> Result<Index> {
         let map = Map::open(path)?;
-        let wrong = |what: String| Error::format(path, format!("{what}; make it again with `pointillist index`"));
+        let wrong = |what: String| {
+            Error::format(path, format!("{what}; make it again with `pointillist index`"))
+        };
         let mut header = FileHeader::zeroed();
         if map.len() < HEADER_BYTES {
             return Err(wrong(format!("is no complete index ({} bytes)", map.len())));
@@ -439,7 +474,10 @@ impl Index {
         if header.version > VERSION {
             return Err(Error::format(
                 path,
-                format!("is an index of version {}, made by a newer pointillist; this one reads up to {VERSION}", header.version),
+                format!(
+                    "is an index of version {}, made by a newer pointillist; this one reads up to {VERSION}",
+                    header.version
+                ),
             ));
         }
         if header.own_crc() != header.header_crc || header.version == 0 {
@@ -449,9 +487,12 @@ impl Index {
             return Err(wrong(format!("has {} bytes of {}", map.len(), header.length)));
         }
         // In u128, so that no sum of a crafted header overflows.
-        let record_bytes = if header.version == 1 { FIRST_VERSION.iter().sum() } else { size_of::<NodeRecord>() };
+        let record_bytes =
+            if header.version == 1 { FIRST_VERSION.iter().sum() } else { size_of::<NodeRecord>() };
         let records = header.nodes as u128 * record_bytes as u128;
-        if header.directory_at as u128 + records + header.contents_bytes as u128 != header.length as u128 {
+        if header.directory_at as u128 + records + header.contents_bytes as u128
+            != header.length as u128
+        {
             return Err(wrong("has a directory that does not fit its length".into()));
         }
         let mut bytes = vec![0; records as usize];
@@ -463,7 +504,8 @@ impl Index {
         }
         let record = if header.version == 1 { widened } else { bytemuck::pod_read_unaligned };
         let nodes = bytes.chunks_exact(record_bytes).map(record).collect();
-        let contents: Contents = serde_json::from_slice(&contents).map_err(|error| wrong(format!("has unreadable contents ({error})")))?;
+        let contents: Contents = serde_json::from_slice(&contents)
+            .map_err(|error| wrong(format!("has unreadable contents ({error})")))?;
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
         let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
@@ -477,7 +519,9 @@ impl Index {
     /// What the coordinates of its points mean.
     pub fn reference(&self) -> Reference {
         let lattice = |part: &IndexedPart| Lattice { step: part.step, offset: part.offset };
-        Reference::of(self.directory.contents.parts.iter().map(|part| (&part.header, lattice(part))))
+        Reference::of(
+            self.directory.contents.parts.iter().map(|part| (&part.header, lattice(part))),
+        )
     }
 
     /// Of this index, and of none with other points.
@@ -494,7 +538,10 @@ impl Index {
     pub(super) fn corner(&self, node: &NodeRecord) -> [i64; 3] {
         let lattices = &self.directory.contents.lattices;
         let [step, offset] = lattices[node.lattice as usize / 2 * 2];
-        ((of_tree(node, lattices).offset - offset) / step).round().to_array().map(|steps| steps as i64)
+        ((of_tree(node, lattices).offset - offset) / step)
+            .round()
+            .to_array()
+            .map(|steps| steps as i64)
     }
 
     /// Bytes of the file.
@@ -525,7 +572,11 @@ impl Index {
     pub fn read(&self, node: usize, plane: Plane, into: &mut [u8]) -> Result<()> {
         let record = &self.directory.nodes[node];
         let (at, bytes) = record.range(plane);
-        assert_eq!((into.len() as u64, record.has(plane)), (record.unpacked(plane), true), "node {node} has no such plane {plane:?}");
+        assert_eq!(
+            (into.len() as u64, record.has(plane)),
+            (record.unpacked(plane), true),
+            "node {node} has no such plane {plane:?}"
+        );
         if plane != Plane::Station {
             return self.stored(node, plane, at, into);
         }
@@ -542,7 +593,9 @@ impl Index {
             let end = at + into.len() as u64;
             return Err(Error::format(
                 self.path(),
-                format!("is damaged: the checksum of node {node}'s {plane:?} plane (bytes {at} to {end}) is wrong"),
+                format!(
+                    "is damaged: the checksum of node {node}'s {plane:?} plane (bytes {at} to {end}) is wrong"
+                ),
             ));
         }
         Ok(())
@@ -578,14 +631,20 @@ pub fn bounds(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> (DVec3, DVec3) {
 }
 
 /// World positions and weights of a node's samples; `read` fills a plane's bytes.
-pub fn samples(node: &NodeRecord, lattice: Lattice, read: &mut dyn FnMut(Plane, &mut [u8]) -> Result<()>) -> Result<Vec<(DVec3, u32)>> {
+pub fn samples(
+    node: &NodeRecord,
+    lattice: Lattice,
+    read: &mut dyn FnMut(Plane, &mut [u8]) -> Result<()>,
+) -> Result<Vec<(DVec3, u32)>> {
     let mut words = vec![0u32; node.count as usize];
     let mut cells = vec![[0u32; 3]; node.count as usize];
     for &(plane, _) in &PLANES[..node.position_planes() as usize] {
         read(plane, bytemuck::cast_slice_mut(&mut words))?;
         for (cells, &word) in cells.iter_mut().zip(&words) {
-            *cells =
-                [0, 1, 2].map(|axis| cells[axis] << BITS_PER_PLANE | word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1));
+            *cells = [0, 1, 2].map(|axis| {
+                cells[axis] << BITS_PER_PLANE
+                    | word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1)
+            });
         }
     }
     words.fill(1);
@@ -593,7 +652,9 @@ pub fn samples(node: &NodeRecord, lattice: Lattice, read: &mut dyn FnMut(Plane, 
         read(Plane::Weight, bytemuck::cast_slice_mut(&mut words))?;
     }
     let pad = BITS_PER_PLANE * node.position_planes() - node.bits as u32;
-    let world = |cells: [u32; 3]| lattice.world([0, 1, 2].map(|axis| node.origin[axis] + (cells[axis] >> pad) as i64));
+    let world = |cells: [u32; 3]| {
+        lattice.world([0, 1, 2].map(|axis| node.origin[axis] + (cells[axis] >> pad) as i64))
+    };
     Ok(cells.into_iter().zip(words).map(|(cells, weight)| (world(cells), weight)).collect())
 }
 
@@ -619,15 +680,20 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         if node.origin.iter().any(|origin| origin.unsigned_abs() > 1 << 60) {
             return wrong("beyond any coordinate");
         }
-        if (0..3).any(|plane| node.has(PLANES[plane].0) != ((plane as u32) < node.position_planes()))
+        if (0..3)
+            .any(|plane| node.has(PLANES[plane].0) != ((plane as u32) < node.position_planes()))
             || (node.one_station().is_some() && !node.has(Plane::Station))
         {
             return wrong("with the wrong planes");
         }
-        if node.at < HEADER_BYTES || node.at.checked_add(node.bytes()).is_none_or(|last| last > end) {
+        if node.at < HEADER_BYTES || node.at.checked_add(node.bytes()).is_none_or(|last| last > end)
+        {
             return wrong("outside of the file");
         }
-        if !node.spacing.is_finite() || node.spacing < 0.0 || (node.spacing == 0.0) != node.is_leaf() {
+        if !node.spacing.is_finite()
+            || node.spacing < 0.0
+            || (node.spacing == 0.0) != node.is_leaf()
+        {
             return wrong("with an impossible spacing");
         }
         if node.is_leaf() {
@@ -637,7 +703,10 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
             continue;
         }
         // Children follow each other in the order of their parents, so ranges are disjoint, nothing is left out, and no walk can come back.
-        if node.first_child as usize != next || next <= i || node.first_child as u64 + node.children as u64 > nodes.len() as u64 {
+        if node.first_child as usize != next
+            || next <= i
+            || node.first_child as u64 + node.children as u64 > nodes.len() as u64
+        {
             return wrong("whose children are not where they must be");
         }
         next += node.children as usize;
@@ -648,16 +717,31 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         }
     }
     if next != nodes.len() {
-        return Err(format!("has {} nodes that belong to no parent", nodes.len() - next.min(nodes.len())));
+        return Err(format!(
+            "has {} nodes that belong to no parent",
+            nodes.len() - next.min(nodes.len())
+        ));
     }
     let stations = directory.contents.stations.len();
-    if directory.contents.balance.as_ref().is_some_and(|balance| balance.gains.len() != stations || !balance.is_possible()) {
+    if directory
+        .contents
+        .balance
+        .as_ref()
+        .is_some_and(|balance| balance.gains.len() != stations || !balance.is_possible())
+    {
         return Err("has impossible exposures".into());
     }
-    if directory.contents.counts.as_ref().is_some_and(|counts| !counts.are_possible(directory.contents.points)) {
+    if directory
+        .contents
+        .counts
+        .as_ref()
+        .is_some_and(|counts| !counts.are_possible(directory.contents.points))
+    {
         return Err("has impossible numbers of points of some class or return number".into());
     }
-    let total = nodes[..directory.roots as usize].iter().fold(0u64, |sum, root| sum.saturating_add(root.points));
+    let total = nodes[..directory.roots as usize]
+        .iter()
+        .fold(0u64, |sum, root| sum.saturating_add(root.points));
     if total != directory.contents.points {
         return Err(format!("claims {} points, and has {total}", directory.contents.points));
     }

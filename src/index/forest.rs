@@ -28,7 +28,9 @@ impl Leaf {
     pub fn of(columns: &Columns, lattice: &Lattice, origin: [i64; 3], colored: bool) -> Leaf {
         let tree = Tree::new(columns, lattice);
         let rgb = columns.rgb.as_ref().filter(|_| colored);
-        let colors = rgb.map_or(Vec::new(), |rgb| (0..tree.len()).map(|place| rgb[tree.number(place)]).collect());
+        let colors = rgb.map_or(Vec::new(), |rgb| {
+            (0..tree.len()).map(|place| rgb[tree.number(place)]).collect()
+        });
         Leaf { tree, colors, origin }
     }
 
@@ -90,7 +92,13 @@ struct Kept {
 
 impl<'f> Forest<'f> {
     /// `memory` is what leaves may take that are kept; `hold` what those may take that each who looks around has at hand beside, about; bytes.
-    pub fn new(directory: &'f Directory, read: &'f Read<'f>, colored: bool, memory: u64, hold: u64) -> Forest<'f> {
+    pub fn new(
+        directory: &'f Directory,
+        read: &'f Read<'f>,
+        colored: bool,
+        memory: u64,
+        hold: u64,
+    ) -> Forest<'f> {
         let diagonal = directory.contents.bounds.map_or(0.0, |[lo, hi]| (hi - lo).length());
         Forest { directory, read, colored, most: memory, hold, kept: Mutex::default(), diagonal }
     }
@@ -110,7 +118,9 @@ impl<'f> Forest<'f> {
         let mut bytes = vec![0; length as usize];
         (self.read)(at, &mut bytes)?;
         if crc32c::crc32c(&bytes) != record.crc[plane as usize] {
-            let what = format!("node {node}'s {plane:?} plane reads otherwise than it was written: the disk has lost a write; try again");
+            let what = format!(
+                "node {node}'s {plane:?} plane reads otherwise than it was written: the disk has lost a write; try again"
+            );
             return Err(Error::Request(what));
         }
         Ok(bytes)
@@ -119,10 +129,15 @@ impl<'f> Forest<'f> {
     /// Samples of a node, of these planes and of all that say where they lie, counted from `corner`.
     pub fn samples(&self, node: usize, corner: [i64; 3], planes: &[Plane]) -> Result<Samples> {
         let record = self.record(node);
-        let positions = file::PLANES[..record.position_planes() as usize].iter().map(|(plane, _)| *plane);
+        let positions =
+            file::PLANES[..record.position_planes() as usize].iter().map(|(plane, _)| *plane);
         let wanted = positions.chain(planes.iter().copied()).filter(|&plane| record.has(plane));
-        let read = wanted.map(|plane| Ok((plane, self.bytes(node, plane)?))).collect::<Result<Vec<_>>>()?;
-        let of = |plane: Plane| read.iter().find(|(there, _)| *there == plane).map(|(_, bytes)| bytes.as_slice());
+        let read = wanted
+            .map(|plane| Ok((plane, self.bytes(node, plane)?)))
+            .collect::<Result<Vec<_>>>()?;
+        let of = |plane: Plane| {
+            read.iter().find(|(there, _)| *there == plane).map(|(_, bytes)| bytes.as_slice())
+        };
         Ok(Samples::unpack(record, corner, &of))
     }
 
@@ -161,12 +176,14 @@ impl<'f> Forest<'f> {
         let planes: &[Plane] = if self.colored { &[Plane::Rgb] } else { &[] };
         let Samples { q, rgb, .. } = self.samples(node, origin, planes)?;
         let column = |axis: usize| q.iter().map(|q| q[axis] as i32).collect();
-        let columns = Columns { x: column(0), y: column(1), z: column(2), rgb, ..Columns::default() };
+        let columns =
+            Columns { x: column(0), y: column(1), z: column(2), rgb, ..Columns::default() };
         let leaf = Arc::new(Leaf::of(&columns, &self.lattice(node), origin, self.colored));
         let mut kept = kept();
         let now = kept.asked;
         while kept.bytes + leaf.bytes() > self.most {
-            let oldest = kept.leaves.iter().min_by_key(|(_, (_, asked))| *asked).map(|(node, _)| *node);
+            let oldest =
+                kept.leaves.iter().min_by_key(|(_, (_, asked))| *asked).map(|(node, _)| *node);
             let Some((gone, _)) = oldest.and_then(|node| kept.leaves.remove(&node)) else { break };
             kept.bytes -= gone.bytes();
         }
@@ -191,7 +208,8 @@ impl<'f> Forest<'f> {
                 continue;
             }
             open.extend(record.children());
-            if record.is_leaf() && node != leaf && (of_any_lattice || record.lattice == own.lattice) {
+            if record.is_leaf() && node != leaf && (of_any_lattice || record.lattice == own.lattice)
+            {
                 near.extend(Some(self.near(own, node)).filter(|near| near.away <= reach * reach));
             }
         }
@@ -201,7 +219,9 @@ impl<'f> Forest<'f> {
 
     fn near(&self, own: &NodeRecord, node: usize) -> Near {
         let (record, lattices) = (self.record(node), &self.directory.contents.lattices);
-        let steps = |from: [i64; 3], to: [i64; 3]| DVec3::from_array([0, 1, 2].map(|axis| (to[axis] - from[axis]) as f64));
+        let steps = |from: [i64; 3], to: [i64; 3]| {
+            DVec3::from_array([0, 1, 2].map(|axis| (to[axis] - from[axis]) as f64))
+        };
         let extent = |record: &NodeRecord| DVec3::from_array(record.extent.map(f64::from));
         let [lattice, other] = [own, record].map(|record| file::lattice(record, lattices));
         let (lo, hi, scale, shift) = if own.lattice == record.lattice {
@@ -211,10 +231,24 @@ impl<'f> Forest<'f> {
             let (a, b) = file::bounds(record, lattices);
             let from = lattice.world(own.origin);
             let [a, b] = [a, b].map(|corner| (corner - from) / lattice.step);
-            let pad = ROUNDING * from.abs().max_element() / lattice.step.abs() + DVec3::splat(f64::EPSILON) * (a.abs() + b.abs());
-            (a.min(b) - pad, a.max(b) + pad, lattice.step / other.step, (from - other.world(record.origin)) / other.step)
+            let pad = ROUNDING * from.abs().max_element() / lattice.step.abs()
+                + DVec3::splat(f64::EPSILON) * (a.abs() + b.abs());
+            (
+                a.min(b) - pad,
+                a.max(b) + pad,
+                lattice.step / other.step,
+                (from - other.world(record.origin)) / other.step,
+            )
         };
         let apart = (lo - extent(own)).max(-hi).max(DVec3::ZERO);
-        Near { node, away: (apart * lattice.step).length_squared(), lo, hi, scale, shift, leaf: None }
+        Near {
+            node,
+            away: (apart * lattice.step).length_squared(),
+            lo,
+            hi,
+            scale,
+            shift,
+            leaf: None,
+        }
     }
 }

@@ -117,7 +117,13 @@ impl Worker {
         planes.clear();
         planes.reserve(self.records.len());
         let grown = Grown { planes, ..Grown::default() };
-        let mut growth = Growth { tree, records: &self.records, station, intensities: &mut self.intensities, grown };
+        let mut growth = Growth {
+            tree,
+            records: &self.records,
+            station,
+            intensities: &mut self.intensities,
+            grown,
+        };
         let open = growth.grow(&self.order, 3 * tree.kind.bits - depth);
         Ok(Grown { open, ..growth.grown })
     }
@@ -153,7 +159,8 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         }
         let layout = &self.tree.layout;
         let cell = |&i: &u32| layout.cell(layout.record(self.records, i));
-        let (low, high) = order.split_at(order.partition_point(|i| !morton::has(cell(i), left - 1)));
+        let (low, high) =
+            order.split_at(order.partition_point(|i| !morton::has(cell(i), left - 1)));
         let mut open = self.grow(low, left - 1);
         let upper = self.grow(high, left - 1);
         let joined = !open.is_empty() && !upper.is_empty();
@@ -166,8 +173,12 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         let samples = self.read(order);
         let place = |i: usize| DVec3::from_array(samples.q[i].map(f64::from));
         let Some(core) = Core::of(samples.len(), place) else { return vec![self.leaf(samples)] };
-        let (inside, strays): (Vec<usize>, Vec<usize>) = (0..order.len()).partition(|&i| core.has(place(i)));
-        [inside, strays].map(|some| self.read(&some.iter().map(|&i| order[i]).collect::<Vec<_>>())).map(|some| self.leaf(some)).into()
+        let (inside, strays): (Vec<usize>, Vec<usize>) =
+            (0..order.len()).partition(|&i| core.has(place(i)));
+        [inside, strays]
+            .map(|some| self.read(&some.iter().map(|&i| order[i]).collect::<Vec<_>>()))
+            .map(|some| self.leaf(some))
+            .into()
     }
 
     fn read(&self, order: &[u32]) -> Samples {
@@ -181,29 +192,54 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         }
         let record = pack(&self.tree.kind, &mut samples, 0, &mut self.grown.planes);
         self.grown.nodes.push(Built { record, children: Vec::new() });
-        Open { node: self.grown.nodes.len() as u32 - 1, count: samples.len() as u32, samples: Some(samples) }
+        Open {
+            node: self.grown.nodes.len() as u32 - 1,
+            count: samples.len() as u32,
+            samples: Some(samples),
+        }
     }
 
     fn parent(&mut self, mut open: Vec<Open>) -> Vec<Open> {
         if !gathered(&open) {
             return open;
         }
-        let parts: Vec<Samples> =
-            open.iter_mut().map(|open| open.samples.take().expect("samples of a chunk's open nodes are at hand")).collect();
+        let parts: Vec<Samples> = open
+            .iter_mut()
+            .map(|open| open.samples.take().expect("samples of a chunk's open nodes are at hand"))
+            .collect();
         let nodes = &self.grown.nodes;
-        let (built, samples) = parent(&self.tree.kind, &open, |child| nodes[child as usize].record.spacing, parts, &mut self.grown.planes);
+        let (built, samples) = parent(
+            &self.tree.kind,
+            &open,
+            |child| nodes[child as usize].record.spacing,
+            parts,
+            &mut self.grown.planes,
+        );
         self.grown.nodes.push(built);
-        vec![Open { node: self.grown.nodes.len() as u32 - 1, count: samples.len() as u32, samples: Some(samples) }]
+        vec![Open {
+            node: self.grown.nodes.len() as u32 - 1,
+            count: samples.len() as u32,
+            samples: Some(samples),
+        }]
     }
 }
 
 /// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them. `spacing` is that of
 /// a node.
-pub fn parent(kind: &Kind, open: &[Open], spacing: impl Fn(u32) -> f64, parts: Vec<Samples>, planes: &mut Vec<u8>) -> (Built, Samples) {
-    let Merged { mut samples, dropped, coarser } = merge(&Samples::together(&parts), kind.has, kind.gains.as_deref());
+pub fn parent(
+    kind: &Kind,
+    open: &[Open],
+    spacing: impl Fn(u32) -> f64,
+    parts: Vec<Samples>,
+    planes: &mut Vec<u8>,
+) -> (Built, Samples) {
+    let Merged { mut samples, dropped, coarser } =
+        merge(&Samples::together(&parts), kind.has, kind.gains.as_deref());
     let mut record = pack(kind, &mut samples, coarser, planes);
     record.points = parts.iter().map(Samples::points).sum();
-    let widest = |axis: usize| kind.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32);
+    let widest = |axis: usize| {
+        kind.lattice.step[axis].abs() * 2f64.powi(morton::axis_bits(dropped)[axis] as i32)
+    };
     // Beside sparse children a dense one may have been merged further than all of them together need: it is not finer here. And an index with an infinite
     // number would be refused.
     let own = widest(0).max(widest(1)).max(widest(2)).min(f64::MAX);

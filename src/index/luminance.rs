@@ -24,7 +24,13 @@ const SLACK: f64 = 1.0 + 1e-12;
 /// Corrects the colours of a cloud; parts without colours neither give nor take.
 pub fn correct(cloud: &mut Cloud, neighbours: usize, progress: &dyn Progress) -> Result<()> {
     let Some((mut columns, lattice)) = together(cloud) else { return Ok(()) };
-    let colors: Vec<[u8; 3]> = cloud.parts.iter().filter_map(|part| part.columns.rgb.as_ref()).flatten().copied().collect();
+    let colors: Vec<[u8; 3]> = cloud
+        .parts
+        .iter()
+        .filter_map(|part| part.columns.rgb.as_ref())
+        .flatten()
+        .copied()
+        .collect();
     progress.tick("finding neighbours", 0, colors.len() as u64)?;
     columns.rgb = Some(colors);
     let leaf = Leaf::of(&columns, &lattice, [0; 3], true);
@@ -40,7 +46,11 @@ pub fn correct(cloud: &mut Cloud, neighbours: usize, progress: &dyn Progress) ->
     });
     let corrected = corrected.collect::<Result<Vec<_>>>()?;
     let mut all = columns.rgb.take().expect("colours");
-    corrected.into_iter().flatten().enumerate().for_each(|(place, color)| all[tree.number(place)] = color);
+    corrected
+        .into_iter()
+        .flatten()
+        .enumerate()
+        .for_each(|(place, color)| all[tree.number(place)] = color);
     let mut rest = all.as_slice();
     for colors in cloud.parts.iter_mut().filter_map(|part| part.columns.rgb.as_mut()) {
         let (own, after) = rest.split_at(colors.len());
@@ -51,7 +61,11 @@ pub fn correct(cloud: &mut Cloud, neighbours: usize, progress: &dyn Progress) ->
 }
 
 /// Corrected colours of some places of the own tree, in their order: neighbours there are mostly neighbours in space, and share what is in the cache.
-pub fn average(around: &mut Surroundings, places: Range<usize>, neighbours: usize) -> Result<Vec<[u8; 3]>> {
+pub fn average(
+    around: &mut Surroundings,
+    places: Range<usize>,
+    neighbours: usize,
+) -> Result<Vec<[u8; 3]>> {
     let own = around.own();
     let others = neighbours.saturating_sub(1);
     let mut found = Vec::with_capacity(2 * neighbours);
@@ -59,7 +73,9 @@ pub fn average(around: &mut Surroundings, places: Range<usize>, neighbours: usiz
     let mut before: Option<(usize, f64)> = None;
     let mut corrected = Vec::with_capacity(places.len());
     for place in places {
-        let known = before.map_or(f64::INFINITY, |(last, farthest)| (farthest + own.tree.between(last, place).length()).powi(2) * SLACK);
+        let known = before.map_or(f64::INFINITY, |(last, farthest)| {
+            (farthest + own.tree.between(last, place).length()).powi(2) * SLACK
+        });
         let mut squared = around.nearest_in_any_order(place, others, known, &mut found)?;
         // Where several are where this one is, they were neighbours of that one, and are none of its own.
         if found.len() < others && known.is_finite() {
@@ -89,14 +105,24 @@ fn with_value(color: [u8; 3], mean: f64) -> [u8; 3] {
 
 /// Positions of all coloured parts on one lattice: their own where it is the same, else a common one whose steps are as fine as 32 bits allow.
 fn together(cloud: &Cloud) -> Option<(Columns, Lattice)> {
-    let parts: Vec<_> = cloud.parts.iter().filter(|part| part.columns.rgb.is_some() && !part.columns.is_empty()).collect();
+    let parts: Vec<_> = cloud
+        .parts
+        .iter()
+        .filter(|part| part.columns.rgb.is_some() && !part.columns.is_empty())
+        .collect();
     let first = parts.first()?.lattice;
     let same = parts.iter().all(|part| part.lattice == first);
-    let bounds = parts.iter().filter_map(|part| part.bounds()).reduce(|(a, b), (c, d)| (a.min(c), b.max(d)))?;
+    let bounds = parts
+        .iter()
+        .filter_map(|part| part.bounds())
+        .reduce(|(a, b), (c, d)| (a.min(c), b.max(d)))?;
     let lattice = if same {
         first
     } else {
-        Lattice { step: ((bounds.1 - bounds.0) / i32::MAX as f64).max(DVec3::splat(f64::MIN_POSITIVE)), offset: bounds.0 }
+        Lattice {
+            step: ((bounds.1 - bounds.0) / i32::MAX as f64).max(DVec3::splat(f64::MIN_POSITIVE)),
+            offset: bounds.0,
+        }
     };
     let mut columns = Columns::default();
     for part in parts {
@@ -108,7 +134,9 @@ fn together(cloud: &Cloud) -> Option<(Columns, Lattice)> {
             continue;
         }
         for i in 0..x.len() {
-            let steps = ((part.lattice.world([x[i], y[i], z[i]].map(i64::from)) - lattice.offset) / lattice.step).round();
+            let steps = ((part.lattice.world([x[i], y[i], z[i]].map(i64::from)) - lattice.offset)
+                / lattice.step)
+                .round();
             columns.x.push(steps.x as i32);
             columns.y.push(steps.y as i32);
             columns.z.push(steps.z as i32);

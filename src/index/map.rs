@@ -40,7 +40,13 @@ impl Map {
     /// Copies the bytes from `at` on; an error if any of them are not there, or no longer.
     pub fn copy(&self, at: u64, into: &mut [u8]) -> Result<()> {
         if at.checked_add(into.len() as u64).is_none_or(|end| end > self.len()) {
-            return Err(Error::format(&self.path, format!("has no bytes {at} to {}: it is damaged", at.saturating_add(into.len() as u64))));
+            return Err(Error::format(
+                &self.path,
+                format!(
+                    "has no bytes {at} to {}: it is damaged",
+                    at.saturating_add(into.len() as u64)
+                ),
+            ));
         }
         if into.is_empty() {
             return Ok(());
@@ -54,7 +60,10 @@ impl Map {
         while done < into.len() {
             let rest = into.len() - done;
             let to = libc::iovec { iov_base: into[done..].as_mut_ptr().cast(), iov_len: rest };
-            let from = libc::iovec { iov_base: self.map.as_ptr().wrapping_add(at as usize + done).cast_mut().cast(), iov_len: rest };
+            let from = libc::iovec {
+                iov_base: self.map.as_ptr().wrapping_add(at as usize + done).cast_mut().cast(),
+                iov_len: rest,
+            };
             // SAFETY: `to` is a live, exclusive slice, `from` lies within the map; the kernel checks both and touches nothing else.
             let copied = unsafe { libc::process_vm_readv(libc::getpid(), &to, 1, &from, 1, 0) };
             match copied {
@@ -66,11 +75,16 @@ impl Map {
                         Some(libc::EFAULT) | Some(0) | None => {
                             return Err(Error::format(
                                 &self.path,
-                                format!("became shorter while it was open: byte {} is gone", at + done as u64),
+                                format!(
+                                    "became shorter while it was open: byte {} is gone",
+                                    at + done as u64
+                                ),
                             ));
                         }
                         // Where the call itself is forbidden (containers may), reading by position does the same.
-                        Some(libc::EPERM) | Some(libc::ENOSYS) => return self.read(at + done as u64, &mut into[done..]),
+                        Some(libc::EPERM) | Some(libc::ENOSYS) => {
+                            return self.read(at + done as u64, &mut into[done..]);
+                        }
                         _ => return Err(Error::io("read", &self.path, why)),
                     }
                 }

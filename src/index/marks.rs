@@ -76,8 +76,13 @@ pub struct Writer<'i> {
 impl<'i> Writer<'i> {
     /// Refuses to replace what is no file of shadows: a scan has no copy.
     pub fn create(path: &Path, index: &'i Index) -> Result<Writer<'i>> {
-        if path.metadata().is_ok_and(|file| file.is_file() && file.len() > 0) && !is_of_shadows(path)? {
-            return Err(Error::format(path, "is there, and is no file of shadows; give -o another name"));
+        if path.metadata().is_ok_and(|file| file.is_file() && file.len() > 0)
+            && !is_of_shadows(path)?
+        {
+            return Err(Error::format(
+                path,
+                "is there, and is no file of shadows; give -o another name",
+            ));
         }
         let crcs = Mutex::new(vec![0; index.nodes().len()]);
         Ok(Writer { index, file: Planes::create(path)?, places: places(index), crcs })
@@ -94,7 +99,8 @@ impl<'i> Writer<'i> {
     pub fn get(&self, node: usize) -> Result<Vec<u8>> {
         let mut marks = vec![0; self.index.nodes()[node].count as usize];
         self.file.get(self.places[node], &mut marks)?;
-        if crc32c::crc32c(&marks) != self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node] {
+        if crc32c::crc32c(&marks) != self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node]
+        {
             return Err(Error::Request(format!(
                 "node {node}'s marks read otherwise than they were written: the disk has lost a write; try again"
             )));
@@ -110,14 +116,21 @@ impl<'i> Writer<'i> {
         let deepest = nodes.iter().map(|node| node.level).max().unwrap_or(0);
         for level in (0..=deepest).rev() {
             progress.tick("joining", (deepest - level) as u64, deepest as u64 + 1)?;
-            let at_level: Vec<usize> = (0..nodes.len()).filter(|&node| nodes[node].level == level && !nodes[node].is_leaf()).collect();
+            let at_level: Vec<usize> = (0..nodes.len())
+                .filter(|&node| nodes[node].level == level && !nodes[node].is_leaf())
+                .collect();
             at_level.into_par_iter().try_for_each(|node| {
                 // Marks go where their samples do, in the place of classes.
                 let mark = |child: usize, samples: &mut Samples| {
                     samples.class = Some(self.get(child)?);
                     Ok(())
                 };
-                let samples = forest.below(node, &|record| self.index.corner(record), &[Plane::Weight], &mark)?;
+                let samples = forest.below(
+                    node,
+                    &|record| self.index.corner(record),
+                    &[Plane::Weight],
+                    &mark,
+                )?;
                 let below = samples.class.as_deref().unwrap_or_default();
                 let runs = merge::runs(&samples);
                 let own = runs.each(|run| {
@@ -130,7 +143,9 @@ impl<'i> Writer<'i> {
                 if own.len() as u32 != nodes[node].count {
                     return Err(Error::format(
                         self.index.path(),
-                        format!("node {node} has other samples than its children say; make it again"),
+                        format!(
+                            "node {node} has other samples than its children say; make it again"
+                        ),
                     ));
                 }
                 self.put(node, &own)
@@ -142,7 +157,8 @@ impl<'i> Writer<'i> {
     /// Gives the file its name; its length.
     pub fn finish(self, contents: &Contents) -> Result<u64> {
         let crcs = self.crcs.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let contents = serde_json::to_vec(contents).map_err(|error| Error::Request(error.to_string()))?;
+        let contents =
+            serde_json::to_vec(contents).map_err(|error| Error::Request(error.to_string()))?;
         let end = self.places.last().copied().unwrap_or(HEADER_BYTES);
         let crcs_bytes: &[u8] = bytemuck::cast_slice(&crcs);
         self.file.put(end, crcs_bytes)?;
@@ -188,7 +204,11 @@ impl Marks {
     /// Those of this index; checks everything but the marks, which are checked when they are read.
     pub fn open(path: &Path, index: &Index) -> Result<Marks> {
         let map = Map::open(path)?;
-        let again = format!("make it again with `pointillist shadows {} -o {}`", index.path().display(), path.display());
+        let again = format!(
+            "make it again with `pointillist shadows {} -o {}`",
+            index.path().display(),
+            path.display()
+        );
         let wrong = |what: &str| Error::format(path, format!("{what}; {again}"));
         let mut header = FileHeader::zeroed();
         if map.len() < HEADER_BYTES {
@@ -196,33 +216,51 @@ impl Marks {
         }
         map.copy(0, bytemuck::bytes_of_mut(&mut header))?;
         if header.magic != MAGIC {
-            let make = format!("`pointillist shadows {} -o NAME.shadows` makes one", index.path().display());
+            let make = format!(
+                "`pointillist shadows {} -o NAME.shadows` makes one",
+                index.path().display()
+            );
             return Err(Error::format(path, format!("is no file of shadows; {make}")));
         }
         if header.version > VERSION {
             return Err(Error::format(
                 path,
-                format!("is of version {}, made by a newer pointillist; this one reads up to {VERSION}", header.version),
+                format!(
+                    "is of version {}, made by a newer pointillist; this one reads up to {VERSION}",
+                    header.version
+                ),
             ));
         }
         if header.own_crc() != header.header_crc || header.length != map.len() {
             return Err(wrong("has a damaged header, or another length than it says"));
         }
         let places = places(index);
-        if header.index != index.identity() || header.nodes as usize != index.nodes().len() || places.last() != Some(&header.directory_at) {
-            return Err(wrong(&format!("has shadows of another cloud than {}", index.path().display())));
+        if header.index != index.identity()
+            || header.nodes as usize != index.nodes().len()
+            || places.last() != Some(&header.directory_at)
+        {
+            return Err(wrong(&format!(
+                "has shadows of another cloud than {}",
+                index.path().display()
+            )));
         }
         let mut directory = vec![0; header.length.saturating_sub(header.directory_at) as usize];
         map.copy(header.directory_at, &mut directory)?;
         let crcs_bytes = 4 * header.nodes as usize;
         if crc32c::crc32c(&directory) != header.directory_crc
-            || (crcs_bytes as u64).checked_add(header.contents_bytes) != Some(directory.len() as u64)
+            || (crcs_bytes as u64).checked_add(header.contents_bytes)
+                != Some(directory.len() as u64)
         {
             return Err(wrong("has a damaged directory"));
         }
-        let crcs = directory[..crcs_bytes].as_chunks().0.iter().map(|&crc| u32::from_le_bytes(crc)).collect();
-        let contents: Contents =
-            serde_json::from_slice(&directory[crcs_bytes..]).map_err(|error| wrong(&format!("has unreadable contents ({error})")))?;
+        let crcs = directory[..crcs_bytes]
+            .as_chunks()
+            .0
+            .iter()
+            .map(|&crc| u32::from_le_bytes(crc))
+            .collect();
+        let contents: Contents = serde_json::from_slice(&directory[crcs_bytes..])
+            .map_err(|error| wrong(&format!("has unreadable contents ({error})")))?;
         if !(1..=255).contains(&contents.full) {
             return Err(wrong("has contents that no marks have"));
         }
@@ -238,7 +276,10 @@ impl Marks {
         assert_eq!(into.len() as u64, self.places[node + 1] - self.places[node], "node {node}");
         self.map.copy(self.places[node], into)?;
         if crc32c::crc32c(into) != self.crcs[node] {
-            return Err(Error::format(self.path(), format!("is damaged: the checksum of node {node}'s marks is wrong")));
+            return Err(Error::format(
+                self.path(),
+                format!("is damaged: the checksum of node {node}'s marks is wrong"),
+            ));
         }
         Ok(())
     }

@@ -39,7 +39,13 @@ impl Gains {
     const BITS: i32 = 12;
 
     pub fn new(balance: &Balance) -> Gains {
-        Gains(balance.gains.iter().map(|gain| (gain * 2f64.powi(Gains::BITS)).round() as u32).collect())
+        Gains(
+            balance
+                .gains
+                .iter()
+                .map(|gain| (gain * 2f64.powi(Gains::BITS)).round() as u32)
+                .collect(),
+        )
     }
 
     fn of(&self, station: u16) -> u32 {
@@ -62,9 +68,13 @@ pub fn merge(samples: &Samples, has: Wanted, gains: Option<&Gains>) -> Merged {
     let merged = Samples {
         q: runs.positions(&weights, dropped, coarser),
         rgb: has.rgb.then(colors),
-        intensity: has.intensity.then(|| runs.means(samples.intensity.as_deref().unwrap_or_default(), &weights)),
+        intensity: has
+            .intensity
+            .then(|| runs.means(samples.intensity.as_deref().unwrap_or_default(), &weights)),
         class: has.class.then(|| runs.majorities(samples.class.as_deref().unwrap_or_default())),
-        returns: has.returns.then(|| runs.majorities(samples.returns.as_deref().unwrap_or_default())),
+        returns: has
+            .returns
+            .then(|| runs.majorities(samples.returns.as_deref().unwrap_or_default())),
         source,
         normal: has.normal.then(|| runs.normals(samples.normal.as_deref().unwrap_or_default())),
         gps_time: has.gps_time.then(|| runs.times(samples.gps_time.as_deref().unwrap_or_default())),
@@ -82,7 +92,8 @@ pub fn runs(samples: &Samples) -> Runs<'_> {
 /// And the low bits of the codes that their cells drop.
 fn cut(samples: &Samples) -> (Runs<'_>, u32) {
     // For every pair of neighbours the highest bit in which their codes differ, counted from 1; 0 for equal ones.
-    let differ: Vec<u8> = samples.q.windows(2).map(|pair| morton::highest_difference(pair[0], pair[1])).collect();
+    let differ: Vec<u8> =
+        samples.q.windows(2).map(|pair| morton::highest_difference(pair[0], pair[1])).collect();
     let mut pairs = [0usize; 97];
     differ.iter().for_each(|&bit| pairs[bit as usize] += 1);
     // With the lowest `dropped` bits gone, a new cell begins where neighbours differ in a higher one.
@@ -95,9 +106,12 @@ fn cut(samples: &Samples) -> (Runs<'_>, u32) {
     }
     let mut starts = Vec::with_capacity(cells + 1);
     starts.push(0);
-    starts.extend(differ.iter().enumerate().filter(|&(_, &bit)| bit as u32 > dropped).map(|(i, _)| i + 1));
+    starts.extend(
+        differ.iter().enumerate().filter(|&(_, &bit)| bit as u32 > dropped).map(|(i, _)| i + 1),
+    );
     starts.push(samples.len());
-    let weights = samples.weight.as_deref().map_or_else(|| vec![1; samples.len()].into(), Cow::Borrowed);
+    let weights =
+        samples.weight.as_deref().map_or_else(|| vec![1; samples.len()].into(), Cow::Borrowed);
     (Runs { samples, weights, starts }, dropped)
 }
 
@@ -105,8 +119,16 @@ fn cut(samples: &Samples) -> (Runs<'_>, u32) {
 fn least_dropped(q: &[Cell]) -> u32 {
     let most = 1u32 << (BITS_PER_PLANE * POSITION_PLANES);
     let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
-    q.iter().for_each(|q| (0..3).for_each(|axis| (low[axis], high[axis]) = (low[axis].min(q[axis]), high[axis].max(q[axis]))));
-    let coarser = |axis: usize| (0..32).find(|&coarser| (high[axis] >> coarser).saturating_sub(low[axis] >> coarser) < most).unwrap_or(32);
+    q.iter().for_each(|q| {
+        (0..3).for_each(|axis| {
+            (low[axis], high[axis]) = (low[axis].min(q[axis]), high[axis].max(q[axis]))
+        })
+    });
+    let coarser = |axis: usize| {
+        (0..32)
+            .find(|&coarser| (high[axis] >> coarser).saturating_sub(low[axis] >> coarser) < most)
+            .unwrap_or(32)
+    };
     match coarser(0).max(coarser(1)).max(coarser(2)) {
         0 => 0,
         coarser => 3 * (coarser + BITS_WITHIN_CELL),
@@ -141,11 +163,20 @@ impl Runs<'_> {
     }
 
     fn weighted<T>(&self, weights: &[u64], mut one: impl FnMut(Range<usize>, u64) -> T) -> Vec<T> {
-        self.starts.windows(2).zip(weights).map(|(ends, &weight)| one(ends[0]..ends[1], weight)).collect()
+        self.starts
+            .windows(2)
+            .zip(weights)
+            .map(|(ends, &weight)| one(ends[0]..ends[1], weight))
+            .collect()
     }
 
     /// Weighted, rounded to the nearest.
-    fn mean<const N: usize>(&self, run: Range<usize>, total: u64, value: impl Fn(usize) -> [u32; N]) -> [u64; N] {
+    fn mean<const N: usize>(
+        &self,
+        run: Range<usize>,
+        total: u64,
+        value: impl Fn(usize) -> [u32; N],
+    ) -> [u64; N] {
         if run.len() == 1 {
             return value(run.start).map(u64::from);
         }
@@ -168,9 +199,11 @@ impl Runs<'_> {
         let (q, middle) = (&self.samples.q, (1u32 << coarser) >> 1);
         self.weighted(weights, |run, total| {
             let first = q[run.start];
-            let corner: Cell = std::array::from_fn(|axis| (first[axis] as u64 >> bits[axis] << bits[axis]) as u32);
+            let corner: Cell =
+                std::array::from_fn(|axis| (first[axis] as u64 >> bits[axis] << bits[axis]) as u32);
             // Below the cell's side, which the mean cannot reach.
-            let within: [u64; 3] = self.mean(run, total, |i| std::array::from_fn(|axis| q[i][axis] - corner[axis]));
+            let within: [u64; 3] =
+                self.mean(run, total, |i| std::array::from_fn(|axis| q[i][axis] - corner[axis]));
             std::array::from_fn(|axis| {
                 let within = within[axis].min((1u64 << bits[axis]) - 1) as u32;
                 ((corner[axis] + within) >> coarser << coarser) + middle
@@ -181,11 +214,20 @@ impl Runs<'_> {
     fn colors(&self, rgb: &[[u8; 3]], weights: &[u64]) -> Vec<[u8; 3]> {
         let (decode, encode) = (&*DECODE, &**ENCODE);
         let linear = |i: usize| rgb[i].map(|v| decode[v as usize] as u32);
-        self.weighted(weights, |run, total| self.mean(run, total, linear).map(|mean| encode[mean as usize]))
+        self.weighted(weights, |run, total| {
+            self.mean(run, total, linear).map(|mean| encode[mean as usize])
+        })
     }
 
     /// In the light of the station that is `named` for each run, `of` those of the samples.
-    fn balanced_colors(&self, rgb: &[[u8; 3]], weights: &[u64], of: &[u16], named: &[u16], gains: &Gains) -> Vec<[u8; 3]> {
+    fn balanced_colors(
+        &self,
+        rgb: &[[u8; 3]],
+        weights: &[u64],
+        of: &[u16],
+        named: &[u16],
+        gains: &Gains,
+    ) -> Vec<[u8; 3]> {
         let (decode, encode) = (&*DECODE, &**ENCODE);
         let linear = |i: usize| rgb[i].map(|v| decode[v as usize] as u32);
         let mut named = named.iter();
@@ -201,12 +243,20 @@ impl Runs<'_> {
             // Products of 32 bits by 32 fit 64 bits, and their sum does where the sum of the weights fits 32.
             if total >> 32 == 0 {
                 let mut sum = [total * own / 2; 3];
-                run.for_each(|i| sum.iter_mut().zip(balanced(i)).for_each(|(sum, v)| *sum += self.weights[i] as u64 * v as u64));
+                run.for_each(|i| {
+                    sum.iter_mut()
+                        .zip(balanced(i))
+                        .for_each(|(sum, v)| *sum += self.weights[i] as u64 * v as u64)
+                });
                 return sum.map(|sum| shown(quotient(sum, total * own)));
             }
             let total = total as u128 * own as u128;
             let mut sum = [total / 2; 3];
-            run.for_each(|i| sum.iter_mut().zip(balanced(i)).for_each(|(sum, v)| *sum += self.weights[i] as u128 * v as u128));
+            run.for_each(|i| {
+                sum.iter_mut()
+                    .zip(balanced(i))
+                    .for_each(|(sum, v)| *sum += self.weights[i] as u128 * v as u128)
+            });
             sum.map(|sum| shown((sum / total) as u64))
         })
     }
@@ -241,10 +291,15 @@ impl Runs<'_> {
         self.each(|run| {
             let mut sum = [0i64; 3];
             for i in run {
-                (0..3).for_each(|axis| sum[axis] += self.weights[i] as i64 * normals[i][axis] as i64);
+                (0..3)
+                    .for_each(|axis| sum[axis] += self.weights[i] as i64 * normals[i][axis] as i64);
             }
             let length = sum.map(|v| v as f64 * v as f64).iter().sum::<f64>().sqrt();
-            if length > 0.0 { sum.map(|v| (v as f64 / length * 127.0).round() as i8) } else { [0; 3] }
+            if length > 0.0 {
+                sum.map(|v| (v as f64 / length * 127.0).round() as i8)
+            } else {
+                [0; 3]
+            }
         })
     }
 
@@ -252,7 +307,8 @@ impl Runs<'_> {
     fn times(&self, times: &[f64]) -> Vec<f64> {
         let weight = |i: usize| self.weights[i];
         self.each(|run| {
-            let heaviest = run.max_by(|&a, &b| weight(a).cmp(&weight(b)).then(times[b].total_cmp(&times[a])));
+            let heaviest =
+                run.max_by(|&a, &b| weight(a).cmp(&weight(b)).then(times[b].total_cmp(&times[a])));
             times[heaviest.expect("a cell has samples")]
         })
     }
@@ -260,14 +316,22 @@ impl Runs<'_> {
 
 /// Rounded down. Of whole numbers below 2^53 the quotient in f64 is never rounded up to the next whole one, and is found sooner than in integers.
 fn quotient(sum: u64, total: u64) -> u64 {
-    if (sum | total) >> 53 == 0 { (sum as i64 as f64 / total as i64 as f64) as i64 as u64 } else { sum / total }
+    if (sum | total) >> 53 == 0 {
+        (sum as i64 as f64 / total as i64 as f64) as i64 as u64
+    } else {
+        sum / total
+    }
 }
 
 /// sRGB to linear light of 16 bits: finer than the steps of 8-bit sRGB everywhere.
 static DECODE: LazyLock<[u16; 256]> = LazyLock::new(|| {
     std::array::from_fn(|v| {
         let encoded = v as f64 / 255.0;
-        let linear = if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) };
+        let linear = if encoded <= 0.04045 {
+            encoded / 12.92
+        } else {
+            ((encoded + 0.055) / 1.055).powf(2.4)
+        };
         (linear * 65535.0).round() as u16
     })
 });
@@ -295,10 +359,23 @@ mod tests {
         let mut q = q;
         q.sort_by_key(|&q| morton::code_96(q));
         let n = q.len();
-        Samples { q, rgb: Some(vec![[10, 200, 255]; n]), class: Some((0..n).map(|i| (i % 3) as u8).collect()), ..Samples::default() }
+        Samples {
+            q,
+            rgb: Some(vec![[10, 200, 255]; n]),
+            class: Some((0..n).map(|i| (i % 3) as u8).collect()),
+            ..Samples::default()
+        }
     }
 
-    const HAS: Wanted = Wanted { rgb: true, class: true, intensity: false, returns: false, source: false, normal: false, gps_time: false };
+    const HAS: Wanted = Wanted {
+        rgb: true,
+        class: true,
+        intensity: false,
+        returns: false,
+        source: false,
+        normal: false,
+        gps_time: false,
+    };
 
     proptest! {
         #[test]
@@ -319,7 +396,11 @@ mod tests {
         // 512 x 512 points of a plane: a grid of M cells over its box would keep 40 x 40.
         let samples = weighted((0..1 << 18).map(|i| [(i % 512) * 8, (i / 512) * 8, 77]).collect());
         let merged = merge(&samples, HAS, None);
-        assert!(merged.samples.len() > 30_000 && merged.samples.len() <= 65_536, "{}", merged.samples.len());
+        assert!(
+            merged.samples.len() > 30_000 && merged.samples.len() <= 65_536,
+            "{}",
+            merged.samples.len()
+        );
         assert!(merged.samples.weight.unwrap().iter().all(|&w| w >= 4));
     }
 
@@ -333,12 +414,16 @@ mod tests {
     #[test]
     fn a_million_coincident_points_are_one_sample() {
         let merged = merge(&weighted(vec![[5, 6, 7]; 1_000_000]), HAS, None);
-        assert_eq!((merged.samples.len(), merged.samples.points(), merged.samples.q[0]), (1, 1_000_000, [5, 6, 7]));
+        assert_eq!(
+            (merged.samples.len(), merged.samples.points(), merged.samples.q[0]),
+            (1, 1_000_000, [5, 6, 7])
+        );
     }
 
     #[test]
     fn positions_of_few_samples_far_apart_fit_their_planes() {
-        let ends = [0, 1, 15, 1 << 30, (1 << 30) + 1, (1 << 31) - 1, 1 << 31, u32::MAX - 1, u32::MAX];
+        let ends =
+            [0, 1, 15, 1 << 30, (1 << 30) + 1, (1 << 31) - 1, 1 << 31, u32::MAX - 1, u32::MAX];
         for (i, &low) in ends.iter().enumerate() {
             for &high in &ends[i..] {
                 let merged = merge(&weighted(vec![[low, 7, low], [high, 7, low]]), HAS, None);
@@ -390,8 +475,11 @@ mod tests {
 
     #[test]
     fn black_and_white_meet_in_linear_light() {
-        let samples =
-            Samples { q: vec![[0; 3]; 70_000], rgb: Some((0..70_000).map(|i| [(i % 2) as u8 * 255; 3]).collect()), ..Samples::default() };
+        let samples = Samples {
+            q: vec![[0; 3]; 70_000],
+            rgb: Some((0..70_000).map(|i| [(i % 2) as u8 * 255; 3]).collect()),
+            ..Samples::default()
+        };
         let merged = merge(&samples, Wanted { rgb: true, ..Wanted::default() }, None);
         assert_eq!(merged.samples.rgb.unwrap(), [[188; 3]]);
     }

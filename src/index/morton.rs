@@ -70,7 +70,13 @@ mod tests {
     use proptest::prelude::*;
 
     fn naive(q: [u32; 3], bits: u32) -> u128 {
-        (0..bits).map(|b| (0..3).map(|axis| ((q[axis] as u128) >> b & 1) << (3 * b + axis as u32)).sum::<u128>()).sum()
+        (0..bits)
+            .map(|b| {
+                (0..3)
+                    .map(|axis| ((q[axis] as u128) >> b & 1) << (3 * b + axis as u32))
+                    .sum::<u128>()
+            })
+            .sum()
     }
 
     proptest! {

@@ -65,13 +65,22 @@ impl Branch {
     fn halves(self) -> [Branch; 2] {
         let (nodes, count) = ((self.nodes - 1) / 2, self.count / 2);
         let first = Branch { node: self.node + 1, nodes, first: self.first, count };
-        [first, Branch { node: first.node + nodes, first: self.first + count, count: self.count - count, ..first }]
+        [
+            first,
+            Branch {
+                node: first.node + nodes,
+                first: self.first + count,
+                count: self.count - count,
+                ..first
+            },
+        ]
     }
 }
 
 impl Tree {
     pub fn new(columns: &Columns, lattice: &Lattice) -> Tree {
-        let point = |i: usize| Point { at: [columns.x[i], columns.y[i], columns.z[i]], number: i as u32 };
+        let point =
+            |i: usize| Point { at: [columns.x[i], columns.y[i], columns.z[i]], number: i as u32 };
         let mut points: Vec<Point> = (0..columns.len()).into_par_iter().map(point).collect();
         let leaves = points.len().div_ceil(LEAF).next_power_of_two();
         let mut boxes = vec![[Steps::default(); 2]; 2 * leaves - 1];
@@ -137,7 +146,14 @@ impl Tree {
 
     /// The nearest in no order, which takes half as long where they are many, among those that were found already, in other trees; none beyond a distance squared, which becomes that of the farthest one
     /// wanted as soon as more are found. There may be up to twice as many as are wanted: [`keep_nearest`] leaves out the rest. `tied` is an order of those equally far.
-    pub fn sift<K: Ord>(&self, query: Query, most: usize, beyond: &mut f64, tied: &impl Fn(&Neighbour) -> K, found: &mut Vec<Neighbour>) {
+    pub fn sift<K: Ord>(
+        &self,
+        query: Query,
+        most: usize,
+        beyond: &mut f64,
+        tied: &impl Fn(&Neighbour) -> K,
+        found: &mut Vec<Neighbour>,
+    ) {
         if most > 0 && !self.is_empty() {
             self.sift_branch(self.whole(), query, most, beyond, tied, found);
         }
@@ -163,7 +179,10 @@ impl Tree {
                     }
                     found.pop();
                 }
-                let after = found.iter().rposition(|nearer| nearer.squared <= neighbour.squared).map_or(0, |last| last + 1);
+                let after = found
+                    .iter()
+                    .rposition(|nearer| nearer.squared <= neighbour.squared)
+                    .map_or(0, |last| last + 1);
                 found.insert(after, neighbour);
             }
             return;
@@ -208,14 +227,25 @@ impl Tree {
         }
     }
 
-    fn collect(&self, branch: Branch, query: Query, squared: f64, most: usize, found: &mut Vec<Neighbour>) {
+    fn collect(
+        &self,
+        branch: Branch,
+        query: Query,
+        squared: f64,
+        most: usize,
+        found: &mut Vec<Neighbour>,
+    ) {
         if found.len() >= most || self.away(branch, query.at) > squared {
             return;
         }
         if branch.nodes == 1 {
-            return found.extend(self.leaf(branch, query).filter(|neighbour| neighbour.squared <= squared));
+            return found
+                .extend(self.leaf(branch, query).filter(|neighbour| neighbour.squared <= squared));
         }
-        branch.halves().into_iter().for_each(|half| self.collect(half, query, squared, most, found));
+        branch
+            .halves()
+            .into_iter()
+            .for_each(|half| self.collect(half, query, squared, most, found));
     }
 
     fn leaf(&self, branch: Branch, query: Query) -> impl Iterator<Item = Neighbour> + '_ {
@@ -239,9 +269,15 @@ impl Tree {
 }
 
 /// The last of them is the farthest; of those equally far the last in the order of `tied`, so that what is kept does not depend on the tree.
-pub fn keep_nearest<K: Ord>(found: &mut Vec<Neighbour>, most: usize, tied: &impl Fn(&Neighbour) -> K) {
+pub fn keep_nearest<K: Ord>(
+    found: &mut Vec<Neighbour>,
+    most: usize,
+    tied: &impl Fn(&Neighbour) -> K,
+) {
     if found.len() > most {
-        found.select_nth_unstable_by(most - 1, |a, b| a.squared.total_cmp(&b.squared).then_with(|| tied(a).cmp(&tied(b))));
+        found.select_nth_unstable_by(most - 1, |a, b| {
+            a.squared.total_cmp(&b.squared).then_with(|| tied(a).cmp(&tied(b)))
+        });
         found.truncate(most);
     }
 }
@@ -254,15 +290,20 @@ fn difference(from: DVec3, to: Steps) -> DVec3 {
 fn build(points: &mut [Point], boxes: &mut [[Steps; 2]], step: DVec3) {
     let Some((own, below)) = boxes.split_first_mut() else { return };
     let Some(first) = points.first() else { return };
-    *own = points
-        .iter()
-        .fold([first.at; 2], |[lo, hi], point| [[0, 1, 2].map(|k| lo[k].min(point.at[k])), [0, 1, 2].map(|k| hi[k].max(point.at[k]))]);
+    *own = points.iter().fold([first.at; 2], |[lo, hi], point| {
+        [[0, 1, 2].map(|k| lo[k].min(point.at[k])), [0, 1, 2].map(|k| hi[k].max(point.at[k]))]
+    });
     if below.is_empty() {
         // What is in a leaf does not depend on the file's order; nor does in which order.
         return points.sort_unstable_by_key(|point| (point.at, point.number));
     }
     let extent = (difference(DVec3::ZERO, own[1]) - difference(DVec3::ZERO, own[0])) * step;
-    let axis = extent.to_array().iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(axis, _)| axis);
+    let axis = extent
+        .to_array()
+        .iter()
+        .enumerate()
+        .max_by(|a, b| a.1.total_cmp(b.1))
+        .map_or(0, |(axis, _)| axis);
     let middle = points.len() / 2;
     let order = |point: &Point| (point.at[axis], point.at, point.number);
     points.select_nth_unstable_by_key(middle, order);
@@ -291,8 +332,10 @@ mod tests {
 
     /// All distances to others, nearest first.
     fn by_hand(tree: &Tree, place: usize) -> Vec<f64> {
-        let mut squares: Vec<f64> =
-            (0..tree.len()).map(|other| tree.between(place, other).length_squared()).filter(|squared| *squared > 0.0).collect();
+        let mut squares: Vec<f64> = (0..tree.len())
+            .map(|other| tree.between(place, other).length_squared())
+            .filter(|squared| *squared > 0.0)
+            .collect();
         squares.sort_by(f64::total_cmp);
         squares
     }

@@ -59,17 +59,27 @@ pub struct Room {
 }
 
 /// Of a point of the own tree. Those nearest to it are in `near`, as many as it has room for.
-pub fn patch(around: &mut Surroundings, place: usize, fit: Fit, room: &mut Room, near: &mut dyn FnMut(&[Neighbour])) -> Result<Patch> {
+pub fn patch(
+    around: &mut Surroundings,
+    place: usize,
+    fit: Fit,
+    room: &mut Room,
+    near: &mut dyn FnMut(&[Neighbour]),
+) -> Result<Patch> {
     let step = around.own().tree.step();
     around.nearest(place, fit.near, &mut room.found)?;
     near(&room.found);
-    let radius_m = spread(room.found.iter().map(|neighbour| neighbour.squared.sqrt())).max(step.max_element() / 2.0);
+    let radius_m = spread(room.found.iter().map(|neighbour| neighbour.squared.sqrt()))
+        .max(step.max_element() / 2.0);
     let reach = fit.reach * radius_m;
     let lonely = around.within(place, reach, &mut room.found)? < reach;
     room.steps.clear();
     room.steps.extend(room.found.iter().map(|neighbour| around.steps_to(place, neighbour)));
     let plane = plane(&room.steps, step);
-    let gap = plane.filter(|_| !lonely).and_then(|plane| gap(&plane, &room.steps, step, reach)).unwrap_or(0.0);
+    let gap = plane
+        .filter(|_| !lonely)
+        .and_then(|plane| gap(&plane, &room.steps, step, reach))
+        .unwrap_or(0.0);
     Ok(Patch { radius_m: radius_m.max(CLOSES * gap), lonely, plane })
 }
 
@@ -101,11 +111,17 @@ fn gap(plane: &Plane, differences: &[DVec3], step: DVec3, reach: f64) -> Option<
         (0..6).for_each(|k| products[k] += own[k]);
         let q = d * step;
         let [x, y] = [plane.along, across].map(|axis| q.dot(axis) / q.length_squared());
-        most.iter_mut().zip(&*COSINES).for_each(|(most, way)| *most = most.max(x * way[0] + y * way[1]));
+        most.iter_mut()
+            .zip(&*COSINES)
+            .for_each(|(most, way)| *most = most.max(x * way[0] + y * way[1]));
     }
     let [xx, xy, xz, yy, yz, zz] = products;
     let n = plane.normal * step;
-    let thick = (n.x * n.x * xx + n.y * n.y * yy + n.z * n.z * zz + 2.0 * (n.x * n.y * xy + n.x * n.z * xz + n.y * n.z * yz)).max(0.0);
+    let thick = (n.x * n.x * xx
+        + n.y * n.y * yy
+        + n.z * n.z * zz
+        + 2.0 * (n.x * n.y * xy + n.x * n.z * xz + n.y * n.z * yz))
+        .max(0.0);
     let flat = thick <= (FLAT * reach).powi(2) * differences.len() as f64;
     let gap = 0.5 / most.into_iter().fold(f64::INFINITY, f64::min);
     // What lies beyond half the reach another point may be nearer to that is not among the neighbours.
@@ -133,7 +149,8 @@ pub fn plane(differences: &[DVec3], step: DVec3) -> Option<Plane> {
     // The point itself is one of them, at 0.
     let count = differences.len() as f64 + 1.0;
     let (means, scale) = (outer(sum / count, sum / count), outer(step, step));
-    let [(least, normal), (middle, _), (most, along)] = eigen(std::array::from_fn(|k| (products[k] / count - means[k]) * scale[k]));
+    let [(least, normal), (middle, _), (most, along)] =
+        eigen(std::array::from_fn(|k| (products[k] / count - means[k]) * scale[k]));
     let flat = middle <= step.max_element().powi(2) || middle - least < SAME * most;
     (!flat).then_some(Plane { normal, along })
 }
@@ -163,7 +180,8 @@ pub fn eigen([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [(f64, DVec3); 3] {
             let (rp, rq) = (a[r][p], a[r][q]);
             (a[r][p], a[r][q]) = (c * rp - s * rq, s * rp + c * rq);
             (a[p][r], a[q][r]) = (a[r][p], a[r][q]);
-            (vectors[p], vectors[q]) = (c * vectors[p] - s * vectors[q], s * vectors[p] + c * vectors[q]);
+            (vectors[p], vectors[q]) =
+                (c * vectors[p] - s * vectors[q], s * vectors[p] + c * vectors[q]);
         }
     }
     let mut pairs = [0, 1, 2].map(|k| (a[k][k], vectors[k]));
@@ -178,7 +196,10 @@ mod tests {
 
     /// A square patch of points around the origin, in the plane of two vectors.
     fn patch(u: DVec3, v: DVec3) -> Vec<DVec3> {
-        (0..25).filter(|k| *k != 12).map(|k| u * (k % 5 - 2) as f64 + v * 1.5 * (k / 5 - 2) as f64).collect()
+        (0..25)
+            .filter(|k| *k != 12)
+            .map(|k| u * (k % 5 - 2) as f64 + v * 1.5 * (k / 5 - 2) as f64)
+            .collect()
     }
 
     proptest! {
@@ -212,9 +233,16 @@ mod tests {
         assert_eq!(plane(&[DVec3::ZERO; 9], step), None);
         let line: Vec<DVec3> = (1..9).map(|k| DVec3::new(1e3, 2e3, 3e3) * k as f64).collect();
         assert_eq!(plane(&line, step), None);
-        let ball: Vec<DVec3> = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis * 1e3, -axis * 1e3]).collect();
+        let ball: Vec<DVec3> = [DVec3::X, DVec3::Y, DVec3::Z]
+            .into_iter()
+            .flat_map(|axis| [axis * 1e3, -axis * 1e3])
+            .collect();
         assert_eq!(plane(&ball, step), None, "every direction is as good");
-        assert_eq!(plane(&patch(DVec3::X / 10.0, DVec3::Y / 10.0), step), None, "smaller than the lattice can say");
+        assert_eq!(
+            plane(&patch(DVec3::X / 10.0, DVec3::Y / 10.0), step),
+            None,
+            "smaller than the lattice can say"
+        );
         assert!(plane(&patch(DVec3::X, DVec3::Y), step).is_some());
     }
 
@@ -223,7 +251,10 @@ mod tests {
         let (step, reach) = (DVec3::splat(1e-3), 4.0);
         let plane = Plane { normal: DVec3::Z, along: DVec3::X };
         let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z) * 1e3;
-        let grid: Vec<DVec3> = (0..49).filter(|k| *k != 24).map(|k| at((k % 7 - 3) as f64, (k / 7 - 3) as f64, 0.0)).collect();
+        let grid: Vec<DVec3> = (0..49)
+            .filter(|k| *k != 24)
+            .map(|k| at((k % 7 - 3) as f64, (k / 7 - 3) as f64, 0.0))
+            .collect();
         let of = |points: &[DVec3]| gap(&plane, points, step, reach);
         assert!((of(&grid).unwrap() - 0.5f64.sqrt()).abs() < 1e-12);
         let reversed: Vec<DVec3> = grid.iter().rev().copied().collect();
@@ -234,7 +265,11 @@ mod tests {
         assert!((of(&without).unwrap() / truth - 1.0).abs() < 0.1, "{:?}", of(&without));
         let half: Vec<DVec3> = grid.iter().copied().filter(|d| d.x <= 0.0).collect();
         assert_eq!(of(&half), None, "a border");
-        let rough: Vec<DVec3> = grid.iter().enumerate().map(|(k, d)| *d + at(0.0, 0.0, if k % 2 == 0 { 1.0 } else { -1.0 })).collect();
+        let rough: Vec<DVec3> = grid
+            .iter()
+            .enumerate()
+            .map(|(k, d)| *d + at(0.0, 0.0, if k % 2 == 0 { 1.0 } else { -1.0 }))
+            .collect();
         assert_eq!(of(&rough), None, "no plane");
         // Another sheet behind the first bounds nothing.
         let sheets: Vec<DVec3> = grid.iter().copied().chain([at(0.0, 0.0, 0.1)]).collect();
@@ -258,7 +293,11 @@ mod tests {
             let found = plane(&steps, DVec3::splat(1e-6)).expect("a plane");
             // |E| of covariances: twice the largest deviation times the largest distance, and its square.
             let error = 2.0 * size * 0.5 * 4.0 + size * size;
-            assert!(found.normal.cross(DVec3::Z).length() <= error / 2.0, "{size}: {}", found.normal);
+            assert!(
+                found.normal.cross(DVec3::Z).length() <= error / 2.0,
+                "{size}: {}",
+                found.normal
+            );
         }
     }
 }

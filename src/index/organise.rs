@@ -56,7 +56,8 @@ pub fn organise(columns: &Columns, progress: &dyn Progress) -> Result<Organised>
     organised.order = (0..columns.len() as u32).collect();
     // Strays have nodes of their own: those of all other points are as they would be without.
     let core = Core::in_steps(columns).map_or(organised.order.len(), |core| {
-        let (inside, strays): (Vec<u32>, Vec<u32>) = organised.order.iter().partition(|&&i| core.has(steps(columns, i as usize)));
+        let (inside, strays): (Vec<u32>, Vec<u32>) =
+            organised.order.iter().partition(|&&i| core.has(steps(columns, i as usize)));
         organised.order = [&inside[..], &strays[..]].concat();
         inside.len()
     });
@@ -80,7 +81,10 @@ pub fn shuffle(columns: &Columns, _progress: &dyn Progress) -> Result<Organised>
         order.swap(i, (state % (i as u64 + 1)) as usize);
     }
     let limit = POINTS_PER_PAGE as usize;
-    let nodes = (0..order.len()).step_by(limit).map(|at| Node { points: at..order.len().min(at + limit) }).collect();
+    let nodes = (0..order.len())
+        .step_by(limit)
+        .map(|at| Node { points: at..order.len().min(at + limit) })
+        .collect();
     Ok(Organised { nodes, order, arrangement: Arrangement::Shuffled })
 }
 
@@ -115,7 +119,11 @@ impl Splitting<'_> {
             return Ok(());
         }
         if bits == 0 {
-            self.nodes.extend((0..points.len()).step_by(limit).map(|at| Node { points: first + at..first + points.len().min(at + limit) }));
+            self.nodes.extend(
+                (0..points.len())
+                    .step_by(limit)
+                    .map(|at| Node { points: first + at..first + points.len().min(at + limit) }),
+            );
             return Ok(());
         }
         let levels = bits.min(GRID_BITS);
@@ -124,7 +132,8 @@ impl Splitting<'_> {
         let cell = |i: u32| {
             let i = i as usize;
             let q = [columns.x[i], columns.y[i], columns.z[i]];
-            morton::code([0, 1, 2].map(|axis| ((q[axis] as i64 - min[axis]) >> shift) as u32)) as usize
+            morton::code([0, 1, 2].map(|axis| ((q[axis] as i64 - min[axis]) >> shift) as u32))
+                as usize
         };
         let look = || self.progress.tick("organising", first as u64, columns.len() as u64);
         let starts = sort_by_cell(points, 1 << (3 * levels), cell, look)?;
@@ -142,7 +151,12 @@ impl Splitting<'_> {
 }
 
 /// The largest kd-cells with at most M points, or single grid cells, that cover the occupied cells of `cells`.
-fn cut(starts: &[u32], cells: Range<usize>, bits: u32, emit: &mut impl FnMut(Range<usize>) -> Result<()>) -> Result<()> {
+fn cut(
+    starts: &[u32],
+    cells: Range<usize>,
+    bits: u32,
+    emit: &mut impl FnMut(Range<usize>) -> Result<()>,
+) -> Result<()> {
     let count = starts[cells.end] - starts[cells.start];
     if count == 0 {
         return Ok(());
@@ -226,9 +240,15 @@ mod tests {
             assert!(!node.points.is_empty() && node.points.len() <= POINTS_PER_PAGE as usize);
             next = node.points.end;
             for column in [&columns.x, &columns.y, &columns.z] {
-                let values = organised.order[node.points.clone()].iter().map(|&i| column[i as usize] as i64);
-                let (lo, hi) = values.fold((i64::MAX, i64::MIN), |(lo, hi), v| (lo.min(v), hi.max(v)));
-                assert!(hi - lo < 1 << MAX_NODE_BITS, "a node of {} steps does not fit its planes", hi - lo);
+                let values =
+                    organised.order[node.points.clone()].iter().map(|&i| column[i as usize] as i64);
+                let (lo, hi) =
+                    values.fold((i64::MAX, i64::MIN), |(lo, hi), v| (lo.min(v), hi.max(v)));
+                assert!(
+                    hi - lo < 1 << MAX_NODE_BITS,
+                    "a node of {} steps does not fit its planes",
+                    hi - lo
+                );
             }
         }
         assert_eq!(next, columns.len());
@@ -254,18 +274,34 @@ mod tests {
         check(&columns((0..300_000).map(|i| [i % 550, i / 550, 5]).collect()));
         check(&columns(vec![[i32::MIN, 0, i32::MAX]]));
         check(&columns(vec![]));
-        check(&columns((0..32).map(|k| [1i32.checked_shl(k).unwrap_or(0), 0, 0]).cycle().take(200_000).collect()));
+        check(&columns(
+            (0..32)
+                .map(|k| [1i32.checked_shl(k).unwrap_or(0), 0, 0])
+                .cycle()
+                .take(200_000)
+                .collect(),
+        ));
     }
 
     #[test]
     fn hard_28_an_aspect_of_a_billion_to_one() {
-        check(&columns((0..150_000u32).map(|i| [(i.wrapping_mul(2_654_435_761) % 1_000_000_000) as i32, (i % 3) as i32, 0]).collect()));
+        check(&columns(
+            (0..150_000u32)
+                .map(|i| {
+                    [(i.wrapping_mul(2_654_435_761) % 1_000_000_000) as i32, (i % 3) as i32, 0]
+                })
+                .collect(),
+        ));
     }
 
     #[test]
     fn nodes_of_the_whole_int32_range_are_split_until_they_fit_their_planes() {
         let far = [i32::MIN, i32::MAX];
-        check(&columns((0..8).map(|corner| [far[corner & 1], far[corner >> 1 & 1], far[corner >> 2]]).collect()));
+        check(&columns(
+            (0..8)
+                .map(|corner| [far[corner & 1], far[corner >> 1 & 1], far[corner >> 2]])
+                .collect(),
+        ));
     }
 
     /// Looks until nobody waits any more.

@@ -57,7 +57,10 @@ pub fn pack(
         [0, 1, 2].map(|axis| ((q[axis] as i64 - frame.origin[axis]) as u32) << pad)
     };
     let coarse = BITS_PER_PLANE * (frame.planes - 1);
-    let mut keys: Vec<u64> = order.iter().map(|&i| (morton::code(cells(i).map(|c| c >> coarse)) as u64) << 32 | i as u64).collect();
+    let mut keys: Vec<u64> = order
+        .iter()
+        .map(|&i| (morton::code(cells(i).map(|c| c >> coarse)) as u64) << 32 | i as u64)
+        .collect();
     if arrangement == Arrangement::Morton {
         keys.sort_unstable();
         for run in keys.chunk_by_mut(|a, b| a >> 32 == b >> 32).filter(|run| run.len() > 1) {

@@ -53,8 +53,10 @@ impl Layout {
             there.then_some(bytes - width)
         };
         let rgb = next(has.rgb, 3);
-        let (intensity, class, returns) = (next(has.intensity, 2), next(has.class, 1), next(has.returns, 1));
-        let (source, normal, gps_time) = (next(has.source, 2), next(has.normal, 3), next(has.gps_time, 8));
+        let (intensity, class, returns) =
+            (next(has.intensity, 2), next(has.class, 1), next(has.returns, 1));
+        let (source, normal, gps_time) =
+            (next(has.source, 2), next(has.normal, 3), next(has.gps_time, 8));
         let part = next(parts.len() > 1, 2);
         let at = Offsets { rest, rgb, intensity, class, returns, source, normal, gps_time, part };
         Layout { bytes, at, part: parts.first().copied().unwrap_or_default() }
@@ -74,16 +76,29 @@ impl Layout {
             let mut rows = Rows { records, stride: self.bytes, slots: &slots[range.clone()] };
             let cells = batch.cells[range.clone()].iter();
             if self.is_packed() {
-                rows.put(Some(0), cells.map(|q| (0..3).fold(0, |bits, axis| bits << PACKED_BITS | q[axis] as u64).to_le_bytes()));
+                rows.put(
+                    Some(0),
+                    cells.map(|q| {
+                        (0..3)
+                            .fold(0, |bits, axis| bits << PACKED_BITS | q[axis] as u64)
+                            .to_le_bytes()
+                    }),
+                );
             } else {
-                rows.put(Some(0), cells.map(|&q| -> [u8; size_of::<Cell>()] { bytemuck::cast(q.map(u32::to_le)) }));
+                rows.put(
+                    Some(0),
+                    cells
+                        .map(|&q| -> [u8; size_of::<Cell>()] { bytemuck::cast(q.map(u32::to_le)) }),
+                );
             }
             rows.put_column(at.rgb, &columns.rgb, &range, [255; 3], |color| color);
             rows.put_column(at.intensity, &columns.intensity, &range, 0, u16::to_le_bytes);
             rows.put_column(at.class, &columns.class, &range, 0, |class| [class]);
             rows.put_column(at.returns, &columns.returns, &range, 0, |returns| [returns]);
             rows.put_column(at.source, &columns.source, &range, 0, u16::to_le_bytes);
-            rows.put_column(at.normal, &columns.normal, &range, [0; 3], |normal| normal.map(|v| v as u8));
+            rows.put_column(at.normal, &columns.normal, &range, [0; 3], |normal| {
+                normal.map(|v| v as u8)
+            });
             rows.put_column(at.gps_time, &columns.gps_time, &range, 0.0, f64::to_le_bytes);
             rows.put(at.part, range.map(|_| batch.part.to_le_bytes()));
         }
@@ -93,7 +108,8 @@ impl Layout {
     pub fn cell(&self, record: &[u8]) -> Cell {
         if self.is_packed() {
             let bits = u64::from_le_bytes(first(record));
-            let at = |axis: u32| (bits >> (PACKED_BITS * (2 - axis))) as u32 & ((1 << PACKED_BITS) - 1);
+            let at =
+                |axis: u32| (bits >> (PACKED_BITS * (2 - axis))) as u32 & ((1 << PACKED_BITS) - 1);
             return [at(0), at(1), at(2)];
         }
         let cell: [u8; size_of::<Cell>()] = first(record);
@@ -129,7 +145,10 @@ impl Layout {
 
     /// Brings the colours of records to what those of their whole part turned out to be.
     pub fn settle(&self, records: &mut [u8], found: &[Colors]) {
-        let Some(at) = self.at.rgb.filter(|_| found.iter().any(|&colors| colors != Colors::Bytes)) else { return };
+        let Some(at) = self.at.rgb.filter(|_| found.iter().any(|&colors| colors != Colors::Bytes))
+        else {
+            return;
+        };
         for row in records.chunks_exact_mut(self.bytes) {
             let color = found[self.part(row) as usize].settled(first(&row[at..]));
             row[at..at + 3].copy_from_slice(&color);
@@ -138,7 +157,13 @@ impl Layout {
 
     /// The points of some settled records, in this order. `station` numbers the station of a part and a source. A column at a time over as many records as
     /// the cache keeps.
-    pub fn read(&self, records: &[u8], order: &[u32], keep: Wanted, station: &impl Fn(u16, u16) -> u16) -> Samples {
+    pub fn read(
+        &self,
+        records: &[u8],
+        order: &[u32],
+        keep: Wanted,
+        station: &impl Fn(u16, u16) -> u16,
+    ) -> Samples {
         const POINTS: usize = 1024;
         fn column<T>(there: bool, points: usize) -> Option<Vec<T>> {
             there.then(|| Vec::with_capacity(points))
@@ -171,13 +196,21 @@ impl Layout {
             let rows = || some.iter().map(|&number| self.record(records, number));
             samples.q.extend(rows().map(|row| self.cell(row)));
             extend(&mut samples.rgb, at.rgb, rows(), first);
-            extend(&mut samples.intensity, at.intensity, rows(), |row| u16::from_le_bytes(first(row)));
+            extend(&mut samples.intensity, at.intensity, rows(), |row| {
+                u16::from_le_bytes(first(row))
+            });
             extend(&mut samples.class, at.class, rows(), |row| row[0]);
             extend(&mut samples.returns, at.returns, rows(), |row| row[0]);
             extend(&mut samples.normal, at.normal, rows(), |row| first(row).map(|v| v as i8));
-            extend(&mut samples.gps_time, at.gps_time, rows(), |row| f64::from_le_bytes(first(row)));
+            extend(&mut samples.gps_time, at.gps_time, rows(), |row| {
+                f64::from_le_bytes(first(row))
+            });
             if let (Some(column), Some(source)) = (&mut samples.source, at.source) {
-                column.extend(rows().map(|row| station(self.part(row), u16::from_le_bytes(first(&row[source..])))));
+                column.extend(
+                    rows().map(|row| {
+                        station(self.part(row), u16::from_le_bytes(first(&row[source..])))
+                    }),
+                );
             }
         }
         samples

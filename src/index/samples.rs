@@ -55,7 +55,11 @@ impl Derive {
     }
 
     pub fn planes(self) -> Vec<Plane> {
-        let all = [(Plane::Facing, self.has_normals()), (Plane::Brush, self.strokes), (Plane::Corrected, self.luminance)];
+        let all = [
+            (Plane::Facing, self.has_normals()),
+            (Plane::Brush, self.strokes),
+            (Plane::Corrected, self.luminance),
+        ];
         all.into_iter().filter(|(_, there)| *there).map(|(plane, _)| plane).collect()
     }
 }
@@ -88,7 +92,9 @@ impl Samples {
     /// All of `parts` in Morton order; they have the same columns, but for weights. Cells of one tree follow each other in it; what trees have in common may lie anywhere.
     pub fn together(parts: &[Samples]) -> Samples {
         let filled = || parts.iter().filter(|part| part.len() > 0);
-        let follows = |(before, after): (&Samples, &Samples)| morton::order(before.q[before.len() - 1], after.q[0]) != Ordering::Greater;
+        let follows = |(before, after): (&Samples, &Samples)| {
+            morton::order(before.q[before.len() - 1], after.q[0]) != Ordering::Greater
+        };
         let all = Samples::concatenated(parts);
         if filled().zip(filled().skip(1)).all(follows) { all } else { all.sorted() }
     }
@@ -97,14 +103,23 @@ impl Samples {
     pub fn moved(mut self, from: &Lattice, to: &Lattice) -> Samples {
         for q in &mut self.q {
             let steps = (from.world(q.map(i64::from)) - to.offset) / to.step;
-            *q = steps.round().clamp(DVec3::ZERO, DVec3::splat(u32::MAX as f64)).to_array().map(|v| v as u32);
+            *q = steps
+                .round()
+                .clamp(DVec3::ZERO, DVec3::splat(u32::MAX as f64))
+                .to_array()
+                .map(|v| v as u32);
         }
         self.sorted()
     }
 
     /// With these columns: what is lacking is what a renderer would show for it, white, and 0 everywhere else.
     pub fn completed(self, has: Wanted) -> Samples {
-        fn column<T: Clone>(own: Option<Vec<T>>, wanted: bool, lacking: T, points: usize) -> Option<Vec<T>> {
+        fn column<T: Clone>(
+            own: Option<Vec<T>>,
+            wanted: bool,
+            lacking: T,
+            points: usize,
+        ) -> Option<Vec<T>> {
             own.or_else(|| wanted.then(|| vec![lacking; points]))
         }
         let points = self.len();
@@ -147,7 +162,10 @@ impl Samples {
 
     /// All of `parts`, one after the other.
     fn concatenated(parts: &[Samples]) -> Samples {
-        fn column<T: Clone>(parts: &[Samples], of: impl Fn(&Samples) -> &Option<Vec<T>>) -> Option<Vec<T>> {
+        fn column<T: Clone>(
+            parts: &[Samples],
+            of: impl Fn(&Samples) -> &Option<Vec<T>>,
+        ) -> Option<Vec<T>> {
             let there: Option<Vec<&[T]>> = parts.iter().map(|part| of(part).as_deref()).collect();
             there.map(|columns| columns.concat())
         }
@@ -160,7 +178,9 @@ impl Samples {
             source: column(parts, |part| &part.source),
             normal: column(parts, |part| &part.normal),
             gps_time: column(parts, |part| &part.gps_time),
-            weight: Some(parts.iter().flat_map(|part| (0..part.len()).map(|i| part.weight(i))).collect()),
+            weight: Some(
+                parts.iter().flat_map(|part| (0..part.len()).map(|i| part.weight(i))).collect(),
+            ),
             derived: Derived {
                 facing: column(parts, |part| &part.derived.facing),
                 brush: column(parts, |part| &part.derived.brush),
@@ -179,13 +199,20 @@ impl Samples {
 
     /// Points that all of them stand for.
     pub fn points(&self) -> u64 {
-        self.weight.as_ref().map_or(self.len() as u64, |weight| weight.iter().map(|&w| w as u64).sum())
+        self.weight
+            .as_ref()
+            .map_or(self.len() as u64, |weight| weight.iter().map(|&w| w as u64).sum())
     }
 
     /// Appends the planes of a node to `planes`; its record, with `at` counted from the start of `planes`. Positions are kept to 2^`coarser` steps, of
     /// which the sample lies in the middle; `corner` is where the tree's lattice starts, in steps of the file's.
     pub fn pack(&self, corner: [i64; 3], coarser: u32, planes: &mut Vec<u8>) -> NodeRecord {
-        let mut record = NodeRecord { at: planes.len() as u64, points: self.points(), count: self.len() as u32, ..NodeRecord::zeroed() };
+        let mut record = NodeRecord {
+            at: planes.len() as u64,
+            points: self.points(),
+            count: self.len() as u32,
+            ..NodeRecord::zeroed()
+        };
         let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
         for q in &self.q {
             for axis in 0..3 {
@@ -195,21 +222,32 @@ impl Samples {
         }
         record.extent = [0, 1, 2].map(|axis| high[axis] - low[axis]);
         // Rounded positions are counted from the tree's corner, whole ones as the file counts them (`file::Contents::lattices`).
-        record.origin = [0, 1, 2].map(|axis| low[axis] as i64 + if coarser == 0 { corner[axis] } else { 0 });
+        record.origin =
+            [0, 1, 2].map(|axis| low[axis] as i64 + if coarser == 0 { corner[axis] } else { 0 });
         record.coarser = coarser as u8;
-        record.bits = record.extent.iter().max().map_or(1, |&side| 32 - side.leading_zeros()).max(1) as u8;
+        record.bits =
+            record.extent.iter().max().map_or(1, |&side| 32 - side.leading_zeros()).max(1) as u8;
         let position_planes = record.position_planes();
         let pad = BITS_PER_PLANE * position_planes - record.bits as u32;
         let mut planes = Planes { record: &mut record, bytes: planes };
         for k in 0..position_planes {
             let shift = BITS_PER_PLANE * (position_planes - 1 - k);
-            let axis = |q: &Cell, axis: usize| ((q[axis] >> coarser) - low[axis]) << pad >> shift & ((1 << BITS_PER_PLANE) - 1);
-            let words: Vec<u32> =
-                self.q.iter().map(|q| axis(q, 0) | axis(q, 1) << BITS_PER_PLANE | axis(q, 2) << (2 * BITS_PER_PLANE)).collect();
+            let axis = |q: &Cell, axis: usize| {
+                ((q[axis] >> coarser) - low[axis]) << pad >> shift & ((1 << BITS_PER_PLANE) - 1)
+            };
+            let words: Vec<u32> = self
+                .q
+                .iter()
+                .map(|q| {
+                    axis(q, 0) | axis(q, 1) << BITS_PER_PLANE | axis(q, 2) << (2 * BITS_PER_PLANE)
+                })
+                .collect();
             planes.keep(PLANES[k as usize].0, &Some(words));
         }
-        let narrow: Option<Vec<u8>> =
-            self.source.as_ref().and_then(|source| source.iter().map(|&station| u8::try_from(station).ok()).collect());
+        let narrow: Option<Vec<u8>> = self
+            .source
+            .as_ref()
+            .and_then(|source| source.iter().map(|&station| u8::try_from(station).ok()).collect());
         planes.keep(Plane::Rgb, &self.rgb);
         planes.keep(Plane::Intensity, &self.intensity);
         planes.keep(Plane::Class, &self.class);
@@ -222,11 +260,14 @@ impl Samples {
         planes.keep(Plane::Brush, &self.derived.brush);
         planes.keep(Plane::Corrected, &self.derived.corrected);
         match narrow.as_deref() {
-            Some([station, rest @ ..]) if rest.iter().all(|other| other == station) => planes.one_station(*station),
+            Some([station, rest @ ..]) if rest.iter().all(|other| other == station) => {
+                planes.one_station(*station)
+            }
             Some(stations) if stations.iter().all(|&station| station < 16) => {
                 planes.record.station = HALVES;
                 let both = |pair: &[u8]| pair[0] | pair.get(1).map_or(0, |second| second << 4);
-                planes.keep(Plane::Station, &Some(stations.chunks(2).map(both).collect::<Vec<u8>>()));
+                planes
+                    .keep(Plane::Station, &Some(stations.chunks(2).map(both).collect::<Vec<u8>>()));
             }
             _ => planes.keep(Plane::Station, &narrow),
         }
@@ -234,21 +275,32 @@ impl Samples {
     }
 
     /// What [`Samples::pack`] wrote, from the bytes of its planes, where they are given.
-    pub fn unpack<'b>(record: &NodeRecord, corner: [i64; 3], bytes: &dyn Fn(Plane) -> Option<&'b [u8]>) -> Samples {
+    pub fn unpack<'b>(
+        record: &NodeRecord,
+        corner: [i64; 3],
+        bytes: &dyn Fn(Plane) -> Option<&'b [u8]>,
+    ) -> Samples {
         fn column<T: bytemuck::AnyBitPattern>(bytes: Option<&[u8]>) -> Option<Vec<T>> {
-            bytes.map(|bytes| bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
+            bytes.map(|bytes| {
+                bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect()
+            })
         }
         let position_planes = record.position_planes();
         let pad = BITS_PER_PLANE * position_planes - record.bits as u32;
-        let words: Vec<Vec<u32>> =
-            PLANES[..position_planes as usize].iter().map(|(plane, _)| column(bytes(*plane)).expect("positions are there")).collect();
+        let words: Vec<Vec<u32>> = PLANES[..position_planes as usize]
+            .iter()
+            .map(|(plane, _)| column(bytes(*plane)).expect("positions are there"))
+            .collect();
         let coarser = record.coarser as u32;
-        let low = [0, 1, 2].map(|axis| (record.origin[axis] - if coarser == 0 { corner[axis] } else { 0 }) as u32);
+        let low = [0, 1, 2]
+            .map(|axis| (record.origin[axis] - if coarser == 0 { corner[axis] } else { 0 }) as u32);
         let middle = (1u32 << coarser) >> 1;
         let cell = |i: usize| {
             let cells = words.iter().fold([0u32; 3], |cells, words| {
-                [0, 1, 2]
-                    .map(|axis| cells[axis] << BITS_PER_PLANE | words[i] >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1))
+                [0, 1, 2].map(|axis| {
+                    cells[axis] << BITS_PER_PLANE
+                        | words[i] >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1)
+                })
             });
             [0, 1, 2].map(|axis| (((cells[axis] >> pad) + low[axis]) << coarser) + middle)
         };

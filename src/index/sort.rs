@@ -30,23 +30,43 @@ pub struct RadixSorter {
 
 impl RadixSorter {
     /// Appends the order of `records`, the first of which has the number `first`.
-    pub fn sort(&mut self, layout: &Layout, records: &[u8], first: u32, order: &mut Vec<u32>) -> Result<()> {
+    pub fn sort(
+        &mut self,
+        layout: &Layout,
+        records: &[u8],
+        first: u32,
+        order: &mut Vec<u32>,
+    ) -> Result<()> {
         let rows = || records.chunks_exact(layout.bytes);
         let Some(one) = rows().next().map(|row| layout.cell(row)) else { return Ok(()) };
         if rows().len() > 1 << NUMBER_BITS {
-            return Err(Error::Request(format!("{} points at one place are more than the 2^31 that can be sorted", rows().len())));
+            return Err(Error::Request(format!(
+                "{} points at one place are more than the 2^31 that can be sorted",
+                rows().len()
+            )));
         }
         let mut differ: Cell = [0; 3];
-        rows().map(|row| layout.cell(row)).for_each(|q| (0..3).for_each(|axis| differ[axis] |= q[axis] ^ one[axis]));
+        rows()
+            .map(|row| layout.cell(row))
+            .for_each(|q| (0..3).for_each(|axis| differ[axis] |= q[axis] ^ one[axis]));
         let bits = 32 - (differ[0] | differ[1] | differ[2]).leading_zeros();
         let dropped = bits.saturating_sub(AXIS_BITS);
         let key = |q: Cell| morton::code_63(q.map(|v| v >> dropped & ((1 << AXIS_BITS) - 1)));
         self.items.clear();
-        self.items.extend(rows().map(|row| layout.cell(row)).zip(0..).map(|(q, number)| key(q) << NUMBER_BITS | number));
+        self.items.extend(
+            rows()
+                .map(|row| layout.cell(row))
+                .zip(0..)
+                .map(|(q, number)| key(q) << NUMBER_BITS | number),
+        );
         radix_sort(&mut self.items, &mut self.other, NUMBER_BITS);
         let number = |item: u64| (item & ((1 << NUMBER_BITS) - 1)) as u32;
         let record = |item: u64| layout.record(records, number(item));
-        for run in self.items.chunk_by_mut(|a, b| a >> NUMBER_BITS == b >> NUMBER_BITS).filter(|run| run.len() > 1) {
+        for run in self
+            .items
+            .chunk_by_mut(|a, b| a >> NUMBER_BITS == b >> NUMBER_BITS)
+            .filter(|run| run.len() > 1)
+        {
             run.sort_unstable_by(|&a, &b| compare(layout, record(a), record(b)));
         }
         order.extend(self.items.iter().map(|&item| first + number(item)));

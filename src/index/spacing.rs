@@ -20,13 +20,17 @@ pub fn spacing(count: usize, word: impl Fn(usize) -> u32) -> f64 {
     let places: Vec<u32> = places.into_iter().step_by(often).collect();
     let count = places.len();
     let place = |i: usize| {
-        let axis = |k: u32| (places[i] >> (BITS_PER_PLANE * k) & ((1 << BITS_PER_PLANE) - 1)) as f64;
+        let axis =
+            |k: u32| (places[i] >> (BITS_PER_PLANE * k) & ((1 << BITS_PER_PLANE) - 1)) as f64;
         DVec3::new(axis(0), axis(1), axis(2))
     };
     let mut spacings = Vec::with_capacity(ASKED);
     for k in 0..ASKED.min(count) {
         let own = (2 * k + 1) * count / (2 * ASKED.min(count));
-        let window: Vec<DVec3> = (own.saturating_sub(WINDOW)..(own + WINDOW + 1).min(count)).filter(|&i| i != own).map(place).collect();
+        let window: Vec<DVec3> = (own.saturating_sub(WINDOW)..(own + WINDOW + 1).min(count))
+            .filter(|&i| i != own)
+            .map(place)
+            .collect();
         let at = place(own);
         let mut squares: Vec<f64> = window.iter().map(|p| p.distance_squared(at)).collect();
         if squares.is_empty() {
@@ -57,7 +61,9 @@ mod tests {
         assert!((8.0..16.0).contains(&found), "{found}");
         let mut state = 1u64;
         let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state >> 54) as u32
         };
         let points = sorted((0..10_000).map(|_| [random(), random(), 3]).collect());

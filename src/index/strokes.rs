@@ -69,7 +69,12 @@ fn key(columns: &Columns, lattice: &Lattice) -> Hash {
 
 impl Found {
     /// The words of every point, in the order of the columns.
-    pub fn of(&self, columns: &Columns, lattice: &Lattice, progress: &dyn Progress) -> Result<Arc<Vec<[u32; 2]>>> {
+    pub fn of(
+        &self,
+        columns: &Columns,
+        lattice: &Lattice,
+        progress: &dyn Progress,
+    ) -> Result<Arc<Vec<[u32; 2]>>> {
         let key = key(columns, lattice);
         if let Some(kept) = self.all().iter_mut().find(|kept| kept.key == key) {
             kept.wanted = true;
@@ -93,13 +98,25 @@ impl Found {
 }
 
 /// The words of every point, in the order of the columns.
-pub fn words(columns: &Columns, lattice: &Lattice, progress: &dyn Progress) -> Result<Vec<[u32; 2]>> {
+pub fn words(
+    columns: &Columns,
+    lattice: &Lattice,
+    progress: &dyn Progress,
+) -> Result<Vec<[u32; 2]>> {
     let found = strokes(columns, lattice, progress)?;
-    Ok(found.par_iter().enumerate().map(|(i, stroke)| stroke.words([columns.x[i], columns.y[i], columns.z[i]])).collect())
+    Ok(found
+        .par_iter()
+        .enumerate()
+        .map(|(i, stroke)| stroke.words([columns.x[i], columns.y[i], columns.z[i]]))
+        .collect())
 }
 
 /// Of every point, in the order of the columns.
-pub fn strokes(columns: &Columns, lattice: &Lattice, progress: &dyn Progress) -> Result<Vec<Stroke>> {
+pub fn strokes(
+    columns: &Columns,
+    lattice: &Lattice,
+    progress: &dyn Progress,
+) -> Result<Vec<Stroke>> {
     let leaf = Leaf::of(columns, lattice, [0; 3], columns.rgb.is_some());
     let tree = &leaf.tree;
     let (total, done) = (tree.len() as u64, AtomicU64::new(0));
@@ -152,9 +169,12 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
         index.read(node, plane, bytemuck::cast_slice_mut(&mut words))?;
         read += bytes * count as u64;
         let next = |cell: u32, word: u32, axis: usize| {
-            cell << BITS_PER_PLANE | word >> (BITS_PER_PLANE as usize * axis) & ((1 << BITS_PER_PLANE) - 1)
+            cell << BITS_PER_PLANE
+                | word >> (BITS_PER_PLANE as usize * axis) & ((1 << BITS_PER_PLANE) - 1)
         };
-        cells.iter_mut().zip(&words).for_each(|(cells, &word)| *cells = std::array::from_fn(|axis| next(cells[axis], word, axis)));
+        cells.iter_mut().zip(&words).for_each(|(cells, &word)| {
+            *cells = std::array::from_fn(|axis| next(cells[axis], word, axis))
+        });
     }
     let pad = BITS_PER_PLANE * record.position_planes() - record.bits as u32;
     let column = |axis: usize| cells.iter().map(|cells| (cells[axis] >> pad) as i32).collect();
@@ -168,7 +188,8 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
     let found = strokes(&columns, &index.lattice(record), &Silent)?;
     let at = |i: usize| [columns.x[i], columns.y[i], columns.z[i]];
     // Where it is in the whole cloud, which is the same in whatever node it is.
-    let whole = |i: usize| std::array::from_fn(|axis| (record.origin[axis] + at(i)[axis] as i64) as i32);
+    let whole =
+        |i: usize| std::array::from_fn(|axis| (record.origin[axis] + at(i)[axis] as i64) as i32);
     Ok((found.iter().enumerate().map(|(i, stroke)| stroke.words(whole(i))).collect(), read))
 }
 
@@ -208,10 +229,16 @@ impl Stroke {
 
     /// The second of them, for a normal as it is stored: the plane's own, or another that is better known.
     pub fn brush(&self, normal: u32) -> u32 {
-        let (small, long) = (self.cluster.points < SMALL, (self.cluster.elongation - 1.0) * ELONGATION_STEPS);
+        let (small, long) =
+            (self.cluster.points < SMALL, (self.cluster.elongation - 1.0) * ELONGATION_STEPS);
         let cluster = if small { SMALL_BIT } else { 0 } | (long.round() as u32).min(LONGEST);
-        let angle = octahedral::unpack(normal).zip(self.plane).map_or(0, |(normal, plane)| angle(normal, plane.along));
-        radius_bits(self.radius_m) | angle << ANGLE_SHIFT | cluster | if self.lonely { LONELY_BIT } else { 0 }
+        let angle = octahedral::unpack(normal)
+            .zip(self.plane)
+            .map_or(0, |(normal, plane)| angle(normal, plane.along));
+        radius_bits(self.radius_m)
+            | angle << ANGLE_SHIFT
+            | cluster
+            | if self.lonely { LONELY_BIT } else { 0 }
     }
 }
 
@@ -227,7 +254,8 @@ pub fn radius_m(brush: u32) -> f32 {
 
 /// The same brush with a radius of at most so much where its point is lonely, and of a few times as much where it is not, in its upper half's own numbers.
 pub fn capped(brush: u32, largest: u32) -> u32 {
-    let most = if brush & LONELY_BIT == 0 { largest + (EVEN_POWER << EXPONENT_SHIFT) } else { largest };
+    let most =
+        if brush & LONELY_BIT == 0 { largest + (EVEN_POWER << EXPONENT_SHIFT) } else { largest };
     (brush >> 16).min(most) << 16 | brush & !RADIUS_BITS
 }
 
@@ -256,7 +284,10 @@ pub fn householder(n: DVec3) -> (DVec3, DVec3) {
         return (DVec3::Y, DVec3::NEG_Z);
     }
     let h = if n.x >= 0.0 { 1.0 + n.x } else { lateral / (1.0 - n.x) };
-    (DVec3::new(-n.y, 1.0 - n.y * n.y / h, -n.y * n.z / h), DVec3::new(-n.z, -n.y * n.z / h, 1.0 - n.z * n.z / h))
+    (
+        DVec3::new(-n.y, 1.0 - n.y * n.y / h, -n.y * n.z / h),
+        DVec3::new(-n.z, -n.y * n.z / h, 1.0 - n.z * n.z / h),
+    )
 }
 
 /// A normal's word with the bits that look random, of a point at these lattice steps.

@@ -38,12 +38,31 @@ pub struct Surroundings<'s> {
 impl<'s> Surroundings<'s> {
     /// Of a tree that is all there is.
     pub fn alone(own: &'s Leaf) -> Surroundings<'s> {
-        Surroundings { own, forest: None, of_any_lattice: false, near: Vec::new(), covered: f64::INFINITY, held: 0 }
+        Surroundings {
+            own,
+            forest: None,
+            of_any_lattice: false,
+            near: Vec::new(),
+            covered: f64::INFINITY,
+            held: 0,
+        }
     }
 
     /// Of a leaf: of those on its own lattice, or of all.
-    pub fn of(forest: &'s Forest<'s>, node: usize, own: &'s Leaf, of_any_lattice: bool) -> Surroundings<'s> {
-        Surroundings { own, forest: Some((forest, node)), of_any_lattice, near: Vec::new(), covered: -1.0, held: 0 }
+    pub fn of(
+        forest: &'s Forest<'s>,
+        node: usize,
+        own: &'s Leaf,
+        of_any_lattice: bool,
+    ) -> Surroundings<'s> {
+        Surroundings {
+            own,
+            forest: Some((forest, node)),
+            of_any_lattice,
+            near: Vec::new(),
+            covered: -1.0,
+            held: 0,
+        }
     }
 
     pub fn own(&self) -> &'s Leaf {
@@ -67,34 +86,58 @@ impl<'s> Surroundings<'s> {
     }
 
     fn leaf(&self, neighbour: &Neighbour) -> &Leaf {
-        if neighbour.tree == 0 { self.own } else { leaf_of(&self.near[neighbour.tree as usize - 1]) }
+        if neighbour.tree == 0 {
+            self.own
+        } else {
+            leaf_of(&self.near[neighbour.tree as usize - 1])
+        }
     }
 
     /// Of those equally far, which comes first: steps of the lattice, and colour.
     fn rank(&self, neighbour: &Neighbour) -> ([i64; 3], [u8; 3]) {
         let leaf = self.leaf(neighbour);
         let at = leaf.tree.steps(neighbour.place as usize);
-        ([0, 1, 2].map(|axis| leaf.origin[axis] + at[axis] as i64), leaf.colors.get(neighbour.place as usize).copied().unwrap_or_default())
+        (
+            [0, 1, 2].map(|axis| leaf.origin[axis] + at[axis] as i64),
+            leaf.colors.get(neighbour.place as usize).copied().unwrap_or_default(),
+        )
     }
 
     /// Those nearest to a point that are not where it is, nearest first; so many at most. Of those equally far some.
     pub fn nearest(&mut self, place: usize, most: usize, found: &mut Vec<Neighbour>) -> Result<()> {
         found.clear();
-        let search = |own: &Self, query: Query, found: &mut Vec<Neighbour>| own.leaf_at(query).tree.add_nearest(query, most, found);
-        let reach = |found: &[Neighbour]| if found.len() < most { f64::INFINITY } else { found[most - 1].squared };
+        let search = |own: &Self, query: Query, found: &mut Vec<Neighbour>| {
+            own.leaf_at(query).tree.add_nearest(query, most, found)
+        };
+        let reach = |found: &[Neighbour]| {
+            if found.len() < most { f64::INFINITY } else { found[most - 1].squared }
+        };
         self.search(place, found, &search, &reach)
     }
 
     /// The same points in no order, which takes half as long where they are many, and how far the farthest is, metres squared. `known` is a distance squared that they are not beyond, or infinite.
-    pub fn nearest_in_any_order(&mut self, place: usize, most: usize, known: f64, found: &mut Vec<Neighbour>) -> Result<f64> {
+    pub fn nearest_in_any_order(
+        &mut self,
+        place: usize,
+        most: usize,
+        known: f64,
+        found: &mut Vec<Neighbour>,
+    ) -> Result<f64> {
         found.clear();
         let beyond = std::cell::Cell::new(known);
         let search = |own: &Self, query: Query, found: &mut Vec<Neighbour>| {
             let mut least = beyond.get();
-            own.leaf_at(query).tree.sift(query, most, &mut least, &|neighbour| own.rank(neighbour), found);
+            own.leaf_at(query).tree.sift(
+                query,
+                most,
+                &mut least,
+                &|neighbour| own.rank(neighbour),
+                found,
+            );
             keep_nearest(found, most, &|neighbour| own.rank(neighbour));
             if found.len() == most {
-                least = least.min(found.iter().map(|neighbour| neighbour.squared).fold(0.0, f64::max));
+                least =
+                    least.min(found.iter().map(|neighbour| neighbour.squared).fold(0.0, f64::max));
             }
             beyond.set(least);
         };
@@ -103,7 +146,12 @@ impl<'s> Surroundings<'s> {
     }
 
     /// Every point within a radius of a point but for those where it is, in no order; within a half of it, or less, where they are too many: within which, is the answer.
-    pub fn within(&mut self, place: usize, mut radius: f64, found: &mut Vec<Neighbour>) -> Result<f64> {
+    pub fn within(
+        &mut self,
+        place: usize,
+        mut radius: f64,
+        found: &mut Vec<Neighbour>,
+    ) -> Result<f64> {
         loop {
             found.clear();
             let squared = radius * radius;
@@ -139,7 +187,8 @@ impl<'s> Surroundings<'s> {
         let step = self.own.tree.step();
         let mut next = 0;
         loop {
-            while let Some(near) = self.near.get_mut(next).filter(|near| near.away <= reach(found)) {
+            while let Some(near) = self.near.get_mut(next).filter(|near| near.away <= reach(found))
+            {
                 if near.away_from(query.at, step) <= reach(found) {
                     if near.leaf.is_none() {
                         let leaf = forest.leaf(near.node)?;
@@ -160,16 +209,22 @@ impl<'s> Surroundings<'s> {
     /// Looks farther, if all within `squared` are not known yet. Leaves that were near stay where they are in the list.
     fn widen(&mut self, squared: f64) -> bool {
         let Some((forest, node)) = self.forest else { return false };
-        if self.covered * self.covered >= squared && self.covered >= 0.0 || self.covered > forest.diagonal {
+        if self.covered * self.covered >= squared && self.covered >= 0.0
+            || self.covered > forest.diagonal
+        {
             return false;
         }
         let own = &forest.directory.nodes[node];
         let step = self.own.tree.step();
-        let width = (DVec3::from_array(own.extent.map(f64::from)) * step).max_element().max(step.max_element());
+        let width = (DVec3::from_array(own.extent.map(f64::from)) * step)
+            .max_element()
+            .max(step.max_element());
         let farther = (WIDER * self.covered).max(FIRST_REACH * width);
         self.covered = farther.min(SLIGHTLY_WIDER * squared.sqrt());
         let mut near = forest.beside(node, self.covered, self.of_any_lattice);
-        near.iter_mut().zip(&mut self.near).for_each(|(near, before)| near.leaf = before.leaf.take());
+        near.iter_mut()
+            .zip(&mut self.near)
+            .for_each(|(near, before)| near.leaf = before.leaf.take());
         self.near = near;
         true
     }

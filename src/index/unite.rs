@@ -20,11 +20,18 @@ use glam::DVec3;
 const BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
 
 /// What nodes above these roots are like, but for the number of their lattice and what their stations have in common, and the order of the roots; none where there is one root, or where no lattice of finite numbers holds them all.
-pub fn over(roots: &[&NodeRecord], contents: &Contents, derive: Derive) -> Option<(Kind, Vec<usize>)> {
+pub fn over(
+    roots: &[&NodeRecord],
+    contents: &Contents,
+    derive: Derive,
+) -> Option<(Kind, Vec<usize>)> {
     // Without what lies far outside, which has roots of its own.
     let boxes = || roots.iter().map(|root| file::bounds(root, &contents.lattices));
-    let (low, high) = boxes().reduce(|(low, high), (a, b)| (low.min(a), high.max(b))).filter(|_| roots.len() > 1)?;
-    let widest = contents.lattices.iter().map(|[step, _]| step.abs().max_element()).fold(0.0, f64::max);
+    let (low, high) = boxes()
+        .reduce(|(low, high), (a, b)| (low.min(a), high.max(b)))
+        .filter(|_| roots.len() > 1)?;
+    let widest =
+        contents.lattices.iter().map(|[step, _]| step.abs().max_element()).fold(0.0, f64::max);
     // Without an extent of its own a cloud has at least a step of its files.
     let side = (high - low).max_element().max(widest);
     // A step more than the cloud is wide, so that what is rounded up is still below 2^30.
@@ -51,8 +58,14 @@ pub fn over(roots: &[&NodeRecord], contents: &Contents, derive: Derive) -> Optio
         gps_time: some(Plane::GpsTime),
     };
     // Nobody knows the luminance of what has no colours.
-    let derive = Derive { luminance: derive.luminance && roots.iter().all(|root| root.has(Plane::Corrected)), ..derive };
-    Some((Kind { has, derive, corner: [0; 3], bits: BITS, lattice, lattice_number: 0, gains: None }, order))
+    let derive = Derive {
+        luminance: derive.luminance && roots.iter().all(|root| root.has(Plane::Corrected)),
+        ..derive
+    };
+    Some((
+        Kind { has, derive, corner: [0; 3], bits: BITS, lattice, lattice_number: 0, gains: None },
+        order,
+    ))
 }
 
 /// Open nodes, in their order, that are to get a parent together.

@@ -48,20 +48,30 @@ pub struct Queue<D> {
 
 impl<D> Queue<D> {
     pub fn new() -> Queue<D> {
-        Queue { waiting: Mutex::new(Waiting { wished: VecDeque::new(), dropped: VecDeque::new(), closed: false }), changed: Condvar::new() }
+        Queue {
+            waiting: Mutex::new(Waiting {
+                wished: VecDeque::new(),
+                dropped: VecDeque::new(),
+                closed: false,
+            }),
+            changed: Condvar::new(),
+        }
     }
 
     /// Replaces the wish-list.
     pub fn post(&self, list: Vec<Wish<D>>) {
         let mut waiting = self.lock();
         let older = std::mem::take(&mut waiting.wished).into_iter();
-        let mut older: BTreeMap<usize, (u32, D)> = older.map(|(node, planes, destination)| (node, (planes, destination))).collect();
+        let mut older: BTreeMap<usize, (u32, D)> =
+            older.map(|(node, planes, destination)| (node, (planes, destination))).collect();
         for Wish { node, planes, destination } in list {
             // Neither where it has been begun in the meantime.
             let found = destination.map(|own| (planes, own)).or_else(|| older.remove(&node));
             waiting.wished.extend(found.map(|(planes, destination)| (node, planes, destination)));
         }
-        waiting.dropped.extend(older.into_iter().map(|(node, (_, destination))| (node, destination)));
+        waiting
+            .dropped
+            .extend(older.into_iter().map(|(node, (_, destination))| (node, destination)));
         drop(waiting);
         self.changed.notify_one();
     }

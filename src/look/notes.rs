@@ -20,25 +20,39 @@ impl Look {
         }
         notes.extend(self.unused());
         let phong = self.effects.phong.settings;
-        if phong.backfaces == Backfaces::Drop && self.decided.runs("phong") && !self.drops_back_faces(resident) {
+        if phong.backfaces == Backfaces::Drop
+            && self.decided.runs("phong")
+            && !self.drops_back_faces(resident)
+        {
             let why = match phong.normals {
-                Normals::Depth => "normals=depth leaves those of the files unread, which say which side is outside",
+                Normals::Depth => {
+                    "normals=depth leaves those of the files unread, which say which side is outside"
+                }
                 _ => "no normals of the files say which side is outside",
             };
-            notes.push(format!("phong=backfaces=drop: {why}; points that face away are drawn, too"));
+            notes
+                .push(format!("phong=backfaces=drop: {why}; points that face away are drawn, too"));
         }
         let smooth = &self.effects.smooth;
-        if smooth.settings.pixels == Pixels::Filled && self.decided.runs("smooth") && !self.decided.runs("fill") {
+        if smooth.settings.pixels == Pixels::Filled
+            && self.decided.runs("smooth")
+            && !self.decided.runs("fill")
+        {
             notes.push("smooth: nothing is filled, and so nothing is smoothed; smooth=pixels=all smooths points".into());
         }
         notes.extend(self.coarse());
-        let (fill, transparency) = (&self.effects.fill.settings, &self.effects.transparency.settings);
+        let (fill, transparency) =
+            (&self.effects.fill.settings, &self.effects.transparency.settings);
         let own_layers = [
             ("fill", fill.layer, fill.method == Method::Dobrev),
             ("transparency", transparency.layer, true),
             ("shadows", self.effects.shadows.settings.layer, true),
         ];
-        if self.layer_m > 0.0 && !own_layers.iter().any(|&(effect, own, by_layers)| by_layers && own == 0.0 && self.decided.runs(effect)) {
+        if self.layer_m > 0.0
+            && !own_layers.iter().any(|&(effect, own, by_layers)| {
+                by_layers && own == 0.0 && self.decided.runs(effect)
+            })
+        {
             notes.push(format!(
                 "a layer distance of {} m changes nothing: neither filling by masks, transparency nor shadows go by it here",
                 self.layer_m
@@ -58,9 +72,19 @@ impl Look {
             .filter(|(own, _)| *own.switch == Switch::Auto && !self.decided.runs(own.name))
             .filter_map(|(own, usual)| {
                 let chosen = chosen(&own.settings, &usual.settings);
-                let why = self.decided.0.iter().find(|(name, _)| *name == own.name).map_or("", |(_, reason)| reason.why.as_str());
-                (!chosen.is_empty())
-                    .then(|| format!("{}: nothing comes of {}, since it does not run: {why}", own.name, chosen.join(" and ")))
+                let why = self
+                    .decided
+                    .0
+                    .iter()
+                    .find(|(name, _)| *name == own.name)
+                    .map_or("", |(_, reason)| reason.why.as_str());
+                (!chosen.is_empty()).then(|| {
+                    format!(
+                        "{}: nothing comes of {}, since it does not run: {why}",
+                        own.name,
+                        chosen.join(" and ")
+                    )
+                })
             })
             .collect()
     }
@@ -68,11 +92,18 @@ impl Look {
     /// That depths are not known as finely as what is asked of them (HARD_CASES 4).
     fn coarse(&self) -> Option<String> {
         let layer = |of_effect: f64| layer_m([of_effect, self.layer_m], &self.sampling);
-        let (fill, transparency) = (&self.effects.fill.settings, &self.effects.transparency.settings);
-        let masks = (self.decided.runs("fill") && fill.method == Method::Dobrev).then(|| layer(fill.layer));
+        let (fill, transparency) =
+            (&self.effects.fill.settings, &self.effects.transparency.settings);
+        let masks =
+            (self.decided.runs("fill") && fill.method == Method::Dobrev).then(|| layer(fill.layer));
         let peels = self.decided.runs("transparency").then(|| layer(transparency.layer));
         let quantum_m = significant(self.quantum_m);
-        if let Some(layer_m) = [masks, peels].into_iter().flatten().reduce(f64::min).filter(|layer_m| *layer_m < 2.0 * self.quantum_m) {
+        if let Some(layer_m) = [masks, peels]
+            .into_iter()
+            .flatten()
+            .reduce(f64::min)
+            .filter(|layer_m| *layer_m < 2.0 * self.quantum_m)
+        {
             let layer_m = significant(layer_m);
             return Some(format!(
                 "surfaces are told apart from {layer_m} m on, and depths so far away are known to {quantum_m} m only: some may run into each other; look from nearer, or with --layer {}",
@@ -94,7 +125,8 @@ impl Look {
         }
         if resident.light.as_ref().is_some_and(|saved| self.light.is_written(&saved.light)) {
             // But for how dark shadows are.
-            let (mut own, mut usual) = (settings, shadows::Settings { ambient: settings.ambient, ..Default::default() });
+            let (mut own, mut usual) =
+                (settings, shadows::Settings { ambient: settings.ambient, ..Default::default() });
             let idle = chosen(&own.list(), &usual.list());
             if !idle.is_empty() {
                 notes.push(format!(
@@ -117,5 +149,9 @@ impl Look {
 
 /// Names of those that are not as usual.
 fn chosen(own: &[Setting], usual: &[Setting]) -> Vec<&'static str> {
-    own.iter().zip(usual).filter(|(own, usual)| own.value.to_string() != usual.value.to_string()).map(|(own, _)| own.name).collect()
+    own.iter()
+        .zip(usual)
+        .filter(|(own, usual)| own.value.to_string() != usual.value.to_string())
+        .map(|(own, _)| own.name)
+        .collect()
 }

@@ -15,7 +15,8 @@ use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, antialias, antialias_close, silhouettes};
 use crate::view::View;
 
-pub const SUMMARY: &str = "smooths the stairs of silhouettes, which are where the Laplacian of the depth is large";
+pub const SUMMARY: &str =
+    "smooths the stairs of silhouettes, which are where the Laplacian of the depth is large";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -51,7 +52,12 @@ pub enum Laplacian {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { threshold: Threshold::Low, laplacian: Laplacian::Inverse, jump: 0.03, tiles: Looked::Needed }
+        Settings {
+            threshold: Threshold::Low,
+            laplacian: Laplacian::Inverse,
+            jump: 0.03,
+            tiles: Looked::Needed,
+        }
     }
 }
 
@@ -63,13 +69,21 @@ impl super::Settings for Settings {
                 about: "low: between surfaces, too; high: against the background only",
                 value: Value::Choice(&mut self.threshold),
             },
-            Setting { name: "laplacian", about: "of 1 / depth, or of the depth", value: Value::Choice(&mut self.laplacian) },
+            Setting {
+                name: "laplacian",
+                about: "of 1 / depth, or of the depth",
+                value: Value::Choice(&mut self.laplacian),
+            },
             Setting {
                 name: "jump",
                 about: "least Laplacian of a silhouette, parts of the depth",
                 value: Value::Number(&mut self.jump, 0.0..=4.0),
             },
-            Setting { name: "tiles", about: "which tiles are worked on; the picture is the same", value: Value::Choice(&mut self.tiles) },
+            Setting {
+                name: "tiles",
+                about: "which tiles are worked on; the picture is the same",
+                value: Value::Choice(&mut self.tiles),
+            },
         ]
     }
 
@@ -84,9 +98,13 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 }
 
 pub fn called_for(_scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
-    let smooths = before.runs("smooth") && (before.runs("fill") || asked.smooth.settings.pixels == Pixels::All);
+    let smooths = before.runs("smooth")
+        && (before.runs("fill") || asked.smooth.settings.pixels == Pixels::All);
     let (runs, why) = match before.runs("fill") {
-        _ if smooths => (true, "what was smoothed ends in stairs against what lies behind; tiles without silhouettes are skipped"),
+        _ if smooths => (
+            true,
+            "what was smoothed ends in stairs against what lies behind; tiles without silhouettes are skipped",
+        ),
         true => (false, "pixels keep what they show, and nothing else was smoothed"),
         false => (false, "points have no silhouettes"),
     };
@@ -97,14 +115,32 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let size = scene.view.size;
     let across = tiles(size);
     let count = across[0] * across[1];
-    let (inverse, high) = (settings.laplacian == Laplacian::Inverse, settings.threshold == Threshold::High);
+    let (inverse, high) =
+        (settings.laplacian == Laplacian::Inverse, settings.threshold == Threshold::High);
     let jump = settings.jump as f32;
-    let (mut found, mut lists) = (g.buffer("found", 4 * count as u64), g.buffer("silhouettes", 4 * (LIST_HEADER + count) as u64));
+    let (mut found, mut lists) = (
+        g.buffer("found", 4 * count as u64),
+        g.buffer("silhouettes", 4 * (LIST_HEADER + count) as u64),
+    );
     g.fill(&mut found, 0);
     g.fill(&mut lists, 0);
-    let push = silhouettes::Push { size, tiles: across, jump, all: (settings.tiles == Looked::All) as u32 };
+    let push = silhouettes::Push {
+        size,
+        tiles: across,
+        jump,
+        all: (settings.tiles == Looked::All) as u32,
+    };
     let spec = silhouettes::Spec { inverse, high };
-    g.run(shader::Silhouettes { depth: &layers.depth, found: &mut found, lists: &mut lists, push, spec }, Tiles::ByEight(count));
+    g.run(
+        shader::Silhouettes {
+            depth: &layers.depth,
+            found: &mut found,
+            lists: &mut lists,
+            push,
+            spec,
+        },
+        Tiles::ByEight(count),
+    );
 
     let Layers { depth, mut color, mut lit, .. } = layers;
     let mut blended = g.image("blended", size, Kind::Rgba32f);
@@ -116,14 +152,32 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let spec = antialias::Spec { inverse, high, lit_by };
     let run = Tiles::From(&lists, 0);
     g.run(
-        shader::Antialias { lists: &lists, depth: &depth, color: &color, lit: light, blended: &mut blended, left: &mut left, push, spec },
+        shader::Antialias {
+            lists: &lists,
+            depth: &depth,
+            color: &color,
+            lit: light,
+            blended: &mut blended,
+            left: &mut left,
+            push,
+            spec,
+        },
         run,
     );
     let mut nowhere = lit.is_none().then(|| g.image("nowhere", [1, 1], Kind::R32f));
     let light = lit.as_mut().or(nowhere.as_mut()).expect("one of them");
-    let (push, spec) = (antialias_close::Push { tiles_across: across[0] }, antialias_close::Spec { lit_by });
+    let (push, spec) =
+        (antialias_close::Push { tiles_across: across[0] }, antialias_close::Spec { lit_by });
     g.run(
-        shader::AntialiasClose { lists: &lists, blended: &blended, left: &left, color: &mut color, lit: light, push, spec },
+        shader::AntialiasClose {
+            lists: &lists,
+            blended: &blended,
+            left: &left,
+            color: &mut color,
+            lit: light,
+            push,
+            spec,
+        },
         Tiles::From(&lists, 0),
     );
     Layers { depth, color, lit, ..layers }

@@ -8,7 +8,8 @@ use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, ao::Push, ao::Spec};
 use crate::view::{Projection, View};
 
-pub const SUMMARY: &str = "ambient occlusion: darkens corners and what stands close to other things";
+pub const SUMMARY: &str =
+    "ambient occlusion: darkens corners and what stands close to other things";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -44,8 +45,16 @@ impl super::Settings for Settings {
                 about: "parts of the light that a full horizon takes",
                 value: number(&mut self.strength, 0.0..=16.0),
             },
-            Setting { name: "directions", about: "around a pixel", value: Value::Whole(&mut self.directions, 2.0..=64.0) },
-            Setting { name: "steps", about: "samples of each direction", value: Value::Whole(&mut self.steps, 1.0..=64.0) },
+            Setting {
+                name: "directions",
+                about: "around a pixel",
+                value: Value::Whole(&mut self.directions, 2.0..=64.0),
+            },
+            Setting {
+                name: "steps",
+                about: "samples of each direction",
+                value: Value::Whole(&mut self.steps, 1.0..=64.0),
+            },
             Setting {
                 name: "bias",
                 about: "sine of the horizon up to which a surface is only rough",
@@ -69,7 +78,8 @@ const SHARE: f64 = 1.0 / 12.0;
 /// As [`super::Effects::reach_px`]: with perspective metres are any number of pixels.
 pub fn reach_px(view: &View, settings: &Settings) -> Option<u32> {
     let in_metres = settings.radius > 0.0 && view.camera.projection == Projection::Perspective;
-    (!in_metres).then(|| (radius(view, settings) * view.focal_px()).ceil() as u32 + WINDOW_PX as u32 + 1)
+    (!in_metres)
+        .then(|| (radius(view, settings) * view.focal_px()).ceil() as u32 + WINDOW_PX as u32 + 1)
 }
 
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
@@ -82,7 +92,11 @@ pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason 
 
 /// Metres, or where `settings` leave it to the picture and there is perspective, parts of the depth.
 pub fn radius(view: &View, settings: &Settings) -> f64 {
-    if settings.radius > 0.0 { settings.radius } else { SHARE * view.whole[1] as f64 / view.focal_px() }
+    if settings.radius > 0.0 {
+        settings.radius
+    } else {
+        SHARE * view.whole[1] as f64 / view.focal_px()
+    }
 }
 
 /// Cosine and sine of the angle between directions.
@@ -108,7 +122,11 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         turn: turn(settings),
     };
     let perspective = view.camera.projection == Projection::Perspective;
-    let spec = Spec { perspective, lit_by: layers.lit.is_some(), metres: perspective && settings.radius > 0.0 };
+    let spec = Spec {
+        perspective,
+        lit_by: layers.lit.is_some(),
+        metres: perspective && settings.radius > 0.0,
+    };
     // Without light there is nothing to read; a binding wants an image all the same.
     let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
     g.run(shader::Ao { depth: &layers.depth, lit, left: &mut left, push, spec }, Tiles::All);

@@ -8,7 +8,10 @@ use crate::view::View;
 pub fn record(g: &mut Graph, view: &View, background: [f32; 3], layers: &Layers) -> Image {
     let mut picture = g.image("picture", view.size, Kind::Rgba32f);
     // What several layers show together is lit already.
-    let (color, lit) = layers.front.as_ref().map_or((&layers.color, layers.lit.as_ref()), |front| (&front.color, None));
+    let (color, lit) = layers
+        .front
+        .as_ref()
+        .map_or((&layers.color, layers.lit.as_ref()), |front| (&front.color, None));
     // Without light there is nothing to read; a binding wants an image all the same.
     let (lit, spec) = (lit.unwrap_or(&layers.depth), Spec { lit_by: lit.is_some() });
     let push = Push { size: view.size, background };

@@ -67,25 +67,39 @@ impl Asked {
     }
 
     pub fn counts(&self, frame: &Frame, size: [u32; 2], effects: &Effects) -> Counts {
-        let words = |list: &Option<Buffer>| list.as_ref().map_or(&[][..], |list| frame.read::<u32>(list));
-        let listed = |list: &Option<Buffer>| words(list).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64;
+        let words =
+            |list: &Option<Buffer>| list.as_ref().map_or(&[][..], |list| frame.read::<u32>(list));
+        let listed = |list: &Option<Buffer>| {
+            words(list).get(LIST_HEADER as usize - 1).copied().unwrap_or_default() as u64
+        };
         let [across, down] = tiles(size);
         let by_level = visibility::listed(size, words(&self.lists));
         let holes = visibility::in_list(words(&self.holes));
         let taken = |steps: &Option<Buffer>| fill::steps_taken(words(steps), across * down);
         let neighbours = (effects.visibility.settings.kernel as u64).pow(2) - 1;
-        let taps = |(_, tiles): &(u32, &[u32])| tiles.len() as u64 * (TILE_PX * TILE_PX) as u64 * neighbours;
+        let taps = |(_, tiles): &(u32, &[u32])| {
+            tiles.len() as u64 * (TILE_PX * TILE_PX) as u64 * neighbours
+        };
         let map = |marked: &mut dyn Iterator<Item = (char, u32)>| {
             let mut marks = vec![vec!['.'; across as usize]; down as usize];
-            marked.for_each(|(mark, tile)| marks[(tile / across) as usize][(tile % across) as usize] = mark);
+            marked.for_each(|(mark, tile)| {
+                marks[(tile / across) as usize][(tile % across) as usize] = mark
+            });
             marks.into_iter().map(String::from_iter).collect::<Vec<_>>()
         };
-        let digit = |cells: &u32| char::from_digit(cells.ilog2(), 10).expect("there are fewer levels");
+        let digit =
+            |cells: &u32| char::from_digit(cells.ilog2(), 10).expect("there are fewer levels");
         Counts {
             tiles: across as u64 * down as u64,
             taps: by_level.iter().map(taps).sum(),
-            looked_at: by_level.iter().filter(|(_, tiles)| !tiles.is_empty()).map(|(cells, tiles)| (*cells, tiles.len() as u64)).collect(),
-            looked_at_map: map(&mut by_level.iter().flat_map(|(cells, tiles)| tiles.iter().map(|tile| (digit(cells), *tile)))),
+            looked_at: by_level
+                .iter()
+                .filter(|(_, tiles)| !tiles.is_empty())
+                .map(|(cells, tiles)| (*cells, tiles.len() as u64))
+                .collect(),
+            looked_at_map: map(&mut by_level
+                .iter()
+                .flat_map(|(cells, tiles)| tiles.iter().map(|tile| (digit(cells), *tile)))),
             holes_map: map(&mut holes.iter().map(|tile| ('#', *tile))),
             holes: holes.len() as u64,
             filling_steps: if !holes.is_empty() { taken(&self.steps) } else { 0 },
@@ -101,7 +115,11 @@ impl Asked {
 
 /// That index peeling has not come to its end in so many texels, in words.
 fn cut_off(texels: u64) -> Option<String> {
-    (texels > 0).then(|| format!("shadows by index peeling were cut off in {texels} texels: more peels, or method=depth"))
+    (texels > 0).then(|| {
+        format!(
+            "shadows by index peeling were cut off in {texels} texels: more peels, or method=depth"
+        )
+    })
 }
 
 /// What a frame that has run knows alone, and whoever sees its picture should.
@@ -112,7 +130,9 @@ pub struct Warned {
 impl Warned {
     pub fn ask(g: &mut Graph, effects: &Effects) -> Warned {
         let peels = effects.shadows.settings.method == Method::Index;
-        Warned { unpeeled: g.named("unpeeled").filter(|_| peels).map(|list| g.download_buffer(&list)) }
+        Warned {
+            unpeeled: g.named("unpeeled").filter(|_| peels).map(|list| g.download_buffer(&list)),
+        }
     }
 
     pub fn note(&self, frame: &Frame) -> Option<String> {
@@ -123,19 +143,29 @@ impl Warned {
 impl Counts {
     /// Tiles where points could be hidden.
     pub fn looked(&self) -> u64 {
-        self.looked_at_map.iter().flat_map(|row| row.bytes()).filter(|mark| *mark != b'.').count() as u64
+        self.looked_at_map.iter().flat_map(|row| row.bytes()).filter(|mark| *mark != b'.').count()
+            as u64
     }
 }
 
 impl std::fmt::Display for Counts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let levels: Vec<_> = self.looked_at.iter().map(|(cells, tiles)| format!("{tiles} in cells of {cells}")).collect();
-        let levels = if levels.is_empty() { String::new() } else { format!(" ({})", levels.join(", ")) };
+        let levels: Vec<_> = self
+            .looked_at
+            .iter()
+            .map(|(cells, tiles)| format!("{tiles} in cells of {cells}"))
+            .collect();
+        let levels =
+            if levels.is_empty() { String::new() } else { format!(" ({})", levels.join(", ")) };
         let filled = match self.mask_steps {
             Some([background, occluded]) => {
-                format!("filled by masks, in {background} steps of the background and {occluded} of what is occluded")
+                format!(
+                    "filled by masks, in {background} steps of the background and {occluded} of what is occluded"
+                )
             }
-            None if self.filling_steps > 0 => format!("{} with pixels to fill, in {} steps", self.holes, self.filling_steps),
+            None if self.filling_steps > 0 => {
+                format!("{} with pixels to fill, in {} steps", self.holes, self.filling_steps)
+            }
             None => format!("{} with pixels to fill", self.holes),
         };
         write!(
@@ -154,7 +184,10 @@ impl std::fmt::Display for Counts {
         }
         cut_off(self.unpeeled).map_or(Ok(()), |cut_off| write!(f, "; {cut_off}"))?;
         if self.left_over {
-            write!(f, "; some pixels have more layers than were drawn: --effect transparency=layers=N")?;
+            write!(
+                f,
+                "; some pixels have more layers than were drawn: --effect transparency=layers=N"
+            )?;
         }
         Ok(())
     }

@@ -32,8 +32,16 @@ impl super::Settings for Settings {
                 about: "halvings of the light for each unit of mean slope",
                 value: number(&mut self.strength, 0.0..=100.0),
             },
-            Setting { name: "radius", about: "distance of the neighbours, pixels", value: Value::Whole(&mut self.radius, 1.0..=64.0) },
-            Setting { name: "cap", about: "the steepest slope that counts", value: number(&mut self.cap, 0.0..=1e6) },
+            Setting {
+                name: "radius",
+                about: "distance of the neighbours, pixels",
+                value: Value::Whole(&mut self.radius, 1.0..=64.0),
+            },
+            Setting {
+                name: "cap",
+                about: "the steepest slope that counts",
+                value: number(&mut self.cap, 0.0..=1e6),
+            },
         ]
     }
 
@@ -51,9 +59,16 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
-        _ if before.runs("phong") => Reason { runs: false, why: "Phong lighting shades already".to_string() },
-        _ if before.runs("shape") => Reason { runs: false, why: "shape depiction shades already".to_string() },
-        _ => Reason { runs: true, why: "depths alone show the shape of a surface, with or without normals".to_string() },
+        _ if before.runs("phong") => {
+            Reason { runs: false, why: "Phong lighting shades already".to_string() }
+        }
+        _ if before.runs("shape") => {
+            Reason { runs: false, why: "shape depiction shades already".to_string() }
+        }
+        _ => Reason {
+            runs: true,
+            why: "depths alone show the shape of a surface, with or without normals".to_string(),
+        },
     }
 }
 
@@ -68,6 +83,9 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         radius_px: settings.radius.round() as i32,
     };
     let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
-    g.run(shader::Edl { depth: &layers.depth, color: &layers.color, lit: &mut lit, push, spec }, Tiles::All);
+    g.run(
+        shader::Edl { depth: &layers.depth, color: &layers.color, lit: &mut lit, push, spec },
+        Tiles::All,
+    );
     Layers { color: lit, ..layers }
 }

@@ -12,7 +12,9 @@ pub struct Thresholds([f32; 255]);
 
 impl Thresholds {
     pub fn new() -> Thresholds {
-        Thresholds(std::array::from_fn(|code| super::resolve::srgb_to_linear((code as f64 + 0.5) / 255.0) as f32))
+        Thresholds(std::array::from_fn(|code| {
+            super::resolve::srgb_to_linear((code as f64 + 0.5) / 255.0) as f32
+        }))
     }
 
     pub fn encode(&self, linear: f32) -> u8 {
@@ -23,7 +25,8 @@ impl Thresholds {
     fn buckets(&self) -> Vec<[u32; 4]> {
         let float = |start: u32| f32::from_bits(start << 16);
         let bucket = |start: u32| {
-            let [below, within] = [start, start + 1].map(|start| self.0.partition_point(|&threshold| threshold < float(start)));
+            let [below, within] = [start, start + 1]
+                .map(|start| self.0.partition_point(|&threshold| threshold < float(start)));
             assert!(within - below <= 1, "buckets are narrower than codes");
             let threshold = if within > below { self.0[below] } else { f32::INFINITY };
             [threshold.to_bits(), below as u32, 0, 0]
@@ -53,7 +56,8 @@ pub struct Screen {
 pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()> {
     let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
     let size = picture.desc.size;
-    let (push, spec) = (Push { size, top: 0 }, Spec { blue_first: screen.blue_first, packed: false });
+    let (push, spec) =
+        (Push { size, top: 0 }, Spec { blue_first: screen.blue_first, packed: false });
     let groups = Tiles::Groups([size[0].div_ceil(64), size[1], 1]);
     g.run(shader::Encode { picture, buckets, screen: &mut screen.words, push, spec }, groups);
     Ok(())
@@ -68,16 +72,17 @@ const PIXEL_BYTES: u64 = 4;
 /// Asks for it after the submission.
 pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
     let buckets = &g.upload("buckets", &Thresholds::new().buckets())?;
-    let bands = project::bands(picture.desc.size, PIXEL_BYTES, g.binding_limit()).into_iter().map(|band| {
-        let Band { top, size } = band;
-        let fours = (size[0] * size[1]).div_ceil(4);
-        let mut bytes = g.answer("bytes", 12 * fours as u64);
-        let (push, spec) = (Push { size, top }, Spec { blue_first: false, packed: true });
-        let rows = fours.div_ceil(64).div_ceil(65_535);
-        let groups = Tiles::Groups([fours.div_ceil(64).div_ceil(rows), rows, 1]);
-        g.run(shader::Encode { picture, buckets, screen: &mut bytes, push, spec }, groups);
-        (bytes, band)
-    });
+    let bands =
+        project::bands(picture.desc.size, PIXEL_BYTES, g.binding_limit()).into_iter().map(|band| {
+            let Band { top, size } = band;
+            let fours = (size[0] * size[1]).div_ceil(4);
+            let mut bytes = g.answer("bytes", 12 * fours as u64);
+            let (push, spec) = (Push { size, top }, Spec { blue_first: false, packed: true });
+            let rows = fours.div_ceil(64).div_ceil(65_535);
+            let groups = Tiles::Groups([fours.div_ceil(64).div_ceil(rows), rows, 1]);
+            g.run(shader::Encode { picture, buckets, screen: &mut bytes, push, spec }, groups);
+            (bytes, band)
+        });
     Ok(Encoded(bands.collect()))
 }
 
@@ -97,21 +102,31 @@ mod tests {
     fn every_8_bit_code_survives_decoding_and_encoding() {
         let thresholds = Thresholds::new();
         for code in 0..=255u8 {
-            assert_eq!(thresholds.encode(crate::passes::resolve::srgb_to_linear(code as f64 / 255.0) as f32), code);
+            assert_eq!(
+                thresholds
+                    .encode(crate::passes::resolve::srgb_to_linear(code as f64 / 255.0) as f32),
+                code
+            );
         }
-        assert_eq!([-1.0, f32::NAN, 2.0, f32::INFINITY].map(|value| thresholds.encode(value)), [0, 0, 255, 255]);
+        assert_eq!(
+            [-1.0, f32::NAN, 2.0, f32::INFINITY].map(|value| thresholds.encode(value)),
+            [0, 0, 255, 255]
+        );
     }
 
     #[test]
     fn a_bucket_and_one_comparison_give_the_same_codes() {
         let (thresholds, buckets) = (Thresholds::new(), Thresholds::new().buckets());
         let code = |linear: f32| {
-            let [threshold, below, ..] = buckets[((linear.to_bits() >> 16).clamp(FIRST, LAST) - FIRST) as usize];
+            let [threshold, below, ..] =
+                buckets[((linear.to_bits() >> 16).clamp(FIRST, LAST) - FIRST) as usize];
             below + (linear.min(1.0) >= f32::from_bits(threshold)) as u32
         };
         let near = |value: f32| [value.next_down(), value, value.next_up()];
         let starts = (FIRST..=LAST).map(|start| f32::from_bits(start << 16));
-        for linear in thresholds.0.into_iter().chain(starts).flat_map(near).chain([1e-30, 2.0, f32::INFINITY]) {
+        for linear in
+            thresholds.0.into_iter().chain(starts).flat_map(near).chain([1e-30, 2.0, f32::INFINITY])
+        {
             assert_eq!(code(linear), thresholds.encode(linear) as u32, "{linear}");
         }
     }

@@ -11,7 +11,8 @@ use crate::index::exposure::Balance;
 use crate::resident::Resident;
 use crate::view::View;
 
-pub const SUMMARY: &str = "one exposure for all stations: a factor on the light of each, from where they overlap";
+pub const SUMMARY: &str =
+    "one exposure for all stations: a factor on the light of each, from where they overlap";
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Settings {}
@@ -64,7 +65,10 @@ pub fn is_one(scene: &Scene, decided: &Decided) -> bool {
 }
 
 fn stops(balance: &Balance) -> f64 {
-    let (least, most) = balance.gains.iter().fold((f64::INFINITY, 0.0f64), |(least, most), &gain| (least.min(gain), most.max(gain)));
+    let (least, most) = balance
+        .gains
+        .iter()
+        .fold((f64::INFINITY, 0.0f64), |(least, most), &gain| (least.min(gain), most.max(gain)));
     (most / least).log2()
 }
 
@@ -73,12 +77,17 @@ pub fn gains(resident: &Resident, decided: &Decided) -> Vec<f64> {
     let balance = resident.balance.as_ref().filter(|_| decided.runs("exposure"));
     let numbered = if resident.shown.coded { resident.stations.len() } else { 0 };
     let stations = (0..numbered).take_while(|&station| station_code(station) > 0);
-    [1.0].into_iter().chain(stations.map(|station| balance.map_or(1.0, |balance| balance.gains[station]))).collect()
+    [1.0]
+        .into_iter()
+        .chain(stations.map(|station| balance.map_or(1.0, |balance| balance.gains[station])))
+        .collect()
 }
 
 /// Of every row, its 256 linear values.
 pub fn linear(gains: &[f64]) -> impl Iterator<Item = f64> + '_ {
-    gains.iter().flat_map(|gain| (0..256).map(move |v| (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0)))
+    gains
+        .iter()
+        .flat_map(|gain| (0..256).map(move |v| (gain * srgb_to_linear(v as f64 / 255.0)).min(1.0)))
 }
 
 /// And the same as values of 8 bits.

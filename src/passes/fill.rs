@@ -16,7 +16,10 @@ mod splat;
 
 pub use dobrev::APART_PX;
 
-use super::{Decided, Effects, Holes, Layers, MOST_LEVELS, Reason, Scene, Setting, TILE_PX, Value, significant, tiles, visibility};
+use super::{
+    Decided, Effects, Holes, Layers, MOST_LEVELS, Reason, Scene, Setting, TILE_PX, Value,
+    significant, tiles, visibility,
+};
 use crate::graph::{Graph, Image, Kind, Tiles};
 use crate::shader::{self, fill_close, fill_open, fill_pintus};
 use crate::view::{Projection, View};
@@ -58,7 +61,15 @@ pub enum Method {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { method: Method::Auto, levels: 7.0, iterations: 0.0, tolerance: 0.0, surrounded: 5.0, radius: 0.0, layer: 0.0 }
+        Settings {
+            method: Method::Auto,
+            levels: 7.0,
+            iterations: 0.0,
+            tolerance: 0.0,
+            surrounded: 5.0,
+            radius: 0.0,
+            layer: 0.0,
+        }
     }
 }
 
@@ -87,7 +98,11 @@ impl super::Settings for Settings {
                 about: "background is filled, too, where so many of its 8 neighbours are; 9: never",
                 value: Value::Whole(&mut self.surrounded, 1.0..=9.0),
             },
-            Setting { name: "radius", about: "of splats, pixels; 0: 2", value: number(&mut self.radius, 0.0..=31.0) },
+            Setting {
+                name: "radius",
+                about: "of splats, pixels; 0: 2",
+                value: number(&mut self.radius, 0.0..=31.0),
+            },
             Setting {
                 name: "layer",
                 about: "of dobrev: layer distance of this effect alone, metres; 0: that of --layer",
@@ -122,25 +137,44 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     let settings = &asked.fill.settings;
     match settings.method {
         Method::Auto | Method::Pintus => {}
-        _ if scene.points == 0 => return Reason { runs: false, why: "there is nothing to fill with".to_string() },
+        _ if scene.points == 0 => {
+            return Reason { runs: false, why: "there is nothing to fill with".to_string() };
+        }
         Method::Dobrev => {
             let layer_m = scene.layer_m(settings.layer);
             return Reason {
                 runs: true,
-                why: format!("masks find the holes, and what is hidden: surfaces are {} m apart at least", significant(layer_m)),
+                why: format!(
+                    "masks find the holes, and what is hidden: surfaces are {} m apart at least",
+                    significant(layer_m)
+                ),
             };
         }
         Method::Splat => {
-            return Reason { runs: true, why: "splats cover the gaps between points; they need not know where gaps are".to_string() };
+            return Reason {
+                runs: true,
+                why: "splats cover the gaps between points; they need not know where gaps are"
+                    .to_string(),
+            };
         }
         Method::Pullpush if before.runs("visibility") => {}
         Method::Pullpush => {
-            return Reason { runs: true, why: "without visibility every pixel without a point is a hole, the background too".to_string() };
+            return Reason {
+                runs: true,
+                why: "without visibility every pixel without a point is a hole, the background too"
+                    .to_string(),
+            };
         }
     }
     match before.runs("visibility") {
-        true => Reason { runs: true, why: "visibility leaves holes; tiles without are skipped".to_string() },
-        false => Reason { runs: false, why: "visibility does not run, and so nobody knows which pixels are holes".to_string() },
+        true => Reason {
+            runs: true,
+            why: "visibility leaves holes; tiles without are skipped".to_string(),
+        },
+        false => Reason {
+            runs: false,
+            why: "visibility does not run, and so nobody knows which pixels are holes".to_string(),
+        },
     }
 }
 
@@ -159,7 +193,8 @@ pub fn settled(asked: &Settings, transparent: bool, floods: bool, widest_px: f64
         asked => asked,
     };
     // A flood goes as far as the background does.
-    let enough = if floods { f64::INFINITY } else { visibility::levels_for(widest_px).max(LEAST_LEVELS) };
+    let enough =
+        if floods { f64::INFINITY } else { visibility::levels_for(widest_px).max(LEAST_LEVELS) };
     Settings { method, levels: asked.levels.min(enough), ..*asked }
 }
 
@@ -172,39 +207,80 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         Method::Pintus => {}
         Method::Dobrev => return dobrev::record(g, scene, settings, layers),
         Method::Splat => return splat::record(g, view, settings, layers),
-        Method::Auto | Method::Pullpush => return pullpush::record(g, view, settings, scene.shown.is_label(), layers),
+        Method::Auto | Method::Pullpush => {
+            return pullpush::record(g, view, settings, scene.shown.is_label(), layers);
+        }
     }
     let Some(holes) = &layers.holes else { return layers };
     let labels = [scene.shown.is_label(), false];
-    let filled: Vec<_> =
-        layers.colors().zip(labels).map(|(color, labels)| pintus(g, view, settings, holes, &layers.depth, color, labels)).collect();
+    let filled: Vec<_> = layers
+        .colors()
+        .zip(labels)
+        .map(|(color, labels)| pintus(g, view, settings, holes, &layers.depth, color, labels))
+        .collect();
     let Layers { mut depth, mut color, mut reached, .. } = layers;
-    for (color, [filled_depth, filled_color]) in [Some(&mut color), reached.as_mut()].into_iter().flatten().zip(&filled) {
+    for (color, [filled_depth, filled_color]) in
+        [Some(&mut color), reached.as_mut()].into_iter().flatten().zip(&filled)
+    {
         let push = fill_close::Push { size: view.size, tiles_across: tiles(view.size)[0] };
         let listed = Tiles::From(&holes.list, 0);
-        g.run(shader::FillClose { lists: &holes.list, filled_depth, filled_color, depth: &mut depth, color, push }, listed);
+        g.run(
+            shader::FillClose {
+                lists: &holes.list,
+                filled_depth,
+                filled_color,
+                depth: &mut depth,
+                color,
+                push,
+            },
+            listed,
+        );
     }
     Layers { depth, color, reached, holes: None, ..layers }
 }
 
 /// Depths and colours with what steps have filled, in the form that they go back and forth in.
-fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth: &Image, color: &Image, labels: bool) -> [Image; 2] {
+fn pintus(
+    g: &mut Graph,
+    view: &View,
+    settings: &Settings,
+    holes: &Holes,
+    depth: &Image,
+    color: &Image,
+    labels: bool,
+) -> [Image; 2] {
     let Holes { list: lists, kernels, widest, .. } = holes;
     let across = tiles(view.size);
     let count = across[0] * across[1];
 
     let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
-    let pair = |g: &mut Graph, name: &str| ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32f));
-    let ([mut from_depth, mut from_color], [mut to_depth, mut to_color]) = (pair(g, "even"), pair(g, "odd"));
+    let pair = |g: &mut Graph, name: &str| {
+        ["depth", "color"].map(|what| g.image(&format!("{name} {what}"), packed, Kind::Rgba32f))
+    };
+    let ([mut from_depth, mut from_color], [mut to_depth, mut to_color]) =
+        (pair(g, "even"), pair(g, "odd"));
     let push = fill_open::Push { tiles_across: across[0] };
     let (even, odd) = ((&mut from_depth, &mut from_color), (&mut to_depth, &mut to_color));
     g.run(
-        shader::FillOpen { lists, depth, color, even_depth: even.0, even_color: even.1, odd_depth: odd.0, odd_color: odd.1, push },
+        shader::FillOpen {
+            lists,
+            depth,
+            color,
+            even_depth: even.0,
+            even_color: even.1,
+            odd_depth: odd.0,
+            odd_color: odd.1,
+            push,
+        },
         Tiles::From(lists, 0),
     );
 
     let texels = g.gpu.device.texels;
-    let most = if settings.iterations == 0.0 { (*widest).min(WIDEST as u32) } else { settings.iterations as u32 };
+    let most = if settings.iterations == 0.0 {
+        (*widest).min(WIDEST as u32)
+    } else {
+        settings.iterations as u32
+    };
     let woken_at = 4 * (most + 2);
     let mut steps = g.buffer("steps", 4 * (woken_at + count) as u64);
     g.fill(&mut steps, 0);
@@ -220,7 +296,8 @@ fn pintus(g: &mut Graph, view: &View, settings: &Settings, holes: &Holes, depth:
             most_groups: g.gpu.device.most_groups,
         };
         let counted = steps.racing();
-        let listed = if step == 1 { Tiles::From(lists, 0) } else { Tiles::From(&counted, 4 * step) };
+        let listed =
+            if step == 1 { Tiles::From(lists, 0) } else { Tiles::From(&counted, 4 * step) };
         g.run(
             shader::FillPintus {
                 lists,

@@ -7,7 +7,10 @@ use crate::shader::{self, cover, gate::Push, list};
 /// Passes that run only where the count, the buffer's first word, is not 0.
 pub fn only_where<T>(g: &mut Graph, count: &Buffer, record: impl FnOnce(&mut Graph) -> T) -> T {
     let decide = |g: &mut Graph, wanted: &Buffer, groups: &mut Buffer, words: u32| {
-        g.run(shader::Gate { count, wanted, groups, push: Push { words } }, Tiles::Groups([words.div_ceil(64), 1, 1]));
+        g.run(
+            shader::Gate { count, wanted, groups, push: Push { words } },
+            Tiles::Groups([words.div_ceil(64), 1, 1]),
+        );
     };
     g.gated(decide, record)
 }
@@ -15,7 +18,15 @@ pub fn only_where<T>(g: &mut Graph, count: &Buffer, record: impl FnOnce(&mut Gra
 /// The same tiles where the count is not 0, else none.
 pub fn area_where(g: &mut Graph, count: &Buffer, area: &Area) -> Area {
     let mut groups = g.buffer("area groups", 4 * LIST_HEADER as u64);
-    g.run(shader::Gate { count, wanted: &area.groups, groups: &mut groups, push: Push { words: LIST_HEADER } }, Tiles::Groups([1, 1, 1]));
+    g.run(
+        shader::Gate {
+            count,
+            wanted: &area.groups,
+            groups: &mut groups,
+            push: Push { words: LIST_HEADER },
+        },
+        Tiles::Groups([1, 1, 1]),
+    );
     Area { groups, list: area.list.again() }
 }
 
@@ -25,7 +36,10 @@ pub fn covered(g: &mut Graph, raw: &Image, grows_px: f64) -> Area {
     let count = across[0] * across[1];
     let mut covered = g.buffer("covered", 4 * count as u64);
     g.fill(&mut covered, 0);
-    g.run(shader::Cover { depth: raw, covered: &mut covered, push: cover::Push { tiles: across } }, Tiles::ByEight(count));
+    g.run(
+        shader::Cover { depth: raw, covered: &mut covered, push: cover::Push { tiles: across } },
+        Tiles::ByEight(count),
+    );
     listed(g, &covered, across, grows_px)
 }
 
@@ -35,6 +49,9 @@ pub fn listed(g: &mut Graph, covered: &Buffer, across: [u32; 2], grows_px: f64) 
     let mut list = g.buffer("area", 4 * (LIST_HEADER + count) as u64);
     g.fill(&mut list, 0);
     let push = list::Push { tiles: across, rings: (grows_px / TILE_PX as f64).ceil() as i32 };
-    g.run(shader::List { covered, lists: &mut list, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+    g.run(
+        shader::List { covered, lists: &mut list, push },
+        Tiles::Groups([count.div_ceil(64), 1, 1]),
+    );
     Area { groups: list.again(), list }
 }

@@ -19,7 +19,8 @@ use crate::graph::{Buffer, Graph, Image, Tiles};
 use crate::shader::{self, luminance as kernel, luminance_sum32, luminance_sum64};
 use crate::view::View;
 
-pub const SUMMARY: &str = "one luminance for all stations: the mean of all points of the front surface in a pixel";
+pub const SUMMARY: &str =
+    "one luminance for all stations: the mean of all points of the front surface in a pixel";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -90,23 +91,32 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     let (stations, density) = (scene.stations, super::significant(scene.sampling.density));
     let (runs, why) = match () {
         _ if scene.points == 0 => (false, "there is nothing to correct".to_string()),
-        _ if !scene.shown.has_luminance() => {
-            (false, "what points show has no luminance: neither their colours nor an intensity".to_string())
+        _ if !scene.shown.has_luminance() => (
+            false,
+            "what points show has no luminance: neither their colours nor an intensity".to_string(),
+        ),
+        _ if scene.shown == Attribute::Corrected => {
+            (false, "the colours that are shown are corrected already".to_string())
         }
-        _ if scene.shown == Attribute::Corrected => (false, "the colours that are shown are corrected already".to_string()),
         _ if stations < 2 => (false, "there is one station, and with it one light".to_string()),
-        _ if scene.overlap.count == 0 => (false, format!("{stations} stations, of which no part of the picture shows more than one")),
+        _ if scene.overlap.count == 0 => (
+            false,
+            format!("{stations} stations, of which no part of the picture shows more than one"),
+        ),
         _ if scene.sampling.density < ENOUGH => (
             false,
             format!(
                 "{stations} stations, but half of the points in view lie less densely than {density} a pixel, and {ENOUGH} are needed; --effect luminance=on"
             ),
         ),
-        _ if exposure::is_one(scene, before) && scene.balance.is_some_and(|balance| balance.uneven <= FEW) => {
+        _ if exposure::is_one(scene, before)
+            && scene.balance.is_some_and(|balance| balance.uneven <= FEW) =>
+        {
             (false, "with one exposure stations hardly differ; --effect luminance=on".to_string())
         }
         _ => {
-            let shared = super::significant(100.0 * scene.overlap.count as f64 / scene.overlap.seen as f64);
+            let shared =
+                super::significant(100.0 * scene.overlap.count as f64 / scene.overlap.seen as f64);
             (
                 true,
                 format!(
@@ -161,7 +171,13 @@ fn epsilon(scene: &Scene, settings: &Settings) -> f64 {
 }
 
 /// What the first walk is to find out for the second one; none where there is none.
-pub fn shallow(g: &mut Graph, scene: &Scene, settings: &Settings, drawn: &Drawn, paint: &Paint) -> Option<Shallow> {
+pub fn shallow(
+    g: &mut Graph,
+    scene: &Scene,
+    settings: &Settings,
+    drawn: &Drawn,
+    paint: &Paint,
+) -> Option<Shallow> {
     paint.levels.is_some().then(|| drawn.shallow(g, epsilon(scene, settings) as f32))
 }
 
@@ -187,16 +203,27 @@ pub fn sums(
     let ramp = scene.shown == Attribute::Intensity;
     let channels = if settings.space == Space::Rgb && !ramp { 3 } else { 1 };
     let words: Vec<u32> = scene.overlap.several.iter().map(|&several| several as u32).collect();
-    let several = (!scene.overlap.is_everywhere()).then(|| g.upload("several", &words)).transpose()?;
-    let mut sums = Sums { bands: Vec::new(), paint: paint.again(), channels, epsilon: shallow.epsilon, several };
+    let several =
+        (!scene.overlap.is_everywhere()).then(|| g.upload("several", &words)).transpose()?;
+    let mut sums = Sums {
+        bands: Vec::new(),
+        paint: paint.again(),
+        channels,
+        epsilon: shallow.epsilon,
+        several,
+    };
     let again = Again { scene, drawn, shallow, paint, front, channels };
     let [width, height] = scene.view.size;
     // Two rows are left for the neighbours of a band.
     let limit = g.binding_limit().saturating_sub(2 * SUM_BYTES * channels as u64 * width as u64);
     for Band { top, size } in project::bands([channels * width, height], SUM_BYTES, limit) {
         let rows = [top, top + size[1]];
-        let band = Band { top: top.saturating_sub(1), size: [width, (rows[1] + 1).min(height) - top.saturating_sub(1)] };
-        let mut words = g.buffer("sums", SUM_BYTES * channels as u64 * width as u64 * band.size[1] as u64);
+        let band = Band {
+            top: top.saturating_sub(1),
+            size: [width, (rows[1] + 1).min(height) - top.saturating_sub(1)],
+        };
+        let mut words =
+            g.buffer("sums", SUM_BYTES * channels as u64 * width as u64 * band.size[1] as u64);
         g.fill(&mut words, 0);
         walk(g, &again, band, &mut words);
         sums.bands.push(Summed { rows, band, sums: words });
@@ -216,17 +243,43 @@ struct Again<'w> {
 
 fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
     let &Again { scene, drawn, shallow, paint, front, channels } = again;
-    let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, scene.view, band);
-    let (ramp, levels, [lo, scale]) = (scene.shown == Attribute::Intensity, paint.levels.as_ref().unwrap_or(&paint.table), paint.ramp);
+    let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } =
+        Walk::new(g, scene.view, band);
+    let (ramp, levels, [lo, scale]) = (
+        scene.shown == Attribute::Intensity,
+        paint.levels.as_ref().unwrap_or(&paint.table),
+        paint.ramp,
+    );
     let Shallow { chunks: shallow, epsilon } = shallow;
     let top = band.top;
     for group in drawn.groups.iter().filter(|group| group.again) {
         let &Group { block, planes, filtered, first_chunk, chunk_count, .. } = group;
-        let (nodes, chunks, opacities, within) = (&drawn.nodes, &drawn.chunks, drawn.opacities(), drawn.within());
+        let (nodes, chunks, opacities, within) =
+            (&drawn.nodes, &drawn.chunks, drawn.opacities(), drawn.within());
         let (pages, tiles) = (&drawn.pages[block], group.tiles());
         if g.gpu.device.int64_atomics {
-            let push = luminance_sum64::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon: *epsilon, top, lo, scale };
-            let spec = luminance_sum64::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
+            let push = luminance_sum64::Push {
+                centre,
+                corner,
+                size,
+                near,
+                first_chunk,
+                chunk_count,
+                epsilon: *epsilon,
+                top,
+                lo,
+                scale,
+            };
+            let spec = luminance_sum64::Spec {
+                lanes,
+                planes,
+                perspective,
+                texels,
+                points_per_chunk,
+                filtered,
+                channels,
+                ramp,
+            };
             g.run(
                 shader::LuminanceSum64 {
                     nodes,
@@ -245,8 +298,28 @@ fn walk(g: &mut Graph, again: &Again, band: Band, sums: &mut Buffer) {
                 tiles,
             );
         } else {
-            let push = luminance_sum32::Push { centre, corner, size, near, first_chunk, chunk_count, epsilon: *epsilon, top, lo, scale };
-            let spec = luminance_sum32::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, channels, ramp };
+            let push = luminance_sum32::Push {
+                centre,
+                corner,
+                size,
+                near,
+                first_chunk,
+                chunk_count,
+                epsilon: *epsilon,
+                top,
+                lo,
+                scale,
+            };
+            let spec = luminance_sum32::Spec {
+                lanes,
+                planes,
+                perspective,
+                texels,
+                points_per_chunk,
+                filtered,
+                channels,
+                ramp,
+            };
             g.run(
                 shader::LuminanceSum32 {
                     nodes,
@@ -273,9 +346,18 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     if let Some(Sums { bands, paint, channels, epsilon, several }) = &sums {
         let (width, corner) = (scene.view.size[0], scene.view.corner);
         let around = around(scene, settings);
-        let (transparent, by_kind, texels) = (paint.opacities.is_some(), paint.kinds.is_some(), g.gpu.device.texels);
+        let (transparent, by_kind, texels) =
+            (paint.opacities.is_some(), paint.kinds.is_some(), g.gpu.device.texels);
         let (partly, mode) = (several.is_some(), paint.mode);
-        let spec = kernel::Spec { channels: *channels, around, texels, transparent, by_kind, partly, mode };
+        let spec = kernel::Spec {
+            channels: *channels,
+            around,
+            texels,
+            transparent,
+            by_kind,
+            partly,
+            mode,
+        };
         for Summed { rows, band, sums } in bands {
             let [lo, scale] = paint.ramp;
             let push = kernel::Push {

@@ -1,13 +1,26 @@
 //! One file a pass: from handles to handles. The trunk (project, resolve, composite) and the registry of effects.
 
+pub mod antialias;
+pub mod ao;
 pub mod composite;
 pub mod counts;
+pub mod edl;
 pub mod encode;
+pub mod exposure;
+pub mod fill;
 pub mod gate;
+pub mod luminance;
 pub mod normal;
+pub mod phong;
 pub mod project;
 pub mod resolve;
+pub mod shadows;
+pub mod shape;
+pub mod smooth;
+pub mod strokes;
 pub mod tally;
+pub mod transparency;
+pub mod visibility;
 
 use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
@@ -185,15 +198,16 @@ impl Decided {
 
     /// Why an effect runs or does not, for who knows better.
     pub fn explain(&mut self, name: &str, why: &str) {
-        self.0.iter_mut().filter(|(effect, _)| *effect == name).for_each(|(_, reason)| reason.why = why.into());
+        self.0
+            .iter_mut()
+            .filter(|(effect, _)| *effect == name)
+            .for_each(|(_, reason)| reason.why = why.into());
     }
 }
 
-/// The registry: one line an effect, in the order in which they run. It yields the module, the settings, the name on the command line, the switch and the call.
+/// The registry: one line an effect, in the order in which they run. It yields the settings, the name on the command line, the switch and the call.
 macro_rules! effects {
     ($($name:ident),* $(,)?) => {
-        $(pub mod $name;)*
-
         /// Names of all effects, in the order in which they run.
         pub const EFFECTS: &[&str] = &[$(stringify!($name)),*];
 
@@ -328,9 +342,14 @@ impl Setting<'_> {
         match &mut self.value {
             Value::Choice(choice) => match choice.choose(text) {
                 true => Ok(()),
-                false => Err(format!("there is no {name}={text}; there are: {}", choice.names().join(", "))),
+                false => Err(format!(
+                    "there is no {name}={text}; there are: {}",
+                    choice.names().join(", ")
+                )),
             },
-            Value::Number(value, range) => number_within(name, text, range).map(|number| **value = number),
+            Value::Number(value, range) => {
+                number_within(name, text, range).map(|number| **value = number)
+            }
             Value::Whole(value, range) => match number_within(name, text, range)? {
                 number if number.fract() == 0.0 => {
                     **value = number;
@@ -351,17 +370,40 @@ impl Setting<'_> {
     fn help(&self) -> String {
         match &self.value {
             Value::Number(value, range) | Value::Whole(value, range) => {
-                format!("    {}={}  {} ({} to {})", self.name, value, self.about, range.start(), range.end())
+                format!(
+                    "    {}={}  {} ({} to {})",
+                    self.name,
+                    value,
+                    self.about,
+                    range.start(),
+                    range.end()
+                )
             }
-            Value::OneOf(value, of) => format!("    {}={}  {} ({})", self.name, value, self.about, numbers(of)),
-            Value::Choice(choice) => format!("    {}={}  {} ({})", self.name, choice.name(), self.about, choice.names().join(", ")),
+            Value::OneOf(value, of) => {
+                format!("    {}={}  {} ({})", self.name, value, self.about, numbers(of))
+            }
+            Value::Choice(choice) => format!(
+                "    {}={}  {} ({})",
+                self.name,
+                choice.name(),
+                self.about,
+                choice.names().join(", ")
+            ),
         }
     }
 }
 
-fn number_within(name: &str, text: &str, range: &std::ops::RangeInclusive<f64>) -> Result<f64, String> {
+fn number_within(
+    name: &str,
+    text: &str,
+    range: &std::ops::RangeInclusive<f64>,
+) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| format!("{name}={text:?} is not a number"))?;
-    if range.contains(&number) { Ok(number) } else { Err(format!("{name}={text} is not between {} and {}", range.start(), range.end())) }
+    if range.contains(&number) {
+        Ok(number)
+    } else {
+        Err(format!("{name}={text} is not between {} and {}", range.start(), range.end()))
+    }
 }
 
 fn numbers(of: &[f64]) -> String {
@@ -379,7 +421,9 @@ pub struct Listed<'s> {
 impl std::fmt::Display for Value<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Value::Number(number, _) | Value::Whole(number, _) | Value::OneOf(number, _) => write!(f, "{number}"),
+            Value::Number(number, _) | Value::Whole(number, _) | Value::OneOf(number, _) => {
+                write!(f, "{number}")
+            }
             Value::Choice(choice) => write!(f, "{}", choice.name()),
         }
     }
@@ -389,7 +433,9 @@ impl std::fmt::Display for Listed<'_> {
     /// As [`Effects::set`] takes it.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}={}", self.name, Choice::name(self.switch))?;
-        self.settings.iter().try_for_each(|setting| write!(f, ",{}={}", setting.name, setting.value))
+        self.settings
+            .iter()
+            .try_for_each(|setting| write!(f, ",{}={}", setting.name, setting.value))
     }
 }
 
@@ -420,11 +466,16 @@ impl<S: Settings> Asked<S> {
                 "on" => self.switch = Switch::On,
                 "auto" => self.switch = Switch::Auto,
                 _ => {
-                    let (key, value) = item.split_once('=').ok_or(format!("{item:?} is neither off, on, auto nor key=value"))?;
+                    let (key, value) = item
+                        .split_once('=')
+                        .ok_or(format!("{item:?} is neither off, on, auto nor key=value"))?;
                     let mut settings = self.settings.list();
-                    let names = settings.iter().map(|setting| setting.name).collect::<Vec<_>>().join(", ");
+                    let names =
+                        settings.iter().map(|setting| setting.name).collect::<Vec<_>>().join(", ");
                     let setting = settings.iter_mut().find(|setting| setting.name == key);
-                    setting.ok_or(format!("there is no setting {key:?}; there are: {names}"))?.set(value)?;
+                    setting
+                        .ok_or(format!("there is no setting {key:?}; there are: {names}"))?
+                        .set(value)?;
                 }
             }
         }
@@ -435,7 +486,9 @@ impl<S: Settings> Asked<S> {
         match self.switch {
             Switch::Auto => called_for,
             Switch::On => Reason { runs: true, why: format!("asked for with --effect {name}=on") },
-            Switch::Off => Reason { runs: false, why: format!("switched off with --effect {name}=off") },
+            Switch::Off => {
+                Reason { runs: false, why: format!("switched off with --effect {name}=off") }
+            }
         }
     }
 

@@ -14,7 +14,8 @@ use crate::shader::{self, facing, phong::Push, phong::Spec};
 use crate::view::{Projection, View};
 use glam::DVec3;
 
-pub const SUMMARY: &str = "Phong lighting of the surface on the screen by --light: ambient, diffuse, specular";
+pub const SUMMARY: &str =
+    "Phong lighting of the surface on the screen by --light: ambient, diffuse, specular";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -73,7 +74,11 @@ impl super::Settings for Settings {
                 about: "part of the colour that shows where the surface faces the light",
                 value: number(&mut self.diffuse, 0.0..=100.0),
             },
-            Setting { name: "specular", about: "white of highlights", value: number(&mut self.specular, 0.0..=100.0) },
+            Setting {
+                name: "specular",
+                about: "white of highlights",
+                value: number(&mut self.specular, 0.0..=100.0),
+            },
             Setting {
                 name: "shininess",
                 about: "how narrow highlights are, the exponent",
@@ -112,7 +117,9 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
     let (runs, why) = match scene.light {
         _ if scene.points == 0 => (false, "there is nothing to shade"),
         Light::Direction(_) | Light::Position(_) => (true, "a light was asked for with --light"),
-        Light::Headlight if before.runs("shape") => (false, "shape depiction shades already, and no light was asked for with --light"),
+        Light::Headlight if before.runs("shape") => {
+            (false, "shape depiction shades already, and no light was asked for with --light")
+        }
         Light::Headlight => (false, "no light was asked for with --light"),
     };
     Reason { runs, why: why.to_string() }
@@ -121,7 +128,8 @@ pub fn called_for(scene: &Scene, _asked: &Effects, before: &Decided) -> Reason {
 impl Asked<Settings> {
     /// Whether points should bring their normals, if they have any.
     pub fn wants_normals(&self, light: Light) -> bool {
-        let may_run = self.switch == Switch::On || self.switch == Switch::Auto && light != Light::Headlight;
+        let may_run =
+            self.switch == Switch::On || self.switch == Switch::Auto && light != Light::Headlight;
         may_run && self.settings.normals != Normals::Depth
     }
 }
@@ -129,8 +137,12 @@ impl Asked<Settings> {
 /// Where normals come from, in words.
 pub fn source(scene: &Scene, settings: &Settings) -> &'static str {
     match (settings.normals, scene.normals) {
-        (Normals::Depth, _) => "fitted to the depths on the screen, as asked for with normals=depth",
-        (_, true) => "those of the points; of pixels that filling has made, the mean of those around",
+        (Normals::Depth, _) => {
+            "fitted to the depths on the screen, as asked for with normals=depth"
+        }
+        (_, true) => {
+            "those of the points; of pixels that filling has made, the mean of those around"
+        }
         (_, false) => "fitted to the depths on the screen, since points have brought none",
     }
 }
@@ -151,7 +163,9 @@ const MOST_REACH: f64 = 0.5;
 
 /// As seen by the camera, right, down and away: a place and 1, or the way towards something infinitely far and 0.
 pub fn seen(view: &View, light: Light) -> [f32; 4] {
-    let axes = |world: DVec3| [view.basis.right, -view.basis.up, view.basis.forward].map(|axis| axis.dot(world) as f32);
+    let axes = |world: DVec3| {
+        [view.basis.right, -view.basis.up, view.basis.forward].map(|axis| axis.dot(world) as f32)
+    };
     let (place, w) = match light {
         Light::Direction(travels) => (axes(-travels.normalize()), 0.0),
         Light::Position(world) => (axes(world - view.camera.eye), 1.0),
@@ -184,7 +198,10 @@ pub fn facing(g: &mut Graph, view: &View, layers: &Layers) -> Option<Image> {
         forward: axis(basis.forward),
     };
     let spec = facing::Spec { perspective: view.camera.projection == Projection::Perspective };
-    g.run(shader::Facing { index: &layers.index, facings, facing: &mut facing, push, spec }, Tiles::All);
+    g.run(
+        shader::Facing { index: &layers.index, facings, facing: &mut facing, push, spec },
+        Tiles::All,
+    );
     Some(facing)
 }
 
@@ -206,8 +223,11 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         shininess: settings.shininess as u32,
     };
     let Layers { depth, color, reached, .. } = &layers;
-    let spec =
-        Spec { perspective: view.camera.projection == Projection::Perspective, of_points: facing.is_some(), shadowed: reached.is_some() };
+    let spec = Spec {
+        perspective: view.camera.projection == Projection::Perspective,
+        of_points: facing.is_some(),
+        shadowed: reached.is_some(),
+    };
     // What is not looked at wants a binding all the same.
     let [facing, reached] = [facing.as_ref(), reached.as_ref()].map(|image| image.unwrap_or(color));
     g.run(shader::Phong { depth, color, facing, reached, lit: &mut lit, push, spec }, Tiles::All);

@@ -137,11 +137,19 @@ impl Band {
 /// Bands that fit into `limit` bytes with so many a pixel.
 pub fn bands(size: [u32; 2], pixel_bytes: u64, limit: u64) -> Vec<Band> {
     let rows = (limit / (pixel_bytes * size[0] as u64)).clamp(1, size[1] as u64) as u32;
-    (0..size[1]).step_by(rows as usize).map(|top| Band { top, size: [size[0], rows.min(size[1] - top)] }).collect()
+    (0..size[1])
+        .step_by(rows as usize)
+        .map(|top| Band { top, size: [size[0], rows.min(size[1] - top)] })
+        .collect()
 }
 
 /// Chooses nodes and planes for a view and brings the list to the GPU.
-pub fn draw(g: &mut Graph, view: &View, resident: &Resident, precision: Precision) -> Result<Drawn> {
+pub fn draw(
+    g: &mut Graph,
+    view: &View,
+    resident: &Resident,
+    precision: Precision,
+) -> Result<Drawn> {
     draw_again(g, view, resident, precision, |_| true)
 }
 
@@ -157,7 +165,13 @@ pub fn draw_again(
 }
 
 /// The same of some of the nodes.
-pub fn draw_some(g: &mut Graph, view: &View, resident: &Resident, nodes: &[&ResidentNode], precision: Precision) -> Result<Drawn> {
+pub fn draw_some(
+    g: &mut Graph,
+    view: &View,
+    resident: &Resident,
+    nodes: &[&ResidentNode],
+    precision: Precision,
+) -> Result<Drawn> {
     list(g, view, resident, nodes, precision, |_| true)
 }
 
@@ -173,8 +187,12 @@ fn list(
     let mut records = Vec::new();
     let mut within: Vec<Within> = Vec::new();
     let mut chunks: BTreeMap<(usize, u32, u32, bool), Vec<u32>> = BTreeMap::new();
-    let mut seen: Vec<_> = resident.seen_of(nodes.iter().copied(), view).map(|((nearest, _), node)| (nearest, node)).collect();
-    statistics.nodes_clipped = nodes.iter().filter(|node| resident.clips.left(node.bounds()) == Left::Nothing).count();
+    let mut seen: Vec<_> = resident
+        .seen_of(nodes.iter().copied(), view)
+        .map(|((nearest, _), node)| (nearest, node))
+        .collect();
+    statistics.nodes_clipped =
+        nodes.iter().filter(|node| resident.clips.left(node.bounds()) == Left::Nothing).count();
     statistics.nodes_outside = nodes.len() - statistics.nodes_clipped - seen.len();
     let opacities = resident.hides() && resident.shown.kind().is_some();
     // Front to back, so that what lies behind finds its pixels taken. The order does not show: keys are unique.
@@ -182,24 +200,45 @@ fn list(
     for (distance, node) in seen {
         let is_clipped = resident.clips.left(node.bounds()) == Left::Some;
         // Whether a point lies in a box takes all that is known of its place.
-        let planes = if is_clipped { node.planes } else { precision.planes(view, &node.lattice, &node.frame, distance).min(node.planes) };
+        let planes = if is_clipped {
+            node.planes
+        } else {
+            precision.planes(view, &node.lattice, &node.frame, distance).min(node.planes)
+        };
         statistics.nodes_drawn += 1;
         statistics.points_drawn += node.count as u64;
         statistics.position_bytes += 4 * planes as u64 * node.count as u64;
-        statistics.quantisation_px = statistics.quantisation_px.max(quantisation_px(view, &node.lattice, &node.frame, distance, planes));
+        statistics.quantisation_px = statistics.quantisation_px.max(quantisation_px(
+            view,
+            &node.lattice,
+            &node.frame,
+            distance,
+            planes,
+        ));
         let number = records.len() as u32;
-        let mut record = record_of(view, node, planes, [resident.shown.kind(), resident.shown.normal()]);
+        let mut record =
+            record_of(view, node, planes, [resident.shown.kind(), resident.shown.normal()]);
         if is_clipped {
             statistics.points_compared += node.count as u64;
             let boxes = resident.clips.within(&node.lattice, &node.frame, node.bounds(), planes);
-            record.boxes =
-                [within.len(), within.len() + boxes[0].len(), within.len() + boxes[0].len() + boxes[1].len()].map(|at| at as u32);
-            within.extend(boxes.concat().iter().map(|cells| Within { least: cells.least, most: cells.most }));
+            record.boxes = [
+                within.len(),
+                within.len() + boxes[0].len(),
+                within.len() + boxes[0].len() + boxes[1].len(),
+            ]
+            .map(|at| at as u32);
+            within.extend(
+                boxes.concat().iter().map(|cells| Within { least: cells.least, most: cells.most }),
+            );
         }
         records.push(record);
-        let filtered = if opacities { BY_OPACITY } else { 0 } | if is_clipped { CLIPPED } else { 0 };
+        let filtered =
+            if opacities { BY_OPACITY } else { 0 } | if is_clipped { CLIPPED } else { 0 };
         let group = ((node.first_page / PAGES_PER_BLOCK) as usize, planes, filtered, again(node));
-        chunks.entry(group).or_default().extend((0..node.count.div_ceil(POINTS_PER_CHUNK)).map(|chunk| number * CHUNKS_PER_PAGE + chunk));
+        chunks.entry(group).or_default().extend(
+            (0..node.count.div_ceil(POINTS_PER_CHUNK))
+                .map(|chunk| number * CHUNKS_PER_PAGE + chunk),
+        );
     }
     let mut groups = Vec::new();
     let mut first_chunk = 0;
@@ -208,7 +247,9 @@ fn list(
         groups.push(Group { block, planes, filtered, again, first_chunk, chunk_count });
         first_chunk += chunk_count;
     }
-    let opacities = opacities.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
+    let opacities = opacities
+        .then(|| g.upload("opacities", &resident.opacities.table(&resident.stations)))
+        .transpose()?;
     let within = (!within.is_empty()).then(|| g.upload("within", &within)).transpose()?;
     let nodes = g.upload("nodes", &records)?;
     let chunks = g.upload("chunks", &chunks.into_values().flatten().collect::<Vec<u32>>())?;
@@ -274,7 +315,14 @@ pub struct Shallow {
 }
 
 /// Of all points, or of those behind others where that is asked for.
-pub fn record(g: &mut Graph, view: &View, drawn: &Drawn, behind: Option<Behind>, shallow: Option<&mut Shallow>, band: Band) -> Keys {
+pub fn record(
+    g: &mut Graph,
+    view: &View,
+    drawn: &Drawn,
+    behind: Option<Behind>,
+    shallow: Option<&mut Shallow>,
+    band: Band,
+) -> Keys {
     if let Some(Behind { keys, alive, layer }) = behind {
         walk(g, view, drawn, Some((alive, layer)), shallow, band, keys);
         return Keys { words: keys.again(), behind: true };
@@ -299,17 +347,22 @@ fn walk(
     band: Band,
     keys: &mut Buffer,
 ) {
-    let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = Walk::new(g, view, band);
+    let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } =
+        Walk::new(g, view, band);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
     let (front, mut no_alive, mut no_shallow) = (&keys.racing(), keys.racing(), keys.racing());
     let (is_behind, is_shallow) = (behind.is_some(), shallow.is_some());
     let (alive, layer) = behind.unwrap_or((&mut no_alive, 0));
-    let (shallow, epsilon) = shallow.map_or((&mut no_shallow, 0.0), |shallow| (&mut shallow.chunks, shallow.epsilon));
+    let (shallow, epsilon) =
+        shallow.map_or((&mut no_shallow, 0.0), |shallow| (&mut shallow.chunks, shallow.epsilon));
     let (opacities, within) = (drawn.opacities(), drawn.within());
     let int64 = g.gpu.device.int64_atomics;
     let steps: &[u32] = if int64 { &[0] } else { &[0, 1] };
-    for (&step, group) in steps.iter().flat_map(|step| drawn.groups.iter().map(move |group| (step, group))) {
-        let (tiles, &Group { block, planes, filtered, again, first_chunk, chunk_count }) = (group.tiles(), group);
+    for (&step, group) in
+        steps.iter().flat_map(|step| drawn.groups.iter().map(move |group| (step, group)))
+    {
+        let (tiles, &Group { block, planes, filtered, again, first_chunk, chunk_count }) =
+            (group.tiles(), group);
         let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
         // The keys of a single pixel without layers in front are less than a texel of four words.
         let front_behind = if is_behind { front } else { pages };
@@ -334,7 +387,12 @@ fn walk(
 }
 
 /// The node's rows, in f64, rounded once (HARD_CASES 1.2).
-fn record_of(view: &View, node: &ResidentNode, planes: u32, [kind, normal]: [Option<u32>; 2]) -> Node {
+fn record_of(
+    view: &View,
+    node: &ResidentNode,
+    planes: u32,
+    [kind, normal]: [Option<u32>; 2],
+) -> Node {
     let steps = cell_steps(&node.frame, planes);
     let cell = node.lattice.step * steps;
     // Cells drop the finer bits: their points lie half a cell further on average, less half of the finest step.
@@ -352,9 +410,11 @@ fn record_of(view: &View, node: &ResidentNode, planes: u32, [kind, normal]: [Opt
     };
     let f = view.focal_px();
     let basis = &view.basis;
-    let first_word = |word: u32| (node.first_page + node.planes + word) % PAGES_PER_BLOCK * POINTS_PER_PAGE;
+    let first_word =
+        |word: u32| (node.first_page + node.planes + word) % PAGES_PER_BLOCK * POINTS_PER_PAGE;
     // x and y are pixels times the depth; without perspective all sight lines are one.
-    let (across, along) = if view.camera.projection == Projection::Perspective { (1.0, f) } else { (0.0, 1.0) };
+    let (across, along) =
+        if view.camera.projection == Projection::Perspective { (1.0, f) } else { (0.0, 1.0) };
     Node {
         row_x: row(basis.right * f),
         row_y: row(basis.up * -f),

@@ -89,20 +89,51 @@ pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Pa
     let mode = mode(attribute);
     let shown = g.upload("shown", &resident.addresses(0))?;
     let transparent = resident.is_transparent();
-    let opacities = transparent.then(|| g.upload("opacities", &resident.opacities.table(&resident.stations))).transpose()?;
-    let kinds = resident.shown.kind().filter(|_| transparent).map(|word| g.upload("kinds", &resident.addresses(word))).transpose()?;
+    let opacities = transparent
+        .then(|| g.upload("opacities", &resident.opacities.table(&resident.stations)))
+        .transpose()?;
+    let kinds = resident
+        .shown
+        .kind()
+        .filter(|_| transparent)
+        .map(|word| g.upload("kinds", &resident.addresses(word)))
+        .transpose()?;
     let gains = exposure::gains(resident, decided);
     let table = g.upload("table", &table(attribute, &gains))?;
-    let levels =
-        luminance::averages(resident.shown.attribute, decided).then(|| g.upload("levels", &exposure::levels(&gains))).transpose()?;
-    Ok(Paint { shown, kinds, opacities, table, gains, levels, mode, ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)] })
+    let levels = luminance::averages(resident.shown.attribute, decided)
+        .then(|| g.upload("levels", &exposure::levels(&gains)))
+        .transpose()?;
+    Ok(Paint {
+        shown,
+        kinds,
+        opacities,
+        table,
+        gains,
+        levels,
+        mode,
+        ramp: [lo as f32, 255.0 / (hi as f32 - lo as f32).max(1.0)],
+    })
 }
 
-pub fn record(g: &mut Graph, keys: &Keys, paint: &Paint, band: Band, resolved: Resolved) -> Resolved {
+pub fn record(
+    g: &mut Graph,
+    keys: &Keys,
+    paint: &Paint,
+    band: Band,
+    resolved: Resolved,
+) -> Resolved {
     let Resolved { mut depth, mut index, mut color } = resolved;
     let push = Push { size: band.size, top: band.top, lo: paint.ramp[0], scale: paint.ramp[1] };
-    let (transparent, by_kind, colorless) = (paint.opacities.is_some(), paint.kinds.is_some(), paint.levels.is_some());
-    let spec = Spec { mode: paint.mode, texels: g.gpu.device.texels, transparent, by_kind, colorless, behind: keys.behind };
+    let (transparent, by_kind, colorless) =
+        (paint.opacities.is_some(), paint.kinds.is_some(), paint.levels.is_some());
+    let spec = Spec {
+        mode: paint.mode,
+        texels: g.gpu.device.texels,
+        transparent,
+        by_kind,
+        colorless,
+        behind: keys.behind,
+    };
     let groups = [band.size[0].div_ceil(64), band.size[1], 1];
     g.run(
         shader::Resolve {
@@ -128,9 +159,14 @@ impl Resolved {
     pub fn layers(self, g: &mut Graph, view: &View, resident: &Resident) -> Result<Layers> {
         let Resolved { depth, index, color } = self;
         let (raw, raw_index) = (g.copy("raw", &depth), g.copy("raw index", &index));
-        let spacings: Vec<f32> = resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
+        let spacings: Vec<f32> =
+            resident.nodes.iter().map(|node| node.spacing as f32).chain([0.0]).collect();
         let spacings = g.upload("spacings", &spacings)?;
-        let facings = resident.shown.normal().map(|word| g.upload("facings", &resident.addresses(word))).transpose()?;
+        let facings = resident
+            .shown
+            .normal()
+            .map(|word| g.upload("facings", &resident.addresses(word)))
+            .transpose()?;
         Ok(Layers {
             depth,
             raw,
@@ -203,7 +239,11 @@ pub fn color_of(shown: &Shown, word: u32) -> [u8; 3] {
     let byte = |channel: u32| (word >> (8 * channel) & 255) as u8;
     let entry = match mode(shown.attribute) {
         RGB => return [0, 1, 2].map(byte),
-        NORMAL => return [0, 1, 2].map(|axis| (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8),
+        NORMAL => {
+            return [0, 1, 2].map(|axis| {
+                (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8
+            });
+        }
         RAMP => ((word as f64 - lo) * 255.0 / (hi - lo).max(1.0)).clamp(0.0, 255.0) as usize,
         PALETTE => byte(0) as usize,
         _ => 0,
@@ -213,8 +253,14 @@ pub fn color_of(shown: &Shown, word: u32) -> [u8; 3] {
 
 /// From deep blue over green and sand to white: lightness rises all the way, so that the ramp also reads in grey.
 fn height_ramp(t: f64) -> [f64; 3] {
-    const STOPS: [[f64; 3]; 6] =
-        [[0.16, 0.22, 0.42], [0.13, 0.42, 0.52], [0.25, 0.58, 0.44], [0.58, 0.70, 0.39], [0.90, 0.79, 0.53], [0.98, 0.96, 0.92]];
+    const STOPS: [[f64; 3]; 6] = [
+        [0.16, 0.22, 0.42],
+        [0.13, 0.42, 0.52],
+        [0.25, 0.58, 0.44],
+        [0.58, 0.70, 0.39],
+        [0.90, 0.79, 0.53],
+        [0.98, 0.96, 0.92],
+    ];
     let at = t * (STOPS.len() - 1) as f64;
     let k = (at as usize).min(STOPS.len() - 2);
     std::array::from_fn(|c| STOPS[k][c] + (STOPS[k + 1][c] - STOPS[k][c]) * (at - k as f64))
@@ -240,5 +286,6 @@ fn class_color(class: usize) -> [f64; 3] {
 
 /// A bright, not quite saturated colour of a hue in turns.
 fn hue(turns: f64) -> [f64; 3] {
-    [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|shift| 0.62 + 0.3 * ((turns - shift) * std::f64::consts::TAU).cos())
+    [0.0, 1.0 / 3.0, 2.0 / 3.0]
+        .map(|shift| 0.62 + 0.3 * ((turns - shift) * std::f64::consts::TAU).cos())
 }

@@ -99,13 +99,21 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "method", about: "how points that light reaches are found", value: Value::Choice(&mut self.method) },
+            Setting {
+                name: "method",
+                about: "how points that light reaches are found",
+                value: Value::Choice(&mut self.method),
+            },
             Setting {
                 name: "samples",
                 about: "places on the light; 1: hard shadows",
                 value: Value::Whole(&mut self.samples, 1.0..=MOST_SAMPLES),
             },
-            Setting { name: "pattern", about: "how they are spread", value: Value::Choice(&mut self.pattern) },
+            Setting {
+                name: "pattern",
+                about: "how they are spread",
+                value: Value::Choice(&mut self.pattern),
+            },
             Setting {
                 name: "radius",
                 about: "of the light: degrees of one far away (45 at most), metres of one at a place",
@@ -158,8 +166,12 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     let why = match scene.points {
         0 => "there is nothing to cast any",
-        _ if scene.lit => return Reason { runs: true, why: "they were saved, and cost nothing".into() },
-        _ => "nobody asked: they cost a walk over all points, twice, for every sample of the light; --effect shadows=on",
+        _ if scene.lit => {
+            return Reason { runs: true, why: "they were saved, and cost nothing".into() };
+        }
+        _ => {
+            "nobody asked: they cost a walk over all points, twice, for every sample of the light; --effect shadows=on"
+        }
     };
     Reason { runs: false, why: why.to_string() }
 }
@@ -232,8 +244,11 @@ fn plural(count: u32) -> &'static str {
 impl std::fmt::Display for Facts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [width, height] = self.size;
-        let halved =
-            if self.halvings == 0 { String::new() } else { format!(", and {} coarser where points are sparse in it", self.halvings) };
+        let halved = if self.halvings == 0 {
+            String::new()
+        } else {
+            format!(", and {} coarser where points are sparse in it", self.halvings)
+        };
         write!(
             f,
             "{}{} sample{} of the light, {} cast, points of {} nodes marked by this frame, {} picture{} each of {width} x {height} texels of {:.6} m{}; shadow begins {:.6} m behind a surface",
@@ -265,12 +280,24 @@ pub fn marks(
     }
     let marks = match saved(g, scene, resident) {
         Some(saved) => Some(saved?),
-        None => counted(g, scene, resident, &Settings { least: scene.asked_layer_m, ..effects.shadows.settings }, at_once)?,
+        None => counted(
+            g,
+            scene,
+            resident,
+            &Settings { least: scene.asked_layer_m, ..effects.shadows.settings },
+            at_once,
+        )?,
     };
     Ok(marks.map(|marks| Marks { apart: decided.runs("phong"), ..marks }))
 }
 
-fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Settings, at_once: Option<u32>) -> Result<Option<Marks>> {
+fn counted(
+    g: &mut Graph,
+    scene: &Scene,
+    resident: &Resident,
+    settings: &Settings,
+    at_once: Option<u32>,
+) -> Result<Option<Marks>> {
     let Some(bounds) = bounds(resident) else { return Ok(None) };
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
     if bytes.next_power_of_two() > g.binding_limit() {
@@ -285,19 +312,27 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
     let around = cameras::Wanted::around(resident, bounds, scene.sampling.spacing_m, settings);
     let places = disc::spread(disc::places(samples, settings.pattern, 0));
     let views = |samples: Range<u32>| -> Result<Vec<Sight>> {
-        let of = places[samples.start as usize..samples.end as usize].iter().map(|&place| cameras::cameras(scene.light, &around, place));
+        let of = places[samples.start as usize..samples.end as usize]
+            .iter()
+            .map(|&place| cameras::cameras(scene.light, &around, place));
         Ok(of.collect::<Result<Vec<_>>>()?.concat())
     };
-    let facts = Facts::new(&cameras::cameras(scene.light, &around, places[0])?, around.bounds, settings);
+    let facts =
+        Facts::new(&cameras::cameras(scene.light, &around, places[0])?, around.bounds, settings);
 
     let (light, nodes) = (made_of(scene, resident, settings, &around), resident.nodes_identity());
     let made_of = [light.as_slice(), &nodes].concat();
-    let place = (0..2).find(|&place| g.held(PLACES[place]).is_some_and(|(of, _)| of.starts_with(&light))).unwrap_or(0);
-    let before = g.held(PLACES[place]).filter(|(of, _)| of.starts_with(&light)).map(|(of, steps)| (of.to_vec(), steps));
+    let place = (0..2)
+        .find(|&place| g.held(PLACES[place]).is_some_and(|(of, _)| of.starts_with(&light)))
+        .unwrap_or(0);
+    let before = g
+        .held(PLACES[place])
+        .filter(|(of, _)| of.starts_with(&light))
+        .map(|(of, steps)| (of.to_vec(), steps));
     // A frame that is in a hurry does not cast many samples anew, if only for some nodes: it begins with one.
-    if let Some((before, kept)) =
-        before.filter(|(before, kept)| *before != made_of && settings.method == Method::Depth && (*kept == 1 || at_once != Some(0)))
-        && let sights = views(0..kept)?
+    if let Some((before, kept)) = before.filter(|(before, kept)| {
+        *before != made_of && settings.method == Method::Depth && (*kept == 1 || at_once != Some(0))
+    }) && let sights = views(0..kept)?
         && let Some(Changed { stay, again }) = changed::changed(
             &before[light.len()..],
             resident,
@@ -306,16 +341,19 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
         )
     {
         let end = wanted(kept);
-        let bytes_before = (before.len() - light.len()) as u64 / IDENTITY_WORDS as u64 * POINTS_PER_PAGE as u64;
+        let bytes_before =
+            (before.len() - light.len()) as u64 / IDENTITY_WORDS as u64 * POINTS_PER_PAGE as u64;
         let (old, _) = g.kept(PLACES[place], bytes_before, before, |held| held)?;
         let (counts, _) = g.kept(PLACES[1 - place], bytes, made_of, |_| end)?;
         g.forget(PLACES[place]);
         let mut tally = Tally::new(g, counts, false);
         let page = POINTS_PER_PAGE as u64;
-        let parts = stay.iter().map(|&[from, to]| [from as u64 * page, to as u64 * page, page]).collect();
+        let parts =
+            stay.iter().map(|&[from, to]| [from as u64 * page, to as u64 * page, page]).collect();
         g.copy_parts("stay marks", &old, &mut tally.marks, parts);
         for sight in sights {
-            let casters = changed::casters(&sight.view, resident, &again, travel_px(settings, &[sight]));
+            let casters =
+                changed::casters(&sight.view, resident, &again, travel_px(settings, &[sight]));
             let marked: Vec<_> = again.iter().map(|&number| &resident.nodes[number]).collect();
             cast_on(g, &sight, resident, [&casters, &marked], around.bounds, settings, &mut tally)?;
         }
@@ -332,7 +370,12 @@ fn counted(g: &mut Graph, scene: &Scene, resident: &Resident, settings: &Setting
     let (counts, kept) = g.kept(PLACES[place], bytes, made_of, wanted)?;
     let end = wanted(kept);
     if end == kept {
-        return Ok(Some(Marks { counts, saved: None, apart: false, facts: Facts { cast: end, ..facts } }));
+        return Ok(Some(Marks {
+            counts,
+            saved: None,
+            apart: false,
+            facts: Facts { cast: end, ..facts },
+        }));
     }
     let mut tally = Tally::new(g, counts, kept > 0);
     for view in views(kept..end)? {
@@ -361,23 +404,55 @@ fn saved(g: &mut Graph, scene: &Scene, resident: &Resident) -> Option<Result<Mar
     let (word, contents) = (resident.shown.light()?, resident.light.as_ref()?);
     // Of an index that somebody else has written, what is not known is nothing.
     let facts: Facts = serde_json::from_value(contents.facts.clone()).unwrap_or_default();
-    let pages = scene.light.is_written(&contents.light).then(|| g.upload("saved marks", &resident.addresses(word)))?;
-    Some(pages.map(|counts| Marks { counts, saved: Some(contents.full), apart: false, facts: Facts { saved: true, ..facts } }))
+    let pages = scene
+        .light
+        .is_written(&contents.light)
+        .then(|| g.upload("saved marks", &resident.addresses(word)))?;
+    Some(pages.map(|counts| Marks {
+        counts,
+        saved: Some(contents.full),
+        apart: false,
+        facts: Facts { saved: true, ..facts },
+    }))
 }
 
 /// All that marks depend on but the nodes.
-fn made_of(scene: &Scene, resident: &Resident, settings: &Settings, around: &cameras::Wanted) -> Vec<u64> {
+fn made_of(
+    scene: &Scene,
+    resident: &Resident,
+    settings: &Settings,
+    around: &cameras::Wanted,
+) -> Vec<u64> {
     let (kind, place) = match scene.light {
         Light::Headlight => (0, SUN),
         Light::Direction(direction) => (1, direction),
         Light::Position(position) => (2, position),
     };
     // Of settings, all but how dark shadows are.
-    let Settings { method, samples, pattern, radius, size, ambient: _, layer, least, fill, peels, limit } = *settings;
-    let numbers = [place.x, place.y, place.z, samples, radius, size, layer, least, fill, peels, limit].map(f64::to_bits);
+    let Settings {
+        method,
+        samples,
+        pattern,
+        radius,
+        size,
+        ambient: _,
+        layer,
+        least,
+        fill,
+        peels,
+        limit,
+    } = *settings;
+    let numbers =
+        [place.x, place.y, place.z, samples, radius, size, layer, least, fill, peels, limit]
+            .map(f64::to_bits);
     let (low, high) = around.bounds;
     let seen = [low.x, low.y, low.z, high.x, high.y, high.z, around.spacing_m].map(f64::to_bits);
-    [kind, method as u64, pattern as u64].into_iter().chain(numbers).chain(seen).chain(resident.cloud_identity()).collect()
+    [kind, method as u64, pattern as u64]
+        .into_iter()
+        .chain(numbers)
+        .chain(seen)
+        .chain(resident.cloud_identity())
+        .collect()
 }
 
 /// What is counted while shadows are cast.
@@ -432,29 +507,58 @@ fn cast_on(
     let mut drawn = project::draw_some(g, camera, resident, casters, Precision::Auto)?;
     let layer = Layer::of(sight, bounds, settings);
     let mut shallow = drawn.shallow(g, layer.deepest as f32);
-    let keys = project::record(g, camera, &drawn, None, Some(&mut shallow), Band { top: 0, size: camera.size }).words;
+    let keys = project::record(
+        g,
+        camera,
+        &drawn,
+        None,
+        Some(&mut shallow),
+        Band { top: 0, size: camera.size },
+    )
+    .words;
     let reached = reach(g, camera, &keys, &layer);
-    let numbers = |nodes: &[&ResidentNode]| nodes.iter().map(|node| node.number).collect::<Vec<_>>();
+    let numbers =
+        |nodes: &[&ResidentNode]| nodes.iter().map(|node| node.number).collect::<Vec<_>>();
     if numbers(casters) != numbers(marked) {
         drawn = project::draw_some(g, camera, resident, marked, Precision::Auto)?;
         shallow = drawn.all_shallow(g);
     }
     match settings.method {
         Method::Depth => by_depth(g, camera, &drawn, &shallow, &reached.limit, &mut tally.marks),
-        Method::Index => peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, tally)?,
+        Method::Index => {
+            peel::record(g, camera, &drawn, &reached.limit, settings.peels as u32, tally)?
+        }
     }
     Ok(reached)
 }
 
 /// A sample more for every point that lies no deeper than its texel's limit, of chunks that have any which may.
-fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, shallow: &Shallow, limit: &Buffer, marks: &mut Buffer) {
+fn by_depth(
+    g: &mut Graph,
+    camera: &View,
+    drawn: &Drawn,
+    shallow: &Shallow,
+    limit: &Buffer,
+    marks: &mut Buffer,
+) {
     let walk = project::Walk::new(g, camera, Band { top: 0, size: camera.size });
     for group in &drawn.groups {
-        let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = walk;
+        let project::Walk {
+            centre,
+            corner,
+            size,
+            near,
+            lanes,
+            perspective,
+            texels,
+            points_per_chunk,
+        } = walk;
         let project::Group { first_chunk, chunk_count, planes, filtered, .. } = *group;
         let push = shadow_depth::Push { centre, corner, size, near, first_chunk, chunk_count };
-        let spec = shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
-        let (pages, opacities, within) = (&drawn.pages[group.block], drawn.opacities(), drawn.within());
+        let spec =
+            shadow_depth::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
+        let (pages, opacities, within) =
+            (&drawn.pages[group.block], drawn.opacities(), drawn.within());
         g.run(
             shader::ShadowDepth {
                 nodes: &drawn.nodes,
@@ -478,14 +582,20 @@ fn by_depth(g: &mut Graph, camera: &View, drawn: &Drawn, shallow: &Shallow, limi
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     match &layers.marks {
         Some(marks) if marks.apart => reached(g, scene.view.size, layers),
-        Some(marks) => Layers { color: shaded(g, scene.view.size, marks, settings.ambient, &layers), ..layers },
+        Some(marks) => {
+            Layers { color: shaded(g, scene.view.size, marks, settings.ambient, &layers), ..layers }
+        }
         None => layers,
     }
 }
 
 /// How much of the light reaches the point of each pixel, where lighting comes after: again once pixels were given other points.
 pub fn reached(g: &mut Graph, size: [u32; 2], layers: Layers) -> Layers {
-    let reached = layers.marks.as_ref().filter(|marks| marks.apart).map(|marks| shaded(g, size, marks, 0.0, &layers));
+    let reached = layers
+        .marks
+        .as_ref()
+        .filter(|marks| marks.apart)
+        .map(|marks| shaded(g, size, marks, 0.0, &layers));
     Layers { reached, ..layers }
 }
 
@@ -495,6 +605,17 @@ fn shaded(g: &mut Graph, size: [u32; 2], marks: &Marks, ambient: f64, layers: &L
     let push = shader::shadows::Push { size, full: full as f32, ambient: ambient as f32 };
     let spec = shader::shadows::Spec { saved: marks.saved.is_some(), apart: marks.apart };
     let Layers { index, color, .. } = layers;
-    g.run(shader::Shadows { index, marks: &marks.counts, saved: &marks.counts, color, shaded: &mut shaded, push, spec }, Tiles::All);
+    g.run(
+        shader::Shadows {
+            index,
+            marks: &marks.counts,
+            saved: &marks.counts,
+            color,
+            shaded: &mut shaded,
+            push,
+            spec,
+        },
+        Tiles::All,
+    );
     shaded
 }

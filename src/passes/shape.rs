@@ -8,7 +8,8 @@ use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
 use crate::view::{Projection, View};
 
-pub const SUMMARY: &str = "shades by shape: lines at creases, light on what faces the viewer, without normals";
+pub const SUMMARY: &str =
+    "shades by shape: lines at creases, light on what faces the viewer, without normals";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -44,9 +45,21 @@ impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         let number = Value::Number;
         vec![
-            Setting { name: "levels", about: "levels of smoothing; 1: single pass", value: Value::Whole(&mut self.levels, 1.0..=64.0) },
-            Setting { name: "xi", about: "level k weighs 1 / (k + 1)^xi", value: number(&mut self.xi, 0.0..=16.0) },
-            Setting { name: "first", about: "1: the first level weighs as much as all others", value: number(&mut self.first, 0.0..=1.0) },
+            Setting {
+                name: "levels",
+                about: "levels of smoothing; 1: single pass",
+                value: Value::Whole(&mut self.levels, 1.0..=64.0),
+            },
+            Setting {
+                name: "xi",
+                about: "level k weighs 1 / (k + 1)^xi",
+                value: number(&mut self.xi, 0.0..=16.0),
+            },
+            Setting {
+                name: "first",
+                about: "1: the first level weighs as much as all others",
+                value: number(&mut self.first, 0.0..=1.0),
+            },
             Setting {
                 name: "softness",
                 about: "rise from pixel to pixel that still faces the viewer, pixels' widths",
@@ -74,13 +87,17 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 pub fn called_for(scene: &Scene, _asked: &Effects, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to shade".to_string() },
-        _ => Reason { runs: true, why: "depths alone show the shape of a surface, with or without normals".to_string() },
+        _ => Reason {
+            runs: true,
+            why: "depths alone show the shape of a surface, with or without normals".to_string(),
+        },
     }
 }
 
 /// Of every level, so that they add up to 1.
 pub fn weights(settings: &Settings) -> Vec<f64> {
-    let mut weights: Vec<f64> = (0..settings.levels as u32).map(|k| ((k + 1) as f64).powf(-settings.xi)).collect();
+    let mut weights: Vec<f64> =
+        (0..settings.levels as u32).map(|k| ((k + 1) as f64).powf(-settings.xi)).collect();
     if settings.first >= 0.5 && weights.len() > 1 {
         weights[0] += weights[1..].iter().sum::<f64>();
     }
@@ -105,7 +122,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
 
     // Whole tiles, so that lanes beyond the edge need not be told apart.
     let packed = [TILE_PX * across[0], TILE_PX * across[1] / 4];
-    let [mut from, mut to, mut shade] = ["smooth", "smoother", "shade"].map(|name| g.image(name, packed, Kind::Rgba32f));
+    let [mut from, mut to, mut shade] =
+        ["smooth", "smoother", "shade"].map(|name| g.image(name, packed, Kind::Rgba32f));
     let mut lists = g.buffer("rough tiles", 4 * (LIST_HEADER + count) as u64);
     let mut wanted = g.buffer("wanted", 4 * count as u64);
     g.fill(&mut lists, 0);
@@ -128,7 +146,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     );
     for (k, &weight) in weights.iter().enumerate().skip(1) {
         let before = if k == 1 { weights[0] } else { 1.0 } as f32;
-        let push = shape_level::Push { tiles_across: across[0], width, before, weight: weight as f32 };
+        let push =
+            shape_level::Push { tiles_across: across[0], width, before, weight: weight as f32 };
         let spec = shape_level::Spec { perspective, texels: g.gpu.device.texels };
         g.run(
             shader::ShapeLevel {
@@ -155,7 +174,14 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         Base::Color => layers.color,
         Base::White => {
             let mut white = g.image("white", size, Kind::Rgba32f);
-            g.run(shader::Whiten { color: &layers.color, white: &mut white, push: whiten::Push { size } }, Tiles::All);
+            g.run(
+                shader::Whiten {
+                    color: &layers.color,
+                    white: &mut white,
+                    push: whiten::Push { size },
+                },
+                Tiles::All,
+            );
             white
         }
     };

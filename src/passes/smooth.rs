@@ -10,13 +10,16 @@
 //!
 //! Patches are as wide as points lie apart. Once is enough where that is a pixel; where it is more, steps are taken away by as many times as spread a pixel's value over a patch.
 
-use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, fill, tiles};
+use super::{
+    Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, fill, tiles,
+};
 use crate::graph::{Graph, Kind, Tiles};
 use crate::shader::{self, smooth, smooth_close, smooth_tiles};
 use crate::view::View;
 use clap::ValueEnum;
 
-pub const SUMMARY: &str = "takes away steps between pixels of one surface: means of depth and colour over 3 x 3";
+pub const SUMMARY: &str =
+    "takes away steps between pixels of one surface: means of depth and colour over 3 x 3";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -133,7 +136,9 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     let (filter, often) = chosen(&asked.smooth.settings, scene.sampling.spacing_px());
     let often = if often == 1 { "once".to_string() } else { format!("{often} times") };
     let (runs, why) = match (before.runs("fill"), asked.fill.settings.method) {
-        _ if scene.shown.is_label() => (false, "what points show are labels, which are not mixed".to_string()),
+        _ if scene.shown.is_label() => {
+            (false, "what points show are labels, which are not mixed".to_string())
+        }
         (false, _) => (false, "points are not smoothed, and no surface was filled".to_string()),
         (true, fill::Method::Dobrev) => (
             true,
@@ -141,7 +146,11 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
                 "filling from the nearest neighbour leaves patches of one depth and colour: {filter}, {often}; tiles in which nothing was filled are skipped"
             ),
         ),
-        (true, _) => (false, "filling leaves no patches of one depth and colour, and details stay as they are".to_string()),
+        (true, _) => (
+            false,
+            "filling leaves no patches of one depth and colour, and details stay as they are"
+                .to_string(),
+        ),
     };
     Reason { runs, why }
 }
@@ -152,12 +161,22 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let count = tiles[0] * tiles[1];
     let all = settings.pixels == Pixels::All;
     let mut pixels = g.buffer("smoothed pixels", 4 * (TILE_PX * count) as u64);
-    let (mut found, mut lists) = (g.buffer("found", 4 * count as u64), g.buffer("smoothed tiles", 4 * (LIST_HEADER + count) as u64));
+    let (mut found, mut lists) = (
+        g.buffer("found", 4 * count as u64),
+        g.buffer("smoothed tiles", 4 * (LIST_HEADER + count) as u64),
+    );
     [&mut pixels, &mut found, &mut lists].into_iter().for_each(|words| g.fill(words, 0));
     let push = smooth_tiles::Push { tiles, all: all as u32 };
     let Layers { raw, mut depth, mut color, mut reached, .. } = layers;
     g.run(
-        shader::SmoothTiles { raw: &raw, filled: &depth, pixels: &mut pixels, found: &mut found, lists: &mut lists, push },
+        shader::SmoothTiles {
+            raw: &raw,
+            filled: &depth,
+            pixels: &mut pixels,
+            found: &mut found,
+            lists: &mut lists,
+            push,
+        },
         Tiles::ByEight(count),
     );
 
@@ -167,12 +186,14 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     // write; a binding wants an image all the same.
     let lit_by = all && reached.is_some();
     let mut nowhere = g.image("nowhere", [1, 1], Kind::Rgba32f);
-    let mut smooth_reached = g.image("smooth reached", if lit_by { size } else { [1, 1] }, Kind::Rgba32f);
+    let mut smooth_reached =
+        g.image("smooth reached", if lit_by { size } else { [1, 1] }, Kind::Rgba32f);
     let (filter, iterations) = chosen(settings, scene.sampling.spacing_px());
     for _ in 0..iterations {
         let light = reached.as_ref().filter(|_| lit_by).unwrap_or(&color);
         let to = (&mut smooth_depth, &mut smooth_color, &mut smooth_reached);
-        let (push, spec) = (smooth::Push { tiles, weights: filter.weights() }, smooth::Spec { reached: lit_by });
+        let (push, spec) =
+            (smooth::Push { tiles, weights: filter.weights() }, smooth::Spec { reached: lit_by });
         g.run(
             shader::Smooth {
                 lists: &lists,
@@ -189,7 +210,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             Tiles::From(&lists, 0),
         );
         let light = reached.as_mut().filter(|_| lit_by).unwrap_or(&mut nowhere);
-        let (push, spec) = (smooth_close::Push { tiles_across: tiles[0] }, smooth_close::Spec { reached: lit_by });
+        let (push, spec) =
+            (smooth_close::Push { tiles_across: tiles[0] }, smooth_close::Spec { reached: lit_by });
         g.run(
             shader::SmoothClose {
                 lists: &lists,

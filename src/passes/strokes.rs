@@ -117,8 +117,19 @@ pub fn begin<'f>(
     if resident.seen(&wide).next().is_none() {
         return Ok(None);
     }
-    let blended = (settings.blend == Blend::Abuffer).then(|| g.image("blended", view.size, Kind::Rgba32f));
-    Ok(Some(Painting { wide, view, resident, decided, settings, at_once, blended, unordered: None, facts: Facts::default() }))
+    let blended =
+        (settings.blend == Blend::Abuffer).then(|| g.image("blended", view.size, Kind::Rgba32f));
+    Ok(Some(Painting {
+        wide,
+        view,
+        resident,
+        decided,
+        settings,
+        at_once,
+        blended,
+        unordered: None,
+        facts: Facts::default(),
+    }))
 }
 
 fn margin(view: &View, settings: &Settings) -> u32 {
@@ -169,8 +180,11 @@ impl Painting<'_> {
     pub fn bands(&self, limit: u64) -> Vec<Band> {
         let [width, height] = self.view.size;
         let around = 2 * ground::ENCLOSED_PX;
-        let bands =
-            project::bands([width + around, height], project::KEY_BYTES, limit.saturating_sub(8 * (width + around) as u64 * around as u64));
+        let bands = project::bands(
+            [width + around, height],
+            project::KEY_BYTES,
+            limit.saturating_sub(8 * (width + around) as u64 * around as u64),
+        );
         bands.into_iter().map(|band| Band { size: [width, band.size[1]], ..band }).collect()
     }
 
@@ -185,7 +199,8 @@ impl Painting<'_> {
 
     /// All strokes of a band over each other.
     fn layers(&mut self, g: &mut Graph, paint: &Paint, band: Band) -> Result<Buffer> {
-        let made_of = self.at_once.filter(|_| band.size == self.view.size).map(|_| self.made_of(paint));
+        let made_of =
+            self.at_once.filter(|_| band.size == self.view.size).map(|_| self.made_of(paint));
         if let Some(made_of) = &made_of
             && let Some(notes) = abuffer::held(g, made_of)
         {
@@ -204,7 +219,9 @@ impl Painting<'_> {
         self.facts.listed += listed.iter().map(|listed| sum(listed)).sum::<u64>();
         let room = self.room(g, 2);
         let mut all = Vec::new();
-        let most: Vec<u32> = (0..listed[0].len()).map(|tile| listed.iter().map(|listed| listed[tile]).max().unwrap_or(0)).collect();
+        let most: Vec<u32> = (0..listed[0].len())
+            .map(|tile| listed.iter().map(|listed| listed[tile]).max().unwrap_or(0))
+            .collect();
         for tiles in parts(&most, room / PLACE_BYTES, 0) {
             let (mut counts, hiders) = self.count(g, band, found, tiles.clone(), None)?;
             let all_of_them = sum(&counts);
@@ -215,13 +232,16 @@ impl Painting<'_> {
             self.facts.fragments += sum(&counts);
             self.facts.hidden += all_of_them - sum(&counts);
             self.facts.deepest = self.facts.deepest.max(counts.iter().copied().max().unwrap_or(0));
-            let per_tile: Vec<u32> = counts.chunks(TILE_PIXELS).map(|tile| tile.iter().sum()).collect();
-            all.extend(parts(&per_tile, room / FRAGMENT_BYTES, tiles.start).into_iter().map(|part| {
-                let first = (part.start - tiles.start) as usize * TILE_PIXELS;
-                let pixels = first..first + part.len() * TILE_PIXELS;
-                let hiders = hiders.as_ref().map(|hiders| hiders[pixels.clone()].to_vec());
-                Part { tiles: part, fragments: counts[pixels].to_vec(), hiders }
-            }));
+            let per_tile: Vec<u32> =
+                counts.chunks(TILE_PIXELS).map(|tile| tile.iter().sum()).collect();
+            all.extend(parts(&per_tile, room / FRAGMENT_BYTES, tiles.start).into_iter().map(
+                |part| {
+                    let first = (part.start - tiles.start) as usize * TILE_PIXELS;
+                    let pixels = first..first + part.len() * TILE_PIXELS;
+                    let hiders = hiders.as_ref().map(|hiders| hiders[pixels.clone()].to_vec());
+                    Part { tiles: part, fragments: counts[pixels].to_vec(), hiders }
+                },
+            ));
         }
         Ok(all)
     }
@@ -234,19 +254,32 @@ impl Painting<'_> {
     }
 
     /// Strokes in the lists, and their fragments laid over each other. What is counted for `made_of` is kept, where all of it is painted at once.
-    fn paint(&mut self, g: &mut Graph, desk: &Desk, found: &Found, parts: &[Part], made_of: Option<&[u64]>) -> Result<Buffer> {
+    fn paint(
+        &mut self,
+        g: &mut Graph,
+        desk: &Desk,
+        found: &Found,
+        parts: &[Part],
+        made_of: Option<&[u64]>,
+    ) -> Result<Buffer> {
         let listed = &found.listed;
         let room = self.room(g, 2);
         let kept = made_of.filter(|_| parts.len() == 1 && self.size(desk.band).fits(room));
         let surface = g.upload("surface", &found.surface)?;
         let mut keys = None;
         for part in parts {
-            let of_tiles = |listed: &Vec<u32>| PLACE_BYTES * sum(&listed[part.tiles.start as usize..part.tiles.end as usize]);
+            let of_tiles = |listed: &Vec<u32>| {
+                PLACE_BYTES * sum(&listed[part.tiles.start as usize..part.tiles.end as usize])
+            };
             self.facts.parts += listed.len() as u32;
-            self.facts.bytes = self.facts.bytes.max(listed.iter().map(of_tiles).max().unwrap_or(0) + abuffer::bytes(sum(&part.fragments)));
+            self.facts.bytes = self.facts.bytes.max(
+                listed.iter().map(of_tiles).max().unwrap_or(0)
+                    + abuffer::bytes(sum(&part.fragments)),
+            );
             let mut abuffer = match kept {
                 Some(made_of) => {
-                    let (mut kept, abuffer) = self.keep(g, desk.band, made_of, Some(&part.fragments))?;
+                    let (mut kept, abuffer) =
+                        self.keep(g, desk.band, made_of, Some(&part.fragments))?;
                     g.fill(&mut kept, u32::MAX);
                     keys = Some(kept);
                     abuffer
@@ -261,16 +294,36 @@ impl Painting<'_> {
             g.fill(&mut counts, 0);
             let mut hiders = g.upload("hiders", part.hiders.as_deref().unwrap_or(&[0]))?;
             let to = [keys, &mut counts, &mut abuffer.fragments, &mut hiders];
-            self.strokes(g, desk, (listed, &surface, &part.tiles), &abuffer.starts, (true, part.hiders.is_some()), to)?;
+            self.strokes(
+                g,
+                desk,
+                (listed, &surface, &part.tiles),
+                &abuffer.starts,
+                (true, part.hiders.is_some()),
+                to,
+            )?;
             let deepest = part.fragments.iter().copied().max().unwrap_or(0);
             let tiles = g.upload("part", &[part.tiles.start, part.tiles.end])?;
-            self.blend(g, [&desk.canvas, &tiles], desk.band, part.tiles.len() as u32, abuffer, deepest)?;
+            self.blend(
+                g,
+                [&desk.canvas, &tiles],
+                desk.band,
+                part.tiles.len() as u32,
+                abuffer,
+                deepest,
+            )?;
         }
         Ok(keys.expect("a picture has a part"))
     }
 
     /// What frames before this one have painted, a few fragments more of it in order.
-    fn go_on(&mut self, g: &mut Graph, paint: &Paint, band: Band, made_of: &[u64]) -> Result<Buffer> {
+    fn go_on(
+        &mut self,
+        g: &mut Graph,
+        paint: &Paint,
+        band: Band,
+        made_of: &[u64],
+    ) -> Result<Buffer> {
         let canvas = g.upload("canvas", &[self.canvas(band, paint)])?;
         let [across, down] = tiles(band.size);
         let part = g.upload("part", &[0, across * down])?;
@@ -279,11 +332,19 @@ impl Painting<'_> {
         Ok(keys)
     }
 
-    fn keep(&self, g: &mut Graph, band: Band, made_of: &[u64], counted: Option<&[u32]>) -> Result<(Buffer, Abuffer)> {
+    fn keep(
+        &self,
+        g: &mut Graph,
+        band: Band,
+        made_of: &[u64],
+        counted: Option<&[u32]>,
+    ) -> Result<(Buffer, Abuffer)> {
         let made_of = [made_of, &self.facts.notes()].concat();
         let last = self.settings.last().min(self.facts.deepest).max(1);
         let more = self.at_once.unwrap_or(last).max(1);
-        abuffer::keep(g, &made_of, &self.size(band), counted, |ordered| ordered.saturating_add(more).min(last))
+        abuffer::keep(g, &made_of, &self.size(band), counted, |ordered| {
+            ordered.saturating_add(more).min(last)
+        })
     }
 
     /// Of a band, none so far.
@@ -294,8 +355,13 @@ impl Painting<'_> {
     }
 
     fn size(&self, band: Band) -> abuffer::Size {
-        let ([width, height], [across, down]) = (band.size.map(u64::from), tiles(band.size).map(u64::from));
-        abuffer::Size { pixels: width * height, in_tiles: across * down * TILE_PIXELS as u64, fragments: self.facts.fragments }
+        let ([width, height], [across, down]) =
+            (band.size.map(u64::from), tiles(band.size).map(u64::from));
+        abuffer::Size {
+            pixels: width * height,
+            in_tiles: across * down * TILE_PIXELS as u64,
+            fragments: self.facts.fragments,
+        }
     }
 
     /// Blended colours in place of those of the nearest points.
@@ -308,26 +374,42 @@ impl Painting<'_> {
 
     fn lay<'p>(&self, g: &mut Graph, band: Band, paint: &'p Paint) -> Result<Desk<'p>> {
         // All planes: positions are read by two passes, which have to agree.
-        let drawn = project::draw(g, &self.wide, self.resident, Precision::Planes(crate::config::POSITION_PLANES))?;
+        let drawn = project::draw(
+            g,
+            &self.wide,
+            self.resident,
+            Precision::Planes(crate::config::POSITION_PLANES),
+        )?;
         let (places, homes) = self.homes();
         let homes = g.upload("homes", &homes)?;
         let canvas = g.upload("canvas", &[self.canvas(band, paint)])?;
         let turns = g.upload("turns", &brush::turns(self.settings.noise))?;
         let brushes = self.brushes(g, &turns)?;
-        Ok(Desk { drawn, homes, places, canvas, paint, turns, brushes, band, tiles: tiles(band.size) })
+        Ok(Desk {
+            drawn,
+            homes,
+            places,
+            canvas,
+            paint,
+            turns,
+            brushes,
+            band,
+            tiles: tiles(band.size),
+        })
     }
 
     /// Where nodes lie on the device, and their points among those of all that are drawn: in the order of their numbers, four by four.
     fn homes(&self) -> (u32, Vec<Home>) {
         let mut places = vec![0; self.resident.nodes.len().max(1)];
-        self.resident
-            .seen(&self.wide)
-            .for_each(|(_, node)| places[(node.first_point() / POINTS_PER_PAGE) as usize] = node.count.next_multiple_of(4));
-        let mut first_place = 0;
-        let homes = self.resident.homes().into_iter().zip(places).map(|((page, planes), places)| {
-            first_place += places;
-            Home { page, planes, first_place: first_place - places }
+        self.resident.seen(&self.wide).for_each(|(_, node)| {
+            places[(node.first_point() / POINTS_PER_PAGE) as usize] = node.count.next_multiple_of(4)
         });
+        let mut first_place = 0;
+        let homes =
+            self.resident.homes().into_iter().zip(places).map(|((page, planes), places)| {
+                first_place += places;
+                Home { page, planes, first_place: first_place - places }
+            });
         let homes = homes.collect();
         (first_place, homes)
     }
@@ -376,9 +458,15 @@ mod tests {
     fn parts_hold_all_tiles_once_and_no_more_than_they_may() {
         let counts = [3, 0, 5, 9, 1, 1, 1, 0, 20, 2];
         let parts = parts(&counts, 9, 100);
-        assert_eq!(parts.iter().flat_map(Clone::clone).collect::<Vec<_>>(), (100..110).collect::<Vec<_>>());
+        assert_eq!(
+            parts.iter().flat_map(Clone::clone).collect::<Vec<_>>(),
+            (100..110).collect::<Vec<_>>()
+        );
         for part in parts.iter().filter(|part| part.len() > 1) {
-            assert!(counts[part.start as usize - 100..part.end as usize - 100].iter().sum::<u32>() <= 9, "{part:?}");
+            assert!(
+                counts[part.start as usize - 100..part.end as usize - 100].iter().sum::<u32>() <= 9,
+                "{part:?}"
+            );
         }
     }
 }

@@ -19,7 +19,20 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn) -> Tally {
         let spec = tally::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered };
         let (pages, opacities, within) = (&drawn.pages[block], drawn.opacities(), drawn.within());
         let (nodes, chunks, tally) = (&drawn.nodes, &drawn.chunks, &mut counted);
-        g.run(shader::Tally { nodes, chunks, opacities, within, pages, page_words: pages, tally, push, spec }, group.tiles());
+        g.run(
+            shader::Tally {
+                nodes,
+                chunks,
+                opacities,
+                within,
+                pages,
+                page_words: pages,
+                tally,
+                push,
+                spec,
+            },
+            group.tiles(),
+        );
     }
     Tally(g.download_buffer(&counted))
 }

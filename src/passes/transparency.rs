@@ -18,7 +18,8 @@ use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
 use crate::shader::{self, peeled, transparency::Push, transparency::Spec};
 use crate::view::View;
 
-pub const SUMMARY: &str = "surfaces that let through what is behind them: layers, from front to back (--opacity)";
+pub const SUMMARY: &str =
+    "surfaces that let through what is behind them: layers, from front to back (--opacity)";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -39,7 +40,11 @@ impl Default for Settings {
 impl super::Settings for Settings {
     fn list(&mut self) -> Vec<Setting<'_>> {
         vec![
-            Setting { name: "layers", about: "surfaces behind each other at most", value: Value::Whole(&mut self.layers, 1.0..=64.0) },
+            Setting {
+                name: "layers",
+                about: "surfaces behind each other at most",
+                value: Value::Whole(&mut self.layers, 1.0..=64.0),
+            },
             Setting {
                 name: "tiles",
                 about: "where layers behind others are looked for; the picture is the same",
@@ -66,14 +71,25 @@ pub fn reach_px(_view: &View, _settings: &Settings) -> Option<u32> {
 
 pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     if before.runs("strokes") {
-        return Reason { runs: false, why: "strokes lie over each other by themselves, each as opaque as its point".into() };
+        return Reason {
+            runs: false,
+            why: "strokes lie over each other by themselves, each as opaque as its point".into(),
+        };
     }
     if !scene.transparent {
-        return Reason { runs: false, why: "all points that are drawn are opaque; --opacity says otherwise".into() };
+        return Reason {
+            runs: false,
+            why: "all points that are drawn are opaque; --opacity says otherwise".into(),
+        };
     }
     let Settings { layers, layer, .. } = asked.transparency.settings;
     let (layer, s) = (significant(scene.layer_m(layer)), if layers == 1.0 { "" } else { "s" });
-    Reason { runs: true, why: format!("some points are not opaque: up to {layers} layer{s}, {layer} m apart at least") }
+    Reason {
+        runs: true,
+        why: format!(
+            "some points are not opaque: up to {layers} layer{s}, {layer} m apart at least"
+        ),
+    }
 }
 
 /// A surface is this much deeper within a pixel than its slope says, which curves, has noise, and is steeper on the other side.
@@ -100,9 +116,13 @@ pub struct Front {
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Layers) -> Layers {
     let size = scene.view.size;
     let bands = project::bands(size, project::KEY_BEHIND_BYTES, g.gathered_limit());
-    let before = layers.front.take().map(|front| (front.color, front.peeled, front.next, front.layers));
+    let before =
+        layers.front.take().map(|front| (front.color, front.peeled, front.next, front.layers));
     let (mut front, mut peeled, mut next, number) = before.unwrap_or_else(|| {
-        let next = bands.iter().map(|band| g.buffer("next keys", project::KEY_BEHIND_BYTES * band.pixels())).collect();
+        let next = bands
+            .iter()
+            .map(|band| g.buffer("next keys", project::KEY_BEHIND_BYTES * band.pixels()))
+            .collect();
         (g.image("front", size, Kind::Rgba32f), g.image("peeled", size, Kind::R32f), next, 0)
     });
     let mut left = g.buffer("left", 4);
@@ -110,16 +130,37 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     // Without light there is nothing to read; a binding wants an image all the same.
     let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
     // The first layer is of the whole picture, and reads neither.
-    let (front_before, peeled_before) =
-        if number == 0 { (layers.color.again(), layers.depth.again()) } else { (front.again(), peeled.again()) };
-    let (color, push, spec) = (&layers.color, peeled::Push { size }, peeled::Spec { first: number == 0 });
-    g.run(shader::Peeled { color, before: &peeled_before, peeled: &mut peeled, push, spec }, Tiles::All);
+    let (front_before, peeled_before) = if number == 0 {
+        (layers.color.again(), layers.depth.again())
+    } else {
+        (front.again(), peeled.again())
+    };
+    let (color, push, spec) =
+        (&layers.color, peeled::Push { size }, peeled::Spec { first: number == 0 });
+    g.run(
+        shader::Peeled { color, before: &peeled_before, peeled: &mut peeled, push, spec },
+        Tiles::All,
+    );
     let last = number + 1 == settings.layers as u32;
-    let spec = Spec { lit_by: layers.lit.is_some(), first: number == 0, last, texels: g.gpu.device.texels, taken: layers.source.is_some() };
+    let spec = Spec {
+        lit_by: layers.lit.is_some(),
+        first: number == 0,
+        last,
+        texels: g.gpu.device.texels,
+        taken: layers.source.is_some(),
+    };
     let [slant, uphill] = if settings.layer == 0.0 { [SLANT, UPHILL] } else { [0.0; 2] };
     let layer = scene.layer_m(settings.layer) as f32;
     for (&Band { top, size }, next) in bands.iter().zip(&mut next) {
-        let push = Push { size, top, layer, slant, uphill, carried: (layers.flat_px - 1) as f32, apart_px: layers.flat_px as i32 };
+        let push = Push {
+            size,
+            top,
+            layer,
+            slant,
+            uphill,
+            carried: (layers.flat_px - 1) as f32,
+            apart_px: layers.flat_px as i32,
+        };
         let source = layers.source.as_ref().unwrap_or(&layers.color);
         let Layers { color, depth, raw, .. } = &layers;
         let any_left = &left.racing();

@@ -23,16 +23,17 @@
 //! least 2 pi (1 - cos) at that cotangent, and `slope` is where that is `threshold`.
 
 use super::{
-    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scattered, Scene, Setting, Switch, TILE_PX, Value, fill, gate,
-    significant, tiles,
+    Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scattered, Scene, Setting,
+    Switch, TILE_PX, Value, fill, gate, significant, tiles,
 };
 use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
-use crate::shader::{self, Tile, assign, classify, hide, pack_depth, pyramid, visibility, visibility_levels};
+use crate::shader::{
+    self, Tile, assign, classify, hide, pack_depth, pyramid, visibility, visibility_levels,
+};
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, SQRT_2, TAU};
 
-pub const SUMMARY: &str =
-    "removes hidden layers that shine through between points, and finds the holes, by the empty cone towards the camera";
+pub const SUMMARY: &str = "removes hidden layers that shine through between points, and finds the holes, by the empty cone towards the camera";
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Settings {
@@ -67,7 +68,16 @@ pub enum Looked {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings { levels: 7.0, kernel: 7.0, sectors: 8.0, tiles: Looked::Needed, threshold: 2.1, holes: 1.0, expected: 36.0, lead: 7.0 }
+        Settings {
+            levels: 7.0,
+            kernel: 7.0,
+            sectors: 8.0,
+            tiles: Looked::Needed,
+            threshold: 2.1,
+            holes: 1.0,
+            expected: 36.0,
+            lead: 7.0,
+        }
     }
 }
 
@@ -95,7 +105,11 @@ impl super::Settings for Settings {
                 about: "empty solid angle from which a pixel without a point is background, steradians",
                 value: number(&mut self.holes, 0.0..=TAU),
             },
-            Setting { name: "tiles", about: "which tiles are looked at; the picture is the same", value: Value::Choice(&mut self.tiles) },
+            Setting {
+                name: "tiles",
+                about: "which tiles are looked at; the picture is the same",
+                value: Value::Choice(&mut self.tiles),
+            },
             Setting {
                 name: "threshold",
                 about: "empty solid angle from which a pixel is visible, steradians",
@@ -180,7 +194,8 @@ fn beside_masks(scene: &Scene) -> Reason {
 }
 
 pub fn record(g: &mut Graph, scene: &Scene, asked: &Settings, mut layers: Layers) -> Layers {
-    let settings = &if layers.front.is_some() { behind(asked, layers.spacing_px[1]) } else { *asked };
+    let settings =
+        &if layers.front.is_some() { behind(asked, layers.spacing_px[1]) } else { *asked };
     let mut judged = Judged::new(g, scene.view, settings, &layers);
     judged.points(g, &layers.depth, 0);
     if !is_single(settings) {
@@ -196,7 +211,10 @@ pub fn record(g: &mut Graph, scene: &Scene, asked: &Settings, mut layers: Layers
     judged.hide(g, &mut layers, true);
     let Judged { holes, kernels, tiles, invisible, scattered, .. } = judged;
     let scattered = (!is_single(settings)).then_some(Scattered { tiles, invisible, scattered });
-    Layers { holes: Some(Holes { list: holes, kernels, widest: 2 * kernel_px(settings), scattered }), ..layers }
+    Layers {
+        holes: Some(Holes { list: holes, kernels, widest: 2 * kernel_px(settings), scattered }),
+        ..layers
+    }
 }
 
 /// Points so many times as far apart as their node's still hide what is behind them; sparser ones are strays. With half as much, what lies behind flat parts of a mesh shows between its vertices.
@@ -269,16 +287,24 @@ impl<'s> Judged<'s> {
             buffer
         };
         let holes = filled("holes", LIST_HEADER as u64 + count, 0);
-        let [invisible, candidates] = [("invisible", 0), ("candidates", u32::MAX)].map(|(name, word)| filled(name, 2 * count, word));
+        let [invisible, candidates] = [("invisible", 0), ("candidates", u32::MAX)]
+            .map(|(name, word)| filled(name, 2 * count, word));
         let kernels = filled("kernels", count, 0);
         let [scattered, decided] = ["scattered", "decided"].map(|name| filled(name, 2 * count, 0));
         let mut tiles = g.buffer("tiles", std::mem::size_of::<Tile>() as u64 * count);
         let perspective = view.camera.projection == Projection::Perspective;
-        let push =
-            classify::Push { size: view.size, tiles: across, px_per_unit: view.focal_px() as f32, slope: slope(view, settings) as f32 };
+        let push = classify::Push {
+            size: view.size,
+            tiles: across,
+            px_per_unit: view.focal_px() as f32,
+            slope: slope(view, settings) as f32,
+        };
         let spec = classify::Spec { perspective };
         let Layers { depth, index, spacings, .. } = layers;
-        g.run(shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec }, Tiles::Groups([count.div_ceil(64) as u32, 1, 1]));
+        g.run(
+            shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec },
+            Tiles::Groups([count.div_ceil(64) as u32, 1, 1]),
+        );
         let sparsest = if layers.front.is_none() { SPARSEST } else { SPARSEST_BEHIND };
         Judged {
             sparsest,
@@ -314,7 +340,13 @@ impl<'s> Judged<'s> {
     }
 
     /// Which pixels are to be judged, and the tiles that each level has to look at: a list a level.
-    fn assign(&self, g: &mut Graph, pyramid: &Pyramid, subject: Subject, round: u32) -> [Buffer; 2] {
+    fn assign(
+        &self,
+        g: &mut Graph,
+        pyramid: &Pyramid,
+        subject: Subject,
+        round: u32,
+    ) -> [Buffer; 2] {
         let count = self.count();
         let mut asked = g.buffer("asked", 12 * count as u64);
         let mut lists = g.buffer(
@@ -331,25 +363,56 @@ impl<'s> Judged<'s> {
             levels: self.settings.levels as i32,
             fewest: if is_single(self.settings) { 1 } else { fewest(self.settings, subject) },
             own: STEEPEST as f32,
-            sparsest: if subject == Subject::Points { self.sparsest } else { self.sparsest.min(SPARSEST_AROUND) } as f32,
+            sparsest: if subject == Subject::Points {
+                self.sparsest
+            } else {
+                self.sparsest.min(SPARSEST_AROUND)
+            } as f32,
             empties: (subject == Subject::Points && round == 0) as u32,
             all: (self.settings.tiles == Looked::All) as u32,
         };
-        let spec = assign::Spec { radius: self.radius(), perspective: self.perspective, empty: subject == Subject::Empty };
+        let spec = assign::Spec {
+            radius: self.radius(),
+            perspective: self.perspective,
+            empty: subject == Subject::Empty,
+        };
         let (Judged { tiles, invisible, .. }, Pyramid { depth: pyramid, places }) = (self, pyramid);
         let candidates = if subject == Subject::Points { &self.candidates } else { &self.decided };
-        let shader = shader::Assign { tiles, pyramid, places, candidates, invisible, asked: &mut asked, lists: &mut lists, push, spec };
+        let shader = shader::Assign {
+            tiles,
+            pyramid,
+            places,
+            candidates,
+            invisible,
+            asked: &mut asked,
+            lists: &mut lists,
+            push,
+            spec,
+        };
         g.run(shader, Tiles::Groups([count.div_ceil(64), 1, 1]));
         [asked, lists]
     }
 
     /// The picture itself: the paper's single kernel, or the finest level of a pyramid, which leaves points to the next one.
-    fn picture(&mut self, g: &mut Graph, depth: &Image, [asked, lists]: [&Buffer; 2], left: &mut Left, round: u32) {
+    fn picture(
+        &mut self,
+        g: &mut Graph,
+        depth: &Image,
+        [asked, lists]: [&Buffer; 2],
+        left: &mut Left,
+        round: u32,
+    ) {
         let Settings { sectors, threshold, holes, kernel, expected, levels, .. } = *self.settings;
         let (size, across) = (self.view.size, self.across);
-        let packed_size = [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
+        let packed_size =
+            [TILE_PX * across[0] + 2 * MARGIN_PX, (TILE_PX * across[1] + 2 * MARGIN_PX) / 4];
         let mut packed_depth = g.image("packed depth", packed_size, Kind::Rgba32f);
-        let push = pack_depth::Push { size, packed_size, margin: MARGIN_PX as i32, mirror: is_single(self.settings) as u32 };
+        let push = pack_depth::Push {
+            size,
+            packed_size,
+            margin: MARGIN_PX as i32,
+            mirror: is_single(self.settings) as u32,
+        };
         g.run(shader::PackDepth { depth, packed_depth: &mut packed_depth, push }, Tiles::All);
         let single = is_single(self.settings);
         let sectors = match sectors {
@@ -359,7 +422,11 @@ impl<'s> Judged<'s> {
             _ => 16,
         };
         let in_sectors = |steradians: f64| (steradians * sectors as f64 / TAU) as f32;
-        let own_slope = if single { own_slope(self.settings, Kernel::of_width(kernel as u32)) } else { STEEPEST };
+        let own_slope = if single {
+            own_slope(self.settings, Kernel::of_width(kernel as u32))
+        } else {
+            STEEPEST
+        };
         // Of the tiles that any level asks for.
         let at = if single { 0 } else { levels as u32 * stride(across) };
         let push = visibility::Push {
@@ -376,7 +443,13 @@ impl<'s> Judged<'s> {
             fewest: [Subject::Points, Subject::Empty].map(|subject| fewest(self.settings, subject)),
         };
         let texels = g.gpu.device.texels;
-        let spec = visibility::Spec { radius: self.radius(), sectors, perspective: self.perspective, texels, finest: !single };
+        let spec = visibility::Spec {
+            radius: self.radius(),
+            sectors,
+            perspective: self.perspective,
+            texels,
+            finest: !single,
+        };
         let Judged { holes, invisible, kernels, decided, candidates: led, .. } = self;
         let Left { to, counts, .. } = left;
         let packed_depth = &packed_depth;
@@ -409,7 +482,15 @@ impl<'s> Judged<'s> {
         self.picture(g, depth, [&lists[0], &lists[1]], &mut left, round);
         for level in 1..self.settings.levels as u32 {
             left.turn();
-            self.level(g, depth, &pyramid, [&lists[0], &lists[1]], &mut left, Subject::Points, level);
+            self.level(
+                g,
+                depth,
+                &pyramid,
+                [&lists[0], &lists[1]],
+                &mut left,
+                Subject::Points,
+                level,
+            );
         }
         self.projected.get_or_insert(pyramid);
     }
@@ -421,7 +502,15 @@ impl<'s> Judged<'s> {
         let mut left = Left::none(g);
         self.decided = zeros(g, "decided", self.settings.levels as u32 * 2 * self.count());
         for level in 1..self.settings.levels as u32 {
-            self.level(g, depth, &pyramid, [&lists[0], &lists[1]], &mut left, Subject::Empty, level);
+            self.level(
+                g,
+                depth,
+                &pyramid,
+                [&lists[0], &lists[1]],
+                &mut left,
+                Subject::Empty,
+                level,
+            );
         }
     }
 
@@ -452,7 +541,12 @@ impl<'s> Judged<'s> {
             expected: self.settings.expected as f32,
             own_slope: STEEPEST.powi(2) as f32,
         };
-        let spec = visibility_levels::Spec { radius: self.radius(), perspective: self.perspective, empty, texels: g.gpu.device.texels };
+        let spec = visibility_levels::Spec {
+            radius: self.radius(),
+            perspective: self.perspective,
+            empty,
+            texels: g.gpu.device.texels,
+        };
         let Left { from, to, counts } = left;
         let (earlier, counted) = (self.decided.racing(), counts.racing());
         let Judged { holes, invisible, kernels, decided, candidates: led, scattered, .. } = self;
@@ -478,7 +572,10 @@ impl<'s> Judged<'s> {
             push,
             spec,
         };
-        g.run(shader, if empty { Tiles::From(lists, at) } else { Tiles::From(&counted, LIST_HEADER * level) });
+        g.run(
+            shader,
+            if empty { Tiles::From(lists, at) } else { Tiles::From(&counted, LIST_HEADER * level) },
+        );
     }
 
     /// Takes what is invisible out of the depths, or out of all layers.
@@ -486,7 +583,18 @@ impl<'s> Judged<'s> {
         let Layers { depth, index, color, .. } = layers;
         let push = hide::Push { tiles_across: self.across[0] };
         let Judged { holes, invisible, .. } = self;
-        g.run(shader::Hide { lists: holes, invisible, depth, index, color, push, spec: hide::Spec { all } }, Tiles::From(holes, 0));
+        g.run(
+            shader::Hide {
+                lists: holes,
+                invisible,
+                depth,
+                index,
+                color,
+                push,
+                spec: hide::Spec { all },
+            },
+            Tiles::From(holes, 0),
+        );
     }
 }
 
@@ -501,7 +609,8 @@ fn closed(settings: &Settings, subject: Subject) -> f64 {
 
 /// Leading points that it takes at least to say anything: those that close a pixel, one in each sector but those that may be empty; or those that are dense enough to say that it is open.
 fn fewest(settings: &Settings, subject: Subject) -> i32 {
-    let closing = ((SECTORS - closed(settings, subject)).floor() as i32 + 1).clamp(1, SECTORS as i32);
+    let closing =
+        ((SECTORS - closed(settings, subject)).floor() as i32 + 1).clamp(1, SECTORS as i32);
     closing.min(fewest_around_openings(settings))
 }
 
@@ -540,7 +649,8 @@ impl Left {
     }
 
     fn none(g: &mut Graph) -> Left {
-        let [from, to, counts] = ["no points", "no points left", "no counts"].map(|name| zeros(g, name, 4));
+        let [from, to, counts] =
+            ["no points", "no points left", "no counts"].map(|name| zeros(g, name, 4));
         Left { from, to, counts }
     }
 
@@ -563,7 +673,8 @@ impl Pyramid {
         let [first, second] = [1, 2].map(level_size);
         let below = (2..levels).map(|level| level_size(level)[1]).sum::<u32>();
         let room = if levels == 1 { [1, 1] } else { [first[0] + second[0], first[1].max(below)] };
-        let [mut depth, mut places] = ["pyramid", "places"].map(|name| g.image(name, room, Kind::R32f));
+        let [mut depth, mut places] =
+            ["pyramid", "places"].map(|name| g.image(name, room, Kind::R32f));
         // Levels are written one by one, and a pass that writes one reads the one before.
         g.clear(&mut depth);
         g.clear(&mut places);
@@ -572,7 +683,10 @@ impl Pyramid {
             let push = pyramid::Push { size, level: level as i32 };
             let spec = pyramid::Spec { first: level == 1 };
             let (pyramid, places) = (&mut depth, &mut places);
-            g.run(shader::Pyramid { depth: picture, pyramid, places, push, spec }, Tiles::Groups([width.div_ceil(64), height, 1]));
+            g.run(
+                shader::Pyramid { depth: picture, pyramid, places, push, spec },
+                Tiles::Groups([width.div_ceil(64), height, 1]),
+            );
         }
         Pyramid { depth, places }
     }
@@ -606,7 +720,9 @@ pub fn own_slope(settings: &Settings, kernel: Kernel) -> f64 {
 /// How much adjacent pixels may differ in depth, in pixels' widths, so that none can be invisible; see above.
 fn slope(view: &View, settings: &Settings) -> f64 {
     let lean = match view.camera.projection {
-        Projection::Perspective => (view.whole[0] as f64).hypot(view.whole[1] as f64) / 2.0 / view.focal_px(),
+        Projection::Perspective => {
+            (view.whole[0] as f64).hypot(view.whole[1] as f64) / 2.0 / view.focal_px()
+        }
         Projection::Orthographic => 0.0,
     };
     if is_single(settings) {
@@ -628,7 +744,12 @@ pub fn listed(size: [u32; 2], lists: &[u32]) -> Vec<(u32, &[u32])> {
     let stride = stride(tiles(size)) as usize;
     // The last is of those that any level looked at.
     let levels = (lists.len() / stride).saturating_sub(1);
-    lists.chunks_exact(stride).take(levels).enumerate().map(|(level, list)| (1 << level, in_list(list))).collect()
+    lists
+        .chunks_exact(stride)
+        .take(levels)
+        .enumerate()
+        .map(|(level, list)| (1 << level, in_list(list)))
+        .collect()
 }
 
 /// Tiles of a list.

@@ -28,14 +28,24 @@ fn failed(error: egui_ash_renderer::RendererError) -> Error {
 }
 
 fn into(format: vk::Format) -> RenderMode {
-    let target = DynamicRendering { color_attachment_format: format, depth_attachment_format: None, stencil_attachment_format: None };
+    let target = DynamicRendering {
+        color_attachment_format: format,
+        depth_attachment_format: None,
+        stencil_attachment_format: None,
+    };
     RenderMode::DynamicRendering(target)
 }
 
 impl Painter {
     pub fn new(device: &Device, format: vk::Format) -> Result<Painter> {
         let options = Options { in_flight_frames: UNDER_WAY, ..Options::default() };
-        let renderer = Renderer::with_default_allocator(&device.instance, device.physical, device.raw.clone(), into(format), options);
+        let renderer = Renderer::with_default_allocator(
+            &device.instance,
+            device.physical,
+            device.raw.clone(),
+            into(format),
+            options,
+        );
         let renderer = renderer.map_err(failed)?;
         Ok(Painter { renderer, triangles: Vec::new(), pixels_per_point: 1.0 })
     }
@@ -49,7 +59,10 @@ impl Painter {
     pub fn take(&mut self, device: &Device, pool: vk::CommandPool, overlay: Overlay) -> Result<()> {
         let Overlay { triangles, pixels_per_point, mut textures } = overlay;
         for (id, deltas) in std::mem::take(&mut textures.set) {
-            deltas.iter().try_for_each(|delta| self.renderer.set_texture(device.queue, pool, id, delta)).map_err(failed)?;
+            deltas
+                .iter()
+                .try_for_each(|delta| self.renderer.set_texture(device.queue, pool, id, delta))
+                .map_err(failed)?;
         }
         for id in std::mem::take(&mut textures.free) {
             self.renderer.free_texture(id).map_err(failed)?;
@@ -60,6 +73,8 @@ impl Painter {
 
     /// Within a rendering into an image of this size.
     pub fn draw(&mut self, commands: vk::CommandBuffer, extent: vk::Extent2D) -> Result<()> {
-        self.renderer.cmd_draw(commands, extent, self.pixels_per_point, &self.triangles).map_err(failed)
+        self.renderer
+            .cmd_draw(commands, extent, self.pixels_per_point, &self.triangles)
+            .map_err(failed)
     }
 }

@@ -63,10 +63,13 @@ struct Ready {
 
 impl Filling {
     pub fn new(cloud: Cloud, shown: Shown, found: Option<Arc<Found>>) -> Filling {
-        let (balance, points) = (if shown.coded { exposure::balance(&cloud) } else { None }, cloud.len());
-        let counts = shown.further.kind.then(|| Counts::of(cloud.parts.iter().map(|part| &part.columns)));
+        let (balance, points) =
+            (if shown.coded { exposure::balance(&cloud) } else { None }, cloud.len());
+        let counts =
+            shown.further.kind.then(|| Counts::of(cloud.parts.iter().map(|part| &part.columns)));
         let spacing_m = spacing::spacing(&cloud).unwrap_or(0.0);
-        let axes = if shown.further.strokes { index::axes::of(&cloud.parts) } else { Axes::default() };
+        let axes =
+            if shown.further.strokes { index::axes::of(&cloud.parts) } else { Axes::default() };
         let mut parts: VecDeque<(usize, Part)> = cloud.parts.into_iter().enumerate().collect();
         parts.iter_mut().for_each(|(_, part)| part.columns.keep(shown.wanted()));
         Filling {
@@ -103,11 +106,16 @@ impl Filling {
         self.organised_nodes += organised.nodes.len() as u64;
         self.organised_points += organised.order.len() as u64;
         if self.organised_nodes > MOST_NODES {
-            return Err(Error::Request(format!("{} points are more than the 4,294,901,760 that can be resident at once", self.points)));
+            return Err(Error::Request(format!(
+                "{} points are more than the 4,294,901,760 that can be resident at once",
+                self.points
+            )));
         }
         // Stations are listed part by part.
         let first_station = self.stations.partition_point(|station| station.part < number);
-        let stations = self.stations[first_station..self.stations.partition_point(|station| station.part <= number)].to_vec();
+        let stations = self.stations
+            [first_station..self.stations.partition_point(|station| station.part <= number)]
+            .to_vec();
         let painting = progress::Part { progress, done: before, total: self.points };
         let strokes = match &self.found {
             _ if !self.shown.further.strokes => Arc::default(),
@@ -119,13 +127,28 @@ impl Filling {
             (_, Some(column)) => {
                 let source = column[order[0] as usize];
                 let number = stations.partition_point(|station| station.source < Some(source));
-                order.iter().all(|&i| column[i as usize] == source).then_some((first_station + number) as u32)
+                order
+                    .iter()
+                    .all(|&i| column[i as usize] == source)
+                    .then_some((first_station + number) as u32)
             }
             (_, None) => None,
         };
         let of_node = |order: &[u32]| (pack::frame(&part.columns, order), one_station(order));
-        let framed = organised.nodes.par_iter().map(|node| of_node(&organised.order[node.points.clone()])).collect();
-        self.organised.push_back(Ready { part, first_station, stations, organised, framed, strokes, written: 0 });
+        let framed = organised
+            .nodes
+            .par_iter()
+            .map(|node| of_node(&organised.order[node.points.clone()]))
+            .collect();
+        self.organised.push_back(Ready {
+            part,
+            first_station,
+            stations,
+            organised,
+            framed,
+            strokes,
+            written: 0,
+        });
         Ok(true)
     }
 
@@ -182,22 +205,44 @@ impl Filling {
 }
 
 impl Ready {
-    fn write(&mut self, resident: &mut Resident, gpu: &mut Gpu, most: usize, progress: &dyn Progress) -> Result<()> {
+    fn write(
+        &mut self,
+        resident: &mut Resident,
+        gpu: &mut Gpu,
+        most: usize,
+        progress: &dyn Progress,
+    ) -> Result<()> {
         let Ready { part, first_station, stations, organised, framed, strokes, written } = self;
         let (shown, first) = (resident.shown, resident.nodes.len());
         let nodes = *written..written.saturating_add(most).min(organised.nodes.len());
-        for (node, &(frame, station)) in organised.nodes[nodes.clone()].iter().zip(&framed[nodes.clone()]) {
-            let first_page = resident.pool.take(gpu, frame.planes + shown.words())?.expect("a pool without a budget is never full");
+        for (node, &(frame, station)) in
+            organised.nodes[nodes.clone()].iter().zip(&framed[nodes.clone()])
+        {
+            let first_page = resident
+                .pool
+                .take(gpu, frame.planes + shown.words())?
+                .expect("a pool without a budget is never full");
             let (count, number) = (node.points.len() as u32, resident.nodes.len() as u32);
             let (lattice, planes) = (part.lattice, frame.planes);
-            resident.nodes.push(ResidentNode { lattice, frame, count, number, first_page, planes, spacing: 0.0, station });
+            resident.nodes.push(ResidentNode {
+                lattice,
+                frame,
+                count,
+                number,
+                first_page,
+                planes,
+                spacing: 0.0,
+                station,
+            });
         }
         *written = nodes.end;
 
         let runs = resident.nodes[first..]
             .iter_mut()
             .zip(&organised.nodes[nodes])
-            .map(|(node, range)| (node.first_page, node.frame.planes + shown.words(), (node, range)))
+            .map(|(node, range)| {
+                (node.first_page, node.frame.planes + shown.words(), (node, range))
+            })
             .collect();
         let done = AtomicU64::new(resident.points);
         resident.pool.write(gpu, runs, |(node, range), mut pages| {
@@ -209,7 +254,14 @@ impl Ready {
                 }
                 words
             };
-            let spacing = pack::pack(&part.columns, &node.frame, order, organised.arrangement, words, &mut pages);
+            let spacing = pack::pack(
+                &part.columns,
+                &node.frame,
+                order,
+                organised.arrangement,
+                words,
+                &mut pages,
+            );
             node.spacing = in_metres(spacing, &node.lattice, &node.frame);
             let done = done.fetch_add(order.len() as u64, Relaxed);
             progress.tick("organising", done, 0)

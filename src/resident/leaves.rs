@@ -19,7 +19,12 @@ use rayon::prelude::*;
 const ASKED: usize = 64;
 
 fn frame(record: &NodeRecord) -> Frame {
-    Frame { origin: record.origin, bits: record.bits as u32, extent: record.extent, planes: record.position_planes() }
+    Frame {
+        origin: record.origin,
+        bits: record.bits as u32,
+        extent: record.extent,
+        planes: record.position_planes(),
+    }
 }
 
 /// How far apart a node's points are, by the words of its coarsest plane, metres.
@@ -66,13 +71,19 @@ impl Resident {
     /// As many of these nodes, from the first on, as fit the room, and at least one.
     pub fn fitting(&self, index: &Index, nodes: &[usize]) -> usize {
         let mut pages = Pages::new(self.pool.pages.budget);
-        nodes.iter().take_while(|&&node| pages.take(index.nodes()[node].position_planes()).is_some()).count().max(1).min(nodes.len())
+        nodes
+            .iter()
+            .take_while(|&&node| pages.take(index.nodes()[node].position_planes()).is_some())
+            .count()
+            .max(1)
+            .min(nodes.len())
     }
 
     /// These nodes in place of those that were there, with all of their positions; the device must be done with those.
     pub fn hold(&mut self, gpu: &mut Gpu, index: &Index, nodes: &[usize]) -> Result<()> {
         self.nodes.clear();
-        let needed = nodes.iter().map(|&node| index.nodes()[node].position_planes()).max().unwrap_or(0);
+        let needed =
+            nodes.iter().map(|&node| index.nodes()[node].position_planes()).max().unwrap_or(0);
         self.pool.pages = Pages::new(self.pool.pages.budget.max(needed));
         for (number, &node) in nodes.iter().enumerate() {
             let record = &index.nodes()[node];
@@ -90,7 +101,12 @@ impl Resident {
                 station: None,
             });
         }
-        let runs = self.nodes.iter_mut().zip(nodes).map(|(held, &node)| (held.first_page, held.planes, (held, node))).collect();
+        let runs = self
+            .nodes
+            .iter_mut()
+            .zip(nodes)
+            .map(|(held, &node)| (held.first_page, held.planes, (held, node)))
+            .collect();
         self.pool.write(gpu, runs, |(held, node), pages| {
             let record = &index.nodes()[node];
             // Checked where it can be read fast, and then copied to where it may not.

@@ -76,9 +76,12 @@ pub const IDENTITY_WORDS: usize = 15;
 
 /// World corners of the box of a node, by those numbers.
 pub fn bounds_of(identity: &[u64]) -> (DVec3, DVec3) {
-    let place = |at: usize| DVec3::from_array([0, 1, 2].map(|axis| f64::from_bits(identity[at + axis])));
+    let place =
+        |at: usize| DVec3::from_array([0, 1, 2].map(|axis| f64::from_bits(identity[at + axis])));
     let lattice = Lattice { step: place(9), offset: place(12) };
-    let corner = |k: u64| lattice.world([0, 1, 2].map(|axis| identity[axis] as i64 + (k * identity[3 + axis]) as i64));
+    let corner = |k: u64| {
+        lattice.world([0, 1, 2].map(|axis| identity[axis] as i64 + (k * identity[3 + axis]) as i64))
+    };
     let (a, b) = (corner(0), corner(1));
     (a.min(b), a.max(b))
 }
@@ -136,11 +139,16 @@ fn position(node: &ResidentNode, words: &[u32], i: u32) -> DVec3 {
     let Frame { origin, bits, planes, .. } = node.frame;
     let cells = (0..node.planes).fold([0u64; 3], |cells, plane| {
         let word = words[(plane * POINTS_PER_PAGE + i) as usize];
-        [0, 1, 2].map(|axis| cells[axis] << BITS_PER_PLANE | (word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1)) as u64)
+        [0, 1, 2].map(|axis| {
+            cells[axis] << BITS_PER_PLANE
+                | (word >> (BITS_PER_PLANE * axis as u32) & ((1 << BITS_PER_PLANE) - 1)) as u64
+        })
     });
     let (missing, pad) = (BITS_PER_PLANE * (planes - node.planes), BITS_PER_PLANE * planes - bits);
     let middle = (1u64 << missing) >> 1;
-    node.lattice.world([0, 1, 2].map(|axis| origin[axis] + (((cells[axis] << missing) + middle) >> pad) as i64))
+    node.lattice.world(
+        [0, 1, 2].map(|axis| origin[axis] + (((cells[axis] << missing) + middle) >> pad) as i64),
+    )
 }
 
 /// Ids end before the one that means "no point".
@@ -153,12 +161,23 @@ impl Resident {
     }
 
     /// Organises the cloud and puts all of it into pages. The columns of each part are dropped as soon as its nodes are packed.
-    pub fn fill(gpu: &mut Gpu, cloud: Cloud, shown: Shown, progress: &dyn Progress) -> Result<Resident> {
+    pub fn fill(
+        gpu: &mut Gpu,
+        cloud: Cloud,
+        shown: Shown,
+        progress: &dyn Progress,
+    ) -> Result<Resident> {
         Resident::arrange(gpu, cloud, shown, index::organise, progress)
     }
 
     /// The same with another way of organising than the Morton order; for benchmarks.
-    pub fn arrange(gpu: &mut Gpu, cloud: Cloud, shown: Shown, organise: Organise, progress: &dyn Progress) -> Result<Resident> {
+    pub fn arrange(
+        gpu: &mut Gpu,
+        cloud: Cloud,
+        shown: Shown,
+        organise: Organise,
+        progress: &dyn Progress,
+    ) -> Result<Resident> {
         let mut filling = Filling::new(cloud, shown, None);
         let mut fill = || {
             while filling.organise(organise, progress)? {
@@ -200,11 +219,19 @@ impl Resident {
     }
 
     /// The pages of some nodes, one node after another.
-    fn look_at(&self, gpu: &mut Gpu, nodes: &[&ResidentNode], mut look: impl FnMut(&ResidentNode, &[u32])) -> Result<()> {
+    fn look_at(
+        &self,
+        gpu: &mut Gpu,
+        nodes: &[&ResidentNode],
+        mut look: impl FnMut(&ResidentNode, &[u32]),
+    ) -> Result<()> {
         /// At once, so that copies of them stay small.
         const NODES: usize = 16;
         for nodes in nodes.chunks(NODES) {
-            let runs: Vec<_> = nodes.iter().map(|node| (node.first_page, node.planes + self.shown.words())).collect();
+            let runs: Vec<_> = nodes
+                .iter()
+                .map(|node| (node.first_page, node.planes + self.shown.words()))
+                .collect();
             let words = self.pool.read(gpu, &runs)?;
             nodes.iter().zip(&words).for_each(|(node, words)| look(node, words));
         }
@@ -214,7 +241,9 @@ impl Resident {
     /// The point of an id, as far as what is resident tells.
     pub fn point(&self, gpu: &mut Gpu, id: u32) -> Result<Option<Point>> {
         let (number, i) = (id / POINTS_PER_PAGE, id % POINTS_PER_PAGE);
-        let Some(node) = self.nodes.get(number as usize).filter(|node| i < node.count) else { return Ok(None) };
+        let Some(node) = self.nodes.get(number as usize).filter(|node| i < node.count) else {
+            return Ok(None);
+        };
         let mut found = None;
         self.look_at(gpu, &[node], |node, words| found = Some(self.point_of(node, words, i)))?;
         Ok(found)
@@ -222,7 +251,11 @@ impl Resident {
 
     fn point_of(&self, node: &ResidentNode, words: &[u32], i: u32) -> Point {
         let word = |further: u32| words[((node.planes + further) * POINTS_PER_PAGE + i) as usize];
-        Point { position: position(node, words, i), exact: node.planes == node.frame.planes, kind: self.shown.kind().map(word) }
+        Point {
+            position: position(node, words, i),
+            exact: node.planes == node.frame.planes,
+            kind: self.shown.kind().map(word),
+        }
     }
 
     /// Handles of the pool's blocks for one frame.
@@ -232,7 +265,8 @@ impl Resident {
 
     /// For every node by its number, the address of the page with this word of its points ([`Shown::words`]).
     pub fn addresses(&self, word: u32) -> Vec<[u32; 2]> {
-        let addresses = self.nodes.iter().map(|node| self.pool.address(node.first_page + node.planes + word));
+        let addresses =
+            self.nodes.iter().map(|node| self.pool.address(node.first_page + node.planes + word));
         addresses.chain(self.nodes.is_empty().then_some([0; 2])).collect()
     }
 
@@ -255,7 +289,10 @@ impl Resident {
     }
 
     /// Nodes of which the view can see something, with the least and the greatest depth of each.
-    pub fn seen<'r>(&'r self, view: &'r View) -> impl Iterator<Item = ((f64, f64), &'r ResidentNode)> {
+    pub fn seen<'r>(
+        &'r self,
+        view: &'r View,
+    ) -> impl Iterator<Item = ((f64, f64), &'r ResidentNode)> {
         self.seen_of(self.nodes.iter(), view)
     }
 
@@ -278,9 +315,14 @@ impl Resident {
     pub fn nodes_identity(&self) -> Vec<u64> {
         let node = |node: &ResidentNode| {
             let Frame { origin, extent, .. } = node.frame;
-            let lattice = [node.lattice.step, node.lattice.offset].map(|place| place.to_array().map(f64::to_bits)).concat();
+            let lattice = [node.lattice.step, node.lattice.offset]
+                .map(|place| place.to_array().map(f64::to_bits))
+                .concat();
             let counts = [node.count as u64, node.planes as u64, node.spacing.to_bits()];
-            [origin.map(|steps| steps as u64), extent.map(|steps| steps as u64), counts].concat().into_iter().chain(lattice)
+            [origin.map(|steps| steps as u64), extent.map(|steps| steps as u64), counts]
+                .concat()
+                .into_iter()
+                .chain(lattice)
         };
         self.nodes.iter().flat_map(node).collect()
     }
@@ -289,7 +331,8 @@ impl Resident {
     pub fn cloud_identity(&self) -> Vec<u64> {
         // Of opacities, which points are left out.
         let factors = self.opacities.table(&self.stations).into_iter().enumerate();
-        let left_out: Vec<u64> = factors.filter(|(_, factor)| *factor == 0.0).map(|(number, _)| number as u64).collect();
+        let left_out: Vec<u64> =
+            factors.filter(|(_, factor)| *factor == 0.0).map(|(number, _)| number as u64).collect();
         let counts = [self.serial, left_out.len() as u64, self.clips.active() as u64];
         counts.into_iter().chain(left_out).chain(self.clips.identity()).collect()
     }

@@ -65,7 +65,8 @@ impl Overlap {
             || tiles(&view.entire(), self.size, node).flatten().any(|tile| {
                 let [x, y] = [tile as u32 % across, tile as u32 / across];
                 let around = |at: u32, end: u32| at.saturating_sub(1)..(at + 2).min(end);
-                around(y, down).any(|y| around(x, across).any(|x| self.several[(y * across + x) as usize]))
+                around(y, down)
+                    .any(|y| around(x, across).any(|x| self.several[(y * across + x) as usize]))
             })
     }
 }
@@ -76,19 +77,32 @@ fn tiles_of(size_px: [u32; 2]) -> [u32; 2] {
 
 /// Rows of tiles that a node may have points in.
 fn tiles(view: &View, size: [u32; 2], node: &ResidentNode) -> impl Iterator<Item = Range<usize>> {
-    let (low, high) = extent_px(view, node.bounds()).unwrap_or(([0.0; 2], view.size.map(f64::from)));
+    let (low, high) =
+        extent_px(view, node.bounds()).unwrap_or(([0.0; 2], view.size.map(f64::from)));
     // Points are placed in f32, so a pixel more. What is beyond an edge is as good as on it.
-    let end = |axis: usize, px: f64| ((px / OVERLAP_PX as f64).floor().max(0.0) as u32).min(size[axis] - 1);
-    let [columns, rows] = [0, 1].map(|axis| [end(axis, low[axis] - 1.0), end(axis, high[axis] + 1.0)]);
-    (rows[0]..=rows[1]).map(move |row| (row * size[0] + columns[0]) as usize..(row * size[0] + columns[1] + 1) as usize)
+    let end = |axis: usize, px: f64| {
+        ((px / OVERLAP_PX as f64).floor().max(0.0) as u32).min(size[axis] - 1)
+    };
+    let [columns, rows] =
+        [0, 1].map(|axis| [end(axis, low[axis] - 1.0), end(axis, high[axis] + 1.0)]);
+    (rows[0]..=rows[1]).map(move |row| {
+        (row * size[0] + columns[0]) as usize..(row * size[0] + columns[1] + 1) as usize
+    })
 }
 
 /// The rectangle that a box is seen in, pixels; none where a part of it is behind the camera.
 fn extent_px(view: &View, (min, max): (DVec3, DVec3)) -> Option<([f64; 2], [f64; 2])> {
-    let corner = |k: usize| DVec3::from_array([0, 1, 2].map(|axis| if k >> axis & 1 == 0 { min[axis] } else { max[axis] }));
+    let corner = |k: usize| {
+        DVec3::from_array(
+            [0, 1, 2].map(|axis| if k >> axis & 1 == 0 { min[axis] } else { max[axis] }),
+        )
+    };
     let all = (0..8).map(|k| view.pixel(corner(k)).map(|at| (at, at)));
     all.reduce(|all, own| {
         let ((low, high), (at, _)) = (all?, own?);
-        Some(([0, 1].map(|axis| low[axis].min(at[axis])), [0, 1].map(|axis| high[axis].max(at[axis]))))
+        Some((
+            [0, 1].map(|axis| low[axis].min(at[axis])),
+            [0, 1].map(|axis| high[axis].max(at[axis])),
+        ))
     })?
 }

@@ -62,7 +62,11 @@ impl Pages {
 
     pub fn give(&mut self, first: u32, count: u32) {
         let run = &mut self.taken[first as usize..(first + count) as usize];
-        assert!(run.iter().all(|&taken| taken), "pages {first} to {} were not all taken", first + count);
+        assert!(
+            run.iter().all(|&taken| taken),
+            "pages {first} to {} were not all taken",
+            first + count
+        );
         run.fill(false);
         self.used -= count;
         self.lowest = self.lowest.min(first);
@@ -83,7 +87,12 @@ impl Pool {
     /// At most so many pages.
     pub fn new(gpu: &Gpu, budget: u32) -> Pool {
         let ring = (!gpu.device.is_mapped).then(Ring::default);
-        Pool { pages: Pages::new(budget), blocks: Vec::new(), ring, alive: gpu.memory.alive.within() }
+        Pool {
+            pages: Pages::new(budget),
+            blocks: Vec::new(),
+            ring,
+            alive: gpu.memory.alive.within(),
+        }
     }
 
     /// A run of pages; none where there is no room for it. An error of the device leaves the pool as it was.
@@ -163,17 +172,24 @@ impl Pool {
             }
             let firsts: Vec<u32> = opened.iter().map(|(first, ..)| *first).collect();
             let places: Vec<(usize, u32)> = firsts.iter().map(|&first| self.place(first)).collect();
-            let memory: &mut [RawBuffer] = self.ring.as_mut().map_or(&mut self.blocks, Ring::memory_mut);
-            let mut placed: Vec<_> = opened.into_iter().zip(places).map(|((_, count, job), place)| (place, count, job)).collect();
+            let memory: &mut [RawBuffer] =
+                self.ring.as_mut().map_or(&mut self.blocks, Ring::memory_mut);
+            let mut placed: Vec<_> = opened
+                .into_iter()
+                .zip(places)
+                .map(|((_, count, job), place)| (place, count, job))
+                .collect();
             placed.sort_unstable_by_key(|(place, ..)| *place);
             let runs = cut_out(
                 memory,
                 |block| bytemuck::cast_slice_mut(block.bytes_mut()),
                 placed.iter().map(|&(place, count, _)| (place, count)),
             );
-            let jobs: Vec<_> = placed.into_iter().zip(runs).map(|((.., job), run)| (job, run)).collect();
-            let written =
-                jobs.into_par_iter().try_for_each(|(job, run)| write(job, run.chunks_exact_mut(POINTS_PER_PAGE as usize).collect()));
+            let jobs: Vec<_> =
+                placed.into_iter().zip(runs).map(|((.., job), run)| (job, run)).collect();
+            let written = jobs.into_par_iter().try_for_each(|(job, run)| {
+                write(job, run.chunks_exact_mut(POINTS_PER_PAGE as usize).collect())
+            });
             firsts.into_iter().for_each(|first| self.close(first, written.is_ok()));
             written?;
             self.land(gpu)?;
@@ -188,15 +204,23 @@ impl Pool {
     pub fn read(&self, gpu: &mut Gpu, runs: &[(u32, u32)]) -> Result<Vec<Cow<'_, [u32]>>> {
         if self.ring.is_none() {
             let words = |&(first, count): &(u32, u32)| {
-                let block = bytemuck::cast_slice(self.blocks[(first / PAGES_PER_BLOCK) as usize].bytes());
-                Cow::Borrowed(&block[(first % PAGES_PER_BLOCK * POINTS_PER_PAGE) as usize..][..(count * POINTS_PER_PAGE) as usize])
+                let block =
+                    bytemuck::cast_slice(self.blocks[(first / PAGES_PER_BLOCK) as usize].bytes());
+                Cow::Borrowed(
+                    &block[(first % PAGES_PER_BLOCK * POINTS_PER_PAGE) as usize..]
+                        [..(count * POINTS_PER_PAGE) as usize],
+                )
             };
             return Ok(runs.iter().map(words).collect());
         }
         let (mut parts, mut bytes) = (BTreeMap::<u32, Vec<[u64; 3]>>::new(), 0);
         for &(first, count) in runs {
             let from = PAGE_BYTES * (first % PAGES_PER_BLOCK) as u64;
-            parts.entry(first / PAGES_PER_BLOCK).or_default().push([from, bytes, PAGE_BYTES * count as u64]);
+            parts.entry(first / PAGES_PER_BLOCK).or_default().push([
+                from,
+                bytes,
+                PAGE_BYTES * count as u64,
+            ]);
             bytes += PAGE_BYTES * count as u64;
         }
         let mut g = Graph::new(gpu);
@@ -219,7 +243,8 @@ impl Pool {
 
     /// Device address of a page, as the two words that a shader makes a pointer of.
     pub fn address(&self, page: u32) -> [u32; 2] {
-        let address = self.blocks[(page / PAGES_PER_BLOCK) as usize].address + PAGE_BYTES * (page % PAGES_PER_BLOCK) as u64;
+        let address = self.blocks[(page / PAGES_PER_BLOCK) as usize].address
+            + PAGE_BYTES * (page % PAGES_PER_BLOCK) as u64;
         [address as u32, (address >> 32) as u32]
     }
 
@@ -253,7 +278,8 @@ fn cut_out<'m, B>(
             left = words(blocks.nth(block - next).expect("a page has memory"));
             (next, page) = (block + 1, 0);
         }
-        let (run, after) = std::mem::take(&mut left)[many(first - page)..].split_at_mut(many(count));
+        let (run, after) =
+            std::mem::take(&mut left)[many(first - page)..].split_at_mut(many(count));
         (page, left) = (first + count, after);
         run
     })
@@ -292,13 +318,20 @@ mod tests {
     fn runs_are_cut_out_of_their_blocks_where_they_lie() {
         const PAGE: usize = POINTS_PER_PAGE as usize;
         // Every word its page.
-        let block = |block: u32| (0..4 * PAGE).map(|word| 4 * block + (word / PAGE) as u32).collect::<Vec<u32>>();
+        let block = |block: u32| {
+            (0..4 * PAGE).map(|word| 4 * block + (word / PAGE) as u32).collect::<Vec<u32>>()
+        };
         let mut blocks: Vec<Vec<u32>> = (0..5).map(block).collect();
         let runs = [((0, 1), 1), ((0, 2), 2), ((3, 0), 1), ((3, 3), 1), ((4, 0), 4)];
         let found = cut_out(&mut blocks, |block| &mut block[..], runs.into_iter());
         for (((block, first), count), words) in runs.into_iter().zip(found) {
             assert_eq!(words.len(), count as usize * PAGE);
-            assert!(words.iter().enumerate().all(|(word, &page)| page == 4 * block as u32 + first + (word / PAGE) as u32));
+            assert!(
+                words
+                    .iter()
+                    .enumerate()
+                    .all(|(word, &page)| page == 4 * block as u32 + first + (word / PAGE) as u32)
+            );
         }
     }
 }

@@ -151,7 +151,12 @@ impl Destination for Mapped {
 
 impl Residency {
     /// `pool_bytes` of device memory at most.
-    pub fn open(gpu: &mut Gpu, index: Arc<Index>, shown: Shown, pool_bytes: u64) -> Result<Residency> {
+    pub fn open(
+        gpu: &mut Gpu,
+        index: Arc<Index>,
+        shown: Shown,
+        pool_bytes: u64,
+    ) -> Result<Residency> {
         let timeline = Timeline::new(&gpu.device, &gpu.memory.alive, "loaded")?;
         let published = Arc::new(Published { count: AtomicU64::new(0), timeline });
         let loader = published.loader(&index, shown)?;
@@ -168,11 +173,16 @@ impl Residency {
             spacing_m: None,
             counts: index.directory.contents.counts.clone(),
             balance: index.directory.contents.balance.clone().filter(|_| shown.coded),
-            oriented: shown.further.normal && (index.directory.contents.oriented || !index.has(Plane::Facing)),
+            oriented: shown.further.normal
+                && (index.directory.contents.oriented || !index.has(Plane::Facing)),
             axes: index.directory.contents.axes,
             opacities: Opacities::default(),
             comes_and_goes: true,
-            light: index.marks.as_ref().filter(|_| shown.light().is_some()).map(|marks| Box::new(marks.contents.clone())),
+            light: index
+                .marks
+                .as_ref()
+                .filter(|_| shown.light().is_some())
+                .map(|marks| Box::new(marks.contents.clone())),
             clips: Clips::default(),
         };
         Ok(Residency {
@@ -218,7 +228,8 @@ impl Residency {
 
     /// Bytes of the pool at most, and of them those in use.
     pub fn pool_bytes(&self) -> [u64; 2] {
-        [self.resident.pool.pages.budget, self.resident.pool.pages.used].map(|pages| PAGE_BYTES * pages as u64)
+        [self.resident.pool.pages.budget, self.resident.pool.pages.used]
+            .map(|pages| PAGE_BYTES * pages as u64)
     }
 
     /// How long the loader has had a core since the start ([`Loader::worked`]).
@@ -238,18 +249,30 @@ impl Residency {
     }
 
     /// Waits until the cut is complete. Nodes that cannot be read are left out, and said in the outcome's errors.
-    pub fn settle(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail, progress: &dyn Progress) -> Result<Update> {
+    pub fn settle(
+        &mut self,
+        gpu: &mut Gpu,
+        view: &View,
+        detail: &Detail,
+        progress: &dyn Progress,
+    ) -> Result<Update> {
         let mut whole = Update::default();
         let mut stuck = 0;
         loop {
-            let update = self.step(gpu, view, detail, Asking { fall_back: false, at_once: UPLOAD_BYTES })?;
+            let update =
+                self.step(gpu, view, detail, Asking { fall_back: false, at_once: UPLOAD_BYTES })?;
             whole.errors.extend(update.errors.iter().cloned());
             whole.bytes_read += update.bytes_read;
             whole.evicted += update.evicted;
             let total = update.cut.nodes.len() as u64;
             progress.tick("loading", total - (update.missing + update.coarse) as u64, total)?;
             if update.is_complete() {
-                return Ok(Update { errors: whole.errors, bytes_read: whole.bytes_read, evicted: whole.evicted, ..update });
+                return Ok(Update {
+                    errors: whole.errors,
+                    bytes_read: whole.bytes_read,
+                    evicted: whole.evicted,
+                    ..update
+                });
             }
             if self.pages_coming == 0 && self.resident.pool.is_landing() {
                 gpu.catch_up()?;
@@ -267,7 +290,10 @@ impl Residency {
             stuck += 1;
             if stuck > 1 {
                 let [pool, _] = self.pool_bytes();
-                return Err(Error::Request(format!("a pool of {} MiB does not hold even the roots of this index", pool >> 20)));
+                return Err(Error::Request(format!(
+                    "a pool of {} MiB does not hold even the roots of this index",
+                    pool >> 20
+                )));
             }
             self.evict_all(gpu)?;
         }
@@ -281,7 +307,13 @@ impl Residency {
         self.resident.free(gpu);
     }
 
-    fn step(&mut self, gpu: &mut Gpu, view: &View, detail: &Detail, asking: Asking) -> Result<Update> {
+    fn step(
+        &mut self,
+        gpu: &mut Gpu,
+        view: &View,
+        detail: &Detail,
+        asking: Asking,
+    ) -> Result<Update> {
         self.updates += 1;
         for node in &self.drawn {
             self.entries.get_mut(node).expect("what is drawn is resident").read_by = gpu.submitted;
@@ -309,7 +341,9 @@ impl Residency {
 
     /// Everything above a node, nearest first.
     fn ancestors(&self, node: usize) -> impl Iterator<Item = usize> + '_ {
-        let above = |&node: &usize| Some(self.index.nodes()[node].parent as usize).filter(|&parent| parent != node);
+        let above = |&node: &usize| {
+            Some(self.index.nodes()[node].parent as usize).filter(|&parent| parent != node)
+        };
         std::iter::successors(above(&node), above)
     }
 
@@ -398,12 +432,17 @@ impl Residency {
     fn fitting(&self, view: &View, detail: &Detail, fall_back: bool) -> (Cut, u64) {
         let mut detail = *detail;
         loop {
-            let cut = cut::choose(&self.index, view, &self.resident.clips, &detail, &self.unreadable);
+            let cut =
+                cut::choose(&self.index, view, &self.resident.clips, &detail, &self.unreadable);
             let mut pages = Pages::new(self.resident.pool.pages.budget);
             // Whatever is there to fall back to gives way, but for the roots.
             let wants = self.wants(view, &detail, &cut, fall_back);
             let stay = wants.iter().filter(|want| want.needed || self.is_root(want.node));
-            if detail.budget == 0 || stay.into_iter().all(|want| pages.take(want.planes + self.resident.shown.words()).is_some()) {
+            if detail.budget == 0
+                || stay
+                    .into_iter()
+                    .all(|want| pages.take(want.planes + self.resident.shown.words()).is_some())
+            {
                 return (cut, detail.budget);
             }
             detail.budget = detail.budget.min(cut.points) / 2;
@@ -414,9 +453,13 @@ impl Residency {
     fn wants(&self, view: &View, detail: &Detail, cut: &Cut, fall_back: bool) -> Vec<Want> {
         let mut above = BTreeSet::new();
         if fall_back {
-            above.extend((0..self.index.directory.roots as usize).filter(|root| !self.unreadable.contains(root)));
+            above.extend(
+                (0..self.index.directory.roots as usize)
+                    .filter(|root| !self.unreadable.contains(root)),
+            );
             for wanted in cut.nodes.iter().filter(|wanted| self.here(wanted.node).is_none()) {
-                let missing = self.ancestors(wanted.node).take_while(|&node| self.here(node).is_none());
+                let missing =
+                    self.ancestors(wanted.node).take_while(|&node| self.here(node).is_none());
                 above.extend(missing.filter(|node| !self.unreadable.contains(node)));
             }
             for wanted in &cut.nodes {
@@ -430,7 +473,12 @@ impl Residency {
             // Whether a point lies in a box takes all that is known of its place.
             let planes = match self.resident.clips.left(self.index.bounds(record)) {
                 Left::Some => frame.planes,
-                _ => detail.precision.planes(view, &self.index.lattice(record), &frame, wanted.distance),
+                _ => detail.precision.planes(
+                    view,
+                    &self.index.lattice(record),
+                    &frame,
+                    wanted.distance,
+                ),
             };
             Want { node: wanted.node, planes, needed: true }
         });
@@ -439,17 +487,32 @@ impl Residency {
 
     fn frame(&self, node: usize) -> Frame {
         let record = &self.index.nodes()[node];
-        Frame { origin: record.origin, bits: record.bits as u32, extent: record.extent, planes: record.position_planes() }
+        Frame {
+            origin: record.origin,
+            bits: record.bits as u32,
+            extent: record.extent,
+            planes: record.position_planes(),
+        }
     }
 
     /// Posts the newest wish-list, with pages for as much of it as may be under way at a time.
-    fn ask(&mut self, gpu: &mut Gpu, wants: &[Want], at_once: u64, update: &mut Update) -> Result<()> {
-        let protected: HashMap<usize, bool> = wants.iter().map(|want| (want.node, want.needed)).collect();
+    fn ask(
+        &mut self,
+        gpu: &mut Gpu,
+        wants: &[Want],
+        at_once: u64,
+        update: &mut Update,
+    ) -> Result<()> {
+        let protected: HashMap<usize, bool> =
+            wants.iter().map(|want| (want.node, want.needed)).collect();
         let mut victims = None;
         let mut list = Vec::new();
         let mut enough = false;
         for want in wants {
-            let (here, coming) = self.entries.get(&want.node).map_or((None, None), |entry| (entry.here, entry.coming));
+            let (here, coming) = self
+                .entries
+                .get(&want.node)
+                .map_or((None, None), |entry| (entry.here, entry.coming));
             if coming.is_some() {
                 list.push(Wish { node: want.node, planes: want.planes, destination: None });
                 continue;
@@ -459,11 +522,16 @@ impl Residency {
             }
             let pages = want.planes + self.resident.shown.words();
             // In order, as `fitting` has tried it: nothing smaller slips in before.
-            enough |= self.pages_coming > 0 && (self.pages_coming + pages) as u64 * PAGE_BYTES > at_once;
+            enough |=
+                self.pages_coming > 0 && (self.pages_coming + pages) as u64 * PAGE_BYTES > at_once;
             if enough {
                 continue;
             }
-            let Some(first_page) = self.take(gpu, pages, want.needed, &protected, &mut victims, update)? else { continue };
+            let Some(first_page) =
+                self.take(gpu, pages, want.needed, &protected, &mut victims, update)?
+            else {
+                continue;
+            };
             if !self.resident.pool.open(gpu, first_page, pages)? {
                 // Nothing smaller slips in before, as above.
                 self.resident.pool.pages.give(first_page, pages);
@@ -474,7 +542,11 @@ impl Residency {
             let run = Run { first_page, planes: want.planes, pages };
             self.entries.entry(want.node).or_default().coming = Some(run);
             self.pages_coming += pages;
-            list.push(Wish { node: want.node, planes: want.planes, destination: Some(Box::new(Mapped(window))) });
+            list.push(Wish {
+                node: want.node,
+                planes: want.planes,
+                destination: Some(Box::new(Mapped(window))),
+            });
         }
         if self.pages_coming > 0 {
             self.loader.post(list);
@@ -500,7 +572,10 @@ impl Residency {
                 Err(error) => {
                     // The device has less than the budget: what it gave is the pool from now on.
                     self.resident.pool.pages.budget = self.resident.pool.allocated();
-                    update.errors.push(format!("the pool stays at {} MiB: {error}", self.pool_bytes()[0] >> 20));
+                    update.errors.push(format!(
+                        "the pool stays at {} MiB: {error}",
+                        self.pool_bytes()[0] >> 20
+                    ));
                 }
             }
             let victims = victims.get_or_insert_with(|| {
@@ -508,7 +583,8 @@ impl Residency {
                 let free = |(&node, entry): (&usize, &Entry)| {
                     entry.here?;
                     let kept = protected.get(&node).copied();
-                    let may_go = kept != Some(true) && !self.is_root(node) && entry.read_by <= passed;
+                    let may_go =
+                        kept != Some(true) && !self.is_root(node) && entry.read_by <= passed;
                     may_go.then_some((kept.is_some(), entry.drawn, node))
                 };
                 let mut victims: Vec<_> = self.entries.iter().filter_map(free).collect();
@@ -516,8 +592,14 @@ impl Residency {
                 victims.sort_unstable_by(|a, b| b.cmp(a));
                 victims
             });
-            let Some((_, _, node)) = victims.pop_if(|(kept, _, _)| needed || !*kept) else { return Ok(None) };
-            let run = self.entries.get_mut(&node).and_then(|entry| entry.here.take()).expect("a victim is resident");
+            let Some((_, _, node)) = victims.pop_if(|(kept, _, _)| needed || !*kept) else {
+                return Ok(None);
+            };
+            let run = self
+                .entries
+                .get_mut(&node)
+                .and_then(|entry| entry.here.take())
+                .expect("a victim is resident");
             self.resident.pool.pages.give(run.first_page, run.pages);
             self.evictions += 1;
             update.evicted += 1;
@@ -544,7 +626,9 @@ impl Residency {
         for wanted in &cut.nodes {
             if let Some(nodes) = self.finer(view, wanted.node) {
                 drawn.extend(nodes);
-            } else if let Some(ancestor) = self.ancestors(wanted.node).find(|&node| self.here(node).is_some()) {
+            } else if let Some(ancestor) =
+                self.ancestors(wanted.node).find(|&node| self.here(node).is_some())
+            {
                 standing_in.insert(ancestor);
             } else {
                 holes += 1;
@@ -564,7 +648,16 @@ impl Residency {
             let (lattice, frame) = (self.index.lattice(record), self.frame(node));
             let spacing = in_metres(self.entries[&node].spacing, &lattice, &frame);
             let station = record.one_station().map(u32::from);
-            ResidentNode { lattice, frame, count: record.count, number: number as u32, first_page, planes, spacing, station }
+            ResidentNode {
+                lattice,
+                frame,
+                count: record.count,
+                number: number as u32,
+                first_page,
+                planes,
+                spacing,
+                station,
+            }
         });
         self.resident.nodes = nodes.collect();
         holes
@@ -583,7 +676,8 @@ impl Residency {
             } else {
                 open.extend(record.children().filter(|&child| {
                     let bounds = self.index.bounds(&self.index.nodes()[child]);
-                    view.least_depth(bounds).is_some() && self.resident.clips.left(bounds) != Left::Nothing
+                    view.least_depth(bounds).is_some()
+                        && self.resident.clips.left(bounds) != Left::Nothing
                 }));
             }
         }

@@ -36,7 +36,13 @@ pub struct Ring {
 
 impl Default for Ring {
     fn default() -> Ring {
-        Ring { slots: Pages::new(SLOTS), memory: Vec::new(), open: HashMap::new(), written: Vec::new(), landing: Vec::new() }
+        Ring {
+            slots: Pages::new(SLOTS),
+            memory: Vec::new(),
+            open: HashMap::new(),
+            written: Vec::new(),
+            landing: Vec::new(),
+        }
     }
 }
 
@@ -91,7 +97,8 @@ impl Ring {
         }
         let mut parts = BTreeMap::<u32, Vec<[u64; 3]>>::new();
         for run in &self.written {
-            let [from, to, bytes] = [run.slot, run.page % PAGES_PER_BLOCK, run.count].map(|pages| PAGE_BYTES * pages as u64);
+            let [from, to, bytes] = [run.slot, run.page % PAGES_PER_BLOCK, run.count]
+                .map(|pages| PAGE_BYTES * pages as u64);
             parts.entry(run.page / PAGES_PER_BLOCK).or_default().push([from, to, bytes]);
         }
         let mut g = Graph::new(gpu);

@@ -19,8 +19,11 @@ pub struct Sampling {
 impl Sampling {
     /// Of what the view sees.
     pub fn of(resident: &Resident, view: &View) -> Sampling {
-        let seen: Vec<Node> = resident.seen(view).map(|(depths, node)| Node::of(view, depths, node)).collect();
-        let number = |of: fn(&Node) -> Option<f64>| seen.iter().filter_map(|node| Some((of(node)?, node.count))).collect();
+        let seen: Vec<Node> =
+            resident.seen(view).map(|(depths, node)| Node::of(view, depths, node)).collect();
+        let number = |of: fn(&Node) -> Option<f64>| {
+            seen.iter().filter_map(|node| Some((of(node)?, node.count))).collect()
+        };
         // Of points that are all in one place nobody knows how dense they are.
         let density = |node: &Node| (node.covered > 0.0).then(|| node.count as f64 / node.covered);
         Sampling {
@@ -56,8 +59,10 @@ impl Node {
             Projection::Orthographic => 1.0 / view.focal_px(),
         };
         let (way, extent) = (view.basis.forward.abs(), node.bounds().1 - node.bounds().0);
-        let faces = extent.x * extent.y * way.z + extent.y * extent.z * way.x + extent.z * extent.x * way.y;
-        let covered = (node.count as f64 * node.spacing * node.spacing).min(faces) / (pixel_m * pixel_m);
+        let faces =
+            extent.x * extent.y * way.z + extent.y * extent.z * way.x + extent.z * extent.x * way.y;
+        let covered =
+            (node.count as f64 * node.spacing * node.spacing).min(faces) / (pixel_m * pixel_m);
         Node { count: node.count as u64, pixel_m, apart: node.spacing / pixel_m, covered }
     }
 }
@@ -88,6 +93,9 @@ mod tests {
         assert_eq!(middle(vec![]), 0.0);
         assert_eq!(middle(vec![(3.0, 1), (1.0, 2), (2.0, 1)]), 1.0);
         let numbers = vec![(5.0, 2.0), (1.0, 7.0), (2.0, 1.0)];
-        assert_eq!([0.0, 0.7, 0.75, 0.8, 0.81, 1.0].map(|share| quantile(numbers.clone(), share)), [1.0, 1.0, 2.0, 2.0, 5.0, 5.0]);
+        assert_eq!(
+            [0.0, 0.7, 0.75, 0.8, 0.81, 1.0].map(|share| quantile(numbers.clone(), share)),
+            [1.0, 1.0, 2.0, 2.0, 5.0, 5.0]
+        );
     }
 }

@@ -51,7 +51,8 @@ impl Slab {
     /// Where a point is on the map, as seen from the slab's start, if it is in it; its borders are part of it.
     pub fn place(&self, p: DVec3) -> Option<DVec2> {
         let place = self.turned(p);
-        (place.x >= 0.0 && place.x <= self.length && place.y.abs() <= self.width / 2.0).then_some(place)
+        (place.x >= 0.0 && place.x <= self.length && place.y.abs() <= self.width / 2.0)
+            .then_some(place)
     }
 
     fn turned(&self, p: DVec3) -> DVec2 {
@@ -61,9 +62,15 @@ impl Slab {
 
     /// Whether a box may have points in it.
     fn meets(&self, (min, max): (DVec3, DVec3)) -> bool {
-        let corners = [(min.x, min.y), (max.x, min.y), (min.x, max.y), (max.x, max.y)].map(|(x, y)| self.turned(DVec3::new(x, y, 0.0)));
-        let [least, most] = [corners.into_iter().reduce(DVec2::min), corners.into_iter().reduce(DVec2::max)].map(Option::unwrap_or_default);
-        most.x >= 0.0 && least.x <= self.length && most.y >= -self.width / 2.0 && least.y <= self.width / 2.0
+        let corners = [(min.x, min.y), (max.x, min.y), (min.x, max.y), (max.x, max.y)]
+            .map(|(x, y)| self.turned(DVec3::new(x, y, 0.0)));
+        let [least, most] =
+            [corners.into_iter().reduce(DVec2::min), corners.into_iter().reduce(DVec2::max)]
+                .map(Option::unwrap_or_default);
+        most.x >= 0.0
+            && least.x <= self.length
+            && most.y >= -self.width / 2.0
+            && least.y <= self.width / 2.0
     }
 }
 
@@ -71,23 +78,38 @@ impl Resident {
     pub fn section(&self, gpu: &mut Gpu, slab: &Slab) -> Result<Section> {
         let factors = self.opacities.table(&self.stations);
         let opaque = |kind: u32| {
-            let [class, number, station] = [kind & 255, 256 + (kind >> 8 & 15), 272 + (kind >> 16)].map(|at| factors.get(at as usize));
+            let [class, number, station] = [kind & 255, 256 + (kind >> 8 & 15), 272 + (kind >> 16)]
+                .map(|at| factors.get(at as usize));
             [class, number, station].into_iter().flatten().all(|factor| *factor > 0.0)
         };
-        let met: Vec<_> =
-            self.nodes.iter().filter(|node| slab.meets(node.bounds()) && self.clips.left(node.bounds()) != Left::Nothing).collect();
+        let met: Vec<_> = self
+            .nodes
+            .iter()
+            .filter(|node| {
+                slab.meets(node.bounds()) && self.clips.left(node.bounds()) != Left::Nothing
+            })
+            .collect();
         let mut points = Vec::new();
         self.look_at(gpu, &met, |node, words| {
             let whole = self.clips.left(node.bounds()) == Left::Everything;
             let found = (0..node.count).into_par_iter().filter_map(|i| {
                 let place = slab.place(position(node, words, i))?;
                 let point = self.point_of(node, words, i);
-                let is_there = (whole || self.clips.keep(point.position)) && point.kind.is_none_or(opaque);
-                is_there.then(|| Found { point, shown: words[(node.planes * POINTS_PER_PAGE + i) as usize], place })
+                let is_there =
+                    (whole || self.clips.keep(point.position)) && point.kind.is_none_or(opaque);
+                is_there.then(|| Found {
+                    point,
+                    shown: words[(node.planes * POINTS_PER_PAGE + i) as usize],
+                    place,
+                })
             });
             points.par_extend(found);
         })?;
-        Ok(Section { points, resident: self.nodes.iter().map(|node| node.count as u64).sum(), all: self.points })
+        Ok(Section {
+            points,
+            resident: self.nodes.iter().map(|node| node.count as u64).sum(),
+            all: self.points,
+        })
     }
 }
 
@@ -100,14 +122,19 @@ mod tests {
         let start = DVec3::new(500_000.0, 5_000_000.0, 3.0);
         let slab = Slab::new(start, start + DVec3::new(3.0, 4.0, 100.0), 0.5).unwrap();
         assert_eq!(slab.length, 5.0);
-        let at = |along: f64, left: f64| start + DVec3::new(0.6 * along - 0.8 * left, 0.8 * along + 0.6 * left, -50.0);
+        let at = |along: f64, left: f64| {
+            start + DVec3::new(0.6 * along - 0.8 * left, 0.8 * along + 0.6 * left, -50.0)
+        };
         let place = slab.place(at(2.0, 0.2)).unwrap();
         assert!((place - DVec2::new(2.0, 0.2)).length() < 1e-8);
         for outside in [at(-0.1, 0.0), at(5.1, 0.0), at(2.0, 0.26), at(2.0, -0.26)] {
             assert_eq!(slab.place(outside), None);
             assert!(slab.meets((outside - 1.0, outside + 1.0)));
         }
-        assert!(!slab.meets((start - 3.0, start - 2.0)) && !slab.meets((at(8.0, 0.0), at(8.0, 0.0) + 1.0)));
+        assert!(
+            !slab.meets((start - 3.0, start - 2.0))
+                && !slab.meets((at(8.0, 0.0), at(8.0, 0.0) + 1.0))
+        );
         assert_eq!(Slab::new(start, start + DVec3::Z, 1.0), None);
     }
 }

@@ -13,7 +13,8 @@ use crate::graph::Gpu;
 use crate::passes::ao;
 use crate::progress::Progress;
 
-pub const SUMMARY: &str = "directions, steps, bias: light against that of many, and against that of the surface itself";
+pub const SUMMARY: &str =
+    "directions, steps, bias: light against that of many, and against that of the surface itself";
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     configurations::run::<Ao>(gpu, plan, progress)
@@ -34,7 +35,12 @@ const METRICS: &[Metric] = &[
         about: "Light against the renderer's own with 64 directions of 16 samples (self)",
         root: true,
     },
-    Metric { name: "truth_rms", axis: "RMS error of light", about: "Light against that of the surface itself, f64", root: true },
+    Metric {
+        name: "truth_rms",
+        axis: "RMS error of light",
+        about: "Light against that of the surface itself, f64",
+        root: true,
+    },
 ];
 
 impl Question for Ao {
@@ -42,7 +48,8 @@ impl Question for Ao {
     const TITLE: &'static str = "Ambient occlusion: directions, steps, bias";
     const METRICS: &'static [Metric] = METRICS;
     const COUNTERS: &'static [&'static str] = &["pixels darkened"];
-    const REFERENCE: &'static [&'static str] = &["visibility=on", "fill=on", "shape=off", "edl=off", "ao=on,directions=64,steps=16"];
+    const REFERENCE: &'static [&'static str] =
+        &["visibility=on", "fill=on", "shape=off", "edl=off", "ao=on,directions=64,steps=16"];
     const AFTER: &'static [&'static str] = &["resolve", "hide", "fill"];
     const HOW: &'static str = "Light is 0 to 1. Errors are root mean squares over interior pixels that have a depth. <em>Self</em> is the renderer's own light with 64 directions of 16 samples; the truth is the \
         operator with 32 of 8 on ray-cast depths, in f64. Visibility and filling run before, and are not timed here.";
@@ -50,10 +57,17 @@ impl Question for Ao {
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
         let own = |knob, value: &str, settings: &str| {
-            Configuration::new(knob, value, &["visibility=on", "fill=on", "shape=off", "edl=off", &format!("ao=on{settings}")])
+            Configuration::new(
+                knob,
+                value,
+                &["visibility=on", "fill=on", "shape=off", "edl=off", &format!("ao=on{settings}")],
+            )
         };
         let knob = |name: &'static str, values: &[&str]| {
-            values.iter().map(|value| own(name, value, &format!(",{name}={value}"))).collect::<Vec<_>>()
+            values
+                .iter()
+                .map(|value| own(name, value, &format!(",{name}={value}")))
+                .collect::<Vec<_>>()
         };
         let auto = vec![own(AUTO, AUTO, "")];
         let knobs = [
@@ -67,14 +81,19 @@ impl Question for Ao {
     fn know(case: &Case, reference: Drawing) -> Light {
         let settings = ao::Settings { directions: 32.0, steps: 8.0, ..ao::Settings::default() };
         let depth: Vec<f32> = case.truth.depth.iter().map(|z| *z as f32).collect();
-        let truth = oracle::ao::left(&case.view, &settings, &depth).into_iter().map(|left| left.map(|left| left.value)).collect();
+        let truth = oracle::ao::left(&case.view, &settings, &depth)
+            .into_iter()
+            .map(|left| left.map(|left| left.value))
+            .collect();
         Light { own: reference.lit, truth }
     }
 
     fn measure(case: &Case, known: &Light, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let counts = |i: &usize| case.truth.interior[*i] && drawing.depth[*i].is_finite();
         let part = |light: &dyn Fn(usize) -> Option<f64>| {
-            let errors = (0..drawing.depth.len()).filter(counts).filter_map(|i| Some((drawing.lit[i] as f64 - light(i)?).powi(2)));
+            let errors = (0..drawing.depth.len())
+                .filter(counts)
+                .filter_map(|i| Some((drawing.lit[i] as f64 - light(i)?).powi(2)));
             errors.fold([0.0; 2], |[sum, count], square| [sum + square, count + 1.0])
         };
         (

@@ -135,13 +135,20 @@ impl Case {
 
 /// Names and files of meshes, in the folder of data.
 pub fn meshes() -> impl Iterator<Item = (&'static str, &'static str)> {
-    SCENES.into_iter().filter_map(|(name, source)| if let Source::Mesh(file, _) = source { Some((name, file)) } else { None })
+    SCENES.into_iter().filter_map(|(name, source)| {
+        if let Source::Mesh(file, _) = source { Some((name, file)) } else { None }
+    })
 }
 
 /// Visits every case, one after the other; each is made when its turn comes. Returns a line for everything that was left out.
-pub fn each(options: &Options, progress: &dyn Progress, mut visit: impl FnMut(&Case) -> Result<()>) -> Result<Vec<String>> {
+pub fn each(
+    options: &Options,
+    progress: &dyn Progress,
+    mut visit: impl FnMut(&Case) -> Result<()>,
+) -> Result<Vec<String>> {
     let mut left_out = Vec::new();
-    let wanted = |name: &str| options.scenes.is_empty() || options.scenes.iter().any(|scene| scene == name);
+    let wanted =
+        |name: &str| options.scenes.is_empty() || options.scenes.iter().any(|scene| scene == name);
     for (scene, source) in SCENES.into_iter().filter(|(name, _)| wanted(name)) {
         progress.tick(scene, 0, 0)?;
         let Some(shown) = Shown::open(source, options)? else {
@@ -149,29 +156,46 @@ pub fn each(options: &Options, progress: &dyn Progress, mut visit: impl FnMut(&C
             continue;
         };
         let pilot = shown.points(PILOT, options.seed, progress)?;
-        for (view_name, view) in shown.views(options.size, options.seed, progress)?.into_iter().take(options.views) {
+        for (view_name, view) in
+            shown.views(options.size, options.seed, progress)?.into_iter().take(options.views)
+        {
             let truth = Arc::new(Truth::cast(&view, &shown));
             let covered = truth.inside.iter().filter(|inside| **inside).count() as f64;
-            let density = |points: &[DVec3]| first_surface(&truth, points) as f64 / covered.max(1.0);
+            let density =
+                |points: &[DVec3]| first_surface(&truth, points) as f64 / covered.max(1.0);
             let share = density(&pilot) / pilot.len() as f64;
             let count = |density: f64| (density / share).ceil();
             let affordable = |density: &f64| count(*density) <= options.most_points as f64;
-            let (densities, too_dense): (Vec<f64>, Vec<f64>) = options.densities.iter().partition(|density| affordable(density));
+            let (densities, too_dense): (Vec<f64>, Vec<f64>) =
+                options.densities.iter().partition(|density| affordable(density));
             if let Some(least) = too_dense.iter().copied().reduce(f64::min) {
                 left_out.push(format!("{scene}, {view_name}: {least} points a pixel and more, {:.0} points of the scene", count(least)));
             }
             let vertices = matches!(shown, Shown::Mesh(_)).then_some(Sampling::Vertices);
             for sampling in densities.into_iter().map(Sampling::Density).chain(vertices) {
                 let points = match (sampling, &shown) {
-                    (Sampling::Density(density), _) => &shown.points(count(density) as u64, options.seed, progress)?,
+                    (Sampling::Density(density), _) => {
+                        &shown.points(count(density) as u64, options.seed, progress)?
+                    }
                     (Sampling::Vertices, Shown::Mesh(mesh)) => &mesh.vertices,
-                    (Sampling::Vertices, Shown::World(_)) => unreachable!("only meshes have vertices"),
+                    (Sampling::Vertices, Shown::World(_)) => {
+                        unreachable!("only meshes have vertices")
+                    }
                 };
                 let density = density(points);
                 for &noise_px in &options.noises_px {
                     let cloud = cloud(scene, &noisy(&truth, points, noise_px, options.seed));
                     let truth = truth.clone();
-                    visit(&Case { scene, view_name, sampling, density, noise_px, view, cloud, truth })?;
+                    visit(&Case {
+                        scene,
+                        view_name,
+                        sampling,
+                        density,
+                        noise_px,
+                        view,
+                        cloud,
+                        truth,
+                    })?;
                 }
             }
         }
@@ -196,7 +220,8 @@ impl Surface for Shown {
         let Shown::World(world) = self else { return true };
         let sees = |station: &synth::Station| {
             let ray = point - station.position;
-            synth::reaches(ray) && world.first(station.position, ray).is_some_and(|reach| reach > 1.0 - 1e-6)
+            synth::reaches(ray)
+                && world.first(station.position, ray).is_some_and(|reach| reach > 1.0 - 1e-6)
         };
         world.stations().is_empty() || world.stations().iter().any(sees)
     }
@@ -229,12 +254,17 @@ impl Shown {
 
     fn points(&self, count: u64, seed: u64, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         match self {
-            Shown::Mesh(mesh) => Ok((0..count).into_par_iter().map(|i| mesh.sample(&mut Random::new(seed, 0, i))).collect()),
+            Shown::Mesh(mesh) => Ok((0..count)
+                .into_par_iter()
+                .map(|i| mesh.sample(&mut Random::new(seed, 0, i)))
+                .collect()),
             Shown::World(world) => {
                 let mut points = Vec::with_capacity(count as usize);
                 let mut keep = |chunk: &synth::Chunk| {
                     let step = chunk.lattice.step;
-                    points.extend((0..chunk.len()).map(|i| DVec3::new(chunk.x[i] as f64, chunk.y[i] as f64, chunk.z[i] as f64) * step));
+                    points.extend((0..chunk.len()).map(|i| {
+                        DVec3::new(chunk.x[i] as f64, chunk.y[i] as f64, chunk.z[i] as f64) * step
+                    }));
                     Ok(())
                 };
                 synth::scan(world, count, seed, 0.0, &mut keep, progress)?;
@@ -244,7 +274,12 @@ impl Shown {
     }
 
     /// Whole with perspective, near and from another side, and without perspective.
-    fn views(&self, size: [u32; 2], seed: u64, progress: &dyn Progress) -> Result<[(&'static str, View); 3]> {
+    fn views(
+        &self,
+        size: [u32; 2],
+        seed: u64,
+        progress: &dyn Progress,
+    ) -> Result<[(&'static str, View); 3]> {
         let points = self.points(FRAMED_BY, seed, progress)?;
         let whole = Camera::framing(Preset::Fit, &points, size);
         let back = whole.eye - whole.target;
@@ -257,7 +292,8 @@ impl Shown {
                 ("parallel", Camera::framing(Preset::Iso, &points, size)),
             ],
         };
-        let [first, second, third] = cameras.map(|(name, camera)| Ok((name, View::new(camera, size)?)));
+        let [first, second, third] =
+            cameras.map(|(name, camera)| Ok((name, View::new(camera, size)?)));
         Ok([first?, second?, third?])
     }
 }
@@ -273,12 +309,22 @@ fn in_street(world: &World) -> [(&'static str, Camera); 3] {
         projection: Projection::Perspective,
         ortho_height: None,
     };
-    let end = stations.iter().map(|station| station.position).max_by(|a, b| a.y.total_cmp(&b.y)).expect("a street has stations");
+    let end = stations
+        .iter()
+        .map(|station| station.position)
+        .max_by(|a, b| a.y.total_cmp(&b.y))
+        .expect("a street has stations");
     // Beside the station: from its own place nothing that it saw is hidden.
     let back = Camera { eye: end + DVec3::new(0.6, 0.0, 0.3), target: look.eye, ..along };
     let above = stations[1].position + DVec3::Z * 4.0;
     let target = above + DVec3::new(1.0, 1.0, -0.1);
-    let houses = Camera { eye: above, target, projection: Projection::Orthographic, ortho_height: Some(16.0), ..along };
+    let houses = Camera {
+        eye: above,
+        target,
+        projection: Projection::Orthographic,
+        ortho_height: Some(16.0),
+        ..along
+    };
     [("along", along), ("back", back), ("parallel", houses)]
 }
 
@@ -291,7 +337,10 @@ fn projected(view: &View, point: DVec3) -> Option<(usize, f64)> {
         Projection::Orthographic => view.focal_px(),
     };
     let [width, height] = view.size.map(f64::from);
-    let (x, y) = (from_eye.dot(view.basis.right) * scale + width / 2.0, height / 2.0 - from_eye.dot(view.basis.up) * scale);
+    let (x, y) = (
+        from_eye.dot(view.basis.right) * scale + width / 2.0,
+        height / 2.0 - from_eye.dot(view.basis.up) * scale,
+    );
     let inside = depth > 0.0 && (0.0..width).contains(&x) && (0.0..height).contains(&y);
     inside.then(|| (y as usize * view.size[0] as usize + x as usize, depth))
 }
@@ -299,8 +348,9 @@ fn projected(view: &View, point: DVec3) -> Option<(usize, f64)> {
 /// How many points belong to the first surface of a pixel in the silhouette.
 fn first_surface(truth: &Truth, points: &[DVec3]) -> usize {
     let seen = |point: &&DVec3| {
-        projected(&truth.view, **point)
-            .is_some_and(|(pixel, depth)| truth.inside[pixel] && truth.is_visible(pixel, depth, 0.0) == Some(true))
+        projected(&truth.view, **point).is_some_and(|(pixel, depth)| {
+            truth.inside[pixel] && truth.is_visible(pixel, depth, 0.0) == Some(true)
+        })
     };
     points.par_iter().filter(seen).count()
 }
@@ -308,17 +358,24 @@ fn first_surface(truth: &Truth, points: &[DVec3]) -> usize {
 /// The points that fall into the picture, moved along the ray to the eye.
 fn noisy(truth: &Truth, points: &[DVec3], noise_px: f64, seed: u64) -> Vec<DVec3> {
     let view = &truth.view;
-    let shown = points.par_iter().enumerate().filter_map(|(i, point)| Some((i, point, projected(view, *point)?.1)));
+    let shown = points
+        .par_iter()
+        .enumerate()
+        .filter_map(|(i, point)| Some((i, point, projected(view, *point)?.1)));
     shown
         .map(|(i, point, depth)| {
             if noise_px == 0.0 {
                 return *point;
             }
             let mut random = Random::new(seed, 1, i as u64);
-            let sigmas = std::iter::repeat_with(|| random.normal()).find(|sigmas| sigmas.abs() <= NOISE_SIGMAS).expect("endless");
+            let sigmas = std::iter::repeat_with(|| random.normal())
+                .find(|sigmas| sigmas.abs() <= NOISE_SIGMAS)
+                .expect("endless");
             let by = sigmas * noise_px * truth.pixel_m(depth);
             match view.camera.projection {
-                Projection::Perspective => view.camera.eye + (*point - view.camera.eye) * (1.0 + by / depth),
+                Projection::Perspective => {
+                    view.camera.eye + (*point - view.camera.eye) * (1.0 + by / depth)
+                }
                 Projection::Orthographic => *point + view.basis.forward * by,
             }
         })
@@ -327,11 +384,15 @@ fn noisy(truth: &Truth, points: &[DVec3], noise_px: f64, seed: u64) -> Vec<DVec3
 
 /// On a lattice of less than 2^30 steps across, as fine as readers keep floating-point files on.
 pub(super) fn cloud(name: &str, points: &[DVec3]) -> Cloud {
-    let (min, max) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| (min.min(p), max.max(p)));
+    let (min, max) = points
+        .iter()
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), &p| (min.min(p), max.max(p)));
     let min = if points.is_empty() { DVec3::ZERO } else { min };
     let across = (max - min).max_element().max(f64::MIN_POSITIVE);
     let step = 2f64.powi(across.log2().floor() as i32 + 1 - 30);
-    let steps = |axis: usize| points.par_iter().map(|p| ((p[axis] - min[axis]) / step).round() as i32).collect();
+    let steps = |axis: usize| {
+        points.par_iter().map(|p| ((p[axis] - min[axis]) / step).round() as i32).collect()
+    };
     let columns = Columns { x: steps(0), y: steps(1), z: steps(2), ..Columns::default() };
     let part = Part {
         path: PathBuf::from(name),
@@ -342,6 +403,7 @@ pub(super) fn cloud(name: &str, points: &[DVec3]) -> Cloud {
         intensity_range: [0.0, 65_535.0],
         rgb_scale: Default::default(),
     };
-    let station = Station { part: 0, source: None, name: name.to_string(), points: points.len() as u64 };
+    let station =
+        Station { part: 0, source: None, name: name.to_string(), points: points.len() as u64 };
     Cloud { parts: vec![part], stations: vec![station], notes: Vec::new() }
 }

@@ -57,8 +57,10 @@ struct Axis {
 impl Axis {
     /// Around all positive values, with a little air; a decade where there is nothing.
     fn around(values: impl Iterator<Item = f64>, air: f64) -> Axis {
-        let (lo, hi) =
-            values.filter(|v| *v > 0.0 && v.is_finite()).map(f64::log10).fold((f64::MAX, f64::MIN), |(lo, hi), v| (lo.min(v), hi.max(v)));
+        let (lo, hi) = values
+            .filter(|v| *v > 0.0 && v.is_finite())
+            .map(f64::log10)
+            .fold((f64::MAX, f64::MIN), |(lo, hi), v| (lo.min(v), hi.max(v)));
         if lo > hi { Axis { lo: -0.5, hi: 0.5 } } else { Axis { lo: lo - air, hi: hi + air } }
     }
 
@@ -71,7 +73,8 @@ impl Axis {
         let decades = self.hi - self.lo;
         let stride = (decades / 6.0).ceil().max(1.0) as i32;
         let steps: &[f64] = if decades < 2.2 { &[1.0, 2.0, 5.0] } else { &[1.0] };
-        let powers = (self.lo.floor() as i32..=self.hi.ceil() as i32).filter(|power| power.rem_euclid(stride) == 0);
+        let powers = (self.lo.floor() as i32..=self.hi.ceil() as i32)
+            .filter(|power| power.rem_euclid(stride) == 0);
         powers
             .flat_map(|power| steps.iter().map(move |step| step * 10f64.powi(power)))
             .filter(|tick| (self.lo..=self.hi).contains(&tick.log10()))
@@ -88,7 +91,11 @@ fn number(value: f64) -> String {
     let raised: String = power
         .to_string()
         .chars()
-        .map(|c| c.to_digit(10).map_or('⁻', |digit| ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit as usize]))
+        .map(|c| {
+            c.to_digit(10).map_or('⁻', |digit| {
+                ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit as usize]
+            })
+        })
         .collect();
     let factor = (value / 10f64.powi(power)).round();
     if factor == 1.0 { format!("10{raised}") } else { format!("{factor}·10{raised}") }
@@ -96,34 +103,59 @@ fn number(value: f64) -> String {
 
 fn text(size: i32, color: &'static RGBColor, bold: bool, h: HPos, v: VPos) -> TextStyle<'static> {
     let style = if bold { FontStyle::Bold } else { FontStyle::Normal };
-    TextStyle::from(FontDesc::new(FontFamily::Name("Helvetica, Arial, sans-serif"), size as f64, style)).color(color).pos(Pos::new(h, v))
+    TextStyle::from(FontDesc::new(
+        FontFamily::Name("Helvetica, Arial, sans-serif"),
+        size as f64,
+        style,
+    ))
+    .color(color)
+    .pos(Pos::new(h, v))
 }
 
 impl Chart {
     pub fn svg(&self) -> String {
         let columns = self.columns.min(self.panels.len()).max(1) as i32;
         let rows = self.panels.len().div_ceil(columns as usize).max(1) as i32;
-        let size = [LEFT + columns * (PLOT[0] + GAP[0]) - GAP[0] + RIGHT, TOP + rows * (PLOT[1] + GAP[1]) - GAP[1] + BOTTOM];
+        let size = [
+            LEFT + columns * (PLOT[0] + GAP[0]) - GAP[0] + RIGHT,
+            TOP + rows * (PLOT[1] + GAP[1]) - GAP[1] + BOTTOM,
+        ];
         let mut svg = String::new();
         {
-            let root = SVGBackend::with_string(&mut svg, (size[0] as u32, size[1] as u32)).into_drawing_area();
+            let root = SVGBackend::with_string(&mut svg, (size[0] as u32, size[1] as u32))
+                .into_drawing_area();
             // Writing into a string cannot fail.
-            self.draw(&root, columns, size).and_then(|()| root.present()).expect("an SVG in memory");
+            self.draw(&root, columns, size)
+                .and_then(|()| root.present())
+                .expect("an SVG in memory");
         }
         svg
     }
 
-    fn draw(&self, root: &Area, columns: i32, size: [i32; 2]) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
+    fn draw(
+        &self,
+        root: &Area,
+        columns: i32,
+        size: [i32; 2],
+    ) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
         let marks = || self.panels.iter().flat_map(|panel| &panel.marks);
-        let axes = [Axis::around(marks().flat_map(|mark| mark.x), 0.12), Axis::around(marks().map(|mark| mark.y), 0.5)];
+        let axes = [
+            Axis::around(marks().flat_map(|mark| mark.x), 0.12),
+            Axis::around(marks().map(|mark| mark.y), 0.5),
+        ];
         let zeros = marks().any(|mark| mark.y == 0.0);
         root.fill(&WHITE)?;
         root.draw_text(&self.title, &text(19, &INK, true, HPos::Left, VPos::Top), (LEFT, 14))?;
         self.key(root, (LEFT, 50))?;
         let middle = (TOP + size[1] - BOTTOM) / 2;
-        let upright = text(13, &INK, false, HPos::Center, VPos::Center).transform(FontTransform::Rotate270);
+        let upright =
+            text(13, &INK, false, HPos::Center, VPos::Center).transform(FontTransform::Rotate270);
         root.draw_text(&self.y_axis, &upright, (20, middle))?;
-        root.draw_text(&self.x_axis, &text(13, &INK, false, HPos::Center, VPos::Center), ((LEFT + size[0] - RIGHT) / 2, size[1] - 14))?;
+        root.draw_text(
+            &self.x_axis,
+            &text(13, &INK, false, HPos::Center, VPos::Center),
+            ((LEFT + size[0] - RIGHT) / 2, size[1] - 14),
+        )?;
         for (i, panel) in self.panels.iter().enumerate() {
             let (column, row) = (i as i32 % columns, i as i32 / columns);
             let corner = (LEFT + column * (PLOT[0] + GAP[0]), TOP + row * (PLOT[1] + GAP[1]));
@@ -135,7 +167,11 @@ impl Chart {
     }
 
     /// What marks mean.
-    fn key(&self, root: &Area, (x, y): (i32, i32)) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
+    fn key(
+        &self,
+        root: &Area,
+        (x, y): (i32, i32),
+    ) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
         let style = text(12, &SOFT, false, HPos::Left, VPos::Center);
         let items = [
             ("on the front: nothing is both faster and more accurate", true, false, 0),
@@ -150,7 +186,12 @@ impl Chart {
     }
 }
 
-fn symbol(root: &Area, at: (i32, i32), front: bool, auto: bool) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
+fn symbol(
+    root: &Area,
+    at: (i32, i32),
+    front: bool,
+    auto: bool,
+) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
     if front {
         root.draw(&Circle::new(at, 4, FRONT.filled()))?;
     } else {
@@ -178,23 +219,44 @@ impl Panel {
             let at = x + axes[0].at(tick, PLOT[0]);
             root.draw(&PathElement::new([(at, y), (at, bottom)], GRID))?;
             if below {
-                root.draw_text(&number(tick), &text(12, &SOFT, false, HPos::Center, VPos::Top), (at, bottom + 7))?;
+                root.draw_text(
+                    &number(tick),
+                    &text(12, &SOFT, false, HPos::Center, VPos::Top),
+                    (at, bottom + 7),
+                )?;
             }
         }
         let line = |at: i32, words: &str| {
             root.draw(&PathElement::new([(x, at), (right, at)], GRID))?;
-            if beside { root.draw_text(words, &text(12, &SOFT, false, HPos::Right, VPos::Center), (x - 8, at)) } else { Ok(()) }
+            if beside {
+                root.draw_text(
+                    words,
+                    &text(12, &SOFT, false, HPos::Right, VPos::Center),
+                    (x - 8, at),
+                )
+            } else {
+                Ok(())
+            }
         };
-        axes[1].ticks().into_iter().try_for_each(|tick| line(height(axes, tick, y), &number(tick)))?;
+        axes[1]
+            .ticks()
+            .into_iter()
+            .try_for_each(|tick| line(height(axes, tick, y), &number(tick)))?;
         if zeros {
             line(bottom - ZERO_LIFT, "exactly 0")?;
         }
         root.draw(&PathElement::new([(x, y), (x, bottom), (right, bottom)], SOFT))
     }
 
-    fn plot(&self, root: &Area, (x, y): (i32, i32), axes: &[Axis; 2]) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
+    fn plot(
+        &self,
+        root: &Area,
+        (x, y): (i32, i32),
+        axes: &[Axis; 2],
+    ) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
         let place = |mark: &Mark| (x + axes[0].at(mark.x[1], PLOT[0]), height(axes, mark.y, y));
-        let mut front: Vec<(i32, i32)> = self.marks.iter().filter(|mark| mark.front).map(place).collect();
+        let mut front: Vec<(i32, i32)> =
+            self.marks.iter().filter(|mark| mark.front).map(place).collect();
         front.sort_unstable();
         // Between two settings nothing better than the slower one's error is known to be had for less than its time: a step, not a slope.
         let steps = front.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1), pair[1]]);
@@ -208,14 +270,20 @@ impl Panel {
             symbol(root, place(mark), mark.front, mark.auto)?;
         }
         // Names stand right of their marks and bars, pushed apart where marks are close, and left where there is no room.
-        let mut names: Vec<(&Mark, (i32, i32))> = self.marks.iter().map(|mark| (mark, place(mark))).collect();
+        let mut names: Vec<(&Mark, (i32, i32))> =
+            self.marks.iter().map(|mark| (mark, place(mark))).collect();
         names.sort_by_key(|(_, at)| at.1);
-        let lines = spread(&names.iter().map(|(_, at)| at.1).collect::<Vec<_>>(), y + 6, y + PLOT[1] - 8);
+        let lines =
+            spread(&names.iter().map(|(_, at)| at.1).collect::<Vec<_>>(), y + 6, y + PLOT[1] - 8);
         for ((mark, at), line) in names.into_iter().zip(lines) {
             let ends = [mark.x[0], mark.x[2]].map(|ms| x + axes[0].at(ms, PLOT[0]));
             let right = (at.0 + 13).max(ends[1] + 7);
             let room = right + 7 * mark.label.len() as i32 <= x + PLOT[0] + GAP[0] / 2;
-            let (edge, side) = if room { (right, HPos::Left) } else { ((at.0 - 13).min(ends[0] - 7), HPos::Right) };
+            let (edge, side) = if room {
+                (right, HPos::Left)
+            } else {
+                ((at.0 - 13).min(ends[0] - 7), HPos::Right)
+            };
             let color = if mark.auto {
                 &AUTO
             } else if mark.front {
@@ -225,9 +293,17 @@ impl Panel {
             };
             // White around the letters keeps them apart from bars of other marks.
             for (dx, dy) in [(-2, 0), (2, 0), (0, -2), (0, 2)] {
-                root.draw_text(&mark.label, &text(12, &WHITE, mark.auto, side, VPos::Center), (edge + dx, line + dy))?;
+                root.draw_text(
+                    &mark.label,
+                    &text(12, &WHITE, mark.auto, side, VPos::Center),
+                    (edge + dx, line + dy),
+                )?;
             }
-            root.draw_text(&mark.label, &text(12, color, mark.auto, side, VPos::Center), (edge, line))?;
+            root.draw_text(
+                &mark.label,
+                &text(12, color, mark.auto, side, VPos::Center),
+                (edge, line),
+            )?;
         }
         Ok(())
     }

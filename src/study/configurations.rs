@@ -21,7 +21,8 @@ use crate::resident::Resident;
 use crate::view::View;
 
 /// Points of the first surface a covered pixel; and what a case with so many is called.
-const DENSITIES: [(f64, &str); 3] = [(0.1, "0.1 points/px"), (0.5, "0.5 points/px"), (2.0, "2 points/px")];
+const DENSITIES: [(f64, &str); 3] =
+    [(0.1, "0.1 points/px"), (0.5, "0.5 points/px"), (2.0, "2 points/px")];
 const VERTICES: &str = "its vertices";
 const SCENES: [&str; 4] = ["sphere", "torus", "street", "dragon"];
 const ALL: &str = "all scenes";
@@ -42,8 +43,16 @@ pub struct Configuration {
 }
 
 impl Configuration {
-    pub fn new(knob: &'static str, value: impl std::fmt::Display, settings: &[&str]) -> Configuration {
-        Configuration { knob, value: value.to_string(), settings: settings.iter().map(|text| text.to_string()).collect() }
+    pub fn new(
+        knob: &'static str,
+        value: impl std::fmt::Display,
+        settings: &[&str],
+    ) -> Configuration {
+        Configuration {
+            knob,
+            value: value.to_string(),
+            settings: settings.iter().map(|text| text.to_string()).collect(),
+        }
     }
 }
 
@@ -111,7 +120,11 @@ struct Pool {
 }
 
 pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let scenes = if plan.scenes.is_empty() { SCENES.map(String::from).to_vec() } else { plan.scenes.clone() };
+    let scenes = if plan.scenes.is_empty() {
+        SCENES.map(String::from).to_vec()
+    } else {
+        plan.scenes.clone()
+    };
     let options = Options {
         size: plan.size.map(|side| side.min(MOST_SIDE)),
         seed: plan.seed,
@@ -127,26 +140,45 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
     let mut pools: Vec<Pool> = Vec::new();
     let left_out = cases::each(&options, progress, |case| {
         let sampling = match case.sampling {
-            Sampling::Density(density) => DENSITIES.iter().find(|(known, _)| *known == density).expect("asked for").1,
+            Sampling::Density(density) => {
+                DENSITIES.iter().find(|(known, _)| *known == density).expect("asked for").1
+            }
             Sampling::Vertices => VERTICES,
         };
         let sums = measured::<Q>(gpu, case, rounds, progress)?;
         let whole = (sampling != VERTICES).then_some(ALL);
-        whole.into_iter().chain([case.scene]).for_each(|scene| add(&mut pools, scene, sampling, &sums));
+        whole
+            .into_iter()
+            .chain([case.scene])
+            .for_each(|scene| add(&mut pools, scene, sampling, &sums));
         Ok(())
     })?;
     left_out.iter().for_each(|line| eprintln!("study {} leaves out {line}", Q::NAME));
     // Stable: scenes and densities stay in their order.
     pools.sort_by_key(|pool| pool.scene != ALL);
-    let mut rows: Vec<Row> = pools.iter().flat_map(|pool| pool.sums.iter().flat_map(|sum| of::<Q>(pool, sum))).collect();
+    let mut rows: Vec<Row> =
+        pools.iter().flat_map(|pool| pool.sums.iter().flat_map(|sum| of::<Q>(pool, sum))).collect();
     mark_fronts(&mut rows);
     let mut figures = Q::more_figures(&rows);
-    figures.extend(knobs(&rows).into_iter().flat_map(|knob| Q::METRICS.iter().map(move |metric| (knob, metric))).map(|(knob, metric)| {
-        let shown: Vec<Row> = rows.iter().filter(|row| row.knob == knob || row.auto).cloned().collect();
-        let label = |row: &Row| if row.auto { AUTO.to_string() } else { row.value.clone() };
-        let axes = ["milliseconds of the passes (bars: quartiles)", metric.axis];
-        Figure::of(&format!("{}-{knob}", Q::NAME), metric.name, axes, &format!("{knob}. {}", metric.about), &shown, &label)
-    }));
+    figures.extend(
+        knobs(&rows)
+            .into_iter()
+            .flat_map(|knob| Q::METRICS.iter().map(move |metric| (knob, metric)))
+            .map(|(knob, metric)| {
+                let shown: Vec<Row> =
+                    rows.iter().filter(|row| row.knob == knob || row.auto).cloned().collect();
+                let label = |row: &Row| if row.auto { AUTO.to_string() } else { row.value.clone() };
+                let axes = ["milliseconds of the passes (bars: quartiles)", metric.axis];
+                Figure::of(
+                    &format!("{}-{knob}", Q::NAME),
+                    metric.name,
+                    axes,
+                    &format!("{knob}. {}", metric.about),
+                    &shown,
+                    &label,
+                )
+            }),
+    );
     let how = format!(
         "{} Truth is the surface itself, ray-cast in f64. All scenes at one density are pooled: errors are sums over all pixels, milliseconds are sums over the frames, of \
          {} x {} pixels. Milliseconds are those of the passes that the settings change. n = {rounds} interleaved rounds after one that is not \
@@ -160,14 +192,25 @@ pub fn run<Q: Question>(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> 
     Ok(Section { name: Q::NAME, title: Q::TITLE.into(), how, rows, figures, tables })
 }
 
-fn measured<Q: Question>(gpu: &mut Gpu, case: &Case, rounds: usize, progress: &dyn Progress) -> Result<Vec<Sum>> {
-    let resident = Resident::fill(gpu, case.cloud.clone(), Shown::new(Attribute::White, &case.cloud), progress)?;
+fn measured<Q: Question>(
+    gpu: &mut Gpu,
+    case: &Case,
+    rounds: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<Sum>> {
+    let resident = Resident::fill(
+        gpu,
+        case.cloud.clone(),
+        Shown::new(Attribute::White, &case.cloud),
+        progress,
+    )?;
     let known = Q::know(case, draw(gpu, &case.view, &resident, &wishes(Q::REFERENCE)?)?);
     let mut sums = Vec::new();
     let mut asked = Vec::new();
     for Configuration { knob, value, settings } in Q::configurations(case) {
         let wishes = wishes(&settings.iter().map(String::as_str).collect::<Vec<_>>())?;
-        let (parts, counters) = Q::measure(case, &known, &draw(gpu, &case.view, &resident, &wishes)?);
+        let (parts, counters) =
+            Q::measure(case, &known, &draw(gpu, &case.view, &resident, &wishes)?);
         sums.push(Sum { knob, value, parts, counters, times: Vec::new() });
         asked.push(wishes);
     }
@@ -202,24 +245,43 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
 }
 
 /// Milliseconds of the passes after the last that is called like one of `after`.
-fn time(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes, after: &[&str]) -> Result<f64> {
+fn time(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    wishes: &Wishes,
+    after: &[&str],
+) -> Result<f64> {
     let look = look::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let layers = frame::record(&mut g, view, resident, &look)?.layers;
-    let wanted = [&layers.depth, &layers.index, &layers.color].into_iter().chain(&layers.lit).map(Handle::resource).collect::<Vec<_>>();
+    let wanted = [&layers.depth, &layers.index, &layers.color]
+        .into_iter()
+        .chain(&layers.lit)
+        .map(Handle::resource)
+        .collect::<Vec<_>>();
     let frame = g.submit(&wanted)?;
-    let last = frame.passes.iter().rposition(|(name, _)| after.iter().any(|after| name.starts_with(after))).map_or(0, |last| last + 1);
+    let last = frame
+        .passes
+        .iter()
+        .rposition(|(name, _)| after.iter().any(|after| name.starts_with(after)))
+        .map_or(0, |last| last + 1);
     let ms = frame.passes[last..].iter().map(|(_, ms)| ms).sum();
     frame.shelve(gpu);
     Ok(ms)
 }
 
 fn add(pools: &mut Vec<Pool>, scene: &'static str, sampling: &'static str, sums: &[Sum]) {
-    let Some(pool) = pools.iter_mut().find(|pool| (pool.scene, pool.sampling) == (scene, sampling)) else {
+    let Some(pool) = pools.iter_mut().find(|pool| (pool.scene, pool.sampling) == (scene, sampling))
+    else {
         return pools.push(Pool { scene, sampling, sums: sums.to_vec() });
     };
     for (pooled, sum) in pool.sums.iter_mut().zip(sums) {
-        pooled.parts.iter_mut().zip(&sum.parts).for_each(|(to, from)| *to = [to[0] + from[0], to[1] + from[1]]);
+        pooled
+            .parts
+            .iter_mut()
+            .zip(&sum.parts)
+            .for_each(|(to, from)| *to = [to[0] + from[0], to[1] + from[1]]);
         pooled.counters.iter_mut().zip(&sum.counters).for_each(|(to, from)| *to += from);
         pooled.times.iter_mut().zip(&sum.times).for_each(|(to, from)| *to += from);
     }
@@ -249,28 +311,51 @@ fn of<Q: Question>(pool: &Pool, sum: &Sum) -> Vec<Row> {
 
 /// But for `auto`, which is on every curve.
 fn knobs(rows: &[Row]) -> Vec<&'static str> {
-    rows.iter().map(|row| row.knob).filter(|knob| *knob != AUTO).fold(Vec::new(), |mut knobs, knob| {
-        if !knobs.contains(&knob) {
-            knobs.push(knob);
-        }
-        knobs
-    })
+    rows.iter().map(|row| row.knob).filter(|knob| *knob != AUTO).fold(
+        Vec::new(),
+        |mut knobs, knob| {
+            if !knobs.contains(&knob) {
+                knobs.push(knob);
+            }
+            knobs
+        },
+    )
 }
 
 fn table<Q: Question>(pools: &[Pool]) -> Table {
     let first = ["scene", "points", "knob", "value"].map(String::from);
-    let metrics =
-        Q::METRICS.iter().map(|metric| if metric.root { metric.name.to_string() } else { format!("{}, %", metric.name.replace('_', " ")) });
-    let head = first.into_iter().chain(metrics).chain(Q::COUNTERS.iter().map(|name| name.to_string())).chain(["ms".into()]).collect();
+    let metrics = Q::METRICS.iter().map(|metric| {
+        if metric.root {
+            metric.name.to_string()
+        } else {
+            format!("{}, %", metric.name.replace('_', " "))
+        }
+    });
+    let head = first
+        .into_iter()
+        .chain(metrics)
+        .chain(Q::COUNTERS.iter().map(|name| name.to_string()))
+        .chain(["ms".into()])
+        .collect();
     let row = |(pool, sum): (&Pool, &Sum)| -> Vec<String> {
         let errors = Q::METRICS.iter().zip(&sum.parts).map(|(metric, part)| match metric.root {
             true => format!("{:.4}", error(metric, *part)),
             false => format!("{:.3}", 100.0 * error(metric, *part)),
         });
-        let names = [pool.scene.to_string(), pool.sampling.into(), sum.knob.into(), sum.value.clone()].into_iter();
+        let names =
+            [pool.scene.to_string(), pool.sampling.into(), sum.knob.into(), sum.value.clone()]
+                .into_iter();
         let counters = sum.counters.iter().map(|count| format!("{count:.0}"));
-        names.chain(errors).chain(counters).chain([format!("{:.2}", metrics::quartiles(&sum.times)[1])]).collect()
+        names
+            .chain(errors)
+            .chain(counters)
+            .chain([format!("{:.2}", metrics::quartiles(&sum.times)[1])])
+            .collect()
     };
-    let rows = pools.iter().flat_map(|pool| pool.sums.iter().map(move |sum| (pool, sum))).map(row).collect();
+    let rows = pools
+        .iter()
+        .flat_map(|pool| pool.sums.iter().map(move |sum| (pool, sum)))
+        .map(row)
+        .collect();
     Table { title: "All configurations, with counters".into(), head, rows }
 }

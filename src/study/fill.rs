@@ -12,7 +12,8 @@ use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;
 
-pub const SUMMARY: &str = "levels, tolerance, and methods: depths of filled pixels against the surface itself";
+pub const SUMMARY: &str =
+    "levels, tolerance, and methods: depths of filled pixels against the surface itself";
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     configurations::run::<Fill>(gpu, plan, progress)
@@ -33,7 +34,12 @@ const METRICS: &[Metric] = &[
         about: "Depth: interior pixels farther than 0.5 % of the depth from the surface in them",
         root: false,
     },
-    Metric { name: "holes", axis: "share of pixels", about: "Holes: pixels of the silhouette without a depth", root: false },
+    Metric {
+        name: "holes",
+        axis: "share of pixels",
+        about: "Holes: pixels of the silhouette without a depth",
+        root: false,
+    },
     Metric {
         name: "spilled",
         axis: "share of pixels",
@@ -47,7 +53,8 @@ impl Question for Fill {
     const TITLE: &'static str = "Filling: levels, tolerance, methods";
     const METRICS: &'static [Metric] = METRICS;
     const COUNTERS: &'static [&'static str] = &["tiles with holes", "pixels filled"];
-    const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=off", "shape=off", "edl=off"];
+    const REFERENCE: &'static [&'static str] =
+        &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
     const HOW: &'static str = "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. <em>Splats</em> are discs of so many pixels' radius around \
         points as they are; <em>dobrev</em> fills them by masks; <em>pintus</em> fills step by step; <em>pullpush</em> without visibility fills every empty pixel, the background too; <em>points</em> are all that methods are given. \
@@ -55,28 +62,51 @@ impl Question for Fill {
     type Known = ();
 
     fn configurations(case: &Case) -> Vec<Configuration> {
-        let own = |knob, value: &str, fill: &str| Configuration::new(knob, value, &["visibility=on", "shape=off", "edl=off", fill]);
-        let bare = |value: &str, fill: &str| Configuration::new("method", value, &["visibility=off", "shape=off", "edl=off", fill]);
-        let hits: Vec<f64> = case.truth.depth.iter().copied().filter(|depth| depth.is_finite()).collect();
+        let own = |knob, value: &str, fill: &str| {
+            Configuration::new(knob, value, &["visibility=on", "shape=off", "edl=off", fill])
+        };
+        let bare = |value: &str, fill: &str| {
+            Configuration::new("method", value, &["visibility=off", "shape=off", "edl=off", fill])
+        };
+        let hits: Vec<f64> =
+            case.truth.depth.iter().copied().filter(|depth| depth.is_finite()).collect();
         let pixel_m = case.truth.pixel_m(metrics::quartiles(&hits)[1]);
-        let tolerance = |px: f64| own("tolerance", &format!("{px} px"), &format!("fill=on,tolerance={}", px * pixel_m));
-        let masks = ["visibility=off", "fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
-        [own(AUTO, AUTO, "fill=on"), bare("points", "fill=off"), Configuration::new("method", "dobrev", &masks)]
-            .into_iter()
-            .chain(
-                ["1", "2", "3", "4", "6", "9"]
-                    .map(|radius| bare(&format!("splat {radius} px"), &format!("fill=on,method=splat,radius={radius}"))),
-            )
-            .chain([
-                own("method", "pintus", "fill=on,method=pintus"),
-                own("method", "pullpush", "fill=on,method=pullpush"),
-                bare("pullpush, no visibility", "fill=on,method=pullpush"),
-            ])
-            .chain(["2", "4", "8", "16", "32"].map(|steps| own("iterations", steps, &format!("fill=on,method=pintus,iterations={steps}"))))
-            .chain(["3", "5", "8"].map(|levels| own("levels", levels, &format!("fill=on,method=pullpush,levels={levels}"))))
-            .chain([2.0, 4.0, 8.0, 16.0, 64.0, 128.0].map(tolerance))
-            .chain(["3", "4", "6", "7", "9"].map(|around| own("surrounded", around, &format!("fill=on,method=pintus,surrounded={around}"))))
-            .collect()
+        let tolerance = |px: f64| {
+            own("tolerance", &format!("{px} px"), &format!("fill=on,tolerance={}", px * pixel_m))
+        };
+        let masks = [
+            "visibility=off",
+            "fill=on,method=dobrev",
+            "smooth=off",
+            "antialias=off",
+            "shape=off",
+            "edl=off",
+        ];
+        [
+            own(AUTO, AUTO, "fill=on"),
+            bare("points", "fill=off"),
+            Configuration::new("method", "dobrev", &masks),
+        ]
+        .into_iter()
+        .chain(["1", "2", "3", "4", "6", "9"].map(|radius| {
+            bare(&format!("splat {radius} px"), &format!("fill=on,method=splat,radius={radius}"))
+        }))
+        .chain([
+            own("method", "pintus", "fill=on,method=pintus"),
+            own("method", "pullpush", "fill=on,method=pullpush"),
+            bare("pullpush, no visibility", "fill=on,method=pullpush"),
+        ])
+        .chain(["2", "4", "8", "16", "32"].map(|steps| {
+            own("iterations", steps, &format!("fill=on,method=pintus,iterations={steps}"))
+        }))
+        .chain(["3", "5", "8"].map(|levels| {
+            own("levels", levels, &format!("fill=on,method=pullpush,levels={levels}"))
+        }))
+        .chain([2.0, 4.0, 8.0, 16.0, 64.0, 128.0].map(tolerance))
+        .chain(["3", "4", "6", "7", "9"].map(|around| {
+            own("surrounded", around, &format!("fill=on,method=pintus,surrounded={around}"))
+        }))
+        .collect()
     }
 
     fn know(_case: &Case, _reference: Drawing) {}
@@ -90,7 +120,12 @@ impl Question for Fill {
             part(errors.holes, errors.inside),
             part(errors.spilled, errors.inside),
         ];
-        let filled = drawing.depth.iter().zip(&drawing.index).filter(|(depth, index)| depth.is_finite() && **index == NO_POINT).count();
+        let filled = drawing
+            .depth
+            .iter()
+            .zip(&drawing.index)
+            .filter(|(depth, index)| depth.is_finite() && **index == NO_POINT)
+            .count();
         (parts, vec![drawing.counts.holes as f64, filled as f64])
     }
 }

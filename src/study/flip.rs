@@ -18,7 +18,8 @@ use rayon::prelude::*;
 pub const PIXELS_PER_DEGREE: f64 = 67.0206;
 
 /// Of the contrast sensitivity of the three opponent channels: heights and widths of up to two Gaussians.
-const SENSITIVITY: [[(f64, f64); 2]; 3] = [[(1.0, 0.0047), (0.0, 1e-5)], [(1.0, 0.0053), (0.0, 1e-5)], [(34.1, 0.04), (13.5, 0.025)]];
+const SENSITIVITY: [[(f64, f64); 2]; 3] =
+    [[(1.0, 0.0047), (0.0, 1e-5)], [(1.0, 0.0053), (0.0, 1e-5)], [(34.1, 0.04), (13.5, 0.025)]];
 
 /// Width of what the eye takes for an edge or a point, degrees.
 const FEATURE_DEGREES: f64 = 0.082;
@@ -46,12 +47,18 @@ pub struct Seen {
 impl Seen {
     /// `linear` holds R G B A row by row; what is beyond 0 to 1 a display would not show.
     pub fn new(linear: &[[f32; 4]], size: [u32; 2], pixels_per_degree: f64) -> Seen {
-        let opponent: Vec<[f32; 3]> =
-            linear.par_iter().map(|&[r, g, b, _]| opponent([r, g, b].map(|v| v.clamp(0.0, 1.0) as f64))).collect();
+        let opponent: Vec<[f32; 3]> = linear
+            .par_iter()
+            .map(|&[r, g, b, _]| opponent([r, g, b].map(|v| v.clamp(0.0, 1.0) as f64)))
+            .collect();
         let width = size[0] as usize;
-        let [y, cx, cz] = [0, 1, 2].map(|channel| blurred(&opponent, width, channel, pixels_per_degree));
+        let [y, cx, cz] =
+            [0, 1, 2].map(|channel| blurred(&opponent, width, channel, pixels_per_degree));
         let to_rgb = DMat3::from_cols_array_2d(&TO_XYZ).transpose().inverse();
-        let color = (0..opponent.len()).into_par_iter().map(|i| adjusted([y[i], cx[i], cz[i]], &to_rgb)).collect();
+        let color = (0..opponent.len())
+            .into_par_iter()
+            .map(|i| adjusted([y[i], cx[i], cz[i]], &to_rgb))
+            .collect();
         let grey: Vec<f32> = opponent.iter().map(|c| (c[0] + 16.0) / 116.0).collect();
         Seen { color, feature: features(&grey, width, pixels_per_degree) }
     }
@@ -64,9 +71,14 @@ pub fn difference(a: &Seen, b: &Seen) -> Vec<f32> {
     let pixel = |i: usize| {
         let (p, q) = (a.color[i], b.color[i]);
         let far = hyab(p, q).powf(COLOR_POWER);
-        let color = if far < knee { far * KNEE.1 / knee } else { KNEE.1 + (far - knee) / (greatest - knee) * (1.0 - KNEE.1) };
+        let color = if far < knee {
+            far * KNEE.1 / knee
+        } else {
+            KNEE.1 + (far - knee) / (greatest - knee) * (1.0 - KNEE.1)
+        };
         let change = |k: usize| (a.feature[i][k] - b.feature[i][k]).abs() as f64;
-        let feature = (change(0).max(change(1)) * std::f64::consts::FRAC_1_SQRT_2).powf(FEATURE_POWER);
+        let feature =
+            (change(0).max(change(1)) * std::f64::consts::FRAC_1_SQRT_2).powf(FEATURE_POWER);
         color.powf(1.0 - feature) as f32
     };
     (0..a.color.len()).into_par_iter().map(pixel).collect()
@@ -92,7 +104,11 @@ fn opponent(rgb: [f64; 3]) -> [f32; 3] {
 fn adjusted(ycxcz: [f32; 3], to_rgb: &DMat3) -> [f32; 3] {
     let y = (ycxcz[0] as f64 + 16.0) / 116.0;
     let white = white();
-    let xyz = [(y + ycxcz[1] as f64 / 500.0) * white[0], y * white[1], (y - ycxcz[2] as f64 / 200.0) * white[2]];
+    let xyz = [
+        (y + ycxcz[1] as f64 / 500.0) * white[0],
+        y * white[1],
+        (y - ycxcz[2] as f64 / 200.0) * white[2],
+    ];
     hunt((*to_rgb * DVec3::from_array(xyz)).clamp(DVec3::ZERO, DVec3::ONE).to_array())
 }
 
@@ -119,7 +135,12 @@ fn greatest() -> f64 {
 }
 
 /// One opponent channel as the eye blurs it.
-fn blurred(opponent: &[[f32; 3]], width: usize, channel: usize, pixels_per_degree: f64) -> Vec<f32> {
+fn blurred(
+    opponent: &[[f32; 3]],
+    width: usize,
+    channel: usize,
+    pixels_per_degree: f64,
+) -> Vec<f32> {
     use std::f64::consts::PI;
     let widest = SENSITIVITY.iter().flatten().fold(0f64, |widest, &(_, b)| widest.max(b));
     let radius = (3.0 * (widest / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as i32;
@@ -127,7 +148,9 @@ fn blurred(opponent: &[[f32; 3]], width: usize, channel: usize, pixels_per_degre
     let mut sum = vec![0.0; plane.len()];
     let mut total = 0.0;
     for (a, b) in SENSITIVITY[channel].into_iter().filter(|(a, _)| *a > 0.0) {
-        let kernel: Vec<f64> = (-radius..=radius).map(|x| (-(PI * x as f64 / pixels_per_degree).powi(2) / b).exp()).collect();
+        let kernel: Vec<f64> = (-radius..=radius)
+            .map(|x| (-(PI * x as f64 / pixels_per_degree).powi(2) / b).exp())
+            .collect();
         let weight = a * (PI / b).sqrt();
         total += weight * kernel.iter().sum::<f64>().powi(2);
         let one = filtered(&plane, width, &kernel, &kernel);
@@ -141,24 +164,31 @@ fn features(grey: &[f32], width: usize, pixels_per_degree: f64) -> Vec<[f32; 2]>
     let sigma = 0.5 * FEATURE_DEGREES * pixels_per_degree;
     let radius = (3.0 * sigma).ceil() as i32;
     let kernel = |weigh: &dyn Fn(f64) -> f64| -> Vec<f64> {
-        let raw: Vec<f64> = (-radius..=radius).map(|x| weigh(x as f64) * (-(x * x) as f64 / (2.0 * sigma * sigma)).exp()).collect();
+        let raw: Vec<f64> = (-radius..=radius)
+            .map(|x| weigh(x as f64) * (-(x * x) as f64 / (2.0 * sigma * sigma)).exp())
+            .collect();
         // Positive and negative weights sum to 1 and -1, each on its own.
-        let [up, down] = [1.0, -1.0].map(|sign| raw.iter().map(|v| (v * sign).max(0.0)).sum::<f64>());
-        raw.into_iter().map(|v| if v > 0.0 { v / up } else { v / down.max(f64::MIN_POSITIVE) }).collect()
+        let [up, down] =
+            [1.0, -1.0].map(|sign| raw.iter().map(|v| (v * sign).max(0.0)).sum::<f64>());
+        raw.into_iter()
+            .map(|v| if v > 0.0 { v / up } else { v / down.max(f64::MIN_POSITIVE) })
+            .collect()
     };
     let smooth = kernel(&|_| 1.0);
     let strength = |along: &[f64]| -> Vec<f32> {
         let (x, y) = (filtered(grey, width, along, &smooth), filtered(grey, width, &smooth, along));
         x.into_iter().zip(y).map(|(x, y)| x.hypot(y)).collect()
     };
-    let (edges, points) = (strength(&kernel(&|x| -x)), strength(&kernel(&|x| x * x / (sigma * sigma) - 1.0)));
+    let (edges, points) =
+        (strength(&kernel(&|x| -x)), strength(&kernel(&|x| x * x / (sigma * sigma) - 1.0)));
     edges.into_iter().zip(points).map(|(edge, point)| [edge, point]).collect()
 }
 
 /// Convolved with one kernel along x and one along y.
 fn filtered(plane: &[f32], width: usize, along_x: &[f64], along_y: &[f64]) -> Vec<f32> {
     let height = plane.len() / width;
-    let (kx, ky): (Vec<f32>, Vec<f32>) = (along_x.iter().map(|&v| v as f32).collect(), along_y.iter().map(|&v| v as f32).collect());
+    let (kx, ky): (Vec<f32>, Vec<f32>) =
+        (along_x.iter().map(|&v| v as f32).collect(), along_y.iter().map(|&v| v as f32).collect());
     let mut rows = vec![0f32; plane.len()];
     rows.par_chunks_mut(width).zip(plane.par_chunks(width)).for_each(|(out, row)| {
         let radius = kx.len() / 2;
@@ -188,7 +218,8 @@ mod tests {
 
     fn picture(color: impl Fn(u32, u32) -> [u8; 3]) -> Vec<[f32; 4]> {
         let pixel = |i: u32| {
-            let [r, g, b] = color(i % SIZE[0], i / SIZE[0]).map(|v| srgb_to_linear(v as f64 / 255.0) as f32);
+            let [r, g, b] =
+                color(i % SIZE[0], i / SIZE[0]).map(|v| srgb_to_linear(v as f64 / 255.0) as f32);
             [r, g, b, 1.0]
         };
         (0..SIZE[0] * SIZE[1]).map(pixel).collect()
@@ -207,7 +238,11 @@ mod tests {
         picture(|x, y| {
             state.set(state.get().wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
             let (noise, check) = ((state.get() >> 27) as u8, ((x / 9 + y / 7) % 2) as u8);
-            [check * 120 + noise + 40, (x * 255 / SIZE[0]) as u8 / 2 + noise, 200 - check * 90 - noise + k as u8 * 3]
+            [
+                check * 120 + noise + 40,
+                (x * 255 / SIZE[0]) as u8 / 2 + noise,
+                200 - check * 90 - noise + k as u8 * 3,
+            ]
         })
     }
 
@@ -229,7 +264,10 @@ mod tests {
             for (pixels_per_degree, expected) in [67.0206, 30.0].into_iter().zip(expected) {
                 let found = mean(&a, &b, pixels_per_degree);
                 println!("{name} {pixels_per_degree}: {found:.6}, expected {expected:.6}");
-                assert!((found - expected).abs() <= 2e-4, "{name} at {pixels_per_degree} pixels per degree: {found}, expected {expected}");
+                assert!(
+                    (found - expected).abs() <= 2e-4,
+                    "{name} at {pixels_per_degree} pixels per degree: {found}, expected {expected}"
+                );
             }
         }
     }

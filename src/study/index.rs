@@ -25,9 +25,11 @@ use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-pub const SUMMARY: &str = "what an index keeps of positions: error and bytes of each plane, and of inner nodes";
+pub const SUMMARY: &str =
+    "what an index keeps of positions: error and bytes of each plane, and of inner nodes";
 
-const SCENES: [(&str, Scene); 3] = [("sphere", Scene::Sphere), ("street", Scene::Street), ("terrain", Scene::Terrain)];
+const SCENES: [(&str, Scene); 3] =
+    [("sphere", Scene::Sphere), ("street", Scene::Street), ("terrain", Scene::Terrain)];
 
 /// What is read, in planes of ten bits.
 const SETTINGS: [(&str, u32); 3] = [("10", 1), ("20", 2), ("all", 3)];
@@ -37,7 +39,11 @@ const METRICS: [(&str, &str, &str); 5] = [
     ("m_max", "largest error, metres", "Metres: the point farthest from where the file has it"),
     ("m_rms", "RMS error, metres", "Metres: root mean square over all points"),
     ("bytes_point", "bytes a point", "Bytes of positions a point, which are a cost, not an error"),
-    ("px_max", "largest error, pixels", "Pixels: the point farthest from where the file has it, of those that the view shows"),
+    (
+        "px_max",
+        "largest error, pixels",
+        "Pixels: the point farthest from where the file has it, of those that the view shows",
+    ),
     ("px_rms", "RMS error, pixels", "Pixels: root mean square over the points that the view shows"),
 ];
 
@@ -46,7 +52,10 @@ const NO_VIEW: &str = "any";
 
 pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let mut rows = Vec::new();
-    let mut planes = table("Planes of the whole index, inner nodes too", &["scene", "plane", "MiB", "bytes a point of the file"]);
+    let mut planes = table(
+        "Planes of the whole index, inner nodes too",
+        &["scene", "plane", "MiB", "bytes a point of the file"],
+    );
     let mut levels = table(
         "Inner nodes by level",
         &[
@@ -66,7 +75,8 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
         let mut scan = Scan::new(scene, finest_step, plan.points, plan.seed, progress)?;
         let points = leaves(&scan.index)?;
         scan.source.sort_unstable();
-        let lattice = Lattice { step: DVec3::splat(scan.world.step), offset: scan.world.lattice().offset };
+        let lattice =
+            Lattice { step: DVec3::splat(scan.world.step), offset: scan.world.lattice().offset };
         let times = sweep::interleaved(&SETTINGS, plan.repeat, |&(_, planes)| {
             progress.tick("study index", done as u64, SCENES.len() as u64)?;
             read(&scan.index, planes)
@@ -86,14 +96,21 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
             }));
         };
         for (k, (_, planes)) in SETTINGS.into_iter().enumerate() {
-            let metres = metrics::errors(moved(&scan, &points, planes).map(|(_, moved)| moved.length()));
-            add(NO_VIEW, &[(0, metres.max), (1, metres.rms), (2, bytes_per_point(&scan.index, planes))], k);
+            let metres =
+                metrics::errors(moved(&scan, &points, planes).map(|(_, moved)| moved.length()));
+            add(
+                NO_VIEW,
+                &[(0, metres.max), (1, metres.rms), (2, bytes_per_point(&scan.index, planes))],
+                k,
+            );
         }
         for (view_name, camera) in cameras(&scan.world) {
             let view = View::new(camera, plan.size)?;
             for (k, (_, planes)) in SETTINGS.into_iter().enumerate() {
-                let px =
-                    metrics::errors(moved(&scan, &points, planes).filter_map(|(source, moved)| pixels(&view, &lattice, source, moved)));
+                let px = metrics::errors(
+                    moved(&scan, &points, planes)
+                        .filter_map(|(source, moved)| pixels(&view, &lattice, source, moved)),
+                );
                 add(view_name, &[(3, px.max), (4, px.rms)], k);
             }
         }
@@ -101,7 +118,8 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
         levels.rows.extend(level_rows(name, &scan.index, &points)?);
     }
     mark_fronts(&mut rows);
-    let label = |row: &Row| if row.auto { row.value.clone() } else { format!("{} bits", row.value) };
+    let label =
+        |row: &Row| if row.auto { row.value.clone() } else { format!("{} bits", row.value) };
     let figure = |&(metric, y_axis, caption): &_| {
         let x_axis = "milliseconds to read and check the planes of all leaves (bars: quartiles)";
         Figure::of("index", metric, [x_axis, y_axis], caption, &rows, &label)
@@ -115,11 +133,22 @@ pub fn run(_: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section>
          system's cache, on one thread.",
         plan.points, plan.repeat, plan.size[0], plan.size[1]
     );
-    Ok(Section { name: "index", title: "What an index keeps".into(), how, rows, figures, tables: vec![planes, levels] })
+    Ok(Section {
+        name: "index",
+        title: "What an index keeps".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![planes, levels],
+    })
 }
 
 fn table(title: &str, head: &[&str]) -> Table {
-    Table { title: title.into(), head: head.iter().map(|name| name.to_string()).collect(), rows: Vec::new() }
+    Table {
+        title: title.into(),
+        head: head.iter().map(|name| name.to_string()).collect(),
+        rows: Vec::new(),
+    }
 }
 
 /// A point of a leaf: where it is, as the file counts, and what its planes hold.
@@ -138,12 +167,14 @@ fn leaves(index: &Index) -> Result<Vec<Kept>> {
         for &(plane, _) in &PLANES[..node.position_planes() as usize] {
             index.read(leaf, plane, bytemuck::cast_slice_mut(&mut words))?;
             for (cells, word) in cells.iter_mut().zip(&words) {
-                let bits = |axis: u32| word >> (BITS_PER_PLANE * axis) & ((1 << BITS_PER_PLANE) - 1);
+                let bits =
+                    |axis: u32| word >> (BITS_PER_PLANE * axis) & ((1 << BITS_PER_PLANE) - 1);
                 *cells = [0, 1, 2].map(|axis| cells[axis as usize] << BITS_PER_PLANE | bits(axis));
             }
         }
         let pad = BITS_PER_PLANE * node.position_planes() - node.bits as u32;
-        let steps = |cells: [u32; 3]| [0, 1, 2].map(|axis| node.origin[axis] + (cells[axis] >> pad) as i64);
+        let steps =
+            |cells: [u32; 3]| [0, 1, 2].map(|axis| node.origin[axis] + (cells[axis] >> pad) as i64);
         points.extend(cells.into_iter().map(|cells| Kept { steps: steps(cells), leaf, cells }));
     }
     points.sort_unstable_by_key(|point| point.steps);
@@ -151,7 +182,11 @@ fn leaves(index: &Index) -> Result<Vec<Kept>> {
 }
 
 /// How far every point of the file is drawn from where it is, from so many planes, metres.
-fn moved<'a>(scan: &'a Scan, points: &'a [Kept], planes: u32) -> impl Iterator<Item = (&'a [i32; 3], DVec3)> {
+fn moved<'a>(
+    scan: &'a Scan,
+    points: &'a [Kept],
+    planes: u32,
+) -> impl Iterator<Item = (&'a [i32; 3], DVec3)> {
     let nodes = scan.index.nodes();
     let step = DVec3::splat(scan.world.step);
     scan.source.iter().zip(points).map(move |(source, point)| {
@@ -163,7 +198,8 @@ fn moved<'a>(scan: &'a Scan, points: &'a [Kept], planes: u32) -> impl Iterator<I
             }
             // As it is drawn: in the middle of its cell (`passes::project`).
             let side = 1i64 << (node.bits as u32 - BITS_PER_PLANE * planes);
-            let corner = node.origin[axis] + (point.cells[axis] >> (BITS_PER_PLANE * (has - planes))) as i64 * side;
+            let corner = node.origin[axis]
+                + (point.cells[axis] >> (BITS_PER_PLANE * (has - planes))) as i64 * side;
             (corner - source[axis] as i64) as f64 + (side - 1) as f64 / 2.0
         };
         (source, step * DVec3::new(axis(0), axis(1), axis(2)))
@@ -177,13 +213,15 @@ fn pixels(view: &View, lattice: &Lattice, source: &[i32; 3], moved: DVec3) -> Op
         DVec2::new(v.dot(view.basis.right), -v.dot(view.basis.up)) * scale
     };
     let v = relative(lattice, source.map(i64::from), view.camera.eye);
-    let shown = v.dot(view.basis.forward) > 0.0 && at(v).abs().cmple(DVec2::new(view.size[0] as f64, view.size[1] as f64) / 2.0).all();
+    let shown = v.dot(view.basis.forward) > 0.0
+        && at(v).abs().cmple(DVec2::new(view.size[0] as f64, view.size[1] as f64) / 2.0).all();
     shown.then(|| at(v).distance(at(v + moved)))
 }
 
 fn bytes_per_point(index: &Index, planes: u32) -> f64 {
     let leaves = index.nodes().iter().filter(|node| node.is_leaf());
-    let bytes: u64 = leaves.map(|node| 4 * node.position_planes().min(planes) as u64 * node.count as u64).sum();
+    let bytes: u64 =
+        leaves.map(|node| 4 * node.position_planes().min(planes) as u64 * node.count as u64).sum();
     bytes as f64 / index.directory.contents.points as f64
 }
 
@@ -201,7 +239,14 @@ fn read(index: &Index, planes: u32) -> Result<f64> {
 }
 
 fn plane_rows(scene: &str, index: &Index) -> Vec<Vec<String>> {
-    let bytes = |plane: Plane| index.nodes().iter().filter(|node| node.has(plane)).map(|node| node.range(plane).1).sum::<u64>();
+    let bytes = |plane: Plane| {
+        index
+            .nodes()
+            .iter()
+            .filter(|node| node.has(plane))
+            .map(|node| node.range(plane).1)
+            .sum::<u64>()
+    };
     let row = |(plane, bytes): (Plane, u64)| {
         let per_point = bytes as f64 / index.directory.contents.points as f64;
         vec![
@@ -211,7 +256,12 @@ fn plane_rows(scene: &str, index: &Index) -> Vec<Vec<String>> {
             format!("{per_point:.2}"),
         ]
     };
-    PLANES.iter().map(|&(plane, _)| (plane, bytes(plane))).filter(|(_, bytes)| *bytes > 0).map(row).collect()
+    PLANES
+        .iter()
+        .map(|&(plane, _)| (plane, bytes(plane)))
+        .filter(|(_, bytes)| *bytes > 0)
+        .map(row)
+        .collect()
 }
 
 /// Of the inner nodes of one level.
@@ -230,8 +280,11 @@ fn level_rows(scene: &str, index: &Index, points: &[Kept]) -> Result<Vec<Vec<Str
     let nodes = index.nodes();
     let [[step, offset], [_, corner]] = [0, 1].map(|k| index.directory.contents.lattices[k]);
     let corner = ((corner - offset) / step).round().to_array().map(|v| v as i64);
-    let code = |point: &Kept| morton::code_96([0, 1, 2].map(|axis| (point.steps[axis] - corner[axis]) as u32));
-    let mut order: Vec<(u128, usize)> = points.iter().enumerate().map(|(i, point)| (code(point), i)).collect();
+    let code = |point: &Kept| {
+        morton::code_96([0, 1, 2].map(|axis| (point.steps[axis] - corner[axis]) as u32))
+    };
+    let mut order: Vec<(u128, usize)> =
+        points.iter().enumerate().map(|(i, point)| (code(point), i)).collect();
     order.sort_unstable();
     // Where each node's points begin in that order: children stand behind their parents.
     let mut starts = vec![usize::MAX; nodes.len()];
@@ -240,7 +293,11 @@ fn level_rows(scene: &str, index: &Index, points: &[Kept]) -> Result<Vec<Vec<Str
         *start = at.min(*start);
     }
     for node in (0..nodes.len()).rev().filter(|&node| !nodes[node].is_leaf()) {
-        starts[node] = nodes[node].children().map(|child| starts[child]).min().expect("an inner node has children");
+        starts[node] = nodes[node]
+            .children()
+            .map(|child| starts[child])
+            .min()
+            .expect("an inner node has children");
     }
     let mut levels: BTreeMap<u8, Level> = BTreeMap::new();
     for (number, node) in nodes.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
@@ -255,14 +312,19 @@ fn level_rows(scene: &str, index: &Index, points: &[Kept]) -> Result<Vec<Vec<Str
             let run = &order[at..at + weight as usize];
             at += run.len();
             let own = points[run[0].1].steps;
-            let sum = run.iter().fold([0i64; 3], |sum, &(_, i)| [0, 1, 2].map(|axis| sum[axis] + points[i].steps[axis] - own[axis]));
-            let mean = DVec3::from_array([0, 1, 2].map(|axis| own[axis] as f64 + sum[axis] as f64 / run.len() as f64));
+            let sum = run.iter().fold([0i64; 3], |sum, &(_, i)| {
+                [0, 1, 2].map(|axis| sum[axis] + points[i].steps[axis] - own[axis])
+            });
+            let mean = DVec3::from_array(
+                [0, 1, 2].map(|axis| own[axis] as f64 + sum[axis] as f64 / run.len() as f64),
+            );
             let away = sample.distance(offset + step * mean);
             level.away.push([away, away / node.spacing]);
         }
     }
     let row = |(number, level): (&u8, &Level)| {
-        let [metres, cells] = [0, 1].map(|k| metrics::errors(level.away.iter().map(|away| away[k])));
+        let [metres, cells] =
+            [0, 1].map(|k| metrics::errors(level.away.iter().map(|away| away[k])));
         vec![
             scene.into(),
             number.to_string(),

@@ -20,7 +20,8 @@ use crate::synth;
 use crate::view::{Camera, Preset, View};
 use rayon::prelude::*;
 
-pub const SUMMARY: &str = "number of layers, layer distance, filling: transparent surfaces against all surfaces sorted";
+pub const SUMMARY: &str =
+    "number of layers, layer distance, filling: transparent surfaces against all surfaces sorted";
 
 /// sRGB of classes 1, 2 and 3: the tori from the inside out.
 const COLORS: [[u8; 3]; 3] = [[250, 40, 30], [40, 220, 60], [30, 60, 240]];
@@ -41,12 +42,16 @@ const KNOBS: [(&str, &[Value]); 4] = [
             ("8", "transparency=layers=8", 0.0),
         ],
     ),
-    ("distance", &[("1/8", "", 0.125), ("1/4", "", 0.25), ("1/2", "", 0.5), ("2", "", 2.0), ("4", "", 4.0)]),
+    (
+        "distance",
+        &[("1/8", "", 0.125), ("1/4", "", 0.25), ("1/2", "", 0.5), ("2", "", 2.0), ("4", "", 4.0)],
+    ),
     ("fill", &[("dobrev", "fill=method=dobrev", 0.0), ("off", "fill=off", 0.0)]),
 ];
 
 /// Root of the mean square of what linear colours are off; the share of pixels with another number of layers.
-const METRICS: [(&str, &str); 2] = [("color_rms", "linear colour, RMS"), ("miscounted", "share of pixels")];
+const METRICS: [(&str, &str); 2] =
+    [("color_rms", "linear colour, RMS"), ("miscounted", "share of pixels")];
 
 struct Configuration {
     knob: &'static str,
@@ -58,18 +63,31 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let world = synth::build(synth::Scene::NestedTori, plan.seed, 0.0);
     let mut cloud = synth::collect("nested tori", &world, plan.points, plan.seed, 0.0, progress)?;
     for part in &mut cloud.parts {
-        part.columns.rgb = part.columns.class.as_ref().map(|classes| classes.iter().map(|&class| COLORS[class as usize - 1]).collect());
+        part.columns.rgb = part
+            .columns
+            .class
+            .as_ref()
+            .map(|classes| classes.iter().map(|&class| COLORS[class as usize - 1]).collect());
     }
     let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), plan.size), plan.size)?;
-    let mut resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::Rgb, &cloud), progress)?;
+    let mut resident =
+        Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::Rgb, &cloud), progress)?;
     resident.opacities = Opacities(vec![Rule { what: What::All, opacity: OPACITY }]);
     let layer_m = Scene::of(&view, &resident, Wishes::default().light).layer_m(0.0);
-    let configurations = KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
+    let configurations =
+        KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
     let configurations = configurations.map(|(knob, (value, effect, distance))| {
         let mut wishes = Wishes::default();
-        let distance = (distance > 0.0).then(|| format!("transparency=layer={}", distance * layer_m));
-        let effects = ["shape=off", "edl=off", effect].into_iter().chain(distance.as_deref()).filter(|effect| !effect.is_empty());
-        effects.into_iter().try_for_each(|effect| wishes.effects.set(effect)).map_err(Error::Request)?;
+        let distance =
+            (distance > 0.0).then(|| format!("transparency=layer={}", distance * layer_m));
+        let effects = ["shape=off", "edl=off", effect]
+            .into_iter()
+            .chain(distance.as_deref())
+            .filter(|effect| !effect.is_empty());
+        effects
+            .into_iter()
+            .try_for_each(|effect| wishes.effects.set(effect))
+            .map_err(Error::Request)?;
         Ok(Configuration { knob, value, wishes })
     });
     let configurations = configurations.collect::<Result<Vec<_>>>()?;
@@ -78,16 +96,30 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let truth: Vec<Option<Over>> = (0..width * height)
         .into_par_iter()
         .map(|i| {
-            let surfaces = oracle::layers(&world, &view, layer_m, [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5])?;
-            Some(oracle::over(surfaces.iter().map(|surface| (colors[surface.class as usize - 1], OPACITY))))
+            let surfaces = oracle::layers(
+                &world,
+                &view,
+                layer_m,
+                [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5],
+            )?;
+            Some(oracle::over(
+                surfaces.iter().map(|surface| (colors[surface.class as usize - 1], OPACITY)),
+            ))
         })
         .collect();
-    let found =
-        configurations.iter().map(|configuration| errors(gpu, &view, &resident, configuration, &truth)).collect::<Result<Vec<_>>>()?;
+    let found = configurations
+        .iter()
+        .map(|configuration| errors(gpu, &view, &resident, configuration, &truth))
+        .collect::<Result<Vec<_>>>()?;
     let times = sweep::interleaved(&configurations, plan.repeat, |configuration| {
         progress.tick("study layers", 0, 0)?;
         let mut g = Graph::new(gpu);
-        let outcome = frame::record(&mut g, &view, &resident, &look::decide(&configuration.wishes, &view, &resident))?;
+        let outcome = frame::record(
+            &mut g,
+            &view,
+            &resident,
+            &look::decide(&configuration.wishes, &view, &resident),
+        )?;
         let frame = g.submit(&[outcome.picture.resource()])?;
         let ms = frame.ms("");
         frame.shelve(gpu);
@@ -100,16 +132,37 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         head: ["knob", "value", "colour, RMS", "miscounted, %", "ms"].map(String::from).to_vec(),
         rows: Vec::new(),
     };
-    for ((Configuration { knob, value, .. }, errors), times) in configurations.iter().zip(&found).zip(&times) {
+    for ((Configuration { knob, value, .. }, errors), times) in
+        configurations.iter().zip(&found).zip(&times)
+    {
         let ms = metrics::quartiles(times);
-        rows.extend(super::rows(["nested tori", "fit"], [knob, value], METRICS.map(|metric| metric.0), errors, times));
-        let numbers = [format!("{:.5}", errors[0]), format!("{:.3}", 100.0 * errors[1]), format!("{:.2}", ms[1])];
+        rows.extend(super::rows(
+            ["nested tori", "fit"],
+            [knob, value],
+            METRICS.map(|metric| metric.0),
+            errors,
+            times,
+        ));
+        let numbers = [
+            format!("{:.5}", errors[0]),
+            format!("{:.3}", 100.0 * errors[1]),
+            format!("{:.2}", ms[1]),
+        ];
         table.rows.push([knob.to_string(), value.to_string()].into_iter().chain(numbers).collect());
     }
     mark_fronts(&mut rows);
     let figure = |(metric, axis): (&str, &str)| {
-        let label = |row: &Row| if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) };
-        Figure::of("layers", metric, ["milliseconds of a whole frame (bars: quartiles)", axis], &format!("Layers: {metric}"), &rows, &label)
+        let label = |row: &Row| {
+            if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) }
+        };
+        Figure::of(
+            "layers",
+            metric,
+            ["milliseconds of a whole frame (bars: quartiles)", axis],
+            &format!("Layers: {metric}"),
+            &rows,
+            &label,
+        )
     };
     let figures = METRICS.map(figure).into_iter().collect();
     let pixels = truth.iter().flatten().count();
@@ -121,12 +174,30 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         width * height,
         plan.repeat
     );
-    Ok(Section { name: "layers", title: "Layers: number, distance, filling".into(), how, rows, figures, tables: vec![table] })
+    Ok(Section {
+        name: "layers",
+        title: "Layers: number, distance, filling".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![table],
+    })
 }
 
-fn errors(gpu: &mut Gpu, view: &View, resident: &Resident, configuration: &Configuration, truth: &[Option<Over>]) -> Result<[f64; 2]> {
+fn errors(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    configuration: &Configuration,
+    truth: &[Option<Over>],
+) -> Result<[f64; 2]> {
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look::decide(&configuration.wishes, view, resident))?;
+    let outcome = frame::record(
+        &mut g,
+        view,
+        resident,
+        &look::decide(&configuration.wishes, view, resident),
+    )?;
     let front = outcome.layers.front.ok_or(Error::Request("study layers needs points".into()))?;
     let (color, peeled) = (g.download(&front.color), g.download(&front.peeled));
     let frame = g.submit(&[])?;

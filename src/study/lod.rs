@@ -39,12 +39,32 @@ const DOLLY_SHRINK: u32 = 4;
 const METRICS: [(&str, &str, &str); 8] = [
     ("rms", "RMS error of colour", "Colour: root mean square error of sRGB values, 0 to 1"),
     ("flip", "mean FLIP", "FLIP: how different the pictures look"),
-    ("depth_median", "relative error of depth, median", "Depth: median relative error where both pictures are covered"),
-    ("depth_p95", "relative error of depth, 95 %", "Depth: relative error that 95 % of the pixels stay below"),
-    ("holes", "share of pixels", "Holes: of the pixels that the full cloud covers, those that the cut does not"),
-    ("false_fills", "share of pixels", "False fills: of the pixels that the cut covers, those that the full cloud does not"),
+    (
+        "depth_median",
+        "relative error of depth, median",
+        "Depth: median relative error where both pictures are covered",
+    ),
+    (
+        "depth_p95",
+        "relative error of depth, 95 %",
+        "Depth: relative error that 95 % of the pixels stay below",
+    ),
+    (
+        "holes",
+        "share of pixels",
+        "Holes: of the pixels that the full cloud covers, those that the cut does not",
+    ),
+    (
+        "false_fills",
+        "share of pixels",
+        "False fills: of the pixels that the cut covers, those that the full cloud does not",
+    ),
     ("points", "points drawn", "Points drawn, which are a cost, not an error"),
-    ("bytes_read", "bytes read", "Bytes read from the index for this picture alone, which are a cost, not an error"),
+    (
+        "bytes_read",
+        "bytes read",
+        "Bytes read from the index for this picture alone, which are a cost, not an error",
+    ),
 ];
 const PSNR: &str = "psnr_db";
 const POPPING: [(&str, &str, &str); 2] = [
@@ -53,23 +73,48 @@ const POPPING: [(&str, &str, &str); 2] = [
         "mean FLIP from frame to frame",
         "Popping: the largest change from frame to frame of a slow dolly through a level change",
     ),
-    ("popping_median", "mean FLIP from frame to frame", "Popping: the median change from frame to frame without a level change"),
+    (
+        "popping_median",
+        "mean FLIP from frame to frame",
+        "Popping: the median change from frame to frame without a level change",
+    ),
 ];
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let mut rows = Vec::new();
     let mut counters = table(
         "What was drawn",
-        &["scene", "view", "lod, px", "nodes", "points drawn", "MiB read", "of the index, %", "PSNR, dB", "ms (quartiles)"],
+        &[
+            "scene",
+            "view",
+            "lod, px",
+            "nodes",
+            "points drawn",
+            "MiB read",
+            "of the index, %",
+            "PSNR, dB",
+            "ms (quartiles)",
+        ],
     );
-    let mut dollies =
-        table("Dollies", &["scene", "lod, px", "level changes", "largest FLIP", "median FLIP", "median FLIP after one pixel"]);
+    let mut dollies = table(
+        "Dollies",
+        &[
+            "scene",
+            "lod, px",
+            "level changes",
+            "largest FLIP",
+            "median FLIP",
+            "median FLIP after one pixel",
+        ],
+    );
     for (name, scene) in SCENES {
         let scan = Scan::new(scene, |world| world.step, plan.points, plan.seed, progress)?;
         for (view_name, camera) in cameras(&scan.world) {
             let view = View::new(camera, plan.size)?;
-            let reference = Reference::new(cold(gpu, &scan, &view, &full(plan.size), progress)?.1, plan.size);
-            let (mut residency, settings) = (open(gpu, &scan)?, SETTINGS.map(|value| (value, detail(value, plan.size))));
+            let reference =
+                Reference::new(cold(gpu, &scan, &view, &full(plan.size), progress)?.1, plan.size);
+            let (mut residency, settings) =
+                (open(gpu, &scan)?, SETTINGS.map(|value| (value, detail(value, plan.size))));
             let times = sweep::interleaved(&settings, plan.repeat, |(_, detail)| {
                 progress.tick("study lod", 0, 0)?;
                 residency.settle(gpu, &view, detail, progress)?;
@@ -81,10 +126,19 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 let errors = reference.errors(&drawing, plan.size);
                 let ms = metrics::quartiles(times);
                 let costs = [taken.points as f64, taken.bytes as f64];
-                let values = [errors.rms, errors.flip, errors.depth[0], errors.depth[1], errors.holes, errors.false_fills];
+                let values = [
+                    errors.rms,
+                    errors.flip,
+                    errors.depth[0],
+                    errors.depth[1],
+                    errors.holes,
+                    errors.false_fills,
+                ];
                 let values = values.into_iter().chain(costs).chain([errors.psnr_db()]);
                 let names = METRICS.iter().map(|metric| metric.0).chain([PSNR]);
-                rows.extend(names.zip(values).map(|(metric, error)| row(name, view_name, value, metric, error, ms, times.len())));
+                rows.extend(names.zip(values).map(|(metric, error)| {
+                    row(name, view_name, value, metric, error, ms, times.len())
+                }));
                 counters.rows.push(vec![
                     name.into(),
                     view_name.into(),
@@ -102,21 +156,39 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let [(_, far), ..] = cameras(&scan.world);
         for value in SETTINGS {
             let mut residency = open(gpu, &scan)?;
-            let seen = popping::watch(gpu, &mut residency, far, size, &detail(value, size), DOLLY_FRAMES, progress)?;
+            let seen = popping::watch(
+                gpu,
+                &mut residency,
+                far,
+                size,
+                &detail(value, size),
+                DOLLY_FRAMES,
+                progress,
+            )?;
             residency.free(gpu);
             let (ms, n) = (metrics::quartiles(&seen.ms), seen.ms.len());
             let metrics = POPPING.iter().map(|metric| metric.0).zip([seen.max, seen.median]);
-            rows.extend(metrics.map(|(metric, error)| row(name, "dolly", value, metric, error, ms, n)));
+            rows.extend(
+                metrics.map(|(metric, error)| row(name, "dolly", value, metric, error, ms, n)),
+            );
             let Popping { changes, max, median, moved, .. } = seen;
             let number = |value: f64| format!("{value:.4}");
-            dollies.rows.push(vec![name.into(), value.into(), changes.to_string(), number(max), number(median), number(moved)]);
+            dollies.rows.push(vec![
+                name.into(),
+                value.into(),
+                changes.to_string(),
+                number(max),
+                number(median),
+                number(moved),
+            ]);
         }
     }
     mark_fronts(&mut rows);
     // More dB are better, so the front is that of the error that they are the logarithm of.
     for i in (0..rows.len()).filter(|&i| rows[i].metric == PSNR).collect::<Vec<_>>() {
         let key = |row: &Row| (row.scene, row.view, row.value.clone());
-        rows[i].front = rows.iter().any(|row| row.metric == "rms" && row.front && key(row) == key(&rows[i]));
+        rows[i].front =
+            rows.iter().any(|row| row.metric == "rms" && row.front && key(row) == key(&rows[i]));
     }
     let figure = |&(metric, y_axis, caption): &_| {
         let x_axis = "milliseconds to clear and project (bars: quartiles)";
@@ -143,15 +215,45 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         plan.size[1] / DOLLY_SHRINK,
         popping::STEP_PX,
     );
-    Ok(Section { name: "lod", title: "Level of detail".into(), how, rows, figures, tables: vec![counters, dollies] })
+    Ok(Section {
+        name: "lod",
+        title: "Level of detail".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![counters, dollies],
+    })
 }
 
 fn table(title: &str, head: &[&str]) -> Table {
-    Table { title: title.into(), head: head.iter().map(|name| name.to_string()).collect(), rows: Vec::new() }
+    Table {
+        title: title.into(),
+        head: head.iter().map(|name| name.to_string()).collect(),
+        rows: Vec::new(),
+    }
 }
 
-fn row(scene: &'static str, view: &'static str, value: &str, metric: &'static str, error: f64, ms: [f64; 3], n: usize) -> Row {
-    Row { scene, view, knob: "lod", value: value.into(), metric, error, ms, n, auto: value == "auto", front: false }
+fn row(
+    scene: &'static str,
+    view: &'static str,
+    value: &str,
+    metric: &'static str,
+    error: f64,
+    ms: [f64; 3],
+    n: usize,
+) -> Row {
+    Row {
+        scene,
+        view,
+        knob: "lod",
+        value: value.into(),
+        metric,
+        error,
+        ms,
+        n,
+        auto: value == "auto",
+        front: false,
+    }
 }
 
 /// From sixteen times as far as the scene's own camera, so that cuts are deep, from four times, and from there.
@@ -161,7 +263,14 @@ fn cameras(world: &World) -> [(&'static str, Camera); 3] {
         let eye = look.target + (look.eye - look.target) * times;
         (
             name,
-            Camera { eye, target: look.target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None },
+            Camera {
+                eye,
+                target: look.target,
+                up: DVec3::Z,
+                fov_y: look.fov_y,
+                projection: Projection::Perspective,
+                ortho_height: None,
+            },
         )
     })
 }
@@ -186,12 +295,25 @@ struct Taken {
 }
 
 /// The settled picture of a fresh start, and what it took.
-fn cold(gpu: &mut Gpu, scan: &Scan, view: &View, detail: &Detail, progress: &dyn Progress) -> Result<(Taken, Drawing)> {
+fn cold(
+    gpu: &mut Gpu,
+    scan: &Scan,
+    view: &View,
+    detail: &Detail,
+    progress: &dyn Progress,
+) -> Result<(Taken, Drawing)> {
     let mut residency = open(gpu, scan)?;
     let update = residency.settle(gpu, view, detail, progress)?;
     let drawing = draw(gpu, view, residency.resident())?;
     residency.free(gpu);
-    Ok((Taken { nodes: update.cut.nodes.len(), points: update.cut.points, bytes: update.bytes_read }, drawing))
+    Ok((
+        Taken {
+            nodes: update.cut.nodes.len(),
+            points: update.cut.points,
+            bytes: update.bytes_read,
+        },
+        drawing,
+    ))
 }
 
 pub struct Drawing {
@@ -211,7 +333,8 @@ pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> 
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let picture = g.download(&outcome.picture);
-    let [depth, index] = [&outcome.layers.depth, &outcome.layers.index].map(|image| g.download(image));
+    let [depth, index] =
+        [&outcome.layers.depth, &outcome.layers.index].map(|image| g.download(image));
     let frame = g.submit(&[])?;
     let drawing = Drawing {
         picture: frame.read(&picture).to_vec(),
@@ -273,14 +396,22 @@ impl Reference {
 
     fn errors(&self, drawing: &Drawing, size: [u32; 2]) -> Errors {
         let (truth, cut) = (&covered(&self.drawing.depth), &covered(&drawing.depth));
-        let map = flip::difference(&self.seen, &Seen::new(&drawing.picture, size, flip::PIXELS_PER_DEGREE));
-        let pixels = |keep: fn(bool, bool) -> bool| (0..truth.len()).filter(move |&i| keep(truth[i], cut[i]));
+        let map = flip::difference(
+            &self.seen,
+            &Seen::new(&drawing.picture, size, flip::PIXELS_PER_DEGREE),
+        );
+        let pixels = |keep: fn(bool, bool) -> bool| {
+            (0..truth.len()).filter(move |&i| keep(truth[i], cut[i]))
+        };
         let foreground = || pixels(|truth, cut| truth || cut);
         let count = |keep: fn(bool, bool) -> bool| pixels(keep).count() as f64;
         let srgb = |picture: &[[f32; 4]], i: usize, c: usize| linear_to_srgb(picture[i][c] as f64);
-        let apart = |i: usize, c: usize| srgb(&self.drawing.picture, i, c) - srgb(&drawing.picture, i, c);
+        let apart =
+            |i: usize, c: usize| srgb(&self.drawing.picture, i, c) - srgb(&drawing.picture, i, c);
         let depths: Vec<f64> = pixels(|truth, cut| truth && cut)
-            .map(|i| ((drawing.depth[i] - self.drawing.depth[i]) / self.drawing.depth[i]).abs() as f64)
+            .map(|i| {
+                ((drawing.depth[i] - self.drawing.depth[i]) / self.drawing.depth[i]).abs() as f64
+            })
             .collect();
         Errors {
             rms: metrics::errors(foreground().flat_map(|i| [0, 1, 2].map(|c| apart(i, c)))).rms,

@@ -55,8 +55,16 @@ const CONFIGURATIONS: [(&str, &str, &str); 16] = [
 const REFERENCE: &str = "reference";
 
 const METRICS: [(&str, &str, &str); 3] = [
-    ("step", "binary orders of magnitude", "Step: how much the exposure differs between neighbouring pixels of different stations, mean"),
-    ("detail_lost", "share", "Detail lost: of what the truth shows within 3 x 3 pixels, the part that the picture does not"),
+    (
+        "step",
+        "binary orders of magnitude",
+        "Step: how much the exposure differs between neighbouring pixels of different stations, mean",
+    ),
+    (
+        "detail_lost",
+        "share",
+        "Detail lost: of what the truth shows within 3 x 3 pixels, the part that the picture does not",
+    ),
     ("rms", "codes of 255", "Difference to the truth, root mean square of V"),
 ];
 
@@ -86,24 +94,47 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     };
     let mut scan = |gains: [f64; 5]| {
         if let Method::Stations(stations) = &mut world.method {
-            stations.iter_mut().zip(gains).for_each(|(station, gain)| station.gain = DVec3::splat(gain));
+            stations
+                .iter_mut()
+                .zip(gains)
+                .for_each(|(station, gain)| station.gain = DVec3::splat(gain));
         }
-        synth::collect("street", &world, plan.points, plan.seed, synth::Scene::Street.default_noise(), progress)
+        synth::collect(
+            "street",
+            &world,
+            plan.points,
+            plan.seed,
+            synth::Scene::Street.default_noise(),
+            progress,
+        )
     };
     let (even, uneven) = (scan([1.0; 5])?, scan(GAINS)?);
     let mut reference = uneven.clone();
     let began = std::time::Instant::now();
     correct(&mut reference, NEIGHBOURS, progress)?;
     let reference_s = began.elapsed().as_secs_f64();
-    let fill = |gpu: &mut Gpu, cloud: &Cloud, shown| Resident::fill(gpu, cloud.clone(), Shown::new(shown, cloud), progress);
-    let (truth, stations) = (fill(gpu, &even, Attribute::Rgb)?, fill(gpu, &even, Attribute::Source)?);
-    let (uneven, reference) = (fill(gpu, &uneven, Attribute::Rgb)?, fill(gpu, &reference, Attribute::Rgb)?);
+    let fill = |gpu: &mut Gpu, cloud: &Cloud, shown| {
+        Resident::fill(gpu, cloud.clone(), Shown::new(shown, cloud), progress)
+    };
+    let (truth, stations) =
+        (fill(gpu, &even, Attribute::Rgb)?, fill(gpu, &even, Attribute::Source)?);
+    let (uneven, reference) =
+        (fill(gpu, &uneven, Attribute::Rgb)?, fill(gpu, &reference, Attribute::Rgb)?);
     let mut rows = Vec::new();
     let mut table = Table {
         title: "All configurations".into(),
-        head: ["points a pixel", "knob", "value", "step, stops", "detail lost, %", "rms, codes", "PSNR, dB", "ms"]
-            .map(String::from)
-            .to_vec(),
+        head: [
+            "points a pixel",
+            "knob",
+            "value",
+            "step, stops",
+            "detail lost, %",
+            "rms, codes",
+            "PSNR, dB",
+            "ms",
+        ]
+        .map(String::from)
+        .to_vec(),
         rows: Vec::new(),
     };
     for part in SIZES {
@@ -116,7 +147,11 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let sight = Sight {
             view,
             truth: values(&plain.color),
-            station: draw(gpu, &view, &stations, &off)?.color.iter().map(|c| c.map(f32::to_bits)).collect(),
+            station: draw(gpu, &view, &stations, &off)?
+                .color
+                .iter()
+                .map(|c| c.map(f32::to_bits))
+                .collect(),
             depth: plain.depth,
             layer_m,
         };
@@ -127,7 +162,9 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                     .parse::<f64>()
                     .ok()
                     .filter(|_| knob == "epsilon")
-                    .map_or(String::new(), |spacings| format!(",epsilon={}", spacings * scene.sampling.spacing_m));
+                    .map_or(String::new(), |spacings| {
+                        format!(",epsilon={}", spacings * scene.sampling.spacing_m)
+                    });
                 Ok((knob, value, wishes(&format!("{luminance}{epsilon}"))?))
             })
             .collect::<Result<Vec<_>>>()?;
@@ -140,13 +177,26 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             progress.tick("study luminance", 0, 0)?;
             Ok(draw(gpu, &view, of(value), wishes)?.ms)
         })?;
-        let view_name = ["full size", "half", "quarter"][SIZES.iter().position(|own| *own == part).expect("one of them")];
+        let view_name = ["full size", "half", "quarter"]
+            [SIZES.iter().position(|own| *own == part).expect("one of them")];
         for (((knob, value, _), errors), times) in configurations.iter().zip(&errors).zip(&times) {
             let ms = metrics::quartiles(times);
-            rows.extend(super::rows(["street", view_name], [knob, value], METRICS.map(|metric| metric.0), errors, times));
+            rows.extend(super::rows(
+                ["street", view_name],
+                [knob, value],
+                METRICS.map(|metric| metric.0),
+                errors,
+                times,
+            ));
             let psnr = 20.0 * (255.0 / errors[2]).log10();
-            let numbers = [errors[0], 100.0 * errors[1], errors[2], psnr, ms[1]].map(|number| format!("{number:.3}"));
-            table.rows.push([format!("{density:.1}"), knob.to_string(), value.to_string()].into_iter().chain(numbers).collect());
+            let numbers = [errors[0], 100.0 * errors[1], errors[2], psnr, ms[1]]
+                .map(|number| format!("{number:.3}"));
+            table.rows.push(
+                [format!("{density:.1}"), knob.to_string(), value.to_string()]
+                    .into_iter()
+                    .chain(numbers)
+                    .collect(),
+            );
         }
     }
     [truth, stations, uneven, reference].into_iter().for_each(|resident| resident.free(gpu));
@@ -162,7 +212,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     };
     let figures = METRICS
         .map(|(metric, axis, about)| {
-            Figure::of("luminance", metric, ["milliseconds of the sums and the correction (bars: quartiles)", axis], about, &rows, &label)
+            Figure::of(
+                "luminance",
+                metric,
+                ["milliseconds of the sums and the correction (bars: quartiles)", axis],
+                about,
+                &rows,
+                &label,
+            )
         })
         .into_iter()
         .collect();
@@ -206,7 +263,11 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let layers = frame::record(&mut g, view, resident, &look)?.layers;
     let [color, depth] = [&layers.color, &layers.depth].map(|image| g.download(image));
     let frame = g.submit(&[layers.color.resource()])?;
-    let drawn = Drawn { color: frame.read(&color).to_vec(), depth: frame.read(&depth).to_vec(), ms: frame.ms("luminance") };
+    let drawn = Drawn {
+        color: frame.read(&color).to_vec(),
+        depth: frame.read(&depth).to_vec(),
+        ms: frame.ms("luminance"),
+    };
     frame.shelve(gpu);
     Ok(drawn)
 }
@@ -242,11 +303,20 @@ impl Sight {
             }
         }
         for i in (1..rows - 1).flat_map(|y| (1..columns - 1).map(move |x| y * columns + x)) {
-            let around: Vec<usize> =
-                [i - columns - 1, i - columns, i - columns + 1, i - 1, i, i + 1, i + columns - 1, i + columns, i + columns + 1]
-                    .into_iter()
-                    .filter(|&k| self.same(i, k))
-                    .collect();
+            let around: Vec<usize> = [
+                i - columns - 1,
+                i - columns,
+                i - columns + 1,
+                i - 1,
+                i,
+                i + 1,
+                i + columns - 1,
+                i + columns,
+                i + columns + 1,
+            ]
+            .into_iter()
+            .filter(|&k| self.same(i, k))
+            .collect();
             if around.len() < 9 {
                 continue;
             }
@@ -257,7 +327,8 @@ impl Sight {
             all += detail * detail;
         }
         let covered = |i: &usize| self.depth[*i].is_finite();
-        let squares = metrics::errors((0..values.len()).filter(covered).map(|i| values[i] - self.truth[i]));
+        let squares =
+            metrics::errors((0..values.len()).filter(covered).map(|i| values[i] - self.truth[i]));
         // What noise adds to details is none of theirs.
         [steps / borders.max(1.0), (1.0 - kept / all.max(1.0)).max(0.0), squares.rms]
     }

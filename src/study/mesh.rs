@@ -23,9 +23,13 @@ impl Mesh {
     /// `faces` are vertex numbers.
     pub fn new(vertices: Vec<DVec3>, faces: &[[u32; 3]]) -> Mesh {
         let corners = |face: &[u32; 3]| face.map(|vertex| vertices[vertex as usize]);
-        let bounds: Vec<Aabb> = faces.iter().map(|face| corners(face).into_iter().fold(Aabb::EMPTY, Aabb::including)).collect();
+        let bounds: Vec<Aabb> = faces
+            .iter()
+            .map(|face| corners(face).into_iter().fold(Aabb::EMPTY, Aabb::including))
+            .collect();
         let mut tree = Bvh::build(&bounds);
-        let triangles: Vec<[DVec3; 3]> = tree.renumber(0).into_iter().map(|face| corners(&faces[face as usize])).collect();
+        let triangles: Vec<[DVec3; 3]> =
+            tree.renumber(0).into_iter().map(|face| corners(&faces[face as usize])).collect();
         let mut sum = 0.0;
         let mut up_to = |[a, b, c]: &[DVec3; 3]| {
             sum += (b - a).cross(c - a).length() / 2.0;
@@ -42,9 +46,15 @@ impl Mesh {
             true => obj(&bytes),
             false => ply(&bytes),
         };
-        let (vertices, faces) = found.ok_or_else(|| Error::format(path, "is not a whole mesh in PLY or OBJ"))?;
-        if vertices.iter().any(|p| !p.is_finite()) || faces.iter().flatten().any(|&vertex| vertex as usize >= vertices.len()) {
-            return Err(Error::format(path, "has vertices that are no numbers, or faces without vertices"));
+        let (vertices, faces) =
+            found.ok_or_else(|| Error::format(path, "is not a whole mesh in PLY or OBJ"))?;
+        if vertices.iter().any(|p| !p.is_finite())
+            || faces.iter().flatten().any(|&vertex| vertex as usize >= vertices.len())
+        {
+            return Err(Error::format(
+                path,
+                "has vertices that are no numbers, or faces without vertices",
+            ));
         }
         Ok(Mesh::new(vertices.into_iter().map(place).collect(), &faces))
     }
@@ -54,7 +64,8 @@ impl Mesh {
         let ray = Sheared::new(origin, direction);
         let mut first = None;
         self.tree.walk(origin, direction, 0.0, f64::INFINITY, false, |triangle, t_max| {
-            let t = ray.cross(&self.triangles[triangle as usize]).filter(|t| *t > 0.0 && *t < t_max)?;
+            let t =
+                ray.cross(&self.triangles[triangle as usize]).filter(|t| *t > 0.0 && *t < t_max)?;
             first = Some(t);
             first
         });
@@ -64,7 +75,8 @@ impl Mesh {
     /// A point, uniform by area: the square folded onto the triangle.
     pub fn sample(&self, random: &mut Random) -> DVec3 {
         let at = random.unit() * self.areas.last().expect("a mesh has triangles");
-        let [a, b, c] = self.triangles[self.areas.partition_point(|&sum| sum <= at).min(self.areas.len() - 1)];
+        let [a, b, c] =
+            self.triangles[self.areas.partition_point(|&sum| sum <= at).min(self.areas.len() - 1)];
         let (u, v) = (random.unit(), random.unit());
         let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
         a + (b - a) * u + (c - a) * v
@@ -184,8 +196,12 @@ fn ply(bytes: &[u8]) -> Found {
         match line.split_ascii_whitespace().collect::<Vec<_>>()[..] {
             ["format", name, _] => coding = name,
             ["element", name, count] => elements.push((name, count.parse().ok()?, Vec::new())),
-            ["property", "list", length, kind, name] => elements.last_mut()?.2.push(Property { name, kind, length: Some(length) }),
-            ["property", kind, name] => elements.last_mut()?.2.push(Property { name, kind, length: None }),
+            ["property", "list", length, kind, name] => {
+                elements.last_mut()?.2.push(Property { name, kind, length: Some(length) })
+            }
+            ["property", kind, name] => {
+                elements.last_mut()?.2.push(Property { name, kind, length: None })
+            }
             _ => {}
         }
     }
@@ -226,8 +242,12 @@ fn ply(bytes: &[u8]) -> Found {
 mod tests {
     use super::*;
 
-    const CORNERS: [DVec3; 4] =
-        [DVec3::new(1.0, 0.1, 0.0), DVec3::new(-0.4, 0.9, 0.2), DVec3::new(-0.5, -0.8, 0.1), DVec3::new(0.0, 0.1, 1.3)];
+    const CORNERS: [DVec3; 4] = [
+        DVec3::new(1.0, 0.1, 0.0),
+        DVec3::new(-0.4, 0.9, 0.2),
+        DVec3::new(-0.5, -0.8, 0.1),
+        DVec3::new(0.0, 0.1, 1.3),
+    ];
     const FACES: [[u32; 3]; 4] = [[0, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
 
     fn tetrahedron() -> Mesh {
@@ -242,7 +262,8 @@ mod tests {
             let [a, b, c] = face.map(|corner| CORNERS[corner as usize]);
             let normal = (b - a).cross(c - a);
             let outward = normal * (a - inside).dot(normal).signum();
-            let (t, speed) = ((a - origin).dot(outward) / direction.dot(outward), direction.dot(outward));
+            let (t, speed) =
+                ((a - origin).dot(outward) / direction.dot(outward), direction.dot(outward));
             if speed < 0.0 { enter = enter.max(t) } else { leave = leave.min(t) }
         }
         [enter, leave].into_iter().find(|t| enter < leave && *t > 0.0)
@@ -280,20 +301,29 @@ mod tests {
         for i in 0..20_000 {
             let mut random = Random::new(3, 0, i);
             let eye = DVec3::new(random.normal(), random.normal(), 9.0);
-            let through = middle.lerp(vertices[1 + random.below(ring as usize)], 0.99 * random.unit());
-            assert!(mesh.first(eye, through - eye).is_some() && mesh.first(eye, middle - eye).is_some(), "{eye} {through}");
+            let through =
+                middle.lerp(vertices[1 + random.below(ring as usize)], 0.99 * random.unit());
+            assert!(
+                mesh.first(eye, through - eye).is_some() && mesh.first(eye, middle - eye).is_some(),
+                "{eye} {through}"
+            );
         }
     }
 
     #[test]
     fn points_are_uniform_by_area() {
         // Two squares, one with nine times the area of the other.
-        let square =
-            |x: f64, side: f64| [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(u, v)| DVec3::new(x + u * side, v * side, 0.0));
+        let square = |x: f64, side: f64| {
+            [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+                .map(|(u, v)| DVec3::new(x + u * side, v * side, 0.0))
+        };
         let vertices: Vec<DVec3> = square(0.0, 1.0).into_iter().chain(square(10.0, 3.0)).collect();
         let mesh = Mesh::new(vertices, &[[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]);
-        let points: Vec<DVec3> = (0..40_000).map(|i| mesh.sample(&mut Random::new(1, 0, i))).collect();
-        let share = |keep: &dyn Fn(&DVec3) -> bool| points.iter().filter(|p| keep(p)).count() as f64 / points.len() as f64;
+        let points: Vec<DVec3> =
+            (0..40_000).map(|i| mesh.sample(&mut Random::new(1, 0, i))).collect();
+        let share = |keep: &dyn Fn(&DVec3) -> bool| {
+            points.iter().filter(|p| keep(p)).count() as f64 / points.len() as f64
+        };
         assert!((share(&|p| p.x < 5.0) - 0.1).abs() < 0.006);
         assert!((share(&|p| p.x > 5.0 && p.y < 1.5) - 0.45).abs() < 0.01);
     }
@@ -307,7 +337,9 @@ mod tests {
             )
         };
         let vertices = [[0.5f32, 0.0, 0.25], [1.0, 0.0, 0.0], [1.0, 1.0, -2.0], [0.0, 1.0, 0.0]];
-        let ascii = header("ascii") + &vertices.map(|[x, y, z]| format!("{x} {y} {z} 7\n")).concat() + "4 0 1 2 3\n";
+        let ascii = header("ascii")
+            + &vertices.map(|[x, y, z]| format!("{x} {y} {z} 7\n")).concat()
+            + "4 0 1 2 3\n";
         let binary = |big: bool| {
             let order = |mut bytes: Vec<u8>| {
                 if big {
@@ -315,25 +347,41 @@ mod tests {
                 }
                 bytes
             };
-            let mut bytes = header(if big { "binary_big_endian" } else { "binary_little_endian" }).into_bytes();
+            let mut bytes =
+                header(if big { "binary_big_endian" } else { "binary_little_endian" }).into_bytes();
             for [x, y, z] in vertices {
                 bytes.extend(
-                    [order(x.to_le_bytes().into()), order(y.to_le_bytes().into()), order((z as f64).to_le_bytes().into()), vec![7]]
-                        .concat(),
+                    [
+                        order(x.to_le_bytes().into()),
+                        order(y.to_le_bytes().into()),
+                        order((z as f64).to_le_bytes().into()),
+                        vec![7],
+                    ]
+                    .concat(),
                 );
             }
             bytes.push(4);
             bytes.extend((0..4i32).flat_map(|vertex| order(vertex.to_le_bytes().into())));
             bytes
         };
-        let text = vertices.map(|[x, y, z]| format!("v {x} {y} {z}\n")).concat() + "vn 0 0 1\nf 1/1/1 2//1 3 -1\n";
-        let expected = Some((vertices.map(|v| DVec3::from_array(v.map(f64::from))).to_vec(), vec![[0, 1, 2], [0, 2, 3]]));
-        for (name, found) in
-            [("ascii", ply(ascii.as_bytes())), ("little", ply(&binary(false))), ("big", ply(&binary(true))), ("obj", obj(text.as_bytes()))]
-        {
+        let text = vertices.map(|[x, y, z]| format!("v {x} {y} {z}\n")).concat()
+            + "vn 0 0 1\nf 1/1/1 2//1 3 -1\n";
+        let expected = Some((
+            vertices.map(|v| DVec3::from_array(v.map(f64::from))).to_vec(),
+            vec![[0, 1, 2], [0, 2, 3]],
+        ));
+        for (name, found) in [
+            ("ascii", ply(ascii.as_bytes())),
+            ("little", ply(&binary(false))),
+            ("big", ply(&binary(true))),
+            ("obj", obj(text.as_bytes())),
+        ] {
             assert_eq!(found, expected, "{name}");
         }
         let whole = binary(false);
-        assert!((0..whole.len()).all(|length| ply(&whole[..length]).is_none()), "a part of a file is no mesh");
+        assert!(
+            (0..whole.len()).all(|length| ply(&whole[..length]).is_none()),
+            "a part of a file is no mesh"
+        );
     }
 }

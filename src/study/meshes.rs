@@ -22,19 +22,24 @@ use std::path::Path;
 pub const SUMMARY: &str = "the same for vertices of meshes, whose density is uneven";
 
 /// Names of views; from the middle of the bounding box, in its diagonals, to the eye; degrees.
-const VIEWS: [(&str, DVec3, f64); 2] = [("whole", DVec3::new(0.1, 0.15, 1.3), 45.0), ("near", DVec3::new(0.3, 0.35, 0.9), 30.0)];
+const VIEWS: [(&str, DVec3, f64); 2] =
+    [("whole", DVec3::new(0.1, 0.15, 1.3), 45.0), ("near", DVec3::new(0.3, 0.35, 0.9), 30.0)];
 
 /// Fillings, and what they set.
 const STYLES: [(&str, &[&str]); 4] = [
     ("auto", &["visibility=auto", "fill=auto", "shape=off", "edl=off"]),
     ("pullpush", &["visibility=auto", "fill=auto,method=pullpush", "shape=off", "edl=off"]),
     ("pintus", &["visibility=auto", "fill=auto,method=pintus", "shape=off", "edl=off"]),
-    ("single", &["visibility=auto,levels=1,kernel=9", "fill=auto,method=pintus", "shape=off", "edl=off"]),
+    (
+        "single",
+        &["visibility=auto,levels=1,kernel=9", "fill=auto,method=pintus", "shape=off", "edl=off"],
+    ),
 ];
 
 const METRICS: [&str; 4] = ["depth_share", "layer_share", "holes", "spilled"];
 
-const HEAD: [&str; 8] = ["mesh", "view", "filling", "interior pixels", "depth off", "wrong layer", "holes", "spilled"];
+const HEAD: [&str; 8] =
+    ["mesh", "view", "filling", "interior pixels", "depth off", "wrong layer", "holes", "spilled"];
 
 impl Surface for Mesh {
     fn first(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
@@ -43,10 +48,19 @@ impl Surface for Mesh {
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
+    let styles = STYLES
+        .iter()
+        .map(|(name, settings)| Ok((*name, wishes(settings)?)))
+        .collect::<Result<Vec<_>>>()?;
     let mut all = Vec::new();
-    let mut table = Table { title: "All meshes".into(), head: HEAD.map(String::from).to_vec(), rows: Vec::new() };
-    for (scene, file) in cases::meshes().filter(|(name, _)| plan.scenes.is_empty() || plan.scenes.iter().any(|scene| scene == name)) {
+    let mut table = Table {
+        title: "All meshes".into(),
+        head: HEAD.map(String::from).to_vec(),
+        rows: Vec::new(),
+    };
+    for (scene, file) in cases::meshes()
+        .filter(|(name, _)| plan.scenes.is_empty() || plan.scenes.iter().any(|scene| scene == name))
+    {
         let path = Path::new("../shared/data").join(file);
         if !path.exists() {
             eprintln!("study meshes leaves out {scene}: {} is not there", path.display());
@@ -57,8 +71,15 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         for (view_name, view) in views(&mesh, plan.size)? {
             progress.tick("study meshes", 0, 0)?;
             let truth = Truth::cast(&view, &mesh);
-            let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), progress)?;
-            let raw = draw(gpu, &view, &resident, &wishes(&["visibility=off", "fill=off", "shape=off", "edl=off"])?)?.depth;
+            let resident =
+                Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), progress)?;
+            let raw = draw(
+                gpu,
+                &view,
+                &resident,
+                &wishes(&["visibility=off", "fill=off", "shape=off", "edl=off"])?,
+            )?
+            .depth;
             let order: Vec<usize> = (0..styles.len()).collect();
             let mut depths = vec![Vec::new(); styles.len()];
             let times = sweep::interleaved(&order, plan.repeat, |&style| {
@@ -68,10 +89,19 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             })?;
             for (((style, _), depth), times) in styles.iter().zip(&depths).zip(&times) {
                 let errors = compare(&truth, 0.0, &raw, depth, None);
-                let shares = [errors.misplaced_share(), errors.wrong_layer_share(), errors.hole_share(), errors.spilled_share()];
+                let shares = [
+                    errors.misplaced_share(),
+                    errors.wrong_layer_share(),
+                    errors.hole_share(),
+                    errors.spilled_share(),
+                ];
                 all.extend(rows([scene, view_name], ["fill", style], METRICS, &shares, times));
-                let line = [scene, view_name, style].map(String::from).into_iter().chain([errors.interior.to_string()]);
-                let line: Vec<String> = line.chain(shares.map(|share| format!("{share:.1e}"))).collect();
+                let line = [scene, view_name, style]
+                    .map(String::from)
+                    .into_iter()
+                    .chain([errors.interior.to_string()]);
+                let line: Vec<String> =
+                    line.chain(shares.map(|share| format!("{share:.1e}"))).collect();
                 println!("{}", line.join("  "));
                 table.rows.push(line);
             }
@@ -84,16 +114,32 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
          c + e (0.1, 0.15, 1.3), 45 degrees (whole), and at c + e (0.3, 0.35, 0.9), 30 degrees (near). n = {} interleaved rounds.",
         plan.repeat
     );
-    Ok(Section { name: "meshes", title: "Vertices of meshes".into(), how, rows: all, figures: Vec::new(), tables: vec![table] })
+    Ok(Section {
+        name: "meshes",
+        title: "Vertices of meshes".into(),
+        how,
+        rows: all,
+        figures: Vec::new(),
+        tables: vec![table],
+    })
 }
 
 fn views(mesh: &Mesh, size: [u32; 2]) -> Result<Vec<(&'static str, View)>> {
-    let ends = |pick: fn(DVec3, DVec3) -> DVec3| mesh.vertices.iter().copied().reduce(pick).unwrap_or_default();
+    let ends = |pick: fn(DVec3, DVec3) -> DVec3| {
+        mesh.vertices.iter().copied().reduce(pick).unwrap_or_default()
+    };
     let (low, high) = (ends(DVec3::min), ends(DVec3::max));
     let (target, diagonal) = (low.midpoint(high), (high - low).length());
     let view = |(name, toward, fov_y): (&'static str, DVec3, f64)| {
         let eye = target + diagonal * toward;
-        let camera = Camera { eye, target, up: DVec3::Y, fov_y, projection: Projection::Perspective, ortho_height: None };
+        let camera = Camera {
+            eye,
+            target,
+            up: DVec3::Y,
+            fov_y,
+            projection: Projection::Perspective,
+            ortho_height: None,
+        };
         Ok((name, View::new(camera, size)?))
     };
     VIEWS.into_iter().map(view).collect()

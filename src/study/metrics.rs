@@ -31,13 +31,15 @@ pub struct Errors {
 }
 
 pub fn errors(values: impl Iterator<Item = f64>) -> Errors {
-    let (max, squares, count) = values.fold((0f64, 0.0, 0), |(max, squares, count), v| (max.max(v), squares + v * v, count + 1));
+    let (max, squares, count) = values
+        .fold((0f64, 0.0, 0), |(max, squares, count), v| (max.max(v), squares + v * v, count + 1));
     Errors { max, rms: (squares / count.max(1) as f64).sqrt(), count }
 }
 
 /// Of every (error, time): whether no other is at least as good in both and better in one.
 pub fn front(settings: &[(f64, f64)]) -> Vec<bool> {
-    let beats = |a: &(f64, f64), b: &(f64, f64)| a.0 <= b.0 && a.1 <= b.1 && (a.0 < b.0 || a.1 < b.1);
+    let beats =
+        |a: &(f64, f64), b: &(f64, f64)| a.0 <= b.0 && a.1 <= b.1 && (a.0 < b.0 || a.1 < b.1);
     settings.iter().map(|own| !settings.iter().any(|other| beats(other, own))).collect()
 }
 
@@ -55,7 +57,10 @@ mod tests {
 
     #[test]
     fn errors_of_three_and_four() {
-        assert_eq!(errors([3.0, 4.0, 0.0, 0.0].into_iter()), Errors { max: 4.0, rms: 2.5, count: 4 });
+        assert_eq!(
+            errors([3.0, 4.0, 0.0, 0.0].into_iter()),
+            Errors { max: 4.0, rms: 2.5, count: 4 }
+        );
         assert_eq!(errors(std::iter::empty()), Errors::default());
     }
 

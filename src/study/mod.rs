@@ -6,18 +6,35 @@
 //!
 //! What errors are measured against is never the renderer itself, except where a metric says so: `oracle` has the f64 twins.
 
+pub mod ao;
 pub mod cases;
 pub mod chart;
 pub mod configurations;
+pub mod fill;
 pub mod flip;
+pub mod index;
+pub mod layers;
+pub mod lod;
+pub mod luminance;
 pub mod mesh;
+pub mod meshes;
 pub mod metrics;
+pub mod normals;
 pub mod oracle;
 pub mod popping;
+pub mod precision;
 pub mod report;
 pub mod scan;
+pub mod shadows;
+pub mod shape;
+pub mod smooth;
+pub mod strokes;
+pub mod surface;
 pub mod sweep;
+pub mod tangents;
 pub mod truth;
+pub mod visibility;
+pub mod zoom;
 
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
@@ -56,11 +73,9 @@ pub struct Row {
     pub front: bool,
 }
 
-/// The registry: one line a study. It yields the module, the name on the command line and the call.
+/// The registry: one line a study. It yields the name on the command line and the call.
 macro_rules! studies {
     ($($name:ident),* $(,)?) => {
-        $(pub mod $name;)*
-
         /// Names of all studies and what they ask.
         pub const STUDIES: &[(&str, &str)] = &[$((stringify!($name), $name::SUMMARY)),*];
 
@@ -97,7 +112,12 @@ studies! {
 }
 
 /// Runs the named studies, or all.
-pub fn run(names: &[String], gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Section>> {
+pub fn run(
+    names: &[String],
+    gpu: &mut Gpu,
+    plan: &Plan,
+    progress: &dyn Progress,
+) -> Result<Vec<Section>> {
     let all: Vec<String> = STUDIES.iter().map(|(name, _)| name.to_string()).collect();
     let names = if names.is_empty() { &all } else { names };
     names.iter().map(|name| section(name, gpu, plan, progress)).collect()
@@ -112,7 +132,18 @@ fn rows(
     times: &[f64],
 ) -> Vec<Row> {
     let (ms, n, auto) = (metrics::quartiles(times), times.len(), knob == configurations::AUTO);
-    let row = |(metric, &error)| Row { scene, view, knob, value: value.to_string(), metric, error, ms, n, auto, front: false };
+    let row = |(metric, &error)| Row {
+        scene,
+        view,
+        knob,
+        value: value.to_string(),
+        metric,
+        error,
+        ms,
+        n,
+        auto,
+        front: false,
+    };
     metrics.into_iter().zip(errors).map(row).collect()
 }
 
@@ -120,8 +151,11 @@ fn rows(
 pub fn mark_fronts(rows: &mut [Row]) {
     let group = |row: &Row| (row.scene, row.view, row.metric);
     for i in 0..rows.len() {
-        let alike: Vec<usize> = (0..rows.len()).filter(|&k| group(&rows[k]) == group(&rows[i])).collect();
-        let front = metrics::front(&alike.iter().map(|&k| (rows[k].error, rows[k].ms[1])).collect::<Vec<_>>());
+        let alike: Vec<usize> =
+            (0..rows.len()).filter(|&k| group(&rows[k]) == group(&rows[i])).collect();
+        let front = metrics::front(
+            &alike.iter().map(|&k| (rows[k].error, rows[k].ms[1])).collect::<Vec<_>>(),
+        );
         alike.into_iter().zip(front).for_each(|(k, front)| rows[k].front = front);
     }
 }

@@ -43,18 +43,41 @@ const REACH: [f64; 5] = [1.5, 2.0, 3.0, 4.0, 6.0];
 
 const METRICS: [(&str, &str, &str); 3] = [
     ("median_degrees", "median angle, degrees", "Angle to the surface's own normal: median"),
-    ("p99_degrees", "99th percentile, degrees", "Angle to the surface's own normal: 99th percentile"),
+    (
+        "p99_degrees",
+        "99th percentile, degrees",
+        "Angle to the surface's own normal: 99th percentile",
+    ),
     ("unknown", "share of the points", "Points without a normal"),
 ];
 
 pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let mut rows = Vec::new();
-    let head = ["scene", "neighbours", "radii", "median, degrees", "99 %, degrees", "unknown", "ms a million"];
-    let mut table = Table { title: "Angles and times".into(), head: head.map(String::from).to_vec(), rows: Vec::new() };
+    let head = [
+        "scene",
+        "neighbours",
+        "radii",
+        "median, degrees",
+        "99 %, degrees",
+        "unknown",
+        "ms a million",
+    ];
+    let mut table = Table {
+        title: "Angles and times".into(),
+        head: head.map(String::from).to_vec(),
+        rows: Vec::new(),
+    };
     for (done, (name, scene, truth, noise)) in SCENES.into_iter().enumerate() {
         progress.tick("study normals", done as u64, SCENES.len() as u64)?;
         let spacing = (truth.area / plan.points as f64).sqrt();
-        let cloud = synth::collect(name, &synth::build(scene, plan.seed, 0.0), plan.points, plan.seed, noise * spacing, progress)?;
+        let cloud = synth::collect(
+            name,
+            &synth::build(scene, plan.seed, 0.0),
+            plan.points,
+            plan.seed,
+            noise * spacing,
+            progress,
+        )?;
         let part = &cloud.parts[0];
         let middle = part.bounds().map_or(DVec3::ZERO, |(lo, hi)| (lo + hi) / 2.0);
         let leaf = Leaf::of(&part.columns, &part.lattice, [0; 3], false);
@@ -73,8 +96,15 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
             Ok(ms * 1e6 / places.len().max(1) as f64)
         })?;
         for (((knob, fit), times), found) in fits.into_iter().zip(times).zip(found) {
-            let (angles, unknown) = compare(&leaf, &places, |steps| (truth.normal)(part.lattice.world(steps) - middle), &found);
-            let [median, p99] = [0.5, 0.99].map(|share| angles.get((share * angles.len() as f64) as usize).copied().unwrap_or(0.0));
+            let (angles, unknown) = compare(
+                &leaf,
+                &places,
+                |steps| (truth.normal)(part.lattice.world(steps) - middle),
+                &found,
+            );
+            let [median, p99] = [0.5, 0.99].map(|share| {
+                angles.get((share * angles.len() as f64) as usize).copied().unwrap_or(0.0)
+            });
             let ms = metrics::quartiles(&times);
             let value = if knob == "radii" { fit.reach.to_string() } else { fit.near.to_string() };
             for (metric, error) in METRICS.iter().zip([median, p99, unknown]) {
@@ -92,21 +122,43 @@ pub fn run(_gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Secti
                     front: false,
                 });
             }
-            let numbers = [format!("{median:.3}"), format!("{p99:.3}"), format!("{unknown:.5}"), format!("{:.0}", ms[1])];
-            table.rows.push([vec![name.into(), fit.near.to_string(), fit.reach.to_string()], numbers.to_vec()].concat());
+            let numbers = [
+                format!("{median:.3}"),
+                format!("{p99:.3}"),
+                format!("{unknown:.5}"),
+                format!("{:.0}", ms[1]),
+            ];
+            table.rows.push(
+                [vec![name.into(), fit.near.to_string(), fit.reach.to_string()], numbers.to_vec()]
+                    .concat(),
+            );
         }
     }
     mark_fronts(&mut rows);
     let label = |row: &Row| format!("{} {}", row.value, row.knob);
     let figure = |&(metric, y_axis, caption): &_| {
-        Figure::of("normals", metric, ["milliseconds a million (bars: quartiles)", y_axis], caption, &rows, &label)
+        Figure::of(
+            "normals",
+            metric,
+            ["milliseconds a million (bars: quartiles)", y_axis],
+            caption,
+            &rows,
+            &label,
+        )
     };
     let figures = METRICS.iter().map(figure).collect();
     let how = format!(
         "{} points a scene, of which at most {PLACES} in runs of {RUN} are looked at; n = {} interleaved rounds after one that is not counted, on one core of the CPU, without building the tree. <em>auto</em> is what <code>index --normals</code> does: {} neighbours and {} radii.",
         plan.points, plan.repeat, FIT.near, FIT.reach
     );
-    Ok(Section { name: "normals", title: "Normals".into(), how, rows, figures, tables: vec![table] })
+    Ok(Section {
+        name: "normals",
+        title: "Normals".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![table],
+    })
 }
 
 /// Points that are looked at: so many at most, neighbours in runs as an index looks at them, spread over all.
@@ -121,12 +173,21 @@ fn places(points: usize) -> Vec<usize> {
 /// In the order of the places.
 fn planes(leaf: &Leaf, places: &[usize], fit: Fit) -> Result<Vec<Option<DVec3>>> {
     let (mut around, mut room) = (Surroundings::alone(leaf), Room::default());
-    let normal = |&place: &usize| Ok(normals::patch(&mut around, place, fit, &mut room, &mut |_| {})?.plane.map(|plane| plane.normal));
+    let normal = |&place: &usize| {
+        Ok(normals::patch(&mut around, place, fit, &mut room, &mut |_| {})?
+            .plane
+            .map(|plane| plane.normal))
+    };
     places.iter().map(normal).collect()
 }
 
 /// Degrees, sorted, of those that are known; and the share of others. `truth` is of a place in steps.
-fn compare(leaf: &Leaf, places: &[usize], truth: impl Fn([i64; 3]) -> DVec3, found: &[Option<DVec3>]) -> (Vec<f64>, f64) {
+fn compare(
+    leaf: &Leaf,
+    places: &[usize],
+    truth: impl Fn([i64; 3]) -> DVec3,
+    found: &[Option<DVec3>],
+) -> (Vec<f64>, f64) {
     let angle = |(&place, normal): (&usize, &Option<DVec3>)| {
         let own = truth(leaf.tree.steps(place).map(i64::from));
         normal.map(|normal| normal.cross(own).length().atan2(normal.dot(own).abs()).to_degrees())

@@ -51,20 +51,36 @@ pub fn watch(
     progress: &dyn Progress,
 ) -> Result<Popping> {
     let shrink = 1.0 - STEP_PX / (size[0] as f64 / 2.0);
-    let view =
-        |step: usize| View::new(Camera { eye: camera.target + (camera.eye - camera.target) * shrink.powi(step as i32), ..camera }, size);
-    let change = first_change(residency.index(), detail, (NEAREST.ln() / shrink.ln()) as usize, &view)?;
+    let view = |step: usize| {
+        View::new(
+            Camera {
+                eye: camera.target + (camera.eye - camera.target) * shrink.powi(step as i32),
+                ..camera
+            },
+            size,
+        )
+    };
+    let change =
+        first_change(residency.index(), detail, (NEAREST.ln() / shrink.ln()) as usize, &view)?;
     let first = change.saturating_sub(frames / 2);
     let mut popping = Popping::default();
-    let (mut seen, mut cuts, mut near, mut far) = (Vec::<(Seen, Vec<bool>)>::new(), Vec::<Cut>::new(), Vec::new(), Vec::new());
+    let (mut seen, mut cuts, mut near, mut far) =
+        (Vec::<(Seen, Vec<bool>)>::new(), Vec::<Cut>::new(), Vec::new(), Vec::new());
     for number in 0..frames {
         progress.tick("dolly", number as u64, frames as u64)?;
         let view = view(first + number)?;
         cuts.push(residency.settle(gpu, &view, detail, progress)?.cut);
         let drawing = draw(gpu, &view, residency.resident())?;
         popping.ms.push(drawing.ms);
-        seen.push((Seen::new(&drawing.picture, size, flip::PIXELS_PER_DEGREE), covered(&drawing.depth)));
-        let level_changes = |back: usize| cuts[number - back..].windows(2).any(|pair| changes_level(residency.index(), &pair[0], &pair[1]));
+        seen.push((
+            Seen::new(&drawing.picture, size, flip::PIXELS_PER_DEGREE),
+            covered(&drawing.depth),
+        ));
+        let level_changes = |back: usize| {
+            cuts[number - back..]
+                .windows(2)
+                .any(|pair| changes_level(residency.index(), &pair[0], &pair[1]))
+        };
         if number >= 1 {
             let mean = mean_flip(&seen[number - 1], &seen[number]);
             let changes = level_changes(1);
@@ -82,9 +98,22 @@ pub fn watch(
 }
 
 /// The first step whose cut has other levels than the one before; 0 if there is none. Steps are looked at eight at a time, since a level that has changed stays so.
-fn first_change(index: &Index, detail: &Detail, steps: usize, view: &dyn Fn(usize) -> Result<View>) -> Result<usize> {
+fn first_change(
+    index: &Index,
+    detail: &Detail,
+    steps: usize,
+    view: &dyn Fn(usize) -> Result<View>,
+) -> Result<usize> {
     const STRIDE: usize = 8;
-    let choose = |step: usize| Ok::<_, crate::error::Error>(cut::choose(index, &view(step)?, &Clips::default(), detail, &HashSet::new()));
+    let choose = |step: usize| {
+        Ok::<_, crate::error::Error>(cut::choose(
+            index,
+            &view(step)?,
+            &Clips::default(),
+            detail,
+            &HashSet::new(),
+        ))
+    };
     let mut before = choose(0)?;
     for step in (STRIDE..=steps).step_by(STRIDE) {
         let now = choose(step)?;
@@ -108,7 +137,9 @@ fn changes_level(index: &Index, a: &Cut, b: &Cut) -> bool {
     let (a, b) = (nodes(a), nodes(b));
     let above = |nodes: &HashSet<usize>, others: &HashSet<usize>| {
         nodes.difference(others).any(|&node| {
-            let parent = |&node: &usize| Some(index.nodes()[node].parent as usize).filter(|&parent| parent != node);
+            let parent = |&node: &usize| {
+                Some(index.nodes()[node].parent as usize).filter(|&parent| parent != node)
+            };
             std::iter::successors(parent(&node), parent).any(|node| others.contains(&node))
         })
     };
@@ -118,5 +149,10 @@ fn changes_level(index: &Index, a: &Cut, b: &Cut) -> bool {
 /// Over the pixels that either covers.
 pub fn mean_flip((a, a_covers): &(Seen, Vec<bool>), (b, b_covers): &(Seen, Vec<bool>)) -> f64 {
     let map = flip::difference(a, b);
-    metrics::mean(map.iter().zip(a_covers.iter().zip(b_covers)).filter(|(_, (a, b))| **a || **b).map(|(v, _)| *v as f64))
+    metrics::mean(
+        map.iter()
+            .zip(a_covers.iter().zip(b_covers))
+            .filter(|(_, (a, b))| **a || **b)
+            .map(|(v, _)| *v as f64),
+    )
 }

@@ -26,10 +26,15 @@ use rayon::prelude::*;
 
 pub const SUMMARY: &str = "bits of position, against error in pixels and metres";
 
-const SCENES: [(&str, Scene); 3] = [("sphere", Scene::Sphere), ("street", Scene::Street), ("terrain", Scene::Terrain)];
+const SCENES: [(&str, Scene); 3] =
+    [("sphere", Scene::Sphere), ("street", Scene::Street), ("terrain", Scene::Terrain)];
 
-const SETTINGS: [(&str, Precision); 4] =
-    [("10", Precision::Planes(1)), ("20", Precision::Planes(2)), ("all", Precision::Planes(3)), ("auto", Precision::Auto)];
+const SETTINGS: [(&str, Precision); 4] = [
+    ("10", Precision::Planes(1)),
+    ("20", Precision::Planes(2)),
+    ("all", Precision::Planes(3)),
+    ("auto", Precision::Auto),
+];
 
 /// The setting that the others' pictures are compared with.
 const FULL: usize = 2;
@@ -39,12 +44,24 @@ pub(super) const UTM: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
 
 /// Metric, its unit for axes, and what it is.
 const METRICS: [(&str, &str, &str); 6] = [
-    ("px_max", "largest error, pixels", "Pixels: the point farthest outside of the pixel that shows it"),
+    (
+        "px_max",
+        "largest error, pixels",
+        "Pixels: the point farthest outside of the pixel that shows it",
+    ),
     ("px_rms", "RMS error, pixels", "Pixels: root mean square over all drawn pixels"),
     ("m_max", "largest error of depth, metres", "Metres: the largest error of depth"),
     ("m_rms", "RMS error of depth, metres", "Metres: root mean square error of depth"),
-    ("index_share", "share of pixels with another point", "Pixels that show another point than at full precision"),
-    ("bytes_read", "bytes of positions read", "Bytes: position planes read of all drawn nodes, which is a cost, not an error"),
+    (
+        "index_share",
+        "share of pixels with another point",
+        "Pixels that show another point than at full precision",
+    ),
+    (
+        "bytes_read",
+        "bytes of positions read",
+        "Bytes: position planes read of all drawn nodes, which is a cost, not an error",
+    ),
 ];
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
@@ -70,12 +87,17 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let mut world = synth::build(scene, plan.seed, 0.0);
         world.offset = UTM;
         world.step = finest_step(&world);
-        let cloud = synth::collect(name, &world, plan.points, plan.seed, scene.default_noise(), progress)?;
-        let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), progress)?;
+        let cloud =
+            synth::collect(name, &world, plan.points, plan.seed, scene.default_noise(), progress)?;
+        let resident =
+            Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), progress)?;
         let points = Points::new(&cloud.parts, &resident.nodes);
         for (view_name, camera) in cameras(&world) {
             let view = View::new(camera, plan.size)?;
-            let drawings = SETTINGS.iter().map(|(_, precision)| draw(gpu, &view, &resident, *precision)).collect::<Result<Vec<_>>>()?;
+            let drawings = SETTINGS
+                .iter()
+                .map(|(_, precision)| draw(gpu, &view, &resident, *precision))
+                .collect::<Result<Vec<_>>>()?;
             let times = sweep::interleaved(&SETTINGS, plan.repeat, |(_, precision)| {
                 progress.tick("study precision", done as u64, SCENES.len() as u64)?;
                 Ok(draw(gpu, &view, &resident, *precision)?.ms)
@@ -85,8 +107,11 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 let [px, metres] = truth(&view, &points, &drawings[i]);
                 let index = index_share(&drawings[i], &drawings[FULL]);
                 let bytes = drawings[i].statistics.position_bytes as f64;
-                for (metric, error) in METRICS.iter().zip([px.max, px.rms, metres.max, metres.rms, index, bytes]) {
-                    let (scene, view, metric, value) = (name, view_name, metric.0, value.to_string());
+                for (metric, error) in
+                    METRICS.iter().zip([px.max, px.rms, metres.max, metres.rms, index, bytes])
+                {
+                    let (scene, view, metric, value) =
+                        (name, view_name, metric.0, value.to_string());
                     rows.push(Row {
                         scene,
                         view,
@@ -106,9 +131,22 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         resident.free(gpu);
     }
     mark_fronts(&mut rows);
-    let label = |row: &Row| if row.value.parse::<u32>().is_ok() { format!("{} bits", row.value) } else { row.value.clone() };
+    let label = |row: &Row| {
+        if row.value.parse::<u32>().is_ok() {
+            format!("{} bits", row.value)
+        } else {
+            row.value.clone()
+        }
+    };
     let figure = |&(metric, y_axis, caption): &_| {
-        Figure::of("precision", metric, ["milliseconds to project (bars: quartiles)", y_axis], caption, &rows, &label)
+        Figure::of(
+            "precision",
+            metric,
+            ["milliseconds to project (bars: quartiles)", y_axis],
+            caption,
+            &rows,
+            &label,
+        )
     };
     let figures = METRICS.iter().map(figure).collect();
     let how = format!(
@@ -118,7 +156,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
          renderer's own picture at full precision, so there <em>all</em> is 0 by definition.",
         plan.points, plan.size[0], plan.size[1], plan.repeat
     );
-    Ok(Section { name: "precision", title: "Bits of position".into(), how, rows, figures, tables: vec![counters] })
+    Ok(Section {
+        name: "precision",
+        title: "Bits of position".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![counters],
+    })
 }
 
 /// As fine as readers keep coordinates of floating-point files, the finest there are: less than 2^30 steps across. A millimetre lattice needs no more than 20 bits a node.
@@ -131,10 +176,18 @@ pub(super) fn finest_step(world: &World) -> f64 {
 /// From four times as far as the scene's own camera, from there, and from a fortieth of its distance to what it looks at.
 pub(super) fn cameras(world: &World) -> [(&'static str, Camera); 3] {
     let look = world.camera();
-    let camera =
-        |eye, target| Camera { eye, target, up: DVec3::Z, fov_y: look.fov_y, projection: Projection::Perspective, ortho_height: None };
+    let camera = |eye, target| Camera {
+        eye,
+        target,
+        up: DVec3::Z,
+        fov_y: look.fov_y,
+        projection: Projection::Perspective,
+        ortho_height: None,
+    };
     let back = look.eye - look.target;
-    let hit = world.trace(look.eye - world.offset, -back).map_or(look.target, |hit| hit.point + world.offset);
+    let hit = world
+        .trace(look.eye - world.offset, -back)
+        .map_or(look.target, |hit| hit.point + world.offset);
     [
         ("far", camera(look.target + back * 4.0, look.target)),
         ("near", camera(look.eye, look.target)),
@@ -175,19 +228,30 @@ fn truth(view: &View, points: &Points, drawing: &Drawing) -> [Errors; 2] {
     let pixel = |(i, (&id, &depth)): (usize, (&u32, &f32))| {
         let v = points.relative(id, view.camera.eye);
         let z = v.dot(view.basis.forward);
-        let at = [v.dot(view.basis.right) * f / z + width / 2.0, -v.dot(view.basis.up) * f / z + height / 2.0];
+        let at = [
+            v.dot(view.basis.right) * f / z + width / 2.0,
+            -v.dot(view.basis.up) * f / z + height / 2.0,
+        ];
         let corner = [(i % view.size[0] as usize) as f64, (i / view.size[0] as usize) as f64];
-        let outside = |axis: usize| (corner[axis] - at[axis]).max(at[axis] - corner[axis] - 1.0).max(0.0);
+        let outside =
+            |axis: usize| (corner[axis] - at[axis]).max(at[axis] - corner[axis] - 1.0).max(0.0);
         (outside(0).hypot(outside(1)), (depth as f64 - z).abs())
     };
-    let drawn = drawing.index.par_iter().zip(&drawing.depth).enumerate().filter(|(_, (id, _))| **id != NO_POINT);
+    let drawn = drawing
+        .index
+        .par_iter()
+        .zip(&drawing.depth)
+        .enumerate()
+        .filter(|(_, (id, _))| **id != NO_POINT);
     let errors: Vec<(f64, f64)> = drawn.map(pixel).collect();
     [metrics::errors(errors.iter().map(|e| e.0)), metrics::errors(errors.iter().map(|e| e.1))]
 }
 
 /// Of the pixels that either covers, the share that shows another point.
 fn index_share(drawing: &Drawing, full: &Drawing) -> f64 {
-    let pairs = || drawing.index.iter().zip(&full.index).filter(|(a, b)| **a != NO_POINT || **b != NO_POINT);
+    let pairs = || {
+        drawing.index.iter().zip(&full.index).filter(|(a, b)| **a != NO_POINT || **b != NO_POINT)
+    };
     pairs().filter(|(a, b)| a != b).count() as f64 / pairs().count().max(1) as f64
 }
 

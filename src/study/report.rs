@@ -41,11 +41,27 @@ impl Figure {
             if panels.last().is_none_or(|panel| panel.title != title) {
                 panels.push(Panel { title, marks: Vec::new() });
             }
-            let mark = Mark { label: label(row), x: row.ms, y: row.error, front: row.front, auto: row.auto };
+            let mark = Mark {
+                label: label(row),
+                x: row.ms,
+                y: row.error,
+                front: row.front,
+                auto: row.auto,
+            };
             panels.last_mut().expect("pushed above").marks.push(mark);
         }
-        let chart = Chart { title: caption.into(), x_axis: x_axis.into(), y_axis: y_axis.into(), columns: 3, panels };
-        Figure { file: format!("{study}-{}.svg", metric.replace('_', "-")), caption: caption.into(), svg: chart.svg() }
+        let chart = Chart {
+            title: caption.into(),
+            x_axis: x_axis.into(),
+            y_axis: y_axis.into(),
+            columns: 3,
+            panels,
+        };
+        Figure {
+            file: format!("{study}-{}.svg", metric.replace('_', "-")),
+            caption: caption.into(),
+            svg: chart.svg(),
+        }
     }
 }
 
@@ -66,24 +82,35 @@ pub struct Origin {
 
 impl Origin {
     pub fn here(gpu: &Gpu) -> Origin {
-        let git = std::process::Command::new("git").args(["describe", "--always", "--dirty", "--abbrev=12"]).output();
+        let git = std::process::Command::new("git")
+            .args(["describe", "--always", "--dirty", "--abbrev=12"])
+            .output();
         let commit = git
             .ok()
             .filter(|out| out.status.success())
             .and_then(|out| String::from_utf8(out.stdout).ok())
             .map(|text| text.trim().to_string());
         let command = std::env::args().collect::<Vec<_>>().join(" ");
-        Origin { device: gpu.device.name.clone(), driver: gpu.device.driver.clone(), is_cpu: gpu.device.is_cpu, commit, command }
+        Origin {
+            device: gpu.device.name.clone(),
+            driver: gpu.device.driver.clone(),
+            is_cpu: gpu.device.is_cpu,
+            commit,
+            command,
+        }
     }
 }
 
-pub const COLUMNS: &str = "study,scene,view,knob,value,metric,error,ms_median,ms_q1,ms_q3,n,auto,front,device";
+pub const COLUMNS: &str =
+    "study,scene,view,knob,value,metric,error,ms_median,ms_q1,ms_q3,n,auto,front,device";
 
 pub fn write(folder: &Path, sections: &[Section], plan: &Plan, origin: &Origin) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|error| Error::io("create", folder, error))?;
     let put = |name: &str, text: &str| {
         let path = folder.join(name);
-        whole_file(&path, |partial| std::fs::write(partial, text).map_err(|error| Error::io("write", &path, error)))
+        whole_file(&path, |partial| {
+            std::fs::write(partial, text).map_err(|error| Error::io("write", &path, error))
+        })
     };
     for section in sections {
         put(&format!("{}.csv", section.name), &csv(section, origin))?;
@@ -94,10 +121,17 @@ pub fn write(folder: &Path, sections: &[Section], plan: &Plan, origin: &Origin) 
 
 /// RFC 4180: a field with a comma or a quote is quoted. Numbers are the shortest that read back the same.
 pub fn csv(section: &Section, origin: &Origin) -> String {
-    let field = |text: &str| if text.contains([',', '"', '\n']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_string() };
+    let field = |text: &str| {
+        if text.contains([',', '"', '\n']) {
+            format!("\"{}\"", text.replace('"', "\"\""))
+        } else {
+            text.to_string()
+        }
+    };
     let mut text = format!("{COLUMNS}\n");
     for row in &section.rows {
-        let Row { scene, view, knob, value, metric, error, ms: [q1, median, q3], n, auto, front } = row;
+        let Row { scene, view, knob, value, metric, error, ms: [q1, median, q3], n, auto, front } =
+            row;
         let (name, device) = (section.name, field(&origin.device));
         let _ = writeln!(
             text,
@@ -122,7 +156,11 @@ pub fn html(sections: &[Section], plan: &Plan, origin: &Origin) -> String {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>pointillist: accuracy against time</title><style>{STYLE}</style></head><body>\n"
     );
-    let _ = writeln!(page, "<h1>Accuracy against time</h1>\n<p class=\"soft\">pointillist {}</p>", env!("CARGO_PKG_VERSION"));
+    let _ = writeln!(
+        page,
+        "<h1>Accuracy against time</h1>\n<p class=\"soft\">pointillist {}</p>",
+        env!("CARGO_PKG_VERSION")
+    );
     let _ = writeln!(page, "<p>{READING}</p>");
     if origin.is_cpu {
         let _ = writeln!(
@@ -147,9 +185,20 @@ pub fn html(sections: &[Section], plan: &Plan, origin: &Origin) -> String {
     }
     let _ = writeln!(page, "</table>");
     for section in sections {
-        let _ = writeln!(page, "<h2 id=\"{}\">{}</h2>\n<p>{}</p>", section.name, escaped(&section.title), section.how);
+        let _ = writeln!(
+            page,
+            "<h2 id=\"{}\">{}</h2>\n<p>{}</p>",
+            section.name,
+            escaped(&section.title),
+            section.how
+        );
         for figure in &section.figures {
-            let _ = writeln!(page, "<figure role=\"img\" aria-label=\"{}\">{}</figure>", escaped(&figure.caption), inline(&figure.svg));
+            let _ = writeln!(
+                page,
+                "<figure role=\"img\" aria-label=\"{}\">{}</figure>",
+                escaped(&figure.caption),
+                inline(&figure.svg)
+            );
         }
         section.tables.iter().for_each(|table| write_table(&mut page, table));
         write_table(&mut page, &all_rows(section));
@@ -179,15 +228,21 @@ fn all_rows(section: &Section) -> Table {
             mark(row.front),
         ]
     };
-    let head = ["scene", "view", "metric", "setting", "error", "ms (quartiles)", "n", "front"].map(String::from).to_vec();
+    let head = ["scene", "view", "metric", "setting", "error", "ms (quartiles)", "n", "front"]
+        .map(String::from)
+        .to_vec();
     Table { title: "All configurations".into(), head, rows: section.rows.iter().map(row).collect() }
 }
 
 fn write_table(page: &mut String, table: &Table) {
     let _ = write!(page, "<h3>{}</h3>\n<div class=\"scroll\"><table><tr>", escaped(&table.title));
     // A column of numbers stands to the right.
-    let numeric = |column: usize| table.rows.iter().all(|row| row[column].starts_with(|c: char| c.is_ascii_digit()));
-    let class: Vec<&str> = (0..table.head.len()).map(|column| if numeric(column) { " class=\"n\"" } else { "" }).collect();
+    let numeric = |column: usize| {
+        table.rows.iter().all(|row| row[column].starts_with(|c: char| c.is_ascii_digit()))
+    };
+    let class: Vec<&str> = (0..table.head.len())
+        .map(|column| if numeric(column) { " class=\"n\"" } else { "" })
+        .collect();
     for (name, class) in table.head.iter().zip(&class) {
         let _ = write!(page, "<th{class}>{}</th>", escaped(name));
     }

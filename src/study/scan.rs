@@ -27,7 +27,11 @@ impl Folder {
     fn new() -> Result<Folder> {
         static NUMBER: AtomicUsize = AtomicUsize::new(0);
         loop {
-            let path = std::env::temp_dir().join(format!("pointillist-study-{}-{}", std::process::id(), NUMBER.fetch_add(1, Relaxed)));
+            let path = std::env::temp_dir().join(format!(
+                "pointillist-study-{}-{}",
+                std::process::id(),
+                NUMBER.fetch_add(1, Relaxed)
+            ));
             match std::fs::create_dir(&path) {
                 Ok(()) => return Ok(Folder(path)),
                 // Of a process that was killed, and had the number that this one has.
@@ -46,7 +50,13 @@ impl Drop for Folder {
 
 impl Scan {
     /// In survey coordinates, as LAS; on a lattice of another step than the scene's own where `step` says so.
-    pub fn new(scene: Scene, step: impl Fn(&World) -> f64, points: u64, seed: u64, progress: &dyn Progress) -> Result<Scan> {
+    pub fn new(
+        scene: Scene,
+        step: impl Fn(&World) -> f64,
+        points: u64,
+        seed: u64,
+        progress: &dyn Progress,
+    ) -> Result<Scan> {
         let mut world = synth::build(scene, seed, 0.0);
         world.offset = UTM;
         world.step = step(&world);
@@ -64,7 +74,13 @@ impl Scan {
         build::build(
             &[input],
             &output,
-            &Options { memory: 1 << 30, threads, wanted: WANTED, strict: true, ..Options::usual(true) },
+            &Options {
+                memory: 1 << 30,
+                threads,
+                wanted: WANTED,
+                strict: true,
+                ..Options::usual(true)
+            },
             progress,
         )?;
         Ok(Scan { world, index: Arc::new(Index::open(&output)?), source, _folder: folder })

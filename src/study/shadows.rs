@@ -29,11 +29,22 @@ const MOST_POINTS: u64 = 400_000;
 
 const KNOBS: [(&str, &[(&str, &str)]); 5] = [
     (AUTO, &[(AUTO, "samples=16")]),
-    ("size", &[("128", "samples=16,size=128"), ("256", "samples=16,size=256"), ("1024", "samples=16,size=1024")]),
+    (
+        "size",
+        &[
+            ("128", "samples=16,size=128"),
+            ("256", "samples=16,size=256"),
+            ("1024", "samples=16,size=1024"),
+        ],
+    ),
     ("samples", &[("1", "samples=1"), ("4", "samples=4"), ("64", "samples=64")]),
     (
         "pattern",
-        &[("random 4", "samples=4,pattern=random"), ("random 16", "samples=16,pattern=random"), ("random 64", "samples=64,pattern=random")],
+        &[
+            ("random 4", "samples=4,pattern=random"),
+            ("random 16", "samples=16,pattern=random"),
+            ("random 64", "samples=64,pattern=random"),
+        ],
     ),
     ("method", &[("index 4", "samples=4,method=index")]),
 ];
@@ -48,7 +59,8 @@ struct Configuration {
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let configurations = KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
+    let configurations =
+        KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
     let configurations = configurations.map(|(knob, (value, settings))| {
         let mut effects = Effects::default();
         effects.set(&format!("shadows=on,radius={RADIUS},{settings}")).map_err(Error::Request)?;
@@ -57,9 +69,11 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let configurations = configurations.collect::<Result<Vec<_>>>()?;
     let mut world = synth::build(synth::Scene::Step, plan.seed, HEIGHT);
     world.offset = DVec3::ZERO;
-    let cloud = synth::collect("step", &world, plan.points.min(MOST_POINTS), plan.seed, 0.0, progress)?;
+    let cloud =
+        synth::collect("step", &world, plan.points.min(MOST_POINTS), plan.seed, 0.0, progress)?;
     let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64])?;
-    let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), progress)?;
+    let resident =
+        Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), progress)?;
     let mut found: Vec<([f64; 2], Facts)> = Vec::new();
     for configuration in &configurations {
         found.push(error(gpu, &view, &resident, configuration)?);
@@ -78,20 +92,39 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let mut rows = Vec::new();
     let mut table = Table {
         title: "All configurations".into(),
-        head: ["knob", "value", "rms, %", "off, %", "texel, mm", "shadow begins behind a surface, mm", "ms"].map(String::from).to_vec(),
+        head: [
+            "knob",
+            "value",
+            "rms, %",
+            "off, %",
+            "texel, mm",
+            "shadow begins behind a surface, mm",
+            "ms",
+        ]
+        .map(String::from)
+        .to_vec(),
         rows: Vec::new(),
     };
     for ((configuration, (errors, facts)), times) in configurations.iter().zip(&found).zip(&times) {
         let Configuration { knob, value, .. } = configuration;
         let ms = metrics::quartiles(times);
-        rows.extend(super::rows(["step", "plate over floor"], [knob, value], METRICS.map(|metric| metric.0), errors, times));
+        rows.extend(super::rows(
+            ["step", "plate over floor"],
+            [knob, value],
+            METRICS.map(|metric| metric.0),
+            errors,
+            times,
+        ));
         let numbers =
-            [100.0 * errors[0], 100.0 * errors[1], 1e3 * facts.texel_m, 1e3 * facts.layer_m, ms[1]].map(|number| format!("{number:.3}"));
+            [100.0 * errors[0], 100.0 * errors[1], 1e3 * facts.texel_m, 1e3 * facts.layer_m, ms[1]]
+                .map(|number| format!("{number:.3}"));
         table.rows.push([knob.to_string(), value.to_string()].into_iter().chain(numbers).collect());
     }
     mark_fronts(&mut rows);
     let figure = |(metric, axis): (&str, &str)| {
-        let label = |row: &Row| if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) };
+        let label = |row: &Row| {
+            if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) }
+        };
         Figure::of(
             "shadows",
             metric,
@@ -110,31 +143,56 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         2.0 * RADIUS,
         plan.repeat
     );
-    Ok(Section { name: "shadows", title: "Shadows: picture, samples, method".into(), how, rows, figures, tables: vec![table] })
+    Ok(Section {
+        name: "shadows",
+        title: "Shadows: picture, samples, method".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![table],
+    })
 }
 
-fn cast(g: &mut Graph, view: &View, resident: &Resident, configuration: &Configuration) -> Result<shadows::Marks> {
+fn cast(
+    g: &mut Graph,
+    view: &View,
+    resident: &Resident,
+    configuration: &Configuration,
+) -> Result<shadows::Marks> {
     let scene = Seen::of(view, resident, Light::Direction(DVec3::NEG_Z));
     let effects = &configuration.effects;
     let marks = shadows::marks(g, &scene, resident, effects, &effects.decide(&scene), None)?;
     marks.ok_or(Error::Request("study shadows needs points".into()))
 }
 
-fn error(gpu: &mut Gpu, view: &View, resident: &Resident, configuration: &Configuration) -> Result<([f64; 2], Facts)> {
+fn error(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    configuration: &Configuration,
+) -> Result<([f64; 2], Facts)> {
     let mut g = Graph::new(gpu);
     let shadows::Marks { counts, facts, .. } = cast(&mut g, view, resident, configuration)?;
     let counts = g.download_buffer(&counts);
     let frame = g.submit(&[])?;
     let marks: &[u8] = frame.read(&counts);
-    let ids = resident.nodes.iter().flat_map(|node| (0..node.count).map(|i| (node.number * POINTS_PER_PAGE + i) as usize));
+    let ids = resident
+        .nodes
+        .iter()
+        .flat_map(|node| (0..node.count).map(|i| (node.number * POINTS_PER_PAGE + i) as usize));
     let (mut squares, mut half_shadows, mut off, mut all) = (0.0, 0.0f64, 0.0, 0.0f64);
     for (p, id) in resident.positions(gpu)?.into_iter().zip(ids) {
         // The ends of the edge are no line.
         if p.x.abs() > 1.5 || p.y.abs() > 1.5 {
             continue;
         }
-        let truth = if p.z > HEIGHT / 2.0 { 1.0 } else { left_of(-p.x / (HEIGHT * RADIUS.to_radians().tan())) };
-        let error = (marks[id].min(facts.samples as u8) as f64 / facts.samples as f64 - truth).abs();
+        let truth = if p.z > HEIGHT / 2.0 {
+            1.0
+        } else {
+            left_of(-p.x / (HEIGHT * RADIUS.to_radians().tan()))
+        };
+        let error =
+            (marks[id].min(facts.samples as u8) as f64 / facts.samples as f64 - truth).abs();
         if truth > 0.0 && truth < 1.0 {
             squares += error * error;
             half_shadows += 1.0;

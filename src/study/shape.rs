@@ -14,7 +14,8 @@ use crate::progress::Progress;
 use crate::view::{Projection, View};
 use rayon::prelude::*;
 
-pub const SUMMARY: &str = "levels: light against that of many levels, and against that of the surface itself";
+pub const SUMMARY: &str =
+    "levels: light against that of many levels, and against that of the surface itself";
 
 const MANY: f64 = 64.0;
 
@@ -31,24 +32,39 @@ struct Light {
 }
 
 const METRICS: &[Metric] = &[
-    Metric { name: "self_rms", axis: "RMS error of light", about: "Light against the renderer's own with 64 levels (self)", root: true },
-    Metric { name: "truth_rms", axis: "RMS error of light", about: "Light against that of the surface itself, f64", root: true },
+    Metric {
+        name: "self_rms",
+        axis: "RMS error of light",
+        about: "Light against the renderer's own with 64 levels (self)",
+        root: true,
+    },
+    Metric {
+        name: "truth_rms",
+        axis: "RMS error of light",
+        about: "Light against that of the surface itself, f64",
+        root: true,
+    },
 ];
 
 impl Question for Shape {
     const NAME: &'static str = "shape";
     const TITLE: &'static str = "Shape depiction: levels";
     const METRICS: &'static [Metric] = METRICS;
-    const COUNTERS: &'static [&'static str] = &["tiles of the first level", "tiles of deeper levels"];
-    const REFERENCE: &'static [&'static str] = &["visibility=on", "fill=on", "shape=on,levels=64", "edl=off"];
+    const COUNTERS: &'static [&'static str] =
+        &["tiles of the first level", "tiles of deeper levels"];
+    const REFERENCE: &'static [&'static str] =
+        &["visibility=on", "fill=on", "shape=on,levels=64", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve", "hide", "fill"];
     const HOW: &'static str = "Light is 0 to 1. Errors are root mean squares over interior pixels that have a depth. <em>Self</em> is the renderer's own light with 64 levels, which is 0 there by \
         definition; the truth is the operator with 64 levels on ray-cast depths, in f64. One level is the single pass of the paper. Visibility and filling run before, and are not timed here.";
     type Known = Light;
 
     fn configurations(_case: &Case) -> Vec<Configuration> {
-        let own = |knob, value: &str, shape: &str| Configuration::new(knob, value, &["visibility=on", "fill=on", "edl=off", shape]);
-        let levels = ["1", "2", "4", "6", "12", "16", "32", "64"].map(|levels| own("levels", levels, &format!("shape=on,levels={levels}")));
+        let own = |knob, value: &str, shape: &str| {
+            Configuration::new(knob, value, &["visibility=on", "fill=on", "edl=off", shape])
+        };
+        let levels = ["1", "2", "4", "6", "12", "16", "32", "64"]
+            .map(|levels| own("levels", levels, &format!("shape=on,levels={levels}")));
         [own(AUTO, AUTO, "shape=on")].into_iter().chain(levels).collect()
     }
 
@@ -60,9 +76,12 @@ impl Question for Shape {
     fn measure(case: &Case, known: &Light, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let counts = |i: &usize| case.truth.interior[*i] && drawing.depth[*i].is_finite();
         let pixels: Vec<usize> = (0..drawing.depth.len()).filter(counts).collect();
-        let squares = |light: &dyn Fn(usize) -> f64| pixels.iter().map(|&i| (drawing.lit[i] as f64 - light(i)).powi(2)).sum::<f64>();
+        let squares = |light: &dyn Fn(usize) -> f64| {
+            pixels.iter().map(|&i| (drawing.lit[i] as f64 - light(i)).powi(2)).sum::<f64>()
+        };
         let count = pixels.len() as f64;
-        let parts = vec![[squares(&|i| known.own[i] as f64), count], [squares(&|i| known.truth[i]), count]];
+        let parts =
+            vec![[squares(&|i| known.own[i] as f64), count], [squares(&|i| known.truth[i]), count]];
         (parts, [drawing.counts.tiles, drawing.counts.rough].map(|count| count as f64).to_vec())
     }
 }
@@ -90,7 +109,8 @@ fn light(view: &View, settings: &shape::Settings, mut depth: Vec<f64>) -> Vec<f6
             }
             let mu: f64 = sum / count;
             let sigma = (squares / count - mu * mu).max(0.0).sqrt();
-            let eps = if view.camera.projection == Projection::Perspective { width * own } else { width };
+            let eps =
+                if view.camera.projection == Projection::Perspective { width * own } else { width };
             let omega = (1.0 - (sigma - mu).abs() / (2.0 * sigma + eps)).clamp(0.0, 1.0);
             (omega, (own + mu - sigma / 2.0).max(own / 2.0))
         };

@@ -11,7 +11,8 @@ use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;
 
-pub const SUMMARY: &str = "filters: depths and roughness of smoothed surfaces, against the surface itself";
+pub const SUMMARY: &str =
+    "filters: depths and roughness of smoothed surfaces, against the surface itself";
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     configurations::run::<Smooth>(gpu, plan, progress)
@@ -42,8 +43,14 @@ impl Question for Smooth {
     const TITLE: &'static str = "Smoothing: filters";
     const METRICS: &'static [Metric] = METRICS;
     const COUNTERS: &'static [&'static str] = &["pixels with a depth"];
-    const REFERENCE: &'static [&'static str] =
-        &["visibility=off", "fill=on,method=dobrev", "smooth=off", "antialias=off", "shape=off", "edl=off"];
+    const REFERENCE: &'static [&'static str] = &[
+        "visibility=off",
+        "fill=on,method=dobrev",
+        "smooth=off",
+        "antialias=off",
+        "shape=off",
+        "edl=off",
+    ];
     const AFTER: &'static [&'static str] = &["resolve", "hide", "fill"];
     const HOW: &'static str = "Surfaces are filled by masks, or where <em>pintus</em> is said by medians and means. <em>auto</em> is what is done after filling by masks when nothing is asked for: the \
         alleviated Gaussian, once, where points are about a pixel apart, and the box as often as it takes where they are more, of pixels that were filled and those beside them. Filters run as often \
@@ -53,19 +60,33 @@ impl Question for Smooth {
     fn configurations(_case: &Case) -> Vec<Configuration> {
         let after = |visibility: &'static str, fill: &'static str| {
             move |knob, value: String, smooth: &str| {
-                Configuration::new(knob, value, &[visibility, fill, smooth, "antialias=off", "shape=off", "edl=off"])
+                Configuration::new(
+                    knob,
+                    value,
+                    &[visibility, fill, smooth, "antialias=off", "shape=off", "edl=off"],
+                )
             }
         };
-        let (masks, pintus) = (after("visibility=off", "fill=on,method=dobrev"), after("visibility=on", "fill=on"));
+        let (masks, pintus) =
+            (after("visibility=off", "fill=on,method=dobrev"), after("visibility=on", "fill=on"));
         let filters = ["none", "alleviated", "gaussian", "box"].map(|filter| match filter {
             "none" => (filter, "smooth=off".to_string()),
             _ => (filter, format!("smooth=on,filter={filter}")),
         });
-        let all = |smooth: &str| if smooth == "smooth=off" { smooth.to_string() } else { format!("{smooth},pixels=all") };
-        let measured_too = filters[1..].iter().map(|(filter, smooth)| masks("pixels", format!("all, {filter}"), &all(smooth)));
-        let filter = filters.iter().map(|(filter, smooth)| masks("filter", filter.to_string(), smooth));
-        let iterations = ["2", "4", "8"].map(|often| masks("iterations", often.to_string(), &format!("smooth=on,iterations={often}")));
-        let others = filters.iter().map(|(filter, smooth)| pintus("pintus", format!("pintus, {filter}"), &all(smooth)));
+        let all = |smooth: &str| {
+            if smooth == "smooth=off" { smooth.to_string() } else { format!("{smooth},pixels=all") }
+        };
+        let measured_too = filters[1..]
+            .iter()
+            .map(|(filter, smooth)| masks("pixels", format!("all, {filter}"), &all(smooth)));
+        let filter =
+            filters.iter().map(|(filter, smooth)| masks("filter", filter.to_string(), smooth));
+        let iterations = ["2", "4", "8"].map(|often| {
+            masks("iterations", often.to_string(), &format!("smooth=on,iterations={often}"))
+        });
+        let others = filters
+            .iter()
+            .map(|(filter, smooth)| pintus("pintus", format!("pintus, {filter}"), &all(smooth)));
         [masks(AUTO, AUTO.to_string(), "smooth=auto")]
             .into_iter()
             .chain(filter)
@@ -80,12 +101,16 @@ impl Question for Smooth {
     fn measure(case: &Case, _known: &(), drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let width = case.view.size[0] as usize;
         let error = |i: usize| {
-            let counts = case.truth.interior.get(i).is_some_and(|interior| *interior) && drawing.depth[i].is_finite();
+            let counts = case.truth.interior.get(i).is_some_and(|interior| *interior)
+                && drawing.depth[i].is_finite();
             counts.then(|| drawing.depth[i] as f64 / case.truth.depth[i] - 1.0)
         };
         let square = |error: f64| error.clamp(-MOST, MOST).powi(2);
         let roughness = |i: usize| {
-            let beside: Vec<f64> = [i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width].into_iter().filter_map(error).collect();
+            let beside: Vec<f64> = [i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width]
+                .into_iter()
+                .filter_map(error)
+                .collect();
             let mean = beside.iter().sum::<f64>() / 4.0;
             error(i).filter(|_| beside.len() == 4).map(|own| own - mean)
         };

@@ -17,7 +17,8 @@ use crate::resident::Resident;
 use crate::synth::{self, Scene};
 use crate::view::{Camera, Preset, View};
 
-pub const SUMMARY: &str = "passes of the A-buffer, blending, order, Gaussians: against all strokes sorted";
+pub const SUMMARY: &str =
+    "passes of the A-buffer, blending, order, Gaussians: against all strokes sorted";
 
 const SCENES: [(&str, Scene); 2] = [("torus", Scene::Torus), ("street", Scene::Street)];
 
@@ -38,11 +39,17 @@ const KNOBS: [(&str, &[(&str, &str)]); 5] = [
     ("order", &[("stroke", "strokes=order=stroke")]),
     (
         "gaussians",
-        &[("6", "strokes=gaussians=6"), ("7", "strokes=gaussians=7"), ("8", "strokes=gaussians=8"), ("9", "strokes=gaussians=9")],
+        &[
+            ("6", "strokes=gaussians=6"),
+            ("7", "strokes=gaussians=7"),
+            ("8", "strokes=gaussians=8"),
+            ("9", "strokes=gaussians=9"),
+        ],
     ),
 ];
 
-const METRICS: [(&str, &str); 1] = [("self_rms", "linear colour, RMS, of all strokes sorted (self)")];
+const METRICS: [(&str, &str); 1] =
+    [("self_rms", "linear colour, RMS, of all strokes sorted (self)")];
 
 /// For the twin, which looks at every stroke in every pixel.
 const FEW: u64 = 3000;
@@ -55,7 +62,8 @@ struct Configuration {
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let configurations = KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
+    let configurations =
+        KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
     let configurations = configurations.map(|(knob, (value, effect))| {
         let mut wishes = Wishes { effects: Effects::of(Style::Strokes), ..Wishes::default() };
         for effect in ["edl=off", effect] {
@@ -67,7 +75,9 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let mut rows = Vec::new();
     let mut table = Table {
         title: "All configurations".into(),
-        head: ["scene", "knob", "value", "RMS", "ms", "fragments", "in a pixel at most"].map(String::from).to_vec(),
+        head: ["scene", "knob", "value", "RMS", "ms", "fragments", "in a pixel at most"]
+            .map(String::from)
+            .to_vec(),
         rows: Vec::new(),
     };
     let mut crossings = Table {
@@ -77,29 +87,57 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     };
     for (name, scene) in SCENES {
         progress.tick(&format!("study strokes: {name}"), 0, 0)?;
-        let cloud = synth::collect(name, &synth::build(scene, plan.seed, 0.0), plan.points, plan.seed, 0.0, progress)?;
-        let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), plan.size), plan.size)?;
+        let cloud = synth::collect(
+            name,
+            &synth::build(scene, plan.seed, 0.0),
+            plan.points,
+            plan.seed,
+            0.0,
+            progress,
+        )?;
+        let view =
+            View::new(Camera::framing(Preset::Fit, &cloud.core_points(), plan.size), plan.size)?;
         let (mut shown, _) = Shown::automatic(&cloud);
         shown.further.strokes = true;
         let resident = Resident::fill(gpu, cloud, shown, progress)?;
-        let drawings = configurations.iter().map(|configuration| draw(gpu, &view, &resident, configuration)).collect::<Result<Vec<_>>>()?;
+        let drawings = configurations
+            .iter()
+            .map(|configuration| draw(gpu, &view, &resident, configuration))
+            .collect::<Result<Vec<_>>>()?;
         let times = sweep::interleaved(&configurations, plan.repeat, |configuration| {
             progress.tick(&format!("study strokes: {name}"), 0, 0)?;
             Ok(draw(gpu, &view, &resident, configuration)?.ms)
         })?;
         resident.free(gpu);
-        for ((Configuration { knob, value, .. }, drawing), times) in configurations.iter().zip(&drawings).zip(&times) {
+        for ((Configuration { knob, value, .. }, drawing), times) in
+            configurations.iter().zip(&drawings).zip(&times)
+        {
             let error = rms(&drawing.picture, &drawings[0].picture);
-            rows.extend(super::rows([name, "fit"], [knob, value], METRICS.map(|metric| metric.0), &[error], times));
+            rows.extend(super::rows(
+                [name, "fit"],
+                [knob, value],
+                METRICS.map(|metric| metric.0),
+                &[error],
+                times,
+            ));
             let numbers = [format!("{error:.5}"), format!("{:.2}", metrics::quartiles(times)[1])];
             let counts = [drawing.fragments.to_string(), drawing.deepest.to_string()];
-            table.rows.push([name, knob, value].map(String::from).into_iter().chain(numbers).chain(counts).collect());
+            table.rows.push(
+                [name, knob, value]
+                    .map(String::from)
+                    .into_iter()
+                    .chain(numbers)
+                    .chain(counts)
+                    .collect(),
+            );
         }
         crossings.rows.extend(crossed(name, scene, plan, progress)?);
     }
     mark_fronts(&mut rows);
     let figure = |(metric, axis): (&str, &str)| {
-        let label = |row: &Row| if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) };
+        let label = |row: &Row| {
+            if row.auto { AUTO.to_string() } else { format!("{} {}", row.knob, row.value) }
+        };
         Figure::of(
             "strokes",
             metric,
@@ -133,9 +171,19 @@ struct Drawing {
     deepest: u32,
 }
 
-fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, configuration: &Configuration) -> Result<Drawing> {
+fn draw(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    configuration: &Configuration,
+) -> Result<Drawing> {
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look::decide(&configuration.wishes, view, resident))?;
+    let outcome = frame::record(
+        &mut g,
+        view,
+        resident,
+        &look::decide(&configuration.wishes, view, resident),
+    )?;
     let picture = g.download(&outcome.picture);
     let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();
     let frame = g.submit(&[])?;
@@ -150,20 +198,36 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, configuration: &Configu
 }
 
 fn rms(picture: &[[f32; 4]], reference: &[[f32; 4]]) -> f64 {
-    let squares = picture.iter().zip(reference).map(|(a, b)| (0..3).map(|c| (a[c] as f64 - b[c] as f64).powi(2)).sum::<f64>());
+    let squares = picture
+        .iter()
+        .zip(reference)
+        .map(|(a, b)| (0..3).map(|c| (a[c] as f64 - b[c] as f64).powi(2)).sum::<f64>());
     (squares.sum::<f64>() / (3 * reference.len().max(1)) as f64).sqrt()
 }
 
 /// Rows of the table, of both orders.
-fn crossed(name: &str, scene: Scene, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Vec<String>>> {
-    let cloud = synth::collect(name, &synth::build(scene, plan.seed, 0.0), FEW, plan.seed, 0.0, progress)?;
+fn crossed(
+    name: &str,
+    scene: Scene,
+    plan: &Plan,
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<String>>> {
+    let cloud =
+        synth::collect(name, &synth::build(scene, plan.seed, 0.0), FEW, plan.seed, 0.0, progress)?;
     let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), SMALL), SMALL)?;
     let part = &cloud.parts[0];
     let found = strokes::strokes(&part.columns, &part.lattice, progress)?;
     let row = |(order, word): (Order, &str)| {
-        let [pairs, crossed] = oracle::crossings(&view, &Settings { order, ..Settings::default() }, part, &found);
+        let [pairs, crossed] =
+            oracle::crossings(&view, &Settings { order, ..Settings::default() }, part, &found);
         let share = 100.0 * crossed as f64 / pairs.max(1) as f64;
-        vec![name.into(), word.into(), pairs.to_string(), crossed.to_string(), format!("{share:.2}")]
+        vec![
+            name.into(),
+            word.into(),
+            pairs.to_string(),
+            crossed.to_string(),
+            format!("{share:.2}"),
+        ]
     };
     Ok([(Order::Pixel, "pixel"), (Order::Stroke, "stroke")].map(row).to_vec())
 }

@@ -25,21 +25,40 @@ const STYLES: [(&str, &[&str]); 4] = [
     ("points", &["visibility=off", "fill=off", "shape=off", "edl=off"]),
     ("surface", &["visibility=auto", "fill=auto", "shape=off", "edl=off"]),
     ("splat", &["visibility=off", "fill=auto,method=splat", "shape=off", "edl=off"]),
-    ("single", &["visibility=auto,levels=1,kernel=9", "fill=auto,method=pintus", "shape=off", "edl=off"]),
+    (
+        "single",
+        &["visibility=auto,levels=1,kernel=9", "fill=auto,method=pintus", "shape=off", "edl=off"],
+    ),
 ];
 
 /// Metric, its unit for axes, and what it is.
 const METRICS: [(&str, &str, &str); 6] = [
-    ("depth_share", "share of pixels", "Depth: interior pixels farther than 0.5 % of the depth from the surface in them"),
+    (
+        "depth_share",
+        "share of pixels",
+        "Depth: interior pixels farther than 0.5 % of the depth from the surface in them",
+    ),
     (
         "layer_share",
         "share of pixels",
         "Layers: interior pixels outside of the true depths of their 3x3, by more than 0.05 % of the depth and the noise",
     ),
     ("holes", "share of pixels", "Holes: pixels of the silhouette without a depth"),
-    ("spilled", "share of pixels", "Spilled: pixels with a depth more than 1 px outside of the silhouette"),
-    ("shown_hidden", "1 - precision", "Hidden points that show: of the points taken for visible, the share that is not"),
-    ("lost_visible", "1 - recall", "Visible points that are lost: of the visible points, the share that was taken for hidden"),
+    (
+        "spilled",
+        "share of pixels",
+        "Spilled: pixels with a depth more than 1 px outside of the silhouette",
+    ),
+    (
+        "shown_hidden",
+        "1 - precision",
+        "Hidden points that show: of the points taken for visible, the share that is not",
+    ),
+    (
+        "lost_visible",
+        "1 - recall",
+        "Visible points that are lost: of the visible points, the share that was taken for hidden",
+    ),
 ];
 
 const HEAD: [&str; 15] = [
@@ -72,14 +91,32 @@ fn values(errors: &Errors) -> [f64; 6] {
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
-    let options = Options { size: plan.size, seed: plan.seed, most_points: plan.points, scenes: plan.scenes.clone(), ..Options::default() };
+    let styles = STYLES
+        .iter()
+        .map(|(name, settings)| Ok((*name, wishes(settings)?)))
+        .collect::<Result<Vec<_>>>()?;
+    let options = Options {
+        size: plan.size,
+        seed: plan.seed,
+        most_points: plan.points,
+        scenes: plan.scenes.clone(),
+        ..Options::default()
+    };
     let mut rows = Vec::new();
     let mut marks = Vec::new();
-    let mut table = Table { title: "All cases".into(), head: HEAD.map(String::from).to_vec(), rows: Vec::new() };
+    let mut table = Table {
+        title: "All cases".into(),
+        head: HEAD.map(String::from).to_vec(),
+        rows: Vec::new(),
+    };
     let left_out = cases::each(&options, progress, |case| {
         progress.tick("study surface", 0, 0)?;
-        let resident = Resident::fill(gpu, case.cloud.clone(), Shown::new(Attribute::White, &case.cloud), progress)?;
+        let resident = Resident::fill(
+            gpu,
+            case.cloud.clone(),
+            Shown::new(Attribute::White, &case.cloud),
+            progress,
+        )?;
         let mut drawings: Vec<Drawing> = styles.iter().map(|_| Drawing::default()).collect();
         let order: Vec<usize> = (0..styles.len()).collect();
         let times = sweep::interleaved(&order, plan.repeat, |&style| {
@@ -91,7 +128,12 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             let raw = &drawings[0].depth;
             let errors = case.errors(raw, &drawing.depth, Some(&drawing.visible(raw)));
             let ms = metrics::quartiles(times);
-            own.extend(METRICS.iter().zip(values(&errors)).map(|((metric, ..), error)| row(case, style, metric, error, ms, times.len())));
+            own.extend(
+                METRICS
+                    .iter()
+                    .zip(values(&errors))
+                    .map(|((metric, ..), error)| row(case, style, metric, error, ms, times.len())),
+            );
             table.rows.push(counted(case, style, &errors, ms));
         }
         resident.free(gpu);
@@ -101,7 +143,10 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         Ok(())
     })?;
     left_out.iter().for_each(|line| eprintln!("study surface leaves out {line}"));
-    let figures = METRICS.iter().map(|&(metric, y_axis, caption)| figure(metric, y_axis, caption, &mut marks)).collect();
+    let figures = METRICS
+        .iter()
+        .map(|&(metric, y_axis, caption)| figure(metric, y_axis, caption, &mut marks))
+        .collect();
     let how = format!(
         "Truth is the surface itself, ray-cast in f64 at centres, corners and sides of all pixels. Scenes and meshes are sampled uniformly by area, hidden sides too, the street by its \
          scanner; <em>vertices</em> are a mesh's own. Points a pixel are those of the first surface. Noise is Gaussian along the ray to the eye, cut off at three sigma. Here points a \
@@ -111,7 +156,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         plan.repeat,
         if left_out.is_empty() { "nothing".into() } else { left_out.join("; ") }
     );
-    Ok(Section { name: "surface", title: "The surface itself".into(), how, rows, figures, tables: vec![table] })
+    Ok(Section {
+        name: "surface",
+        title: "The surface itself".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![table],
+    })
 }
 
 pub(super) fn wishes(settings: &[&str]) -> Result<Wishes> {
@@ -136,20 +188,40 @@ impl Drawing {
     }
 }
 
-pub(super) fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
+pub(super) fn draw(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    wishes: &Wishes,
+) -> Result<Drawing> {
     let look = look::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
     let frame = g.submit(&[])?;
-    let drawing = Drawing { depth: frame.read(&depth).to_vec(), index: frame.read(&index).to_vec(), ms: frame.ms("") };
+    let drawing = Drawing {
+        depth: frame.read(&depth).to_vec(),
+        index: frame.read(&index).to_vec(),
+        ms: frame.ms(""),
+    };
     frame.shelve(gpu);
     Ok(drawing)
 }
 
 fn row(case: &Case, style: &str, metric: &'static str, error: f64, ms: [f64; 3], n: usize) -> Row {
     let value = format!("{style} {} noise {} px", sampling(case), case.noise_px);
-    Row { scene: case.scene, view: case.view_name, knob: "style", value, metric, error, ms, n, auto: false, front: false }
+    Row {
+        scene: case.scene,
+        view: case.view_name,
+        knob: "style",
+        value,
+        metric,
+        error,
+        ms,
+        n,
+        auto: false,
+        front: false,
+    }
 }
 
 fn sampling(case: &Case) -> String {
@@ -188,17 +260,41 @@ fn counted(case: &Case, style: &str, errors: &Errors, ms: [f64; 3]) -> Vec<Strin
 /// Into the panel of its metric, scene and view: error over points a pixel.
 fn mark(panels: &mut Vec<(&'static str, Panel)>, case: &Case, row: &Row) {
     let title = format!("{}, {}", case.scene, case.view_name);
-    let at = panels.iter().position(|(metric, panel)| *metric == row.metric && panel.title == title).unwrap_or_else(|| {
-        panels.push((row.metric, Panel { title, marks: Vec::new() }));
-        panels.len() - 1
-    });
+    let at = panels
+        .iter()
+        .position(|(metric, panel)| *metric == row.metric && panel.title == title)
+        .unwrap_or_else(|| {
+            panels.push((row.metric, Panel { title, marks: Vec::new() }));
+            panels.len() - 1
+        });
     let style = row.value.split(' ').next().unwrap_or_default();
     let label = if case.noise_px > 0.0 { format!("{style}, noise") } else { style.to_string() };
-    panels[at].1.marks.push(Mark { label, x: [case.density; 3], y: row.error, front: row.front, auto: row.auto });
+    panels[at].1.marks.push(Mark {
+        label,
+        x: [case.density; 3],
+        y: row.error,
+        front: row.front,
+        auto: row.auto,
+    });
 }
 
-fn figure(metric: &str, y_axis: &str, caption: &str, panels: &mut Vec<(&'static str, Panel)>) -> Figure {
+fn figure(
+    metric: &str,
+    y_axis: &str,
+    caption: &str,
+    panels: &mut Vec<(&'static str, Panel)>,
+) -> Figure {
     let panels = panels.extract_if(.., |(of, _)| *of == metric).map(|(_, panel)| panel).collect();
-    let chart = Chart { title: caption.into(), x_axis: "points a pixel".into(), y_axis: y_axis.into(), columns: 3, panels };
-    Figure { file: format!("surface-{}.svg", metric.replace('_', "-")), caption: caption.into(), svg: chart.svg() }
+    let chart = Chart {
+        title: caption.into(),
+        x_axis: "points a pixel".into(),
+        y_axis: y_axis.into(),
+        columns: 3,
+        panels,
+    };
+    Figure {
+        file: format!("surface-{}.svg", metric.replace('_', "-")),
+        caption: caption.into(),
+        svg: chart.svg(),
+    }
 }

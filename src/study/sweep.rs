@@ -3,7 +3,11 @@
 use crate::error::Result;
 
 /// The times of every setting over `repeat` rounds. One round before them warms caches, kernels and the allocator up, and is not counted.
-pub fn interleaved<S>(settings: &[S], repeat: usize, mut time: impl FnMut(&S) -> Result<f64>) -> Result<Vec<Vec<f64>>> {
+pub fn interleaved<S>(
+    settings: &[S],
+    repeat: usize,
+    mut time: impl FnMut(&S) -> Result<f64>,
+) -> Result<Vec<Vec<f64>>> {
     let mut times = vec![Vec::with_capacity(repeat); settings.len()];
     for round in 0..=repeat {
         for (setting, times) in settings.iter().zip(&mut times) {

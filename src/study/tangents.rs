@@ -18,7 +18,8 @@ use crate::synth::{self, Scene};
 use glam::DVec3;
 use std::time::Instant;
 
-pub const SUMMARY: &str = "ways to find a tangent: angles between neighbouring strokes, against time a million";
+pub const SUMMARY: &str =
+    "ways to find a tangent: angles between neighbouring strokes, against time a million";
 
 const WAYS: [(&str, Tangents); 4] = [
     ("householder", Tangents::Householder),
@@ -45,19 +46,39 @@ const BESIDE: usize = 4;
 
 const METRICS: [(&str, &str, &str); 2] = [
     ("mean_degrees", "mean angle, degrees", "Angle between the strokes of neighbours: mean"),
-    ("p99_degrees", "99th percentile, degrees", "Angle between the strokes of neighbours: 99th percentile"),
+    (
+        "p99_degrees",
+        "99th percentile, degrees",
+        "Angle between the strokes of neighbours: 99th percentile",
+    ),
 ];
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let mut rows = Vec::new();
     let mut table = Table {
         title: "Angles and times".into(),
-        head: ["scene", "tangents", "mean, degrees", "99 %, degrees", "ms a million", "device, ms a million"].map(String::from).to_vec(),
+        head: [
+            "scene",
+            "tangents",
+            "mean, degrees",
+            "99 %, degrees",
+            "ms a million",
+            "device, ms a million",
+        ]
+        .map(String::from)
+        .to_vec(),
         rows: Vec::new(),
     };
     for (done, (name, scene, noise, outward)) in SCENES.into_iter().enumerate() {
         progress.tick("study tangents", done as u64, SCENES.len() as u64)?;
-        let cloud = synth::collect(name, &synth::build(scene, plan.seed, 0.0), plan.points, plan.seed, noise, progress)?;
+        let cloud = synth::collect(
+            name,
+            &synth::build(scene, plan.seed, 0.0),
+            plan.points,
+            plan.seed,
+            noise,
+            progress,
+        )?;
         let part = &cloud.parts[0];
         let middle = part.bounds().map_or(DVec3::ZERO, |(lo, hi)| (lo + hi) / 2.0);
         let tree = Tree::new(&part.columns, &part.lattice);
@@ -71,21 +92,26 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             })
             .collect();
         let beside = beside(&tree);
-        let directions: Vec<Direction> = frames.iter().flatten().map(|&(normal, along)| direction(normal, along)).collect();
+        let directions: Vec<Direction> =
+            frames.iter().flatten().map(|&(normal, along)| direction(normal, along)).collect();
         for (way, tangents) in WAYS {
             let mut found = Vec::new();
             let mut times = Vec::new();
             for _ in 0..plan.repeat.max(1) {
                 let start = Instant::now();
-                found = frames.iter().map(|frame| frame.map(|(normal, along)| tangent(tangents, normal, along))).collect::<Vec<_>>();
+                found = frames
+                    .iter()
+                    .map(|frame| frame.map(|(normal, along)| tangent(tangents, normal, along)))
+                    .collect::<Vec<_>>();
                 times.push(start.elapsed().as_secs_f64() * 1e3 * 1e6 / frames.len() as f64);
             }
             let angles = angles(&found, &beside);
             let mean = angles.iter().sum::<f64>() / angles.len().max(1) as f64;
             let p99 = angles.get(angles.len() * 99 / 100).copied().unwrap_or(0.0);
             let ms = metrics::quartiles(&times);
-            let on_device =
-                (0..plan.repeat.max(1)).map(|_| Ok(on_device(gpu, tangents, &directions)?.1 * 1e6 / directions.len().max(1) as f64));
+            let on_device = (0..plan.repeat.max(1)).map(|_| {
+                Ok(on_device(gpu, tangents, &directions)?.1 * 1e6 / directions.len().max(1) as f64)
+            });
             let on_device = metrics::quartiles(&on_device.collect::<Result<Vec<_>>>()?);
             for (metric, error) in METRICS.iter().zip([mean, p99]) {
                 let (value, auto) = (way.to_string(), tangents == Tangents::default());
@@ -115,7 +141,14 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     mark_fronts(&mut rows);
     let label = |row: &Row| row.value.clone();
     let figure = |&(metric, y_axis, caption): &_| {
-        Figure::of("tangents", metric, ["milliseconds a million (bars: quartiles)", y_axis], caption, &rows, &label)
+        Figure::of(
+            "tangents",
+            metric,
+            ["milliseconds a million (bars: quartiles)", y_axis],
+            caption,
+            &rows,
+            &label,
+        )
     };
     let figures = METRICS.iter().map(figure).collect();
     let how = format!(
@@ -123,13 +156,23 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
          search to it. The formula of squareplate is not in the paper: it is read here as the cross product with the normal's own parts, moved on by one.",
         plan.points, plan.repeat
     );
-    Ok(Section { name: "tangents", title: "Tangents".into(), how, rows, figures, tables: vec![table] })
+    Ok(Section {
+        name: "tangents",
+        title: "Tangents".into(),
+        how,
+        rows,
+        figures,
+        tables: vec![table],
+    })
 }
 
 /// A normal as the kernel takes it, with the turn from its own tangent to where its neighbours spread most.
 fn direction(normal: DVec3, along: DVec3) -> Direction {
     let (tangent, bitangent) = strokes::householder(normal);
-    Direction { normal: normal.as_vec3().to_array(), turn: [along.dot(tangent) as f32, along.dot(bitangent) as f32] }
+    Direction {
+        normal: normal.as_vec3().to_array(),
+        turn: [along.dot(tangent) as f32, along.dot(bitangent) as f32],
+    }
 }
 
 /// Of every place those nearest to it.
@@ -145,8 +188,12 @@ fn beside(tree: &Tree) -> Vec<Vec<u32>> {
 
 /// Degrees between lines, sorted.
 fn angles(tangents: &[Option<DVec3>], beside: &[Vec<u32>]) -> Vec<f64> {
-    let pairs = tangents.iter().zip(beside).flat_map(|(own, beside)| beside.iter().map(move |&other| (*own, tangents[other as usize])));
-    let angle = |(a, b): (Option<DVec3>, Option<DVec3>)| Some(a?.cross(b?).length().atan2(a?.dot(b?).abs()).to_degrees());
+    let pairs = tangents.iter().zip(beside).flat_map(|(own, beside)| {
+        beside.iter().map(move |&other| (*own, tangents[other as usize]))
+    });
+    let angle = |(a, b): (Option<DVec3>, Option<DVec3>)| {
+        Some(a?.cross(b?).length().atan2(a?.dot(b?).abs()).to_degrees())
+    };
     let mut angles: Vec<f64> = pairs.filter_map(angle).collect();
     angles.sort_by(f64::total_cmp);
     angles

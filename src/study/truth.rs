@@ -66,26 +66,33 @@ impl Grid {
     /// What lies so many half pixels around a pixel's centre.
     fn around(&self, [x, y]: [usize; 2], reach: usize) -> impl Iterator<Item = usize> + use<> {
         let [columns, rows] = self.size;
-        let span = |centre: usize, end: usize| (2 * centre + 1).saturating_sub(reach)..(2 * centre + 2 + reach).min(end);
+        let span = |centre: usize, end: usize| {
+            (2 * centre + 1).saturating_sub(reach)..(2 * centre + 2 + reach).min(end)
+        };
         let across = span(x, columns);
         span(y, rows).flat_map(move |row| across.clone().map(move |column| row * columns + column))
     }
 
     fn range(&self, pixel: [usize; 2], reach: usize) -> [f64; 2] {
-        let hits = self.around(pixel, reach).map(|i| self.depth[i]).filter(|depth| depth.is_finite());
-        hits.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], depth| [lo.min(depth), hi.max(depth)])
+        let hits =
+            self.around(pixel, reach).map(|i| self.depth[i]).filter(|depth| depth.is_finite());
+        hits.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], depth| {
+            [lo.min(depth), hi.max(depth)]
+        })
     }
 
     /// Where the surface bends or breaks between a pixel before and a pixel after.
     fn edges(&self) -> Vec<bool> {
         let hits = || self.depth.par_iter().copied().filter(|depth| depth.is_finite());
-        let extent = hits().reduce(|| f64::NEG_INFINITY, f64::max) - hits().reduce(|| f64::INFINITY, f64::min);
+        let extent = hits().reduce(|| f64::NEG_INFINITY, f64::max)
+            - hits().reduce(|| f64::INFINITY, f64::min);
         let [columns, rows] = self.size;
         let bends = |[x, y]: [usize; 2], [right, down]: [usize; 2]| {
             if x < right || y < down || x + right >= columns || y + down >= rows {
                 return false;
             }
-            let (before, own, after) = (self.at(x - right, y - down), self.at(x, y), self.at(x + right, y + down));
+            let (before, own, after) =
+                (self.at(x - right, y - down), self.at(x, y), self.at(x + right, y + down));
             (1.0 / before - 2.0 / own + 1.0 / after).abs() * own * own > EDGE * own.min(extent)
         };
         let edge = |i: usize| {
@@ -101,7 +108,8 @@ impl Truth {
         let [width, height] = view.size.map(|side| side as usize);
         let size = [2 * width + 1, 2 * height + 1];
         let cast = |i: usize| {
-            let (origin, direction) = view.ray((i % size[0]) as f64 / 2.0, (i / size[0]) as f64 / 2.0);
+            let (origin, direction) =
+                view.ray((i % size[0]) as f64 / 2.0, (i / size[0]) as f64 / 2.0);
             surface.first(origin, direction).unwrap_or(f64::INFINITY)
         };
         let grid = Grid { size, depth: (0..size[0] * size[1]).into_par_iter().map(cast).collect() };
@@ -117,8 +125,13 @@ impl Truth {
             depth.is_finite() && surface.scanned(origin + direction * depth)
         };
         let scanned: Vec<bool> = pixels().map(scanned).collect();
-        scanned.iter().enumerate().filter(|(_, scanned)| !**scanned).for_each(|(i, _)| edges[centre([i % width, i / width])] = true);
-        let inside: Vec<bool> = pixels().zip(&scanned).map(|(pixel, scanned)| *scanned && whole(pixel)).collect();
+        scanned
+            .iter()
+            .enumerate()
+            .filter(|(_, scanned)| !**scanned)
+            .for_each(|(i, _)| edges[centre([i % width, i / width])] = true);
+        let inside: Vec<bool> =
+            pixels().zip(&scanned).map(|(pixel, scanned)| *scanned && whole(pixel)).collect();
         Truth {
             view: *view,
             within: pixels()
@@ -129,9 +142,14 @@ impl Truth {
                 .collect(),
             around: pixels().map(|pixel| grid.range(pixel, 2)).collect(),
             smooth,
-            interior: pixels().zip(&inside).map(|(pixel, inside)| *inside && !grid.around(pixel, 4).any(|i| edges[i])).collect(),
+            interior: pixels()
+                .zip(&inside)
+                .map(|(pixel, inside)| *inside && !grid.around(pixel, 4).any(|i| edges[i]))
+                .collect(),
             inside,
-            beyond: pixels().map(|pixel| !grid.around(pixel, 3).any(|i| grid.depth[i].is_finite())).collect(),
+            beyond: pixels()
+                .map(|pixel| !grid.around(pixel, 3).any(|i| grid.depth[i].is_finite()))
+                .collect(),
             depth,
         }
     }
@@ -235,7 +253,13 @@ impl std::iter::Sum for Errors {
 
 /// `raw` is depth as projected, of points with `noise_px` pixels of noise; `depth` is what became of it; both infinite where nothing is. `visible` is what was taken for visible
 /// of the raw points; everything where it is not said.
-pub fn compare(truth: &Truth, noise_px: f64, raw: &[f32], depth: &[f32], visible: Option<&[bool]>) -> Errors {
+pub fn compare(
+    truth: &Truth,
+    noise_px: f64,
+    raw: &[f32],
+    depth: &[f32],
+    visible: Option<&[bool]>,
+) -> Errors {
     let pixel = |i: usize| {
         let mut errors = Errors::default();
         let own = depth[i] as f64;
@@ -244,12 +268,14 @@ pub fn compare(truth: &Truth, noise_px: f64, raw: &[f32], depth: &[f32], visible
             let outside = |[least, greatest]: [f64; 2]| (least - own).max(own - greatest);
             errors.interior = 1;
             errors.misplaced = (outside(truth.within[i]) > DEPTH_TOLERANCE * truth.depth[i]) as u64;
-            errors.wrong_layer = (outside(truth.around[i]) > truth.layer_slack(truth.depth[i], noise_px)) as u64;
+            errors.wrong_layer =
+                (outside(truth.around[i]) > truth.layer_slack(truth.depth[i], noise_px)) as u64;
         }
         errors.inside = truth.inside[i] as u64;
         errors.holes = (truth.inside[i] && !covered) as u64;
         errors.spilled = (truth.beyond[i] && covered) as u64;
-        let found = raw[i].is_finite().then(|| truth.is_visible(i, raw[i] as f64, noise_px)).flatten();
+        let found =
+            raw[i].is_finite().then(|| truth.is_visible(i, raw[i] as f64, noise_px)).flatten();
         let taken = visible.is_none_or(|visible| visible[i]);
         match found {
             Some(true) => errors.visible[!taken as usize] = 1,

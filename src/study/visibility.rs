@@ -52,7 +52,8 @@ impl Question for Visibility {
     const TITLE: &'static str = "Visibility: levels, kernel, threshold, openings";
     const METRICS: &'static [Metric] = METRICS;
     const COUNTERS: &'static [&'static str] = &["tiles looked at", "taps", "tiles with holes"];
-    const REFERENCE: &'static [&'static str] = &["visibility=off", "fill=off", "shape=off", "edl=off"];
+    const REFERENCE: &'static [&'static str] =
+        &["visibility=off", "fill=off", "shape=off", "edl=off"];
     const AFTER: &'static [&'static str] = &["resolve"];
     const HOW: &'static str = "One setting differs from what the renderer does when nothing is asked for; <em>auto</em> is that. A single level has a kernel of 9 pixels unless another is said. Filling is off.";
     /// Depth as projected.
@@ -78,7 +79,10 @@ impl Question for Visibility {
             ("single sectors", &["4", "16"]),
             ("single lead", &["0", "3.5", "14"]),
         ];
-        knobs.into_iter().flat_map(|(knob, values)| values.iter().map(move |value| own(knob, value))).collect()
+        knobs
+            .into_iter()
+            .flat_map(|(knob, values)| values.iter().map(move |value| own(knob, value)))
+            .collect()
     }
 
     fn know(_case: &Case, reference: Drawing) -> Vec<f32> {
@@ -88,10 +92,13 @@ impl Question for Visibility {
     fn measure(case: &Case, raw: &Vec<f32>, drawing: &Drawing) -> (Vec<Part>, Vec<f64>) {
         let visible: Vec<bool> = drawing.index.iter().map(|point| *point != NO_POINT).collect();
         let errors = case.errors(raw, &drawing.depth, Some(&visible));
-        let count = |of: &dyn Fn(usize) -> bool| (0..raw.len()).filter(|&i| raw[i] == f32::INFINITY && of(i)).count() as f64;
+        let count = |of: &dyn Fn(usize) -> bool| {
+            (0..raw.len()).filter(|&i| raw[i] == f32::INFINITY && of(i)).count() as f64
+        };
         let is_hole = |i: usize| drawing.depth[i] == f32::NEG_INFINITY;
         let inside = errors.inside as f64;
-        let ([seen, lost], [shown, _]) = (errors.visible.map(|count| count as f64), errors.hidden.map(|count| count as f64));
+        let ([seen, lost], [shown, _]) =
+            (errors.visible.map(|count| count as f64), errors.hidden.map(|count| count as f64));
         let parts = vec![
             [shown, seen + shown],
             [lost, seen + lost],
@@ -112,20 +119,43 @@ fn curve(rows: &[Row]) -> Figure {
     // An axis has no place for 0.
     let least = 1e-6;
     let mut panels: Vec<Panel> = Vec::new();
-    let of = |metric: &'static str| rows.iter().filter(move |row| row.metric == metric && (row.auto || row.knob == "threshold"));
+    let of = |metric: &'static str| {
+        rows.iter().filter(move |row| row.metric == metric && (row.auto || row.knob == "threshold"))
+    };
     for (shown, lost) in of("shown_hidden").zip(of("lost_visible")) {
         let title = format!("{}, {}", shown.scene, shown.view);
         if panels.last().is_none_or(|panel| panel.title != title) {
             panels.push(Panel { title, marks: Vec::new() });
         }
-        let mark = Mark { label: shown.value.clone(), x: [lost.error.max(least); 3], y: shown.error, front: false, auto: shown.auto };
+        let mark = Mark {
+            label: shown.value.clone(),
+            x: [lost.error.max(least); 3],
+            y: shown.error,
+            front: false,
+            auto: shown.auto,
+        };
         panels.last_mut().expect("pushed above").marks.push(mark);
     }
     for panel in &mut panels {
         let both: Vec<(f64, f64)> = panel.marks.iter().map(|mark| (mark.y, mark.x[1])).collect();
-        panel.marks.iter_mut().zip(super::metrics::front(&both)).for_each(|(mark, front)| mark.front = front);
+        panel
+            .marks
+            .iter_mut()
+            .zip(super::metrics::front(&both))
+            .for_each(|(mark, front)| mark.front = front);
     }
-    let caption = "Threshold: hidden points that show over visible points that are lost, here without time";
-    let chart = Chart { title: caption.into(), x_axis: "1 - recall".into(), y_axis: "1 - precision".into(), columns: 3, panels };
-    Figure { file: "visibility-precision-recall.svg".into(), caption: caption.into(), svg: chart.svg() }
+    let caption =
+        "Threshold: hidden points that show over visible points that are lost, here without time";
+    let chart = Chart {
+        title: caption.into(),
+        x_axis: "1 - recall".into(),
+        y_axis: "1 - precision".into(),
+        columns: 3,
+        panels,
+    };
+    Figure {
+        file: "visibility-precision-recall.svg".into(),
+        caption: caption.into(),
+        svg: chart.svg(),
+    }
 }

@@ -39,12 +39,25 @@ const NEARER: f64 = 0.25;
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let scene = synth::Scene::Torus;
-    let styles = STYLES.iter().map(|(name, settings)| Ok((*name, wishes(settings)?))).collect::<Result<Vec<_>>>()?;
+    let styles = STYLES
+        .iter()
+        .map(|(name, settings)| Ok((*name, wishes(settings)?)))
+        .collect::<Result<Vec<_>>>()?;
     // As many points as lie so far apart in the first frame, whatever the picture's size.
-    let pilot = synth::collect("torus", &synth::build(scene, plan.seed, 0.0), 5000, plan.seed, 0.0, progress)?;
+    let pilot = synth::collect(
+        "torus",
+        &synth::build(scene, plan.seed, 0.0),
+        5000,
+        plan.seed,
+        0.0,
+        progress,
+    )?;
     let part = &pilot.parts[0];
     let places: Vec<DVec3> = (0..part.columns.len())
-        .map(|i| part.lattice.world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from)))
+        .map(|i| {
+            part.lattice
+                .world([part.columns.x[i], part.columns.y[i], part.columns.z[i]].map(i64::from))
+        })
         .collect();
     let camera = Camera::framing(Preset::Fit, &places, plan.size);
     let view = View::new(camera, plan.size)?;
@@ -52,29 +65,45 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let pilot_px = crate::resident::Sampling::of(&apart, &view).spacing_px();
     apart.free(gpu);
     let count = (5000.0 * (pilot_px / APART_PX).powi(2)).max(1.0) as u64;
-    let cloud = synth::collect("torus", &synth::build(scene, plan.seed, 0.0), count, plan.seed, 0.0, progress)?;
-    let resident = Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::Rgb, &cloud), progress)?;
+    let cloud = synth::collect(
+        "torus",
+        &synth::build(scene, plan.seed, 0.0),
+        count,
+        plan.seed,
+        0.0,
+        progress,
+    )?;
+    let resident =
+        Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::Rgb, &cloud), progress)?;
 
     let shrink = 1.0 - STEP_PX / (plan.size[0] as f64 / 2.0);
     let frames = (NEARER.ln() / shrink.ln()).ceil() as usize;
     let mut all = Vec::new();
     let head = ["surface", "largest FLIP", "at frame", "median"].map(String::from).to_vec();
-    let mut table = Table { title: format!("{frames} frames, {count} points"), head, rows: Vec::new() };
+    let mut table =
+        Table { title: format!("{frames} frames, {count} points"), head, rows: Vec::new() };
     for (style, wishes) in &styles {
         let mut before: Option<(Seen, Vec<bool>)> = None;
         let [mut flips, mut times] = [const { Vec::new() }; 2];
         for number in 0..frames {
             progress.tick("study zoom", number as u64, frames as u64)?;
             let half = (camera.fov_y.to_radians() / 2.0).tan() * shrink.powi(number as i32);
-            let view = View::new(Camera { fov_y: 2.0 * half.atan().to_degrees(), ..camera }, plan.size)?;
+            let view =
+                View::new(Camera { fov_y: 2.0 * half.atan().to_degrees(), ..camera }, plan.size)?;
             let (seen, ms) = draw(gpu, &view, &resident, wishes)?;
             flips.extend(before.as_ref().map(|before| mean_flip(before, &seen)));
             times.push(ms);
             before = Some(seen);
         }
-        let (at, max) = flips.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+        let (at, max) = flips
+            .iter()
+            .copied()
+            .enumerate()
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or_default();
         let median = metrics::quartiles(&flips)[1];
-        let line = vec![style.to_string(), format!("{max:.4}"), at.to_string(), format!("{median:.4}")];
+        let line =
+            vec![style.to_string(), format!("{max:.4}"), at.to_string(), format!("{median:.4}")];
         println!("{}", line.join("  "));
         table.rows.push(line);
         all.extend(rows(["torus", "zoom"], ["surface", style], METRICS, &[max, median], &times));
@@ -85,11 +114,23 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         "A torus whose points lie {APART_PX} px apart at first, and {} px at last; {STEP_PX} px a frame. <em>fixed</em> is one level and one filling, whatever the distance.",
         APART_PX / NEARER
     );
-    Ok(Section { name: "zoom", title: "From frame to frame".into(), how, rows: all, figures: Vec::new(), tables: vec![table] })
+    Ok(Section {
+        name: "zoom",
+        title: "From frame to frame".into(),
+        how,
+        rows: all,
+        figures: Vec::new(),
+        tables: vec![table],
+    })
 }
 
 /// What is seen, where it is covered, and the device time of all passes, milliseconds.
-fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<((Seen, Vec<bool>), f64)> {
+fn draw(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    wishes: &Wishes,
+) -> Result<((Seen, Vec<bool>), f64)> {
     let look = look::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;

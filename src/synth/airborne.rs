@@ -30,7 +30,9 @@ const PULSE_S: f64 = 4e-6;
 
 impl<'a> Airborne<'a> {
     pub fn new(world: &'a World, seed: u64, noise: f64) -> Self {
-        let Method::Strips { height, half_angle, lines } = &world.method else { unreachable!("only called for strips") };
+        let Method::Strips { height, half_angle, lines } = &world.method else {
+            unreachable!("only called for strips")
+        };
         let bounds = world.bounds();
         Airborne {
             world,
@@ -50,9 +52,20 @@ impl<'a> Airborne<'a> {
         (across, along, (PULSES_PER_JOB / across).max(1))
     }
 
-    fn pulse(&self, line: usize, across: f64, along: f64, random: &mut Random, answers: &mut Vec<Hit>) -> (DVec3, DVec3) {
+    fn pulse(
+        &self,
+        line: usize,
+        across: f64,
+        along: f64,
+        random: &mut Random,
+        answers: &mut Vec<Hit>,
+    ) -> (DVec3, DVec3) {
         let angle = self.half_angle * (2.0 * across - 1.0);
-        let origin = DVec3::new(self.lines[line].0, self.track.0 + (self.track.1 - self.track.0) * along, self.height);
+        let origin = DVec3::new(
+            self.lines[line].0,
+            self.track.0 + (self.track.1 - self.track.0) * along,
+            self.height,
+        );
         // The mirror looks a few degrees ahead, so that walls are seen from one side in each strip.
         let direction = DVec3::new(angle.tan(), 0.06, -1.0).normalize();
         answers.clear();
@@ -61,7 +74,10 @@ impl<'a> Airborne<'a> {
             // A receiver cannot part echoes closer than this, metres.
             from = hit.t + 0.25;
             answers.push(hit);
-            if hit.class != CLASS_TREE || answers.len() == MOST_RETURNS || random.unit() > PASSES_LEAF {
+            if hit.class != CLASS_TREE
+                || answers.len() == MOST_RETURNS
+                || random.unit() > PASSES_LEAF
+            {
                 break;
             }
         }
@@ -77,7 +93,13 @@ impl Scanner for Airborne<'_> {
             for i in 0..side * side {
                 let mut random = Random::new(self.seed, 3, i);
                 let (across, along) = ((i % side) as f64 + 0.5, (i / side) as f64 + 0.5);
-                self.pulse(line, across / side as f64, along / side as f64, &mut random, &mut answers);
+                self.pulse(
+                    line,
+                    across / side as f64,
+                    along / side as f64,
+                    &mut random,
+                    &mut answers,
+                );
                 total += answers.len();
             }
         }
@@ -110,17 +132,30 @@ impl Scanner for Airborne<'_> {
                 // Forth on even rows and back on odd ones; the row shears along the track meanwhile, as the aeroplane flies on.
                 let turn = (column as f64 + phase.0) / across as f64;
                 let swing = if row % 2 == 0 { turn } else { 1.0 - turn };
-                let (origin, direction) =
-                    self.pulse(line, swing, (row as f64 + phase.1 * 0.5 + turn * 0.5) / along as f64, &mut random, &mut answers);
+                let (origin, direction) = self.pulse(
+                    line,
+                    swing,
+                    (row as f64 + phase.1 * 0.5 + turn * 0.5) / along as f64,
+                    &mut random,
+                    &mut answers,
+                );
                 let scan_angle = direction.x.atan2(-direction.z).to_degrees().round() as i8;
                 let of = answers.len() as u8;
-                let time = (line as u64 * 16 + pass) as f64 * STRIP_S / 16.0 + pulse as f64 * PULSE_S;
+                let time =
+                    (line as u64 * 16 + pass) as f64 * STRIP_S / 16.0 + pulse as f64 * PULSE_S;
                 for (number, hit) in answers.iter().enumerate() {
                     let error = if self.noise > 0.0 { self.noise * random.normal() } else { 0.0 };
                     let position = origin + direction * (hit.t + error);
                     let echo = gain * (0.4 + 0.6 * hit.normal.dot(direction).abs()) / of as f64;
                     let returns = (number as u8 + 1, of);
-                    let about = Pulse { gain: DVec3::splat(gain), echo, source: line as u16 + 1, returns, gps_time: time, scan_angle };
+                    let about = Pulse {
+                        gain: DVec3::splat(gain),
+                        echo,
+                        source: line as u16 + 1,
+                        returns,
+                        gps_time: time,
+                        scan_angle,
+                    };
                     chunk.push(hit, position, about);
                 }
             }

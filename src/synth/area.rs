@@ -9,7 +9,14 @@ use glam::DVec3;
 use std::ops::Range;
 
 /// Points `range` of `points`: solid k has the points from shares[..k] to shares[..=k].
-pub fn chunk(world: &World, shares: &[f64], points: u64, range: Range<u64>, seed: u64, noise: f64) -> Chunk {
+pub fn chunk(
+    world: &World,
+    shares: &[f64],
+    points: u64,
+    range: Range<u64>,
+    seed: u64,
+    noise: f64,
+) -> Chunk {
     let mut chunk = Chunk::new(world.lattice(), CHUNK);
     let mut solid = 0;
     let mut sum = 0.0;
@@ -27,8 +34,14 @@ pub fn chunk(world: &World, shares: &[f64], points: u64, range: Range<u64>, seed
         let hit = world.sampled(solid, &mut random);
         let away = if noise > 0.0 { hit.normal * (noise * random.normal()) } else { DVec3::ZERO };
         let cosine = hit.normal.z.abs();
-        let pulse =
-            Pulse { gain: DVec3::ONE, echo: 0.3 + 0.7 * cosine, source: 0, returns: (1, 1), gps_time: index as f64 * 1e-6, scan_angle: 0 };
+        let pulse = Pulse {
+            gain: DVec3::ONE,
+            echo: 0.3 + 0.7 * cosine,
+            source: 0,
+            returns: (1, 1),
+            gps_time: index as f64 * 1e-6,
+            scan_angle: 0,
+        };
         chunk.push(&hit, hit.point + away, pulse);
     }
     chunk

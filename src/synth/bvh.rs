@@ -38,7 +38,13 @@ impl Aabb {
 
     /// The part of a ray inside the box, cut to [t_min, t_max]. `inverse` is 1/direction; a NaN (0 x infinity, the origin in the
     /// plane of a face that the ray runs along) drops out of min and max, which keeps the box.
-    pub fn clip(&self, origin: DVec3, inverse: DVec3, t_min: f64, t_max: f64) -> Option<(f64, f64)> {
+    pub fn clip(
+        &self,
+        origin: DVec3,
+        inverse: DVec3,
+        t_min: f64,
+        t_max: f64,
+    ) -> Option<(f64, f64)> {
         let (a, b) = ((self.min - origin) * inverse, (self.max - origin) * inverse);
         let enter = t_min.max(a.x.min(b.x)).max(a.y.min(b.y)).max(a.z.min(b.z));
         let leave = t_max.min(a.x.max(b.x)).min(a.y.max(b.y)).min(a.z.max(b.z));
@@ -64,20 +70,31 @@ const STACK: usize = 64;
 
 impl Bvh {
     pub fn build(boxes: &[Aabb]) -> Bvh {
-        let mut bvh = Bvh { nodes: vec![Node { bounds: Aabb::EMPTY, first: 0, count: 0 }], order: (0..boxes.len() as u32).collect() };
+        let mut bvh = Bvh {
+            nodes: vec![Node { bounds: Aabb::EMPTY, first: 0, count: 0 }],
+            order: (0..boxes.len() as u32).collect(),
+        };
         let mut todo = vec![(0usize, 0usize, boxes.len(), 0usize)];
         while let Some((node, first, end, depth)) = todo.pop() {
             let order = &mut bvh.order[first..end];
             let bounds = order.iter().fold(Aabb::EMPTY, |b, &i| b.union(boxes[i as usize]));
             // A hair of slack: the clip's division errs by an ulp, and a flat box must not lose the surface that lies in it.
             bvh.nodes[node].bounds = bounds.grown(1e-9);
-            let middle = if end - first <= LEAF || depth + 8 > STACK { None } else { split(order, boxes) };
+            let middle =
+                if end - first <= LEAF || depth + 8 > STACK { None } else { split(order, boxes) };
             match middle {
-                None => (bvh.nodes[node].first, bvh.nodes[node].count) = (first as u32, (end - first) as u32),
+                None => {
+                    (bvh.nodes[node].first, bvh.nodes[node].count) =
+                        (first as u32, (end - first) as u32)
+                }
                 Some(middle) => {
                     let child = bvh.nodes.len();
                     bvh.nodes[node].first = child as u32;
-                    bvh.nodes.extend([0, 1].map(|_| Node { bounds: Aabb::EMPTY, first: 0, count: 0 }));
+                    bvh.nodes.extend([0, 1].map(|_| Node {
+                        bounds: Aabb::EMPTY,
+                        first: 0,
+                        count: 0,
+                    }));
                     todo.push((child, first, first + middle, depth + 1));
                     todo.push((child + 1, first + middle, end, depth + 1));
                 }
@@ -131,7 +148,9 @@ impl Bvh {
             }
             let node = &self.nodes[index as usize];
             if node.count > 0 {
-                for &primitive in &self.order[node.first as usize..(node.first + node.count) as usize] {
+                for &primitive in
+                    &self.order[node.first as usize..(node.first + node.count) as usize]
+                {
                     if let Some(t) = test(primitive, t_max) {
                         t_max = t;
                         found = true;
@@ -142,7 +161,12 @@ impl Bvh {
                 }
                 continue;
             }
-            let child = |i: u32| self.nodes[i as usize].bounds.clip(origin, inverse, t_min, t_max).map(|(t, _)| (i, t));
+            let child = |i: u32| {
+                self.nodes[i as usize]
+                    .bounds
+                    .clip(origin, inverse, t_min, t_max)
+                    .map(|(t, _)| (i, t))
+            };
             match (child(node.first), child(node.first + 1)) {
                 (Some(a), Some(b)) => {
                     let (near, far) = if a.1 <= b.1 { (a, b) } else { (b, a) };

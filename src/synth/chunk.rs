@@ -113,7 +113,9 @@ impl Chunk {
         self.y.push(steps.y as i32);
         self.z.push(steps.z as i32);
         self.rgb.push(srgb16(hit.lit * pulse.gain));
-        self.intensity.push((hit.albedo.dot(LUMINANCE).sqrt() * pulse.echo * 60_000.0).clamp(0.0, 65_535.0) as u16);
+        self.intensity
+            .push((hit.albedo.dot(LUMINANCE).sqrt() * pulse.echo * 60_000.0).clamp(0.0, 65_535.0)
+                as u16);
         self.class.push(hit.class);
         self.source.push(pulse.source);
         self.returns.push(pulse.returns);

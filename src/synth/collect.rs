@@ -9,15 +9,29 @@ use glam::DVec3;
 use std::path::PathBuf;
 
 /// The points that `scan` makes, with all columns that a file of them would have, 8 bits a colour channel.
-pub fn collect(name: &str, world: &World, points: u64, seed: u64, noise: f64, progress: &dyn Progress) -> Result<Cloud> {
+pub fn collect(
+    name: &str,
+    world: &World,
+    points: u64,
+    seed: u64,
+    noise: f64,
+    progress: &dyn Progress,
+) -> Result<Cloud> {
     let mut columns = Columns::default();
-    let (mut rgb, mut intensity, mut class, mut source, mut returns, mut gps_time) = Default::default();
+    let (mut rgb, mut intensity, mut class, mut source, mut returns, mut gps_time) =
+        Default::default();
     let mut keep = |chunk: &Chunk| {
         columns.x.extend(&chunk.x);
         columns.y.extend(&chunk.y);
         columns.z.extend(&chunk.z);
         // Rounded exactly, as readers do (HARD_CASES 24).
-        Vec::extend(&mut rgb, chunk.rgb.iter().map(|channels| channels.map(|v| ((v as u32 * 255 + 32_895) >> 16) as u8)));
+        Vec::extend(
+            &mut rgb,
+            chunk
+                .rgb
+                .iter()
+                .map(|channels| channels.map(|v| ((v as u32 * 255 + 32_895) >> 16) as u8)),
+        );
         Vec::extend(&mut intensity, &chunk.intensity);
         Vec::extend(&mut class, &chunk.class);
         Vec::extend(&mut source, &chunk.source);
@@ -35,7 +49,8 @@ pub fn collect(name: &str, world: &World, points: u64, seed: u64, noise: f64, pr
         gps_time: Some(gps_time),
         ..columns
     };
-    let lattice = Lattice { step: DVec3::splat(world.lattice().step), offset: world.lattice().offset };
+    let lattice =
+        Lattice { step: DVec3::splat(world.lattice().step), offset: world.lattice().offset };
     let part = Part {
         path: PathBuf::from(name),
         name: None,

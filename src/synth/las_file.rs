@@ -26,7 +26,10 @@ impl LasFile {
     /// `points` is how many will come: more than LAS 1.2 can count are refused before any work is done.
     pub fn create(path: &Path, lattice: Lattice, points: u64) -> Result<LasFile> {
         if points > u32::MAX as u64 {
-            return Err(Error::Request(format!("{points} points are more than LAS 1.2 can count ({}); write several files", u32::MAX)));
+            return Err(Error::Request(format!(
+                "{points} points are more than LAS 1.2 can count ({}); write several files",
+                u32::MAX
+            )));
         }
         let whole = WholeFile::create(path)?;
         let file = File::create(whole.partial()).map_err(|e| Error::io("create", path, e))?;
@@ -89,7 +92,11 @@ struct Sink {
 }
 
 impl Sink {
-    fn unless_broken<T>(&mut self, pretended: T, act: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>) -> io::Result<T> {
+    fn unless_broken<T>(
+        &mut self,
+        pretended: T,
+        act: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>,
+    ) -> io::Result<T> {
         if self.broken {
             return Ok(pretended);
         }

@@ -58,7 +58,8 @@ impl Light {
     /// What the sky and the ground give, without the sun.
     pub fn ambient(&self, point: DVec3, normal: DVec3) -> DVec3 {
         let up = 0.5 + 0.5 * normal.z;
-        let mut open = self.canyon.map_or(1.0, |(half, height)| canyon_sky(half, height, point, normal));
+        let mut open =
+            self.canyon.map_or(1.0, |(half, height)| canyon_sky(half, height, point, normal));
         if point.z < 0.2 {
             open *= self.covers.iter().map(|cover| cover.open(point.truncate())).product::<f64>();
         }

@@ -50,7 +50,9 @@ impl Random {
 
 /// Uniform in [0, 1), a function of a lattice cell: the colour of one brick, one cobble.
 pub fn cell(x: i64, y: i64, salt: u64) -> f64 {
-    (mix((x as u64).wrapping_mul(GOLDEN) ^ mix((y as u64).wrapping_add(salt.wrapping_mul(0xD134_2543_DE82_EF95)))) >> 11) as f64
+    (mix((x as u64).wrapping_mul(GOLDEN)
+        ^ mix((y as u64).wrapping_add(salt.wrapping_mul(0xD134_2543_DE82_EF95))))
+        >> 11) as f64
         * (1.0 / (1u64 << 53) as f64)
 }
 
@@ -67,5 +69,8 @@ pub fn value(x: f64, y: f64, salt: u64) -> f64 {
 
 /// Three octaves of [`value`], about 0.5 on average: weathering, asphalt, grass.
 pub fn mottle(x: f64, y: f64, salt: u64) -> f64 {
-    (value(x, y, salt) * 4.0 + value(x * 2.03, y * 2.03, salt + 1) * 2.0 + value(x * 4.09, y * 4.09, salt + 2)) / 7.0
+    (value(x, y, salt) * 4.0
+        + value(x * 2.03, y * 2.03, salt + 1) * 2.0
+        + value(x * 4.09, y * 4.09, salt + 2))
+        / 7.0
 }

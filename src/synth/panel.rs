@@ -28,7 +28,11 @@ impl Opening {
         if self.arched && p.y > self.height {
             DVec2::new(p.x, p.y - self.height).length() - self.half_width
         } else {
-            (p.x.abs() - self.half_width).max(-p.y).max(if self.arched { f64::NEG_INFINITY } else { p.y - self.height })
+            (p.x.abs() - self.half_width).max(-p.y).max(if self.arched {
+                f64::NEG_INFINITY
+            } else {
+                p.y - self.height
+            })
         }
     }
 }
@@ -71,7 +75,11 @@ impl Panel {
             && at.x <= self.size.x
             && at.y >= 0.0
             && at.y <= top
-            && !self.openings.as_ref().and_then(|o| o.near(at)).is_some_and(|o| o.distance(at) < 0.0)
+            && !self
+                .openings
+                .as_ref()
+                .and_then(|o| o.near(at))
+                .is_some_and(|o| o.distance(at) < 0.0)
     }
 
     pub fn intersect(&self, o: DVec3, d: DVec3, t_min: f64, t_max: f64) -> Option<(f64, DVec3)> {
@@ -123,7 +131,9 @@ impl Recess {
             if rest >= 0.0 {
                 for t in [middle - rest.sqrt(), middle + rest.sqrt()] {
                     let p = o + d * t;
-                    offer(t, DVec3::new(-p.x / half, -(p.y - height) / half, 0.0), &|p| deep(p) && p.y >= height);
+                    offer(t, DVec3::new(-p.x / half, -(p.y - height) / half, 0.0), &|p| {
+                        deep(p) && p.y >= height
+                    });
                 }
             }
         } else {

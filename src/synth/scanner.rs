@@ -36,7 +36,9 @@ pub fn scan(
 ) -> Result<()> {
     world.check_lattice()?;
     if !(noise >= 0.0 && noise.is_finite()) {
-        return Err(Error::Request(format!("a range noise of {noise} m makes no sense; it must be 0 or more")));
+        return Err(Error::Request(format!(
+            "a range noise of {noise} m makes no sense; it must be 0 or more"
+        )));
     }
     let mut left = points;
     let mut give = |chunk: &mut Chunk| -> Result<bool> {
@@ -51,19 +53,36 @@ pub fn scan(
     match &world.method {
         Method::Area { shares } => {
             let size = CHUNK as u64;
-            let make = |job: u64| area::chunk(world, shares, points, job * size..points.min((job + 1) * size), seed, noise);
+            let make = |job: u64| {
+                area::chunk(
+                    world,
+                    shares,
+                    points,
+                    job * size..points.min((job + 1) * size),
+                    seed,
+                    noise,
+                )
+            };
             in_order(points.div_ceil(size), make, &mut give)?;
         }
-        Method::Stations(stations) => passes(&Terrestrial { world, stations, seed, noise }, points, &mut give)?,
+        Method::Stations(stations) => {
+            passes(&Terrestrial { world, stations, seed, noise }, points, &mut give)?
+        }
         Method::Strips { .. } => passes(&Airborne::new(world, seed, noise), points, &mut give)?,
     }
     Ok(())
 }
 
-fn passes(scanner: &dyn Scanner, points: u64, give: &mut dyn FnMut(&mut Chunk) -> Result<bool>) -> Result<()> {
+fn passes(
+    scanner: &dyn Scanner,
+    points: u64,
+    give: &mut dyn FnMut(&mut Chunk) -> Result<bool>,
+) -> Result<()> {
     let per_unit = scanner.yield_at_unit_spacing();
     if per_unit <= 0.0 {
-        return Err(Error::Request("no ray of any station meets a surface; nothing can be scanned".to_owned()));
+        return Err(Error::Request(
+            "no ray of any station meets a surface; nothing can be scanned".to_owned(),
+        ));
     }
     let mut left = points;
     for pass in 0.. {
@@ -83,7 +102,11 @@ fn passes(scanner: &dyn Scanner, points: u64, give: &mut dyn FnMut(&mut Chunk) -
 }
 
 /// Makes chunks in parallel, a few per thread at a time, and gives them on in order. False: no more are wanted.
-fn in_order(jobs: u64, make: impl Fn(u64) -> Chunk + Sync, give: &mut dyn FnMut(&mut Chunk) -> Result<bool>) -> Result<bool> {
+fn in_order(
+    jobs: u64,
+    make: impl Fn(u64) -> Chunk + Sync,
+    give: &mut dyn FnMut(&mut Chunk) -> Result<bool>,
+) -> Result<bool> {
     let batch = 4 * rayon::current_num_threads() as u64;
     let mut next = 0;
     while next < jobs {

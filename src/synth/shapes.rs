@@ -116,7 +116,13 @@ pub struct Solid {
 
 impl Solid {
     /// The first crossing with t in (t_min, t_max): its parameter and local normal.
-    pub fn intersect(&self, origin: DVec3, direction: DVec3, t_min: f64, t_max: f64) -> Option<(f64, DVec3)> {
+    pub fn intersect(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        t_min: f64,
+        t_max: f64,
+    ) -> Option<(f64, DVec3)> {
         let (o, d) = (self.pose.local_point(origin), self.pose.local_vector(direction));
         match &self.shape {
             Shape::Panel(panel) => panel.intersect(o, d, t_min, t_max),
@@ -143,15 +149,23 @@ impl Solid {
 
     pub fn bounds(&self) -> Aabb {
         let local = match &self.shape {
-            Shape::Panel(p) => Aabb { min: DVec3::ZERO, max: DVec3::new(p.size.x, p.size.y + p.gable, 0.0) },
+            Shape::Panel(p) => {
+                Aabb { min: DVec3::ZERO, max: DVec3::new(p.size.x, p.size.y + p.gable, 0.0) }
+            }
             Shape::Recess(r) => {
                 let half = r.opening.half_width;
-                Aabb { min: DVec3::new(-half, 0.0, -r.depth), max: DVec3::new(half, r.opening.top(), 0.0) }
+                Aabb {
+                    min: DVec3::new(-half, 0.0, -r.depth),
+                    max: DVec3::new(half, r.opening.top(), 0.0),
+                }
             }
-            Shape::Cuboid { half } | Shape::Rounded { half, .. } | Shape::Ellipsoid { semi_axes: half } => Aabb { min: -*half, max: *half },
-            Shape::Cylinder { radius, height } => {
-                Aabb { min: DVec3::new(-radius, -radius, 0.0), max: DVec3::new(*radius, *radius, *height) }
-            }
+            Shape::Cuboid { half }
+            | Shape::Rounded { half, .. }
+            | Shape::Ellipsoid { semi_axes: half } => Aabb { min: -*half, max: *half },
+            Shape::Cylinder { radius, height } => Aabb {
+                min: DVec3::new(-radius, -radius, 0.0),
+                max: DVec3::new(*radius, *radius, *height),
+            },
             Shape::Torus { major, minor } => {
                 let outer = DVec3::new(major + minor, major + minor, *minor);
                 Aabb { min: -outer, max: outer }
@@ -161,7 +175,11 @@ impl Solid {
         };
         let corner = |i: usize| {
             let pick = |bit: usize, low: f64, high: f64| if i >> bit & 1 == 1 { high } else { low };
-            DVec3::new(pick(0, local.min.x, local.max.x), pick(1, local.min.y, local.max.y), pick(2, local.min.z, local.max.z))
+            DVec3::new(
+                pick(0, local.min.x, local.max.x),
+                pick(1, local.min.y, local.max.y),
+                pick(2, local.min.z, local.max.z),
+            )
         };
         (0..8).fold(Aabb::EMPTY, |b, i| b.including(self.pose.point(corner(i))))
     }
@@ -179,7 +197,9 @@ impl Solid {
     /// A point of the surface, uniform by area, and its normal; local.
     pub fn sample(&self, random: &mut Random) -> (DVec3, DVec3) {
         match &self.shape {
-            Shape::Panel(p) => (DVec3::new(random.unit() * p.size.x, random.unit() * p.size.y, 0.0), DVec3::Z),
+            Shape::Panel(p) => {
+                (DVec3::new(random.unit() * p.size.x, random.unit() * p.size.y, 0.0), DVec3::Z)
+            }
             Shape::Ellipsoid { semi_axes } => {
                 let z = random.between(-1.0, 1.0);
                 let (sin, cos) = (TAU * random.unit()).sin_cos();
@@ -223,7 +243,8 @@ fn cuboid(half: DVec3, o: DVec3, d: DVec3, t_min: f64, t_max: f64) -> Option<(f6
         let mut normal = DVec3::ZERO;
         normal[axis] = 1.0;
         let (a, b) = ((-half[axis] - o[axis]) / d[axis], (half[axis] - o[axis]) / d[axis]);
-        let (near, far) = if d[axis] > 0.0 { ((a, -normal), (b, normal)) } else { ((b, normal), (a, -normal)) };
+        let (near, far) =
+            if d[axis] > 0.0 { ((a, -normal), (b, normal)) } else { ((b, normal), (a, -normal)) };
         if d[axis] == 0.0 {
             if o[axis].abs() > half[axis] {
                 return None;
@@ -263,7 +284,14 @@ fn convex(faces: &[Face], o: DVec3, d: DVec3, t_min: f64, t_max: f64) -> Option<
     [enter, leave].into_iter().find(|c| c.0 > t_min && c.0 < t_max)
 }
 
-fn cylinder(radius: f64, height: f64, o: DVec3, d: DVec3, t_min: f64, t_max: f64) -> Option<(f64, DVec3)> {
+fn cylinder(
+    radius: f64,
+    height: f64,
+    o: DVec3,
+    d: DVec3,
+    t_min: f64,
+    t_max: f64,
+) -> Option<(f64, DVec3)> {
     let mut best = (t_max, DVec3::ZERO);
     let a = d.x * d.x + d.y * d.y;
     let middle = -(o.x * d.x + o.y * d.y) / a;
@@ -287,7 +315,14 @@ fn cylinder(radius: f64, height: f64, o: DVec3, d: DVec3, t_min: f64, t_max: f64
 
 /// Sphere tracing (Hart 1996) down to the surface, then Newton: the distance to a rounded cuboid is exact, so a step never overshoots.
 /// Only from outside, which is where scanners and cameras are.
-fn rounded(half: DVec3, radius: f64, o: DVec3, d: DVec3, t_min: f64, t_max: f64) -> Option<(f64, DVec3)> {
+fn rounded(
+    half: DVec3,
+    radius: f64,
+    o: DVec3,
+    d: DVec3,
+    t_min: f64,
+    t_max: f64,
+) -> Option<(f64, DVec3)> {
     let (mut t, leave) = Aabb { min: -half, max: half }.clip(o, d.recip(), t_min, t_max)?;
     let core = half - radius;
     let speed = d.length();
@@ -300,7 +335,8 @@ fn rounded(half: DVec3, radius: f64, o: DVec3, d: DVec3, t_min: f64, t_max: f64)
         let p = o + d * t;
         let (away, out) = distance(p);
         if away < 1e-6 {
-            let normal = (out * DVec3::new(p.x.signum(), p.y.signum(), p.z.signum())).try_normalize()?;
+            let normal =
+                (out * DVec3::new(p.x.signum(), p.y.signum(), p.z.signum())).try_normalize()?;
             let slope = normal.dot(d);
             if away.abs() < 1e-12 || slope == 0.0 {
                 return (t > t_min && t < t_max && away.abs() < 1e-9).then_some((t, normal));

@@ -93,7 +93,12 @@ pub fn build(seed: u64) -> World {
     for row in rows {
         let mut y = row.from;
         for (wall, color, trim, ground, width, bays, floors) in row.houses {
-            let shutters = [None, Some(DVec3::new(0.07, 0.20, 0.14)), Some(DVec3::new(0.10, 0.20, 0.32)), None][random.below(4)];
+            let shutters = [
+                None,
+                Some(DVec3::new(0.07, 0.20, 0.14)),
+                Some(DVec3::new(0.10, 0.20, 0.32)),
+                None,
+            ][random.below(4)];
             let plain_wall = matches!(wall, Plaster) && !matches!(ground, Arcade);
             let house = House {
                 width,
@@ -104,7 +109,8 @@ pub fn build(seed: u64) -> World {
                 trim,
                 tile: if random.unit() < 0.7 { CLAY } else { SLATE },
                 ground,
-                arched_windows: matches!(wall, Stone) || (matches!(ground, Arcade) && part % 2 == 0),
+                arched_windows: matches!(wall, Stone)
+                    || (matches!(ground, Arcade) && part % 2 == 0),
                 shutters: shutters.filter(|_| plain_wall),
                 balcony: matches!(wall, Brick | Stone) && part % 2 == 1,
                 part,
@@ -135,7 +141,10 @@ pub fn build(seed: u64) -> World {
         canyon: Some((HALF_WIDTH, 13.0)),
         covers,
     };
-    let station = |x: f64, y: f64, gain: f64, tint: [f64; 3]| Station { position: DVec3::new(x, y, 1.75), gain: DVec3::from(tint) * gain };
+    let station = |x: f64, y: f64, gain: f64, tint: [f64; 3]| Station {
+        position: DVec3::new(x, y, 1.75),
+        gain: DVec3::from(tint) * gain,
+    };
     let stations = vec![
         station(-1.3, -21.0, 1.00, [1.00, 1.00, 1.00]),
         station(1.6, 1.5, 0.80, [1.02, 1.00, 0.96]),
@@ -143,7 +152,11 @@ pub fn build(seed: u64) -> World {
         station(1.5, 56.0, 0.90, [1.03, 1.00, 0.97]),
         station(0.9, -30.0, 1.07, [0.99, 1.00, 1.02]),
     ];
-    let look = Look { eye: DVec3::new(1.9, -27.5, 1.75), target: DVec3::new(-1.5, 10.0, 5.6), fov_y: 52.0 };
+    let look = Look {
+        eye: DVec3::new(1.9, -27.5, 1.75),
+        target: DVec3::new(-1.5, 10.0, 5.6),
+        fov_y: 52.0,
+    };
     let mut world = World::new(solids, leaves, light, Method::Stations(stations), look);
     world.offset = DVec3::new(500_000.0, 5_000_000.0, 100.0);
     world.step = 1e-3;
@@ -152,8 +165,15 @@ pub fn build(seed: u64) -> World {
 
 fn ground(solids: &mut Vec<Solid>) {
     let mut flat = |x: [f64; 2], y: [f64; 2], z: f64, material: Material| {
-        let panel = Panel { size: DVec2::new(x[1] - x[0], y[1] - y[0]), gable: 0.0, openings: None };
-        solids.push(solid(Pose::at(DVec3::new(x[0], y[0], z)), Shape::Panel(panel), material, 0, CLASS_GROUND));
+        let panel =
+            Panel { size: DVec2::new(x[1] - x[0], y[1] - y[0]), gable: 0.0, openings: None };
+        solids.push(solid(
+            Pose::at(DVec3::new(x[0], y[0], z)),
+            Shape::Panel(panel),
+            material,
+            0,
+            CLASS_GROUND,
+        ));
     };
     flat([-45.0, 45.0], [-40.0, 130.0], 0.0, Material::Cobbles);
     flat([-ROAD, ROAD], [-40.0, 92.0], 0.02, Material::Road);
@@ -173,25 +193,69 @@ fn viaduct(solids: &mut Vec<Solid>, part: u32) {
     let (from, to, y, depth, height, pitch) = (-42.0, 42.0, 39.5, 5.0, 10.2, 12.0);
     let masonry = Material::Masonry { wall: Wall::Stone, color: STONE * 0.85, salt: 3 };
     let edge = Material::Masonry { wall: Wall::Stone, color: STONE * 1.05, salt: 4 };
-    let front = Pose { origin: DVec3::new(from, y, 0.0), x: DVec3::X, y: DVec3::Z, z: DVec3::NEG_Y };
+    let front =
+        Pose { origin: DVec3::new(from, y, 0.0), x: DVec3::X, y: DVec3::Z, z: DVec3::NEG_Y };
     let columns = ((to - from) / pitch) as usize;
-    let arch = |k: usize| Opening { sill: DVec2::new(pitch * (k as f64 + 0.5), 0.0), half_width: 4.9, height: 3.4, arched: true };
+    let arch = |k: usize| Opening {
+        sill: DVec2::new(pitch * (k as f64 + 0.5), 0.0),
+        half_width: 4.9,
+        height: 3.4,
+        arched: true,
+    };
     let cells: Vec<_> = (0..columns).map(|k| Some(arch(k))).collect();
     for opening in cells.iter().flatten() {
-        let recess = Shape::Recess(Recess::new(Opening { height: opening.height + SUNK, ..*opening }, depth, false));
-        solids.push(solid(front.moved(DVec3::new(opening.sill.x, -SUNK, 0.0)), recess, masonry, part, CLASS_BUILDING));
+        let recess = Shape::Recess(Recess::new(
+            Opening { height: opening.height + SUNK, ..*opening },
+            depth,
+            false,
+        ));
+        solids.push(solid(
+            front.moved(DVec3::new(opening.sill.x, -SUNK, 0.0)),
+            recess,
+            masonry,
+            part,
+            CLASS_BUILDING,
+        ));
         let rise = opening.top();
-        solids.push(cuboid(front.moved(DVec3::new(opening.sill.x, rise + 0.25, 0.0)), [0.28, 0.45, 0.16], edge, part, CLASS_BUILDING));
+        solids.push(cuboid(
+            front.moved(DVec3::new(opening.sill.x, rise + 0.25, 0.0)),
+            [0.28, 0.45, 0.16],
+            edge,
+            part,
+            CLASS_BUILDING,
+        ));
     }
     let openings = Openings { left: 0.0, pitch, columns, rows: vec![0.0], cells };
-    let face = Panel { size: DVec2::new(to - from, height), gable: 0.0, openings: Some(Box::new(openings)) };
-    let facing = Material::Facade { wall: Wall::Stone, color: STONE * 0.85, trim: STONE * 1.1, base: 0.0, salt: 5 };
+    let face = Panel {
+        size: DVec2::new(to - from, height),
+        gable: 0.0,
+        openings: Some(Box::new(openings)),
+    };
+    let facing = Material::Facade {
+        wall: Wall::Stone,
+        color: STONE * 0.85,
+        trim: STONE * 1.1,
+        base: 0.0,
+        salt: 5,
+    };
     for back in [0.0, -depth] {
-        solids.push(solid(front.moved(DVec3::Z * back), Shape::Panel(face.clone()), facing, part, CLASS_BUILDING));
+        solids.push(solid(
+            front.moved(DVec3::Z * back),
+            Shape::Panel(face.clone()),
+            facing,
+            part,
+            CLASS_BUILDING,
+        ));
     }
     let half = (to - from) / 2.0;
     let mut beam = |up: f64, z: f64, half_height: f64, half_depth: f64| {
-        solids.push(cuboid(front.moved(DVec3::new(half, up, z)), [half, half_height, half_depth], edge, part, CLASS_BUILDING));
+        solids.push(cuboid(
+            front.moved(DVec3::new(half, up, z)),
+            [half, half_height, half_depth],
+            edge,
+            part,
+            CLASS_BUILDING,
+        ));
     };
     beam(height + 0.12, -depth / 2.0, 0.14, depth / 2.0 + 0.30);
     beam(height + 0.75, 0.0, 0.50, 0.18);
@@ -206,18 +270,31 @@ fn viaduct(solids: &mut Vec<Solid>, part: u32) {
 /// The end of the view: a tower with belfry and spire, and the nave's gable behind it.
 fn church(solids: &mut Vec<Solid>, part: u32) {
     let (half, height, y) = (3.9, 25.0, 96.0);
-    let masonry = Material::Facade { wall: Wall::Stone, color: STONE * 1.1, trim: WHITE, base: 0.0, salt: 6 };
+    let masonry =
+        Material::Facade { wall: Wall::Stone, color: STONE * 1.1, trim: WHITE, base: 0.0, salt: 6 };
     let origin = DVec3::new(-2.4, y, 0.0);
     let rows = vec![0.0, 8.0, 17.0];
-    let opening = |u: f64, v: f64, half_width: f64, height: f64| Some(Opening { sill: DVec2::new(u, v), half_width, height, arched: true });
-    let cells = vec![opening(half, 0.0, 1.3, 2.8), opening(half, 10.0, 0.7, 2.6), opening(half, 18.5, 1.1, 3.0)];
-    let openings = Openings { left: 0.0, pitch: 2.0 * half, columns: 1, rows, cells: cells.clone() };
+    let opening = |u: f64, v: f64, half_width: f64, height: f64| {
+        Some(Opening { sill: DVec2::new(u, v), half_width, height, arched: true })
+    };
+    let cells = vec![
+        opening(half, 0.0, 1.3, 2.8),
+        opening(half, 10.0, 0.7, 2.6),
+        opening(half, 18.5, 1.1, 3.0),
+    ];
+    let openings =
+        Openings { left: 0.0, pitch: 2.0 * half, columns: 1, rows, cells: cells.clone() };
     for (out, x) in [(DVec3::NEG_Y, DVec3::X), (DVec3::X, DVec3::Y), (DVec3::NEG_X, DVec3::NEG_Y)] {
         let pose = Pose { origin: origin + out * half - x * half, x, y: DVec3::Z, z: out };
-        let panel = Panel { size: DVec2::new(2.0 * half, height), gable: 0.0, openings: Some(Box::new(openings.clone())) };
+        let panel = Panel {
+            size: DVec2::new(2.0 * half, height),
+            gable: 0.0,
+            openings: Some(Box::new(openings.clone())),
+        };
         solids.push(solid(pose, Shape::Panel(panel), masonry, part, CLASS_BUILDING));
         for opening in cells.iter().flatten() {
-            let window = Material::Window { trim: STONE, frame: DVec3::splat(0.05), panes: (2, 6), salt: 7 };
+            let window =
+                Material::Window { trim: STONE, frame: DVec3::splat(0.05), panes: (2, 6), salt: 7 };
             solids.push(solid(
                 pose.moved(opening.sill.extend(0.0)),
                 Shape::Recess(Recess::new(*opening, 0.6, true)),
@@ -227,31 +304,92 @@ fn church(solids: &mut Vec<Solid>, part: u32) {
             ));
         }
         let dial = pose.point(DVec3::new(half, 15.8, 0.0));
-        solids.push(pole(dial, out, 1.25, 0.10, Material::Plain(DVec3::new(0.05, 0.08, 0.16)), part, CLASS_BUILDING));
+        solids.push(pole(
+            dial,
+            out,
+            1.25,
+            0.10,
+            Material::Plain(DVec3::new(0.05, 0.08, 0.16)),
+            part,
+            CLASS_BUILDING,
+        ));
         solids.push(pole(dial, out, 1.08, 0.13, Material::Plain(WHITE), part, CLASS_BUILDING));
         for (up, aside, length) in [(1.0, 0.15, 0.42), (0.25, 1.0, 0.30)] {
             let hand = (DVec3::Z * up + x * aside).normalize();
-            let pose = Pose { origin: dial + hand * length + out * 0.14, x: hand, y: out.cross(hand), z: out };
-            solids.push(cuboid(pose, [length, 0.06, 0.02], Material::Plain(DVec3::splat(0.03)), part, CLASS_BUILDING));
+            let pose = Pose {
+                origin: dial + hand * length + out * 0.14,
+                x: hand,
+                y: out.cross(hand),
+                z: out,
+            };
+            solids.push(cuboid(
+                pose,
+                [length, 0.06, 0.02],
+                Material::Plain(DVec3::splat(0.03)),
+                part,
+                CLASS_BUILDING,
+            ));
         }
     }
     let trim = Material::Masonry { wall: Wall::Stone, color: WHITE, salt: 8 };
     for (z, out) in [(8.3, 0.18), (17.2, 0.18), (height, 0.45)] {
-        solids.push(cuboid(Pose::at(origin + DVec3::Z * z), [half + out, half + out, 0.22], trim, part, CLASS_BUILDING));
+        solids.push(cuboid(
+            Pose::at(origin + DVec3::Z * z),
+            [half + out, half + out, 0.22],
+            trim,
+            part,
+            CLASS_BUILDING,
+        ));
     }
     let spire = Material::Tiles { color: SLATE * 1.2, salt: 9 };
-    solids.push(solid(Pose::at(origin + DVec3::Z * (height + 0.2)), roof(half, half, 15.0, half), spire, part, CLASS_BUILDING));
+    solids.push(solid(
+        Pose::at(origin + DVec3::Z * (height + 0.2)),
+        roof(half, half, 15.0, half),
+        spire,
+        part,
+        CLASS_BUILDING,
+    ));
     let gold = Material::Plain(DVec3::new(0.85, 0.58, 0.14));
-    solids.push(pole(origin + DVec3::Z * (height + 14.6), DVec3::Z, 0.06, 2.4, gold, part, CLASS_BUILDING));
-    solids.push(cuboid(Pose::at(origin + DVec3::Z * (height + 16.3)), [0.5, 0.05, 0.06], gold, part, CLASS_BUILDING));
-    let nave = Pose { origin: origin + DVec3::new(-9.0, 5.0, 0.0), x: DVec3::X, y: DVec3::Z, z: DVec3::NEG_Y };
+    solids.push(pole(
+        origin + DVec3::Z * (height + 14.6),
+        DVec3::Z,
+        0.06,
+        2.4,
+        gold,
+        part,
+        CLASS_BUILDING,
+    ));
+    solids.push(cuboid(
+        Pose::at(origin + DVec3::Z * (height + 16.3)),
+        [0.5, 0.05, 0.06],
+        gold,
+        part,
+        CLASS_BUILDING,
+    ));
+    let nave = Pose {
+        origin: origin + DVec3::new(-9.0, 5.0, 0.0),
+        x: DVec3::X,
+        y: DVec3::Z,
+        z: DVec3::NEG_Y,
+    };
     let gable = Panel { size: DVec2::new(18.0, 12.0), gable: 8.0, openings: None };
     solids.push(solid(nave, Shape::Panel(gable), masonry, part, CLASS_BUILDING));
     let ridge = Pose::facing(origin + DVec3::new(0.0, 15.0, 12.0), DVec3::Y, DVec3::Z);
-    solids.push(solid(ridge, roof(10.0, 9.5, 8.4, 0.0), Material::Tiles { color: CLAY, salt: 10 }, part, CLASS_BUILDING));
+    solids.push(solid(
+        ridge,
+        roof(10.0, 9.5, 8.4, 0.0),
+        Material::Tiles { color: CLAY, salt: 10 },
+        part,
+        CLASS_BUILDING,
+    ));
 }
 
-fn furnish(solids: &mut Vec<Solid>, leaves: &mut Vec<Leaf>, first: u32, random: &mut Random) -> Vec<Cover> {
+fn furnish(
+    solids: &mut Vec<Solid>,
+    leaves: &mut Vec<Leaf>,
+    first: u32,
+    random: &mut Random,
+) -> Vec<Cover> {
     let mut part = first;
     let mut next = || {
         part += 1;
@@ -290,7 +428,11 @@ fn furnish(solids: &mut Vec<Solid>, leaves: &mut Vec<Leaf>, first: u32, random: 
     for (x, y, degrees, paint) in cars {
         let degrees: f64 = degrees + random.between(-1.5, 1.5);
         props::car(solids, DVec3::new(x, y, 0.0), degrees, paint, next());
-        covers.push(Cover { centre: DVec2::new(x, y), along: DVec2::from_angle(degrees.to_radians()), half: DVec2::new(2.1, 0.85) });
+        covers.push(Cover {
+            centre: DVec2::new(x, y),
+            along: DVec2::from_angle(degrees.to_radians()),
+            half: DVec2::new(2.1, 0.85),
+        });
     }
     for y in [-24.0, -7.5, 9.0, 25.5, 55.0, 72.0] {
         for (x, shift) in [(-5.75, 0.0), (5.75, 4.5)] {

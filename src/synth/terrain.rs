@@ -61,12 +61,16 @@ impl Relief {
     fn steepest() -> f64 {
         let hills: f64 = HILLS.iter().map(|(a, kx, ky, _)| a * kx.hypot(*ky)).sum();
         // 2 a e^(-a^2) is at most sqrt(2/e); the river's turn is below 1.17.
-        hills + RIVER_DEPTH / RIVER_WIDTH * (2.0f64 / std::f64::consts::E).sqrt() * 1.17f64.hypot(1.0)
+        hills
+            + RIVER_DEPTH / RIVER_WIDTH * (2.0f64 / std::f64::consts::E).sqrt() * 1.17f64.hypot(1.0)
     }
 
     pub fn bounds(&self) -> Aabb {
         let top: f64 = HILLS.iter().map(|h| h.0).sum();
-        Aabb { min: DVec3::new(-HALF.x, -HALF.y, -top - RIVER_DEPTH), max: DVec3::new(HALF.x, HALF.y, top) }
+        Aabb {
+            min: DVec3::new(-HALF.x, -HALF.y, -top - RIVER_DEPTH),
+            max: DVec3::new(HALF.x, HALF.y, top),
+        }
     }
 
     /// Steps that cannot cross the surface, by its steepest slope, then Newton. Rays come from above.
@@ -78,7 +82,8 @@ impl Relief {
             let (height, slope) = self.height(p.x, p.y);
             let above = p.z - height;
             if above.abs() < 1e-10 {
-                return (t > t_min && t < leave).then(|| (t, DVec3::new(-slope.x, -slope.y, 1.0).normalize()));
+                return (t > t_min && t < leave)
+                    .then(|| (t, DVec3::new(-slope.x, -slope.y, 1.0).normalize()));
             }
             let closing = d.z - slope.dot(d.truncate());
             // Within a centimetre and going down, Newton cannot leave for another hill.
@@ -106,7 +111,11 @@ pub fn land(p: DVec3, n: DVec3) -> DVec3 {
     let road = (p.y - lane(p.x)).abs();
     if road < 3.0 {
         let line = road < 0.12 && (p.x / 4.0).floor().rem_euclid(2.0) == 0.0;
-        return DVec3::splat(if line { 0.55 } else { 0.13 + 0.03 * mottle(p.x * 2.0, p.y * 2.0, 73) });
+        return DVec3::splat(if line {
+            0.55
+        } else {
+            0.13 + 0.03 * mottle(p.x * 2.0, p.y * 2.0, 73)
+        });
     }
     let grass = DVec3::new(0.13, 0.21, 0.055) * (0.7 + 0.6 * mottle(p.x * 0.8, p.y * 0.8, 74));
     if away < 22.0 || road < 7.0 || village(p.x, p.y) < 1.0 {
@@ -148,38 +157,64 @@ pub fn build(seed: u64) -> World {
     let relief = Relief;
     let mut random = Random::new(seed, 0x7E44, 0);
     let ground = |x: f64, y: f64| DVec3::new(x, y, relief.height(x, y).0);
-    let mut solids = vec![solid(Pose::at(DVec3::ZERO), Shape::Terrain { relief }, Material::Land, 0, 2)];
+    let mut solids =
+        vec![solid(Pose::at(DVec3::ZERO), Shape::Terrain { relief }, Material::Land, 0, 2)];
     let mut leaves = Vec::new();
     let mut part = 1;
     let mut taken: Vec<DVec2> = Vec::new();
     for _ in 0..900 {
         let at = DVec2::new(random.between(0.0, 185.0), random.between(-25.0, 105.0));
         let road = (at.y - lane(at.x)).abs();
-        if village(at.x, at.y) > 0.95 || road < 10.0 || taken.iter().any(|t| t.distance(at) < 17.0) || taken.len() >= 46 {
+        if village(at.x, at.y) > 0.95
+            || road < 10.0
+            || taken.iter().any(|t| t.distance(at) < 17.0)
+            || taken.len() >= 46
+        {
             continue;
         }
         taken.push(at);
-        let direction = (30.0 * 0.012 * (at.x * 0.012).cos()).atan().to_degrees() + 90.0 * random.below(2) as f64;
+        let direction = (30.0 * 0.012 * (at.x * 0.012).cos()).atan().to_degrees()
+            + 90.0 * random.below(2) as f64;
         props::cottage(&mut solids, ground(at.x, at.y), direction, part, &mut random);
         part += 1;
     }
     for _ in 0..6000 {
-        let at = DVec2::new(random.between(-HALF.x, HALF.x) * 0.98, random.between(-HALF.y, HALF.y) * 0.98);
+        let at = DVec2::new(
+            random.between(-HALF.x, HALF.x) * 0.98,
+            random.between(-HALF.y, HALF.y) * 0.98,
+        );
         let away = (at.x - river(at.y).0).abs();
         let wood = wood(at.x, at.y);
-        let wanted = wood || (12.0..20.0).contains(&away) && random.unit() < 0.25 || village(at.x, at.y) < 1.0 && random.unit() < 0.12;
-        let free = away > 11.0 && (at.y - lane(at.x)).abs() > 6.0 && taken.iter().all(|t| t.distance(at) > if wood { 5.0 } else { 8.5 });
+        let wanted = wood
+            || (12.0..20.0).contains(&away) && random.unit() < 0.25
+            || village(at.x, at.y) < 1.0 && random.unit() < 0.12;
+        let free = away > 11.0
+            && (at.y - lane(at.x)).abs() > 6.0
+            && taken.iter().all(|t| t.distance(at) > if wood { 5.0 } else { 8.5 });
         if wanted && free {
             taken.push(at);
             let size = random.between(1.0, 1.6);
-            props::tree(&mut solids, &mut leaves, ground(at.x, at.y), size, 220, 0.50, part, &mut random);
+            props::tree(
+                &mut solids,
+                &mut leaves,
+                ground(at.x, at.y),
+                size,
+                220,
+                0.50,
+                part,
+                &mut random,
+            );
             part += 1;
         }
     }
     let light = Light { shadows: true, ..Light::studio() };
     let lines = vec![(-225.0, 1.0), (-75.0, 0.90), (75.0, 1.08), (225.0, 0.95)];
     let method = Method::Strips { height: 420.0, half_angle: 13.5, lines };
-    let look = Look { eye: DVec3::new(-120.0, -270.0, 130.0), target: DVec3::new(30.0, 20.0, 0.0), fov_y: 42.0 };
+    let look = Look {
+        eye: DVec3::new(-120.0, -270.0, 130.0),
+        target: DVec3::new(30.0, 20.0, 0.0),
+        fov_y: 42.0,
+    };
     let mut world = World::new(solids, leaves, light, method, look);
     world.offset = DVec3::new(500_000.0, 5_000_000.0, 100.0);
     world.step = 1e-3;

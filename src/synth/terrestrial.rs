@@ -65,7 +65,14 @@ impl Scanner for Terrestrial<'_> {
         let pilot = grid(1.5f64.to_radians());
         let rays = pilot.rows * pilot.columns;
         let hits = |station: &Station| {
-            let hit = |i: u64| self.world.trace(station.position, direction(&pilot, i / pilot.rows, i % pilot.rows, (0.5, 0.5))).is_some();
+            let hit = |i: u64| {
+                self.world
+                    .trace(
+                        station.position,
+                        direction(&pilot, i / pilot.rows, i % pilot.rows, (0.5, 0.5)),
+                    )
+                    .is_some()
+            };
             (0..rays).filter(|&i| hit(i)).count() as f64 / rays as f64
         };
         let (low, high) = sweep();
@@ -87,20 +94,36 @@ impl Scanner for Terrestrial<'_> {
         let mut start = Random::new(self.seed, 1 << 32 | pass, index as u64);
         let phase = (start.unit(), start.unit());
         let mut chunk = Chunk::new(self.world.lattice(), RAYS_PER_JOB as usize);
-        for column in part * grid.columns_per_job..grid.columns.min((part + 1) * grid.columns_per_job) {
+        for column in
+            part * grid.columns_per_job..grid.columns.min((part + 1) * grid.columns_per_job)
+        {
             for row in 0..grid.rows {
                 let ray = direction(&grid, column, row, phase);
                 let Some(hit) = self.world.trace(station.position, ray) else { continue };
                 let pulse = column * grid.rows + row;
                 let mut error = 0.0;
                 if self.noise > 0.0 {
-                    error = self.noise * Random::new(self.seed, (index as u64) << 33 | pass << 1 | 1, pulse).normal();
+                    error = self.noise
+                        * Random::new(self.seed, (index as u64) << 33 | pass << 1 | 1, pulse)
+                            .normal();
                 }
                 let position = station.position + ray * (hit.t + error);
                 let echo = (0.25 + 0.75 * hit.normal.dot(ray).abs()) / (1.0 + hit.t / 60.0);
-                let time = (index as u64 * 16 + pass) as f64 * STATION_S / 16.0 + pulse as f64 * PULSE_S;
+                let time =
+                    (index as u64 * 16 + pass) as f64 * STATION_S / 16.0 + pulse as f64 * PULSE_S;
                 let source = index as u16 + 1;
-                chunk.push(&hit, position, Pulse { gain: station.gain, echo, source, returns: (1, 1), gps_time: time, scan_angle: 0 });
+                chunk.push(
+                    &hit,
+                    position,
+                    Pulse {
+                        gain: station.gain,
+                        echo,
+                        source,
+                        returns: (1, 1),
+                        gps_time: time,
+                        scan_angle: 0,
+                    },
+                );
             }
         }
         chunk

@@ -6,7 +6,14 @@
 
 use glam::DVec3;
 
-pub fn intersect(major: f64, minor: f64, origin: DVec3, direction: DVec3, t_min: f64, t_max: f64) -> Option<f64> {
+pub fn intersect(
+    major: f64,
+    minor: f64,
+    origin: DVec3,
+    direction: DVec3,
+    t_min: f64,
+    t_max: f64,
+) -> Option<f64> {
     // Unit speed, and the parameter counted from the point nearest to the centre: coefficients stay of the torus's own size.
     let speed = direction.length();
     let d = direction / speed;
@@ -25,8 +32,13 @@ pub fn intersect(major: f64, minor: f64, origin: DVec3, direction: DVec3, t_min:
     // (|p|^2 + R^2 - r^2)^2 - 4 R^2 (x^2 + y^2), with p = o + t d and o.d = 0.
     let k = o.length_squared() + major * major - minor * minor;
     let four = 4.0 * major * major;
-    let quartic =
-        [k * k - four * (o.x * o.x + o.y * o.y), -four * 2.0 * (o.x * d.x + o.y * d.y), 2.0 * k - four * (d.x * d.x + d.y * d.y), 0.0, 1.0];
+    let quartic = [
+        k * k - four * (o.x * o.x + o.y * o.y),
+        -four * 2.0 * (o.x * d.x + o.y * d.y),
+        2.0 * k - four * (d.x * d.x + d.y * d.y),
+        0.0,
+        1.0,
+    ];
     let mut crossings = [0.0; 4];
     let count = roots(&quartic, low, high, &mut crossings);
     let distance = |t: f64| {
@@ -46,7 +58,10 @@ pub fn intersect(major: f64, minor: f64, origin: DVec3, direction: DVec3, t_min:
             let slope = (ring * (p.x * d.x + p.y * d.y) / radial + p.z * d.z) / tube;
             let step = (tube - minor) / slope;
             // At a grazing touch the slope vanishes; the bracketed root is then better than a long Newton step.
-            if !step.is_finite() || step.abs() > 1e-6 * minor || distance(t - step).abs() > distance(t).abs() {
+            if !step.is_finite()
+                || step.abs() > 1e-6 * minor
+                || distance(t - step).abs() > distance(t).abs()
+            {
                 break;
             }
             t -= step;

@@ -87,16 +87,25 @@ const LIFT_M: f64 = 1e-6;
 pub const CLASS_TREE: u8 = 5;
 
 impl World {
-    pub fn new(solids: Vec<Solid>, leaves: Vec<Leaf>, light: Light, method: Method, look: Look) -> World {
+    pub fn new(
+        solids: Vec<Solid>,
+        leaves: Vec<Leaf>,
+        light: Light,
+        method: Method,
+        look: Look,
+    ) -> World {
         let disc = |leaf: &Leaf| {
             // A disc reaches r sqrt(1 - n^2) along each axis.
-            let reach = (DVec3::ONE - leaf.normal * leaf.normal).max(DVec3::ZERO).map(f64::sqrt) * leaf.radius;
+            let reach = (DVec3::ONE - leaf.normal * leaf.normal).max(DVec3::ZERO).map(f64::sqrt)
+                * leaf.radius;
             Aabb { min: leaf.centre - reach, max: leaf.centre + reach }
         };
-        let boxes: Vec<Aabb> = solids.iter().map(Solid::bounds).chain(leaves.iter().map(disc)).collect();
+        let boxes: Vec<Aabb> =
+            solids.iter().map(Solid::bounds).chain(leaves.iter().map(disc)).collect();
         let mut tree = Bvh::build(&boxes);
         let first = solids.len() as u32;
-        let leaves = tree.renumber(first).into_iter().map(|old| leaves[(old - first) as usize]).collect();
+        let leaves =
+            tree.renumber(first).into_iter().map(|old| leaves[(old - first) as usize]).collect();
         World { offset: DVec3::ZERO, step: 1e-4, method, light, solids, leaves, look, tree }
     }
 
@@ -106,7 +115,11 @@ impl World {
     }
 
     pub fn camera(&self) -> Look {
-        Look { eye: self.look.eye + self.offset, target: self.look.target + self.offset, fov_y: self.look.fov_y }
+        Look {
+            eye: self.look.eye + self.offset,
+            target: self.look.target + self.offset,
+            fov_y: self.look.fov_y,
+        }
     }
 
     pub fn stations(&self) -> &[Station] {
@@ -133,7 +146,8 @@ impl World {
         match self.solids.get(primitive as usize) {
             Some(solid) => {
                 let world_normal = solid.pose.vector(normal);
-                let facing = if world_normal.dot(direction) > 0.0 { -world_normal } else { world_normal };
+                let facing =
+                    if world_normal.dot(direction) > 0.0 { -world_normal } else { world_normal };
                 let local = solid.pose.local_point(point);
                 Some(self.shade(solid, t, point, facing, local, normal))
             }
@@ -163,13 +177,23 @@ impl World {
         self.shade(solid, 0.0, solid.pose.point(local), solid.pose.vector(normal), local, normal)
     }
 
-    fn cross(&self, primitive: u32, origin: DVec3, direction: DVec3, t_min: f64, t_max: f64) -> Option<(f64, DVec3)> {
+    fn cross(
+        &self,
+        primitive: u32,
+        origin: DVec3,
+        direction: DVec3,
+        t_min: f64,
+        t_max: f64,
+    ) -> Option<(f64, DVec3)> {
         match self.solids.get(primitive as usize) {
             Some(solid) => solid.intersect(origin, direction, t_min, t_max),
             None => {
                 let leaf = &self.leaves[primitive as usize - self.solids.len()];
                 let t = (leaf.centre - origin).dot(leaf.normal) / direction.dot(leaf.normal);
-                let inside = t > t_min && t < t_max && (origin + direction * t).distance_squared(leaf.centre) <= leaf.radius * leaf.radius;
+                let inside = t > t_min
+                    && t < t_max
+                    && (origin + direction * t).distance_squared(leaf.centre)
+                        <= leaf.radius * leaf.radius;
                 inside.then_some((t, leaf.normal))
             }
         }
@@ -179,18 +203,41 @@ impl World {
         let origin = point + normal * LIFT_M;
         let sun = self.light.sun_direction;
         self.tree.walk(origin, sun, 0.0, f64::INFINITY, true, |primitive, t_max| {
-            let ground = self.solids.get(primitive as usize).is_some_and(|s| matches!(s.shape, super::shapes::Shape::Terrain { .. }));
+            let ground = self
+                .solids
+                .get(primitive as usize)
+                .is_some_and(|s| matches!(s.shape, super::shapes::Shape::Terrain { .. }));
             // Gentle hills under a high sun shade nothing, and marching along them is what would cost.
-            if ground { None } else { self.cross(primitive, origin, sun, 0.0, t_max).map(|(t, _)| t) }
+            if ground {
+                None
+            } else {
+                self.cross(primitive, origin, sun, 0.0, t_max).map(|(t, _)| t)
+            }
         })
     }
 
-    fn shade(&self, solid: &Solid, t: f64, point: DVec3, normal: DVec3, local: DVec3, local_normal: DVec3) -> Hit {
+    fn shade(
+        &self,
+        solid: &Solid,
+        t: f64,
+        point: DVec3,
+        normal: DVec3,
+        local: DVec3,
+        local_normal: DVec3,
+    ) -> Hit {
         let (albedo, open) = material::albedo(solid, point, normal, local, local_normal);
         let facing = normal.dot(self.light.sun_direction);
         let sunlit = facing > 0.0 && !(self.light.shadows && self.in_shadow(point, normal));
         let sun = if sunlit { self.light.sun * facing } else { DVec3::ZERO };
-        finish(t, point, normal, albedo, sun + self.light.ambient(point, normal) * open, solid.part, solid.class)
+        finish(
+            t,
+            point,
+            normal,
+            albedo,
+            sun + self.light.ambient(point, normal) * open,
+            solid.part,
+            solid.class,
+        )
     }
 
     /// Leaves scatter light through: half as bright from behind, never quite dark.
@@ -200,11 +247,27 @@ impl World {
         let strength = if facing > 0.0 { 0.35 + 0.65 * facing } else { 0.35 - 0.25 * facing };
         let sun = if sunlit { self.light.sun * strength } else { DVec3::ZERO };
         let soft = (normal + DVec3::Z * 2.0).normalize();
-        finish(t, point, normal, leaf.albedo, sun + self.light.ambient(point, soft), leaf.part, CLASS_TREE)
+        finish(
+            t,
+            point,
+            normal,
+            leaf.albedo,
+            sun + self.light.ambient(point, soft),
+            leaf.part,
+            CLASS_TREE,
+        )
     }
 }
 
-fn finish(t: f64, point: DVec3, normal: DVec3, albedo: DVec3, light: DVec3, part: u32, class: u8) -> Hit {
+fn finish(
+    t: f64,
+    point: DVec3,
+    normal: DVec3,
+    albedo: DVec3,
+    light: DVec3,
+    part: u32,
+    class: u8,
+) -> Hit {
     let lit = albedo * light;
     Hit { t, point, normal, albedo, lit, luminance: lit.dot(LUMINANCE), part, class }
 }
@@ -213,6 +276,12 @@ fn finish(t: f64, point: DVec3, normal: DVec3, albedo: DVec3, light: DVec3, part
 pub const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
 
 /// For scenes made of a few posed shapes.
-pub fn solid(pose: Pose, shape: super::shapes::Shape, material: material::Material, part: u32, class: u8) -> Solid {
+pub fn solid(
+    pose: Pose,
+    shape: super::shapes::Shape,
+    material: material::Material,
+    part: u32,
+    class: u8,
+) -> Solid {
     Solid { pose, shape, material, part, class }
 }

@@ -18,12 +18,22 @@ impl Desktop {
         let (connection, screen) = x11rb::connect(Some(&display.name)).expect("the display");
         let root = connection.setup().roots[screen].root;
         let window = connection.generate_id().unwrap();
-        let (depth, class, aux) = (COPY_DEPTH_FROM_PARENT, WindowClass::INPUT_OUTPUT, CreateWindowAux::new());
-        connection.create_window(depth, window, root, 0, 0, 1, 1, 0, class, 0, &aux).unwrap().check().unwrap();
+        let (depth, class, aux) =
+            (COPY_DEPTH_FROM_PARENT, WindowClass::INPUT_OUTPUT, CreateWindowAux::new());
+        connection
+            .create_window(depth, window, root, 0, 0, 1, 1, 0, class, 0, &aux)
+            .unwrap()
+            .check()
+            .unwrap();
         let mut desktop = Desktop { display: connection, window, serial: 0 };
         desktop.dots_per_inch(96);
         let manager = desktop.atom(&format!("_XSETTINGS_S{screen}"));
-        desktop.display.set_selection_owner(window, manager, CURRENT_TIME).unwrap().check().unwrap();
+        desktop
+            .display
+            .set_selection_owner(window, manager, CURRENT_TIME)
+            .unwrap()
+            .check()
+            .unwrap();
         desktop
     }
 
@@ -42,7 +52,15 @@ impl Desktop {
         // Of an inch, 1024 parts of a dot.
         [self.serial, 1024 * dots].iter().for_each(|word| settings.extend(word.to_le_bytes()));
         let kind = self.atom("_XSETTINGS_SETTINGS");
-        let set = self.display.change_property(PropMode::REPLACE, self.window, kind, kind, 8, settings.len() as u32, &settings);
+        let set = self.display.change_property(
+            PropMode::REPLACE,
+            self.window,
+            kind,
+            kind,
+            8,
+            settings.len() as u32,
+            &settings,
+        );
         set.unwrap().check().unwrap();
         self.serial += 1;
     }

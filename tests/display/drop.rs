@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use x11rb::connection::Connection;
 use x11rb::protocol::Event;
 use x11rb::protocol::xproto::{
-    Atom, ClientMessageEvent, ConnectionExt, CreateWindowAux, EventMask, PropMode, SELECTION_NOTIFY_EVENT, SelectionNotifyEvent,
-    WindowClass,
+    Atom, ClientMessageEvent, ConnectionExt, CreateWindowAux, EventMask, PropMode,
+    SELECTION_NOTIFY_EVENT, SelectionNotifyEvent, WindowClass,
 };
 use x11rb::rust_connection::RustConnection;
 use x11rb::{COPY_DEPTH_FROM_PARENT, CURRENT_TIME};
@@ -24,8 +24,13 @@ impl Source {
 
     fn tell(&self, target: u32, name: &str, rest: [u32; 4]) {
         let [a, b, c, d] = rest;
-        let message = ClientMessageEvent::new(32, target, self.atom(name), [self.window, a, b, c, d]);
-        self.display.send_event(false, target, EventMask::NO_EVENT, message).unwrap().check().unwrap();
+        let message =
+            ClientMessageEvent::new(32, target, self.atom(name), [self.window, a, b, c, d]);
+        self.display
+            .send_event(false, target, EventMask::NO_EVENT, message)
+            .unwrap()
+            .check()
+            .unwrap();
     }
 
     /// Gives the file's address to whoever asks, until a message of this name comes.
@@ -36,7 +41,17 @@ impl Source {
                 Some(Event::SelectionRequest(request)) => {
                     let (to, property) = (request.requestor, request.property);
                     let bytes = address.as_bytes();
-                    self.display.change_property(PropMode::REPLACE, to, property, request.target, 8, bytes.len() as u32, bytes).unwrap();
+                    self.display
+                        .change_property(
+                            PropMode::REPLACE,
+                            to,
+                            property,
+                            request.target,
+                            8,
+                            bytes.len() as u32,
+                            bytes,
+                        )
+                        .unwrap();
                     let answer = SelectionNotifyEvent {
                         response_type: SELECTION_NOTIFY_EVENT,
                         sequence: 0,
@@ -46,12 +61,19 @@ impl Source {
                         target: request.target,
                         property,
                     };
-                    self.display.send_event(false, to, EventMask::NO_EVENT, answer).unwrap().check().unwrap();
+                    self.display
+                        .send_event(false, to, EventMask::NO_EVENT, answer)
+                        .unwrap()
+                        .check()
+                        .unwrap();
                 }
                 Some(Event::ClientMessage(message)) if message.type_ == wanted => return,
                 Some(_) => {}
                 None => {
-                    assert!(began.elapsed() < Duration::from_secs(60), "no {until} within a minute");
+                    assert!(
+                        began.elapsed() < Duration::from_secs(60),
+                        "no {until} within a minute"
+                    );
                     std::thread::sleep(Duration::from_millis(5));
                 }
             }
@@ -65,10 +87,16 @@ pub fn drop_file(display: &Display, window: &str, file: &Path) {
     let (connection, screen) = x11rb::connect(Some(&display.name)).expect("the display");
     let root = connection.setup().roots[screen].root;
     let own = connection.generate_id().unwrap();
-    let (depth, class, aux) = (COPY_DEPTH_FROM_PARENT, WindowClass::INPUT_OUTPUT, CreateWindowAux::new());
-    connection.create_window(depth, own, root, 0, 0, 1, 1, 0, class, 0, &aux).unwrap().check().unwrap();
+    let (depth, class, aux) =
+        (COPY_DEPTH_FROM_PARENT, WindowClass::INPUT_OUTPUT, CreateWindowAux::new());
+    connection
+        .create_window(depth, own, root, 0, 0, 1, 1, 0, class, 0, &aux)
+        .unwrap()
+        .check()
+        .unwrap();
     let source = Source { display: connection, window: own };
-    let (selection, uris, copy) = (source.atom("XdndSelection"), source.atom("text/uri-list"), source.atom("XdndActionCopy"));
+    let (selection, uris, copy) =
+        (source.atom("XdndSelection"), source.atom("text/uri-list"), source.atom("XdndActionCopy"));
     source.display.set_selection_owner(own, selection, CURRENT_TIME).unwrap().check().unwrap();
     const VERSION: u32 = 5;
     let address = format!("file://{}\r\n", file.display());

@@ -29,7 +29,16 @@ pub struct Display {
 impl Display {
     pub fn open() -> Display {
         let mut server = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "1280x960x24", "-nolisten", "tcp", "-noreset"])
+            .args([
+                "-displayfd",
+                "1",
+                "-screen",
+                "0",
+                "1280x960x24",
+                "-nolisten",
+                "tcp",
+                "-noreset",
+            ])
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -47,8 +56,16 @@ impl Display {
     }
 
     pub fn xdotool(&self, line: &str) -> String {
-        let output = self.command("xdotool").args(line.split_whitespace()).output().expect("xdotool; tools/setup installs it");
-        assert!(output.status.success(), "xdotool {line}: {}", String::from_utf8_lossy(&output.stderr));
+        let output = self
+            .command("xdotool")
+            .args(line.split_whitespace())
+            .output()
+            .expect("xdotool; tools/setup installs it");
+        assert!(
+            output.status.success(),
+            "xdotool {line}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
         String::from_utf8(output.stdout).unwrap().trim().to_string()
     }
 }
@@ -72,7 +89,10 @@ impl Heard {
         let lines = Arc::new(Mutex::new(Vec::new()));
         let kept = lines.clone();
         let reader = std::thread::spawn(move || {
-            BufReader::new(stream).lines().map_while(Result::ok).for_each(|line| kept.lock().unwrap().push(line));
+            BufReader::new(stream)
+                .lines()
+                .map_while(Result::ok)
+                .for_each(|line| kept.lock().unwrap().push(line));
         });
         Heard { lines, reader }
     }
@@ -84,7 +104,12 @@ impl Heard {
     /// All of it.
     fn end(self) -> Vec<u8> {
         self.reader.join().unwrap();
-        self.lines.lock().unwrap().iter().flat_map(|line| [line, "\n"].concat().into_bytes()).collect()
+        self.lines
+            .lock()
+            .unwrap()
+            .iter()
+            .flat_map(|line| [line, "\n"].concat().into_bytes())
+            .collect()
     }
 }
 
@@ -111,14 +136,26 @@ impl<'d> Viewer<'d> {
         viewer
     }
 
-    pub fn with_panel(display: &'d Display, folder: &Path, files: &[&Path], size: [u32; 2], line: &str) -> Viewer<'d> {
+    pub fn with_panel(
+        display: &'d Display,
+        folder: &Path,
+        files: &[&Path],
+        size: [u32; 2],
+        line: &str,
+    ) -> Viewer<'d> {
         let mut command = pointillist();
-        command.arg("view").args(files).args(["--size", &format!("{}x{}", size[0], size[1]), "--validate", "--timings"]);
+        command.arg("view").args(files).args([
+            "--size",
+            &format!("{}x{}", size[0], size[1]),
+            "--validate",
+            "--timings",
+        ]);
         if !line.contains("--cache-dir") {
             command.arg("--no-cache");
         }
         // Words like NAME=VALUE at the front are the environment's.
-        let is_environment = |word: &&str| word.split_once('=').is_some_and(|(name, _)| !name.starts_with('-'));
+        let is_environment =
+            |word: &&str| word.split_once('=').is_some_and(|(name, _)| !name.starts_with('-'));
         let words: Vec<&str> = line.split_whitespace().collect();
         let environment = words.iter().copied().take_while(is_environment);
         command.envs(environment.clone().filter_map(|word| word.split_once('=')));
@@ -127,12 +164,27 @@ impl<'d> Viewer<'d> {
             .env("DISPLAY", &display.name)
             .env("XDG_RUNTIME_DIR", folder)
             .env_remove("WAYLAND_DISPLAY");
-        let mut program = command.current_dir(folder).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("start the program");
-        let heard = [Heard::of(program.stdout.take().unwrap()), Heard::of(program.stderr.take().unwrap())];
-        let mut viewer =
-            Viewer { display, program: Some(program), heard: Some(heard), window: String::new(), folder: folder.to_path_buf() };
+        let mut program = command
+            .current_dir(folder)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("start the program");
+        let heard =
+            [Heard::of(program.stdout.take().unwrap()), Heard::of(program.stderr.take().unwrap())];
+        let mut viewer = Viewer {
+            display,
+            program: Some(program),
+            heard: Some(heard),
+            window: String::new(),
+            folder: folder.to_path_buf(),
+        };
         viewer.until("a window", |viewer| {
-            let found = display.command("xdotool").args(["search", "--name", "pointillist"]).output().unwrap();
+            let found = display
+                .command("xdotool")
+                .args(["search", "--name", "pointillist"])
+                .output()
+                .unwrap();
             viewer.window = String::from_utf8(found.stdout).unwrap().trim().to_string();
             !viewer.window.is_empty()
         });
@@ -145,16 +197,24 @@ impl<'d> Viewer<'d> {
         let began = Instant::now();
         while !holds(self) {
             if let Some(status) = self.program.as_mut().unwrap().try_wait().unwrap() {
-                panic!("no {what}: the program has ended, {status}: {}", String::from_utf8_lossy(&self.end(status).stderr));
+                panic!(
+                    "no {what}: the program has ended, {status}: {}",
+                    String::from_utf8_lossy(&self.end(status).stderr)
+                );
             }
-            assert!(began.elapsed() < Duration::from_secs(60), "no {what} within a minute; {}", self.so_far());
+            assert!(
+                began.elapsed() < Duration::from_secs(60),
+                "no {what} within a minute; {}",
+                self.so_far()
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
     }
 
     /// For whoever has to find out why something did not come: what it said, and a photograph that outlives the test's own folder.
     fn so_far(&self) -> String {
-        let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("missed-{}.png", std::process::id()));
+        let kept = Path::new(env!("CARGO_TARGET_TMPDIR"))
+            .join(format!("missed-{}.png", std::process::id()));
         self.photograph();
         std::fs::copy(self.folder.join("photograph.png"), &kept).unwrap();
         let mouse = self.display.xdotool("getmouselocation");
@@ -193,9 +253,14 @@ impl<'d> Viewer<'d> {
         let path = self.folder.join("photograph.png");
         // Where there is no such window it waits for somebody to click on another one.
         let mut import = self.display.command("timeout");
-        import.args(["20", "import", "-window", &self.window, "-depth", "8"]).arg(format!("png24:{}", path.display()));
+        import
+            .args(["20", "import", "-window", &self.window, "-depth", "8"])
+            .arg(format!("png24:{}", path.display()));
         let taken = import.status().expect("timeout");
-        assert!(taken.success(), "no photograph, {taken}: is import there, which tools/setup installs, and the window?");
+        assert!(
+            taken.success(),
+            "no photograph, {taken}: is import there, which tools/setup installs, and the window?"
+        );
         read_png(&path)
     }
 
@@ -217,7 +282,9 @@ impl<'d> Viewer<'d> {
 
     /// Processor time that it has taken so far, hundredths of a second.
     pub fn ticks(&self) -> u64 {
-        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.program.as_ref().unwrap().id())).unwrap();
+        let stat =
+            std::fs::read_to_string(format!("/proc/{}/stat", self.program.as_ref().unwrap().id()))
+                .unwrap();
         // The name in parentheses may hold anything.
         let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
         [11, 12].map(|at| fields[at].parse::<u64>().unwrap()).iter().sum()
@@ -235,7 +302,9 @@ impl<'d> Viewer<'d> {
 
     /// As `kill -NAME` does.
     pub fn signal(&self, name: &str) {
-        let sent = Command::new("kill").args(["-s", name, &self.program.as_ref().unwrap().id().to_string()]).status();
+        let sent = Command::new("kill")
+            .args(["-s", name, &self.program.as_ref().unwrap().id().to_string()])
+            .status();
         assert!(sent.expect("kill").success());
     }
 

@@ -63,7 +63,13 @@ impl Place {
 
     /// What hands have made of the scene, as a file, the picture that `render` draws of it, and waits until the window shows that.
     #[track_caller]
-    pub fn shows_its_scene(&self, viewer: &mut Viewer, cloud: &[&Path], number: usize, line: &str) -> serde_json::Value {
+    pub fn shows_its_scene(
+        &self,
+        viewer: &mut Viewer,
+        cloud: &[&Path],
+        number: usize,
+        line: &str,
+    ) -> serde_json::Value {
         let scene = self.saved(viewer, "F8", &format!("pointillist-{number}.json"));
         let line = format!("--scene {} {line}", scene.display());
         viewer.shows(&self.picture(cloud, &format!("scene-{number}.png"), &line));

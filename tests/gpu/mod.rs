@@ -13,7 +13,10 @@ use pointillist::light::Light;
 use pointillist::look::{self, Wishes};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Keys, Statistics};
-use pointillist::passes::{EFFECTS, Effects, Scene, Switch, antialias, ao, composite, fill, phong, resolve, shape, smooth, visibility};
+use pointillist::passes::{
+    EFFECTS, Effects, Scene, Switch, antialias, ao, composite, fill, phong, resolve, shape, smooth,
+    visibility,
+};
 use pointillist::progress::Silent;
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::{Camera, Projection, View};
@@ -42,8 +45,9 @@ pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
         no_texels: way == Way::Words,
         ..Wish::default()
     };
-    let device =
-        DEVICES[way as usize].get_or_init(|| Mutex::new(Gpu::open(&wish).expect("tests need a Vulkan 1.3 device with validation layers")));
+    let device = DEVICES[way as usize].get_or_init(|| {
+        Mutex::new(Gpu::open(&wish).expect("tests need a Vulkan 1.3 device with validation layers"))
+    });
     // A test that failed while holding the device left nothing half done on it: submissions are waited for.
     work(&mut device.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
 }
@@ -62,16 +66,27 @@ pub struct Layers {
 impl Layers {
     /// As bits, so that NaN equals itself and -0 differs from 0.
     pub fn bits(&self) -> (Vec<u32>, &[u32], &[u32], &[u32]) {
-        (self.depth.iter().map(|z| z.to_bits()).collect(), &self.index, bytes(&self.color), bytes(&self.picture))
+        (
+            self.depth.iter().map(|z| z.to_bits()).collect(),
+            &self.index,
+            bytes(&self.color),
+            bytes(&self.picture),
+        )
     }
 
     /// HARD_CASES 0.5, for what may hold no infinity; depth may, where nothing is.
     pub fn assert_finite(&self) {
         let wild = |word: &&u32| **word & 0x7F80_0000 == 0x7F80_0000;
-        assert_eq!(bytes(&self.color).iter().chain(bytes(&self.picture)).filter(wild).count(), 0, "NaN or infinite colours");
+        assert_eq!(
+            bytes(&self.color).iter().chain(bytes(&self.picture)).filter(wild).count(),
+            0,
+            "NaN or infinite colours"
+        );
         let depths = self.depth.iter().zip(&self.index);
         assert_eq!(
-            depths.filter(|&(z, &id)| !z.is_finite() && (id != u32::MAX || *z != f32::INFINITY)).count(),
+            depths
+                .filter(|&(z, &id)| !z.is_finite() && (id != u32::MAX || *z != f32::INFINITY))
+                .count(),
             0,
             "NaN or infinite depths"
         );
@@ -85,7 +100,9 @@ fn bytes(colors: &[[f32; 4]]) -> &[u32] {
 /// No effect runs: points as they are projected.
 pub fn bare() -> Wishes {
     let mut wishes = Wishes::default();
-    passes::EFFECTS.iter().for_each(|effect| wishes.effects.set(&format!("{effect}=off")).expect("every effect can be switched off"));
+    passes::EFFECTS.iter().for_each(|effect| {
+        wishes.effects.set(&format!("{effect}=off")).expect("every effect can be switched off")
+    });
     wishes
 }
 
@@ -96,7 +113,8 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> Layers {
         let look = look::decide(wishes, view, &resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &look).expect("recorded");
-        let images = [&outcome.layers.depth, &outcome.layers.index, &outcome.layers.color, &outcome.picture];
+        let images =
+            [&outcome.layers.depth, &outcome.layers.index, &outcome.layers.color, &outcome.picture];
         let [depth, index, color, picture] = images.map(|image| g.download(image));
         let frame = g.submit(&[]).expect("drawn, and no validation message");
         let layers = Layers {
@@ -127,7 +145,11 @@ pub struct Canvas<'g> {
 pub fn canvas<T>(work: impl FnOnce(&mut Canvas) -> T) -> T {
     with(Way::Compute64, |gpu| {
         let (points, colors) = bumpy(CANVAS_POINTS as usize, 20_000, &mut Random(0xCA75));
-        let cloud = cloud(vec![part(Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO }, &points, Some(colors))]);
+        let cloud = cloud(vec![part(
+            Lattice { step: DVec3::splat(0.001), offset: DVec3::ZERO },
+            &points,
+            Some(colors),
+        )]);
         let shown = Shown::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(gpu, cloud, shown, &Silent).expect("resident");
         let mut canvas = Canvas { gpu, resident, reached: false };
@@ -175,19 +197,32 @@ impl Canvas<'_> {
         self.draw_in(Light::default(), view, keys, effects)
     }
 
-    pub fn draw_in(&mut self, light: Light, view: &View, keys: &[[u32; 2]], effects: &Effects) -> Surface {
+    pub fn draw_in(
+        &mut self,
+        light: Light,
+        view: &View,
+        keys: &[[u32; 2]],
+        effects: &Effects,
+    ) -> Surface {
         let scene = Scene::of(view, &self.resident, light);
         let mut g = Graph::new(self.gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &self.resident, &Default::default()).unwrap();
         let resolved = resolve::layers(&mut g, view);
-        let resolved = resolve::record(&mut g, &Keys::nearest(uploaded), &paint, Band { top: 0, size: view.size }, resolved);
+        let resolved = resolve::record(
+            &mut g,
+            &Keys::nearest(uploaded),
+            &paint,
+            Band { top: 0, size: view.size },
+            resolved,
+        );
         let mut layers = resolved.layers(&mut g, view, &self.resident).unwrap();
         // Depths come from keys here, and lie anywhere.
         layers.spacing_px = [0.0, f64::INFINITY];
         layers.reached = self.reached.then(|| g.copy("reached", &layers.color));
         let raw = keep(&mut g, &layers);
-        let (mut seen, mut filled, mut smoothed, mut shaded, mut blended) = (None, None, None, None, None);
+        let (mut seen, mut filled, mut smoothed, mut shaded, mut blended) =
+            (None, None, None, None, None);
         if effects.visibility.switch != Switch::Off {
             layers = visibility::record(&mut g, &scene, &effects.visibility.settings, layers);
             seen = Some(keep(&mut g, &layers));
@@ -311,22 +346,38 @@ pub fn bumpy(count: usize, width: i32, random: &mut Random) -> (Vec<[i32; 3]>, V
         [u, v, z].map(|c| (c * half) as i32)
     };
     let points: Vec<_> = (0..count).map(|_| point(random)).collect();
-    let colors = points.iter().map(|_| random.bits().to_le_bytes()).map(|b| [b[0] | 1, b[1], b[2]]).collect();
+    let colors = points
+        .iter()
+        .map(|_| random.bits().to_le_bytes())
+        .map(|b| [b[0] | 1, b[1], b[2]])
+        .collect();
     (points, colors)
 }
 
 pub fn perspective(eye: DVec3, target: DVec3, fov_y: f64) -> Camera {
-    Camera { eye, target, up: DVec3::Z, fov_y, projection: Projection::Perspective, ortho_height: None }
+    Camera {
+        eye,
+        target,
+        up: DVec3::Z,
+        fov_y,
+        projection: Projection::Perspective,
+        ortho_height: None,
+    }
 }
 
 pub fn orthographic(eye: DVec3, target: DVec3, height: f64) -> Camera {
-    Camera { projection: Projection::Orthographic, ortho_height: Some(height), ..perspective(eye, target, 60.0) }
+    Camera {
+        projection: Projection::Orthographic,
+        ortho_height: Some(height),
+        ..perspective(eye, target, 60.0)
+    }
 }
 
 /// A wide angle, so that rays lean, and ten pixels a metre.
 pub fn views(size: [u32; 2]) -> [View; 2] {
     let height = size[1] as f64 / 10.0;
-    [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)].map(|camera| View::new(camera, size).unwrap())
+    [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)]
+        .map(|camera| View::new(camera, size).unwrap())
 }
 
 /// These effects only, in the words of the command line.

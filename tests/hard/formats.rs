@@ -27,7 +27,9 @@ impl Written {
     fn relative(&self, eye: DVec3) -> Vec<DVec3> {
         let lattice = Lattice { step: DVec3::splat(SCALE), offset: UTM };
         match self {
-            Written::Scaled(points) => points.iter().map(|q| project::relative(&lattice, q.map(i64::from), eye)).collect(),
+            Written::Scaled(points) => {
+                points.iter().map(|q| project::relative(&lattice, q.map(i64::from), eye)).collect()
+            }
             Written::Numbers(points) => points.iter().map(|p| *p - eye).collect(),
         }
     }
@@ -37,17 +39,25 @@ impl Written {
 fn surfaces() -> Vec<[i32; 3]> {
     let random = &mut Random(0xF0);
     let (mut points, _) = bumpy(60_000, 20_000, random);
-    points.extend(
-        (0..30_000).map(|_| [random.within(-60.0, 60.0) as i32, random.within(-60.0, 60.0) as i32, -2 - (random.bits() % 2) as i32]),
-    );
+    points.extend((0..30_000).map(|_| {
+        [
+            random.within(-60.0, 60.0) as i32,
+            random.within(-60.0, 60.0) as i32,
+            -2 - (random.bits() % 2) as i32,
+        ]
+    }));
     points
 }
 
 /// The same surfaces as numbers of all digits.
 fn numbers() -> Vec<DVec3> {
     let random = &mut Random(0xF1);
-    let scatter = |random: &mut Random| DVec3::from_array([0; 3].map(|_: i32| random.within(-0.5, 0.5)));
-    surfaces().iter().map(|q| UTM + (DVec3::from_array(q.map(f64::from)) + scatter(random)) * SCALE).collect()
+    let scatter =
+        |random: &mut Random| DVec3::from_array([0; 3].map(|_: i32| random.within(-0.5, 0.5)));
+    surfaces()
+        .iter()
+        .map(|q| UTM + (DVec3::from_array(q.map(f64::from)) + scatter(random)) * SCALE)
+        .collect()
 }
 
 fn cameras() -> Vec<(&'static str, Camera)> {
@@ -60,7 +70,10 @@ fn cameras() -> Vec<(&'static str, Camera)> {
         ("1 mm away", perspective(at(0.0005, 0.0002, -0.001), at(0.0005, 0.0012, -0.002), 60.0)),
         ("orthographic", orthographic(at(5.0, 6.0, 30.0), at(0.1, 0.2, 0.3), 19.0)),
         ("orthographic, far away", orthographic(far, UTM, 21.0)),
-        ("orthographic, 1 mm away", orthographic(at(0.0005, 0.0002, -0.001), at(0.0005, 0.0012, -0.002), 0.05)),
+        (
+            "orthographic, 1 mm away",
+            orthographic(at(0.0005, 0.0002, -0.001), at(0.0005, 0.0012, -0.002), 0.05),
+        ),
     ]
 }
 
@@ -69,8 +82,14 @@ fn agrees(name: &str, write: impl FnOnce(&Path) -> Written) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     let written = write(&path);
-    let cloud: Cloud = cloud::read(&[path], &ReadOptions { strict: true, ..ReadOptions::default() }, &Silent).unwrap();
-    assert_eq!((cloud.parts.len(), cloud.len() as usize), (1, written.relative(UTM).len()), "{name}");
+    let cloud: Cloud =
+        cloud::read(&[path], &ReadOptions { strict: true, ..ReadOptions::default() }, &Silent)
+            .unwrap();
+    assert_eq!(
+        (cloud.parts.len(), cloud.len() as usize),
+        (1, written.relative(UTM).len()),
+        "{name}"
+    );
     let part = &cloud.parts[0];
     // Decimals are kept to the last digit. Other numbers are kept to the nearest step of a lattice of less than 2^30 steps, found with one f64 division and difference: half a step, and an ulp of the
     // coordinate.
@@ -81,7 +100,8 @@ fn agrees(name: &str, write: impl FnOnce(&Path) -> Written) {
         Written::Numbers(_) => part.lattice.step * 0.5 + f64::EPSILON * (UTM + 20.0),
     };
     assert!(
-        part.lattice.step.max_element() <= f64::max(SCALE, 20.0 / (1 << 29) as f64) && moved.max_element() < 1e-7,
+        part.lattice.step.max_element() <= f64::max(SCALE, 20.0 / (1 << 29) as f64)
+            && moved.max_element() < 1e-7,
         "{name}: {}",
         part.lattice.step
     );
@@ -91,10 +111,14 @@ fn agrees(name: &str, write: impl FnOnce(&Path) -> Written) {
             let view = View::new(camera, [331, 257]).unwrap();
             let layers = draw(Way::Compute64, &cloud, &view, &Wishes { precision, ..bare() });
             let source = project::Source::new(part, &view, precision, moved);
-            let agreement = project::check(&view, &[(source, written.relative(camera.eye))], &layers.depth);
+            let agreement =
+                project::check(&view, &[(source, written.relative(camera.eye))], &layers.depth);
             assert_eq!(agreement.objection(), None, "{name}, {place}, {precision:?}");
             layers.assert_finite();
-            assert!(agreement.covered + agreement.in_band > 100, "{name}, {place}: hardly anything is seen: {agreement:?}");
+            assert!(
+                agreement.covered + agreement.in_band > 100,
+                "{name}, {place}: hardly anything is seen: {agreement:?}"
+            );
             covered.push((place, agreement.in_band, agreement.expected_in_band.round()));
             total.pixels += agreement.pixels;
             total.agreeing += agreement.agreeing;
@@ -139,8 +163,15 @@ fn hard_00_raw_z_agrees_with_f64_laz() {
     agrees("surfaces.laz", las);
 }
 
-fn ply(path: &Path, coding: &str, number: &str, points: &[DVec3], vertex: impl Fn(&mut Vec<u8>, DVec3)) {
-    let mut bytes = format!("ply\nformat {coding} 1.0\nelement vertex {}\n", points.len()).into_bytes();
+fn ply(
+    path: &Path,
+    coding: &str,
+    number: &str,
+    points: &[DVec3],
+    vertex: impl Fn(&mut Vec<u8>, DVec3),
+) {
+    let mut bytes =
+        format!("ply\nformat {coding} 1.0\nelement vertex {}\n", points.len()).into_bytes();
     for axis in ["x", "y", "z"] {
         writeln!(bytes, "property {number} {axis}").unwrap();
     }
@@ -154,14 +185,18 @@ fn hard_00_raw_z_agrees_with_f64_ply() {
     agrees("ascii.ply", |path| {
         let points = numbers();
         // Rust writes the shortest decimal that reads back as the same f64.
-        ply(path, "ascii", "double", &points, |bytes, p| writeln!(bytes, "{} {} {}", p.x, p.y, p.z).unwrap());
+        ply(path, "ascii", "double", &points, |bytes, p| {
+            writeln!(bytes, "{} {} {}", p.x, p.y, p.z).unwrap()
+        });
         Written::Numbers(points)
     });
     for (coding, big) in [("binary_little_endian", false), ("binary_big_endian", true)] {
         agrees(&format!("{coding}.ply"), |path| {
             let points = numbers();
             let bytes_of = |v: f64| if big { v.to_be_bytes() } else { v.to_le_bytes() };
-            ply(path, coding, "double", &points, |bytes, p| p.to_array().map(|v| bytes.extend(bytes_of(v))).into_iter().collect());
+            ply(path, coding, "double", &points, |bytes, p| {
+                p.to_array().map(|v| bytes.extend(bytes_of(v))).into_iter().collect()
+            });
             Written::Numbers(points)
         });
     }
@@ -172,10 +207,16 @@ fn hard_00_raw_z_agrees_with_f64_xyz() {
     agrees("surfaces.xyz", |path| {
         let mut text = String::new();
         // Six decimals, as surveyors write them; the reference is what these digits say.
-        let lines = numbers().iter().map(|p| p.to_array().map(|v| format!("{v:.6}"))).collect::<Vec<_>>();
+        let lines =
+            numbers().iter().map(|p| p.to_array().map(|v| format!("{v:.6}"))).collect::<Vec<_>>();
         lines.iter().for_each(|line| text += &(line.join(" ") + "\n"));
         std::fs::write(path, text).unwrap();
-        Written::Numbers(lines.iter().map(|line| DVec3::from_array(line.each_ref().map(|v| v.parse().unwrap()))).collect())
+        Written::Numbers(
+            lines
+                .iter()
+                .map(|line| DVec3::from_array(line.each_ref().map(|v| v.parse().unwrap())))
+                .collect(),
+        )
     });
 }
 
@@ -184,8 +225,12 @@ fn hard_00_raw_z_agrees_with_f64_e57() {
     agrees("surfaces.e57", |path| {
         let points = numbers();
         let mut file = E57Writer::from_file(path, "file").unwrap();
-        let mut scan =
-            file.add_pointcloud("scan", vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64]).unwrap();
+        let mut scan = file
+            .add_pointcloud(
+                "scan",
+                vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64],
+            )
+            .unwrap();
         for p in &points {
             scan.add_point(p.to_array().map(RecordValue::Double).to_vec()).unwrap();
         }

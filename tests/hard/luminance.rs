@@ -1,6 +1,8 @@
 //! Colour and sums (HARD_CASES 22, 23, 25).
 
-use crate::gpu::{Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, with};
+use crate::gpu::{
+    Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, with,
+};
 use glam::DVec3;
 use pointillist::cloud::attribute::Shown;
 use pointillist::cloud::{Cloud, Lattice};
@@ -29,7 +31,10 @@ fn alone(epsilon: f64) -> luminance::Settings {
 /// From above, the lattice's cells from `(0, 0)` on being pixels from the lower left.
 fn from_above(side: u32) -> View {
     let middle = DVec3::new(side as f64 / 2.0 - 0.5, side as f64 / 2.0 - 0.5, 0.0);
-    let camera = pointillist::view::Camera { up: DVec3::Y, ..orthographic(middle + 16.0 * DVec3::Z, middle, side as f64) };
+    let camera = pointillist::view::Camera {
+        up: DVec3::Y,
+        ..orthographic(middle + 16.0 * DVec3::Z, middle, side as f64)
+    };
     View::new(camera, [side; 2]).unwrap()
 }
 
@@ -43,8 +48,12 @@ fn hard_22_hsv() {
         let color = |i: i32| [(block << 4 | i as u32 >> 16) as u8, (i >> 8) as u8, i as u8];
         let behind = |i: i32| (i as u32).wrapping_mul(2_654_435_761).to_le_bytes()[3];
         let cells = SIDE * SIDE;
-        let points: Vec<_> = (0..2 * cells).map(|i| [i % cells % SIDE, i % cells / SIDE, if i < cells { 1 } else { 0 }]).collect();
-        let colors = (0..2 * cells).map(|i| if i < cells { color(i) } else { [behind(i - cells), 0, 0] }).collect();
+        let points: Vec<_> = (0..2 * cells)
+            .map(|i| [i % cells % SIDE, i % cells / SIDE, if i < cells { 1 } else { 0 }])
+            .collect();
+        let colors = (0..2 * cells)
+            .map(|i| if i < cells { color(i) } else { [behind(i - cells), 0, 0] })
+            .collect();
         let cloud = cloud(vec![part(METRES, &points, Some(colors))]);
         let got = draw(Way::Compute64, &cloud, &view, &corrected(alone(2.0)));
         for i in 0..cells {
@@ -52,7 +61,11 @@ fn hard_22_hsv() {
             let value = (r.max(g).max(b) as f64 + behind(i) as f64) / 2.0;
             let expected = oracle::with_value([r, g, b], value).map(oracle::linear);
             let drawn = got.color[((SIDE - 1 - i / SIDE) * SIDE + i % SIDE) as usize];
-            assert!((0..3).all(|c| expected[c].holds(drawn[c])), "{:?} with V {value}: {drawn:?}, not {expected:?}", [r, g, b]);
+            assert!(
+                (0..3).all(|c| expected[c].holds(drawn[c])),
+                "{:?} with V {value}: {drawn:?}, not {expected:?}",
+                [r, g, b]
+            );
             black += ([r, g, b] == [0; 3] && drawn[..3] == [drawn[0]; 3]) as usize;
         }
     }
@@ -69,7 +82,10 @@ fn hard_23_sums() {
         let lattice = Lattice { step: DVec3::splat(step), offset: DVec3::new(0.25, 0.25, 0.0) };
         let cloud = cloud(vec![part(lattice, &points, Some(vec![[255; 3]; count as usize]))]);
         let view = View::new(
-            pointillist::view::Camera { up: DVec3::Y, ..orthographic(DVec3::new(0.5, 0.5, 16.0), DVec3::new(0.5, 0.5, 0.0), 1.0) },
+            pointillist::view::Camera {
+                up: DVec3::Y,
+                ..orthographic(DVec3::new(0.5, 0.5, 16.0), DVec3::new(0.5, 0.5, 0.0), 1.0)
+            },
             [1, 1],
         )
         .unwrap();
@@ -81,7 +97,12 @@ fn hard_23_sums() {
 }
 
 /// Colours of all pixels, and how many points each has the mean of.
-fn drawn_and_counted(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> (Vec<[f32; 4]>, Vec<u64>) {
+fn drawn_and_counted(
+    way: Way,
+    cloud: &Cloud,
+    view: &View,
+    wishes: &Wishes,
+) -> (Vec<[f32; 4]>, Vec<u64>) {
     with(way, |gpu| {
         let (shown, _) = Shown::automatic(cloud);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
@@ -92,7 +113,10 @@ fn drawn_and_counted(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> (
         let sums = g.named("sums").unwrap();
         let sums = g.download_buffer(&sums);
         let frame = g.submit(&[]).unwrap();
-        let read = (frame.read(&color).to_vec(), frame.read::<u64>(&sums).iter().map(|sum| sum >> 36).collect());
+        let read = (
+            frame.read(&color).to_vec(),
+            frame.read::<u64>(&sums).iter().map(|sum| sum >> 36).collect(),
+        );
         frame.shelve(gpu);
         resident.free(gpu);
         read
@@ -103,22 +127,35 @@ fn drawn_and_counted(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> (
 #[test]
 fn hard_25_two_passes_one_depth() {
     let (points, colors) = bumpy(200_000, 20_000, &mut Random(0x25));
-    let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
+    let lattice =
+        Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
     let cloud = cloud(vec![part(lattice, &points, Some(colors))]);
-    let view = View::new(perspective(lattice.offset + DVec3::new(11.0, -17.0, 9.0), lattice.offset, 50.0), [331, 257]).unwrap();
+    let view = View::new(
+        perspective(lattice.offset + DVec3::new(11.0, -17.0, 9.0), lattice.offset, 50.0),
+        [331, 257],
+    )
+    .unwrap();
     for way in WAYS {
         let (colors, counts) = drawn_and_counted(way, &cloud, &view, &corrected(alone(1e-30)));
         let covered = colors.iter().filter(|color| color[3] > 0.0).count();
         assert!(covered > 10_000);
-        assert!(colors.iter().zip(&counts).all(|(color, &count)| (color[3] > 0.0) == (count > 0)), "{way:?}");
+        assert!(
+            colors.iter().zip(&counts).all(|(color, &count)| (color[3] > 0.0) == (count > 0)),
+            "{way:?}"
+        );
     }
 }
 
 #[test]
 fn hard_23_any_order_and_fifty_runs_give_the_same_picture() {
     let (mut points, mut colors) = bumpy(60_000, 20_000, &mut Random(0x23));
-    let lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
-    let view = View::new(perspective(lattice.offset + DVec3::new(11.0, -17.0, 9.0), lattice.offset, 50.0), [63, 47]).unwrap();
+    let lattice =
+        Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
+    let view = View::new(
+        perspective(lattice.offset + DVec3::new(11.0, -17.0, 9.0), lattice.offset, 50.0),
+        [63, 47],
+    )
+    .unwrap();
     let straight = cloud(vec![part(lattice, &points, Some(colors.clone()))]);
     let random = &mut Random(0x5FF1E);
     for i in (1..points.len()).rev() {
@@ -132,7 +169,10 @@ fn hard_23_any_order_and_fifty_runs_give_the_same_picture() {
         let first = draw(Way::Compute64, &straight, &view, &wishes);
         for run in 0..50 {
             let cloud = if run % 2 == 0 { &shuffled } else { &straight };
-            assert!(first.bits() == draw(WAYS[run / 2 % 2], cloud, &view, &wishes).bits(), "{space:?} run {run}");
+            assert!(
+                first.bits() == draw(WAYS[run / 2 % 2], cloud, &view, &wishes).bits(),
+                "{space:?} run {run}"
+            );
         }
     }
 }

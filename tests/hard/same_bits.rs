@@ -47,7 +47,10 @@ fn picture(cloud: &Cloud, camera: Camera) -> crate::gpu::Layers {
 
 fn picture_of(cloud: &Cloud, camera: Camera, wishes: &Wishes) -> crate::gpu::Layers {
     let layers = draw(Way::Compute64, cloud, &View::new(camera, SIZE).unwrap(), wishes);
-    assert!(layers.depth.iter().filter(|z| z.is_finite()).count() > 1000, "hardly anything is in the picture");
+    assert!(
+        layers.depth.iter().filter(|z| z.is_finite()).count() > 1000,
+        "hardly anything is in the picture"
+    );
     layers.assert_finite();
     layers
 }
@@ -56,11 +59,16 @@ fn picture_of(cloud: &Cloud, camera: Camera, wishes: &Wishes) -> crate::gpu::Lay
 fn hard_01_utm_translation_is_bit_identical() {
     for camera in cameras() {
         let here = picture(&scene(1.0, DVec3::ZERO), camera);
-        for utm in
-            [DVec3::new(500_000.0, 5_000_000.0, 100.0), DVec3::new(-499_999.0 * STEP, 4_999_999.0, 12_345.0 * STEP), DVec3::splat(-8e6)]
-        {
+        for utm in [
+            DVec3::new(500_000.0, 5_000_000.0, 100.0),
+            DVec3::new(-499_999.0 * STEP, 4_999_999.0, 12_345.0 * STEP),
+            DVec3::splat(-8e6),
+        ] {
             let there = picture(&scene(1.0, utm), moved(camera, utm, 1.0));
-            assert!(here.bits() == there.bits(), "moving cloud and camera by {utm} changes the picture");
+            assert!(
+                here.bits() == there.bits(),
+                "moving cloud and camera by {utm} changes the picture"
+            );
         }
     }
 }
@@ -73,7 +81,9 @@ fn hard_01_translation_within_the_lattice_is_bit_identical() {
         let shift = [1 << 28, -(1 << 27) + 5, 77];
         let mut there = scene(1.0, DVec3::ZERO);
         let columns = &mut there.parts[0].columns;
-        for (column, shift) in [&mut columns.x, &mut columns.y, &mut columns.z].into_iter().zip(shift) {
+        for (column, shift) in
+            [&mut columns.x, &mut columns.y, &mut columns.z].into_iter().zip(shift)
+        {
             column.iter_mut().for_each(|q| *q += shift);
         }
         let by = DVec3::from_array(shift.map(|s| s as f64 * STEP));
@@ -104,7 +114,9 @@ fn hard_00_shuffled_input() {
     let colors = columns.rgb.as_mut().unwrap();
     for i in (1..columns.x.len()).rev() {
         let j = (random.bits() % (i as u64 + 1)) as usize;
-        [&mut columns.x, &mut columns.y, &mut columns.z].into_iter().for_each(|column| column.swap(i, j));
+        [&mut columns.x, &mut columns.y, &mut columns.z]
+            .into_iter()
+            .for_each(|column| column.swap(i, j));
         colors.swap(i, j);
     }
     assert_ne!(straight.parts[0].columns, shuffled.parts[0].columns);
@@ -118,12 +130,16 @@ fn hard_00_shuffled_input() {
 fn hard_00_duplicated_points() {
     let mut once = scene(1.0, DVec3::ZERO);
     let columns = &mut once.parts[0].columns;
-    [&mut columns.x, &mut columns.y, &mut columns.z].into_iter().for_each(|column| column.truncate(20_000));
+    [&mut columns.x, &mut columns.y, &mut columns.z]
+        .into_iter()
+        .for_each(|column| column.truncate(20_000));
     columns.rgb.as_mut().unwrap().truncate(20_000);
     let mut thrice = once.clone();
     let columns = &mut thrice.parts[0].columns;
     for _ in 0..2 {
-        [&mut columns.x, &mut columns.y, &mut columns.z].into_iter().for_each(|column| column.extend_from_within(..20_000));
+        [&mut columns.x, &mut columns.y, &mut columns.z]
+            .into_iter()
+            .for_each(|column| column.extend_from_within(..20_000));
         columns.rgb.as_mut().unwrap().extend_from_within(..20_000);
     }
     // More points a node are denser ones, and an automatic kernel is narrower.
@@ -133,7 +149,10 @@ fn hard_00_duplicated_points() {
         let [a, b] = [&once, &thrice].map(|cloud| picture_of(cloud, camera, &wishes));
         assert_eq!((a.nodes.len(), b.nodes.len()), (1, 1));
         let ((depth, _, color, shaded), (depths, _, colors, shadeds)) = (a.bits(), b.bits());
-        assert!(depth == depths && color == colors && shaded == shadeds, "duplicates change more than ids");
+        assert!(
+            depth == depths && color == colors && shaded == shadeds,
+            "duplicates change more than ids"
+        );
     }
 }
 

@@ -15,16 +15,26 @@ fn hard_12_silhouettes() {
     let jump = 16.0 / (1u64 << 23) as f64;
     canvas(|canvas| {
         let mut bent = 0;
-        for (tilt_x, tilt_y) in [(0.0, 0.0), (1e-4, 2e-4), (1e-3, -5e-4), (7e-3, 3e-3), (-7.8e-3, 1e-3)] {
+        for (tilt_x, tilt_y) in
+            [(0.0, 0.0), (1e-4, 2e-4), (1e-3, -5e-4), (7e-3, 3e-3), (-7.8e-3, 1e-3)]
+        {
             let key = |i: u32| {
                 let (x, y) = ((i % size[0]) as f64 - 63.0, (i / size[0]) as f64 - 30.0);
                 [i % CANVAS_POINTS, ((7.0 / (1.0 + tilt_x * x + tilt_y * y)) as f32).to_bits()]
             };
             let keys: Vec<_> = (0..size[0] * size[1]).map(key).collect();
             let mut draw = |laplacian: &str| {
-                let surface = canvas.draw(&view, &keys, &effects(&[&format!("antialias=on,laplacian={laplacian},jump={jump}")]));
-                let inner = |i: &usize| (1..126).contains(&(i % 127)) && (1..60).contains(&(i / 127));
-                (0..keys.len()).filter(inner).filter(|&i| surface.blended.color[i] != surface.raw.color[i]).count()
+                let surface = canvas.draw(
+                    &view,
+                    &keys,
+                    &effects(&[&format!("antialias=on,laplacian={laplacian},jump={jump}")]),
+                );
+                let inner =
+                    |i: &usize| (1..126).contains(&(i % 127)) && (1..60).contains(&(i / 127));
+                (0..keys.len())
+                    .filter(inner)
+                    .filter(|&i| surface.blended.color[i] != surface.raw.color[i])
+                    .count()
             };
             assert_eq!(draw("inverse"), 0, "{tilt_x} {tilt_y}");
             bent += draw("depth");
@@ -39,21 +49,30 @@ fn hard_17_blending_space() {
     let size = [16, 16];
     canvas(|canvas| {
         let view = views(size)[0];
-        let keys: Vec<_> = (0..256).map(|i| if i % 16 < 8 { [9, 5f32.to_bits()] } else { [NO_POINT; 2] }).collect();
+        let keys: Vec<_> = (0..256)
+            .map(|i| if i % 16 < 8 { [9, 5f32.to_bits()] } else { [NO_POINT; 2] })
+            .collect();
         let surface = canvas.draw(&view, &keys, &effects(&["antialias=on"]));
-        let (inside, beside, outside) =
-            (surface.raw.color[7 * 16 + 3], surface.blended.color[7 * 16 + 7], surface.blended.color[7 * 16 + 8]);
+        let (inside, beside, outside) = (
+            surface.raw.color[7 * 16 + 3],
+            surface.blended.color[7 * 16 + 7],
+            surface.blended.color[7 * 16 + 8],
+        );
         // Of the weights 1 2 1, three quarters lie on the side of the surface, and a quarter on the other.
         for c in 0..3 {
             assert!(
-                (beside[c] - 0.75 * inside[c]).abs() < 1e-6 && (outside[c] - 0.25 * inside[c]).abs() < 1e-6,
+                (beside[c] - 0.75 * inside[c]).abs() < 1e-6
+                    && (outside[c] - 0.25 * inside[c]).abs() < 1e-6,
                 "{inside:?} {beside:?} {outside:?}"
             );
         }
         assert_eq!((beside[3], outside[3]), (0.75, 0.25));
         let picture = surface.picture[7 * 16 + 8];
         assert!((picture[2] - (0.25 * inside[2] + 0.75 * 0.7)).abs() < 1e-6, "{picture:?}");
-        assert!(surface.blended.color[7 * 16 + 10] == [0.0; 4] && surface.blended.color[7 * 16 + 5] == inside);
+        assert!(
+            surface.blended.color[7 * 16 + 10] == [0.0; 4]
+                && surface.blended.color[7 * 16 + 5] == inside
+        );
     });
 }
 
@@ -66,10 +85,20 @@ fn hard_26_small_filters() {
         for z in [1e-3f32, 0.7, 1.0f32.next_up(), 5.3, 1000.0, 1e6, 3e38] {
             for filter in ["alleviated", "gaussian", "box"] {
                 for missing in [0, 3] {
-                    let keys: Vec<_> =
-                        (0..65 * 33).map(|_| if random.bits() % 8 < missing { [NO_POINT; 2] } else { [5, z.to_bits()] }).collect();
-                    let surface =
-                        canvas.draw(&views(size)[1], &keys, &effects(&[&format!("smooth=on,filter={filter},iterations=5,pixels=all")]));
+                    let keys: Vec<_> = (0..65 * 33)
+                        .map(|_| {
+                            if random.bits() % 8 < missing {
+                                [NO_POINT; 2]
+                            } else {
+                                [5, z.to_bits()]
+                            }
+                        })
+                        .collect();
+                    let surface = canvas.draw(
+                        &views(size)[1],
+                        &keys,
+                        &effects(&[&format!("smooth=on,filter={filter},iterations=5,pixels=all")]),
+                    );
                     assert!(surface.smoothed == surface.raw, "{filter} at {z}");
                 }
             }
@@ -125,8 +154,18 @@ fn hard_00_light_and_filters_leave_nothing_that_is_no_number() {
                             .chain(&surface.picture);
                         let floats = colors.flatten().chain(&surface.lit).chain(&surface.left);
                         let count = floats.filter(|value| wild(value.to_bits())).count();
-                        let depths = surface.blended.depth.iter().filter(|z| wild(z.to_bits()) && **z != f32::INFINITY).count();
-                        assert_eq!((count, depths), (0, 0), "{:?} {size:?} {light} {asked:?}", view.camera.projection);
+                        let depths = surface
+                            .blended
+                            .depth
+                            .iter()
+                            .filter(|z| wild(z.to_bits()) && **z != f32::INFINITY)
+                            .count();
+                        assert_eq!(
+                            (count, depths),
+                            (0, 0),
+                            "{:?} {size:?} {light} {asked:?}",
+                            view.camera.projection
+                        );
                     }
                 }
             }

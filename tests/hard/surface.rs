@@ -1,6 +1,9 @@
 //! Hidden layers, holes, and shade (HARD_CASES 7 to 11), and what of them must not change a single bit: where tiles begin, and which of them are looked at.
 
-use crate::gpu::{CANVAS_POINTS, Canvas, Layers, Random, Stage, Way, canvas, draw, effects, perspective, random_keys, views};
+use crate::gpu::{
+    CANVAS_POINTS, Canvas, Layers, Random, Stage, Way, canvas, draw, effects, perspective,
+    random_keys, views,
+};
 use pointillist::cloud::attribute::Attribute;
 use pointillist::config::NO_POINT;
 use pointillist::light::Light;
@@ -17,7 +20,9 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Keys of given depths; the point follows from the place.
 fn keys(depths: &[Option<f32>]) -> Vec<[u32; 2]> {
-    let key = |(i, z): (usize, &Option<f32>)| z.map_or([NO_POINT; 2], |z| [i as u32 * 7 % CANVAS_POINTS, z.to_bits()]);
+    let key = |(i, z): (usize, &Option<f32>)| {
+        z.map_or([NO_POINT; 2], |z| [i as u32 * 7 % CANVAS_POINTS, z.to_bits()])
+    };
     depths.iter().enumerate().map(key).collect()
 }
 
@@ -34,10 +39,13 @@ fn hard_07_cone_solid_angle() {
             for (width, sectors) in [(3, 4), (3, 8), (9, 16)] {
                 for angle in [1e-4f64, 1e-3, 1e-2, 0.1, 0.5, 1.0, 1.4, 1.57, 1.8, 2.6] {
                     let rise = 1.0 / (view.focal_px() * angle.tan());
-                    let at = [random.bits() as i64 & 7, random.bits() as i64 & 7].map(|c| c.clamp(1, 7));
+                    let at =
+                        [random.bits() as i64 & 7, random.bits() as i64 & 7].map(|c| c.clamp(1, 7));
                     let own = 1.0 + rise.max(0.0);
                     let around = if angle < FRAC_PI_2 { 1.0 } else { 1.0 - rise };
-                    let mut depths: Vec<_> = (0..81).map(|_| Some((around * random.within(0.95, 1.05)) as f32)).collect();
+                    let mut depths: Vec<_> = (0..81)
+                        .map(|_| Some((around * random.within(0.95, 1.05)) as f32))
+                        .collect();
                     let pixel = (at[1] * 9 + at[0]) as usize;
                     depths[pixel] = Some(own as f32);
                     let given: Vec<f32> = depths.iter().map(|z| z.unwrap()).collect();
@@ -49,19 +57,35 @@ fn hard_07_cone_solid_angle() {
                         lead: 0.0,
                         ..visibility::Settings::default()
                     };
-                    let [sum, _] = Depths { view: &view, depth: &given }.solid_angle(at, visibility::Kernel::of_width(width), &settings);
+                    let [sum, _] = Depths { view: &view, depth: &given }.solid_angle(
+                        at,
+                        visibility::Kernel::of_width(width),
+                        &settings,
+                    );
                     (least, greatest) = (least.min(sum), greatest.max(sum));
                     let mut visible = |threshold: f64| {
                         let mut effects = effects(&["visibility=on"]);
-                        effects.visibility.settings = visibility::Settings { threshold, ..settings };
+                        effects.visibility.settings =
+                            visibility::Settings { threshold, ..settings };
                         canvas.draw(&view, &keys(&depths), &effects).seen.depth[pixel].is_finite()
                     };
                     // The kernel compares in units of a sector's hemisphere, in f32: thresholds that are such numbers.
                     let unit = TAU / sectors as f64;
                     let [below, above] = [1.0 - BOUND, 1.0 + BOUND].map(|part| sum * part / unit);
-                    let below = if below as f32 as f64 > below { (below as f32).next_down() } else { below as f32 };
-                    let above = if (above as f32 as f64) < above { (above as f32).next_up() } else { above as f32 };
-                    let case = format!("{:?} kernel {width}, {sectors} sectors, {angle} rad at {at:?}: {sum}", view.camera.projection);
+                    let below = if below as f32 as f64 > below {
+                        (below as f32).next_down()
+                    } else {
+                        below as f32
+                    };
+                    let above = if (above as f32 as f64) < above {
+                        (above as f32).next_up()
+                    } else {
+                        above as f32
+                    };
+                    let case = format!(
+                        "{:?} kernel {width}, {sectors} sectors, {angle} rad at {at:?}: {sum}",
+                        view.camera.projection
+                    );
                     assert!(visible(below as f64 * unit), "{case}");
                     assert!(!visible(above as f64 * unit), "{case}");
                 }
@@ -77,25 +101,49 @@ fn hard_07_cone_solid_angle() {
 #[test]
 fn hard_07_walls_that_are_sparser_than_their_node_hide_what_is_behind() {
     canvas(|canvas| {
-        let view = views([127, 61]).into_iter().find(|view| view.camera.projection == Projection::Perspective).unwrap();
+        let view = views([127, 61])
+            .into_iter()
+            .find(|view| view.camera.projection == Projection::Perspective)
+            .unwrap();
         for (pixels_a_point, spacing_px) in [(8, 1.4), (24, 2.5)] {
             let random = &mut Random(0x9175);
             let front = canvas.spacing() * view.focal_px() / spacing_px;
             let depths: Vec<_> = (0..127 * 61)
-                .map(|_| Some(if random.bits().is_multiple_of(pixels_a_point) { front } else { 2.0 * front } as f32))
+                .map(|_| {
+                    Some(if random.bits().is_multiple_of(pixels_a_point) {
+                        front
+                    } else {
+                        2.0 * front
+                    } as f32)
+                })
                 .collect();
             let mut share = |kernel: &str| {
-                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,{kernel}")])).seen;
+                let seen = canvas
+                    .draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,{kernel}")]))
+                    .seen;
                 // Within a kernel's reach of the picture's edge the wall ends, as in a mirror.
-                let inside = |i: &usize| (16..111).contains(&(i % 127)) && (16..45).contains(&(i / 127));
-                let (behind, all) = (0..depths.len()).filter(inside).fold((0, 0), |(behind, all), i| {
-                    (behind + (depths[i] > Some(1.5 * front as f32) && seen.depth[i].is_finite()) as usize, all + 1)
-                });
+                let inside =
+                    |i: &usize| (16..111).contains(&(i % 127)) && (16..45).contains(&(i / 127));
+                let (behind, all) =
+                    (0..depths.len()).filter(inside).fold((0, 0), |(behind, all), i| {
+                        (
+                            behind
+                                + (depths[i] > Some(1.5 * front as f32)
+                                    && seen.depth[i].is_finite())
+                                    as usize,
+                            all + 1,
+                        )
+                    });
                 behind as f64 / all as f64
             };
-            let node = [3, 5, 7, 9, 11, 13, 15].into_iter().find(|kernel| *kernel as f64 >= 5.5 * spacing_px).expect("a kernel");
+            let node = [3, 5, 7, 9, 11, 13, 15]
+                .into_iter()
+                .find(|kernel| *kernel as f64 >= 5.5 * spacing_px)
+                .expect("a kernel");
             let (node, own) = (share(&format!("levels=1,kernel={node}")), share("levels=7"));
-            println!("1 point in {pixels_a_point} pixels: {node} of the wall behind shows with the node's kernel, {own} by levels");
+            println!(
+                "1 point in {pixels_a_point} pixels: {node} of the wall behind shows with the node's kernel, {own} by levels"
+            );
             assert!(node > 1e-3 && own < 0.1 * node);
         }
     });
@@ -114,7 +162,8 @@ fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
             let near = far - 20.0 * px;
             let depths: Vec<_> = (0..127 * 61)
                 .map(|i| {
-                    let (strewn, hidden) = (random.bits().is_multiple_of(5), random.bits().is_multiple_of(5));
+                    let (strewn, hidden) =
+                        (random.bits().is_multiple_of(5), random.bits().is_multiple_of(5));
                     let x = i % 127;
                     let depth = if x < edge { near } else { far - 0.8 * (x - edge) as f64 * px };
                     let behind = (x < edge && hidden).then_some(far as f32);
@@ -122,18 +171,29 @@ fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
                 })
                 .collect();
             let mut counts = |lead: &str| {
-                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,levels=1,kernel=13,lead={lead}")])).seen;
+                let seen = canvas
+                    .draw(
+                        &view,
+                        &keys(&depths),
+                        &effects(&[&format!("visibility=on,levels=1,kernel=13,lead={lead}")]),
+                    )
+                    .seen;
                 let inside = |i: &usize| (16..45).contains(&(i / 127)) && depths[*i].is_some();
                 let part = |is_of: &dyn Fn(usize) -> bool| {
-                    let points: Vec<_> = (0..depths.len()).filter(inside).filter(|&i| is_of(i)).collect();
+                    let points: Vec<_> =
+                        (0..depths.len()).filter(inside).filter(|&i| is_of(i)).collect();
                     (points.iter().filter(|&&i| seen.depth[i].is_finite()).count(), points.len())
                 };
                 let beside = part(&|i| (edge..edge + 7).contains(&(i % 127)));
-                let behind = part(&|i| (16..edge - 7).contains(&(i % 127)) && depths[i] == Some(far as f32));
+                let behind =
+                    part(&|i| (16..edge - 7).contains(&(i % 127)) && depths[i] == Some(far as f32));
                 [beside, behind]
             };
             let (paper, ours) = (counts("0"), counts("7"));
-            println!("{:?}: points beside the contour and behind it that show: {ours:?}, by the paper {paper:?}", view.camera.projection);
+            println!(
+                "{:?}: points beside the contour and behind it that show: {ours:?}, by the paper {paper:?}",
+                view.camera.projection
+            );
             let ([(lost, _), _], [(shown, all), (behind, _)]) = (paper, ours);
             assert!(lost < all * 2 / 3 && shown == all && behind == 0);
         }
@@ -144,25 +204,44 @@ fn hard_07_a_surface_is_not_hidden_by_its_own_slope() {
 #[test]
 fn hard_07_walls_two_spacings_behind_each_other_do_not_show_through() {
     canvas(|canvas| {
-        let view = views([127, 61]).into_iter().find(|view| view.camera.projection == Projection::Perspective).unwrap();
+        let view = views([127, 61])
+            .into_iter()
+            .find(|view| view.camera.projection == Projection::Perspective)
+            .unwrap();
         let far = 10.0;
         for pixels in [2, 4, 6, 8] {
             let random = &mut Random(0x2A11);
             let near = far - pixels as f64 * far / view.focal_px();
             let depths: Vec<_> = (0..127 * 61)
                 .map(|_| {
-                    let [front, back] = [near, far].map(|depth| (random.bits() % 10 < 3).then_some(depth as f32));
+                    let [front, back] =
+                        [near, far].map(|depth| (random.bits() % 10 < 3).then_some(depth as f32));
                     front.or(back)
                 })
                 .collect();
             let mut share = |lead: &str| {
-                let seen = canvas.draw(&view, &keys(&depths), &effects(&[&format!("visibility=on,levels=1,kernel=11,lead={lead}")])).seen;
-                let inside = |i: &usize| (16..111).contains(&(i % 127)) && (16..45).contains(&(i / 127));
-                let behind: Vec<_> = (0..depths.len()).filter(inside).filter(|&i| depths[i] == Some(far as f32)).collect();
-                behind.iter().filter(|&&i| seen.depth[i].is_finite()).count() as f64 / behind.len() as f64
+                let seen = canvas
+                    .draw(
+                        &view,
+                        &keys(&depths),
+                        &effects(&[&format!("visibility=on,levels=1,kernel=11,lead={lead}")]),
+                    )
+                    .seen;
+                let inside =
+                    |i: &usize| (16..111).contains(&(i % 127)) && (16..45).contains(&(i / 127));
+                let behind: Vec<_> = (0..depths.len())
+                    .filter(inside)
+                    .filter(|&i| depths[i] == Some(far as f32))
+                    .collect();
+                behind.iter().filter(|&&i| seen.depth[i].is_finite()).count() as f64
+                    / behind.len() as f64
             };
             let (paper, ours) = (share("0"), share("7"));
-            println!("{pixels} pixels' width behind: {:.1} % show, by the paper {:.1} %", 100.0 * ours, 100.0 * paper);
+            println!(
+                "{pixels} pixels' width behind: {:.1} % show, by the paper {:.1} %",
+                100.0 * ours,
+                100.0 * paper
+            );
             assert!(ours >= paper && (pixels < 8 || ours == 0.0));
         }
     });
@@ -175,7 +254,8 @@ fn hard_08_sector_index() {
     let across = 16 * CELL;
     let mut depths = vec![None; across * across];
     let corner = |mask: usize| (mask / 16 * CELL + 1) * across + mask % 16 * CELL + 1;
-    let offsets: Vec<(i64, i64)> = (-1..=1).flat_map(|y| (-1..=1).map(move |x| (x, y))).filter(|at| *at != (0, 0)).collect();
+    let offsets: Vec<(i64, i64)> =
+        (-1..=1).flat_map(|y| (-1..=1).map(move |x| (x, y))).filter(|at| *at != (0, 0)).collect();
     let aside = |at: usize, (x, y): (i64, i64)| (at as i64 + y * across as i64 + x) as usize;
     for mask in 0..256 {
         for (bit, &offset) in offsets.iter().enumerate().filter(|(bit, _)| mask >> bit & 1 == 1) {
@@ -186,8 +266,10 @@ fn hard_08_sector_index() {
         for view in views([across as u32; 2]) {
             for sectors in [4, 8, 16] {
                 let empty_of = |mask: usize| {
-                    let closed: std::collections::HashSet<_> =
-                        (0..8).filter(|bit| mask >> bit & 1 == 1).map(|bit| sector(offsets[bit].0, offsets[bit].1, sectors)).collect();
+                    let closed: std::collections::HashSet<_> = (0..8)
+                        .filter(|bit| mask >> bit & 1 == 1)
+                        .map(|bit| sector(offsets[bit].0, offsets[bit].1, sectors))
+                        .collect();
                     sectors - closed.len()
                 };
                 for empty in 0..=sectors {
@@ -228,8 +310,11 @@ fn hard_09_filling() {
     const CELL: i64 = 5;
     let (columns, rows) = (32 * CELL, 16 * CELL);
     let size = [columns as u32, rows as u32];
-    let shapes: [fn(i64, i64) -> f64; 3] =
-        [|x, y| 10.0 + 0.1 * x as f64 + 0.07 * y as f64, |x, _| if x % CELL < 2 { 10.0 } else { 20.0 }, |_, _| 10.0];
+    let shapes: [fn(i64, i64) -> f64; 3] = [
+        |x, y| 10.0 + 0.1 * x as f64 + 0.07 * y as f64,
+        |x, _| if x % CELL < 2 { 10.0 } else { 20.0 },
+        |_, _| 10.0,
+    ];
     canvas(|canvas| {
         for view in views(size) {
             for shape in shapes {
@@ -237,7 +322,8 @@ fn hard_09_filling() {
                     let (x, y) = (i % columns, i / columns);
                     let mask = y / CELL * 32 + x / CELL;
                     let (u, v) = (x % CELL - 1, y % CELL - 1);
-                    let taken = (0..3).contains(&u) && (0..3).contains(&v) && mask >> (3 * v + u) & 1 == 1;
+                    let taken =
+                        (0..3).contains(&u) && (0..3).contains(&v) && mask >> (3 * v + u) & 1 == 1;
                     taken.then(|| shape(x, y) as f32)
                 };
                 let depths: Vec<_> = (0..columns * rows).map(depth).collect();
@@ -256,9 +342,16 @@ fn hard_09_filling() {
                         let surface = canvas.draw(&view, &keys(&depths), &effects);
                         let after = surface.filled;
                         let stage = before.as_ref().unwrap_or(&surface.seen);
-                        let pixels: Vec<Pixel> =
-                            (0..depths.len()).map(|i| Pixel::new(stage.depth[i], stage.color[i], depths[i].is_none())).collect();
-                        for (i, next) in fill_oracle::step(&view, &effects.fill.settings, 3, &pixels).iter().enumerate() {
+                        let pixels: Vec<Pixel> = (0..depths.len())
+                            .map(|i| {
+                                Pixel::new(stage.depth[i], stage.color[i], depths[i].is_none())
+                            })
+                            .collect();
+                        for (i, next) in
+                            fill_oracle::step(&view, &effects.fill.settings, 3, &pixels)
+                                .iter()
+                                .enumerate()
+                        {
                             let case = format!(
                                 "{:?} tolerance {tolerance} step {iterations} pixel {}, {}",
                                 view.camera.projection,
@@ -266,7 +359,11 @@ fn hard_09_filling() {
                                 i as i64 / columns
                             );
                             if !next.filling {
-                                assert_eq!((after.depth[i], after.color[i]), (surface.raw.depth[i], surface.raw.color[i]), "{case}");
+                                assert_eq!(
+                                    (after.depth[i], after.color[i]),
+                                    (surface.raw.depth[i], surface.raw.color[i]),
+                                    "{case}"
+                                );
                             } else {
                                 assert!(
                                     next.holds(after.depth[i], after.color[i]),
@@ -275,10 +372,17 @@ fn hard_09_filling() {
                                     after.color[i]
                                 );
                             }
-                            assert!(after.depth[i].is_finite() || !stage.depth[i].is_finite(), "{case}: what was filled is gone");
+                            assert!(
+                                after.depth[i].is_finite() || !stage.depth[i].is_finite(),
+                                "{case}: what was filled is gone"
+                            );
                             // A real sample, or at delta 0 a mean of equals: no depth between the layers is invented.
                             if tolerance == 1e-300 && after.depth[i].is_finite() {
-                                assert!(depths.contains(&Some(after.depth[i])), "{case}: {}", after.depth[i]);
+                                assert!(
+                                    depths.contains(&Some(after.depth[i])),
+                                    "{case}: {}",
+                                    after.depth[i]
+                                );
                             }
                         }
                         before = Some(after);
@@ -289,7 +393,12 @@ fn hard_09_filling() {
     });
 }
 
-fn shade(canvas: &mut Canvas, view: &View, depths: &[Option<f32>], settings: shape::Settings) -> (Vec<f32>, Vec<Bounded>) {
+fn shade(
+    canvas: &mut Canvas,
+    view: &View,
+    depths: &[Option<f32>],
+    settings: shape::Settings,
+) -> (Vec<f32>, Vec<Bounded>) {
     let mut effects = effects(&["shape=on"]);
     effects.shape.settings = settings;
     let surface = canvas.draw(view, &keys(depths), &effects);
@@ -303,12 +412,18 @@ fn hard_10_sigma() {
     let random = &mut Random(10);
     canvas(|canvas| {
         for view in views([65, 33]) {
-            let normal = |random: &mut Random| (0..12).map(|_| random.within(-0.5, 0.5)).sum::<f64>();
-            let depths: Vec<_> = (0..65 * 33).map(|_| Some((1000.0 + 0.1 * normal(random)) as f32)).collect();
+            let normal =
+                |random: &mut Random| (0..12).map(|_| random.within(-0.5, 0.5)).sum::<f64>();
+            let depths: Vec<_> =
+                (0..65 * 33).map(|_| Some((1000.0 + 0.1 * normal(random)) as f32)).collect();
             let one = shape::Settings { levels: 1.0, softness: 0.0, ..shape::Settings::default() };
             let (lit, twin) = shade(canvas, &view, &depths, one);
             let widest = twin.iter().map(|twin| twin.error).fold(0.0, f64::max);
-            let worst = lit.iter().zip(&twin).map(|(lit, twin)| (*lit as f64 - twin.value).abs()).fold(0.0, f64::max);
+            let worst = lit
+                .iter()
+                .zip(&twin)
+                .map(|(lit, twin)| (*lit as f64 - twin.value).abs())
+                .fold(0.0, f64::max);
             println!("{:?} off by {worst:e}, bounds up to {widest:e}", view.camera.projection);
             assert!(lit.iter().zip(&twin).all(|(lit, twin)| twin.holds(*lit)) && widest < 4e-5);
         }
@@ -325,8 +440,11 @@ fn hard_11_omega() {
                 for z in [1e-3f32, 0.7, 1.0, 1.0f32.next_up(), 1.5, 5.0, 1000.0, 1e6] {
                     for (softness, levels) in [(0.0, 1.0), (0.0, 8.0), (1.0, 8.0), (0.0, 64.0)] {
                         for missing in [0, 2] {
-                            let depths: Vec<_> = (0..size[0] * size[1]).map(|_| (random.bits() % 8 >= missing).then_some(z)).collect();
-                            let settings = shape::Settings { levels, softness, ..shape::Settings::default() };
+                            let depths: Vec<_> = (0..size[0] * size[1])
+                                .map(|_| (random.bits() % 8 >= missing).then_some(z))
+                                .collect();
+                            let settings =
+                                shape::Settings { levels, softness, ..shape::Settings::default() };
                             let (lit, _) = shade(canvas, &view, &depths, settings);
                             let least = lit.iter().copied().fold(1.0, f32::min);
                             assert!(
@@ -352,8 +470,16 @@ fn hard_00_nothing_that_is_no_number() {
             for view in views(size) {
                 for asked in [
                     ["visibility=on", "fill=on", "shape=on"],
-                    ["visibility=on,levels=8,kernel=3,threshold=6.2,holes=6.2,expected=0", "fill=on,levels=8,tolerance=1e-300", "shape=on"],
-                    ["visibility=on,levels=3,expected=1e9,tiles=all", "fill=on,levels=1,tolerance=1e9", "shape=on"],
+                    [
+                        "visibility=on,levels=8,kernel=3,threshold=6.2,holes=6.2,expected=0",
+                        "fill=on,levels=8,tolerance=1e-300",
+                        "shape=on",
+                    ],
+                    [
+                        "visibility=on,levels=3,expected=1e9,tiles=all",
+                        "fill=on,levels=1,tolerance=1e9",
+                        "shape=on",
+                    ],
                     ["visibility=on,levels=1,kernel=9", "fill=on,method=pintus", "shape=on"],
                     [
                         "visibility=on,levels=1,kernel=3,threshold=6.2,holes=6.2,tiles=all",
@@ -365,7 +491,11 @@ fn hard_00_nothing_that_is_no_number() {
                         "fill=on,method=pintus,tolerance=1e-300",
                         "shape=on,softness=1000,levels=1",
                     ],
-                    ["visibility=on,levels=1,kernel=5,sectors=16", "fill=on,method=pintus,iterations=3", "shape=on,xi=0,first=1"],
+                    [
+                        "visibility=on,levels=1,kernel=5,sectors=16",
+                        "fill=on,method=pintus,iterations=3",
+                        "shape=on,xi=0,first=1",
+                    ],
                 ] {
                     let mut depths = random_keys(size, CANVAS_POINTS, random);
                     // The nearest that is drawn, and the farthest that is a number.
@@ -378,10 +508,20 @@ fn hard_00_nothing_that_is_no_number() {
                     }
                     let surface = canvas.draw(&view, &depths, &effects(&asked));
                     let filled = &surface.filled;
-                    let floats = filled.color.iter().chain(&surface.picture).flatten().chain(&surface.lit);
+                    let floats =
+                        filled.color.iter().chain(&surface.picture).flatten().chain(&surface.lit);
                     let count = floats.filter(|value| wild(value.to_bits())).count();
-                    let depths = filled.depth.iter().filter(|z| wild(z.to_bits()) && **z != f32::INFINITY).count();
-                    assert_eq!((count, depths), (0, 0), "{:?} {size:?} {asked:?}", view.camera.projection);
+                    let depths = filled
+                        .depth
+                        .iter()
+                        .filter(|z| wild(z.to_bits()) && **z != f32::INFINITY)
+                        .count();
+                    assert_eq!(
+                        (count, depths),
+                        (0, 0),
+                        "{:?} {size:?} {asked:?}",
+                        view.camera.projection
+                    );
                 }
             }
         }
@@ -406,7 +546,10 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         lit: false,
         balance: None,
     });
-    assert!(["visibility", "fill", "shape"].iter().all(|effect| decided.runs(effect)), "{decided:?}");
+    assert!(
+        ["visibility", "fill", "shape"].iter().all(|effect| decided.runs(effect)),
+        "{decided:?}"
+    );
 }
 
 /// Skipping tiles changes nothing: not which pixels are taken out, not what they are filled with, not the picture.
@@ -415,24 +558,35 @@ fn hard_00_tiles_that_are_skipped_had_nothing_to_hide() {
     let (mut taken_out, mut pixels) = (0, 0);
     for scene in [synth::Scene::Street, synth::Scene::NestedTori] {
         let world = synth::build(scene, 3, 0.0);
-        let cloud = synth::collect("seams", &world, 250_000, 3, scene.default_noise(), &Silent).unwrap();
+        let cloud =
+            synth::collect("seams", &world, 250_000, 3, scene.default_noise(), &Silent).unwrap();
         let look = world.camera();
         for size in [[203, 149], [127, 61]] {
-            let deep = Camera { fov_y: look.fov_y, ..perspective(look.eye, look.target, look.fov_y) };
+            let deep =
+                Camera { fov_y: look.fov_y, ..perspective(look.eye, look.target, look.fov_y) };
             let flat = Camera::framing(Preset::Iso, &cloud.core_points(), size);
             assert_eq!(flat.projection, Projection::Orthographic);
             for camera in [deep, flat] {
                 let view = View::new(camera, size).unwrap();
-                for levels in ["levels=7", "levels=5,kernel=9", "levels=1,kernel=3", "levels=1,kernel=9"] {
+                for levels in
+                    ["levels=7", "levels=5,kernel=9", "levels=1,kernel=3", "levels=1,kernel=9"]
+                {
                     let picture = |tiles: &str, rest: &str| -> Layers {
                         let mut wishes = Wishes::default();
-                        wishes.effects.set(&format!("visibility=on,{levels},tiles={tiles}")).unwrap();
+                        wishes
+                            .effects
+                            .set(&format!("visibility=on,{levels},tiles={tiles}"))
+                            .unwrap();
                         wishes.effects.set(rest).unwrap();
                         draw(Way::Compute64, &cloud, &view, &wishes)
                     };
                     for rest in ["fill=off", "fill=on"] {
                         let [all, needed] = ["all", "needed"].map(|tiles| picture(tiles, rest));
-                        assert!(all.bits() == needed.bits(), "{scene:?} {:?} {size:?} {levels} {rest}", camera.projection);
+                        assert!(
+                            all.bits() == needed.bits(),
+                            "{scene:?} {:?} {size:?} {levels} {rest}",
+                            camera.projection
+                        );
                         taken_out += all.depth.iter().filter(|z| **z == f32::NEG_INFINITY).count();
                         pixels += all.depth.len() / 2;
                     }

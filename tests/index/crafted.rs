@@ -54,11 +54,15 @@ pub fn first_version(bytes: &[u8]) -> Vec<u8> {
     let long = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
     let (nodes, directory_at, contents) = (word(12) as usize, long(24), long(32));
     let record = size_of::<NodeRecord>();
-    let records =
-        bytes[directory_at..][..nodes * record].chunks(record).flat_map(|record| [&record[..108], &record[record.len() - 20..]].concat());
+    let records = bytes[directory_at..][..nodes * record]
+        .chunks(record)
+        .flat_map(|record| [&record[..108], &record[record.len() - 20..]].concat());
     let records: Vec<u8> = records.collect();
-    let mut known: serde_json::Value = serde_json::from_slice(&bytes[directory_at + nodes * record..][..contents]).unwrap();
-    ["oriented", "balance", "counts"].into_iter().for_each(|unknown| drop(known.as_object_mut().unwrap().remove(unknown)));
+    let mut known: serde_json::Value =
+        serde_json::from_slice(&bytes[directory_at + nodes * record..][..contents]).unwrap();
+    ["oriented", "balance", "counts"]
+        .into_iter()
+        .for_each(|unknown| drop(known.as_object_mut().unwrap().remove(unknown)));
     let directory = [records, serde_json::to_vec(&known).unwrap()].concat();
     let mut first = [&bytes[..directory_at], &directory].concat();
     let length = first.len() as u64;

@@ -18,7 +18,8 @@ struct Told(Contents, Vec<(NodeRecord, BTreeMap<usize, Vec<u8>>)>);
 
 fn told(path: &Path) -> Result<Told> {
     let index = Index::open(path)?;
-    let nodes = (0..index.nodes().len()).map(|number| Ok((index.nodes()[number], decode(&index, number)?.planes)));
+    let nodes = (0..index.nodes().len())
+        .map(|number| Ok((index.nodes()[number], decode(&index, number)?.planes)));
     Ok(Told(index.directory.contents.clone(), nodes.collect::<Result<_>>()?))
 }
 
@@ -42,8 +43,14 @@ fn every_flipped_bit_is_found_or_harmless() {
                     file.write_all_at(&[bytes[at] ^ 1 << (flip % 8)], at as u64).unwrap();
                     match told(&copy) {
                         Ok(content) => {
-                            assert!(content == *truth, "bit {flip} was not found, and changed something");
-                            assert!((HEADER_BYTES..HEADER_PAGE).contains(&at), "bit {flip} was not found");
+                            assert!(
+                                content == *truth,
+                                "bit {flip} was not found, and changed something"
+                            );
+                            assert!(
+                                (HEADER_BYTES..HEADER_PAGE).contains(&at),
+                                "bit {flip} was not found"
+                            );
                         }
                         Err(_) => _ = found.fetch_add(1, Relaxed),
                     }
@@ -67,7 +74,10 @@ fn a_cut_index_is_none() {
     assert!(Index::open(&path).is_err());
     for length in (0..whole).rev() {
         file.set_len(length).unwrap();
-        let error = Index::open(&path).err().unwrap_or_else(|| panic!("{length} bytes of {whole} are an index")).to_string();
+        let error = Index::open(&path)
+            .err()
+            .unwrap_or_else(|| panic!("{length} bytes of {whole} are an index"))
+            .to_string();
         assert!(error.contains("small.pnti"), "{error}");
     }
 }
@@ -88,8 +98,14 @@ fn an_index_from_the_future_is_refused_with_a_sentence() {
         assert!(Index::open(&path).is_err());
         assert_eq!(Index::is_one(&path), bytes.len() == 8);
     }
-    assert!(Index::is_one(&path) && !Index::is_one(place.folder.path()) && !Index::is_one(&place.at("nowhere")));
-    assert!(Index::open(place.folder.path()).is_err() && Index::open(&place.at("nowhere")).is_err());
+    assert!(
+        Index::is_one(&path)
+            && !Index::is_one(place.folder.path())
+            && !Index::is_one(&place.at("nowhere"))
+    );
+    assert!(
+        Index::open(place.folder.path()).is_err() && Index::open(&place.at("nowhere")).is_err()
+    );
 }
 
 #[test]
@@ -101,7 +117,8 @@ fn crafted_directories_are_refused() {
     let nodes = index.nodes().to_vec();
     let directory = number(&bytes, 24) as usize;
     let inner = nodes.iter().position(|node| !node.is_leaf()).unwrap();
-    let second = nodes.iter().skip(inner + 1).position(|node| !node.is_leaf()).map(|i| i + inner + 1);
+    let second =
+        nodes.iter().skip(inner + 1).position(|node| !node.is_leaf()).map(|i| i + inner + 1);
     let leaf = nodes.iter().position(NodeRecord::is_leaf).unwrap();
     let child = nodes[inner].first_child as usize;
     let try_it = |what: &str, edits: &[(usize, usize, &[u8])]| {
@@ -112,7 +129,8 @@ fn crafted_directories_are_refused() {
         }
         assert!(crafted != bytes, "{what}: nothing is different");
         let path = place.write("crafted.pnti", &signed(crafted));
-        let error = Index::open(&path).err().unwrap_or_else(|| panic!("{what} was taken")).to_string();
+        let error =
+            Index::open(&path).err().unwrap_or_else(|| panic!("{what} was taken")).to_string();
         println!("{what}: {}", error.rsplit('/').next().unwrap());
     };
     let long = |v: u64| v.to_le_bytes();
@@ -121,8 +139,17 @@ fn crafted_directories_are_refused() {
     use field::*;
     try_it("its own child", &[(inner, FIRST_CHILD, &word(inner as u32))]);
     try_it("a child before its parent", &[(inner, FIRST_CHILD, &word(0))]);
-    try_it("a leaf with a child above it", &[(leaf, FIRST_CHILD, &word(0)), (leaf, CHILDREN, &word(1)), (leaf, SPACING, &real(1.0))]);
-    for count in [1, nodes[inner].children - 1, nodes[inner].children + 1, u32::MAX, u32::MAX - nodes[inner].first_child] {
+    try_it(
+        "a leaf with a child above it",
+        &[(leaf, FIRST_CHILD, &word(0)), (leaf, CHILDREN, &word(1)), (leaf, SPACING, &real(1.0))],
+    );
+    for count in [
+        1,
+        nodes[inner].children - 1,
+        nodes[inner].children + 1,
+        u32::MAX,
+        u32::MAX - nodes[inner].first_child,
+    ] {
         try_it("children that are too many or too few", &[(inner, CHILDREN, &word(count))]);
     }
     try_it("no children", &[(inner, CHILDREN, &word(0))]);
@@ -133,12 +160,23 @@ fn crafted_directories_are_refused() {
     try_it("another parent", &[(child, PARENT, &word(u32::MAX))]);
     for count in [0, POINTS_PER_PAGE + 1, u32::MAX] {
         try_it("a count", &[(leaf, COUNT, &word(count))]);
-        try_it("a count and its points", &[(leaf, COUNT, &word(count)), (leaf, POINTS, &long(count as u64))]);
+        try_it(
+            "a count and its points",
+            &[(leaf, COUNT, &word(count)), (leaf, POINTS, &long(count as u64))],
+        );
     }
     for points in [0, 1, u64::MAX, nodes[inner].points + 1] {
         try_it("points", &[(inner, POINTS, &long(points))]);
     }
-    for at in [0, 4095, directory as u64, directory as u64 - 1, bytes.len() as u64, u64::MAX, u64::MAX - 4096] {
+    for at in [
+        0,
+        4095,
+        directory as u64,
+        directory as u64 - 1,
+        bytes.len() as u64,
+        u64::MAX,
+        u64::MAX - 4096,
+    ] {
         try_it("planes elsewhere", &[(leaf, AT, &long(at))]);
     }
     for lattice in [index.directory.contents.lattices.len() as u16, u16::MAX] {
@@ -185,16 +223,26 @@ fn crafted_directories_are_refused() {
     let json = directory + nodes.len() * field::BYTES;
     // More points of a class than there are, no class, and one twice.
     let told: serde_json::Value = serde_json::from_slice(&bytes[json..]).unwrap();
-    for (kinds, counts) in [("classes", "[[2,18446744073709551615]]"), ("returns", "[[16,1]]"), ("returns", "[[1,1],[1,1]]")] {
+    for (kinds, counts) in [
+        ("classes", "[[2,18446744073709551615]]"),
+        ("returns", "[[16,1]]"),
+        ("returns", "[[1,1],[1,1]]"),
+    ] {
         let mut told = told.clone();
         told["counts"][kinds] = serde_json::from_str(counts).unwrap();
         let crafted = with_contents(&bytes, json, &serde_json::to_vec(&told).unwrap());
-        let error = Index::open(&place.write("crafted.pnti", &signed(crafted))).err().unwrap().to_string();
+        let error =
+            Index::open(&place.write("crafted.pnti", &signed(crafted))).err().unwrap().to_string();
         assert!(error.contains("impossible numbers of points"), "{error}");
     }
     // Contents that are no JSON, not these, or nested without end.
     for contents in [&b"{}"[..], b"", b"\xff", &[b'['; 100_000], b"{\"points\": 1e999}"] {
-        assert!(Index::open(&place.write("crafted.pnti", &signed(with_contents(&bytes, json, contents)))).is_err());
+        assert!(
+            Index::open(
+                &place.write("crafted.pnti", &signed(with_contents(&bytes, json, contents)))
+            )
+            .is_err()
+        );
     }
 }
 
@@ -213,8 +261,16 @@ fn random_records_are_refused_or_can_be_read() {
         for k in 0..1 + noise(i) % 3 {
             let n = noise(i * 4 + k);
             let at = directory + n as usize % records;
-            let value =
-                [0, 1, 0x7F, 0x80, 0xFF, (n >> 40) as u8, crafted[at].wrapping_add(1), crafted[at].wrapping_sub(1)][(n >> 32) as usize % 8];
+            let value = [
+                0,
+                1,
+                0x7F,
+                0x80,
+                0xFF,
+                (n >> 40) as u8,
+                crafted[at].wrapping_add(1),
+                crafted[at].wrapping_sub(1),
+            ][(n >> 32) as usize % 8];
             crafted[at] = value;
         }
         // Either is well; neither panics.
@@ -241,7 +297,11 @@ fn an_index_that_shrinks_or_changes_while_it_is_open_is_an_error() {
     let bytes = fs::read(&path).unwrap();
     let file = fs::OpenOptions::new().write(true).open(&path).unwrap();
     let index = Index::open(&path).unwrap();
-    let all = || (0..index.nodes().len()).map(|number| decode(&index, number).map(drop)).collect::<Result<Vec<()>>>();
+    let all = || {
+        (0..index.nodes().len())
+            .map(|number| decode(&index, number).map(drop))
+            .collect::<Result<Vec<()>>>()
+    };
     all().unwrap();
     for length in [bytes.len() as u64 / 2, 4097, 1, 0] {
         file.set_len(length).unwrap();
@@ -284,9 +344,13 @@ fn an_index_of_the_first_version_is_read_as_it_was() {
     place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
     let first = Index::open(&place.at("first.pnti")).unwrap();
     let length = |contents: &Contents| serde_json::to_vec(contents).unwrap().len() as u64;
-    let unknown = length(&now.directory.contents) - length(&first.directory.contents) + ",\"oriented\":false".len() as u64;
+    let unknown = length(&now.directory.contents) - length(&first.directory.contents)
+        + ",\"oriented\":false".len() as u64;
     assert_eq!(first.bytes() + 16 * now.nodes().len() as u64 + unknown, now.bytes());
-    assert_eq!(first.directory.contents, Contents { balance: None, counts: None, ..now.directory.contents.clone() });
+    assert_eq!(
+        first.directory.contents,
+        Contents { balance: None, counts: None, ..now.directory.contents.clone() }
+    );
     assert!(first.nodes() == now.nodes());
     assert!(contents_of_nodes(&first) == contents_of_nodes(&now));
 }

@@ -9,21 +9,36 @@ fn samples_of_several_stations_are_means_of_what_all_have_with_one_exposure() {
     let file = place.at("street.las");
     scan(&file, Scene::Street, 500_000);
     let index = place.faithful(&[file], &OPTIONS);
-    assert!(index.directory.contents.balance.is_some() && index.nodes().iter().any(|node| !node.is_leaf()));
+    assert!(
+        index.directory.contents.balance.is_some()
+            && index.nodes().iter().any(|node| !node.is_leaf())
+    );
     // Of an index that does not know them, nobody says any.
     place.write("first.pnti", &first_version(&fs::read(place.at("a.pnti")).unwrap()));
     let first = Index::open(&place.at("first.pnti")).unwrap();
-    assert_eq!(first.directory.contents, Contents { balance: None, counts: None, ..index.directory.contents.clone() });
+    assert_eq!(
+        first.directory.contents,
+        Contents { balance: None, counts: None, ..index.directory.contents.clone() }
+    );
     // Too few, too many, and none that there can be.
     let bytes = fs::read(place.at("a.pnti")).unwrap();
     let json = number(&bytes, 24) as usize + index.nodes().len() * field::BYTES;
     let contents: serde_json::Value = serde_json::from_slice(&bytes[json..]).unwrap();
-    for gains in [&[1.0; 4][..], &[1.0; 6], &[1.0, 1.0, 1.0, 1.0, 0.0], &[1.0, 1.0, 1.0, 1.0, -1.0], &[1.0, 1.0, 17.0, 1.0, 1.0]] {
+    for gains in [
+        &[1.0; 4][..],
+        &[1.0; 6],
+        &[1.0, 1.0, 1.0, 1.0, 0.0],
+        &[1.0, 1.0, 1.0, 1.0, -1.0],
+        &[1.0, 1.0, 17.0, 1.0, 1.0],
+    ] {
         let mut contents = contents.clone();
         contents["balance"]["gains"] = gains.into();
         let contents = serde_json::to_vec(&contents).unwrap();
         let crafted = signed(with_contents(&bytes, json, &contents));
-        let error = Index::open(&place.write("crafted.pnti", &crafted)).err().expect("impossible exposures were taken").to_string();
+        let error = Index::open(&place.write("crafted.pnti", &crafted))
+            .err()
+            .expect("impossible exposures were taken")
+            .to_string();
         assert!(error.contains("exposures"), "{error}");
     }
 }
@@ -59,12 +74,23 @@ fn the_heaviest_class_of_a_cell_is_its_class() {
 fn colours_of_8_and_16_bits_and_none() {
     let place = Place::new();
     let colored = |color: &dyn Fn(u16) -> u16| -> Vec<Point> {
-        (0..70_000u32).map(|i| Point { q: [i as i32; 3], rgb: [color(i as u16), 0, color(7)], ..Point::default() }).collect()
+        (0..70_000u32)
+            .map(|i| Point {
+                q: [i as i32; 3],
+                rgb: [color(i as u16), 0, color(7)],
+                ..Point::default()
+            })
+            .collect()
     };
-    let first = |index: &Index| decode(index, index.nodes().iter().position(NodeRecord::is_leaf).unwrap()).unwrap();
+    let first = |index: &Index| {
+        decode(index, index.nodes().iter().position(NodeRecord::is_leaf).unwrap()).unwrap()
+    };
     let narrow = place.las("8.las", &colored(&|v| v & 255), MILLIMETRES);
     let index = place.faithful(std::slice::from_ref(&narrow), &OPTIONS);
-    assert_eq!((0..256).map(|i| first(&index).get::<3>(Plane::Rgb, i).unwrap()[0]).collect::<Vec<_>>(), (0..=255).collect::<Vec<_>>());
+    assert_eq!(
+        (0..256).map(|i| first(&index).get::<3>(Plane::Rgb, i).unwrap()[0]).collect::<Vec<_>>(),
+        (0..=255).collect::<Vec<_>>()
+    );
     assert_eq!(index.directory.contents.parts[0].rgb_bits, 8);
     let wide = place.las("16.las", &colored(&|v| v), MILLIMETRES);
     let index = place.faithful(std::slice::from_ref(&wide), &OPTIONS);
@@ -83,7 +109,11 @@ fn only_what_is_wanted_is_kept() {
     let place = Place::new();
     let file = place.las("a.las", &shape(Shape::Uniform, 5000, [0; 3], [9999; 3], 1), MILLIMETRES);
     place
-        .build(std::slice::from_ref(&file), "a.pnti", &Options { wanted: Wanted { class: true, ..Wanted::default() }, ..OPTIONS })
+        .build(
+            std::slice::from_ref(&file),
+            "a.pnti",
+            &Options { wanted: Wanted { class: true, ..Wanted::default() }, ..OPTIONS },
+        )
         .unwrap();
     let index = Index::open(&place.at("a.pnti")).unwrap();
     for (plane, _) in PLANES {

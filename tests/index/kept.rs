@@ -45,7 +45,8 @@ fn large_clouds_of_any_shape_are_kept_bit_by_bit() {
 fn one_point_and_two_points_as_far_apart_as_can_be() {
     let place = Place::new();
     let ends = [point([i32::MIN; 3], 1), point([i32::MAX; 3], 2)];
-    for (points, nodes) in [(&ends[..1], 1), (&ends[1..], 1), (&ends, 3), (&[ends[0], ends[0]], 1)] {
+    for (points, nodes) in [(&ends[..1], 1), (&ends[1..], 1), (&ends, 3), (&[ends[0], ends[0]], 1)]
+    {
         let file = place.las("a.las", points, MILLIMETRES);
         assert_eq!(place.faithful(&[file], &OPTIONS).nodes().len(), nodes);
     }
@@ -55,7 +56,10 @@ fn one_point_and_two_points_as_far_apart_as_can_be() {
 fn an_empty_cloud_is_an_index_without_nodes() {
     let place = Place::new();
     let index = place.faithful(&[place.las("none.las", &[], MILLIMETRES)], &OPTIONS);
-    assert_eq!((index.nodes().len(), index.directory.roots, index.directory.contents.points), (0, 0, 0));
+    assert_eq!(
+        (index.nodes().len(), index.directory.roots, index.directory.contents.points),
+        (0, 0, 0)
+    );
     let some = place.las("some.las", &[point([1; 3], 1)], MILLIMETRES);
     assert_eq!(place.faithful(&[place.at("none.las"), some], &OPTIONS).nodes().len(), 1);
 }
@@ -66,7 +70,8 @@ fn a_million_coincident_points_are_leaves_of_the_same_bytes_in_any_order() {
     let points: Vec<Point> = (0..1_000_000).map(|i| point([5, -6, 7], i)).collect();
     let file = place.las("a.las", &points, MILLIMETRES);
     let index = place.faithful(std::slice::from_ref(&file), &OPTIONS);
-    let leaves: Vec<u32> = index.nodes().iter().filter(|node| node.is_leaf()).map(|node| node.count).collect();
+    let leaves: Vec<u32> =
+        index.nodes().iter().filter(|node| node.is_leaf()).map(|node| node.count).collect();
     assert_eq!(leaves.len(), 1_000_000usize.div_ceil(POINTS_PER_PAGE as usize));
     assert_eq!((index.nodes()[0].count, index.nodes()[0].points), (1, 1_000_000));
     let bytes = fs::read(place.at("a.pnti")).unwrap();
@@ -82,7 +87,10 @@ fn files_below(folder: PathBuf, most: u64) -> Vec<PathBuf> {
         for entry in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap()) {
             match entry.metadata().unwrap() {
                 found if found.is_dir() => folders.push(entry.path()),
-                found if found.len() <= most && entry.path().extension().is_some_and(|extension| extension != "md") => {
+                found
+                    if found.len() <= most
+                        && entry.path().extension().is_some_and(|extension| extension != "md") =>
+                {
                     files.push(entry.path())
                 }
                 _ => {}
@@ -99,15 +107,27 @@ fn real_files_are_kept_bit_by_bit() {
     let files = files_below(data, 4_000_000);
     assert!(files.len() >= 20, "{} files", files.len());
     for (i, file) in files.into_iter().enumerate() {
-        let index = Place::new().faithful(std::slice::from_ref(&file), &Options { threads: 1 + i % 2, ..OPTIONS });
-        println!("{}: {} points in {} nodes", file.display(), index.directory.contents.points, index.nodes().len());
+        let index = Place::new()
+            .faithful(std::slice::from_ref(&file), &Options { threads: 1 + i % 2, ..OPTIONS });
+        println!(
+            "{}: {} points in {} nodes",
+            file.display(),
+            index.directory.contents.points,
+            index.nodes().len()
+        );
     }
 }
 
 #[test]
 fn real_files_of_every_format_are_kept_together() {
     let mut files = Vec::new();
-    for name in ["e57/A_B.e57", "e57/ColouredCubeFloat.e57", "aerial/sample_c.las", "aerial/4_6_crop.las", "formats/las1.4_pf9.laz"] {
+    for name in [
+        "e57/A_B.e57",
+        "e57/ColouredCubeFloat.e57",
+        "aerial/sample_c.las",
+        "aerial/4_6_crop.las",
+        "formats/las1.4_pf9.laz",
+    ] {
         let Some(file) = shared(&format!("data/{name}")) else { return };
         files.push(file);
     }
@@ -124,7 +144,12 @@ fn files_on_one_lattice_become_one_tree_and_others_their_own_below_one_root() {
     let coarse = Frame { step: [0.001, 0.001, 0.002], ..MILLIMETRES };
     let between = Frame { offset: [0.0005, 0.0, 0.0], ..MILLIMETRES };
     let file = |name: &str, seed, frame| place.las(name, &cloud(seed), frame);
-    let files = [file("a.las", 1, MILLIMETRES), file("b.las", 2, shifted), file("c.las", 3, coarse), file("d.las", 4, between)];
+    let files = [
+        file("a.las", 1, MILLIMETRES),
+        file("b.las", 2, shifted),
+        file("c.las", 3, coarse),
+        file("d.las", 4, between),
+    ];
     for (which, count) in [(&files[..2], 1), (&files[..3], 2), (&files[1..3], 2), (&files, 3)] {
         let index = place.faithful(which, &OPTIONS);
         assert_eq!((index.directory.roots, trees(&index)), (1, count));
@@ -137,7 +162,13 @@ fn files_on_one_lattice_become_one_tree_and_others_their_own_below_one_root() {
 
 /// Lattices that leaves lie on.
 fn trees(index: &Index) -> usize {
-    index.nodes().iter().filter(|node| node.is_leaf()).map(|node| node.lattice).collect::<BTreeSet<_>>().len()
+    index
+        .nodes()
+        .iter()
+        .filter(|node| node.is_leaf())
+        .map(|node| node.lattice)
+        .collect::<BTreeSet<_>>()
+        .len()
 }
 
 #[test]
@@ -149,21 +180,36 @@ fn a_hundred_files_on_lattices_of_their_own_cost_a_view_no_more_than_one() {
     let tile = |i: i32| {
         // Each with an offset that is no whole number of steps from any other's.
         let at = |q: i32| (10 * q as i64 / (side as i64 + 1)) as i32;
-        let own: Vec<Point> = cloud.iter().filter(|point| at(point.q[0]) == i % 10 && at(point.q[1]) == i / 10).copied().collect();
-        place.las(&format!("{i}.las"), &own, Frame { offset: [1e-3 * (0.137 + 0.0071 * i as f64), 0.0, 0.0], ..MILLIMETRES })
+        let own: Vec<Point> = cloud
+            .iter()
+            .filter(|point| at(point.q[0]) == i % 10 && at(point.q[1]) == i / 10)
+            .copied()
+            .collect();
+        place.las(
+            &format!("{i}.las"),
+            &own,
+            Frame { offset: [1e-3 * (0.137 + 0.0071 * i as f64), 0.0, 0.0], ..MILLIMETRES },
+        )
     };
     let tiles: Vec<PathBuf> = (0..100).map(tile).collect();
     let many = place.faithful(&tiles, &OPTIONS);
     assert_eq!((trees(&many), many.directory.roots), (100, 1));
     let two = contents_of_nodes(&many);
-    assert!(contents_of_nodes(&place.index(&tiles, &Options { threads: 1, memory: 64 << 20, ..OPTIONS })) == two, "threads, or memory");
+    assert!(
+        contents_of_nodes(
+            &place.index(&tiles, &Options { threads: 1, memory: 64 << 20, ..OPTIONS })
+        ) == two,
+        "threads, or memory"
+    );
     let one = place.index(&[whole], &OPTIONS);
     let [low, high] = one.directory.contents.bounds.unwrap();
     let camera = Camera::framing(Preset::Fit, &[low, high], [320, 180]);
     let view = View::new(camera, [320, 180]).unwrap();
     for budget in [70_000, 150_000, 300_000] {
         let detail = Detail { budget, ..Detail::of([320, 180]) };
-        let points = [&one, &many].map(|index| cut::choose(index, &view, &Clips::default(), &detail, &HashSet::new()).points);
+        let points = [&one, &many].map(|index| {
+            cut::choose(index, &view, &Clips::default(), &detail, &HashSet::new()).points
+        });
         println!("budget {budget}: {} points of one file, {} of a hundred", points[0], points[1]);
         assert!(points.iter().all(|&points| points <= budget), "{points:?}");
         assert!(points[1] <= 2 * points[0].max(65_536), "{points:?}");
@@ -174,7 +220,11 @@ fn a_hundred_files_on_lattices_of_their_own_cost_a_view_no_more_than_one() {
 fn files_too_far_apart_for_one_lattice_are_refused_with_a_reason() {
     let place = Place::new();
     let near = place.las("near.las", &[point([i32::MAX; 3], 1)], MILLIMETRES);
-    let far = place.las("far.las", &[point([i32::MIN; 3], 1)], Frame { offset: [-1000.0; 3], ..MILLIMETRES });
+    let far = place.las(
+        "far.las",
+        &[point([i32::MIN; 3], 1)],
+        Frame { offset: [-1000.0; 3], ..MILLIMETRES },
+    );
     let error = place.build(&[near, far], "a.pnti", &OPTIONS).unwrap_err().to_string();
     assert!(error.contains("apart"), "{error}");
 }
@@ -187,7 +237,11 @@ fn more_than_fits_the_memory_goes_through_a_file_and_full_buckets_are_split() {
     let Lattice { step, offset } = street.parts[0].lattice;
     // Half a million points in a few centimetres, on the same lattice, counted from elsewhere.
     let blob = shape(Shape::Uniform, 500_000, [-40_000; 3], [64; 3], 9);
-    let frame = Frame { step: step.to_array(), offset: (offset + step * 40_100.0).to_array(), stated: None };
+    let frame = Frame {
+        step: step.to_array(),
+        offset: (offset + step * 40_100.0).to_array(),
+        stated: None,
+    };
     let files = [place.at("street.las"), place.las("blob.las", &blob, frame)];
     let little = Options { memory: 64 << 20, threads: 1, ..OPTIONS };
     let summary = place.build(&files, "b.pnti", &little).unwrap();
@@ -220,10 +274,22 @@ fn a_header_that_lies_about_its_box_changes_no_point() {
         let file = place.las("a.las", &points, Frame { stated: Some(stated), ..MILLIMETRES });
         place.faithful(std::slice::from_ref(&file), &OPTIONS);
         if !what.contains("NaN") {
-            assert!(place.build(std::slice::from_ref(&file), "strict.pnti", &Options { strict: true, ..OPTIONS }).is_err());
+            assert!(
+                place
+                    .build(
+                        std::slice::from_ref(&file),
+                        "strict.pnti",
+                        &Options { strict: true, ..OPTIONS }
+                    )
+                    .is_err()
+            );
         }
         // Beside another that lies about the same lattice.
-        let other = Frame { offset: [1_000_000.0; 3], stated: Some(everywhere.map(|range| range.map(|v| v + 1_000_000.0))), ..MILLIMETRES };
+        let other = Frame {
+            offset: [1_000_000.0; 3],
+            stated: Some(everywhere.map(|range| range.map(|v| v + 1_000_000.0))),
+            ..MILLIMETRES
+        };
         let other = place.las("b.las", &points, other);
         place.faithful(&[file, other], &OPTIONS);
     }
@@ -235,7 +301,11 @@ fn extreme_lattices_are_kept_exactly() {
     for step in [5e-324, 1e-300, 1e-7, 0.1, 1.0 / 3.0, 1e300 / 2f64.powi(31)] {
         for offset in [0.0, 0.1, -4_999_999.999_999_9, 1e299] {
             let place = Place::new();
-            let file = place.las("a.las", &points, Frame { step: [step; 3], offset: [offset, -offset, 0.0], stated: None });
+            let file = place.las(
+                "a.las",
+                &points,
+                Frame { step: [step; 3], offset: [offset, -offset, 0.0], stated: None },
+            );
             // Beyond, coordinates are not told apart.
             if offset.abs() / step + 2f64.powi(31) > 2f64.powi(53) {
                 let error = cloud::read(&[file], &READ, &Silent).unwrap_err().to_string();
@@ -244,7 +314,10 @@ fn extreme_lattices_are_kept_exactly() {
             }
             let index = place.index(std::slice::from_ref(&file), &OPTIONS);
             let cloud = cloud::read(&[file], &READ, &Silent).unwrap();
-            assert_eq!(index.directory.contents.lattices[0], [cloud.parts[0].lattice.step, cloud.parts[0].lattice.offset]);
+            assert_eq!(
+                index.directory.contents.lattices[0],
+                [cloud.parts[0].lattice.step, cloud.parts[0].lattice.offset]
+            );
             assert!(leaf_rows(&index, &cloud) == rows(&index, &cloud), "{step} {offset}");
         }
     }
@@ -254,8 +327,17 @@ fn extreme_lattices_are_kept_exactly() {
 fn lattices_come_back_to_the_last_bit() {
     let place = Place::new();
     for i in 0..100 {
-        let random = |k: u64| f64::from_bits(noise(6 * i + k) & !(0x7FF << 52) | (1023 - 10 + 30 * (k >= 3) as u64) << 52).abs();
-        let frame = Frame { step: [random(0), random(1), random(2)], offset: [random(3), random(4), random(5)], stated: None };
+        let random = |k: u64| {
+            f64::from_bits(
+                noise(6 * i + k) & !(0x7FF << 52) | (1023 - 10 + 30 * (k >= 3) as u64) << 52,
+            )
+            .abs()
+        };
+        let frame = Frame {
+            step: [random(0), random(1), random(2)],
+            offset: [random(3), random(4), random(5)],
+            stated: None,
+        };
         let index = place.index(&[place.las("a.las", &[point([1, 2, 3], 1)], frame)], &OPTIONS);
         let [step, offset] = index.directory.contents.lattices[0];
         assert_eq!((step.to_array(), offset.to_array()), (frame.step, frame.offset));
@@ -277,7 +359,9 @@ fn threads_and_the_order_of_the_file_change_no_byte() {
     place.faithful(std::slice::from_ref(&file), &OPTIONS);
     let bytes = fs::read(place.at("a.pnti")).unwrap();
     for threads in [1, 3] {
-        place.build(std::slice::from_ref(&file), "b.pnti", &Options { threads, ..OPTIONS }).unwrap();
+        place
+            .build(std::slice::from_ref(&file), "b.pnti", &Options { threads, ..OPTIONS })
+            .unwrap();
         assert!(fs::read(place.at("b.pnti")).unwrap() == bytes, "{threads} threads");
     }
     place.write("a.las", &shuffled(&sorted));

@@ -19,14 +19,19 @@ struct StopsOnce(Stops);
 
 impl Progress for StopsOnce {
     fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
-        if self.0.ticks.fetch_add(1, Relaxed) == self.0.at { Err(Error::Interrupted) } else { Ok(()) }
+        if self.0.ticks.fetch_add(1, Relaxed) == self.0.at {
+            Err(Error::Interrupted)
+        } else {
+            Ok(())
+        }
     }
 }
 
 #[test]
 fn work_that_is_interrupted_at_any_tick_ends_and_leaves_nothing() {
     let place = Place::new();
-    let file = place.las("a.las", &shape(Shape::Uniform, 400_000, [0; 3], [9_999; 3], 1), MILLIMETRES);
+    let file =
+        place.las("a.las", &shape(Shape::Uniform, 400_000, [0; 3], [9_999; 3], 1), MILLIMETRES);
     let output = place.at("a.pnti");
     for threads in [1, 2, 3] {
         let options = Options { threads, memory: 64 << 20, ..OPTIONS };
@@ -41,7 +46,10 @@ fn work_that_is_interrupted_at_any_tick_ends_and_leaves_nothing() {
             assert!(matches!(ended, Err(Error::Interrupted)), "tick {at}: {ended:?}");
             assert_eq!(names(place.folder.path()), ["a.las"]);
             let once = StopsOnce(Stops { at, ticks: AtomicU64::new(0) });
-            assert!(build::build(std::slice::from_ref(&file), &output, &options, &once).is_err(), "tick {at}, once");
+            assert!(
+                build::build(std::slice::from_ref(&file), &output, &options, &once).is_err(),
+                "tick {at}, once"
+            );
             assert_eq!(names(place.folder.path()), ["a.las"]);
         }
     }
@@ -51,12 +59,23 @@ fn work_that_is_interrupted_at_any_tick_ends_and_leaves_nothing() {
 fn odd_outputs_and_requests_are_refused_or_taken() {
     let place = Place::new();
     let file = place.las("a.las", &[point([1; 3], 1)], MILLIMETRES);
-    for output in [place.folder.path().to_owned(), place.at("nowhere/a.pnti"), PathBuf::from("/dev/null"), PathBuf::from("/")] {
-        assert!(build::build(std::slice::from_ref(&file), &output, &OPTIONS, &Silent).is_err(), "{}", output.display());
+    for output in [
+        place.folder.path().to_owned(),
+        place.at("nowhere/a.pnti"),
+        PathBuf::from("/dev/null"),
+        PathBuf::from("/"),
+    ] {
+        assert!(
+            build::build(std::slice::from_ref(&file), &output, &OPTIONS, &Silent).is_err(),
+            "{}",
+            output.display()
+        );
     }
     place.build(&[], "none.pnti", &OPTIONS).unwrap();
     for name in ["new\nline.pnti", &"x".repeat(255), &"é".repeat(127), &"🦀".repeat(63)] {
-        place.build(std::slice::from_ref(&file), name, &OPTIONS).unwrap_or_else(|error| panic!("{name}: {error}"));
+        place
+            .build(std::slice::from_ref(&file), name, &OPTIONS)
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
         assert!(Index::open(&place.at(name)).is_ok());
     }
     use std::os::unix::ffi::OsStrExt;
@@ -70,5 +89,11 @@ fn odd_outputs_and_requests_are_refused_or_taken() {
     assert_eq!(unsafe { libc::mkfifo(pipe.as_ptr(), 0o600) }, 0);
     assert!(!Index::is_one(&place.at("pipe")) && Index::open(&place.at("pipe")).is_err());
     // No threads, no memory: as few as there must be.
-    place.build(std::slice::from_ref(&file), "least.pnti", &Options { threads: 0, memory: 0, ..OPTIONS }).unwrap();
+    place
+        .build(
+            std::slice::from_ref(&file),
+            "least.pnti",
+            &Options { threads: 0, memory: 0, ..OPTIONS },
+        )
+        .unwrap();
 }

@@ -12,9 +12,17 @@ fn silhouettes_are_blended_as_f64_does() {
     canvas(|canvas| {
         for size in SIZES {
             for view in views(size) {
-                for text in ["", "threshold=high", "laplacian=depth", "laplacian=depth,threshold=high,jump=0.5", "jump=1.9"] {
+                for text in [
+                    "",
+                    "threshold=high",
+                    "laplacian=depth",
+                    "laplacian=depth,threshold=high,jump=0.5",
+                    "jump=1.9",
+                ] {
                     for shape in ["off", "on"] {
-                        for keys in [random_keys(size, CANVAS_POINTS, random), layered_keys(size, random)] {
+                        for keys in
+                            [random_keys(size, CANVAS_POINTS, random), layered_keys(size, random)]
+                        {
                             let mut effects = nothing();
                             let comma = if text.is_empty() { "" } else { "," };
                             effects.set(&format!("antialias=on{comma}{text}")).unwrap();
@@ -23,14 +31,32 @@ fn silhouettes_are_blended_as_f64_does() {
                             let surface = canvas.draw(&view, &keys, &effects);
                             let (raw, got) = (&surface.raw, &surface.blended);
                             assert!(got.depth == raw.depth && got.index == raw.index);
-                            let lit = if shape == "on" { surface.lit.clone() } else { vec![1.0; keys.len()] };
-                            let twin = oracle::antialias::blend(size, &settings, &raw.depth, &raw.color, &lit);
+                            let lit = if shape == "on" {
+                                surface.lit.clone()
+                            } else {
+                                vec![1.0; keys.len()]
+                            };
+                            let twin = oracle::antialias::blend(
+                                size, &settings, &raw.depth, &raw.color, &lit,
+                            );
                             for (i, twin) in twin.iter().enumerate() {
-                                let (color, left) = (got.color[i], if shape == "on" { surface.left[i] } else { 1.0 });
-                                let stays = twin.may_stay && color == raw.color[i] && left == lit[i];
-                                let holds = |allowed: &[oracle::Bounded; 4]| left == 1.0 && (0..4).all(|c| allowed[c].holds(color[c]));
-                                let case = format!("{:?} {size:?} {settings:?} shape {shape} pixel {i}", view.camera.projection);
-                                assert!(stays || twin.blended.as_ref().is_some_and(holds), "{case}: {color:?}, {left}");
+                                let (color, left) = (
+                                    got.color[i],
+                                    if shape == "on" { surface.left[i] } else { 1.0 },
+                                );
+                                let stays =
+                                    twin.may_stay && color == raw.color[i] && left == lit[i];
+                                let holds = |allowed: &[oracle::Bounded; 4]| {
+                                    left == 1.0 && (0..4).all(|c| allowed[c].holds(color[c]))
+                                };
+                                let case = format!(
+                                    "{:?} {size:?} {settings:?} shape {shape} pixel {i}",
+                                    view.camera.projection
+                                );
+                                assert!(
+                                    stays || twin.blended.as_ref().is_some_and(holds),
+                                    "{case}: {color:?}, {left}"
+                                );
                                 blended += !stays as usize;
                                 stayed += stays as usize;
                                 doubtful += (twin.may_stay && twin.blended.is_some()) as usize;
@@ -53,14 +79,23 @@ fn tiles_without_silhouettes_are_skipped_and_the_picture_is_the_same() {
     let size = [203, 131];
     let key = |i: u32| {
         let (x, y) = ((i % size[0]) as f64, (i / size[0]) as f64);
-        let depth =
-            if x + y < 20.0 { return [NO_POINT; 2] } else { 5.0 + 0.01 * (x / 9.0).sin() + if x > 100.0 + y / 3.0 { 1.0 } else { 0.0 } };
+        let depth = if x + y < 20.0 {
+            return [NO_POINT; 2];
+        } else {
+            5.0 + 0.01 * (x / 9.0).sin() + if x > 100.0 + y / 3.0 { 1.0 } else { 0.0 }
+        };
         [(random.bits() % CANVAS_POINTS as u64) as u32, (depth as f32).to_bits()]
     };
     let keys: Vec<_> = (0..size[0] * size[1]).map(key).collect();
     canvas(|canvas| {
         for view in views(size) {
-            for (text, shape) in [("", "off"), ("", "on"), ("threshold=high,", "on"), ("laplacian=depth,", "off"), ("jump=4,", "on")] {
+            for (text, shape) in [
+                ("", "off"),
+                ("", "on"),
+                ("threshold=high,", "on"),
+                ("laplacian=depth,", "off"),
+                ("jump=4,", "on"),
+            ] {
                 let of = |canvas: &mut Canvas, tiles: &str| {
                     let mut effects = nothing();
                     effects.set(&format!("antialias=on,{text}tiles={tiles}")).unwrap();
@@ -68,7 +103,12 @@ fn tiles_without_silhouettes_are_skipped_and_the_picture_is_the_same() {
                     canvas.draw(&view, &keys, &effects)
                 };
                 let (needed, all) = (of(canvas, "needed"), of(canvas, "all"));
-                assert!(needed.blended == all.blended && needed.left == all.left && needed.picture == all.picture, "{text} {shape}");
+                assert!(
+                    needed.blended == all.blended
+                        && needed.left == all.left
+                        && needed.picture == all.picture,
+                    "{text} {shape}"
+                );
                 assert_eq!(
                     needed.blended.color == needed.raw.color,
                     text == "jump=4,",

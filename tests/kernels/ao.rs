@@ -14,17 +14,38 @@ fn ao_leaves_the_light_that_f64_does() {
             for view in views(size) {
                 for settings in [
                     ao::Settings::default(),
-                    ao::Settings { radius: 0.7, directions: 5.0, steps: 3.0, ..ao::Settings::default() },
-                    ao::Settings { strength: 1.0, bias: 0.0, steps: 1.0, ..ao::Settings::default() },
+                    ao::Settings {
+                        radius: 0.7,
+                        directions: 5.0,
+                        steps: 3.0,
+                        ..ao::Settings::default()
+                    },
+                    ao::Settings {
+                        strength: 1.0,
+                        bias: 0.0,
+                        steps: 1.0,
+                        ..ao::Settings::default()
+                    },
                 ] {
-                    for (layered, keys) in [(false, random_keys(size, CANVAS_POINTS, random)), (true, layered_keys(size, random))] {
+                    for (layered, keys) in [
+                        (false, random_keys(size, CANVAS_POINTS, random)),
+                        (true, layered_keys(size, random)),
+                    ] {
                         let mut effects = nothing();
                         effects.ao.switch = Switch::On;
                         effects.ao.settings = settings;
                         let surface = canvas.draw(&view, &keys, &effects);
-                        for (i, twin) in oracle::ao::left(&view, &settings, &surface.raw.depth).iter().enumerate() {
+                        for (i, twin) in oracle::ao::left(&view, &settings, &surface.raw.depth)
+                            .iter()
+                            .enumerate()
+                        {
                             let left = surface.left[i];
-                            let at = || format!("{:?} {size:?} {settings:?} pixel {i}", view.camera.projection);
+                            let at = || {
+                                format!(
+                                    "{:?} {size:?} {settings:?} pixel {i}",
+                                    view.camera.projection
+                                )
+                            };
                             assert!((0.0..=1.0).contains(&left), "{}: {left}", at());
                             pixels += 1;
                             let Some(twin) = twin else {
@@ -42,7 +63,9 @@ fn ao_leaves_the_light_that_f64_does() {
     });
     bounds.sort_by(f64::total_cmp);
     let [middle, most] = [0.5, 0.9].map(|share| bounds[(share * bounds.len() as f64) as usize]);
-    println!("{darkened} of {pixels} pixels darkened, {doubtful} doubtful, bounds: median {middle:e}, nine in ten {most:e}");
+    println!(
+        "{darkened} of {pixels} pixels darkened, {doubtful} doubtful, bounds: median {middle:e}, nine in ten {most:e}"
+    );
     assert!(darkened > pixels / 10 && doubtful < pixels / 6 && most < 1e-2);
 }
 

@@ -32,31 +32,56 @@ fn fill_as_the_twin_does(visibility: &str) -> (usize, usize) {
                     let mut effects = nothing();
                     effects.set(visibility).unwrap();
                     effects.fill.switch = Switch::On;
-                    effects.fill.settings =
-                        fill::Settings { method: fill::Method::Dobrev, layer, iterations: steps as f64, ..fill::Settings::default() };
+                    effects.fill.settings = fill::Settings {
+                        method: fill::Method::Dobrev,
+                        layer,
+                        iterations: steps as f64,
+                        ..fill::Settings::default()
+                    };
                     let surface = canvas.draw(&view, &keys, &effects);
-                    let (raw, got) = (if found { &surface.seen } else { &surface.raw }, &surface.filled);
+                    let (raw, got) =
+                        (if found { &surface.seen } else { &surface.raw }, &surface.filled);
                     // Where no steps are asked for, one and a half times as many as points lie pixels apart, 31 at most.
-                    let spacing_px = |z: f32| canvas.spacing() as f32 as f64 * view.focal_px() / z as f64;
-                    let reach = |z: f32| if steps == 0 { (1.5 * spacing_px(z)).ceil().clamp(1.0, 31.0) as u32 } else { steps };
-                    let twin = oracle::dobrev::fill(size, &raw.depth, layer as f32, if steps == 0 { 31 } else { steps }, found, reach);
+                    let spacing_px =
+                        |z: f32| canvas.spacing() as f32 as f64 * view.focal_px() / z as f64;
+                    let reach = |z: f32| {
+                        if steps == 0 {
+                            (1.5 * spacing_px(z)).ceil().clamp(1.0, 31.0) as u32
+                        } else {
+                            steps
+                        }
+                    };
+                    let twin = oracle::dobrev::fill(
+                        size,
+                        &raw.depth,
+                        layer as f32,
+                        if steps == 0 { 31 } else { steps },
+                        found,
+                        reach,
+                    );
                     for (i, twin) in twin.iter().enumerate() {
-                        let expected =
-                            twin.map_or((f32::INFINITY, NO_POINT, [0.0; 4]), |(z, from, _)| (z, raw.index[from], raw.color[from]));
-                        let case = format!("{size:?} layer {layer} steps {steps} pixel {i}, {twin:?}");
+                        let expected = twin
+                            .map_or((f32::INFINITY, NO_POINT, [0.0; 4]), |(z, from, _)| {
+                                (z, raw.index[from], raw.color[from])
+                            });
+                        let case =
+                            format!("{size:?} layer {layer} steps {steps} pixel {i}, {twin:?}");
                         assert_eq!(
                             (got.depth[i].to_bits(), got.index[i], got.color[i]),
                             (expected.0.to_bits(), expected.1, expected.2),
                             "{case}"
                         );
                         filled += (raw.index[i] == NO_POINT && twin.is_some()) as usize;
-                        replaced += (raw.index[i] != NO_POINT && raw.depth[i] != got.depth[i]) as usize;
+                        replaced +=
+                            (raw.index[i] != NO_POINT && raw.depth[i] != got.depth[i]) as usize;
                     }
                 }
             }
         }
     });
-    println!("{visibility}: {filled} pixels of the background filled, {replaced} that were occluded");
+    println!(
+        "{visibility}: {filled} pixels of the background filled, {replaced} that were occluded"
+    );
     (filled, replaced)
 }
 
@@ -65,9 +90,13 @@ fn fill_as_the_twin_does(visibility: &str) -> (usize, usize) {
 fn every_mask_keeps_what_it_should() {
     const CELL: usize = 5;
     let across = 16 * CELL;
-    let ring: [(usize, usize); 8] = [(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1)];
-    let place = |mask: usize, (x, y): (usize, usize)| (mask / 16 * CELL + 1 + y) * across + mask % 16 * CELL + 1 + x;
-    let kept = |mask: usize| (0..8).any(|first| (first..first + 5).all(|k| mask >> (k % 8) & 1 == 0));
+    let ring: [(usize, usize); 8] =
+        [(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1)];
+    let place = |mask: usize, (x, y): (usize, usize)| {
+        (mask / 16 * CELL + 1 + y) * across + mask % 16 * CELL + 1 + x
+    };
+    let kept =
+        |mask: usize| (0..8).any(|first| (first..first + 5).all(|k| mask >> (k % 8) & 1 == 0));
     let size = [across as u32; 2];
     canvas(|canvas| {
         for occluded in [false, true] {

@@ -26,9 +26,13 @@ fn a_screen_holds_the_bytes_of_a_file() {
                 let words = g.buffer("screen", 4 * size[0] as u64 * size[1] as u64);
                 let mut screen = Screen { words, blue_first };
                 encode::record(&mut g, &outcome.picture, &mut screen).unwrap();
-                let (picture, words) = (g.download(&outcome.picture), g.download_buffer(&screen.words));
+                let (picture, words) =
+                    (g.download(&outcome.picture), g.download_buffer(&screen.words));
                 let frame = g.submit(&[]).expect("encoded, and no validation message");
-                let read = (frame.read::<[f32; 4]>(&picture).to_vec(), frame.read::<[u8; 4]>(&words).to_vec());
+                let read = (
+                    frame.read::<[f32; 4]>(&picture).to_vec(),
+                    frame.read::<[u8; 4]>(&words).to_vec(),
+                );
                 frame.shelve(gpu);
                 resident.free(gpu);
                 read
@@ -36,7 +40,11 @@ fn a_screen_holds_the_bytes_of_a_file() {
             let order = if blue_first { [2, 1, 0] } else { [0, 1, 2] };
             for (pixel, got) in picture.iter().zip(&words) {
                 for (byte, channel) in order.into_iter().enumerate() {
-                    assert_eq!(got[byte], thresholds.encode(pixel[channel]), "{size:?}: {got:?} of {pixel:?}");
+                    assert_eq!(
+                        got[byte],
+                        thresholds.encode(pixel[channel]),
+                        "{size:?}: {got:?} of {pixel:?}"
+                    );
                 }
                 assert_eq!(got[3], 255);
             }

@@ -1,6 +1,8 @@
 //! Luminance correction against its f64 twin: random points, both spaces, both neighbourhoods, both ways of adding; and a picture in more than one band.
 
-use crate::gpu::{Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, with};
+use crate::gpu::{
+    Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, with,
+};
 use glam::DVec3;
 use pointillist::cloud::attribute::Shown;
 use pointillist::cloud::{self, Cloud, Lattice};
@@ -17,11 +19,15 @@ use pointillist::study::oracle::{luminance as oracle, project};
 use pointillist::view::{Camera, View};
 use std::sync::Arc;
 
-const LATTICE: Lattice = Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
+const LATTICE: Lattice =
+    Lattice { step: DVec3::splat(0.001), offset: DVec3::new(500_000.0, 5_000_000.0, 100.0) };
 
 fn cameras() -> [Camera; 2] {
     let around = |x, y, z| LATTICE.offset + DVec3::new(x, y, z);
-    [perspective(around(11.0, -17.0, 9.0), LATTICE.offset, 50.0), orthographic(around(5.0, 6.0, 30.0), around(0.1, 0.2, 0.3), 19.0)]
+    [
+        perspective(around(11.0, -17.0, 9.0), LATTICE.offset, 50.0),
+        orthographic(around(5.0, 6.0, 30.0), around(0.1, 0.2, 0.3), 19.0),
+    ]
 }
 
 fn scene(points: usize) -> Cloud {
@@ -37,7 +43,10 @@ fn check(cloud: &Cloud, view: &View, settings: luminance::Settings, ways: &[Way]
     wishes.effects.luminance.switch = Switch::On;
     wishes.effects.luminance.settings = settings;
     let drawn: Vec<_> = ways.iter().map(|&way| draw(way, cloud, view, &wishes)).collect();
-    assert!(drawn.iter().all(|layers| layers.bits() == drawn[0].bits()), "the ways of adding differ");
+    assert!(
+        drawn.iter().all(|layers| layers.bits() == drawn[0].bits()),
+        "the ways of adding differ"
+    );
     let got = &drawn[0];
     got.assert_finite();
     assert!(got.depth == plain.depth && got.index == plain.index);
@@ -45,17 +54,32 @@ fn check(cloud: &Cloud, view: &View, settings: luminance::Settings, ways: &[Way]
     let source = project::Source::new(part, view, wishes.precision, DVec3::ZERO);
     let colors = part.columns.rgb.as_ref().unwrap();
     let positions = project::positions(part, view.camera.eye);
-    let points: Vec<oracle::Point> =
-        positions.iter().zip(colors).filter_map(|(v, &rgb)| Some((project::footprint(view, &source, *v)?, rgb))).collect();
-    let twin = oracle::colors(view.size, &settings, settings.epsilon as f32, &plain.depth, &plain.color, &points);
+    let points: Vec<oracle::Point> = positions
+        .iter()
+        .zip(colors)
+        .filter_map(|(v, &rgb)| Some((project::footprint(view, &source, *v)?, rgb)))
+        .collect();
+    let twin = oracle::colors(
+        view.size,
+        &settings,
+        settings.epsilon as f32,
+        &plain.depth,
+        &plain.color,
+        &points,
+    );
     let (mut changed, mut doubtful) = (0, 0);
     for (i, twin) in twin.iter().enumerate() {
         let Some(twin) = twin else {
             doubtful += 1;
             continue;
         };
-        let holds = (0..3).all(|c| twin[c].holds(got.color[i][c])) && got.color[i][3] == plain.color[i][3];
-        assert!(holds, "{:?} {settings:?} pixel {i}: {:?} became {:?}, not {twin:?}", view.size, plain.color[i], got.color[i]);
+        let holds =
+            (0..3).all(|c| twin[c].holds(got.color[i][c])) && got.color[i][3] == plain.color[i][3];
+        assert!(
+            holds,
+            "{:?} {settings:?} pixel {i}: {:?} became {:?}, not {twin:?}",
+            view.size, plain.color[i], got.color[i]
+        );
         changed += (got.color[i] != plain.color[i]) as usize;
     }
     [twin.len(), changed, doubtful]
@@ -71,7 +95,12 @@ fn luminance_is_the_mean_that_f64_finds() {
             for space in [luminance::Space::Hsv, luminance::Space::Rgb] {
                 for neighbourhood in [1.0, 3.0] {
                     for epsilon in [1e-3, 0.05, 3.0] {
-                        let found = check(&cloud, &view, luminance::Settings { space, neighbourhood, epsilon }, &WAYS);
+                        let found = check(
+                            &cloud,
+                            &view,
+                            luminance::Settings { space, neighbourhood, epsilon },
+                            &WAYS,
+                        );
                         total = [0, 1, 2].map(|k| total[k] + found[k]);
                     }
                 }
@@ -87,7 +116,8 @@ fn luminance_is_the_mean_that_f64_finds() {
 fn luminance_of_a_large_picture_is_corrected_band_by_band() {
     let cloud = scene(300_000);
     let view = View::new(cameras()[1], [2600, 2200]).unwrap();
-    let settings = luminance::Settings { space: luminance::Space::Rgb, neighbourhood: 3.0, epsilon: 0.5 };
+    let settings =
+        luminance::Settings { space: luminance::Space::Rgb, neighbourhood: 3.0, epsilon: 0.5 };
     let [_, changed, doubtful] = check(&cloud, &view, settings, &[Way::Compute64]);
     assert!(changed > 10_000 && doubtful < changed, "{changed} changed, {doubtful} doubtful");
 }
@@ -109,10 +139,19 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
     let mut random = Random(0x51DE);
     let stations = [-14_000, -5_000, 1_000, 12_000].map(|x| {
         let (points, colors) = bumpy(40_000, 8_000, &mut random);
-        part(LATTICE, &points.iter().map(|p| [p[0] + x, p[1], p[2]]).collect::<Vec<_>>(), Some(colors))
+        part(
+            LATTICE,
+            &points.iter().map(|p| [p[0] + x, p[1], p[2]]).collect::<Vec<_>>(),
+            Some(colors),
+        )
     });
     let mut cloud = cloud(stations.to_vec());
-    cloud.stations = cloud.parts.iter().enumerate().flat_map(|(number, part)| cloud::stations(part, number)).collect();
+    cloud.stations = cloud
+        .parts
+        .iter()
+        .enumerate()
+        .flat_map(|(number, part)| cloud::stations(part, number))
+        .collect();
     let camera = orthographic(LATTICE.offset + DVec3::new(0.0, 0.0, 30.0), LATTICE.offset, 10.0);
     let view = View::new(camera, [900, 260]).unwrap();
     let [off, on] = [Switch::Off, Switch::On].map(|switch| {
@@ -127,16 +166,23 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
             let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
             let overlap = resident.overlap(&view);
             assert!(overlap.count > 0 && overlap.count < overlap.seen, "{overlap:?}");
-            let walked: Vec<bool> = resident.nodes.iter().map(|node| overlap.touches(&view, node)).collect();
+            let walked: Vec<bool> =
+                resident.nodes.iter().map(|node| overlap.touches(&view, node)).collect();
             assert_eq!(walked, [false, true, true, false]);
             let [off, on] = [&off, &on].map(|wishes| look::decide(wishes, &view, &resident));
             let auto = Look { overlap: Arc::new(overlap.clone()), ..on.clone() };
-            let [plain, means, partly] = [&off, &on, &auto].map(|look| colors(gpu, &resident, look, &view));
+            let [plain, means, partly] =
+                [&off, &on, &auto].map(|look| colors(gpu, &resident, look, &view));
             let mut differ = 0;
             for (i, partly) in partly.iter().enumerate() {
                 let [x, y] = [i as u32 % 900, i as u32 / 900];
-                let several = overlap.several[(y / OVERLAP_PX * overlap.size[0] + x / OVERLAP_PX) as usize];
-                assert_eq!(partly, if several { &means[i] } else { &plain[i] }, "{way:?} pixel {x} {y}");
+                let several =
+                    overlap.several[(y / OVERLAP_PX * overlap.size[0] + x / OVERLAP_PX) as usize];
+                assert_eq!(
+                    partly,
+                    if several { &means[i] } else { &plain[i] },
+                    "{way:?} pixel {x} {y}"
+                );
                 differ += (means[i] != plain[i]) as usize;
             }
             assert!(differ > 10_000, "{differ}");
@@ -146,12 +192,16 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
             for (i, color) in piece.iter().enumerate() {
                 let [x, y] = [i % 264, i / 264];
                 let is_inside = (1..263).contains(&x) && (1..127).contains(&y);
-                assert!(!is_inside || *color == partly[(y + 64) * 900 + x + 312], "{way:?} pixel {x} {y} of a piece");
+                assert!(
+                    !is_inside || *color == partly[(y + 64) * 900 + x + 312],
+                    "{way:?} pixel {x} {y} of a piece"
+                );
             }
             // What is hidden disagrees with nobody.
             let mut resident = resident;
             let mut without = |number: &str| {
-                resident.opacities = Opacities(vec![Rule { what: What::Station(number.into()), opacity: 0.0 }]);
+                resident.opacities =
+                    Opacities(vec![Rule { what: What::Station(number.into()), opacity: 0.0 }]);
                 resident.overlap(&view).count
             };
             assert_eq!([without("2"), without("1")], [0, overlap.count]);

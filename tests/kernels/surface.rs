@@ -1,6 +1,8 @@
 //! Visibility, filling and shape against their f64 twins, each from what the kernels before it made.
 
-use crate::gpu::{CANVAS_POINTS, Canvas, Random, Stage, Surface, canvas, orthographic, perspective, random_keys};
+use crate::gpu::{
+    CANVAS_POINTS, Canvas, Random, Stage, Surface, canvas, orthographic, perspective, random_keys,
+};
 use glam::DVec3;
 use pointillist::config::NO_POINT;
 use pointillist::passes::{Effects, Switch, fill, shape, visibility};
@@ -16,7 +18,8 @@ pub const SIZES: [[u32; 2]; 5] = [[1, 1], [7, 3], [8, 8], [65, 33], [127, 61]];
 /// A wide angle, so that rays lean, and ten pixels a metre.
 pub fn views(size: [u32; 2]) -> [View; 2] {
     let height = size[1] as f64 / 10.0;
-    [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)].map(|camera| View::new(camera, size).unwrap())
+    [perspective(DVec3::ZERO, DVec3::Y, 75.0), orthographic(DVec3::ZERO, DVec3::Y, height)]
+        .map(|camera| View::new(camera, size).unwrap())
 }
 
 /// A bumpy surface, another behind it, and gaps.
@@ -61,8 +64,12 @@ impl Tally {
     /// Whether a pixel is as the twin has it.
     fn count(&mut self, verdict: Verdict, surface: &Surface, i: usize) -> Result<(), String> {
         let (raw, seen) = (&surface.raw, &surface.seen);
-        let same = raw.depth[i] == seen.depth[i] && raw.index[i] == seen.index[i] && raw.color[i] == seen.color[i];
-        let taken_out = seen.depth[i] == f32::NEG_INFINITY && seen.index[i] == NO_POINT && seen.color[i] == [0.0; 4];
+        let same = raw.depth[i] == seen.depth[i]
+            && raw.index[i] == seen.index[i]
+            && raw.color[i] == seen.color[i];
+        let taken_out = seen.depth[i] == f32::NEG_INFINITY
+            && seen.index[i] == NO_POINT
+            && seen.color[i] == [0.0; 4];
         self.pixels += 1;
         self.invisible += taken_out as usize;
         self.in_band += (verdict == Verdict::InBand) as usize;
@@ -71,21 +78,38 @@ impl Tally {
             Verdict::Invisible => taken_out,
             Verdict::InBand => same || taken_out,
         };
-        if agrees { Ok(()) } else { Err(format!("{verdict:?}, but {} became {}", raw.depth[i], seen.depth[i])) }
+        if agrees {
+            Ok(())
+        } else {
+            Err(format!("{verdict:?}, but {} became {}", raw.depth[i], seen.depth[i]))
+        }
     }
 }
 
 /// Whether the kernel of a single level decides as the twin does.
-fn check_seen(canvas: &mut Canvas, view: &View, keys: &[[u32; 2]], settings: visibility::Settings, tally: &mut Tally) {
+fn check_seen(
+    canvas: &mut Canvas,
+    view: &View,
+    keys: &[[u32; 2]],
+    settings: visibility::Settings,
+    tally: &mut Tally,
+) {
     let surface = canvas.draw(view, keys, &only_visibility(settings));
     let depths = Depths { view, depth: &surface.raw.depth };
-    let (width, kernel) = (view.size[0] as i64, visibility::Kernel::of_width(settings.kernel as u32));
+    let (width, kernel) =
+        (view.size[0] as i64, visibility::Kernel::of_width(settings.kernel as u32));
     let at = |i: usize| [i as i64 % width, i as i64 / width];
-    let verdicts: Vec<_> = (0..keys.len()).into_par_iter().map(|i| depths.verdict(at(i), kernel, &settings)).collect();
+    let verdicts: Vec<_> =
+        (0..keys.len()).into_par_iter().map(|i| depths.verdict(at(i), kernel, &settings)).collect();
     for (i, &verdict) in verdicts.iter().enumerate() {
         tally.count(verdict, &surface, i).unwrap_or_else(|why| {
             let sum = depths.solid_angle(at(i), kernel, &settings);
-            panic!("{:?} {:?} {settings:?} {:?}, sum {sum:?}: {why}", view.camera.projection, view.size, at(i))
+            panic!(
+                "{:?} {:?} {settings:?} {:?}, sum {sum:?}: {why}",
+                view.camera.projection,
+                view.size,
+                at(i)
+            )
         });
     }
 }
@@ -103,19 +127,34 @@ fn visibility_decides_as_f64_does() {
             for (n, size) in SIZES.into_iter().enumerate() {
                 for view in views(size) {
                     let wild = (width as usize / 2 + n).is_multiple_of(2);
-                    let keys = if wild { random_keys(size, CANVAS_POINTS, random) } else { layered_keys(size, random) };
+                    let keys = if wild {
+                        random_keys(size, CANVAS_POINTS, random)
+                    } else {
+                        layered_keys(size, random)
+                    };
                     let (threshold, holes) = (random.within(0.5, 5.0), random.within(0.3, 4.0));
                     let lead = random.within(-10.0, 20.0).max(0.0);
                     let (kernel, sectors) = (width as f64, sectors as f64);
-                    let settings =
-                        visibility::Settings { levels: 1.0, kernel, sectors, threshold, holes, lead, tiles: ALL, ..Default::default() };
+                    let settings = visibility::Settings {
+                        levels: 1.0,
+                        kernel,
+                        sectors,
+                        threshold,
+                        holes,
+                        lead,
+                        tiles: ALL,
+                        ..Default::default()
+                    };
                     check_seen(canvas, &view, &keys, settings, &mut tally);
                 }
             }
         }
     });
     println!("{tally:?}");
-    assert!(tally.invisible > tally.pixels / 4 && tally.in_band as f64 <= 1e-4 * tally.pixels as f64, "{tally:?}");
+    assert!(
+        tally.invisible > tally.pixels / 4 && tally.in_band as f64 <= 1e-4 * tally.pixels as f64,
+        "{tally:?}"
+    );
 }
 
 /// On a pyramid, all rounds together. What a pixel decides that f64 and f32 may see differently, others may depend on.
@@ -134,24 +173,52 @@ fn levels_decide_as_f64_does() {
                         layered_keys(size, random)
                     };
                     let keys: Vec<_> =
-                        keys.into_iter().map(|key| if random.bits().is_multiple_of(thin) { key } else { [NO_POINT; 2] }).collect();
-                    let (threshold, holes, expected) = (random.within(0.5, 5.0), random.within(0.3, 4.0), random.within(2.0, 40.0));
-                    let settings = visibility::Settings { levels, kernel, threshold, holes, expected, tiles: ALL, ..Default::default() };
+                        keys.into_iter()
+                            .map(|key| {
+                                if random.bits().is_multiple_of(thin) { key } else { [NO_POINT; 2] }
+                            })
+                            .collect();
+                    let (threshold, holes, expected) = (
+                        random.within(0.5, 5.0),
+                        random.within(0.3, 4.0),
+                        random.within(2.0, 40.0),
+                    );
+                    let settings = visibility::Settings {
+                        levels,
+                        kernel,
+                        threshold,
+                        holes,
+                        expected,
+                        tiles: ALL,
+                        ..Default::default()
+                    };
                     let surface = canvas.draw(&view, &keys, &only_visibility(settings));
-                    for (i, verdict) in
-                        levels::verdicts(&view, &settings, canvas.spacing() as f32 as f64, &surface.raw.depth).into_iter().enumerate()
+                    for (i, verdict) in levels::verdicts(
+                        &view,
+                        &settings,
+                        canvas.spacing() as f32 as f64,
+                        &surface.raw.depth,
+                    )
+                    .into_iter()
+                    .enumerate()
                     {
                         let at = [i as u32 % size[0], i as u32 / size[0]];
-                        tally
-                            .count(verdict, &surface, i)
-                            .unwrap_or_else(|why| panic!("{:?} {size:?} {settings:?} {at:?}: {why}", view.camera.projection));
+                        tally.count(verdict, &surface, i).unwrap_or_else(|why| {
+                            panic!(
+                                "{:?} {size:?} {settings:?} {at:?}: {why}",
+                                view.camera.projection
+                            )
+                        });
                     }
                 }
             }
         }
     });
     println!("{tally:?}");
-    assert!(tally.invisible > tally.pixels / 10 && tally.in_band as f64 <= 1e-3 * tally.pixels as f64, "{tally:?}");
+    assert!(
+        tally.invisible > tally.pixels / 10 && tally.in_band as f64 <= 1e-3 * tally.pixels as f64,
+        "{tally:?}"
+    );
 }
 
 /// A plane at a depth, and another twice as far behind it. Of the nearer one columns so many pixels wide hold three points in four pixels, or, every other column, one in so many.
@@ -159,7 +226,11 @@ fn patchy_keys(view: &View, z: f64, wide: u32, one_in: u64, random: &mut Random)
     let width = view.size[0];
     let key = |i: u32| {
         let dense = (i % width / wide).is_multiple_of(2);
-        let nearer = if dense { !random.bits().is_multiple_of(4) } else { random.bits().is_multiple_of(one_in) };
+        let nearer = if dense {
+            !random.bits().is_multiple_of(4)
+        } else {
+            random.bits().is_multiple_of(one_in)
+        };
         let depth = if nearer { z } else { 2.0 * z };
         [(random.bits() % CANVAS_POINTS as u64) as u32, (depth as f32).to_bits()]
     };
@@ -176,9 +247,13 @@ fn sparse_parts_of_a_surface_hide_what_is_behind_them() {
             // Points are so far apart by their node.
             let z = canvas.spacing() * view.focal_px() / apart_px;
             let keys = patchy_keys(view, z, wide, one_in, random);
-            let surface = canvas.draw(view, &keys, &only_visibility(visibility::Settings::default()));
-            let behind = |depths: &[f32]| depths.iter().filter(|depth| depth.is_finite() && **depth as f64 > 1.5 * z).count();
-            let [all, shown] = [&surface.raw.depth, &surface.seen.depth].map(|depths| behind(depths));
+            let surface =
+                canvas.draw(view, &keys, &only_visibility(visibility::Settings::default()));
+            let behind = |depths: &[f32]| {
+                depths.iter().filter(|depth| depth.is_finite() && **depth as f64 > 1.5 * z).count()
+            };
+            let [all, shown] =
+                [&surface.raw.depth, &surface.seen.depth].map(|depths| behind(depths));
             println!("one in {one_in}: {shown} of {all} points behind the plane are shown");
             assert!(all > 20_000 && (shown as f64) < most * all as f64, "{shown} of {all}");
         }
@@ -187,12 +262,23 @@ fn sparse_parts_of_a_surface_hide_what_is_behind_them() {
 
 /// What filling starts from, or goes on from.
 fn pixels(seen: &Stage, filled: &Stage) -> Vec<Pixel> {
-    let filling = |i: usize| seen.depth[i] == f32::NEG_INFINITY || (seen.depth[i] == f32::INFINITY && filled.depth[i].is_finite());
-    (0..seen.depth.len()).map(|i| Pixel::new(filled.depth[i], filled.color[i], filling(i))).collect()
+    let filling = |i: usize| {
+        seen.depth[i] == f32::NEG_INFINITY
+            || (seen.depth[i] == f32::INFINITY && filled.depth[i].is_finite())
+    };
+    (0..seen.depth.len())
+        .map(|i| Pixel::new(filled.depth[i], filled.color[i], filling(i)))
+        .collect()
 }
 
 /// Layers before filling, and after so many steps of it.
-fn after_steps(canvas: &mut Canvas, view: &View, keys: &[[u32; 2]], effects: &Effects, steps: u32) -> (Stage, Stage) {
+fn after_steps(
+    canvas: &mut Canvas,
+    view: &View,
+    keys: &[[u32; 2]],
+    effects: &Effects,
+    steps: u32,
+) -> (Stage, Stage) {
     let mut effects = effects.clone();
     effects.fill.switch = if steps == 0 { Switch::Off } else { Switch::On };
     effects.fill.settings.method = fill::Method::Pintus;
@@ -203,18 +289,38 @@ fn after_steps(canvas: &mut Canvas, view: &View, keys: &[[u32; 2]], effects: &Ef
 }
 
 /// One step: how many pixels it may change, and how wide their bounds are.
-fn check_step(view: &View, effects: &Effects, seen: &Stage, before: &Stage, after: &Stage, case: &str) -> (usize, f64) {
+fn check_step(
+    view: &View,
+    effects: &Effects,
+    seen: &Stage,
+    before: &Stage,
+    after: &Stage,
+    case: &str,
+) -> (usize, f64) {
     let (settings, kernel) = (&effects.fill.settings, effects.visibility.settings.kernel as u32);
     let (mut filling, mut widest) = (0, 0f64);
-    for (i, next) in fill_oracle::step(view, settings, kernel, &pixels(seen, before)).iter().enumerate() {
+    for (i, next) in
+        fill_oracle::step(view, settings, kernel, &pixels(seen, before)).iter().enumerate()
+    {
         let (z, color) = (after.depth[i], after.color[i]);
-        let case = || format!("{:?} {:?} {settings:?} {case} pixel {i}", view.camera.projection, view.size);
+        let case = || {
+            format!("{:?} {:?} {settings:?} {case} pixel {i}", view.camera.projection, view.size)
+        };
         assert_eq!(after.index[i], seen.index[i], "{}", case());
         match next.filling {
             true => assert!(next.holds(z, color), "{}: {} {:?} is not {next:?}", case(), z, color),
-            false => assert_eq!((z.to_bits(), color), (seen.depth[i].to_bits(), seen.color[i]), "{}", case()),
+            false => assert_eq!(
+                (z.to_bits(), color),
+                (seen.depth[i].to_bits(), seen.color[i]),
+                "{}",
+                case()
+            ),
         }
-        assert!(!before.depth[i].is_finite() || z.is_finite(), "{}: what was filled is gone", case());
+        assert!(
+            !before.depth[i].is_finite() || z.is_finite(),
+            "{}: what was filled is gone",
+            case()
+        );
         filling += next.filling as usize;
         widest = next.depths.iter().map(|z| z.error / z.value).fold(widest, f64::max);
     }
@@ -228,17 +334,32 @@ fn filling_takes_every_step_as_f64_does() {
     canvas(|canvas| {
         for size in SIZES {
             for view in views(size) {
-                for (tolerance, surrounded, holes) in [(0.0, 5.0, 0.7), (0.05, 9.0, 3.0), (1e9, 1.0, 1.6), (1e-300, 3.0, 10.0)] {
-                    let keys = if surrounded == 9.0 { random_keys(size, CANVAS_POINTS, random) } else { layered_keys(size, random) };
-                    let mut effects =
-                        only_visibility(visibility::Settings { levels: 1.0, kernel: 5.0, holes, ..visibility::Settings::default() });
-                    effects.fill.settings =
-                        fill::Settings { method: fill::Method::Pintus, tolerance, surrounded, ..fill::Settings::default() };
+                for (tolerance, surrounded, holes) in
+                    [(0.0, 5.0, 0.7), (0.05, 9.0, 3.0), (1e9, 1.0, 1.6), (1e-300, 3.0, 10.0)]
+                {
+                    let keys = if surrounded == 9.0 {
+                        random_keys(size, CANVAS_POINTS, random)
+                    } else {
+                        layered_keys(size, random)
+                    };
+                    let mut effects = only_visibility(visibility::Settings {
+                        levels: 1.0,
+                        kernel: 5.0,
+                        holes,
+                        ..visibility::Settings::default()
+                    });
+                    effects.fill.settings = fill::Settings {
+                        method: fill::Method::Pintus,
+                        tolerance,
+                        surrounded,
+                        ..fill::Settings::default()
+                    };
                     for steps in [0, 1, 6] {
-                        let [(seen, before), (_, after)] =
-                            [steps, steps + 1].map(|steps| after_steps(canvas, &view, &keys, &effects, steps));
+                        let [(seen, before), (_, after)] = [steps, steps + 1]
+                            .map(|steps| after_steps(canvas, &view, &keys, &effects, steps));
                         let case = format!("step {}", steps + 1);
-                        let (filled, wide) = check_step(&view, &effects, &seen, &before, &after, &case);
+                        let (filled, wide) =
+                            check_step(&view, &effects, &seen, &before, &after, &case);
                         filling += filled;
                         widest = widest.max(wide);
                     }
@@ -268,8 +389,12 @@ fn filling_sleeps_where_nothing_changes_and_nowhere_else() {
         }
         for view in views(size) {
             // Every pixel without a point is a hole.
-            let effects =
-                only_visibility(visibility::Settings { levels: 1.0, kernel: 5.0, holes: 10.0, ..visibility::Settings::default() });
+            let effects = only_visibility(visibility::Settings {
+                levels: 1.0,
+                kernel: 5.0,
+                holes: 10.0,
+                ..visibility::Settings::default()
+            });
             let (seen, mut before) = after_steps(canvas, &view, &keys, &effects, 0);
             let mut at_rest = 0;
             for step in 1..=24 {
@@ -291,7 +416,11 @@ fn what_reaches_a_surface_is_filled_and_smoothed_like_its_colour() {
         for size in SIZES {
             for view in views(size) {
                 for method in ["pintus", "pullpush"] {
-                    let mut effects = only_visibility(visibility::Settings { levels: 1.0, kernel: 5.0, ..visibility::Settings::default() });
+                    let mut effects = only_visibility(visibility::Settings {
+                        levels: 1.0,
+                        kernel: 5.0,
+                        ..visibility::Settings::default()
+                    });
                     effects.set(&format!("fill=on,method={method}")).unwrap();
                     effects.set("smooth=on,iterations=2,pixels=all").unwrap();
                     let keys = layered_keys(size, random);
@@ -299,13 +428,19 @@ fn what_reaches_a_surface_is_filled_and_smoothed_like_its_colour() {
                     let plain = canvas.draw(&view, &keys, &effects);
                     canvas.reached = true;
                     let surface = canvas.draw(&view, &keys, &effects);
-                    for (stage, plain) in [(&surface.filled, &plain.filled), (&surface.smoothed, &plain.smoothed)] {
+                    for (stage, plain) in
+                        [(&surface.filled, &plain.filled), (&surface.smoothed, &plain.smoothed)]
+                    {
                         assert_eq!(
                             (&stage.depth, &stage.index, &stage.color),
                             (&plain.depth, &plain.index, &plain.color),
                             "{method} {size:?}"
                         );
-                        assert!(stage.reached == stage.color, "{method} {size:?} {:?}", view.camera.projection);
+                        assert!(
+                            stage.reached == stage.color,
+                            "{method} {size:?} {:?}",
+                            view.camera.projection
+                        );
                     }
                 }
             }
@@ -327,11 +462,24 @@ fn shape_leaves_the_light_that_f64_does() {
     canvas(|canvas| {
         for size in SIZES {
             for view in views(size) {
-                for (levels, xi, first, softness) in
-                    [(1.0, 1.5, 0.0, 1.0), (2.0, 0.0, 0.0, 0.0), (8.0, 1.5, 0.0, 1.0), (8.0, 1.5, 1.0, 0.0), (12.0, 0.5, 0.0, 5.0)]
-                {
-                    for (layered, keys) in [(false, random_keys(size, CANVAS_POINTS, random)), (true, layered_keys(size, random))] {
-                        let settings = shape::Settings { levels, xi, first, softness, ..shape::Settings::default() };
+                for (levels, xi, first, softness) in [
+                    (1.0, 1.5, 0.0, 1.0),
+                    (2.0, 0.0, 0.0, 0.0),
+                    (8.0, 1.5, 0.0, 1.0),
+                    (8.0, 1.5, 1.0, 0.0),
+                    (12.0, 0.5, 0.0, 5.0),
+                ] {
+                    for (layered, keys) in [
+                        (false, random_keys(size, CANVAS_POINTS, random)),
+                        (true, layered_keys(size, random)),
+                    ] {
+                        let settings = shape::Settings {
+                            levels,
+                            xi,
+                            first,
+                            softness,
+                            ..shape::Settings::default()
+                        };
                         let surface = canvas.draw(&view, &keys, &only_shape(settings));
                         let twin = shape_oracle::light(&view, &settings, &surface.raw.depth);
                         for (i, (lit, twin)) in surface.lit.iter().zip(&twin).enumerate() {
@@ -367,8 +515,15 @@ fn shape_leaves_deeper_levels_out_where_they_change_nothing() {
                 let (x, y) = ((i % size[0]) as f64, (i / size[0]) as f64);
                 // Planes: 1 / z is affine with perspective, z without.
                 let affine = 0.2 + 2e-5 * x + 1e-5 * y;
-                let z = if view.camera.projection == pointillist::view::Projection::Perspective { 1.0 / affine } else { 25.0 * affine };
-                [i % CANVAS_POINTS, ((if x < 9.0 { z * random.within(1.0, 1.05) } else { z }) as f32).to_bits()]
+                let z = if view.camera.projection == pointillist::view::Projection::Perspective {
+                    1.0 / affine
+                } else {
+                    25.0 * affine
+                };
+                [
+                    i % CANVAS_POINTS,
+                    ((if x < 9.0 { z * random.within(1.0, 1.05) } else { z }) as f32).to_bits(),
+                ]
             };
             let keys: Vec<_> = (0..size[0] * size[1]).map(depth).collect();
             for (levels, softness) in [(8.0, 1.0), (8.0, 0.1), (20.0, 1.0), (64.0, 1.0)] {
@@ -378,8 +533,17 @@ fn shape_leaves_deeper_levels_out_where_they_change_nothing() {
                 for _ in 0..2 {
                     canvas.draw(&view, &random_keys(size, CANVAS_POINTS, random), &effects);
                     let again = canvas.draw(&view, &keys, &effects);
-                    let differing = surface.lit.iter().zip(&again.lit).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
-                    assert_eq!(differing, 0, "{:?} {levels} levels: pixels that show another frame", view.camera.projection);
+                    let differing = surface
+                        .lit
+                        .iter()
+                        .zip(&again.lit)
+                        .filter(|(a, b)| a.to_bits() != b.to_bits())
+                        .count();
+                    assert_eq!(
+                        differing, 0,
+                        "{:?} {levels} levels: pixels that show another frame",
+                        view.camera.projection
+                    );
                 }
                 if levels > 20.0 {
                     continue;
@@ -392,9 +556,14 @@ fn shape_leaves_deeper_levels_out_where_they_change_nothing() {
                     let (x, y) = (*i as u32 % size[0], *i as u32 / size[0]);
                     x >= rim && y >= rim && x + rim < size[0] && y + rim < size[1]
                 };
-                let worst = |pixels: &mut dyn Iterator<Item = usize>| pixels.max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap();
-                let (middle, anywhere) = (worst(&mut (0..keys.len()).filter(inside)), worst(&mut (0..keys.len())));
-                let at = |i: usize| format!("{:e} at {:?}", off(i), [i as u32 % size[0], i as u32 / size[0]]);
+                let worst = |pixels: &mut dyn Iterator<Item = usize>| {
+                    pixels.max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap()
+                };
+                let (middle, anywhere) =
+                    (worst(&mut (0..keys.len()).filter(inside)), worst(&mut (0..keys.len())));
+                let at = |i: usize| {
+                    format!("{:e} at {:?}", off(i), [i as u32 % size[0], i as u32 / size[0]])
+                };
                 let case = format!(
                     "{:?} {levels} levels, softness {softness}: off by {} inside, by {} anywhere",
                     view.camera.projection,

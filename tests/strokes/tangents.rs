@@ -30,14 +30,21 @@ fn hard_19_tangents_of_the_device_agree_with_f64_over_the_sphere_and_up_to_its_p
             })
         })
     });
-    let normals: Vec<[f32; 3]> = sphere.chain(near).chain(poles).map(|n| n.as_vec3().to_array()).collect();
-    let turns = (0..).map(|k| (k as f64 * 0.7).sin_cos()).map(|(sin, cos)| [cos as f32, sin as f32]);
-    let directions: Vec<Direction> = normals.into_iter().zip(turns).map(|(normal, turn)| Direction { normal, turn }).collect();
+    let normals: Vec<[f32; 3]> =
+        sphere.chain(near).chain(poles).map(|n| n.as_vec3().to_array()).collect();
+    let turns =
+        (0..).map(|k| (k as f64 * 0.7).sin_cos()).map(|(sin, cos)| [cos as f32, sin as f32]);
+    let directions: Vec<Direction> =
+        normals.into_iter().zip(turns).map(|(normal, turn)| Direction { normal, turn }).collect();
 
     // As HARD_CASES 19 has it.
     let most = 6.0 * 2f64.powi(-23);
-    for way in [Tangents::Householder, Tangents::Eberly, Tangents::Squareplate, Tangents::Covariance] {
-        let (found, _) = gpu::with(gpu::Way::Compute64, |gpu| on_device(gpu, way, &directions).expect("no validation message"));
+    for way in
+        [Tangents::Householder, Tangents::Eberly, Tangents::Squareplate, Tangents::Covariance]
+    {
+        let (found, _) = gpu::with(gpu::Way::Compute64, |gpu| {
+            on_device(gpu, way, &directions).expect("no validation message")
+        });
         let (mut worst, mut undecided) = ([0.0f64; 3], 0);
         for (Direction { normal, turn }, found) in directions.iter().zip(found) {
             let [n, found] = [*normal, found].map(|v| DVec3::from_array(v.map(f64::from)));
@@ -51,9 +58,15 @@ fn hard_19_tangents_of_the_device_agree_with_f64_over_the_sphere_and_up_to_its_p
             }
             let errors = [found.distance(truth), found.dot(n).abs(), (found.length() - 1.0).abs()];
             worst.iter_mut().zip(errors).for_each(|(worst, error)| *worst = worst.max(error));
-            assert!(errors.iter().all(|error| *error <= most), "{way:?} of {n}: {found}, not {truth}");
+            assert!(
+                errors.iter().all(|error| *error <= most),
+                "{way:?} of {n}: {found}, not {truth}"
+            );
         }
-        println!("{way:?}: {:.2e} off, {:.2e} out of the plane, {:.2e} too long, {undecided} undecided", worst[0], worst[1], worst[2]);
+        println!(
+            "{way:?}: {:.2e} off, {:.2e} out of the plane, {:.2e} too long, {undecided} undecided",
+            worst[0], worst[1], worst[2]
+        );
         assert!(undecided < 10);
     }
 }
@@ -74,8 +87,10 @@ fn strokes_turn_with_a_cloud_that_is_turned_in_its_file() {
     let lattice = Lattice { step: DVec3::splat(1e-8), offset: DVec3::ZERO };
     let turned = |turn: DQuat| {
         let at = |i: usize| (turn * (world_of(part, i) - middle) / lattice.step).round();
-        let axis = |of: fn(DVec3) -> f64| (0..part.columns.len()).map(|i| of(at(i)) as i32).collect();
-        let columns = Columns { x: axis(|p| p.x), y: axis(|p| p.y), z: axis(|p| p.z), ..Columns::default() };
+        let axis =
+            |of: fn(DVec3) -> f64| (0..part.columns.len()).map(|i| of(at(i)) as i32).collect();
+        let columns =
+            Columns { x: axis(|p| p.x), y: axis(|p| p.y), z: axis(|p| p.z), ..Columns::default() };
         Part { columns, lattice, ..part.clone() }
     };
     // Of every point the tangent, its normal outward.
@@ -86,7 +101,11 @@ fn strokes_turn_with_a_cloud_that_is_turned_in_its_file() {
             let at = turn.inverse() * world_of(part, i);
             let out = turn * (at - DVec3::new(at.x, at.y, 0.0).normalize());
             let normal = if plane.normal.dot(out) < 0.0 { -plane.normal } else { plane.normal };
-            if way == Tangents::Covariance { plane.along } else { axes.world(tangent(way, axes.own(normal), plane.along)) }
+            if way == Tangents::Covariance {
+                plane.along
+            } else {
+                axes.world(tangent(way, axes.own(normal), plane.along))
+            }
         };
         found.iter().enumerate().map(of).collect()
     };
@@ -94,22 +113,35 @@ fn strokes_turn_with_a_cloud_that_is_turned_in_its_file() {
     let own = |part: &Part| axes::of(std::slice::from_ref(part));
     let file = |_: &Part| Axes::default();
     let quarter = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
-    for (name, turn) in [("a quarter about z", quarter), ("askew", DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7))] {
+    for (name, turn) in [
+        ("a quarter about z", quarter),
+        ("askew", DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7)),
+    ] {
         let there = turned(turn);
-        for way in [Tangents::Householder, Tangents::Eberly, Tangents::Squareplate, Tangents::Covariance] {
+        for way in
+            [Tangents::Householder, Tangents::Eberly, Tangents::Squareplate, Tangents::Covariance]
+        {
             let measure = |axes: &dyn Fn(&Part) -> Axes| {
-                let [before, after] =
-                    [(&still, DQuat::IDENTITY), (&there, turn)].map(|(part, turn)| tangents(part, turn, way, &axes(part)));
-                let angle = |(a, b): (&DVec3, &DVec3)| (turn * *a).cross(*b).length().atan2((turn * *a).dot(*b).abs()).to_degrees();
+                let [before, after] = [(&still, DQuat::IDENTITY), (&there, turn)]
+                    .map(|(part, turn)| tangents(part, turn, way, &axes(part)));
+                let angle = |(a, b): (&DVec3, &DVec3)| {
+                    (turn * *a).cross(*b).length().atan2((turn * *a).dot(*b).abs()).to_degrees()
+                };
                 let mut angles: Vec<f64> = before.iter().zip(&after).map(angle).collect();
                 angles.sort_by(f64::total_cmp);
-                [angles.iter().sum::<f64>() / angles.len() as f64, angles[angles.len() * 999 / 1000]]
+                [
+                    angles.iter().sum::<f64>() / angles.len() as f64,
+                    angles[angles.len() * 999 / 1000],
+                ]
             };
             let [[mean, most], [of_file, _]] = [measure(&own), measure(&file)];
-            println!("{name}, {way:?}: {mean:.4} degrees in the mean, 99.9 %: {most:.4}; in the axes of the file {of_file:.1}");
+            println!(
+                "{name}, {way:?}: {mean:.4} degrees in the mean, 99.9 %: {most:.4}; in the axes of the file {of_file:.1}"
+            );
             assert!(mean < 0.02 && most < 0.5, "{name}, {way:?}: {mean} degrees, 99.9 %: {most}");
             // A quarter about z leaves what Eberly asks of x and y as it is.
-            let turns_by_itself = way == Tangents::Covariance || way == Tangents::Eberly && turn == quarter;
+            let turns_by_itself =
+                way == Tangents::Covariance || way == Tangents::Eberly && turn == quarter;
             assert!(of_file > 5.0 || turns_by_itself, "{name}, {way:?}: {of_file}");
         }
     }

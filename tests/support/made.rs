@@ -69,7 +69,11 @@ impl Las {
         let modern = self.format >= 6;
         let mut record: Vec<u8> = point.q.iter().flat_map(|q| q.to_le_bytes()).collect();
         record.extend([0, 0]);
-        record.extend(if modern { vec![0x11, 0, 2, 0, 0, 0, 0, 0] } else { vec![0b001_001, 2, 0, 0, 0, 0] });
+        record.extend(if modern {
+            vec![0x11, 0, 2, 0, 0, 0, 0, 0]
+        } else {
+            vec![0b001_001, 2, 0, 0, 0, 0]
+        });
         if !matches!(self.format, 0 | 2) {
             record.extend(point.time.to_le_bytes());
         }
@@ -137,14 +141,19 @@ impl Las {
 
     /// Compressed, in chunks of 1000 points; without records behind the points.
     pub fn laz(&self) -> Vec<u8> {
-        let items = LazItemRecordBuilder::default_for_point_format_id(self.format, self.extra).unwrap();
+        let items =
+            LazItemRecordBuilder::default_for_point_format_id(self.format, self.extra).unwrap();
         let laszip = LazVlrBuilder::new(items).with_fixed_chunk_size(1000).build();
         let mut contents = Vec::new();
         laszip.write_to(&mut contents).unwrap();
         let mut vlrs = self.vlrs.clone();
         vlrs.push(("laszip encoded", 22204, contents));
         let mut sink = std::io::Cursor::new(Vec::new());
-        std::io::Write::write_all(&mut sink, &Las { evlrs: Vec::new(), ..self.clone() }.head(&vlrs, true)).unwrap();
+        std::io::Write::write_all(
+            &mut sink,
+            &Las { evlrs: Vec::new(), ..self.clone() }.head(&vlrs, true),
+        )
+        .unwrap();
         let mut compressor = LasZipCompressor::new(sink, laszip).unwrap();
         self.points.iter().for_each(|point| compressor.compress_one(&self.record(point)).unwrap());
         compressor.done().unwrap();

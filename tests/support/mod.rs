@@ -25,7 +25,12 @@ pub fn run<I: AsRef<OsStr>>(arguments: impl IntoIterator<Item = I>) -> Output {
 
 /// Runs `render` with the words of `line`, and the given paths before them.
 pub fn render(cloud: &Path, line: &str) -> Output {
-    pointillist().arg("render").arg(cloud).args(line.split_whitespace()).output().expect("start the program")
+    pointillist()
+        .arg("render")
+        .arg(cloud)
+        .args(line.split_whitespace())
+        .output()
+        .expect("start the program")
 }
 
 pub fn text(bytes: &[u8]) -> String {
@@ -48,7 +53,10 @@ pub fn failed(output: &Output, code: i32) -> String {
     assert_eq!(output.status.code(), Some(code), "{said}");
     assert!(!said.contains("panicked"), "{said}");
     if code == 1 {
-        assert!(said.starts_with("pointillist: ") && said.trim_end().lines().count() == 1, "not one line: {said}");
+        assert!(
+            said.starts_with("pointillist: ") && said.trim_end().lines().count() == 1,
+            "not one line: {said}"
+        );
     }
     said
 }
@@ -67,7 +75,8 @@ pub fn shared(relative: &str) -> Option<PathBuf> {
 pub fn scan(path: &Path, scene: Scene, points: u64) {
     let world = synth::build(scene, 1, 0.1);
     let mut file = LasFile::create(path, world.lattice(), points).unwrap();
-    synth::scan(&world, points, 1, scene.default_noise(), &mut |chunk| file.write(chunk), &Silent).unwrap();
+    synth::scan(&world, points, 1, scene.default_noise(), &mut |chunk| file.write(chunk), &Silent)
+        .unwrap();
     file.finish().unwrap();
 }
 
@@ -92,7 +101,8 @@ pub struct Png {
 }
 
 pub fn read_png(path: &Path) -> Png {
-    let file = std::fs::File::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let file =
+        std::fs::File::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().unwrap();
     let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut bytes).unwrap();
@@ -114,13 +124,20 @@ impl Exr {
 
 pub fn read_exr(path: &Path) -> Exr {
     use exr::prelude::{FlatSamples, read_first_flat_layer_from_file};
-    let layer = read_first_flat_layer_from_file(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).layer_data;
+    let layer = read_first_flat_layer_from_file(path)
+        .unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+        .layer_data;
     let bits = |samples| match samples {
         FlatSamples::F32(values) => values.into_iter().map(f32::to_bits).collect(),
         FlatSamples::U32(values) => values,
         FlatSamples::F16(_) => panic!("16-bit samples"),
     };
-    let layers = layer.channel_data.list.into_iter().map(|channel| (channel.name.to_string(), bits(channel.sample_data))).collect();
+    let layers = layer
+        .channel_data
+        .list
+        .into_iter()
+        .map(|channel| (channel.name.to_string(), bits(channel.sample_data)))
+        .collect();
     Exr { size: [layer.size.0, layer.size.1], layers }
 }
 
@@ -160,7 +177,11 @@ pub fn watch(mut command: Command, limit: Duration) -> Cost {
         file.rewind().and_then(|()| file.read_to_end(&mut bytes)).expect("its output");
         bytes
     };
-    Cost { output: Output { status, stdout: contents(&mut out), stderr: contents(&mut err) }, time, peak }
+    Cost {
+        output: Output { status, stdout: contents(&mut out), stderr: contents(&mut err) },
+        time,
+        peak,
+    }
 }
 
 /// Of user and system, which the kernel counts in hundredths of a second.
@@ -168,7 +189,8 @@ fn processor_time(stat: &str) -> Option<Duration> {
     let stat = std::fs::read_to_string(stat).ok()?;
     // The name in parentheses may hold anything.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
-    let ticks: u64 = [11, 12].iter().map(|&at| fields.get(at)?.parse::<u64>().ok()).sum::<Option<u64>>()?;
+    let ticks: u64 =
+        [11, 12].iter().map(|&at| fields.get(at)?.parse::<u64>().ok()).sum::<Option<u64>>()?;
     Some(Duration::from_millis(10 * ticks))
 }
 
@@ -180,15 +202,23 @@ fn high_water(status: &str) -> Option<u64> {
 
 /// Names in a folder, hidden ones too.
 pub fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<_> =
-        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
     names.sort();
     names
 }
 
 /// What `info --json` says of these files.
 pub fn info(files: &[&Path], more: &str) -> serde_json::Value {
-    let output = pointillist().arg("info").arg("--json").args(files).args(more.split_whitespace()).output().expect("start the program");
+    let output = pointillist()
+        .arg("info")
+        .arg("--json")
+        .args(files)
+        .args(more.split_whitespace())
+        .output()
+        .expect("start the program");
     succeeded(&output);
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
@@ -196,7 +226,13 @@ pub fn info(files: &[&Path], more: &str) -> serde_json::Value {
 /// An index of these files, beside the first.
 pub fn indexed(files: &[&Path], more: &str) -> PathBuf {
     let index = files[0].with_extension("pnti");
-    let output = pointillist().arg("index").args(files).arg("-o").arg(&index).args(more.split_whitespace()).output();
+    let output = pointillist()
+        .arg("index")
+        .args(files)
+        .arg("-o")
+        .arg(&index)
+        .args(more.split_whitespace())
+        .output();
     succeeded(&output.expect("start the program"));
     index
 }

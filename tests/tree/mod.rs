@@ -5,7 +5,9 @@
 use glam::DVec3;
 use pointillist::cloud::Columns;
 use pointillist::index::Arrangement;
-use pointillist::index::file::{CHECKSUMS, Contents, Directory, Index, NodeRecord, PLANES, Plane, Writer};
+use pointillist::index::file::{
+    CHECKSUMS, Contents, Directory, Index, NodeRecord, PLANES, Plane, Writer,
+};
 use pointillist::index::pack;
 use std::path::Path;
 use std::sync::Arc;
@@ -55,12 +57,15 @@ fn halves(points: Vec<usize>, at: &[[i32; 3]], halvings: u32) -> Vec<Vec<usize>>
 
 fn grow(points: Vec<usize>, at: &[[i32; 3]], shape: &Shape) -> Grown {
     let represented = points.len() as u64;
-    let corner = |pick: fn(i32, i32) -> i32| [0, 1, 2].map(|axis| points.iter().map(|&i| at[i][axis]).reduce(pick).unwrap_or(0));
+    let corner = |pick: fn(i32, i32) -> i32| {
+        [0, 1, 2].map(|axis| points.iter().map(|&i| at[i][axis]).reduce(pick).unwrap_or(0))
+    };
     let bounds = [corner(i32::min), corner(i32::max)];
     if points.len() <= shape.leaf_points {
         return Grown { weights: Vec::new(), points, children: Vec::new(), represented, bounds };
     }
-    let children: Vec<Grown> = halves(points, at, shape.halvings).into_iter().map(|half| grow(half, at, shape)).collect();
+    let children: Vec<Grown> =
+        halves(points, at, shape.halvings).into_iter().map(|half| grow(half, at, shape)).collect();
     // Every sample of a parent is one of its children's.
     let all: Vec<usize> = children.iter().flat_map(|child| child.points.iter().copied()).collect();
     let every = all.len().div_ceil(shape.leaf_points).max(1);
@@ -79,8 +84,11 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
     let per_root = at.len().div_ceil(shape.roots.max(1)).max(1);
     let all: Vec<usize> = (0..at.len()).collect();
     // Breadth first: children follow each other in the order of their parents.
-    let mut level: Vec<(Grown, u32)> =
-        all.chunks(per_root).enumerate().map(|(i, points)| (grow(points.to_vec(), at, shape), i as u32)).collect();
+    let mut level: Vec<(Grown, u32)> = all
+        .chunks(per_root)
+        .enumerate()
+        .map(|(i, points)| (grow(points.to_vec(), at, shape), i as u32))
+        .collect();
     let roots = level.len() as u32;
     let mut depth = 0;
     while !level.is_empty() {
@@ -92,13 +100,23 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
             let frame = pack::frame(&columns, &order);
             let mut pages = vec![vec![0u32; order.len()]; frame.planes as usize + 1];
             let mut planes: Vec<&mut [u32]> = pages.iter_mut().map(Vec::as_mut_slice).collect();
-            pack::pack(&columns, &frame, &order, Arrangement::Morton, |i| [i as u32, 0, 0, 0, 0], &mut planes);
+            pack::pack(
+                &columns,
+                &frame,
+                &order,
+                Arrangement::Morton,
+                |i| [i as u32, 0, 0, 0, 0],
+                &mut planes,
+            );
             let sorted = pages.pop().unwrap();
-            let spacing = frame.extent.iter().max().map_or(0.0, |&side| side.max(1) as f64 * STEP / (order.len() as f64).sqrt().max(1.0));
+            let spacing = frame.extent.iter().max().map_or(0.0, |&side| {
+                side.max(1) as f64 * STEP / (order.len() as f64).sqrt().max(1.0)
+            });
             // Points lie no further outside of the samples' box than that.
             let [low, high] = grown.bounds;
             let beyond = |axis: usize| {
-                (frame.origin[axis] - low[axis] as i64).max(high[axis] as i64 - frame.origin[axis] - frame.extent[axis] as i64)
+                (frame.origin[axis] - low[axis] as i64)
+                    .max(high[axis] as i64 - frame.origin[axis] - frame.extent[axis] as i64)
             };
             let spacing = spacing.max((0..3).map(beyond).max().unwrap_or(0) as f64 * STEP);
             let mut record = NodeRecord {
@@ -161,6 +179,7 @@ pub fn plant(path: &Path, at: &[[i32; 3]], rgb: &[[u8; 3]], shape: &Shape) -> Ar
 
 /// Everything above a node, nearest first.
 pub fn ancestors(index: &Index, node: usize) -> impl Iterator<Item = usize> + '_ {
-    let above = |&node: &usize| Some(index.nodes()[node].parent as usize).filter(|&parent| parent != node);
+    let above =
+        |&node: &usize| Some(index.nodes()[node].parent as usize).filter(|&parent| parent != node);
     std::iter::successors(above(&node), above)
 }

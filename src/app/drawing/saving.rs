@@ -51,7 +51,10 @@ impl Saving {
 impl Thread {
     pub(super) fn save(&mut self, path: PathBuf, size: [u32; 2], layers: bool) -> Result<()> {
         let (Some(scene), Some(cloud)) = (&self.scene, &self.cloud) else {
-            (self.report)(Report::NotSaved(path, Error::Request("nothing is in the window yet; ask again when something is".into())));
+            (self.report)(Report::NotSaved(
+                path,
+                Error::Request("nothing is in the window yet; ask again when something is".into()),
+            ));
             return Ok(());
         };
         let wanted = tiled::Wanted {
@@ -62,14 +65,21 @@ impl Thread {
             tile: Some(TILE),
         };
         // Of what the window shows whole, there is nothing to wait for.
-        let is_there = self.wanted == Wanted::Nothing || matches!(self.cloud, Some(Brought::Whole(_)));
-        let at_once = is_there && self.saving.is_empty() && size.map(u64::from).iter().product::<u64>() <= self.pixels();
+        let is_there =
+            self.wanted == Wanted::Nothing || matches!(self.cloud, Some(Brought::Whole(_)));
+        let at_once = is_there
+            && self.saving.is_empty()
+            && size.map(u64::from).iter().product::<u64>() <= self.pixels();
         let asked = match layers {
             true => Ok(Asked::Layers(Box::new(wanted), path.clone())),
             false => Tiled::begin(wanted, &path).map(|picture| Asked::Picture(Box::new(picture))),
         };
         match asked {
-            Ok(asked) => self.saving.push_back(Saving { asked, opacities: scene.opacities.clone(), clips: scene.clips.clone() }),
+            Ok(asked) => self.saving.push_back(Saving {
+                asked,
+                opacities: scene.opacities.clone(),
+                clips: scene.clips.clone(),
+            }),
             Err(error) => (self.report)(Report::NotSaved(path, error)),
         }
         while at_once && !self.saving.is_empty() {
@@ -91,16 +101,24 @@ impl Thread {
     fn save_more(&mut self, gives_way: bool) -> Result<()> {
         let former = self.former.front_mut().map(|former| &mut former.cloud);
         self.elsewhere |= former.is_none();
-        let (Some(saving), Some(cloud)) = (self.saving.front_mut(), former.or(self.cloud.as_mut())) else { return Ok(()) };
+        let (Some(saving), Some(cloud)) = (self.saving.front_mut(), former.or(self.cloud.as_mut()))
+        else {
+            return Ok(());
+        };
         cloud.leave_out(saving.opacities.clone(), saving.clips.clone());
         let newer = Newer { count: &self.count, heard: self.heard };
         let progress = if gives_way { &newer as &dyn Progress } else { &Silent };
         let written = match &mut saving.asked {
-            Asked::Layers(wanted, path) => layers::write(&mut self.gpu, cloud, wanted, path, progress),
+            Asked::Layers(wanted, path) => {
+                layers::write(&mut self.gpu, cloud, wanted, path, progress)
+            }
             Asked::Picture(picture) => match picture.step(&mut self.gpu, cloud, progress) {
                 Ok(false) => {
                     let (done, total) = picture.so_far().unwrap_or((0, 1));
-                    (self.report)(Report::Doing(format!("saving {}: {done} of {total} tiles", picture.path().display())));
+                    (self.report)(Report::Doing(format!(
+                        "saving {}: {done} of {total} tiles",
+                        picture.path().display()
+                    )));
                     return Ok(());
                 }
                 Ok(true) => Ok(Vec::new()),
@@ -121,7 +139,9 @@ impl Thread {
         });
         match finished {
             Ok(notes) => {
-                notes.into_iter().for_each(|note| (self.report)(Report::Failed(Error::Request(note))));
+                notes
+                    .into_iter()
+                    .for_each(|note| (self.report)(Report::Failed(Error::Request(note))));
                 (self.report)(Report::Saved(path));
             }
             Err(error) => (self.report)(Report::NotSaved(path, error)),
@@ -129,7 +149,10 @@ impl Thread {
         if let Some(former) = self.former.front_mut() {
             former.pictures -= 1;
             if former.pictures == 0 {
-                self.former.pop_front().into_iter().for_each(|former| former.cloud.free(&mut self.gpu));
+                self.former
+                    .pop_front()
+                    .into_iter()
+                    .for_each(|former| former.cloud.free(&mut self.gpu));
             }
         }
         Ok(())
@@ -138,7 +161,8 @@ impl Thread {
     /// A cloud that the window no longer shows is given back once all pictures of it are there.
     pub(super) fn leave(&mut self, cloud: Brought) {
         // Pictures are made in the order that they were asked for in, so those of clouds before it come first.
-        let pictures = self.saving.len() - self.former.iter().map(|former| former.pictures).sum::<usize>();
+        let pictures =
+            self.saving.len() - self.former.iter().map(|former| former.pictures).sum::<usize>();
         match pictures {
             0 => cloud.free(&mut self.gpu),
             _ => self.former.push_back(Former { cloud, pictures }),
@@ -147,24 +171,36 @@ impl Thread {
 
     /// What is loaded is again what the window shows, for whoever asks about that.
     pub(super) fn look_back(&mut self) -> Result<()> {
-        let (true, Some(scene), Some(cloud), Some(present)) = (self.elsewhere, &self.scene, &mut self.cloud, &self.present) else {
+        let (true, Some(scene), Some(cloud), Some(present)) =
+            (self.elsewhere, &self.scene, &mut self.cloud, &self.present)
+        else {
             return Ok(());
         };
         self.elsewhere = false;
         cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
         if let Brought::Parts(residency) = cloud {
-            let update = residency.update(&mut self.gpu, &View::new(scene.camera, present.size())?, &scene.fineness.of(present.size()))?;
+            let update = residency.update(
+                &mut self.gpu,
+                &View::new(scene.camera, present.size())?,
+                &scene.fineness.of(present.size()),
+            )?;
             if !update.is_complete() {
                 self.wanted = self.wanted.max(Wanted::More);
             }
-            update.errors.into_iter().for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
+            update
+                .errors
+                .into_iter()
+                .for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
         }
         Ok(())
     }
 
     pub(super) fn give_up_saving(&mut self) {
         for saving in self.saving.drain(..) {
-            complain(&format!("{} was not saved: drawing has ended before all of it was there", saving.path().display()));
+            complain(&format!(
+                "{} was not saved: drawing has ended before all of it was there",
+                saving.path().display()
+            ));
         }
         self.former.drain(..).for_each(|former| former.cloud.free(&mut self.gpu));
     }

@@ -41,7 +41,10 @@ const VLR_HEADER_BYTES: u64 = 54;
 pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
     let head = input.take(0, 375)?;
     if head.len() < 227 {
-        return Err(input.wrong(format!("has {} bytes, a LAS header alone has 227: cut off, or not LAS", head.len())));
+        return Err(input.wrong(format!(
+            "has {} bytes, a LAS header alone has 227: cut off, or not LAS",
+            head.len()
+        )));
     }
     let (major, minor) = (head[24], head[25]);
     if major != 1 || minor > 5 {
@@ -72,11 +75,14 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         _ => legacy,
     };
     let (lattice, flips) = lattice(input, &head, notes)?;
-    let tail_at = [(minor >= 3 && head.len() >= 235).then(|| u64_at(&head, 227)), has_wide_count.then(|| u64_at(&head, 235))]
-        .into_iter()
-        .flatten()
-        .filter(|&at| at > points_at && at <= input.length)
-        .min();
+    let tail_at = [
+        (minor >= 3 && head.len() >= 235).then(|| u64_at(&head, 227)),
+        has_wide_count.then(|| u64_at(&head, 235)),
+    ]
+    .into_iter()
+    .flatten()
+    .filter(|&at| at > points_at && at <= input.length)
+    .min();
 
     let mut layout = Layout {
         minor,
@@ -98,10 +104,18 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         push_fact(&mut facts, what, &head[range]);
     }
     if u16_at(&head, 92) != 0 {
-        facts.push(("created".into(), format!("day {} of {}", u16_at(&head, 90), u16_at(&head, 92))));
+        facts.push((
+            "created".into(),
+            format!("day {} of {}", u16_at(&head, 90), u16_at(&head, 92)),
+        ));
     }
-    let first_vlr = if header_bytes >= least_header && header_bytes <= points_at { header_bytes } else { least_header };
-    let declared = vlrs(input, first_vlr, u32_at(&head, 100), &mut layout, &mut facts, &mut projection)?;
+    let first_vlr = if header_bytes >= least_header && header_bytes <= points_at {
+        header_bytes
+    } else {
+        least_header
+    };
+    let declared =
+        vlrs(input, first_vlr, u32_at(&head, 100), &mut layout, &mut facts, &mut projection)?;
     let room = layout.record_bytes - least as usize;
     if declared < room {
         let spare = room - declared;
@@ -109,9 +123,13 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
     }
     // Points of return number 0 are in no count; there are never more by returns than in all.
     let narrow: u64 = (0..5).map(|k| u32_at(&head, 111 + 4 * k) as u64).sum();
-    let wide = (0..if has_wide_count { 15 } else { 0 }).fold(0u64, |sum, k| sum.saturating_add(u64_at(&head, 255 + 8 * k)));
+    let wide = (0..if has_wide_count { 15 } else { 0 })
+        .fold(0u64, |sum, k| sum.saturating_add(u64_at(&head, 255 + 8 * k)));
     if narrow.max(wide) > points {
-        layout.lies.push(format!("says {points} points (number of point records) and {} by return", narrow.max(wide)));
+        layout.lies.push(format!(
+            "says {points} points (number of point records) and {} by return",
+            narrow.max(wide)
+        ));
     }
     if has_wide_count && legacy != 0 && legacy != points {
         layout.lies.push(format!("says {points} points in one field (number of point records) and {legacy} in another (legacy number)"));
@@ -145,7 +163,8 @@ const MOST_STEPS: f64 = (1u64 << 53) as f64;
 /// The file's own scale and offset, if every i32 has a place of its own on them. Of a negative scale the same places, counted from the other end: `!q` steps
 /// up instead of `q` down.
 fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Lattice, [i32; 3])> {
-    let triple = |at: usize| DVec3::new(f64_at(head, at), f64_at(head, at + 8), f64_at(head, at + 16));
+    let triple =
+        |at: usize| DVec3::new(f64_at(head, at), f64_at(head, at + 8), f64_at(head, at + 16));
     let (step, offset) = (triple(131), triple(155));
     if !step.is_finite() || step.abs().min_element() == 0.0 {
         return Err(input.wrong(format!(
@@ -163,13 +182,20 @@ fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Latti
             )));
         }
     }
-    let negative: Vec<&str> = (0..3).filter(|&axis| step[axis] < 0.0).map(|axis| ["x", "y", "z"][axis]).collect();
+    let negative: Vec<&str> =
+        (0..3).filter(|&axis| step[axis] < 0.0).map(|axis| ["x", "y", "z"][axis]).collect();
     if !negative.is_empty() {
-        notes.push(format!("{}: the scale of {} is negative, and was taken as it is", input.name(), negative.join(" and ")));
+        notes.push(format!(
+            "{}: the scale of {} is negative, and was taken as it is",
+            input.name(),
+            negative.join(" and ")
+        ));
     }
     let is_negative = [0, 1, 2].map(|axis| step[axis] < 0.0);
-    let upwards = |axis: usize| if is_negative[axis] { offset[axis] - step[axis] } else { offset[axis] };
-    let lattice = Lattice { step: step.abs(), offset: DVec3::new(upwards(0), upwards(1), upwards(2)) };
+    let upwards =
+        |axis: usize| if is_negative[axis] { offset[axis] - step[axis] } else { offset[axis] };
+    let lattice =
+        Lattice { step: step.abs(), offset: DVec3::new(upwards(0), upwards(1), upwards(2)) };
     Ok((lattice, is_negative.map(|is_negative| -(is_negative as i32))))
 }
 
@@ -185,20 +211,29 @@ fn vlrs(
 ) -> Result<usize> {
     let (mut at, mut extra_bytes) = (first, 0);
     for index in 0..count {
-        let head = if at + VLR_HEADER_BYTES <= layout.points_at { input.take(at, VLR_HEADER_BYTES)? } else { Vec::new() };
-        let fits = head.len() as u64 == VLR_HEADER_BYTES && at + VLR_HEADER_BYTES + u16_at(&head, 20) as u64 <= layout.points_at;
+        let head = if at + VLR_HEADER_BYTES <= layout.points_at {
+            input.take(at, VLR_HEADER_BYTES)?
+        } else {
+            Vec::new()
+        };
+        let fits = head.len() as u64 == VLR_HEADER_BYTES
+            && at + VLR_HEADER_BYTES + u16_at(&head, 20) as u64 <= layout.points_at;
         if !fits {
-            layout.lies.push(format!("says it has {count} variable-length records, and {index} fit before the points"));
+            layout.lies.push(format!(
+                "says it has {count} variable-length records, and {index} fit before the points"
+            ));
             return Ok(extra_bytes);
         }
-        let (user, record, length) = (text(&head[2..18]), u16_at(&head, 18), u16_at(&head, 20) as u64);
+        let (user, record, length) =
+            (text(&head[2..18]), u16_at(&head, 18), u16_at(&head, 20) as u64);
         let contents = || input.take(at + VLR_HEADER_BYTES, length);
         match (user.as_str(), record) {
             ("laszip encoded", 22204) => layout.laszip = Some(contents()?),
             ("copc", 1) => layout.copc = true,
             ("LASF_Projection", _) => projection.take(record, contents()?, facts),
             ("LASF_Spec", 4) => {
-                let declared: Vec<Attribute> = contents()?.chunks_exact(192).map(Attribute::of).collect();
+                let declared: Vec<Attribute> =
+                    contents()?.chunks_exact(192).map(Attribute::of).collect();
                 extra_bytes += declared.iter().map(|attribute| attribute.bytes).sum::<usize>();
                 let room = layout.record_bytes - RECORD_BYTES[layout.format as usize] as usize;
                 let ends = declared.iter().scan(0, |end, attribute| {
@@ -206,9 +241,14 @@ fn vlrs(
                     Some(*end)
                 });
                 let fit = ends.take_while(|&end| end <= room).count();
-                facts.extend(declared[..fit].iter().map(|attribute| ("extra attribute".into(), attribute.name.clone())));
+                facts.extend(
+                    declared[..fit]
+                        .iter()
+                        .map(|attribute| ("extra attribute".into(), attribute.name.clone())),
+                );
                 if fit < declared.len() {
-                    let names: Vec<&str> = declared[fit..].iter().map(|attribute| attribute.name.as_str()).collect();
+                    let names: Vec<&str> =
+                        declared[fit..].iter().map(|attribute| attribute.name.as_str()).collect();
                     layout.lies.push(format!(
                         "declares the extra bytes {}, and its records have room for {room} bytes of {}: what does not fit is not there",
                         names.join(", "),
@@ -278,7 +318,13 @@ const EVLR_HEADER_BYTES: u64 = 60;
 const PROJECTION_BYTES: u64 = 1 << 20;
 
 /// Walks the records behind the points, of which nothing but the coordinate system is looked at.
-fn evlrs(input: &Input, first: u64, count: u32, facts: &mut Vec<(String, String)>, projection: &mut Projection) -> Result<()> {
+fn evlrs(
+    input: &Input,
+    first: u64,
+    count: u32,
+    facts: &mut Vec<(String, String)>,
+    projection: &mut Projection,
+) -> Result<()> {
     let mut at = first;
     for _ in 0..count.min(MOST_EVLRS) {
         let head = input.take(at, EVLR_HEADER_BYTES)?;
@@ -289,7 +335,10 @@ fn evlrs(input: &Input, first: u64, count: u32, facts: &mut Vec<(String, String)
         if user == "LASF_Projection" && length <= PROJECTION_BYTES {
             projection.take(record, input.take(at + EVLR_HEADER_BYTES, length)?, facts);
         }
-        let Some(next) = at.checked_add(EVLR_HEADER_BYTES).and_then(|at| at.checked_add(length)) else { return Ok(()) };
+        let Some(next) = at.checked_add(EVLR_HEADER_BYTES).and_then(|at| at.checked_add(length))
+        else {
+            return Ok(());
+        };
         at = next;
     }
     Ok(())
@@ -308,7 +357,11 @@ fn push_fact(facts: &mut Vec<(String, String)>, what: &str, bytes: &[u8]) {
 /// A fixed-width field up to its first zero byte, as printable text.
 fn text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
-    String::from_utf8_lossy(&bytes[..end]).trim().chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+    String::from_utf8_lossy(&bytes[..end])
+        .trim()
+        .chars()
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect()
 }
 
 pub fn array_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {

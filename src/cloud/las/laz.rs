@@ -15,7 +15,9 @@ use crate::cloud::input::{Input, Meter};
 use crate::error::Result;
 use laz::las::selective::DecompressionSelection;
 use laz::laszip::{ChunkTable, CompressorType};
-use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
+use laz::record::{
+    LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor,
+};
 use laz::{LazItem, LazItemType, LazVlr};
 use std::io::{BufReader, Cursor, Read};
 
@@ -40,7 +42,9 @@ pub struct Coding {
 /// The coding of a file, where its chunks are, and what was odd about finding them.
 pub fn open(input: &Input, layout: &Layout, available: Wanted) -> Result<(Coding, Places, String)> {
     let Some(laszip) = &layout.laszip else {
-        return Err(input.wrong("is compressed, but has no laszip record that says how: the header is damaged"));
+        return Err(input.wrong(
+            "is compressed, but has no laszip record that says how: the header is damaged",
+        ));
     };
     let vlr = guard(|| LazVlr::read_from(laszip.as_slice()).map_err(|error| error.to_string()))
         .flatten()
@@ -48,7 +52,8 @@ pub fn open(input: &Input, layout: &Layout, available: Wanted) -> Result<(Coding
     let compressor = u16::from_le_bytes(array_at(laszip, 0));
     let coding = Coding::new(input, layout, &vlr, compressor, available)?;
     let sequence = |at: u64, chunk_points| {
-        let points = layout.points.min(input.length.saturating_sub(at).saturating_mul(POINTS_PER_BYTE));
+        let points =
+            layout.points.min(input.length.saturating_sub(at).saturating_mul(POINTS_PER_BYTE));
         Places::Sequence(Sequence { at, points, chunk_points })
     };
     let chunk_points = (!vlr.uses_variable_size_chunks()).then_some(vlr.chunk_size() as u64);
@@ -60,23 +65,41 @@ pub fn open(input: &Input, layout: &Layout, available: Wanted) -> Result<(Coding
                 counted(input, &coding, chunk_points, chunks.last_mut())?;
                 (Places::Known(chunks), String::new())
             }
-            (Err(lost), _) if coding.is_layered() => (Places::Known(walk(input, layout, &coding, chunk_points)?), lost),
+            (Err(lost), _) if coding.is_layered() => {
+                (Places::Known(walk(input, layout, &coding, chunk_points)?), lost)
+            }
             (Err(lost), Some(points)) => (sequence(layout.points_at + 8, points), lost),
-            (Err(lost), None) => return Err(input.wrong(format!("{lost}, and chunks of varying size cannot be found without it"))),
+            (Err(lost), None) => {
+                return Err(input.wrong(format!(
+                    "{lost}, and chunks of varying size cannot be found without it"
+                )));
+            }
         }
     };
     if let Places::Known(chunks) = &places
-        && let Some(chunk) = chunks.iter().find(|chunk| chunk.points > chunk.bytes.saturating_mul(POINTS_PER_BYTE))
+        && let Some(chunk) =
+            chunks.iter().find(|chunk| chunk.points > chunk.bytes.saturating_mul(POINTS_PER_BYTE))
     {
-        return Err(input.wrong(format!("claims {} points in a LAZ chunk of {} bytes", chunk.points, chunk.bytes)));
+        return Err(input.wrong(format!(
+            "claims {} points in a LAZ chunk of {} bytes",
+            chunk.points, chunk.bytes
+        )));
     }
     Ok((coding, places, lost))
 }
 
 impl Coding {
-    fn new(input: &Input, layout: &Layout, vlr: &LazVlr, compressor: u16, available: Wanted) -> Result<Self> {
+    fn new(
+        input: &Input,
+        layout: &Layout,
+        vlr: &LazVlr,
+        compressor: u16,
+        available: Wanted,
+    ) -> Result<Self> {
         if !(1..=3).contains(&compressor) {
-            return Err(input.wrong(format!("uses the LAZ compressor {compressor}; 1 to 3 can be read")));
+            return Err(
+                input.wrong(format!("uses the LAZ compressor {compressor}; 1 to 3 can be read"))
+            );
         }
         let mut bytes = 0;
         let mut layers = 0;
@@ -94,23 +117,37 @@ impl Coding {
                 LazItemType::Byte14(count) => (count as usize, count as usize),
             };
             if item.size() as usize != size {
-                return Err(input.wrong(format!("says {} bytes for a LAZ item of {size}: the laszip record is damaged", item.size())));
+                return Err(input.wrong(format!(
+                    "says {} bytes for a LAZ item of {size}: the laszip record is damaged",
+                    item.size()
+                )));
             }
             bytes += size;
             layers += its_layers;
         }
         if bytes != layout.record_bytes {
-            return Err(
-                input.wrong(format!("has LAZ items of {bytes} bytes for points of {}: the laszip record is damaged", layout.record_bytes))
-            );
+            return Err(input.wrong(format!(
+                "has LAZ items of {bytes} bytes for points of {}: the laszip record is damaged",
+                layout.record_bytes
+            )));
         }
-        let base = matches!(vlr.items()[0].item_type(), LazItemType::Point10 | LazItemType::Point14);
-        if !base || (layers > 0) != (compressor == CompressorType::LayeredChunked as u16) || (layers > 0) != (layout.format >= 6) {
-            return Err(
-                input.wrong(format!("has LAZ items that do not belong to compressor {compressor} and point format {}", layout.format))
-            );
+        let base =
+            matches!(vlr.items()[0].item_type(), LazItemType::Point10 | LazItemType::Point14);
+        if !base
+            || (layers > 0) != (compressor == CompressorType::LayeredChunked as u16)
+            || (layers > 0) != (layout.format >= 6)
+        {
+            return Err(input.wrong(format!(
+                "has LAZ items that do not belong to compressor {compressor} and point format {}",
+                layout.format
+            )));
         }
-        Ok(Self { items: vlr.items().clone(), record_bytes: bytes, layers, selection: selection(available) })
+        Ok(Self {
+            items: vlr.items().clone(),
+            record_bytes: bytes,
+            layers,
+            selection: selection(available),
+        })
     }
 
     pub fn is_layered(&self) -> bool {
@@ -122,13 +159,19 @@ impl Coding {
         self.record_bytes + 4 + 4 * self.layers
     }
 
-    fn sequential<'a, R: Read + 'a>(&self, source: R) -> laz::Result<SequentialPointRecordDecompressor<'a, R>> {
+    fn sequential<'a, R: Read + 'a>(
+        &self,
+        source: R,
+    ) -> laz::Result<SequentialPointRecordDecompressor<'a, R>> {
         let mut decoder = SequentialPointRecordDecompressor::new(source);
         decoder.set_fields_from(&self.items)?;
         Ok(decoder)
     }
 
-    fn layered<'a>(&self, source: Cursor<&'a [u8]>) -> laz::Result<LayeredPointRecordDecompressor<'a, Cursor<&'a [u8]>>> {
+    fn layered<'a>(
+        &self,
+        source: Cursor<&'a [u8]>,
+    ) -> laz::Result<LayeredPointRecordDecompressor<'a, Cursor<&'a [u8]>>> {
         let mut decoder = LayeredPointRecordDecompressor::new(source);
         decoder.set_fields_from(&self.items)?;
         decoder.set_selection(self.selection);
@@ -154,30 +197,56 @@ fn selection(available: Wanted) -> DecompressionSelection {
 }
 
 /// The chunks as the table at the end of the file lists them, with sizes that fit the file; else what is wrong with it.
-fn table(input: &Input, layout: &Layout, chunk_points: Option<u64>) -> std::result::Result<Vec<Stretch>, String> {
+fn table(
+    input: &Input,
+    layout: &Layout,
+    chunk_points: Option<u64>,
+) -> std::result::Result<Vec<Stretch>, String> {
     let first = layout.points_at + 8;
-    let offset_at = |at: u64| input.take(at, 8).ok().filter(|bytes| bytes.len() == 8).map(|bytes| i64::from_le_bytes(array_at(&bytes, 0)));
+    let offset_at = |at: u64| {
+        input
+            .take(at, 8)
+            .ok()
+            .filter(|bytes| bytes.len() == 8)
+            .map(|bytes| i64::from_le_bytes(array_at(&bytes, 0)))
+    };
     let plausible = |at: &i64| *at >= first as i64 && *at as u64 + 8 <= input.length;
     let at = offset_at(layout.points_at)
         .filter(plausible)
         .or_else(|| offset_at(input.length.saturating_sub(8)).filter(plausible))
         .ok_or("the LAZ chunk table is missing")? as u64;
-    let read = |length| input.take(at, length).ok().filter(|bytes| bytes.len() >= 8).ok_or("the LAZ chunk table is cut off");
+    let read = |length| {
+        input
+            .take(at, length)
+            .ok()
+            .filter(|bytes| bytes.len() >= 8)
+            .ok_or("the LAZ chunk table is cut off")
+    };
     let count = u32_at(&read(8)?, 4) as u64;
     if count > (at - first) / layout.record_bytes as u64 {
-        return Err(format!("the LAZ chunk table lists {count} chunks, more than {} bytes can hold", at - first));
+        return Err(format!(
+            "the LAZ chunk table lists {count} chunks, more than {} bytes can hold",
+            at - first
+        ));
     }
     let bytes = read(8 + TABLE_ENTRY_BYTES * (count + 1))?;
-    let entries = guard(|| ChunkTable::read(&mut Cursor::new(&bytes), chunk_points.is_none()).map_err(|error| error.to_string()))
-        .flatten()
-        .map_err(|what| format!("the LAZ chunk table is damaged ({what})"))?;
+    let entries = guard(|| {
+        ChunkTable::read(&mut Cursor::new(&bytes), chunk_points.is_none())
+            .map_err(|error| error.to_string())
+    })
+    .flatten()
+    .map_err(|what| format!("the LAZ chunk table is damaged ({what})"))?;
     let mut chunks = Vec::with_capacity(count as usize);
     let mut next = first;
     for entry in &entries {
         if entry.byte_count > at - next {
             return Err("the LAZ chunk table does not fit the file".into());
         }
-        chunks.push(Stretch { at: next, bytes: entry.byte_count, points: chunk_points.unwrap_or(entry.point_count) });
+        chunks.push(Stretch {
+            at: next,
+            bytes: entry.byte_count,
+            points: chunk_points.unwrap_or(entry.point_count),
+        });
         next += entry.byte_count;
     }
     if let (Some(size), Some(last)) = (chunk_points, chunks.last_mut()) {
@@ -191,8 +260,15 @@ fn table(input: &Input, layout: &Layout, chunk_points: Option<u64>) -> std::resu
 }
 
 /// Lets the last chunk have as many points as it says itself, where it is one that says it, if the header promises fewer.
-fn counted(input: &Input, coding: &Coding, chunk_points: Option<u64>, last: Option<&mut Stretch>) -> Result<()> {
-    let Some((size, last)) = chunk_points.zip(last).filter(|_| coding.is_layered()) else { return Ok(()) };
+fn counted(
+    input: &Input,
+    coding: &Coding,
+    chunk_points: Option<u64>,
+    last: Option<&mut Stretch>,
+) -> Result<()> {
+    let Some((size, last)) = chunk_points.zip(last).filter(|_| coding.is_layered()) else {
+        return Ok(());
+    };
     let head = input.take(last.at, coding.head_bytes() as u64)?;
     if head.len() == coding.head_bytes() && last.bytes >= coding.head_bytes() as u64 {
         let own = u32_at(&head, coding.record_bytes) as u64;
@@ -202,7 +278,12 @@ fn counted(input: &Input, coding: &Coding, chunk_points: Option<u64>, last: Opti
 }
 
 /// Layered chunks found by their own sizes, from the first byte on, up to the first that is not whole.
-fn walk(input: &Input, layout: &Layout, coding: &Coding, chunk_points: Option<u64>) -> Result<Vec<Stretch>> {
+fn walk(
+    input: &Input,
+    layout: &Layout,
+    coding: &Coding,
+    chunk_points: Option<u64>,
+) -> Result<Vec<Stretch>> {
     let mut chunks = Vec::new();
     let mut at = layout.points_at + 8;
     let mut left = layout.points;
@@ -210,7 +291,11 @@ fn walk(input: &Input, layout: &Layout, coding: &Coding, chunk_points: Option<u6
         let head = input.take(at, coding.head_bytes() as u64)?;
         let Some(bytes) = layered_bytes(&head, coding) else { break };
         let points = u32_at(&head, coding.record_bytes) as u64;
-        if bytes > input.length - at || points == 0 || points > left || chunk_points.is_some_and(|size| points > size) {
+        if bytes > input.length - at
+            || points == 0
+            || points > left
+            || chunk_points.is_some_and(|size| points > size)
+        {
             break;
         }
         chunks.push(Stretch { at, bytes, points });
@@ -223,7 +308,10 @@ fn walk(input: &Input, layout: &Layout, coding: &Coding, chunk_points: Option<u6
 /// The whole length of a layered chunk, by its head; `None` where the head is cut off.
 fn layered_bytes(head: &[u8], coding: &Coding) -> Option<u64> {
     let sizes = head.get(coding.record_bytes + 4..coding.head_bytes())?;
-    Some(coding.head_bytes() as u64 + sizes.chunks_exact(4).map(|size| u32_at(size, 0) as u64).sum::<u64>())
+    Some(
+        coding.head_bytes() as u64
+            + sizes.chunks_exact(4).map(|size| u32_at(size, 0) as u64).sum::<u64>(),
+    )
 }
 
 /// Why a chunk could not be decoded to its end, if so.
@@ -241,7 +329,9 @@ pub fn chunk(
 ) -> Result<Outcome> {
     let source = Cursor::new(bytes);
     if !coding.is_layered() {
-        return match guard(|| coding.sequential(source).map_err(|error| error.to_string())).flatten() {
+        return match guard(|| coding.sequential(source).map_err(|error| error.to_string()))
+            .flatten()
+        {
             Ok(mut decoder) => decode(&mut decoder, points, fields, block, lane, meter),
             Err(why) => Ok(Some(why)),
         };
@@ -269,7 +359,8 @@ pub fn sequence(
     let mut block = Vec::new();
     let mut left = places.points;
     while left > 0 {
-        let mut decoder = coding.sequential(source).map_err(|error| input.wrong(error.to_string()))?;
+        let mut decoder =
+            coding.sequential(source).map_err(|error| input.wrong(error.to_string()))?;
         let in_chunk = left.min(places.chunk_points);
         if let Some(why) = decode(&mut decoder, in_chunk, fields, &mut block, lane, meter)? {
             return Ok(Some(format!("decoding stopped: {why}")));

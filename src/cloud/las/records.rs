@@ -47,12 +47,26 @@ impl Fields {
             _ => None,
         };
         let (class, source) = if modern { (16, 20) } else { (15, 18) };
-        Self { record_bytes: layout.record_bytes, flips: layout.flips, modern, class, source, gps_time, rgb, range: RgbRange::Words }
+        Self {
+            record_bytes: layout.record_bytes,
+            flips: layout.flips,
+            modern,
+            class,
+            source,
+            gps_time,
+            rgb,
+            range: RgbRange::Words,
+        }
     }
 
     /// What is both wanted and there.
     pub fn available(&self, wanted: Wanted) -> Wanted {
-        Wanted { rgb: wanted.rgb && self.rgb.is_some(), gps_time: wanted.gps_time && self.gps_time.is_some(), normal: false, ..wanted }
+        Wanted {
+            rgb: wanted.rgb && self.rgb.is_some(),
+            gps_time: wanted.gps_time && self.gps_time.is_some(),
+            normal: false,
+            ..wanted
+        }
     }
 }
 
@@ -116,9 +130,12 @@ impl<'a> Window<'a> {
         fn cut<T>(column: Option<&mut [T]>, at: usize) -> (Option<&mut [T]>, Option<&mut [T]>) {
             column.map(|column| column.split_at_mut(at)).unzip()
         }
-        let (x, y, z) = (self.x.split_at_mut(count), self.y.split_at_mut(count), self.z.split_at_mut(count));
-        let (rgb, intensity, class) = (cut(self.rgb, count), cut(self.intensity, count), cut(self.class, count));
-        let (returns, source, gps_time) = (cut(self.returns, count), cut(self.source, count), cut(self.gps_time, count));
+        let (x, y, z) =
+            (self.x.split_at_mut(count), self.y.split_at_mut(count), self.z.split_at_mut(count));
+        let (rgb, intensity, class) =
+            (cut(self.rgb, count), cut(self.intensity, count), cut(self.class, count));
+        let (returns, source, gps_time) =
+            (cut(self.returns, count), cut(self.source, count), cut(self.gps_time, count));
         let first = Self {
             start: self.start,
             done: 0,
@@ -181,11 +198,15 @@ impl<'a> Window<'a> {
             if fields.modern {
                 put(&mut column[at..], rows.clone(), |row| row[RETURNS]);
             } else {
-                put(&mut column[at..], rows.clone(), |row| row[RETURNS] & 7 | (row[RETURNS] >> 3 & 7) << 4);
+                put(&mut column[at..], rows.clone(), |row| {
+                    row[RETURNS] & 7 | (row[RETURNS] >> 3 & 7) << 4
+                });
             }
         }
         if let Some(column) = &mut self.source {
-            put(&mut column[at..], rows.clone(), |row| u16::from_le_bytes(part(row, fields.source)));
+            put(&mut column[at..], rows.clone(), |row| {
+                u16::from_le_bytes(part(row, fields.source))
+            });
         }
         if let (Some(column), Some(offset)) = (&mut self.gps_time, fields.gps_time) {
             put(&mut column[at..], rows.clone(), |row| f64::from_le_bytes(part(row, offset)));
@@ -241,10 +262,14 @@ impl Lane for &mut Census {
     }
 
     fn put(&mut self, records: &[u8], fields: &Fields) {
-        let place = |row: &[u8]| std::array::from_fn(|axis| i32::from_le_bytes(part(row, 4 * axis)) ^ fields.flips[axis]);
+        let place = |row: &[u8]| {
+            std::array::from_fn(|axis| i32::from_le_bytes(part(row, 4 * axis)) ^ fields.flips[axis])
+        };
         self.places.extend(records.chunks_exact(fields.record_bytes).map(place));
         if let Some(offset) = fields.rgb {
-            records.chunks_exact(fields.record_bytes).for_each(|row| self.occurred.look(color(row, offset)));
+            records
+                .chunks_exact(fields.record_bytes)
+                .for_each(|row| self.occurred.look(color(row, offset)));
         }
     }
 
@@ -272,7 +297,8 @@ impl Pile {
     }
 
     pub fn fill(&mut self, records: &[u8], fields: &Fields) {
-        let mut window = Window { done: self.done, occurred: self.occurred, ..Window::over(&mut self.columns) };
+        let mut window =
+            Window { done: self.done, occurred: self.occurred, ..Window::over(&mut self.columns) };
         window.fill(records, fields);
         (self.done, self.occurred) = (window.done, window.occurred);
     }
@@ -300,7 +326,11 @@ impl Lane for Pile {
     }
 }
 
-fn put<'r, T>(column: &mut [T], rows: impl Iterator<Item = &'r [u8]>, value: impl Fn(&'r [u8]) -> T) {
+fn put<'r, T>(
+    column: &mut [T],
+    rows: impl Iterator<Item = &'r [u8]>,
+    value: impl Fn(&'r [u8]) -> T,
+) {
     column.iter_mut().zip(rows).for_each(|(slot, row)| *slot = value(row));
 }
 
@@ -315,8 +345,14 @@ fn part<const N: usize>(row: &[u8], at: usize) -> [u8; N] {
 /// [`zeros`], or `None` if there is no memory for them.
 pub fn columns(count: usize, available: Wanted) -> Option<Columns> {
     // An allocation that fails ends the program, so the whole sum is asked for first, and given back.
-    let bytes = 12 + 3 * available.rgb as usize + 2 * available.intensity as usize + available.class as usize;
-    let bytes = bytes + available.returns as usize + 2 * available.source as usize + 8 * available.gps_time as usize;
+    let bytes = 12
+        + 3 * available.rgb as usize
+        + 2 * available.intensity as usize
+        + available.class as usize;
+    let bytes = bytes
+        + available.returns as usize
+        + 2 * available.source as usize
+        + 8 * available.gps_time as usize;
     Vec::<u8>::new().try_reserve_exact(count.checked_mul(bytes)?).ok()?;
     Some(zeros(count, available))
 }
@@ -354,7 +390,8 @@ fn resize(columns: &mut Columns, count: usize) {
 
 /// Drops colours that are none and closes the gaps that lanes left unfilled: a missing point is absent, never a zero.
 pub fn finish(columns: &mut Columns, lanes: &[Filled]) -> Occurred {
-    let occurred = lanes.iter().fold(Occurred::default(), |occurred, lane| occurred.join(lane.occurred));
+    let occurred =
+        lanes.iter().fold(Occurred::default(), |occurred, lane| occurred.join(lane.occurred));
     if occurred.is_black() {
         columns.rgb = None;
     }

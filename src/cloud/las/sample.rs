@@ -25,7 +25,12 @@ const FEW_POINTS: u64 = 1024;
 const SLACK: u64 = 1 << 16;
 
 /// About so many points; none where what stands in the middle is not found without reading what is before.
-pub fn sample(input: &Input, wanted: Wanted, points: u64, progress: &dyn Progress) -> Result<Option<Part>> {
+pub fn sample(
+    input: &Input,
+    wanted: Wanted,
+    points: u64,
+    progress: &dyn Progress,
+) -> Result<Option<Part>> {
     let mut las = Las::open(input, wanted, &mut Vec::new())?;
     let all = las.points();
     let Places::Known(stretches) = &las.places else { return Ok(None) };
@@ -55,8 +60,12 @@ fn runs(at: u64, all: u64, record_bytes: u64, points: u64) -> Vec<Stretch> {
 /// Where few points are that tell what the rest look like, from all over the file where that can be.
 pub fn few(las: &Las) -> Places {
     match (&las.places, &las.coding) {
-        (Places::Sequence(sequence), _) => Places::Sequence(Sequence { points: sequence.points.min(FEW_POINTS), ..*sequence }),
-        (Places::Known(chunks), Some(coding)) => Places::Known(beginnings(chunks, FEW_CHUNKS, FEW_POINTS, coding.is_layered())),
+        (Places::Sequence(sequence), _) => {
+            Places::Sequence(Sequence { points: sequence.points.min(FEW_POINTS), ..*sequence })
+        }
+        (Places::Known(chunks), Some(coding)) => {
+            Places::Known(beginnings(chunks, FEW_CHUNKS, FEW_POINTS, coding.is_layered()))
+        }
         (Places::Known(_), None) => {
             let Layout { points_at, record_bytes, .. } = las.layout;
             Places::Known(runs(points_at, las.points(), record_bytes as u64, FEW_POINTS))
@@ -69,9 +78,11 @@ fn beginnings(chunks: &[Stretch], most: usize, points: u64, layered: bool) -> Ve
     let chosen = || chunks.iter().step_by(chunks.len().div_ceil(most).max(1));
     let all = chosen().map(|chunk| chunk.points).sum::<u64>().max(1);
     let beginning = |chunk: &Stretch| {
-        let share = |of: u64| (of as u128 * points as u128).div_ceil(all as u128).min(of as u128) as u64;
+        let share =
+            |of: u64| (of as u128 * points as u128).div_ceil(all as u128).min(of as u128) as u64;
         // Where the beginning takes more bytes than its share twice over, its last points are missing.
-        let bytes = if layered { chunk.bytes } else { chunk.bytes.min(2 * share(chunk.bytes) + SLACK) };
+        let bytes =
+            if layered { chunk.bytes } else { chunk.bytes.min(2 * share(chunk.bytes) + SLACK) };
         Stretch { bytes, points: share(chunk.points), ..*chunk }
     };
     chosen().map(beginning).collect()

@@ -5,8 +5,15 @@ use glam::DVec3;
 use std::path::Path;
 
 /// What the record of this number has beside its columns, and its colour as it stands there; none where the crate cannot read the file. `place` is where it lies, within half a step.
-pub fn record(path: &Path, number: u64, place: DVec3, step: DVec3) -> Option<(Option<[u16; 3]>, Extras)> {
-    let point = sought(path, number).filter(|point| is_at(point, place, step)).or_else(|| counted(path, number))?;
+pub fn record(
+    path: &Path,
+    number: u64,
+    place: DVec3,
+    step: DVec3,
+) -> Option<(Option<[u16; 3]>, Extras)> {
+    let point = sought(path, number)
+        .filter(|point| is_at(point, place, step))
+        .or_else(|| counted(path, number))?;
     let point = is_at(&point, place, step).then_some(point)?;
     let marks = [
         (point.is_synthetic, "synthetic"),

@@ -43,8 +43,15 @@ pub struct Element {
 impl Element {
     /// Coefficients of splats are colours only where there are no others.
     fn choose_colors(&mut self) {
-        if self.properties.iter().any(|property| matches!(property.role, Role::Color(_)) && !property.harmonic) {
-            self.properties.iter_mut().filter(|property| property.harmonic).for_each(|property| property.role = Role::Other);
+        if self
+            .properties
+            .iter()
+            .any(|property| matches!(property.role, Role::Color(_)) && !property.harmonic)
+        {
+            self.properties
+                .iter_mut()
+                .filter(|property| property.harmonic)
+                .for_each(|property| property.role = Role::Other);
         }
     }
 
@@ -55,7 +62,10 @@ impl Element {
 
     /// Bytes of one binary record; `None` if it has lists, whose lengths are in the body.
     pub fn record_bytes(&self) -> Option<u64> {
-        self.properties.iter().map(|property| property.length.is_none().then_some(property.scalar.bytes() as u64)).sum()
+        self.properties
+            .iter()
+            .map(|property| property.length.is_none().then_some(property.scalar.bytes() as u64))
+            .sum()
     }
 }
 
@@ -139,13 +149,20 @@ pub fn read(input: &Input) -> Result<Layout> {
     let start = input.take(0, HEADER_BYTES)?;
     let returns = ends_in_returns(&start);
     let end = if returns { b'\r' } else { b'\n' };
-    let mut layout = Layout { coding: Coding::Ascii, elements: Vec::new(), body_at: 0, returns, comments: Vec::new() };
+    let mut layout = Layout {
+        coding: Coding::Ascii,
+        elements: Vec::new(),
+        body_at: 0,
+        returns,
+        comments: Vec::new(),
+    };
     let mut has_format = false;
     let mut at = 0;
     for (number, line) in start.split_inclusive(|&byte| byte == end).enumerate() {
         at += line.len();
         let wrong = |what: String| input.wrong(format!("header line {}: {what}", number + 1));
-        let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).collect();
+        let words: Vec<&[u8]> =
+            line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).collect();
         match words.as_slice() {
             [] | [b"ply"] => {}
             [b"format", coding, ..] => {
@@ -153,28 +170,39 @@ pub fn read(input: &Input) -> Result<Layout> {
                     b"ascii" => Coding::Ascii,
                     b"binary_little_endian" => Coding::Little,
                     b"binary_big_endian" => Coding::Big,
-                    other => return Err(wrong(format!("the format {} is not known", shown(other)))),
+                    other => {
+                        return Err(wrong(format!("the format {} is not known", shown(other))));
+                    }
                 };
                 has_format = true;
             }
-            [b"comment" | b"obj_info", rest @ ..] => {
-                layout.comments.push(rest.iter().map(|word| shown(word)).collect::<Vec<_>>().join(" "))
-            }
+            [b"comment" | b"obj_info", rest @ ..] => layout
+                .comments
+                .push(rest.iter().map(|word| shown(word)).collect::<Vec<_>>().join(" ")),
             [b"element", name, count] => {
                 let count = std::str::from_utf8(count).ok().and_then(|text| text.parse().ok());
-                let count = count.ok_or_else(|| wrong(format!("the count of {} is not a number", shown(name))))?;
+                let count = count.ok_or_else(|| {
+                    wrong(format!("the count of {} is not a number", shown(name)))
+                })?;
                 layout.elements.push(Element { name: shown(name), count, properties: Vec::new() });
             }
             [b"property", kind @ .., name] => {
-                let scalar = |word: &[u8]| Scalar::named(word).ok_or_else(|| wrong(format!("the type {} is not known", shown(word))));
+                let scalar = |word: &[u8]| {
+                    Scalar::named(word)
+                        .ok_or_else(|| wrong(format!("the type {} is not known", shown(word))))
+                };
                 let (length, scalar) = match kind {
                     [b"list", length, value] => (Some(scalar(length)?), scalar(value)?),
                     [value] => (None, scalar(value)?),
                     _ => return Err(wrong("this is no property".into())),
                 };
                 let role = if length.is_some() { Role::Other } else { role(&shown(name)) };
-                let harmonic = length.is_none() && matches!(*name, b"f_dc_0" | b"f_dc_1" | b"f_dc_2");
-                let element = layout.elements.last_mut().ok_or_else(|| wrong("a property before any element".into()))?;
+                let harmonic =
+                    length.is_none() && matches!(*name, b"f_dc_0" | b"f_dc_1" | b"f_dc_2");
+                let element = layout
+                    .elements
+                    .last_mut()
+                    .ok_or_else(|| wrong("a property before any element".into()))?;
                 element.properties.push(Property { role, harmonic, scalar, length });
             }
             [b"end_header"] => {
@@ -185,10 +213,18 @@ pub fn read(input: &Input) -> Result<Layout> {
                 layout.elements.iter_mut().for_each(Element::choose_colors);
                 return Ok(layout);
             }
-            [word, ..] => return Err(wrong(format!("{} is no header line: cut off, or not PLY", shown(word)))),
+            [word, ..] => {
+                return Err(wrong(format!(
+                    "{} is no header line: cut off, or not PLY",
+                    shown(word)
+                )));
+            }
         }
     }
-    Err(input.wrong(format!("has no end_header within its first {} bytes: cut off, or not PLY", start.len())))
+    Err(input.wrong(format!(
+        "has no end_header within its first {} bytes: cut off, or not PLY",
+        start.len()
+    )))
 }
 
 /// By the first line: a carriage return that no newline follows.
@@ -220,7 +256,12 @@ fn shown(word: &[u8]) -> String {
 }
 
 /// Sets what one line of an ascii body says; `None` if it is not such a record. Where commas are decimal marks, only blanks are between numbers.
-pub fn parse_line(line: &[u8], properties: &[Property], decimal_comma: bool, set: impl FnMut(Role, f64)) -> Option<()> {
+pub fn parse_line(
+    line: &[u8],
+    properties: &[Property],
+    decimal_comma: bool,
+    set: impl FnMut(Role, f64),
+) -> Option<()> {
     if decimal_comma {
         parse_fields(text::blanks(line), properties, |field| text::number_with(field, true), set)
     } else {

@@ -31,7 +31,8 @@ const OF_THE_USER: u16 = 32767;
 impl Records {
     pub fn system(&self) -> Option<System> {
         let model = self.short(MODEL);
-        let [projected, geographic] = [PROJECTED, GEOGRAPHIC].map(|key| self.short(key).filter(|code| *code != 0));
+        let [projected, geographic] =
+            [PROJECTED, GEOGRAPHIC].map(|key| self.short(key).filter(|code| *code != 0));
         let kind = match model {
             Some(1) => Kind::Projected,
             Some(2) => Kind::Geographic,
@@ -45,18 +46,36 @@ impl Records {
         let unit = self.linear_unit();
         let degrees = (kind == Kind::Geographic).then(|| self.degrees());
         let height = self.short(VERTICAL_UNIT).and_then(|code| Unit::numbered(code.into()));
-        let (unit, height) = if degrees.is_some() { (Some(Unit::default()), height.or(unit)) } else { (unit, height) };
+        let (unit, height) = if degrees.is_some() {
+            (Some(Unit::default()), height.or(unit))
+        } else {
+            (unit, height)
+        };
         let height_unit = height.filter(|height| unit.as_ref().is_some_and(|unit| unit != height));
-        let citations = if kind == Kind::Projected { [PROJECTED_CITATION, CITATION] } else { [CITATION, GEOGRAPHIC_CITATION] };
-        let name = citations.into_iter().find_map(|key| self.text(key)).or_else(|| self.text(GEOGRAPHIC_CITATION));
+        let citations = if kind == Kind::Projected {
+            [PROJECTED_CITATION, CITATION]
+        } else {
+            [CITATION, GEOGRAPHIC_CITATION]
+        };
+        let name = citations
+            .into_iter()
+            .find_map(|key| self.text(key))
+            .or_else(|| self.text(GEOGRAPHIC_CITATION));
         let system = System { name, epsg, kind, unit, height_unit, degrees, ..System::default() };
-        let proj = system.unit.as_ref().filter(|_| kind == Kind::Projected).and_then(|unit| self.projection(unit));
+        let proj = system
+            .unit
+            .as_ref()
+            .filter(|_| kind == Kind::Projected)
+            .and_then(|unit| self.projection(unit));
         Some(system.completed(proj))
     }
 
     fn linear_unit(&self) -> Option<Unit> {
         match self.short(LINEAR_UNIT)? {
-            OF_THE_USER => self.number(LINEAR_UNIT_METRES).filter(|metres| *metres > 0.0).map(|metres| Unit::of(metres, "unit")),
+            OF_THE_USER => self
+                .number(LINEAR_UNIT_METRES)
+                .filter(|metres| *metres > 0.0)
+                .map(|metres| Unit::of(metres, "unit")),
             code => Unit::numbered(code.into()),
         }
     }
@@ -78,7 +97,8 @@ impl Records {
         let longitude = number(&[3080, 3084, 3088])?;
         let east = number(&[3082, 3086, 3090]).unwrap_or(0.0) * unit.metres;
         let north = number(&[3083, 3087, 3091]).unwrap_or(0.0) * unit.metres;
-        let parallels = || Some(format!("+lat_1={} +lat_2={}", self.number(3078)?, self.number(3079)?));
+        let parallels =
+            || Some(format!("+lat_1={} +lat_2={}", self.number(3078)?, self.number(3079)?));
         let own = match self.short(PROJECTION)? {
             1 => format!("+proj=tmerc +k={}", number(&[3092]).unwrap_or(1.0)),
             8 => format!("+proj=lcc {}", parallels()?),
@@ -86,14 +106,20 @@ impl Records {
             _ => return None,
         };
         let to_metre = unit.metres;
-        Some(format!("{own} +lat_0={latitude} +lon_0={longitude} +x_0={east} +y_0={north} +ellps=GRS80 +to_meter={to_metre} +no_defs"))
+        Some(format!(
+            "{own} +lat_0={latitude} +lon_0={longitude} +x_0={east} +y_0={north} +ellps=GRS80 +to_meter={to_metre} +no_defs"
+        ))
     }
 
     /// A key's four numbers: itself, which record its value is in, how long it is there, and where, or the value.
     fn entry(&self, key: u16) -> Option<[u16; 4]> {
         let word = |bytes: &[u8]| u16::from_le_bytes([bytes[0], bytes[1]]);
         // The first are not a key, but how many follow.
-        self.keys.chunks_exact(8).skip(1).map(|entry| [0, 2, 4, 6].map(|at| word(&entry[at..]))).find(|entry| entry[0] == key)
+        self.keys
+            .chunks_exact(8)
+            .skip(1)
+            .map(|entry| [0, 2, 4, 6].map(|at| word(&entry[at..])))
+            .find(|entry| entry[0] == key)
     }
 
     fn short(&self, key: u16) -> Option<u16> {
@@ -102,14 +128,18 @@ impl Records {
 
     fn number(&self, key: u16) -> Option<f64> {
         let [_, record, _, at] = self.entry(key)?;
-        let bytes = (record == 34736).then(|| self.numbers.get(8 * at as usize..8 * at as usize + 8))??;
+        let bytes =
+            (record == 34736).then(|| self.numbers.get(8 * at as usize..8 * at as usize + 8))??;
         Some(f64::from_le_bytes(bytes.try_into().ok()?)).filter(|number| number.is_finite())
     }
 
     fn text(&self, key: u16) -> Option<String> {
         let [_, record, length, at] = self.entry(key)?;
-        let bytes = (record == 34737).then(|| self.texts.get(at as usize..at as usize + length as usize))??;
-        let text = String::from_utf8_lossy(bytes).trim_matches(|c: char| c == '|' || c == '\0' || c.is_whitespace()).to_string();
+        let bytes = (record == 34737)
+            .then(|| self.texts.get(at as usize..at as usize + length as usize))??;
+        let text = String::from_utf8_lossy(bytes)
+            .trim_matches(|c: char| c == '|' || c == '\0' || c.is_whitespace())
+            .to_string();
         (!text.is_empty() && text != "unknown").then_some(text)
     }
 }

@@ -58,6 +58,10 @@ impl Plane {
 
 impl fmt::Display for Plane {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "coordinates are degrees, and drawn in metres on a plane about longitude {}, latitude {}", self.longitude, self.latitude)
+        write!(
+            f,
+            "coordinates are degrees, and drawn in metres on a plane about longitude {}, latitude {}",
+            self.longitude, self.latitude
+        )
     }
 }

@@ -32,8 +32,15 @@ pub fn system(text: &str) -> Option<System> {
         unit = Some(Unit::default());
     }
     let height_unit = height.filter(|height| unit.as_ref() != Some(height));
-    let system =
-        System { name: horizontal.texts.first().cloned(), epsg: horizontal.epsg(), kind, unit, height_unit, degrees, ..System::default() };
+    let system = System {
+        name: horizontal.texts.first().cloned(),
+        epsg: horizontal.epsg(),
+        kind,
+        unit,
+        height_unit,
+        degrees,
+        ..System::default()
+    };
     if system.name.is_none() && system.unit.is_none() && system.epsg.is_none() {
         return None;
     }
@@ -62,7 +69,11 @@ fn node(text: &mut Characters, depth: usize) -> Option<Node> {
             c if is_part(c) => {
                 let mut ahead = text.clone();
                 word(&mut ahead);
-                if matches!(ahead.peek(), Some('[' | '(')) { own.nodes.push(node(text, depth + 1)?) } else { own.texts.push(word(text)) }
+                if matches!(ahead.peek(), Some('[' | '(')) {
+                    own.nodes.push(node(text, depth + 1)?)
+                } else {
+                    own.texts.push(word(text))
+                }
             }
             _ => drop(text.next()),
         }
@@ -110,7 +121,11 @@ impl Node {
         }
         if self.is(&["COMPD_CS", "COMPOUNDCRS"]) {
             let (horizontal, within) = self.nodes.first()?.halves()?;
-            let vertical = self.nodes.iter().map(Node::bare).find(|node| node.is(&["VERT_CS", "VERTCRS", "VERTICALCRS", "VERTCS"]));
+            let vertical = self
+                .nodes
+                .iter()
+                .map(Node::bare)
+                .find(|node| node.is(&["VERT_CS", "VERTCRS", "VERTICALCRS", "VERTCS"]));
             return Some((horizontal, vertical.or(within)));
         }
         Some((self, self.find(&["VERTCS"])))
@@ -122,11 +137,17 @@ impl Node {
     }
 
     fn kind(&self) -> Option<Kind> {
-        let cartesian = || self.find(&["CS"]).is_some_and(|cs| cs.texts.first().is_some_and(|kind| kind.eq_ignore_ascii_case("cartesian")));
+        let cartesian = || {
+            self.find(&["CS"]).is_some_and(|cs| {
+                cs.texts.first().is_some_and(|kind| kind.eq_ignore_ascii_case("cartesian"))
+            })
+        };
         Some(match self.keyword.as_str() {
             "PROJCS" | "PROJCRS" | "PROJECTEDCRS" => Kind::Projected,
             "GEOCCS" => Kind::Geocentric,
-            "GEODCRS" | "GEODETICCRS" | "GEOGCRS" | "GEOGRAPHICCRS" if cartesian() => Kind::Geocentric,
+            "GEODCRS" | "GEODETICCRS" | "GEOGCRS" | "GEOGRAPHICCRS" if cartesian() => {
+                Kind::Geocentric
+            }
             "GEOGCS" | "GEOGCRS" | "GEOGRAPHICCRS" | "GEODCRS" | "GEODETICCRS" => Kind::Geographic,
             "LOCAL_CS" | "ENGCRS" | "ENGINEERINGCRS" => Kind::Local,
             _ => return None,
@@ -134,7 +155,10 @@ impl Node {
     }
 
     fn epsg(&self) -> Option<u32> {
-        let code = |node: &&Node| node.is(&["AUTHORITY", "ID"]) && node.texts.first().is_some_and(|by| by.eq_ignore_ascii_case("epsg"));
+        let code = |node: &&Node| {
+            node.is(&["AUTHORITY", "ID"])
+                && node.texts.first().is_some_and(|by| by.eq_ignore_ascii_case("epsg"))
+        };
         self.nodes.iter().find(code)?.texts.get(1)?.parse().ok()
     }
 
@@ -146,19 +170,36 @@ impl Node {
 
     /// Of lengths; `UNIT` of a geographic system is one of angles.
     fn length(&self) -> Option<Unit> {
-        let keywords: &[&str] = if self.kind() == Some(Kind::Geographic) { &["LENGTHUNIT"] } else { &["UNIT", "LENGTHUNIT"] };
+        let keywords: &[&str] = if self.kind() == Some(Kind::Geographic) {
+            &["LENGTHUNIT"]
+        } else {
+            &["UNIT", "LENGTHUNIT"]
+        };
         self.units(keywords).find_map(|unit| {
             let name = unit.texts.first()?;
-            let factor =
-                unit.texts.get(1).and_then(|factor| factor.parse::<f64>().ok()).filter(|factor| factor.is_finite() && *factor > 0.0);
-            factor.map(|metres| Unit::of(metres, name)).or_else(|| Unit::numbered(unit.epsg()?)).or_else(|| named(name))
+            let factor = unit
+                .texts
+                .get(1)
+                .and_then(|factor| factor.parse::<f64>().ok())
+                .filter(|factor| factor.is_finite() && *factor > 0.0);
+            factor
+                .map(|metres| Unit::of(metres, name))
+                .or_else(|| Unit::numbered(unit.epsg()?))
+                .or_else(|| named(name))
         })
     }
 
     /// Degrees that the unit of angles has.
     fn angle(&self) -> f64 {
-        let factor = |unit: &Node| unit.texts.get(1)?.parse::<f64>().ok().filter(|radians| radians.is_finite() && *radians > 0.0);
-        let degrees = self.units(&["UNIT", "ANGLEUNIT"]).find_map(factor).map_or(1.0, f64::to_degrees);
+        let factor = |unit: &Node| {
+            unit.texts
+                .get(1)?
+                .parse::<f64>()
+                .ok()
+                .filter(|radians| radians.is_finite() && *radians > 0.0)
+        };
+        let degrees =
+            self.units(&["UNIT", "ANGLEUNIT"]).find_map(factor).map_or(1.0, f64::to_degrees);
         // Files round the number.
         if (degrees - 1.0).abs() < 1e-6 { 1.0 } else { degrees }
     }
@@ -169,7 +210,9 @@ fn named(name: &str) -> Option<Unit> {
     let has = |word: &str| name.contains(word);
     match () {
         _ if has("metre") || has("meter") => Some(Unit::default()),
-        _ if (has("foot") || has("feet") || has("ft")) && (has("us") || has("survey")) => Unit::numbered(9003),
+        _ if (has("foot") || has("feet") || has("ft")) && (has("us") || has("survey")) => {
+            Unit::numbered(9003)
+        }
         _ if has("foot") || has("feet") || name == "ft" => Unit::numbered(9002),
         _ => None,
     }
@@ -186,8 +229,14 @@ mod tests {
             let _ = system(&whole[..end]);
         }
         let found = system(whole).unwrap();
-        assert_eq!((found.epsg, found.kind, found.unit.unwrap().symbol()), (Some(2263), Kind::Projected, "ftUS"));
+        assert_eq!(
+            (found.epsg, found.kind, found.unit.unwrap().symbol()),
+            (Some(2263), Kind::Projected, "ftUS")
+        );
         assert_eq!(found.height_unit, Some(Unit::default()));
-        assert_eq!((system(""), system("WGS 84"), system(&"A[".repeat(100_000))), (None, None, None));
+        assert_eq!(
+            (system(""), system("WGS 84"), system(&"A[".repeat(100_000))),
+            (None, None, None)
+        );
     }
 }

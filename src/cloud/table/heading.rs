@@ -44,16 +44,24 @@ impl Heading {
                 let known = roles(fitted).iter().filter(|role| **role != Role::Other).count();
                 !remark || names.len() <= width || known * 2 > fitted.len()
             };
-            let fitting = ways
-                .into_iter()
-                .find_map(|(names, delimiter)| fitted(names, delimiter, width, ends_empty).filter(|fitted| is_heading(names, fitted)));
+            let fitting = ways.into_iter().find_map(|(names, delimiter)| {
+                fitted(names, delimiter, width, ends_empty)
+                    .filter(|fitted| is_heading(names, fitted))
+            });
             match fitting {
                 Some(names) => heading.take(line.number, names, remark),
                 None if [&own, &other].into_iter().any(|names| has_all(&roles(names))) => {
-                    let what = format!("line {} names {} columns, but rows have {width} fields", line.number, own.len().max(other.len()));
+                    let what = format!(
+                        "line {} names {} columns, but rows have {width} fields",
+                        line.number,
+                        own.len().max(other.len())
+                    );
                     match remark {
                         true => heading.unfit = Some(what),
-                        false => heading.misfit = Some(format!("{what}; say what they are with --columns")),
+                        false => {
+                            heading.misfit =
+                                Some(format!("{what}; say what they are with --columns"))
+                        }
                     }
                 }
                 None => {}
@@ -68,12 +76,20 @@ impl Heading {
 
     fn take(&mut self, line: u64, names: Vec<String>, remark: bool) {
         let roles = roles(&names);
-        let positions: Vec<&str> = roles.iter().filter(|role| matches!(role, Role::Position(_))).map(|role| word(*role)).collect();
+        let positions: Vec<&str> = roles
+            .iter()
+            .filter(|role| matches!(role, Role::Position(_)))
+            .map(|role| word(*role))
+            .collect();
         if (1..3).contains(&positions.len()) && !remark {
             let named = positions.join(" and ");
-            self.misfit = Some(format!("line {line} names {named}, but not all of x, y and z; say what columns are with --columns"));
+            self.misfit = Some(format!(
+                "line {line} names {named}, but not all of x, y and z; say what columns are with --columns"
+            ));
         }
-        if has_all(&roles) || !remark && self.names.as_ref().is_none_or(|names| !has_all(&names.roles)) {
+        if has_all(&roles)
+            || !remark && self.names.as_ref().is_none_or(|names| !has_all(&names.roles))
+        {
             self.names = Some(Names { line, names, roles });
         }
     }
@@ -98,9 +114,12 @@ fn words(fields: Vec<Vec<u8>>, delimiter: Delimiter) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for field in fields {
         // What is no UTF-8 is taken for Latin-1, byte by byte.
-        let name = String::from_utf8(field).unwrap_or_else(|error| error.as_bytes().iter().map(|&byte| byte as char).collect());
+        let name = String::from_utf8(field)
+            .unwrap_or_else(|error| error.as_bytes().iter().map(|&byte| byte as char).collect());
         match names.last_mut() {
-            Some(last) if delimiter == Delimiter::Space && name.starts_with(['[', '(']) => *last += &format!(" {name}"),
+            Some(last) if delimiter == Delimiter::Space && name.starts_with(['[', '(']) => {
+                *last += &format!(" {name}")
+            }
             _ => names.push(name),
         }
     }
@@ -108,7 +127,12 @@ fn words(fields: Vec<Vec<u8>>, delimiter: Delimiter) -> Vec<String> {
 }
 
 /// As many names as there are columns. A delimiter at the end of names or of rows does not matter, and between blanks a name may be of several words.
-fn fitted(names: &[String], delimiter: Delimiter, width: usize, ends_empty: bool) -> Option<Vec<String>> {
+fn fitted(
+    names: &[String],
+    delimiter: Delimiter,
+    width: usize,
+    ends_empty: bool,
+) -> Option<Vec<String>> {
     let mut names = names.to_vec();
     if names.len() == width + 1 && names.last().is_some_and(String::is_empty) {
         names.pop();
@@ -129,14 +153,22 @@ fn joined(mut names: Vec<String>, width: usize) -> Vec<String> {
     while at < names.len() && names.len() > width {
         let surplus = names.len() - width;
         // A unit ends a name.
-        let is_name =
-            |words: &[String]| words.iter().rev().skip(1).all(|word| !word.contains(['[', '('])) && names::role(&words.join(" ")).is_some();
-        let length = (2..=MOST_WORDS.min(surplus + 1)).rev().find(|length| names.get(at..at + length).is_some_and(is_name));
+        let is_name = |words: &[String]| {
+            words.iter().rev().skip(1).all(|word| !word.contains(['[', '(']))
+                && names::role(&words.join(" ")).is_some()
+        };
+        let length = (2..=MOST_WORDS.min(surplus + 1))
+            .rev()
+            .find(|length| names.get(at..at + length).is_some_and(is_name));
         join(&mut names, at, length.unwrap_or(1));
         at += 1;
     }
     let mut runs: Vec<(usize, usize)> = Vec::new();
-    let unknown = names.iter().enumerate().filter(|(_, name)| names::role(name).is_none()).map(|(place, _)| place);
+    let unknown = names
+        .iter()
+        .enumerate()
+        .filter(|(_, name)| names::role(name).is_none())
+        .map(|(place, _)| place);
     for place in unknown {
         match runs.last_mut() {
             Some((start, length)) if *start + *length == place => *length += 1,
@@ -166,14 +198,18 @@ mod tests {
     use super::*;
 
     fn names(line: &str, width: usize) -> Option<Vec<String>> {
-        let words = words(text::blanks(line.as_bytes()).map(<[u8]>::to_vec).collect(), Delimiter::Space);
+        let words =
+            words(text::blanks(line.as_bytes()).map(<[u8]>::to_vec).collect(), Delimiter::Space);
         fitted(&words, Delimiter::Space, width, false)
     }
 
     #[test]
     fn names_of_several_words_are_joined_where_only_one_way_fits() {
         assert_eq!(names("Point ID X Y Z", 4).unwrap(), ["Point ID", "X", "Y", "Z"]);
-        assert_eq!(names("x y z Gps Time Number of Returns", 5).unwrap(), ["x", "y", "z", "Gps Time", "Number of Returns"]);
+        assert_eq!(
+            names("x y z Gps Time Number of Returns", 5).unwrap(),
+            ["x", "y", "z", "Gps Time", "Number of Returns"]
+        );
         assert_eq!(
             names("X Y Z Illuminance (PCV) Volume density (r=0.01) Nx Ny Nz", 8).unwrap(),
             ["X", "Y", "Z", "Illuminance (PCV) Volume", "density (r=0.01)", "Nx", "Ny", "Nz"]

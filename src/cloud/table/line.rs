@@ -44,7 +44,14 @@ impl Missing {
 impl Table {
     /// Reads a line into `point`, which is as it begins, appends to `gaps` the columns that it has no value for, and adds to `extras` the values of
     /// columns that are no part of a point: one of every column, or none where nobody asks.
-    pub fn line(&self, line: &[u8], splitter: &mut Splitter, point: &mut Point, gaps: &mut Vec<usize>, extras: &mut [Extra]) -> Line {
+    pub fn line(
+        &self,
+        line: &[u8],
+        splitter: &mut Splitter,
+        point: &mut Point,
+        gaps: &mut Vec<usize>,
+        extras: &mut [Extra],
+    ) -> Line {
         if is_comment(line, self.reading.delimiter) {
             return Line::Comment;
         }
@@ -61,12 +68,20 @@ impl Table {
             return self.row(splitter.quoted(line), point, gaps, extras);
         }
         match self.reading.delimiter.byte() {
-            Some(byte) => self.row(line.split(|&b| b == byte).map(<[u8]>::trim_ascii), point, gaps, extras),
+            Some(byte) => {
+                self.row(line.split(|&b| b == byte).map(<[u8]>::trim_ascii), point, gaps, extras)
+            }
             None => self.row(text::blanks(line), point, gaps, extras),
         }
     }
 
-    fn row<'a>(&self, mut fields: impl Iterator<Item = &'a [u8]>, point: &mut Point, gaps: &mut Vec<usize>, extras: &mut [Extra]) -> Line {
+    fn row<'a>(
+        &self,
+        mut fields: impl Iterator<Item = &'a [u8]>,
+        point: &mut Point,
+        gaps: &mut Vec<usize>,
+        extras: &mut [Extra],
+    ) -> Line {
         for (place, column) in self.columns.iter().enumerate() {
             let Some(field) = fields.next() else {
                 return Line::Bad(format!("{place} fields, not {}", self.columns.len()));
@@ -77,7 +92,9 @@ impl Table {
                 }
                 continue;
             }
-            match text::number_with(field, self.reading.decimal_comma).filter(|&value| column.role.holds(value)) {
+            match text::number_with(field, self.reading.decimal_comma)
+                .filter(|&value| column.role.holds(value))
+            {
                 Some(value) => point.set(column.role, value),
                 None if matches!(column.role, Role::Position(_)) => {
                     return Line::Bad(format!("no number for {}", self.title(place)));
@@ -91,7 +108,8 @@ impl Table {
         if self.lacks_returns {
             point.returns |= point.returns << 4;
         }
-        let surplus = fields.by_ref().enumerate().find(|(place, field)| *place > 0 || !field.is_empty());
+        let surplus =
+            fields.by_ref().enumerate().find(|(place, field)| *place > 0 || !field.is_empty());
         if surplus.is_some() && !self.words_at_end {
             return Line::Bad(format!("more than {} fields", self.columns.len()));
         }
@@ -134,7 +152,9 @@ pub struct Splitter {
 
 impl Splitter {
     pub fn new(reading: Reading) -> Self {
-        let quotes = csv_core::ReaderBuilder::new().delimiter(reading.delimiter.byte().unwrap_or(b' ')).build();
+        let quotes = csv_core::ReaderBuilder::new()
+            .delimiter(reading.delimiter.byte().unwrap_or(b' '))
+            .build();
         Splitter { reading, quotes, bare: Vec::new(), bytes: Vec::new(), ends: Vec::new() }
     }
 
@@ -142,7 +162,9 @@ impl Splitter {
     pub fn split(&mut self, line: &[u8]) -> Vec<Vec<u8>> {
         let fields: Vec<Vec<u8>> = match self.reading.delimiter.byte() {
             _ if line.contains(&b'"') => self.quoted(line).map(<[u8]>::to_vec).collect(),
-            Some(byte) => line.split(|&b| b == byte).map(|field| field.trim_ascii().to_vec()).collect(),
+            Some(byte) => {
+                line.split(|&b| b == byte).map(|field| field.trim_ascii().to_vec()).collect()
+            }
             None => text::blanks(line).map(<[u8]>::to_vec).collect(),
         };
         if self.reading.paired { pairs(&fields) } else { fields }
@@ -154,9 +176,14 @@ impl Splitter {
         let delimiter = byte.unwrap_or(b' ');
         self.bare.clear();
         for &byte in line {
-            let byte = if self.reading.delimiter == Delimiter::Space && byte == b'\t' { b' ' } else { byte };
+            let byte = if self.reading.delimiter == Delimiter::Space && byte == b'\t' {
+                b' '
+            } else {
+                byte
+            };
             if byte == b'"' {
-                let kept = self.bare.iter().rposition(|&byte| byte != b' ').map_or(0, |last| last + 1);
+                let kept =
+                    self.bare.iter().rposition(|&byte| byte != b' ').map_or(0, |last| last + 1);
                 if delimiter != b' ' && (kept == 0 || self.bare[kept - 1] == delimiter) {
                     self.bare.truncate(kept);
                 }
@@ -168,18 +195,26 @@ impl Splitter {
         self.bytes.resize(bare.len() + 1, 0);
         self.ends.resize(bare.len() + 2, 0);
         self.quotes.reset();
-        let (_, _, written, fields) = self.quotes.read_record(bare, &mut self.bytes, &mut self.ends);
-        let (_, _, _, more) = self.quotes.read_record(&[], &mut self.bytes[written..], &mut self.ends[fields..]);
+        let (_, _, written, fields) =
+            self.quotes.read_record(bare, &mut self.bytes, &mut self.ends);
+        let (_, _, _, more) =
+            self.quotes.read_record(&[], &mut self.bytes[written..], &mut self.ends[fields..]);
         let mut start = 0;
-        let fields = self.ends[..fields + more].iter().map(move |&end| std::mem::replace(&mut start, end)..end);
-        fields.map(|range| self.bytes[range].trim_ascii()).filter(move |field| byte.is_some() || !field.is_empty())
+        let fields = self.ends[..fields + more]
+            .iter()
+            .map(move |&end| std::mem::replace(&mut start, end)..end);
+        fields
+            .map(|range| self.bytes[range].trim_ascii())
+            .filter(move |field| byte.is_some() || !field.is_empty())
     }
 }
 
 /// Two and two fields as one number; none where some do not make one.
 fn pairs(fields: &[Vec<u8>]) -> Vec<Vec<u8>> {
     let joined = |pair: &[Vec<u8>]| match pair {
-        [whole, part] if !part.is_empty() && part.iter().all(u8::is_ascii_digit) && is_whole(whole) => {
+        [whole, part]
+            if !part.is_empty() && part.iter().all(u8::is_ascii_digit) && is_whole(whole) =>
+        {
             Some([whole.as_slice(), b",", part].concat())
         }
         _ => None,
@@ -197,10 +232,15 @@ pub fn is_whole(field: &[u8]) -> bool {
 mod tests {
     use super::*;
 
-    const COMMA: Reading = Reading { delimiter: Delimiter::Comma, decimal_comma: false, paired: false };
+    const COMMA: Reading =
+        Reading { delimiter: Delimiter::Comma, decimal_comma: false, paired: false };
 
     fn fields(line: &str, reading: Reading) -> Vec<String> {
-        Splitter::new(reading).split(line.as_bytes()).into_iter().map(|field| String::from_utf8(field).unwrap()).collect()
+        Splitter::new(reading)
+            .split(line.as_bytes())
+            .into_iter()
+            .map(|field| String::from_utf8(field).unwrap())
+            .collect()
     }
 
     #[test]
@@ -218,6 +258,10 @@ mod tests {
     fn pairs_are_numbers_or_nothing() {
         let paired = Reading { decimal_comma: true, paired: true, ..COMMA };
         assert_eq!(fields("1,5,-2,25,3,0", paired), ["1,5", "-2,25", "3,0"]);
-        assert!(fields("1,5,2", paired).is_empty() && fields("1,5,2,-5", paired).is_empty() && fields("1.5,5", paired).is_empty());
+        assert!(
+            fields("1,5,2", paired).is_empty()
+                && fields("1,5,2,-5", paired).is_empty()
+                && fields("1.5,5", paired).is_empty()
+        );
     }
 }

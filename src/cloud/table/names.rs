@@ -76,40 +76,105 @@ const NAMES: &[(Role, &[&str])] = &[
             "hoehe",
         ],
     ),
-    (Role::Color(0), &["red", "r", "colorred", "colorr", "redcolor", "rgbr", "diffusered", "rf", "redf"]),
-    (Role::Color(1), &["green", "g", "colorgreen", "colorg", "greencolor", "rgbg", "diffusegreen", "gf", "greenf"]),
-    (Role::Color(2), &["blue", "b", "colorblue", "colorb", "bluecolor", "rgbb", "diffuseblue", "bf", "bluef"]),
+    (
+        Role::Color(0),
+        &["red", "r", "colorred", "colorr", "redcolor", "rgbr", "diffusered", "rf", "redf"],
+    ),
+    (
+        Role::Color(1),
+        &[
+            "green",
+            "g",
+            "colorgreen",
+            "colorg",
+            "greencolor",
+            "rgbg",
+            "diffusegreen",
+            "gf",
+            "greenf",
+        ],
+    ),
+    (
+        Role::Color(2),
+        &["blue", "b", "colorblue", "colorb", "bluecolor", "rgbb", "diffuseblue", "bf", "bluef"],
+    ),
     (Role::Normal(0), &["nx", "normalx", "xnormal", "normx"]),
     (Role::Normal(1), &["ny", "normaly", "ynormal", "normy"]),
     (Role::Normal(2), &["nz", "normalz", "znormal", "normz"]),
     (
         Role::Intensity,
-        &["intensity", "i", "int", "intens", "intensities", "reflectance", "amplitude", "remission", "signalstrength", "returnintensity"],
+        &[
+            "intensity",
+            "i",
+            "int",
+            "intens",
+            "intensities",
+            "reflectance",
+            "amplitude",
+            "remission",
+            "signalstrength",
+            "returnintensity",
+        ],
     ),
-    (Role::Class, &["classification", "class", "classificationcode", "classid", "classcode", "label"]),
-    (Role::Return, &["returnnumber", "returnnr", "returnno", "returnnum", "return", "echonumber", "echonr", "targetindex"]),
+    (
+        Role::Class,
+        &["classification", "class", "classificationcode", "classid", "classcode", "label"],
+    ),
+    (
+        Role::Return,
+        &[
+            "returnnumber",
+            "returnnr",
+            "returnno",
+            "returnnum",
+            "return",
+            "echonumber",
+            "echonr",
+            "targetindex",
+        ],
+    ),
     (
         Role::Returns,
-        &["numberofreturns", "numreturns", "returnsnumber", "returncount", "nreturns", "returns", "numberofechoes", "targetcount"],
+        &[
+            "numberofreturns",
+            "numreturns",
+            "returnsnumber",
+            "returncount",
+            "nreturns",
+            "returns",
+            "numberofechoes",
+            "targetcount",
+        ],
     ),
     (Role::Source, &["pointsourceid", "sourceid", "pointsource", "psid", "source"]),
-    (Role::Time, &["gpstime", "time", "timestamp", "gpstimestamp", "adjustedgpstime", "gpsseconds", "t"]),
+    (
+        Role::Time,
+        &["gpstime", "time", "timestamp", "gpstimestamp", "adjustedgpstime", "gpsseconds", "t"],
+    ),
 ];
 
 /// Names of colours that are fractions of 1.
 pub const FRACTIONS: &[&str] = &["rf", "gf", "bf", "redf", "greenf", "bluef"];
 
 /// Units that stand behind a name without brackets, as in `x_m`.
-const UNITS: &[&str] = &["m", "mm", "cm", "km", "ft", "us", "deg", "degrees", "db", "s", "sec", "ns", "metres", "meters", "feet"];
+const UNITS: &[&str] = &[
+    "m", "mm", "cm", "km", "ft", "us", "deg", "degrees", "db", "s", "sec", "ns", "metres",
+    "meters", "feet",
+];
 
 /// A name in lower case, without unit, without marks between words, and without CloudCompare's `scalar_`.
 pub fn key(name: &str) -> String {
-    let name = name.trim_matches(|c: char| c.is_whitespace() || matches!(c, '"' | '\'' | '/' | '#' | '%' | '\u{feff}')).to_lowercase();
+    let name = name
+        .trim_matches(|c: char| {
+            c.is_whitespace() || matches!(c, '"' | '\'' | '/' | '#' | '%' | '\u{feff}')
+        })
+        .to_lowercase();
     let bare = match name.find(['[', '(']) {
         Some(at) if at > 0 => &name[..at],
         _ => &name,
     };
-    let mut words: Vec<&str> = bare.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty()).collect();
+    let mut words: Vec<&str> =
+        bare.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty()).collect();
     if words.len() > 1 && words[0] == "scalar" {
         words.remove(0);
     }
@@ -126,15 +191,22 @@ pub fn role(name: &str) -> Option<Role> {
 
 fn ranked(name: &str) -> Option<(Role, usize)> {
     let key = key(name);
-    NAMES.iter().find_map(|(role, names)| Some((*role, names.iter().position(|known| *known == key)?)))
+    NAMES
+        .iter()
+        .find_map(|(role, names)| Some((*role, names.iter().position(|known| *known == key)?)))
 }
 
 /// The roles of columns with these names; each role once, and triples only if they are whole: a column `b` alone is no blue.
 pub fn roles<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Role> {
     let ranked: Vec<Option<(Role, usize)>> = names.map(ranked).collect();
     let is_best = |place: usize, (role, rank): (Role, usize)| {
-        let others = ranked.iter().enumerate().filter_map(|(other, found)| Some((other, (*found)?)));
-        others.filter(|(_, (other, _))| *other == role).map(|(other, (_, rank))| (rank, other)).min() == Some((rank, place))
+        let others =
+            ranked.iter().enumerate().filter_map(|(other, found)| Some((other, (*found)?)));
+        others
+            .filter(|(_, (other, _))| *other == role)
+            .map(|(other, (_, rank))| (rank, other))
+            .min()
+            == Some((rank, place))
     };
     let is_whole = |role: Role| {
         let has = |wanted: Role| ranked.iter().flatten().any(|(role, _)| *role == wanted);
@@ -145,7 +217,9 @@ pub fn roles<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Role> {
         }
     };
     let role = |(place, found): (usize, &Option<(Role, usize)>)| {
-        found.filter(|&found| is_whole(found.0) && is_best(place, found)).map_or(Role::Other, |(role, _)| role)
+        found
+            .filter(|&found| is_whole(found.0) && is_best(place, found))
+            .map_or(Role::Other, |(role, _)| role)
     };
     ranked.iter().enumerate().map(role).collect()
 }
@@ -161,7 +235,9 @@ mod tests {
 
     #[test]
     fn units_case_and_marks_do_not_matter() {
-        for name in ["X", "x [m]", "X(m)", "//X", "\"X\"", "x_m", "Easting", "Points:0", " LON ", "scalar_x"] {
+        for name in [
+            "X", "x [m]", "X(m)", "//X", "\"X\"", "x_m", "Easting", "Points:0", " LON ", "scalar_x",
+        ] {
             assert_eq!(role(name), Some(Role::Position(0)), "{name}");
         }
         for (name, expected) in [

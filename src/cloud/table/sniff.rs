@@ -75,10 +75,18 @@ pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table,
     if first.bytes.trim_ascii_start().to_ascii_lowercase().starts_with(b"ncols") {
         return Err("is a grid of heights (it begins with ncols), not a table of points".into());
     }
-    let is_asked = |reading: &&Reading| asked.delimiter.is_none_or(|delimiter| reading.delimiter == delimiter);
-    let mut candidates: Vec<Candidate> = RANKED.iter().filter(is_asked).filter_map(|&reading| candidate(&lines, reading, asked)).collect();
+    let is_asked =
+        |reading: &&Reading| asked.delimiter.is_none_or(|delimiter| reading.delimiter == delimiter);
+    let mut candidates: Vec<Candidate> = RANKED
+        .iter()
+        .filter(is_asked)
+        .filter_map(|&reading| candidate(&lines, reading, asked))
+        .collect();
     // Names leave no doubt that it is a table, however many of its lines are none.
-    candidates.retain(|candidate| candidate.is_named() && candidate.matched > 0 || candidate.matched * 2 >= candidate.rows.len());
+    candidates.retain(|candidate| {
+        candidate.is_named() && candidate.matched > 0
+            || candidate.matched * 2 >= candidate.rows.len()
+    });
     let misfit = candidates.iter().find_map(|candidate| candidate.misfit.clone());
     candidates.retain(|candidate| candidate.misfit.is_none());
     if candidates.iter().any(Candidate::is_named) {
@@ -97,7 +105,10 @@ pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table,
         return Err(two);
     }
     let most = candidates.iter().map(|candidate| candidate.matched).max().unwrap_or(0);
-    let chosen = candidates.into_iter().find(|candidate| candidate.matched == most).ok_or_else(|| no_table(&lines, asked))?;
+    let chosen = candidates
+        .into_iter()
+        .find(|candidate| candidate.matched == most)
+        .ok_or_else(|| no_table(&lines, asked))?;
     let mut table = table(&lines, chosen);
     if let Some(name) = asked.scalar {
         read_as_intensity(&mut table, name)?;
@@ -107,11 +118,18 @@ pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table,
 
 /// Gives the column of this name the role of intensity, which no other one has then.
 fn read_as_intensity(table: &mut Table, name: &str) -> Result<(), String> {
-    let titles: Vec<String> = (0..table.columns.len()).map(|place| table.extra(place).name).collect();
+    let titles: Vec<String> =
+        (0..table.columns.len()).map(|place| table.extra(place).name).collect();
     let is_it = |title: &&String| **title == name || names::key(title) == names::key(name);
-    let place = titles.iter().position(|title| title == name).or_else(|| titles.iter().position(|title| is_it(&title)));
+    let place = titles
+        .iter()
+        .position(|title| title == name)
+        .or_else(|| titles.iter().position(|title| is_it(&title)));
     let Some(place) = place else {
-        return Err(format!("has no column \"{name}\" to read as --scalar; it has {}", titles.join(", ")));
+        return Err(format!(
+            "has no column \"{name}\" to read as --scalar; it has {}",
+            titles.join(", ")
+        ));
     };
     if table.columns[place].is_text || matches!(table.columns[place].role, Role::Position(_)) {
         return Err(format!(
@@ -119,7 +137,11 @@ fn read_as_intensity(table: &mut Table, name: &str) -> Result<(), String> {
             if table.columns[place].is_text { "text" } else { "a coordinate" }
         ));
     }
-    table.columns.iter_mut().filter(|column| column.role == Role::Intensity).for_each(|column| column.role = Role::Other);
+    table
+        .columns
+        .iter_mut()
+        .filter(|column| column.role == Role::Intensity)
+        .for_each(|column| column.role = Role::Other);
     table.columns[place].role = Role::Intensity;
     Ok(())
 }
@@ -127,11 +149,17 @@ fn read_as_intensity(table: &mut Table, name: &str) -> Result<(), String> {
 fn no_table(lines: &[Sampled], asked: &TextOptions) -> String {
     let what = match asked.columns {
         Some(columns) => {
-            format!("no rows of the {} columns that were asked for (one for every field, - for one to leave aside)", columns.roles().len())
+            format!(
+                "no rows of the {} columns that were asked for (one for every field, - for one to leave aside)",
+                columns.roles().len()
+            )
         }
         None => "no rows of at least three numbers, all of one width".into(),
     };
-    let shown = lines.iter().max_by_key(|line| numbers_within(line.bytes)).map(|line| (line.number, text::shown(line.bytes)));
+    let shown = lines
+        .iter()
+        .max_by_key(|line| numbers_within(line.bytes))
+        .map(|line| (line.number, text::shown(line.bytes)));
     let (number, shown) = shown.unwrap_or_default();
     format!(
         "has {what} within its first {} lines (line {number}: {shown}): no text point cloud, or one that --delimiter and --columns have to explain",
@@ -155,14 +183,24 @@ fn sampled(start: &[u8], is_whole: bool) -> Vec<Sampled<'_>> {
 }
 
 /// What a reading makes of the sample; none where it finds no rows.
-fn candidate<'a>(lines: &'a [Sampled<'a>], reading: Reading, asked: &TextOptions) -> Option<Candidate<'a>> {
+fn candidate<'a>(
+    lines: &'a [Sampled<'a>],
+    reading: Reading,
+    asked: &TextOptions,
+) -> Option<Candidate<'a>> {
     let is_number = |field: &Vec<u8>| text::number_with(field, reading.decimal_comma).is_some();
     let is_row = |fields: &[Vec<u8>]| fields.iter().filter(|field| is_number(field)).count() >= 3;
-    let could_be = lines.iter().enumerate().filter(|(_, line)| !is_comment(line.bytes, reading.delimiter) && count(line.bytes).is_none());
+    let could_be = lines.iter().enumerate().filter(|(_, line)| {
+        !is_comment(line.bytes, reading.delimiter) && count(line.bytes).is_none()
+    });
     let mut splitter = Splitter::new(reading);
-    let mut rows: Vec<(usize, Row)> =
-        could_be.map(|(place, line)| (place, Row { line, fields: splitter.split(line.bytes), position: None })).collect();
-    let numeric: Vec<&[Vec<u8>]> = rows.iter().map(|(_, row)| row.fields.as_slice()).filter(|fields| is_row(fields)).collect();
+    let mut rows: Vec<(usize, Row)> = could_be
+        .map(|(place, line)| {
+            (place, Row { line, fields: splitter.split(line.bytes), position: None })
+        })
+        .collect();
+    let numeric: Vec<&[Vec<u8>]> =
+        rows.iter().map(|(_, row)| row.fields.as_slice()).filter(|fields| is_row(fields)).collect();
     let width = match asked.columns {
         Some(columns) => columns.roles().len(),
         None => width(&numeric, reading, is_number)?,
@@ -174,20 +212,35 @@ fn candidate<'a>(lines: &'a [Sampled<'a>], reading: Reading, asked: &TextOptions
     let first = rows[0].0;
     let mut rows: Vec<Row> = rows.into_iter().map(|(_, row)| row).collect();
 
-    let kinds: Vec<Kind> = (0..width).map(|place| Kind::of(&rows, place, width, &is_number)).collect();
-    let Heading { names, misfit, unfit } = Heading::find(&lines[..first], reading, width, kinds.last() == Some(&Kind::Empty));
+    let kinds: Vec<Kind> =
+        (0..width).map(|place| Kind::of(&rows, place, width, &is_number)).collect();
+    let Heading { names, misfit, unfit } =
+        Heading::find(&lines[..first], reading, width, kinds.last() == Some(&Kind::Empty));
     let misfit = misfit.filter(|_| asked.columns.is_none());
     if misfit.is_some() {
         let matched = rows.len();
-        return Some(Candidate { reading, columns: Vec::new(), words_at_end, source: Source::Values, rows, matched, misfit, unfit });
+        return Some(Candidate {
+            reading,
+            columns: Vec::new(),
+            words_at_end,
+            source: Source::Values,
+            rows,
+            matched,
+            misfit,
+            unfit,
+        });
     }
     let (columns, source) = columns(&rows, &kinds, names, reading, asked)?;
-    let contradicted = rows.iter().filter(|row| contradicts(&row.fields, &columns, source, reading, asked)).count();
+    let contradicted = rows
+        .iter()
+        .filter(|row| contradicts(&row.fields, &columns, source, reading, asked))
+        .count();
     // A line or two may be damaged.
     if contradicted * 10 >= rows.len() {
         return None;
     }
-    let axes = (0..3).map(|axis| columns.iter().position(|column| column.role == Role::Position(axis)));
+    let axes =
+        (0..3).map(|axis| columns.iter().position(|column| column.role == Role::Position(axis)));
     let axes: Vec<usize> = axes.collect::<Option<_>>()?;
     for row in rows.iter_mut().filter(|row| fits(&row.fields)) {
         let value = |axis: usize| text::number_with(&row.fields[axes[axis]], reading.decimal_comma);
@@ -198,18 +251,31 @@ fn candidate<'a>(lines: &'a [Sampled<'a>], reading: Reading, asked: &TextOptions
 }
 
 /// What the columns are taken for, and what says so: what was asked for, their names, or their values.
-fn columns(rows: &[Row], kinds: &[Kind], names: Option<Names>, reading: Reading, asked: &TextOptions) -> Option<(Vec<Column>, Source)> {
-    let by_name = names.as_ref().map_or(vec![Role::Other; kinds.len()], |names| names.roles.clone());
+fn columns(
+    rows: &[Row],
+    kinds: &[Kind],
+    names: Option<Names>,
+    reading: Reading,
+    asked: &TextOptions,
+) -> Option<(Vec<Column>, Source)> {
+    let by_name =
+        names.as_ref().map_or(vec![Role::Other; kinds.len()], |names| names.roles.clone());
     let (roles, source) = match (asked.columns, &names) {
         (Some(columns), _) => (columns.roles().to_vec(), Source::Asked),
         (None, Some(names)) if has_all(&by_name) => (by_name, Source::Names(names.line)),
         (None, names) => {
             let values = Values { rows, kinds, decimal_comma: reading.decimal_comma };
-            (values.roles(by_name)?, names.as_ref().map_or(Source::Values, |names| Source::Partly(names.line)))
+            (
+                values.roles(by_name)?,
+                names.as_ref().map_or(Source::Values, |names| Source::Partly(names.line)),
+            )
         }
     };
     let column = |(place, &role): (usize, &Role)| Column {
-        name: names.as_ref().and_then(|names| names.names.get(place).cloned()).filter(|name| !name.is_empty()),
+        name: names
+            .as_ref()
+            .and_then(|names| names.names.get(place).cloned())
+            .filter(|name| !name.is_empty()),
         role: match role {
             _ if source == Source::Asked => role,
             _ if kinds[place] == Kind::Text => Role::Other,
@@ -223,23 +289,39 @@ fn columns(rows: &[Row], kinds: &[Kind], names: Option<Names>, reading: Reading,
 }
 
 /// Whether the fields of a row say that it is read in the wrong way: numbers with the other decimal mark where numbers are, and lists of numbers.
-fn contradicts(fields: &[Vec<u8>], columns: &[Column], source: Source, reading: Reading, asked: &TextOptions) -> bool {
+fn contradicts(
+    fields: &[Vec<u8>],
+    columns: &[Column],
+    source: Source,
+    reading: Reading,
+    asked: &TextOptions,
+) -> bool {
     let is_known = matches!(source, Source::Names(_) | Source::Asked);
     fields.iter().enumerate().any(|(place, field)| {
         // Of a column that is known by its name, its values have not yet decided whether it is a text.
-        let is_used = columns
-            .get(place)
-            .is_some_and(|column| column.role != Role::Other || column.name.as_deref().is_some_and(|name| names::role(name).is_some()));
+        let is_used = columns.get(place).is_some_and(|column| {
+            column.role != Role::Other
+                || column.name.as_deref().is_some_and(|name| names::role(name).is_some())
+        });
         (!is_known || is_used) && is_other_number(field, reading.decimal_comma)
             || !is_known && asked.delimiter.is_none() && is_list_of_numbers(field)
     })
 }
 
 /// Whether rows end in a text of several words, between blanks.
-fn ends_in_words(numeric: &[&[Vec<u8>]], width: usize, rows: usize, reading: Reading, is_number: impl Fn(&Vec<u8>) -> bool) -> bool {
+fn ends_in_words(
+    numeric: &[&[Vec<u8>]],
+    width: usize,
+    rows: usize,
+    reading: Reading,
+    is_number: impl Fn(&Vec<u8>) -> bool,
+) -> bool {
     let longer = numeric.iter().filter(|fields| fields.len() > width).count();
     let mut ends = numeric.iter().filter_map(|fields| fields.get(width - 1));
-    reading.delimiter == Delimiter::Space && longer > 1 && longer * 10 >= rows && ends.all(|field| !is_number(field))
+    reading.delimiter == Delimiter::Space
+        && longer > 1
+        && longer * 10 >= rows
+        && ends.all(|field| !is_number(field))
 }
 
 /// So many fields, or one more that is empty, behind a delimiter at the end.
@@ -248,9 +330,16 @@ fn fits(fields: &[Vec<u8>], width: usize) -> bool {
 }
 
 /// How many fields rows have: as many as most have. Where words between blanks end them, as many as the shortest.
-fn width(rows: &[&[Vec<u8>]], reading: Reading, is_number: impl Fn(&Vec<u8>) -> bool) -> Option<usize> {
+fn width(
+    rows: &[&[Vec<u8>]],
+    reading: Reading,
+    is_number: impl Fn(&Vec<u8>) -> bool,
+) -> Option<usize> {
     let least = rows.iter().map(|fields| fields.len()).min()?;
-    if reading.delimiter == Delimiter::Space && least > 3 && rows.iter().all(|fields| !is_number(&fields[least - 1])) {
+    if reading.delimiter == Delimiter::Space
+        && least > 3
+        && rows.iter().all(|fields| !is_number(&fields[least - 1]))
+    {
         return Some(least);
     }
     let mut counts: Vec<(usize, usize)> = Vec::new();
@@ -266,7 +355,8 @@ fn width(rows: &[&[Vec<u8>]], reading: Reading, is_number: impl Fn(&Vec<u8>) -> 
 
 /// A number with the other decimal mark.
 fn is_other_number(field: &[u8], decimal_comma: bool) -> bool {
-    text::number_with(field, decimal_comma).is_none() && text::number_with(field, !decimal_comma).is_some()
+    text::number_with(field, decimal_comma).is_none()
+        && text::number_with(field, !decimal_comma).is_some()
 }
 
 /// A field that other delimiters take apart into numbers: what took it from its line was none.
@@ -289,18 +379,31 @@ fn weigh_pairs(candidates: &mut Vec<Candidate>) {
     if paired.matched + usize::from(!few) < paired.rows.len() {
         return candidates.retain(|candidate| !candidate.reading.paired);
     }
-    let fractions = || paired.rows.iter().flat_map(|row| &row.fields).filter_map(|field| field.split(|&byte| byte == b',').nth(1));
+    let fractions = || {
+        paired
+            .rows
+            .iter()
+            .flat_map(|row| &row.fields)
+            .filter_map(|field| field.split(|&byte| byte == b',').nth(1))
+    };
     let padded = fractions().filter(|fraction| fraction.len() > 1 && fraction[0] == b'0').count();
     let distinct = fractions().filter(|fraction| fraction.len() > 1).collect::<BTreeSet<_>>().len();
     let drop_paired = padded == 0 && distinct >= MANY;
     // No program writes 007 for 7.
     let drop_whole = padded > 0 && padded * 100 >= fractions().count();
-    candidates.retain(|candidate| if candidate.reading.paired { !drop_paired } else { !drop_whole || !is_whole_numbers(candidate) });
+    candidates.retain(|candidate| {
+        if candidate.reading.paired {
+            !drop_paired
+        } else {
+            !drop_whole || !is_whole_numbers(candidate)
+        }
+    });
 }
 
 fn is_whole_numbers(candidate: &Candidate) -> bool {
     let rows = candidate.rows.iter().filter(|row| row.position.is_some());
-    candidate.reading.delimiter == Delimiter::Comma && rows.flat_map(|row| &row.fields).all(|field| is_whole(field))
+    candidate.reading.delimiter == Delimiter::Comma
+        && rows.flat_map(|row| &row.fields).all(|field| is_whole(field))
 }
 
 /// The first line of which two readings make other points.
@@ -332,12 +435,20 @@ fn table(lines: &[Sampled], chosen: Candidate) -> Table {
     let before = lines.iter().take_while(|line| line.number < first.number);
     let rows_before = before.clone().filter(|line| !is_comment(line.bytes, reading.delimiter));
     let count = rows_before.clone().filter_map(|line| line::count(line.bytes)).last();
-    let named = if let Source::Names(line) | Source::Partly(line) = source { Some(line) } else { None };
+    let named =
+        if let Source::Names(line) | Source::Partly(line) = source { Some(line) } else { None };
     let mut splitter = Splitter::new(reading);
-    let mut has_number =
-        |line: &Sampled| splitter.split(line.bytes).iter().any(|field| text::number_with(field, reading.decimal_comma).is_some());
-    let others: Vec<&Sampled> = rows_before.filter(|line| line::count(line.bytes).is_none() && Some(line.number) != named).collect();
-    let (odd, passed): (Vec<&Sampled>, Vec<&Sampled>) = others.into_iter().partition(|line| has_number(line));
+    let mut has_number = |line: &Sampled| {
+        splitter
+            .split(line.bytes)
+            .iter()
+            .any(|field| text::number_with(field, reading.decimal_comma).is_some())
+    };
+    let others: Vec<&Sampled> = rows_before
+        .filter(|line| line::count(line.bytes).is_none() && Some(line.number) != named)
+        .collect();
+    let (odd, passed): (Vec<&Sampled>, Vec<&Sampled>) =
+        others.into_iter().partition(|line| has_number(line));
     Table {
         reading,
         words_at_end,

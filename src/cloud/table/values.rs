@@ -15,8 +15,18 @@ pub enum Kind {
 }
 
 impl Kind {
-    pub fn of(rows: &[Row], place: usize, width: usize, is_number: &impl Fn(&Vec<u8>) -> bool) -> Kind {
-        let fields = || rows.iter().filter(|row| row.fields.len() >= width).map(|row| &row.fields[place]).filter(|field| !field.is_empty());
+    pub fn of(
+        rows: &[Row],
+        place: usize,
+        width: usize,
+        is_number: &impl Fn(&Vec<u8>) -> bool,
+    ) -> Kind {
+        let fields = || {
+            rows.iter()
+                .filter(|row| row.fields.len() >= width)
+                .map(|row| &row.fields[place])
+                .filter(|field| !field.is_empty())
+        };
         let (all, numbers) = (fields().count(), fields().filter(|field| is_number(field)).count());
         match (all, numbers) {
             (0, _) => Kind::Empty,
@@ -39,21 +49,31 @@ impl Values<'_, '_> {
     /// values are: one is intensity, three are colours or normals, four are both, six are colours and normals.
     pub fn roles(&self, mut roles: Vec<Role>) -> Option<Vec<Role>> {
         let is_named = roles.iter().any(|&role| role != Role::Other);
-        roles.iter_mut().filter(|role| matches!(role, Role::Position(_))).for_each(|role| *role = Role::Other);
-        let free: Vec<usize> =
-            (0..roles.len()).filter(|&place| roles[place] == Role::Other && self.kinds[place] == Kind::Numbers).collect();
+        roles
+            .iter_mut()
+            .filter(|role| matches!(role, Role::Position(_)))
+            .for_each(|role| *role = Role::Other);
+        let free: Vec<usize> = (0..roles.len())
+            .filter(|&place| roles[place] == Role::Other && self.kinds[place] == Kind::Numbers)
+            .collect();
         let [x, y, z, rest @ ..] = free.as_slice() else { return None };
-        [x, y, z].into_iter().enumerate().for_each(|(axis, &place)| roles[place] = Role::Position(axis));
+        [x, y, z]
+            .into_iter()
+            .enumerate()
+            .for_each(|(axis, &place)| roles[place] = Role::Position(axis));
         // What has a name that is not known is not guessed at.
         if is_named {
             return Some(roles);
         }
-        let mut assign =
-            |places: &[usize], role: fn(usize) -> Role| places.iter().enumerate().for_each(|(i, &place)| roles[place] = role(i));
+        let mut assign = |places: &[usize], role: fn(usize) -> Role| {
+            places.iter().enumerate().for_each(|(i, &place)| roles[place] = role(i))
+        };
         let intensity: fn(usize) -> Role = |_| Role::Intensity;
         match rest {
             [first] | [first, _] => assign(&[*first], intensity),
-            [triple @ .., last] if triple.len() == 3 && self.are_bytes(triple) && !self.are_bytes(&[*last]) => {
+            [triple @ .., last]
+                if triple.len() == 3 && self.are_bytes(triple) && !self.are_bytes(&[*last]) =>
+            {
                 assign(triple, Role::Color);
                 assign(&[*last], intensity);
             }
@@ -64,7 +84,9 @@ impl Values<'_, '_> {
             [..] if rest.len() >= 3 => {
                 let kind = self.triple(&rest[..3]);
                 assign(&rest[..3], kind);
-                if let Some(second) = rest.get(3..6).filter(|second| self.triple(second)(0) != kind(0)) {
+                if let Some(second) =
+                    rest.get(3..6).filter(|second| self.triple(second)(0) != kind(0))
+                {
                     assign(second, self.triple(second));
                 }
             }
@@ -74,7 +96,10 @@ impl Values<'_, '_> {
     }
 
     fn values(&self, places: &[usize]) -> impl Iterator<Item = f64> {
-        let fields = self.rows.iter().flat_map(move |row| places.iter().filter_map(|&place| row.fields.get(place)));
+        let fields = self
+            .rows
+            .iter()
+            .flat_map(move |row| places.iter().filter_map(|&place| row.fields.get(place)));
         fields.filter_map(|field| text::number_with(field, self.decimal_comma))
     }
 
@@ -84,7 +109,8 @@ impl Values<'_, '_> {
 
     /// Normals are within -1 and 1, and some below 0.
     fn triple(&self, places: &[usize]) -> fn(usize) -> Role {
-        let are_normals = self.values(places).all(|v| v.abs() <= 1.0) && self.values(places).any(|v| v < 0.0);
+        let are_normals =
+            self.values(places).all(|v| v.abs() <= 1.0) && self.values(places).any(|v| v < 0.0);
         if are_normals { Role::Normal } else { Role::Color }
     }
 }

@@ -32,8 +32,9 @@ pub fn group(sources: &[Source]) -> Vec<Group> {
         let shift = |group: &Group| {
             let steps = (own.offset - group.lattice.offset) / own.step;
             let whole = steps.round();
-            let agrees =
-                own.step == group.lattice.step && (steps - whole).abs().max_element() < 1e-3 && whole.abs().max_element() < 2f64.powi(31);
+            let agrees = own.step == group.lattice.step
+                && (steps - whole).abs().max_element() < 1e-3
+                && whole.abs().max_element() < 2f64.powi(31);
             agrees.then(|| whole.to_array().map(|v| v as i64))
         };
         match groups.iter_mut().find_map(|group| shift(group).map(|shift| (group, shift))) {
@@ -75,18 +76,33 @@ impl Builder<'_> {
         let union = |boxes: &mut dyn Iterator<Item = ([[i32; 3]; 2], [i64; 3])>| {
             boxes.fold(([i64::MAX; 3], [i64::MIN; 3]), |(low, high), (own, shift)| {
                 let at = |corner: [i32; 3], axis: usize| corner[axis] as i64 + shift[axis];
-                ([0, 1, 2].map(|axis| low[axis].min(at(own[0], axis))), [0, 1, 2].map(|axis| high[axis].max(at(own[1], axis))))
+                (
+                    [0, 1, 2].map(|axis| low[axis].min(at(own[0], axis))),
+                    [0, 1, 2].map(|axis| high[axis].max(at(own[1], axis))),
+                )
             })
         };
-        let stated = union(&mut group.members.iter().filter_map(|&(number, shift)| Some((self.sources[number].stated_bounds()?, shift))));
-        let has = group.members.iter().fold(Wanted::default(), |has, &(number, _)| has.and(self.sources[number].available()));
+        let stated =
+            union(&mut group.members.iter().filter_map(|&(number, shift)| {
+                Some((self.sources[number].stated_bounds()?, shift))
+            }));
+        let has = group
+            .members
+            .iter()
+            .fold(Wanted::default(), |has, &(number, _)| has.and(self.sources[number].available()));
         // Several stations need a number a point, even where no file names them.
-        let has = Wanted { source: has.source || group.members.len() > 1 || self.sources.len() > 1, ..has };
+        let has = Wanted {
+            source: has.source || group.members.len() > 1 || self.sources.len() > 1,
+            ..has
+        };
         let parts: Vec<u16> = group.members.iter().map(|&(number, _)| number as u16).collect();
         let (mut cube, mut is_true) = (stated, false);
         let taken = self.spill.taken();
         loop {
-            let extent = (0..3).map(|axis| (cube.1[axis].saturating_sub(cube.0[axis])).max(0)).max().unwrap_or(0) as u64;
+            let extent = (0..3)
+                .map(|axis| (cube.1[axis].saturating_sub(cube.0[axis])).max(0))
+                .max()
+                .unwrap_or(0) as u64;
             let bits = (64 - extent.leading_zeros()).max(1);
             if bits > 32 && !is_true {
                 // Headers that lie: no box, which all points lie outside of, until their own is known.
@@ -133,13 +149,15 @@ impl Builder<'_> {
                     grid.add(&batch, &mut sorter, self.spill)?;
                     let mut counts = BTreeMap::new();
                     match &columns.source {
-                        Some(source) => {
-                            source.chunk_by(|a, b| a == b).for_each(|run| *counts.entry((part, run[0])).or_insert(0) += run.len() as u64)
-                        }
+                        Some(source) => source.chunk_by(|a, b| a == b).for_each(|run| {
+                            *counts.entry((part, run[0])).or_insert(0) += run.len() as u64
+                        }),
                         None => drop(counts.insert((part, 0), columns.x.len() as u64)),
                     }
                     let mut all = lock(&stations);
-                    counts.into_iter().for_each(|(station, points)| *all.entry(station).or_insert(0) += points);
+                    counts
+                        .into_iter()
+                        .for_each(|(station, points)| *all.entry(station).or_insert(0) += points);
                     drop(all);
                     let mut own = Tally::default();
                     own.add(columns);
@@ -148,12 +166,15 @@ impl Builder<'_> {
                     Ok(())
                 })?;
                 points += streamed.points;
-                self.colors[number] = if streamed.available.rgb { Colors::Bytes } else { Colors::Black };
+                self.colors[number] =
+                    if streamed.available.rgb { Colors::Bytes } else { Colors::Black };
                 again |= streamed.again;
                 found = found.and(streamed.available);
                 notes.extend(streamed.notes.clone());
                 own.extend(streamed.bounds.map(|bounds| (bounds, shift)));
-                worlds.extend(streamed.bounds.map(|bounds| self.sources[number].lattice().world_box(bounds)));
+                worlds.extend(
+                    streamed.bounds.map(|bounds| self.sources[number].lattice().world_box(bounds)),
+                );
                 self.part(number, &group, &streamed);
             }
             let true_box = union(&mut own.into_iter());
@@ -165,7 +186,10 @@ impl Builder<'_> {
                     continue;
                 }
                 if cube == true_box {
-                    return Err(Error::Request(format!("{} changed while it was read", self.sources[group.members[0].0].path().display())));
+                    return Err(Error::Request(format!(
+                        "{} changed while it was read",
+                        self.sources[group.members[0].0].path().display()
+                    )));
                 }
                 (cube, is_true) = (true_box, true);
                 continue;
@@ -178,11 +202,25 @@ impl Builder<'_> {
             // Colours that are all black are none, which only the points can tell.
             let has = Wanted { rgb: found.rgb, ..has };
             // Without colours there is no luminance.
-            let derive = Derive { luminance: self.options.derive.luminance && has.rgb, ..self.options.derive };
-            let kind = Kind { has, derive, corner, bits, lattice: group.lattice, lattice_number, gains: None };
+            let derive = Derive {
+                luminance: self.options.derive.luminance && has.rgb,
+                ..self.options.derive
+            };
+            let kind = Kind {
+                has,
+                derive,
+                corner,
+                bits,
+                lattice: group.lattice,
+                lattice_number,
+                gains: None,
+            };
             let mut chunks = Vec::new();
             cut(grid, 0, 0, self.options.chunk_points(), &mut chunks);
-            chunks.par_iter_mut().flat_map(|chunk| &mut chunk.buckets).try_for_each(|bucket| bucket.close(self.spill))?;
+            chunks
+                .par_iter_mut()
+                .flat_map(|chunk| &mut chunk.buckets)
+                .try_for_each(|bucket| bucket.close(self.spill))?;
             return Ok(Ingested {
                 group,
                 chunks,
@@ -198,9 +236,14 @@ impl Builder<'_> {
         let number = self.contents.lattices.len();
         // Two more are for what trees have in common.
         if number + 4 > 1 << 16 {
-            return Err(Error::Request(format!("files on more than {} different lattices are more than one index takes", number / 2)));
+            return Err(Error::Request(format!(
+                "files on more than {} different lattices are more than one index takes",
+                number / 2
+            )));
         }
-        self.contents.lattices.extend([[lattice.step, lattice.offset], [lattice.step, lattice.world(corner)]]);
+        self.contents
+            .lattices
+            .extend([[lattice.step, lattice.offset], [lattice.step, lattice.world(corner)]]);
         self.corners.extend([corner; 2]);
         Ok(number as u16)
     }
@@ -225,22 +268,39 @@ impl Builder<'_> {
 
     fn widen(&mut self, own: (DVec3, DVec3)) {
         let own = [own.0.min(own.1), own.0.max(own.1)];
-        self.contents.bounds = Some(self.contents.bounds.map_or(own, |[low, high]| [low.min(own[0]), high.max(own[1])]));
+        self.contents.bounds = Some(
+            self.contents.bounds.map_or(own, |[low, high]| [low.min(own[0]), high.max(own[1])]),
+        );
     }
 
     /// Numbers the stations, those of one part after those of the other.
     pub fn stations(&mut self, trees: &[Ingested]) -> Result<()> {
-        let all: BTreeMap<(u16, u16), u64> =
-            trees.iter().flat_map(|tree| &tree.stations).map(|(station, points)| (*station, *points)).collect();
+        let all: BTreeMap<(u16, u16), u64> = trees
+            .iter()
+            .flat_map(|tree| &tree.stations)
+            .map(|(station, points)| (*station, *points))
+            .collect();
         if all.len() > 1 << 16 {
-            return Err(Error::Request(format!("{} stations are more than the 65,536 that one index takes", all.len())));
+            return Err(Error::Request(format!(
+                "{} stations are more than the 65,536 that one index takes",
+                all.len()
+            )));
         }
         for (number, ((part, source), points)) in all.into_iter().enumerate() {
             self.numbers.insert((part, source), number as u16);
             let from = &self.sources[part as usize];
             let has_sources = from.available().source;
-            let name = if has_sources { format!("{} source {source}", from.title()) } else { from.title() };
-            self.contents.stations.push(Station { part: part as usize, source: has_sources.then_some(source), name, points });
+            let name = if has_sources {
+                format!("{} source {source}", from.title())
+            } else {
+                from.title()
+            };
+            self.contents.stations.push(Station {
+                part: part as usize,
+                source: has_sources.then_some(source),
+                name,
+                points,
+            });
         }
         Ok(())
     }
@@ -262,8 +322,11 @@ impl Builder<'_> {
         let Some([low, high]) = bounds.filter(|_| stations.len() > 1) else { return Ok(None) };
         let sample = exposure::Sample::new((low, high), *points);
         // As files count, so that points are where they are in a cloud in memory, to the last bit.
-        let mut own: Vec<_> = self.sources.iter().map(|source| (source.lattice(), [0; 3])).collect();
-        for Ingested { group, tree: Tree { kind, layout }, chunks, .. } in trees.iter().filter(|tree| tree.tree.kind.has.rgb) {
+        let mut own: Vec<_> =
+            self.sources.iter().map(|source| (source.lattice(), [0; 3])).collect();
+        for Ingested { group, tree: Tree { kind, layout }, chunks, .. } in
+            trees.iter().filter(|tree| tree.tree.kind.has.rgb)
+        {
             for &(number, shift) in &group.members {
                 own[number].1 = [0, 1, 2].map(|axis| kind.corner[axis] - shift[axis]);
             }
@@ -274,8 +337,14 @@ impl Builder<'_> {
                     found.extend(records.chunks_exact(layout.bytes).filter_map(|record| {
                         let (q, part) = (layout.cell(record), layout.part(record));
                         let (lattice, from) = &own[part as usize];
-                        let place = lattice.world([0, 1, 2].map(|axis| q[axis] as i64 + from[axis]));
-                        sample.point(place, || (number(part, layout.source(record)), layout.color(record, &self.colors)))
+                        let place =
+                            lattice.world([0, 1, 2].map(|axis| q[axis] as i64 + from[axis]));
+                        sample.point(place, || {
+                            (
+                                number(part, layout.source(record)),
+                                layout.color(record, &self.colors),
+                            )
+                        })
                     }));
                 };
                 chunk.buckets.iter().try_for_each(|bucket| bucket.look(self.spill, &mut look))?;
@@ -290,7 +359,8 @@ impl Builder<'_> {
 /// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell that `depth` bits of the code with the value `prefix` decide.
 fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>) {
     let levels = grid.levels;
-    let (points, buckets): (Vec<u64>, Vec<bucket::Contents>) = grid.into_buckets().into_iter().unzip();
+    let (points, buckets): (Vec<u64>, Vec<bucket::Contents>) =
+        grid.into_buckets().into_iter().unzip();
     let mut starts = vec![0u64];
     starts.extend(points.iter().scan(0, |sum, points| {
         *sum += points;
@@ -301,9 +371,14 @@ fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>
     let mut buckets = buckets.into_iter().enumerate();
     for range in ranges {
         let open = range.len().trailing_zeros();
-        let (depth, prefix) = (depth + 3 * levels - open, prefix << (3 * levels - open) | (range.start >> open) as u128);
+        let (depth, prefix) = (
+            depth + 3 * levels - open,
+            prefix << (3 * levels - open) | (range.start >> open) as u128,
+        );
         let mut own = Vec::new();
-        for (_, contents) in buckets.by_ref().skip_while(|(i, _)| *i < range.start).take(range.len()) {
+        for (_, contents) in
+            buckets.by_ref().skip_while(|(i, _)| *i < range.start).take(range.len())
+        {
             match contents {
                 bucket::Contents::Points(bucket) => own.push(bucket),
                 bucket::Contents::Finer(finer) => cut(finer, depth, prefix, limit, chunks),
@@ -316,7 +391,12 @@ fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>
 }
 
 /// The largest runs of cells with at most `limit` points, or single cells, that cover all occupied ones.
-fn largest(starts: &[u64], cells: std::ops::Range<usize>, limit: u64, ranges: &mut Vec<std::ops::Range<usize>>) {
+fn largest(
+    starts: &[u64],
+    cells: std::ops::Range<usize>,
+    limit: u64,
+    ranges: &mut Vec<std::ops::Range<usize>>,
+) {
     let points = starts[cells.end] - starts[cells.start];
     if points == 0 {
         return;

@@ -18,21 +18,30 @@ use glam::DVec3;
 use std::ops::Range;
 
 /// `corners`: of every lattice where its tree starts, steps.
-pub fn node(forest: &Forest, node: usize, corners: &[[i64; 3]], planes: &[Plane], oriented: bool) -> Result<Derived> {
+pub fn node(
+    forest: &Forest,
+    node: usize,
+    corners: &[[i64; 3]],
+    planes: &[Plane],
+    oriented: bool,
+) -> Result<Derived> {
     let wanted: Vec<Plane> = planes.iter().copied().chain([Plane::Weight]).collect();
     let corner_of = |record: &NodeRecord| corners[record.lattice as usize];
     let below = forest.below(node, &corner_of, &wanted, &|_, _| Ok(()))?;
     let runs = merge::runs(&below);
     // The bits that look random are those of the heaviest one, too: it is the same stroke, wherever rounding has put it.
-    let facing = below
-        .derived
-        .facing
-        .as_deref()
-        .map(|below| runs.each(|run| normal(&runs, below, run.clone(), oriented) | below[heaviest(&runs, run)] & !octahedral::UNKNOWN));
+    let facing = below.derived.facing.as_deref().map(|below| {
+        runs.each(|run| {
+            normal(&runs, below, run.clone(), oriented)
+                | below[heaviest(&runs, run)] & !octahedral::UNKNOWN
+        })
+    });
     let brush = match (&facing, below.derived.facing.as_deref(), below.derived.brush.as_deref()) {
         (Some(own), Some(facing), Some(brush)) => {
             let mut own = own.iter();
-            Some(runs.each(|run| joined(&runs, *own.next().expect("a normal for every run"), facing, brush, run)))
+            Some(runs.each(|run| {
+                joined(&runs, *own.next().expect("a normal for every run"), facing, brush, run)
+            }))
         }
         _ => None,
     };

@@ -28,7 +28,12 @@ pub struct Found {
 }
 
 /// `found` is told of points that are looked around, by each pass over them.
-pub fn leaf(forest: &Forest, node: usize, derive: Derive, found: &(dyn Fn(u64) -> Result<()> + Sync)) -> Result<Found> {
+pub fn leaf(
+    forest: &Forest,
+    node: usize,
+    derive: Derive,
+    found: &(dyn Fn(u64) -> Result<()> + Sync),
+) -> Result<Found> {
     let own = forest.leaf(node)?;
     let record = &forest.directory.nodes[node];
     let count = own.tree.len();
@@ -36,22 +41,40 @@ pub fn leaf(forest: &Forest, node: usize, derive: Derive, found: &(dyn Fn(u64) -
     let mut derived = Derived::room(Derive { luminance, ..derive }, count);
     let mut oriented = false;
     if let Some(facing) = &mut derived.facing {
-        let bytes = if record.has(Plane::Normal) { forest.bytes(node, Plane::Normal)? } else { vec![0; 3 * count] };
+        let bytes = if record.has(Plane::Normal) {
+            forest.bytes(node, Plane::Normal)?
+        } else {
+            vec![0; 3 * count]
+        };
         let normals: &[[u8; 3]] = bytes.as_chunks().0;
-        let of_file: Vec<u32> = normals.iter().map(|normal| octahedral::of_bytes(normal.map(|v| v as i8))).collect();
+        let of_file: Vec<u32> =
+            normals.iter().map(|normal| octahedral::of_bytes(normal.map(|v| v as i8))).collect();
         oriented = of_file.iter().all(|&normal| normal != octahedral::UNKNOWN);
-        let patches = if oriented && !derive.strokes { None } else { Some(patches(forest, node, &own, found)?) };
-        let clusters = derive.strokes.then(|| patches.as_ref().map(|patches| clusters_around(forest, node, &own, patches))).flatten();
+        let patches = if oriented && !derive.strokes {
+            None
+        } else {
+            Some(patches(forest, node, &own, found)?)
+        };
+        let clusters = derive
+            .strokes
+            .then(|| patches.as_ref().map(|patches| clusters_around(forest, node, &own, patches)))
+            .flatten();
         let clusters = clusters.transpose()?;
         for place in 0..count {
             let (number, steps) = (own.tree.number(place), own.tree.steps(place));
             let patch = patches.as_ref().map(|patches| patches[place]);
-            let fitted = patch.and_then(|patch| patch.plane).map_or(octahedral::UNKNOWN, |plane| octahedral::pack(plane.normal));
-            let normal = if of_file[number] == octahedral::UNKNOWN { fitted } else { of_file[number] };
+            let fitted = patch
+                .and_then(|patch| patch.plane)
+                .map_or(octahedral::UNKNOWN, |plane| octahedral::pack(plane.normal));
+            let normal =
+                if of_file[number] == octahedral::UNKNOWN { fitted } else { of_file[number] };
             let at = [0, 1, 2].map(|axis| (own.origin[axis] + steps[axis] as i64) as i32);
             facing[number] = strokes::seeded(normal, at);
-            if let (Some(brush), Some(Patch { radius_m, lonely, plane }), Some(clusters)) = (&mut derived.brush, patch, &clusters) {
-                brush[number] = Stroke { radius_m, lonely, plane, cluster: clusters[place] }.brush(normal);
+            if let (Some(brush), Some(Patch { radius_m, lonely, plane }), Some(clusters)) =
+                (&mut derived.brush, patch, &clusters)
+            {
+                brush[number] =
+                    Stroke { radius_m, lonely, plane, cluster: clusters[place] }.brush(normal);
             }
         }
     }
@@ -69,7 +92,10 @@ pub fn leaf(forest: &Forest, node: usize, derive: Derive, found: &(dyn Fn(u64) -
 }
 
 fn moments(forest: &Forest, node: usize, own: &Leaf) -> Moments {
-    let (lattice, middle) = (forest.lattice(node), forest.directory.contents.bounds.map_or(DVec3::ZERO, |[lo, hi]| (lo + hi) / 2.0));
+    let (lattice, middle) = (
+        forest.lattice(node),
+        forest.directory.contents.bounds.map_or(DVec3::ZERO, |[lo, hi]| (lo + hi) / 2.0),
+    );
     let world = |place: usize| {
         let steps = own.tree.steps(place);
         lattice.world([0, 1, 2].map(|axis| own.origin[axis] + steps[axis] as i64))
@@ -78,7 +104,12 @@ fn moments(forest: &Forest, node: usize, own: &Leaf) -> Moments {
 }
 
 /// By their places.
-fn patches(forest: &Forest, node: usize, own: &Leaf, found: &(dyn Fn(u64) -> Result<()> + Sync)) -> Result<Vec<Patch>> {
+fn patches(
+    forest: &Forest,
+    node: usize,
+    own: &Leaf,
+    found: &(dyn Fn(u64) -> Result<()> + Sync),
+) -> Result<Vec<Patch>> {
     let (mut around, mut room) = (Surroundings::of(forest, node, own, false), Room::default());
     let mut patches = Vec::with_capacity(own.tree.len());
     for place in 0..own.tree.len() {
@@ -94,9 +125,17 @@ fn patches(forest: &Forest, node: usize, own: &Leaf, found: &(dyn Fn(u64) -> Res
 const HALO: f64 = 16.0;
 
 /// The clusters that points are part of, by their places; of everything, of no shape, where there are no colours.
-fn clusters_around(forest: &Forest, node: usize, own: &Arc<Leaf>, patches: &[Patch]) -> Result<Vec<Cluster>> {
+fn clusters_around(
+    forest: &Forest,
+    node: usize,
+    own: &Arc<Leaf>,
+    patches: &[Patch],
+) -> Result<Vec<Cluster>> {
     if own.colors.is_empty() {
-        return Ok(vec![Cluster { points: forest.directory.contents.points, elongation: 1.0 }; patches.len()]);
+        return Ok(vec![
+            Cluster { points: forest.directory.contents.points, elongation: 1.0 };
+            patches.len()
+        ]);
     }
     let mut radii: Vec<f64> = patches.iter().map(|patch| patch.radius_m).collect();
     let middle = radii.len() / 2;
@@ -114,8 +153,11 @@ fn clusters_around(forest: &Forest, node: usize, own: &Arc<Leaf>, patches: &[Pat
         let leaf = forest.leaf(near.node)?;
         for place in 0..leaf.tree.len() {
             let steps = leaf.tree.steps(place);
-            let at = [0, 1, 2].map(|axis| leaf.origin[axis] - own.origin[axis] + steps[axis] as i64);
-            let outside = |axis: usize| (-at[axis]).max(at[axis] - extent[axis] as i64).max(0) as f64 * step[axis];
+            let at =
+                [0, 1, 2].map(|axis| leaf.origin[axis] - own.origin[axis] + steps[axis] as i64);
+            let outside = |axis: usize| {
+                (-at[axis]).max(at[axis] - extent[axis] as i64).max(0) as f64 * step[axis]
+            };
             // What is as near as that to a leaf of at most 2^30 steps has coordinates of 32 bits; a radius as large as a leaf is no reason for more.
             if (0..3).all(|axis| outside(axis) <= reach && i32::try_from(at[axis]).is_ok()) {
                 add(at.map(|steps| steps as i32));
@@ -144,7 +186,8 @@ pub const RADII: usize = 1 << 16;
 
 /// How often each radius occurs.
 pub fn radii(derived: &Derived) -> Vec<(u16, u32)> {
-    let mut all: Vec<u16> = derived.brush.iter().flatten().map(|&brush| (brush >> 16) as u16).collect();
+    let mut all: Vec<u16> =
+        derived.brush.iter().flatten().map(|&brush| (brush >> 16) as u16).collect();
     all.sort_unstable();
     all.chunk_by(|a, b| a == b).map(|run| (run[0], run.len() as u32)).collect()
 }

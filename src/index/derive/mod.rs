@@ -24,12 +24,19 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// `corners`: of every lattice where its tree starts, steps.
-pub fn derive(directory: &mut Directory, writer: &Writer, corners: &[[i64; 3]], options: &Options, progress: &dyn Progress) -> Result<()> {
+pub fn derive(
+    directory: &mut Directory,
+    writer: &Writer,
+    corners: &[[i64; 3]],
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<()> {
     let read = |at: u64, bytes: &mut [u8]| writer.get(at, bytes);
     let work = Work { writer, corners, options, progress };
     // Checksums are known before anything is read again: a write that the disk has lost is found.
     let keep = |directory: &mut Directory, crcs: Vec<Crc>| {
-        crcs.into_iter().for_each(|Crc { node, plane, crc }| directory.nodes[node].crc[plane as usize] = crc);
+        crcs.into_iter()
+            .for_each(|Crc { node, plane, crc }| directory.nodes[node].crc[plane as usize] = crc);
     };
     let Leaves { crcs, radii, moments, oriented } = work.leaves(&work.forest(directory, &read))?;
     keep(directory, crcs);
@@ -77,7 +84,13 @@ impl Work<'_> {
     fn forest<'f>(&self, directory: &'f Directory, read: &'f Read<'f>) -> Forest<'f> {
         // Half of the memory for leaves that are kept, a quarter for those that threads have at hand, the rest for what they find.
         let Options { memory, threads, derive, .. } = *self.options;
-        Forest::new(directory, read, derive.strokes || derive.luminance, memory / 2, memory / 4 / threads as u64)
+        Forest::new(
+            directory,
+            read,
+            derive.strokes || derive.luminance,
+            memory / 2,
+            memory / 4 / threads as u64,
+        )
     }
 
     /// The planes that a node has room for, of those that are derived.
@@ -93,7 +106,10 @@ impl Work<'_> {
     }
 
     fn put_all(&self, record: &NodeRecord, node: usize, derived: &Derived) -> Result<Vec<Crc>> {
-        self.planes(record).into_iter().map(|plane| self.put(record, node, plane, derived.bytes(plane))).collect()
+        self.planes(record)
+            .into_iter()
+            .map(|plane| self.put(record, node, plane, derived.bytes(plane)))
+            .collect()
     }
 
     /// From the roots down, siblings one after the other: who works on one has what is beside it in memory.
@@ -113,24 +129,45 @@ impl Work<'_> {
     fn leaves(&self, forest: &Forest) -> Result<Leaves> {
         let leaves = Work::leaves_in_order(forest.directory);
         let nodes = &forest.directory.nodes;
-        let passes = self.options.derive.has_normals() as u64 + self.options.derive.luminance as u64;
+        let passes =
+            self.options.derive.has_normals() as u64 + self.options.derive.luminance as u64;
         let total = passes * leaves.iter().map(|&leaf| nodes[leaf].points).sum::<u64>();
         let done = AtomicU64::new(0);
-        let found = |points: u64| self.progress.tick("looking around points", done.fetch_add(points, Relaxed) + points, total);
+        let found = |points: u64| {
+            self.progress.tick(
+                "looking around points",
+                done.fetch_add(points, Relaxed) + points,
+                total,
+            )
+        };
         let of_leaf = |&leaf: &usize| {
             let found = leaves::leaf(forest, leaf, self.options.derive, &found)?;
             let counts = leaves::radii(&found.derived);
-            Ok((self.put_all(&nodes[leaf], leaf, &found.derived)?, (nodes[leaf].lattice, counts), found.moments, found.oriented))
+            Ok((
+                self.put_all(&nodes[leaf], leaf, &found.derived)?,
+                (nodes[leaf].lattice, counts),
+                found.moments,
+                found.oriented,
+            ))
         };
-        let mut all = Leaves { crcs: Vec::new(), radii: BTreeMap::new(), moments: Moments::default(), oriented: !leaves.is_empty() };
+        let mut all = Leaves {
+            crcs: Vec::new(),
+            radii: BTreeMap::new(),
+            moments: Moments::default(),
+            oriented: !leaves.is_empty(),
+        };
         // Counts of one leaf are as many numbers as it has radii: they are added up soon.
         for some in leaves.chunks(8 * self.options.threads) {
-            for (own, (lattice, counts), moments, is_oriented) in some.par_iter().map(of_leaf).collect::<Result<Vec<_>>>()? {
+            for (own, (lattice, counts), moments, is_oriented) in
+                some.par_iter().map(of_leaf).collect::<Result<Vec<_>>>()?
+            {
                 all.crcs.extend(own);
                 all.oriented &= is_oriented;
                 all.moments = all.moments.and(moments);
                 let sums = all.radii.entry(lattice).or_insert_with(|| vec![0; leaves::RADII]);
-                counts.into_iter().for_each(|(radius, count)| sums[radius as usize] += count as u64);
+                counts
+                    .into_iter()
+                    .for_each(|(radius, count)| sums[radius as usize] += count as u64);
             }
         }
         Ok(all)
@@ -139,7 +176,8 @@ impl Work<'_> {
     /// As [`strokes::capped`]: by the radius of all but some of a tree's points.
     fn cap(&self, forest: &Forest, radii: &BTreeMap<u16, Vec<u64>>) -> Result<Vec<Crc>> {
         let nodes = &forest.directory.nodes;
-        let largest: BTreeMap<u16, u32> = radii.iter().map(|(&lattice, counts)| (lattice, leaves::largest(counts))).collect();
+        let largest: BTreeMap<u16, u32> =
+            radii.iter().map(|(&lattice, counts)| (lattice, leaves::largest(counts))).collect();
         let of_leaf = |&leaf: &usize| {
             let mut brushes = forest.bytes(leaf, Plane::Brush)?;
             let largest = largest[&nodes[leaf].lattice];
@@ -153,7 +191,9 @@ impl Work<'_> {
 
     fn inner(&self, forest: &Forest, level: u8) -> Result<Vec<Crc>> {
         let nodes = &forest.directory.nodes;
-        let at_level: Vec<usize> = (0..nodes.len()).filter(|&node| nodes[node].level == level && !nodes[node].is_leaf()).collect();
+        let at_level: Vec<usize> = (0..nodes.len())
+            .filter(|&node| nodes[node].level == level && !nodes[node].is_leaf())
+            .collect();
         let oriented = forest.directory.contents.oriented;
         let of_node = |&node: &usize| {
             let record = &nodes[node];

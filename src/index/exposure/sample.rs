@@ -34,7 +34,11 @@ struct Cells {
 impl Cells {
     /// A little more than the box, so that its far sides are within.
     fn over((lo, hi): (DVec3, DVec3)) -> Cells {
-        Cells { lo, per_metre: (1u64 << AXIS_BITS) as f64 / (1.001 * (hi - lo).max_element()).max(f64::MIN_POSITIVE) }
+        Cells {
+            lo,
+            per_metre: (1u64 << AXIS_BITS) as f64
+                / (1.001 * (hi - lo).max_element()).max(f64::MIN_POSITIVE),
+        }
     }
 
     /// The nearest one. A number that 2^52 is added to has no other bits than those of a whole number, and needs no conversion.
@@ -74,14 +78,25 @@ impl Sample {
     pub fn new(bounds: (DVec3, DVec3), points: u64) -> Sample {
         let most = most_of(points);
         // Bits of a number as a code has them, x lowest.
-        let spread: [u64; 1 << BLOCK_BITS] = std::array::from_fn(|axis| morton::code_63([axis as u32, 0, 0]));
+        let spread: [u64; 1 << BLOCK_BITS] =
+            std::array::from_fn(|axis| morton::code_63([axis as u32, 0, 0]));
         let word = |word: usize| {
-            let axis = |number: usize, axis: u32| spread[number >> (axis * BLOCK_BITS) & ((1 << BLOCK_BITS) - 1)];
-            let block = |number: usize| axis(number, 2) | axis(number, 1) << 1 | axis(number, 0) << 2;
-            (0..64).fold(0, |bits, bit| bits | ((scattered(block(word << 6 | bit)) <= most) as u64) << bit)
+            let axis = |number: usize, axis: u32| {
+                spread[number >> (axis * BLOCK_BITS) & ((1 << BLOCK_BITS) - 1)]
+            };
+            let block =
+                |number: usize| axis(number, 2) | axis(number, 1) << 1 | axis(number, 0) << 2;
+            (0..64).fold(0, |bits, bit| {
+                bits | ((scattered(block(word << 6 | bit)) <= most) as u64) << bit
+            })
         };
-        let wanted = (most < u64::MAX).then(|| (0..1usize << (3 * BLOCK_BITS - 6)).into_par_iter().map(word).collect());
-        Sample { cells: Cells::over(bounds), wanted, kept: Mutex::new(Kept { most, points: Vec::new() }) }
+        let wanted = (most < u64::MAX)
+            .then(|| (0..1usize << (3 * BLOCK_BITS - 6)).into_par_iter().map(word).collect());
+        Sample {
+            cells: Cells::over(bounds),
+            wanted,
+            kept: Mutex::new(Kept { most, points: Vec::new() }),
+        }
     }
 
     /// A point, where it is wanted; only then anybody asks for its station and its colour.
@@ -89,9 +104,10 @@ impl Sample {
     pub fn point(&self, place: DVec3, seen: impl FnOnce() -> (u16, [u8; 3])) -> Option<Point> {
         let cell = self.cells.of(place);
         if let Some(wanted) = &self.wanted {
-            let block = cell
-                .into_iter()
-                .fold(0, |block, axis| block << BLOCK_BITS | (axis >> (AXIS_BITS - BLOCK_BITS)) as usize & ((1 << BLOCK_BITS) - 1));
+            let block = cell.into_iter().fold(0, |block, axis| {
+                block << BLOCK_BITS
+                    | (axis >> (AXIS_BITS - BLOCK_BITS)) as usize & ((1 << BLOCK_BITS) - 1)
+            });
             if wanted[block >> 6] >> (block & 63) & 1 == 0 {
                 return None;
             }
@@ -109,7 +125,8 @@ impl Sample {
     }
 
     pub fn balance(self, stations: &[Station]) -> Option<Balance> {
-        let Kept { mut points, .. } = self.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let Kept { mut points, .. } =
+            self.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
         sort(&mut points);
         of_points(&points, stations)
     }
@@ -132,7 +149,9 @@ impl Kept {
 
 fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
     let cells = Cells::over(cloud.bounds()?);
-    let of = |number: usize, run: Range<usize>| coloured(cloud, number, run, cells).filter(|point| is_wanted(point.0, most));
+    let of = |number: usize, run: Range<usize>| {
+        coloured(cloud, number, run, cells).filter(|point| is_wanted(point.0, most))
+    };
     let runs: Vec<(usize, Range<usize>)> = (0..cloud.parts.len())
         .flat_map(|number| {
             let points = cloud.parts[number].columns.len();
@@ -140,10 +159,14 @@ fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
         })
         .collect();
     // Counted first, so that there is one piece of memory for all, and nothing left of it.
-    let counts: Vec<usize> = runs.par_iter().map(|(number, run)| of(*number, run.clone()).count()).collect();
+    let counts: Vec<usize> =
+        runs.par_iter().map(|(number, run)| of(*number, run.clone()).count()).collect();
     let mut points: Vec<Point> = vec![(0, 0, 0); counts.iter().sum()];
     let mut rest = points.as_mut_slice();
-    let places: Vec<&mut [Point]> = counts.iter().map(|&count| rest.split_off_mut(..count).expect("as many as were counted")).collect();
+    let places: Vec<&mut [Point]> = counts
+        .iter()
+        .map(|&count| rest.split_off_mut(..count).expect("as many as were counted"))
+        .collect();
     runs.into_par_iter().zip(places).for_each(|((number, run), places)| {
         places.iter_mut().zip(of(number, run)).for_each(|(place, point)| *place = point);
     });
@@ -153,19 +176,32 @@ fn points(cloud: &Cloud, most: u64) -> Option<Vec<Point>> {
 
 /// By code, then by station, then by V; compared as one number, without branches.
 fn sort(points: &mut [Point]) {
-    points.par_sort_unstable_by_key(|&(code, station, value)| (code as u128) << 24 | (station as u128) << 8 | value as u128);
+    points.par_sort_unstable_by_key(|&(code, station, value)| {
+        (code as u128) << 24 | (station as u128) << 8 | value as u128
+    });
 }
 
 /// The coloured points of a part among these.
-fn coloured(cloud: &Cloud, number: usize, run: Range<usize>, cells: Cells) -> impl Iterator<Item = Point> {
+fn coloured(
+    cloud: &Cloud,
+    number: usize,
+    run: Range<usize>,
+    cells: Cells,
+) -> impl Iterator<Item = Point> {
     let Part { columns, lattice, .. } = &cloud.parts[number];
     let first = cloud.stations.partition_point(|station| station.part < number);
-    let stations = &cloud.stations[first..cloud.stations.partition_point(|station| station.part <= number)];
+    let stations =
+        &cloud.stations[first..cloud.stations.partition_point(|station| station.part <= number)];
     run.filter_map(move |i| {
         let value = value(columns.rgb.as_ref()?[i])?;
         let source = columns.source.as_ref().map(|column| column[i]);
-        let station = first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0);
-        Some((cells.code(lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))), station as u16, value))
+        let station =
+            first + stations.binary_search_by_key(&source, |station| station.source).unwrap_or(0);
+        Some((
+            cells.code(lattice.world([columns.x[i], columns.y[i], columns.z[i]].map(i64::from))),
+            station as u16,
+            value,
+        ))
     })
 }
 

@@ -44,8 +44,11 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut to = ["odd depth", "odd source"].map(|name| image(g, name));
     let [opened, source] = &mut from;
     // As far as the widest kernel that has found holes has seen a point.
-    let found =
-        layers.holes.as_ref().filter(|_| settings.iterations == 0.0).map_or(0, |holes| holes.widest.div_ceil(2).min(super::WIDEST as u32));
+    let found = layers
+        .holes
+        .as_ref()
+        .filter(|_| settings.iterations == 0.0)
+        .map_or(0, |holes| holes.widest.div_ceil(2).min(super::WIDEST as u32));
     let most = most_steps(settings, layers.spacing_px[1]).max(found);
     let push = fill_dobrev_open::Push {
         texels,
@@ -54,13 +57,22 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         most: most as f32,
         asked: (settings.iterations > 0.0) as u32,
     };
-    let spec = fill_dobrev_open::Spec { perspective: scene.view.camera.projection == Projection::Perspective };
+    let spec = fill_dobrev_open::Spec {
+        perspective: scene.view.camera.projection == Projection::Perspective,
+    };
     let Layers { depth, index, spacings, .. } = &layers;
-    g.run(shader::FillDobrevOpen { depth, index, spacings, opened, source, push, spec }, Tiles::Packed(texels));
+    g.run(
+        shader::FillDobrevOpen { depth, index, spacings, opened, source, push, spec },
+        Tiles::Packed(texels),
+    );
 
     let layer = scene.layer_m(settings.layer) as f32;
     for occluded in [false, true] {
-        let spec = fill_dobrev::Spec { texels: g.gpu.device.texels, occluded, found: layers.holes.is_some() };
+        let spec = fill_dobrev::Spec {
+            texels: g.gpu.device.texels,
+            occluded,
+            found: layers.holes.is_some(),
+        };
         [from, to] = steps(g, size, most, layer, spec, [from, to]);
     }
 
@@ -82,26 +94,64 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         },
         Tiles::Packed([size[0], size[1].div_ceil(4)]),
     );
-    shadows::reached(g, size, Layers { depth, index, color, flat_px: FLAT_PX, source: Some(source), holes: None, ..layers })
+    shadows::reached(
+        g,
+        size,
+        Layers {
+            depth,
+            index,
+            color,
+            flat_px: FLAT_PX,
+            source: Some(source),
+            holes: None,
+            ..layers
+        },
+    )
 }
 
 /// Depth, and where it is from.
 type Pair = [Image; 2];
 
 /// Steps of one kind; what they leave comes first.
-fn steps(g: &mut Graph, size: [u32; 2], most: u32, layer: f32, spec: fill_dobrev::Spec, [mut from, mut to]: [Pair; 2]) -> [Pair; 2] {
+fn steps(
+    g: &mut Graph,
+    size: [u32; 2],
+    most: u32,
+    layer: f32,
+    spec: fill_dobrev::Spec,
+    [mut from, mut to]: [Pair; 2],
+) -> [Pair; 2] {
     let tiles = tiles(size);
     let count = tiles[0] * tiles[1];
     let woken_at = 4 * (most + 2);
-    let mut steps = g.buffer(if spec.occluded { "occluded steps" } else { "background steps" }, 4 * (woken_at + count) as u64);
+    let mut steps = g.buffer(
+        if spec.occluded { "occluded steps" } else { "background steps" },
+        4 * (woken_at + count) as u64,
+    );
     g.fill(&mut steps, 0);
     for step in 1..=most {
-        let push = fill_dobrev::Push { size, tiles, step, woken_at, layer, most_groups: g.gpu.device.most_groups };
+        let push = fill_dobrev::Push {
+            size,
+            tiles,
+            step,
+            woken_at,
+            layer,
+            most_groups: g.gpu.device.most_groups,
+        };
         let counted = steps.racing();
         let run = if step == 1 { Tiles::ByEight(count) } else { Tiles::From(&counted, 4 * step) };
         let ([from_depth, from_source], [to_depth, to_source]) = (&from, &mut to);
         g.run(
-            shader::FillDobrev { steps: &mut steps, step_words: &counted, from_depth, from_source, to_depth, to_source, push, spec },
+            shader::FillDobrev {
+                steps: &mut steps,
+                step_words: &counted,
+                from_depth,
+                from_source,
+                to_depth,
+                to_source,
+                push,
+                spec,
+            },
             run,
         );
         std::mem::swap(&mut from, &mut to);

@@ -23,9 +23,19 @@ pub(super) fn reach_px(settings: &Settings) -> u32 {
     (2 + RELAXATIONS) << settings.levels as u32
 }
 
-pub fn record(g: &mut Graph, view: &View, settings: &Settings, labels: bool, layers: Layers) -> Layers {
+pub fn record(
+    g: &mut Graph,
+    view: &View,
+    settings: &Settings,
+    labels: bool,
+    layers: Layers,
+) -> Layers {
     let flood = layers.holes.is_none();
-    let known = layers.holes.as_ref().and_then(|holes| holes.scattered.as_ref()).map(|scattered| rough(g, view, scattered));
+    let known = layers
+        .holes
+        .as_ref()
+        .and_then(|holes| holes.scattered.as_ref())
+        .map(|scattered| rough(g, view, scattered));
     // Bindings want a buffer, whether it is read or not.
     let rough = known.as_ref().unwrap_or(&layers.spacings);
     let mut pyramid = Pyramid {
@@ -39,7 +49,8 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, labels: bool, lay
     };
     let (depth, color) = pyramid.filled(g, &layers.depth, &layers.color);
     pyramid.labels = false;
-    let reached = layers.reached.as_ref().map(|reached| pyramid.filled(g, &layers.depth, reached).1);
+    let reached =
+        layers.reached.as_ref().map(|reached| pyramid.filled(g, &layers.depth, reached).1);
     Layers { depth, color, reached, holes: None, ..layers }
 }
 
@@ -47,12 +58,19 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, labels: bool, lay
 const SCATTERED_PART: u32 = 8;
 
 /// Finds the tiles whose surroundings are no surface: 1 in their words.
-fn rough(g: &mut Graph, view: &View, Scattered { tiles, invisible, scattered }: &Scattered) -> Buffer {
+fn rough(
+    g: &mut Graph,
+    view: &View,
+    Scattered { tiles, invisible, scattered }: &Scattered,
+) -> Buffer {
     let across = passes::tiles(view.size);
     let count = across[0] * across[1];
     let mut rough = g.buffer("rough", 4 * count as u64);
     let push = scatter::Push { tiles: across, part: SCATTERED_PART };
-    g.run(shader::Scatter { tiles, invisible, scattered, rough: &mut rough, push }, Tiles::Groups([count.div_ceil(64), 1, 1]));
+    g.run(
+        shader::Scatter { tiles, invisible, scattered, rough: &mut rough, push },
+        Tiles::Groups([count.div_ceil(64), 1, 1]),
+    );
     rough
 }
 
@@ -85,7 +103,8 @@ impl Pyramid<'_> {
     fn filled(&self, g: &mut Graph, depth: &Image, color: &Image) -> (Image, Image) {
         let mut levels: Vec<Level> = Vec::new();
         for number in 1..self.settings.levels as u32 {
-            let (places, fine_color) = levels.last().map_or((color, color), |level| (&level.places, &level.color));
+            let (places, fine_color) =
+                levels.last().map_or((color, color), |level| (&level.places, &level.color));
             if places.desc.size == [1, 1] {
                 break;
             }
@@ -102,16 +121,32 @@ impl Pyramid<'_> {
     }
 
     /// The next coarser level.
-    fn pull(&self, g: &mut Graph, depth: &Image, fine_places: &Image, fine_color: &Image, number: u32) -> Level {
+    fn pull(
+        &self,
+        g: &mut Graph,
+        depth: &Image,
+        fine_places: &Image,
+        fine_color: &Image,
+        number: u32,
+    ) -> Level {
         let fine_size = fine_color.desc.size;
         let size = fine_size.map(|side| side.div_ceil(2));
-        let mut level =
-            Level { places: g.image("pulled places", size, Kind::Rgba32f), color: g.image("pulled color", size, Kind::Rgba32f) };
+        let mut level = Level {
+            places: g.image("pulled places", size, Kind::Rgba32f),
+            color: g.image("pulled color", size, Kind::Rgba32f),
+        };
         let (tolerance, relative) = tolerance(self.view, self.settings, number);
         let push = fill_pull::Push { fine_size, size, tolerance, relative };
-        let spec = fill_pull::Spec { perspective: self.perspective, first: number == 1, labels: self.labels };
+        let spec = fill_pull::Spec {
+            perspective: self.perspective,
+            first: number == 1,
+            labels: self.labels,
+        };
         let Level { places, color } = &mut level;
-        g.run(shader::FillPull { depth, fine_places, fine_color, places, color, push, spec }, Tiles::All);
+        g.run(
+            shader::FillPull { depth, fine_places, fine_color, places, color, push, spec },
+            Tiles::All,
+        );
         level
     }
 
@@ -129,15 +164,26 @@ impl Pyramid<'_> {
         let picture = places.is_none();
         // Bindings want an image, whether it is read or not.
         let places = places.unwrap_or(color);
-        let (coarse_depth, coarse_color) = coarser.map_or((depth, color), |Filled { filled: (depth, color), .. }| (depth, color));
+        let (coarse_depth, coarse_color) =
+            coarser.map_or((depth, color), |Filled { filled: (depth, color), .. }| (depth, color));
         let coarse_places = coarser.map_or(color, |coarser| &coarser.places);
-        let mut filled = [g.image("filled depth", size, Kind::R32f), g.image("relaxed depth", size, Kind::R32f)];
+        let mut filled =
+            [g.image("filled depth", size, Kind::R32f), g.image("relaxed depth", size, Kind::R32f)];
         let mut filled_color = g.image("filled color", size, Kind::Rgba32f);
         let (coarse_tolerance, relative) = tolerance(self.view, self.settings, number + 1);
         let tiles_across = passes::tiles(self.view.size)[0];
-        let (coarse_size, flood, surrounded) = (coarse_depth.desc.size, self.flood as u32, self.settings.surrounded as u32);
-        let push =
-            fill_push::Push { coarse_size, size, tolerance: coarse_tolerance, relative, flood, level: number, tiles_across, surrounded };
+        let (coarse_size, flood, surrounded) =
+            (coarse_depth.desc.size, self.flood as u32, self.settings.surrounded as u32);
+        let push = fill_push::Push {
+            coarse_size,
+            size,
+            tolerance: coarse_tolerance,
+            relative,
+            flood,
+            level: number,
+            tiles_across,
+            surrounded,
+        };
         let spec = fill_push::Spec {
             perspective: self.perspective,
             coarsest: coarser.is_none(),
@@ -167,7 +213,10 @@ impl Pyramid<'_> {
             let [from_depth, to_depth] = &mut filled;
             let push = fill_relax::Push { size, tolerance, relative };
             let spec = fill_relax::Spec { perspective: self.perspective, picture };
-            g.run(shader::FillRelax { depth, places, from_depth, to_depth, push, spec }, Tiles::All);
+            g.run(
+                shader::FillRelax { depth, places, from_depth, to_depth, push, spec },
+                Tiles::All,
+            );
             filled.swap(0, 1);
         }
         let [filled_depth, _] = filled;

@@ -25,8 +25,25 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
     let Layers { depth, index, color, .. } = &layers;
     let push = fill_splat::Push { size: view.size, radius };
     let (of_depth, of_index, of_color) = (&mut splat_depth, &mut splat_index, &mut splat_color);
-    g.run(shader::FillSplat { depth, index, color, splat_depth: of_depth, splat_index: of_index, splat_color: of_color, push }, Tiles::All);
-    let splats =
-        Layers { depth: splat_depth, index: splat_index, color: splat_color, flat_px: radius.ceil() as u32, holes: None, ..layers };
+    g.run(
+        shader::FillSplat {
+            depth,
+            index,
+            color,
+            splat_depth: of_depth,
+            splat_index: of_index,
+            splat_color: of_color,
+            push,
+        },
+        Tiles::All,
+    );
+    let splats = Layers {
+        depth: splat_depth,
+        index: splat_index,
+        color: splat_color,
+        flat_px: radius.ceil() as u32,
+        holes: None,
+        ..layers
+    };
     shadows::reached(g, view.size, splats)
 }

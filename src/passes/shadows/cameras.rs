@@ -29,15 +29,26 @@ pub struct Wanted {
 
 impl Wanted {
     /// Of nodes that come and go the light sees a box and a spacing that stay as they are for a while: on a grid an eighth as wide as the box, and in quarters of an octave, so that marks of the others can be kept.
-    pub fn around(resident: &Resident, bounds: (DVec3, DVec3), spacing_m: f64, settings: &Settings) -> Wanted {
+    pub fn around(
+        resident: &Resident,
+        bounds: (DVec3, DVec3),
+        spacing_m: f64,
+        settings: &Settings,
+    ) -> Wanted {
         let (radius, size) = (settings.radius, settings.size as u32);
         let ((min, max), side) = (bounds, (bounds.1 - bounds.0).max_element());
         if !resident.comes_and_goes || side == 0.0 {
             return Wanted { bounds, spacing_m, radius, size };
         }
         let cell = (side / 8.0).log2().ceil().exp2();
-        let spacing_m = if spacing_m > 0.0 { ((4.0 * spacing_m.log2()).ceil() / 4.0).exp2() } else { 0.0 };
-        Wanted { bounds: ((min / cell).floor() * cell, (max / cell).ceil() * cell), spacing_m, radius, size }
+        let spacing_m =
+            if spacing_m > 0.0 { ((4.0 * spacing_m.log2()).ceil() / 4.0).exp2() } else { 0.0 };
+        Wanted {
+            bounds: ((min / cell).floor() * cell, (max / cell).ceil() * cell),
+            spacing_m,
+            radius,
+            size,
+        }
     }
 }
 
@@ -65,9 +76,18 @@ impl Sight {
         let (side, focal) = (view.size[0].max(view.size[1]) - 2 * margin, view.focal_px());
         let nearest = match view.camera.projection {
             Projection::Orthographic => 1.0,
-            Projection::Perspective => least_depth(wanted, view.camera.eye, view.size.map(|side| side as f64 / 2.0 / focal)),
+            Projection::Perspective => least_depth(
+                wanted,
+                view.camera.eye,
+                view.size.map(|side| side as f64 / 2.0 / focal),
+            ),
         };
-        Sight { view, margin, halvings: halvings(wanted.spacing_m * focal / nearest, side as f64), spacing_m: wanted.spacing_m }
+        Sight {
+            view,
+            margin,
+            halvings: halvings(wanted.spacing_m * focal / nearest, side as f64),
+            spacing_m: wanted.spacing_m,
+        }
     }
 }
 
@@ -81,7 +101,11 @@ fn least_depth(wanted: &Wanted, eye: DVec3, [u, v]: [f64; 2]) -> f64 {
 pub fn halvings(apart_px: f64, side: f64) -> u32 {
     let [wanted, most] = [apart_px / SPARSE, side / COARSEST].map(f64::log2);
     // Of points without a distance there are no gaps.
-    if apart_px > 0.0 { wanted.ceil().min(most.floor()).clamp(0.0, MOST_HALVINGS) as u32 } else { 0 }
+    if apart_px > 0.0 {
+        wanted.ceil().min(most.floor()).clamp(0.0, MOST_HALVINGS) as u32
+    } else {
+        0
+    }
 }
 
 /// Texels of the coarsest picture that it is wider by on each side: gaps next to a border are closed as those in the middle.
@@ -115,10 +139,23 @@ fn texels(asked: u32, extent: f64, texel: f64) -> f64 {
 
 /// A camera that looks this way.
 fn looking(eye: DVec3, forward: DVec3) -> Camera {
-    Camera { eye, target: eye + forward, up: DVec3::Z, fov_y: 90.0, projection: Projection::Perspective, ortho_height: None }
+    Camera {
+        eye,
+        target: eye + forward,
+        up: DVec3::Z,
+        fov_y: 90.0,
+        projection: Projection::Perspective,
+        ortho_height: None,
+    }
 }
 
-fn far(direction: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<Sight>> {
+fn far(
+    direction: DVec3,
+    wanted: &Wanted,
+    [u, v]: [f64; 2],
+    centre: DVec3,
+    half: DVec3,
+) -> Result<Vec<Sight>> {
     let middle = looking(centre, direction.normalize()).basis()?;
     let tangent = wanted.radius.min(WIDEST_DEGREES).to_radians().tan();
     let forward = (middle.forward + (middle.right * u + middle.up * v) * tangent).normalize();
@@ -143,13 +180,29 @@ fn far(direction: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half:
     Ok(vec![Sight::of(View::new(camera, size)?, 0, wanted)])
 }
 
-fn near(position: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half: DVec3) -> Result<Vec<Sight>> {
-    let middle = looking(position, if centre == position { DVec3::NEG_Z } else { centre - position }).basis()?;
+fn near(
+    position: DVec3,
+    wanted: &Wanted,
+    [u, v]: [f64; 2],
+    centre: DVec3,
+    half: DVec3,
+) -> Result<Vec<Sight>> {
+    let middle =
+        looking(position, if centre == position { DVec3::NEG_Z } else { centre - position })
+            .basis()?;
     let eye = position + (middle.right * u + middle.up * v) * wanted.radius;
     // From the middle of the light, so that all places on it have pictures of one size.
-    let corner = |k: u32| centre + half * DVec3::from_array([0, 1, 2].map(|axis| if k >> axis & 1 == 1 { 1.0 } else { -1.0 }));
+    let corner = |k: u32| {
+        centre
+            + half
+                * DVec3::from_array(
+                    [0, 1, 2].map(|axis| if k >> axis & 1 == 1 { 1.0 } else { -1.0 }),
+                )
+    };
     let tangents = |axis: DVec3| {
-        let tangent = |p: DVec3| (p.dot(axis).abs() + wanted.radius) / p.dot(middle.forward).max(1e-9 * half.length());
+        let tangent = |p: DVec3| {
+            (p.dot(axis).abs() + wanted.radius) / p.dot(middle.forward).max(1e-9 * half.length())
+        };
         (0..8).map(|k| tangent(corner(k) - position)).fold(0.0, f64::max)
     };
     let across = [middle.right, middle.up].map(|axis| tangents(axis).max(1e-6));
@@ -162,7 +215,11 @@ fn near(position: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half:
         let focal = (texels(wanted.size, 2.0 * longer, texel) - 2.0).max(1.0) / (2.0 * longer);
         let size = across.map(|tangent| (2.0 * tangent * focal - 1e-6).ceil().max(1.0) as u32 + 2);
         let fov_y = 2.0 * (size[1] as f64 / 2.0 / focal).atan().to_degrees();
-        return Ok(vec![Sight::of(View::new(Camera { fov_y, ..looking(eye, middle.forward) }, size)?, 0, wanted)]);
+        return Ok(vec![Sight::of(
+            View::new(Camera { fov_y, ..looking(eye, middle.forward) }, size)?,
+            0,
+            wanted,
+        )]);
     }
     let side = texels(wanted.size, 2.0, texel);
     // From the middle of the light, and then from the place on it that is nearest.
@@ -170,9 +227,14 @@ fn near(position: DVec3, wanted: &Wanted, [u, v]: [f64; 2], centre: DVec3, half:
     let margin = BEYOND << halvings(wanted.spacing_m * side / 2.0 / nearest.max(0.0), side);
     let fov_y = 2.0 * (OVERLAP * (side + 2.0 * margin as f64) / side).atan().to_degrees();
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
-    let sides = axes.map(|axis| View::new(Camera { fov_y, ..looking(eye, axis) }, [side as u32 + 2 * margin; 2]));
+    let sides = axes.map(|axis| {
+        View::new(Camera { fov_y, ..looking(eye, axis) }, [side as u32 + 2 * margin; 2])
+    });
     let sides = sides.into_iter().collect::<Result<Vec<_>>>()?.into_iter();
-    Ok(sides.filter(|view| view.least_depth(wanted.bounds).is_some()).map(|view| Sight::of(view, margin, wanted)).collect())
+    Ok(sides
+        .filter(|view| view.least_depth(wanted.bounds).is_some())
+        .map(|view| Sight::of(view, margin, wanted))
+        .collect())
 }
 
 #[cfg(test)]
@@ -185,7 +247,10 @@ mod tests {
         let (d, f) = (p - view.camera.eye, view.focal_px());
         let z = d.dot(view.basis.forward);
         let scale = if view.camera.projection == Projection::Perspective { f / z } else { f };
-        let at = [d.dot(view.basis.right) * scale / view.size[0] as f64, d.dot(view.basis.up) * scale / view.size[1] as f64];
+        let at = [
+            d.dot(view.basis.right) * scale / view.size[0] as f64,
+            d.dot(view.basis.up) * scale / view.size[1] as f64,
+        ];
         let half = [0, 1].map(|axis| 0.5 - sight.margin as f64 / view.size[axis] as f64);
         z > 0.0 && at[0].abs() < half[0] && at[1].abs() < half[1]
     }
@@ -210,13 +275,29 @@ mod tests {
                     let wanted = Wanted { bounds, spacing_m: 0.02, radius: 0.7, size };
                     let views = cameras(light, &wanted, place).unwrap();
                     for k in 0..1331 {
-                        let at = DVec3::new((k % 11) as f64, (k / 11 % 11) as f64, (k / 121) as f64) / 10.0;
+                        let at =
+                            DVec3::new((k % 11) as f64, (k / 11 % 11) as f64, (k / 121) as f64)
+                                / 10.0;
                         let p = bounds.0 + (bounds.1 - bounds.0) * at;
-                        let apart = views.iter().map(|sight| sight.view.camera.eye.distance(p)).fold(f64::INFINITY, f64::min);
-                        assert!(apart < 1e-9 || views.iter().any(|sight| sees(sight, p)), "{light} {place:?} {size}: {p}");
+                        let apart = views
+                            .iter()
+                            .map(|sight| sight.view.camera.eye.distance(p))
+                            .fold(f64::INFINITY, f64::min);
+                        assert!(
+                            apart < 1e-9 || views.iter().any(|sight| sees(sight, p)),
+                            "{light} {place:?} {size}: {p}"
+                        );
                     }
                     let most = if size == 0 { MOST as u32 } else { size };
-                    assert!(views.iter().all(|sight| sight.view.size.iter().all(|side| side - 2 * sight.margin <= most)), "{:?}", views[0]);
+                    assert!(
+                        views.iter().all(|sight| sight
+                            .view
+                            .size
+                            .iter()
+                            .all(|side| side - 2 * sight.margin <= most)),
+                        "{:?}",
+                        views[0]
+                    );
                 }
             }
         }
@@ -224,7 +305,12 @@ mod tests {
 
     #[test]
     fn a_single_point_is_seen() {
-        let wanted = Wanted { bounds: (DVec3::splat(5e6), DVec3::splat(5e6)), spacing_m: 0.0, radius: 1.0, size: 0 };
+        let wanted = Wanted {
+            bounds: (DVec3::splat(5e6), DVec3::splat(5e6)),
+            spacing_m: 0.0,
+            radius: 1.0,
+            size: 0,
+        };
         for light in [Light::Headlight, Light::Position(DVec3::ZERO)] {
             let views = cameras(light, &wanted, [0.3, 0.4]).unwrap();
             assert!(views.iter().any(|sight| sees(sight, DVec3::splat(5e6))), "{light}");

@@ -25,19 +25,31 @@ pub struct Changed {
 const MOST: f64 = 0.7;
 
 /// Of pictures that depths travel so many texels in; `before` as [`Resident::nodes_identity`] was. None where all are to be marked again.
-pub fn changed(before: &[u64], resident: &Resident, views: &[View], travel_px: f64) -> Option<Changed> {
+pub fn changed(
+    before: &[u64],
+    resident: &Resident,
+    views: &[View],
+    travel_px: f64,
+) -> Option<Changed> {
     let now = resident.nodes_identity();
     let old: HashMap<&[u64], u32> = before.chunks_exact(IDENTITY_WORDS).zip(0..).collect();
     let new: HashMap<&[u64], u32> = now.chunks_exact(IDENTITY_WORDS).zip(0..).collect();
-    let only = |some: &HashMap<&[u64], u32>, others: &HashMap<&[u64], u32>| -> Vec<(DVec3, DVec3)> {
+    let only = |some: &HashMap<&[u64], u32>,
+                others: &HashMap<&[u64], u32>|
+     -> Vec<(DVec3, DVec3)> {
         some.keys().filter(|node| !others.contains_key(*node)).map(|node| bounds_of(node)).collect()
     };
-    let others: Vec<(DVec3, DVec3)> = only(&new, &old).into_iter().chain(only(&old, &new)).collect();
+    let others: Vec<(DVec3, DVec3)> =
+        only(&new, &old).into_iter().chain(only(&old, &new)).collect();
     let shaded = Boxes::of(views, &others, travel_px);
     let (mut changed, most) = (Changed::default(), (MOST * resident.nodes.len() as f64) as usize);
-    for (number, (node, identity)) in resident.nodes.iter().zip(now.chunks_exact(IDENTITY_WORDS)).enumerate() {
+    for (number, (node, identity)) in
+        resident.nodes.iter().zip(now.chunks_exact(IDENTITY_WORDS)).enumerate()
+    {
         match old.get(identity) {
-            Some(&before) if !shaded.meet(node.bounds()) => changed.stay.push([before, number as u32]),
+            Some(&before) if !shaded.meet(node.bounds()) => {
+                changed.stay.push([before, number as u32])
+            }
             _ => changed.again.push(number),
         }
     }
@@ -45,7 +57,12 @@ pub fn changed(before: &[u64], resident: &Resident, views: &[View], travel_px: f
 }
 
 /// All nodes that lie, in a picture of the light, where one of those does that are marked again.
-pub fn casters<'r>(view: &View, resident: &'r Resident, again: &[usize], travel_px: f64) -> Vec<&'r ResidentNode> {
+pub fn casters<'r>(
+    view: &View,
+    resident: &'r Resident,
+    again: &[usize],
+    travel_px: f64,
+) -> Vec<&'r ResidentNode> {
     let again: Vec<_> = again.iter().map(|&number| resident.nodes[number].bounds()).collect();
     let marked = Boxes::of(std::slice::from_ref(view), &again, travel_px);
     resident.nodes.iter().filter(|node| marked.meet(node.bounds())).collect()
@@ -61,7 +78,10 @@ struct Boxes<'v> {
 
 impl<'v> Boxes<'v> {
     fn of(views: &'v [View], boxes: &[(DVec3, DVec3)], travel_px: f64) -> Boxes<'v> {
-        let seen = views.iter().map(|view| boxes.iter().filter_map(|&bounds| on(view, bounds)).collect()).collect();
+        let seen = views
+            .iter()
+            .map(|view| boxes.iter().filter_map(|&bounds| on(view, bounds)).collect())
+            .collect();
         Boxes { views, seen, travel_px }
     }
 
@@ -69,7 +89,9 @@ impl<'v> Boxes<'v> {
         self.views.iter().zip(&self.seen).any(|(view, seen)| {
             let Some([low, high]) = on(view, bounds) else { return false };
             let (low, high) = (low - self.travel_px, high + self.travel_px);
-            seen.iter().any(|[other_low, other_high]| low.cmple(*other_high).all() && high.cmpge(*other_low).all())
+            seen.iter().any(|[other_low, other_high]| {
+                low.cmple(*other_high).all() && high.cmpge(*other_low).all()
+            })
         })
     }
 }
@@ -83,10 +105,17 @@ fn on(view: &View, (min, max): (DVec3, DVec3)) -> Option<[DVec2; 2]> {
         return Some([DVec2::NEG_INFINITY, DVec2::INFINITY]);
     }
     let corner = |k: u32| {
-        let p = DVec3::from_array([0, 1, 2].map(|axis| if k >> axis & 1 == 1 { max[axis] } else { min[axis] })) - view.camera.eye;
+        let p = DVec3::from_array(
+            [0, 1, 2].map(|axis| if k >> axis & 1 == 1 { max[axis] } else { min[axis] }),
+        ) - view.camera.eye;
         let scale = if perspective { f / p.dot(view.basis.forward).max(near) } else { f };
         DVec2::new(p.dot(view.basis.right), p.dot(view.basis.up)) * scale
     };
     let corners = (0..8).map(corner);
-    Some(corners.map(|at| [at, at]).reduce(|[low, high], [a, b]| [low.min(a), high.max(b)]).expect("eight corners"))
+    Some(
+        corners
+            .map(|at| [at, at])
+            .reduce(|[low, high], [a, b]| [low.min(a), high.max(b)])
+            .expect("eight corners"),
+    )
 }

@@ -22,7 +22,14 @@ const PEELS: u32 = 512;
 /// Peels that are skipped together.
 const BLOCK: u32 = 8;
 
-pub fn record(g: &mut Graph, camera: &View, drawn: &Drawn, limit: &Buffer, asked: u32, tally: &mut Tally) -> Result<()> {
+pub fn record(
+    g: &mut Graph,
+    camera: &View,
+    drawn: &Drawn,
+    limit: &Buffer,
+    asked: u32,
+    tally: &mut Tally,
+) -> Result<()> {
     let size = camera.size;
     let bytes = 8 * size[0] as u64 * size[1] as u64;
     let (mut keys, mut last) = (g.buffer("peel keys", bytes), g.buffer("peel last", bytes));
@@ -70,8 +77,17 @@ fn one(
     for step in [0, 1] {
         for group in &drawn.groups {
             let &Group { block, planes, filtered, first_chunk, chunk_count, .. } = group;
-            let push = shadow_peel::Push { centre, corner, size: across, near, first_chunk, chunk_count };
-            let spec = shadow_peel::Spec { lanes, planes, perspective, texels, points_per_chunk, step, filtered };
+            let push =
+                shadow_peel::Push { centre, corner, size: across, near, first_chunk, chunk_count };
+            let spec = shadow_peel::Spec {
+                lanes,
+                planes,
+                perspective,
+                texels,
+                points_per_chunk,
+                step,
+                filtered,
+            };
             let (nodes, chunks, pages) = (&drawn.nodes, &drawn.chunks, &drawn.pages[block]);
             let (opacities, within) = (drawn.opacities(), drawn.within());
             g.run(
@@ -94,5 +110,8 @@ fn one(
         }
     }
     let push = shadow_mark::Push { size };
-    g.run(shader::ShadowMark { peeled, keys, last, marks, push }, Tiles::Groups([size[0].div_ceil(64), size[1], 1]));
+    g.run(
+        shader::ShadowMark { peeled, keys, last, marks, push },
+        Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
+    );
 }

@@ -68,7 +68,9 @@ impl Layer {
         let quantum = 16.0 * f32::EPSILON as f64 * farthest;
         let perspective = camera.camera.projection == Projection::Perspective;
         let texel = 1.0 / camera.focal_px();
-        let across = |(metres, texels): (f64, f64)| metres + texels * texel * if perspective { farthest } else { 1.0 };
+        let across = |(metres, texels): (f64, f64)| {
+            metres + texels * texel * if perspective { farthest } else { 1.0 }
+        };
         let theorem = (quantum, if fill > 0 { 2.0 * SQRT_2 } else { SQRT_2 });
         let (metres, texels) = match settings.layer {
             0.0 if across(theorem) < settings.least => (settings.least, 0.0),
@@ -79,7 +81,18 @@ impl Layer {
         let across = across((metres, texels));
         // Gaps are closed by what is nearer still; and two quanta for what is rounded on the way.
         let deepest = across * (1.0 + steepest * steepest).sqrt() + 2.0 * quantum;
-        Layer { perspective, texel, metres, texels, steepest, deepest, fill, margin: 0, halvings: 0, spacing_m: 0.0 }
+        Layer {
+            perspective,
+            texel,
+            metres,
+            texels,
+            steepest,
+            deepest,
+            fill,
+            margin: 0,
+            halvings: 0,
+            spacing_m: 0.0,
+        }
     }
 }
 
@@ -101,7 +114,13 @@ pub fn reach(g: &mut Graph, camera: &View, keys: &Buffer, layer: &Layer) -> Reac
 }
 
 /// The same of depths, where that is said; wherever points are that are nearer than `within`, metres, and infinite elsewhere.
-fn reach_of(g: &mut Graph, size: [u32; 2], (depth, of_keys): (&Buffer, bool), layer: &Layer, within: f32) -> Reached {
+fn reach_of(
+    g: &mut Graph,
+    size: [u32; 2],
+    (depth, of_keys): (&Buffer, bool),
+    layer: &Layer,
+    within: f32,
+) -> Reached {
     let across = tiles(size);
     let (count, bytes) = (across[0] * across[1], 4 * size[0] as u64 * size[1] as u64);
     let (perspective, texels) = (layer.perspective, g.gpu.device.texels);
@@ -126,7 +145,16 @@ fn reach_of(g: &mut Graph, size: [u32; 2], (depth, of_keys): (&Buffer, bool), la
         let mut halved = g.buffer("light halved", 4 * half[0] as u64 * half[1] as u64);
         let spec = light_halve::Spec { perspective, texels, of_keys };
         let groups = Tiles::Groups([half[0].div_ceil(64), half[1], 1]);
-        g.run(shader::LightHalve { depth, depth_words: depth, halved: &mut halved, push: push!(light_halve, 0), spec }, groups);
+        g.run(
+            shader::LightHalve {
+                depth,
+                depth_words: depth,
+                halved: &mut halved,
+                push: push!(light_halve, 0),
+                spec,
+            },
+            groups,
+        );
         let reached = reach_of(g, half, (&halved, false), &layer.halved(), sparse);
         (halved, Box::new(reached))
     });
@@ -134,7 +162,13 @@ fn reach_of(g: &mut Graph, size: [u32; 2], (depth, of_keys): (&Buffer, bool), la
     g.fill(&mut covered, 0);
     let spec = light_cover::Spec { perspective, texels, of_keys };
     g.run(
-        shader::LightCover { depth, depth_words: depth, covered: &mut covered, push: push!(light_cover, 0), spec },
+        shader::LightCover {
+            depth,
+            depth_words: depth,
+            covered: &mut covered,
+            push: push!(light_cover, 0),
+            spec,
+        },
         Tiles::ByEight(count),
     );
     let area = gate::listed(g, &covered, across, layer.fill as f64);
@@ -154,25 +188,44 @@ fn reach_of(g: &mut Graph, size: [u32; 2], (depth, of_keys): (&Buffer, bool), la
             let (before, after) = closed.split_at_mut(step);
             let depth = before.last().unwrap_or(depth);
             g.run(
-                shader::LightFill { depth, depth_words: depth, filled: &mut after[0], push: push!(light_fill, step), spec },
+                shader::LightFill {
+                    depth,
+                    depth_words: depth,
+                    filled: &mut after[0],
+                    push: push!(light_fill, step),
+                    spec,
+                },
                 Tiles::ByEight(count),
             );
         }
         let spec = light_limit::Spec { perspective, texels, of_keys: of_keys && layer.fill == 0 };
         let seen = closed.last().unwrap_or(depth);
         g.run(
-            shader::LightLimit { depth: seen, depth_words: seen, limit: &mut limit, push: push!(light_limit, layer.fill), spec },
+            shader::LightLimit {
+                depth: seen,
+                depth_words: seen,
+                limit: &mut limit,
+                push: push!(light_limit, layer.fill),
+                spec,
+            },
             Tiles::ByEight(count),
         );
     });
     let mut filled = closed.pop();
     if let (Some(front), Some((_, coarse))) = (&mut filled, &coarser) {
-        let coarse_front = coarse.filled.as_ref().expect("pictures are halved where gaps are closed");
+        let coarse_front =
+            coarse.filled.as_ref().expect("pictures are halved where gaps are closed");
         let push = light_join::Push { size, within: sparse };
         let tiles = tiles(size.map(|side| side.div_ceil(2)));
         g.within(Some(&coarse.area), |g| {
             g.run(
-                shader::LightJoin { coarse_front, coarse_limit: &coarse.limit, front, limit: &mut limit, push },
+                shader::LightJoin {
+                    coarse_front,
+                    coarse_limit: &coarse.limit,
+                    front,
+                    limit: &mut limit,
+                    push,
+                },
                 Tiles::ByEight(tiles[0] * tiles[1]),
             );
         });

@@ -51,22 +51,44 @@ pub fn cast(
     progress: &dyn Progress,
 ) -> Result<Summary> {
     if settings.method == Method::Index {
-        return Err(Error::Request("shadows of a whole index are cast by comparing depths; leave out method=index".into()));
+        return Err(Error::Request(
+            "shadows of a whole index are cast by comparing depths; leave out method=index".into(),
+        ));
     }
-    let leaves: Vec<usize> = (0..index.nodes().len()).filter(|&node| index.nodes()[node].is_leaf()).collect();
-    let bounds = leaves.iter().map(|&leaf| index.bounds(&index.nodes()[leaf])).reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
-    let Some(bounds) = bounds else { return Err(Error::Request(format!("{} has no points to cast shadows", index.path().display()))) };
+    let leaves: Vec<usize> =
+        (0..index.nodes().len()).filter(|&node| index.nodes()[node].is_leaf()).collect();
+    let bounds = leaves
+        .iter()
+        .map(|&leaf| index.bounds(&index.nodes()[leaf]))
+        .reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
+    let Some(bounds) = bounds else {
+        return Err(Error::Request(format!(
+            "{} has no points to cast shadows",
+            index.path().display()
+        )));
+    };
     let writer = Writer::create(path, index)?;
     let samples = settings.samples as u32;
     let mut room = Resident::room(gpu, index, memory / 2);
-    let wanted = cameras::Wanted::around(&room, bounds, Resident::spacing_of(index, &leaves)?, settings);
+    let wanted =
+        cameras::Wanted::around(&room, bounds, Resident::spacing_of(index, &leaves)?, settings);
     let bounds = wanted.bounds;
     let places = disc::spread(disc::places(samples, settings.pattern, 0));
-    let views = places.iter().map(|&place| cameras::cameras(light, &wanted, place)).collect::<Result<Vec<_>>>()?;
+    let views = places
+        .iter()
+        .map(|&place| cameras::cameras(light, &wanted, place))
+        .collect::<Result<Vec<_>>>()?;
     let facts = Facts::new(&views[0], bounds, settings);
     let groups = groups(&views, memory / 2);
     let batches = batches(&room, index, &leaves, gpu.device.limits.max_storage_buffer_range as u64);
-    let work = Work { index, settings, bounds, batches: &batches, total: 2 * (groups.len() * batches.len()) as u64, progress };
+    let work = Work {
+        index,
+        settings,
+        bounds,
+        batches: &batches,
+        total: 2 * (groups.len() * batches.len()) as u64,
+        progress,
+    };
     // What a point has that all of the light reaches.
     let unit = 255 / samples;
     let mut done = 0;
@@ -74,15 +96,19 @@ pub fn cast(
         let mut pictures = Vec::new();
         for &sight in group.iter().flatten() {
             let size = sight.view.size;
-            let desc = BufferDesc { bytes: 8 * size[0] as u64 * size[1] as u64, place: Place::Device };
-            pictures.push(Picture { sight, keys: gpu.memory.buffer(&gpu.device, desc, "light keys")? });
+            let desc =
+                BufferDesc { bytes: 8 * size[0] as u64 * size[1] as u64, place: Place::Device };
+            pictures
+                .push(Picture { sight, keys: gpu.memory.buffer(&gpu.device, desc, "light keys")? });
         }
         let last = number + 1 == groups.len();
         let marked = work.see(gpu, &mut room, &pictures, &mut done).and_then(|()| {
             work.mark(gpu, &mut room, &pictures, &mut done, |node, counts| {
-                let mut sums = if number == 0 { vec![0; counts.len()] } else { writer.get(node)? };
+                let mut sums =
+                    if number == 0 { vec![0; counts.len()] } else { writer.get(node)? };
                 // On the border of two of the light's pictures both may count a point.
-                let scaled = |sum: u8| if last { (sum as u32).min(samples) as u8 * unit as u8 } else { sum };
+                let scaled =
+                    |sum: u8| if last { (sum as u32).min(samples) as u8 * unit as u8 } else { sum };
                 sums.iter_mut().zip(counts).for_each(|(sum, count)| *sum = scaled(*sum + count));
                 writer.put(node, &sums)
             })
@@ -92,7 +118,8 @@ pub fn cast(
     }
     room.free(gpu);
     writer.join(progress)?;
-    let facts_json = serde_json::to_value(facts).map_err(|error| Error::Request(error.to_string()))?;
+    let facts_json =
+        serde_json::to_value(facts).map_err(|error| Error::Request(error.to_string()))?;
     let contents = Contents { light: light.to_string(), full: unit * samples, facts: facts_json };
     let readings = if batches.len() == 1 { 1 } else { 2 * groups.len() };
     Ok(Summary { facts, leaves: leaves.len(), readings, bytes: writer.finish(&contents)? })
@@ -100,7 +127,12 @@ pub fn cast(
 
 /// Samples of the light, each with the pictures that it sees the cloud in; as many at a time as their keys take so many bytes, and at least one.
 fn groups(views: &[Vec<Sight>], bytes: u64) -> Vec<&[Vec<Sight>]> {
-    let of = |sights: &Vec<Sight>| sights.iter().map(|Sight { view, .. }| 8 * view.size[0] as u64 * view.size[1] as u64).sum::<u64>();
+    let of = |sights: &Vec<Sight>| {
+        sights
+            .iter()
+            .map(|Sight { view, .. }| 8 * view.size[0] as u64 * view.size[1] as u64)
+            .sum::<u64>()
+    };
     let (mut groups, mut first, mut taken) = (Vec::new(), 0, 0);
     for (i, sample) in views.iter().enumerate() {
         if i > first && taken + of(sample) > bytes {
@@ -136,7 +168,13 @@ struct Work<'w> {
 
 impl Work<'_> {
     /// Brings some leaves, where they are not there.
-    fn bring(&self, gpu: &mut Gpu, room: &mut Resident, batch: &[usize], done: &mut u64) -> Result<()> {
+    fn bring(
+        &self,
+        gpu: &mut Gpu,
+        room: &mut Resident,
+        batch: &[usize],
+        done: &mut u64,
+    ) -> Result<()> {
         self.progress.tick("casting shadows", *done, self.total)?;
         *done += 1;
         if self.batches.len() == 1 && !room.nodes.is_empty() {
@@ -146,7 +184,13 @@ impl Work<'_> {
     }
 
     /// Points of all leaves -> keys of all pictures.
-    fn see(&self, gpu: &mut Gpu, room: &mut Resident, pictures: &[Picture], done: &mut u64) -> Result<()> {
+    fn see(
+        &self,
+        gpu: &mut Gpu,
+        room: &mut Resident,
+        pictures: &[Picture],
+        done: &mut u64,
+    ) -> Result<()> {
         for (number, batch) in self.batches.iter().enumerate() {
             self.bring(gpu, room, batch, done)?;
             let mut g = Graph::new(gpu);
@@ -181,7 +225,8 @@ impl Work<'_> {
             g.fill(&mut marks, 0);
             for Picture { sight, keys } in pictures {
                 let (keys, view) = (g.import("light keys", keys), &sight.view);
-                let reached = reach(&mut g, view, &keys, &Layer::of(sight, self.bounds, self.settings));
+                let reached =
+                    reach(&mut g, view, &keys, &Layer::of(sight, self.bounds, self.settings));
                 let drawn = project::draw(&mut g, view, room, Precision::Auto)?;
                 let all = drawn.all_shallow(&mut g);
                 by_depth(&mut g, view, &drawn, &all, &reached.limit, &mut marks);

@@ -24,7 +24,12 @@ impl Abuffer {
     pub fn new(g: &mut Graph, per_pixel: &[u32], most: u32) -> Result<Abuffer> {
         let starts = sums(per_pixel);
         let fragments = g.buffer("fragments", bytes(starts[per_pixel.len()] as u64));
-        Ok(Abuffer { starts: g.upload("starts", &starts)?, fragments, ordered: 0..most, kept: false })
+        Ok(Abuffer {
+            starts: g.upload("starts", &starts)?,
+            fragments,
+            ordered: 0..most,
+            kept: false,
+        })
     }
 }
 
@@ -62,7 +67,13 @@ pub fn held<const N: usize>(g: &Graph, made_of: &[u64]) -> Option<[u64; N]> {
 }
 
 /// Keys, and an A-buffer, that outlive the frame; `next` says how many fragments shall be in order when so many are, which are none where it has just been counted.
-pub fn keep(g: &mut Graph, made_of: &[u64], size: &Size, counted: Option<&[u32]>, next: impl Fn(u32) -> u32) -> Result<(Buffer, Abuffer)> {
+pub fn keep(
+    g: &mut Graph,
+    made_of: &[u64],
+    size: &Size,
+    counted: Option<&[u32]>,
+    next: impl Fn(u32) -> u32,
+) -> Result<(Buffer, Abuffer)> {
     if counted.is_some() {
         PLACES.iter().for_each(|place| g.forget(place));
     }

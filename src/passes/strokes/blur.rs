@@ -16,7 +16,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let mut color = layers.color;
     for along in [[1, 0], [0, 1]] {
         let mut blurred = g.image("blurred", scene.view.size, Kind::Rgba32f);
-        let push = stroke_blur::Push { size: scene.view.size, along, weights, radius_px: radius as i32 };
+        let push =
+            stroke_blur::Push { size: scene.view.size, along, weights, radius_px: radius as i32 };
         g.run(shader::StrokeBlur { color: &color, blurred: &mut blurred, push }, Tiles::All);
         color = blurred;
     }

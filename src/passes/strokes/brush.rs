@@ -50,9 +50,33 @@ impl Brush {
     /// Dabs fade towards their ends: they are so large that one hides what is behind it to where the next is over it.
     fn bristles(self) -> Bristles {
         match self {
-            Brush::Dabs => Bristles { size: 2.0, amplitude: 8.0, gamma: 3.0, sigma_x: 0.114, sigma_y: 0.0989, dev: 0.03, gaussians: 9 },
-            Brush::Bristles => Bristles { size: 1.6, amplitude: 1.0, gamma: 2.7, sigma_x: 0.142, sigma_y: 0.071, dev: 0.38, gaussians: 9 },
-            Brush::Ribbons => Bristles { size: 1.6, amplitude: 2.27, gamma: 2.4, sigma_x: 0.099, sigma_y: 0.1259, dev: 0.3, gaussians: 6 },
+            Brush::Dabs => Bristles {
+                size: 2.0,
+                amplitude: 8.0,
+                gamma: 3.0,
+                sigma_x: 0.114,
+                sigma_y: 0.0989,
+                dev: 0.03,
+                gaussians: 9,
+            },
+            Brush::Bristles => Bristles {
+                size: 1.6,
+                amplitude: 1.0,
+                gamma: 2.7,
+                sigma_x: 0.142,
+                sigma_y: 0.071,
+                dev: 0.38,
+                gaussians: 9,
+            },
+            Brush::Ribbons => Bristles {
+                size: 1.6,
+                amplitude: 2.27,
+                gamma: 2.4,
+                sigma_x: 0.099,
+                sigma_y: 0.1259,
+                dev: 0.3,
+                gaussians: 6,
+            },
         }
     }
 }
@@ -76,7 +100,8 @@ impl Bristles {
     /// How far from its middle a brush, turned by so much noise, covers this much or more: parts of a side, half of one at most.
     pub fn reach(&self, least: f64, noise_degrees: f64) -> [f64; 2] {
         // No more than all Gaussians at their middles would together.
-        let sigmas = (2.0 * (self.gaussians as f64 * self.amplitude / least).max(1.0).ln()).powf(1.0 / self.gamma);
+        let sigmas = (2.0 * (self.gaussians as f64 * self.amplitude / least).max(1.0).ln())
+            .powf(1.0 / self.gamma);
         // The third column is turned twice more.
         let turn = (noise_degrees * 5.0 / 3.0).to_radians().min(std::f64::consts::FRAC_PI_2).sin();
         let [x, y] = [self.sigma_x, self.sigma_y].map(|sigma| sigma * sigmas);
@@ -87,14 +112,20 @@ impl Bristles {
 
     /// A bit for each place of the grid, row by row: the middle row, the one above, the one below.
     pub fn places(&self) -> u32 {
-        [3, 4, 5, 0, 1, 2, 7, 6, 8].into_iter().take(self.gaussians as usize).map(|place| 1 << place).sum()
+        [3, 4, 5, 0, 1, 2, 7, 6, 8]
+            .into_iter()
+            .take(self.gaussians as usize)
+            .map(|place| 1 << place)
+            .sum()
     }
 }
 
 /// Cosines and sines that the device turns strokes by: 16 of whole strokes, 4 from column to column, both between bounds; 256 of half a circle.
 pub fn turns(noise_degrees: f64) -> Vec<[f32; 2]> {
     let turn = |radians: f64| [radians.cos() as f32, radians.sin() as f32];
-    let spread = |count: u32, bound: f64| (0..count).map(move |k| turn(bound * ((2 * k + 1) as f64 / count as f64 - 1.0)));
+    let spread = |count: u32, bound: f64| {
+        (0..count).map(move |k| turn(bound * ((2 * k + 1) as f64 / count as f64 - 1.0)))
+    };
     let bound = noise_degrees.to_radians();
     let half = (0..256).map(|k| turn(k as f64 * std::f64::consts::PI / 256.0));
     spread(16, bound).chain(spread(4, bound / 3.0)).chain(half).collect()
@@ -104,8 +135,16 @@ impl Painting<'_> {
     /// The words of all brushes, made where the kept ones are others.
     pub(super) fn brushes(&self, g: &mut Graph, turns: &Buffer) -> Result<Buffer> {
         let bristles = Bristles::of(&self.settings);
-        let made_of = [bristles.amplitude, bristles.gamma, bristles.sigma_x, bristles.sigma_y, bristles.dev, self.settings.noise];
-        let made_of = made_of.map(f64::to_bits).into_iter().chain([bristles.places() as u64]).collect();
+        let made_of = [
+            bristles.amplitude,
+            bristles.gamma,
+            bristles.sigma_x,
+            bristles.sigma_y,
+            bristles.dev,
+            self.settings.noise,
+        ];
+        let made_of =
+            made_of.map(f64::to_bits).into_iter().chain([bristles.places() as u64]).collect();
         let (mut brushes, kept) = g.kept("brushes", 4 * WORDS as u64, made_of, |_| 1)?;
         if kept == 0 {
             let inverse = |sigma: f64| (1.0 / (sigma * sigma)) as f32;
@@ -117,7 +156,10 @@ impl Painting<'_> {
                 apart: bristles.dev as f32,
                 gaussians: bristles.places(),
             };
-            g.run(shader::StrokeBrush { turns, brushes: &mut brushes, push }, Tiles::Groups([WORDS / 64, 1, 1]));
+            g.run(
+                shader::StrokeBrush { turns, brushes: &mut brushes, push },
+                Tiles::Groups([WORDS / 64, 1, 1]),
+            );
         }
         Ok(brushes)
     }

@@ -71,7 +71,8 @@ impl Painting<'_> {
             memory: _,
             radius: _,
         } = self.settings;
-        let Bristles { size, amplitude, gamma, sigma_x, sigma_y, dev, gaussians } = Bristles::of(&self.settings);
+        let Bristles { size, amplitude, gamma, sigma_x, sigma_y, dev, gaussians } =
+            Bristles::of(&self.settings);
         let View { camera, size: pixels, whole, corner, basis: _ } = self.view;
         let Camera { eye, target, up, fov_y, projection, ortho_height } = camera;
         let numbers = [
@@ -90,13 +91,32 @@ impl Painting<'_> {
             ortho_height.unwrap_or(0.0),
         ];
         let places = [eye, target, up].map(|place| place.to_array()).concat();
-        let of_points =
-            self.resident.opacities.table(&self.resident.stations).into_iter().map(f64::from).chain(paint.gains.iter().copied());
-        let factors: Vec<u64> = of_points.chain(paint.ramp.map(f64::from)).map(f64::to_bits).collect();
-        let choices =
-            [blend as u64, order as u64, tangents as u64, gaussians as u64, *projection as u64, paint.mode as u64, factors.len() as u64];
+        let of_points = self
+            .resident
+            .opacities
+            .table(&self.resident.stations)
+            .into_iter()
+            .map(f64::from)
+            .chain(paint.gains.iter().copied());
+        let factors: Vec<u64> =
+            of_points.chain(paint.ramp.map(f64::from)).map(f64::to_bits).collect();
+        let choices = [
+            blend as u64,
+            order as u64,
+            tangents as u64,
+            gaussians as u64,
+            *projection as u64,
+            paint.mode as u64,
+            factors.len() as u64,
+        ];
         let shape = [*pixels, *whole, corner.map(|at| at as u32)].concat();
         let numbers = numbers.into_iter().chain(places).map(f64::to_bits);
-        choices.into_iter().chain(shape.into_iter().map(u64::from)).chain(numbers).chain(factors).chain(self.resident.identity()).collect()
+        choices
+            .into_iter()
+            .chain(shape.into_iter().map(u64::from))
+            .chain(numbers)
+            .chain(factors)
+            .chain(self.resident.identity())
+            .collect()
     }
 }

@@ -33,11 +33,21 @@ impl Facts {
             true => "the device binds no more at once",
             false => "the memory allowed was reached; more, and fewer parts, with --abuffer-memory",
         };
-        (self.parts > 1).then(|| format!("painted in {} parts, because {why}; the picture is the same", self.parts))
+        (self.parts > 1).then(|| {
+            format!("painted in {} parts, because {why}; the picture is the same", self.parts)
+        })
     }
 
     pub fn of([listed, fragments, hidden, deepest, bytes]: [u64; 5]) -> Facts {
-        Facts { listed, fragments, hidden, deepest: deepest as u32, parts: 1, bytes, ..Facts::default() }
+        Facts {
+            listed,
+            fragments,
+            hidden,
+            deepest: deepest as u32,
+            parts: 1,
+            bytes,
+            ..Facts::default()
+        }
     }
 }
 
@@ -51,6 +61,11 @@ impl std::fmt::Display for Facts {
                 "{listed} in the lists of tiles; {fragments} fragments, {deepest} in a pixel at most, none left out but {hidden} wholly behind others"
             )?,
         }
-        write!(f, "; {} MiB, {}", self.bytes.div_ceil(1 << 20), self.note().unwrap_or("all at once".into()))
+        write!(
+            f,
+            "; {} MiB, {}",
+            self.bytes.div_ceil(1 << 20),
+            self.note().unwrap_or("all at once".into())
+        )
     }
 }

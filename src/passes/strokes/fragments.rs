@@ -28,8 +28,11 @@ impl Painting<'_> {
         let desk = self.lay(&mut counting, band, &paint)?;
         let starts = counting.upload("starts", &[0u32])?;
         let bytes = 4 * tiles.len() as u64 * TILE_PIXELS as u64;
-        let (mut keys, mut fragments, mut counts) =
-            (counting.buffer("keys", 8), counting.buffer("fragments", 8), counting.buffer("counts", bytes));
+        let (mut keys, mut fragments, mut counts) = (
+            counting.buffer("keys", 8),
+            counting.buffer("fragments", 8),
+            counting.buffer("counts", bytes),
+        );
         [&mut keys, &mut counts].into_iter().for_each(|words| counting.fill(words, 0));
         let what = (false, hiders.is_some());
         let mut hiders = match hiders {
@@ -52,7 +55,8 @@ impl Painting<'_> {
         let read = [&counts, &hiders].map(|words| counting.download_buffer(words));
         let frame = counting.submit(&[])?;
         self.facts.counting_ms += frame.ms("");
-        let [counts, hiders] = read.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());
+        let [counts, hiders] =
+            read.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());
         frame.shelve(g.gpu);
         Ok((counts, hiders))
     }
@@ -67,12 +71,15 @@ impl Painting<'_> {
         (kept, before_hiders): (bool, bool),
         [keys, counts, fragments, hiders]: [&mut Buffer; 4],
     ) -> Result<()> {
-        let (perspective, by_stroke, texels) = (self.is_perspective(), self.settings.order == Order::Stroke, g.gpu.device.texels);
+        let (perspective, by_stroke, texels) =
+            (self.is_perspective(), self.settings.order == Order::Stroke, g.gpu.device.texels);
         let spec = shader::strokes::Spec { perspective, kept, texels, by_stroke, before_hiders };
         for (turn, of_turn) in listed.iter().enumerate() {
-            let Bins { part, strokes, longest } = &self.bins(g, desk, of_turn, tiles, [turn as u32, listed.len() as u32])?;
+            let Bins { part, strokes, longest } =
+                &self.bins(g, desk, of_turn, tiles, [turn as u32, listed.len() as u32])?;
             for before in (0..(*longest).max(1)).step_by(STROKES_AT_ONCE) {
-                let (keys, counts, fragments, hiders) = (&mut *keys, &mut *counts, &mut *fragments, &mut *hiders);
+                let (keys, counts, fragments, hiders) =
+                    (&mut *keys, &mut *counts, &mut *fragments, &mut *hiders);
                 g.run(
                     shader::Strokes {
                         canvases: &desk.canvas,

@@ -24,7 +24,10 @@ pub fn surface(g: &mut Graph, ground: &Buffer, band: Band) -> Buffer {
     let [width, height] = band.size;
     let mut surface = g.buffer("surface", 4 * width as u64 * height as u64);
     let push = stroke_surface::Push { width, enclosed: ENCLOSED_PX, directions: DIRECTIONS };
-    g.run(shader::StrokeSurface { ground, surface: &mut surface, push }, Tiles::Groups([width.div_ceil(64), height, 1]));
+    g.run(
+        shader::StrokeSurface { ground, surface: &mut surface, push },
+        Tiles::Groups([width.div_ceil(64), height, 1]),
+    );
     surface
 }
 

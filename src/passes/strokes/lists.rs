@@ -25,7 +25,9 @@ impl Painting<'_> {
         let room = self.room(g, 2) / PLACE_BYTES;
         let mut turns = 1;
         loop {
-            let listed = (0..turns).map(|turn| self.tally(g, band, [turn, turns])).collect::<Result<Vec<_>>>()?;
+            let listed = (0..turns)
+                .map(|turn| self.tally(g, band, [turn, turns]))
+                .collect::<Result<Vec<_>>>()?;
             let most = listed.iter().flatten().copied().max().unwrap_or(0) as u64;
             if most <= room || turns as u64 > most {
                 return Ok(listed);
@@ -42,7 +44,10 @@ impl Painting<'_> {
         let desk = self.lay(&mut counting, band, &paint)?;
         let count = desk.tiles[0] * desk.tiles[1];
         let part = counting.upload("part", &[0, count, turn[0], turn[1]])?;
-        let (mut tallies, mut strokes) = (counting.buffer("tallies", 4 * count as u64), counting.buffer("stroke list", PLACE_BYTES));
+        let (mut tallies, mut strokes) = (
+            counting.buffer("tallies", 4 * count as u64),
+            counting.buffer("stroke list", PLACE_BYTES),
+        );
         counting.fill(&mut tallies, 0);
         self.walk(&mut counting, &desk, &part, &mut tallies, &mut strokes, 0);
         let tallies = counting.download_buffer(&tallies);
@@ -54,23 +59,53 @@ impl Painting<'_> {
     }
 
     /// Which strokes may touch each of some tiles, of a turn.
-    pub(super) fn bins(&self, g: &mut Graph, desk: &Desk, listed: &[u32], tiles: &Range<u32>, turn: [u32; 2]) -> Result<Bins> {
+    pub(super) fn bins(
+        &self,
+        g: &mut Graph,
+        desk: &Desk,
+        listed: &[u32],
+        tiles: &Range<u32>,
+        turn: [u32; 2],
+    ) -> Result<Bins> {
         let starts = super::abuffer::sums(&listed[tiles.start as usize..tiles.end as usize]);
-        let part = g.upload("part", &[&[tiles.start, tiles.end], &turn[..], &starts[..]].concat())?;
+        let part =
+            g.upload("part", &[&[tiles.start, tiles.end], &turn[..], &starts[..]].concat())?;
         let mut cursors = g.upload("cursors", &starts)?;
         let mut strokes = g.buffer("stroke list", PLACE_BYTES * starts[tiles.len()].max(1) as u64);
         self.walk(g, desk, &part, &mut cursors, &mut strokes, 1);
-        Ok(Bins { part, strokes, longest: starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0) })
+        Ok(Bins {
+            part,
+            strokes,
+            longest: starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0),
+        })
     }
 
-    fn walk(&self, g: &mut Graph, desk: &Desk, part: &Buffer, tallies: &mut Buffer, strokes: &mut Buffer, step: u32) {
-        let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = self.walked(g, desk);
+    fn walk(
+        &self,
+        g: &mut Graph,
+        desk: &Desk,
+        part: &Buffer,
+        tallies: &mut Buffer,
+        strokes: &mut Buffer,
+        step: u32,
+    ) {
+        let project::Walk {
+            centre,
+            corner,
+            size,
+            near,
+            lanes,
+            perspective,
+            texels,
+            points_per_chunk,
+        } = self.walked(g, desk);
         let slices_of_chunk = if g.gpu.device.is_cpu { SLICES } else { 1 };
         for group in &desk.drawn.groups {
             let project::Group { block, planes, filtered, first_chunk, chunk_count, .. } = *group;
             let push = stroke_bins::Push { centre, corner, size, near, first_chunk, chunk_count };
             let Desk { drawn, homes, canvas, turns, paint, .. } = desk;
-            let (mode, transparent, by_kind) = (paint.mode, paint.opacities.is_some(), paint.kinds.is_some());
+            let (mode, transparent, by_kind) =
+                (paint.mode, paint.opacities.is_some(), paint.kinds.is_some());
             let spec = stroke_bins::Spec {
                 lanes,
                 planes,

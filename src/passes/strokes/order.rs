@@ -28,13 +28,27 @@ impl Painting<'_> {
         let wanted = ordered.end.min(deepest);
         // Where there are no more nobody asks whether they are in order.
         let is_last = !kept || wanted == self.settings.last().min(deepest);
-        let mut unordered = if is_last { g.buffer("unordered", 4) } else { g.answer("unordered", 4) };
+        let mut unordered =
+            if is_last { g.buffer("unordered", 4) } else { g.answer("unordered", 4) };
         g.fill(&mut unordered, 0);
         let spec = stroke_sort::Spec { bubble: kept || self.settings.sort == Sort::Bubble };
         for ordered in steps(ordered.start.min(wanted)..wanted, deepest, g.gpu.device.is_cpu)? {
             let (fragments, unordered) = (&mut fragments, &mut unordered);
-            let push = stroke_sort::Push { top: band.top, ordered: ordered.start, wanted: ordered.end };
-            g.run(shader::StrokeSort { canvases, part, starts: &starts, fragments, color, unordered, push, spec }, groups(tiles));
+            let push =
+                stroke_sort::Push { top: band.top, ordered: ordered.start, wanted: ordered.end };
+            g.run(
+                shader::StrokeSort {
+                    canvases,
+                    part,
+                    starts: &starts,
+                    fragments,
+                    color,
+                    unordered,
+                    push,
+                    spec,
+                },
+                groups(tiles),
+            );
         }
         self.unordered = (!is_last).then_some(unordered);
         Ok(())

@@ -26,13 +26,18 @@ impl Painting<'_> {
     /// All strokes of a band; `painted`: not only their ground.
     pub(super) fn draw(&mut self, g: &mut Graph, desk: &Desk, painted: bool) -> Result<Quads> {
         let band = self.canvas(desk.band, desk.paint);
-        let (size, corner) = (band.size.map(|side| side + 2 * ENCLOSED_PX), band.corner.map(|at| at - ENCLOSED_PX as f32));
+        let (size, corner) = (
+            band.size.map(|side| side + 2 * ENCLOSED_PX),
+            band.corner.map(|at| at - ENCLOSED_PX as f32),
+        );
         // A brush that ends before its ground does has that all the same.
-        let reach = band.reach.map(|reach| if painted { reach.max(band.ground) } else { band.ground });
+        let reach =
+            band.reach.map(|reach| if painted { reach.max(band.ground) } else { band.ground });
         let canvases = g.upload("canvas", &[Canvas { size, corner, reach, ..band }])?;
         let mut ground = g.buffer("ground", 8 * size[0] as u64 * size[1] as u64);
         g.fill(&mut ground, 0);
-        let mut targets = [ImageDesc::keys(size), ImageDesc::depth(size)].map(|desc| g.image_of("nearest", desc));
+        let mut targets =
+            [ImageDesc::keys(size), ImageDesc::depth(size)].map(|desc| g.image_of("nearest", desc));
         let at_once = (self.room(g, 1) / STROKE_BYTES).clamp(1, u32::MAX as u64) as u32;
         for first in (0..desk.places.max(1)).step_by(at_once as usize) {
             let count = at_once.min(desk.places - first);
@@ -45,7 +50,11 @@ impl Painting<'_> {
                 brush_words: &desk.brushes,
                 ground: &mut ground,
                 push: stroke_quads::Push { corner, size: size.map(|side| side as f32) },
-                spec: stroke_quads::Spec { perspective: self.is_perspective(), texels: g.gpu.device.texels, painted },
+                spec: stroke_quads::Spec {
+                    perspective: self.is_perspective(),
+                    texels: g.gpu.device.texels,
+                    painted,
+                },
             };
             g.draw(quads, Vertices::Squares(count), targets.each_mut(), first > 0);
         }
@@ -54,13 +63,29 @@ impl Painting<'_> {
     }
 
     /// Strokes of points by their places, from one to before another.
-    fn on_screen(&self, g: &mut Graph, desk: &Desk, canvases: &Buffer, places: [u32; 2]) -> Result<Buffer> {
+    fn on_screen(
+        &self,
+        g: &mut Graph,
+        desk: &Desk,
+        canvases: &Buffer,
+        places: [u32; 2],
+    ) -> Result<Buffer> {
         let part = g.upload("part", &places)?;
-        let mut strokes = g.buffer("strokes on the screen", STROKE_BYTES * (places[1] - places[0]).max(1) as u64);
+        let mut strokes =
+            g.buffer("strokes on the screen", STROKE_BYTES * (places[1] - places[0]).max(1) as u64);
         let Desk { drawn, homes, turns, .. } = desk;
         for group in &drawn.groups {
             let project::Group { block, planes, filtered, first_chunk, chunk_count, .. } = *group;
-            let project::Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } = self.walked(g, desk);
+            let project::Walk {
+                centre,
+                corner,
+                size,
+                near,
+                lanes,
+                perspective,
+                texels,
+                points_per_chunk,
+            } = self.walked(g, desk);
             let pages = &drawn.pages[block];
             g.run(
                 shader::StrokeScreen {
@@ -75,8 +100,23 @@ impl Painting<'_> {
                     canvases,
                     part: &part,
                     strokes: &mut strokes,
-                    push: stroke_screen::Push { centre, corner, size, near, first_chunk, chunk_count },
-                    spec: stroke_screen::Spec { lanes, planes, perspective, texels, points_per_chunk, filtered, slices_of_chunk: 1 },
+                    push: stroke_screen::Push {
+                        centre,
+                        corner,
+                        size,
+                        near,
+                        first_chunk,
+                        chunk_count,
+                    },
+                    spec: stroke_screen::Spec {
+                        lanes,
+                        planes,
+                        perspective,
+                        texels,
+                        points_per_chunk,
+                        filtered,
+                        slices_of_chunk: 1,
+                    },
                 },
                 group.tiles(),
             );

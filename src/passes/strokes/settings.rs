@@ -112,31 +112,71 @@ impl super::super::Settings for Settings {
         let number = Value::Number;
         vec![
             Setting { name: "brush", about: "which brush", value: Value::Choice(&mut self.brush) },
-            Setting { name: "blend", about: "what strokes over each other look like", value: Value::Choice(&mut self.blend) },
-            Setting { name: "sort", about: "how the strokes of a pixel are ordered", value: Value::Choice(&mut self.sort) },
+            Setting {
+                name: "blend",
+                about: "what strokes over each other look like",
+                value: Value::Choice(&mut self.blend),
+            },
+            Setting {
+                name: "sort",
+                about: "how the strokes of a pixel are ordered",
+                value: Value::Choice(&mut self.sort),
+            },
             Setting {
                 name: "order",
                 about: "what it goes by: the depth in each pixel, or that of the whole stroke",
                 value: Value::Choice(&mut self.order),
             },
-            Setting { name: "tangents", about: "what strokes are painted along", value: Value::Choice(&mut self.tangents) },
+            Setting {
+                name: "tangents",
+                about: "what strokes are painted along",
+                value: Value::Choice(&mut self.tangents),
+            },
             Setting {
                 name: "size",
                 about: "half a stroke's side, radii of its point; 0: the brush's own, here and below",
                 value: number(&mut self.size, 0.0..=64.0),
             },
-            Setting { name: "amplitude", about: "of a Gaussian: how opaque", value: number(&mut self.amplitude, 0.0..=64.0) },
-            Setting { name: "gamma", about: "its exponent: how square", value: number(&mut self.gamma, 0.0..=16.0) },
-            Setting { name: "sigma_x", about: "its width along the tangent, parts of a side", value: number(&mut self.sigma_x, 0.0..=4.0) },
-            Setting { name: "sigma_y", about: "and across it", value: number(&mut self.sigma_y, 0.0..=4.0) },
+            Setting {
+                name: "amplitude",
+                about: "of a Gaussian: how opaque",
+                value: number(&mut self.amplitude, 0.0..=64.0),
+            },
+            Setting {
+                name: "gamma",
+                about: "its exponent: how square",
+                value: number(&mut self.gamma, 0.0..=16.0),
+            },
+            Setting {
+                name: "sigma_x",
+                about: "its width along the tangent, parts of a side",
+                value: number(&mut self.sigma_x, 0.0..=4.0),
+            },
+            Setting {
+                name: "sigma_y",
+                about: "and across it",
+                value: number(&mut self.sigma_y, 0.0..=4.0),
+            },
             Setting {
                 name: "dev",
                 about: "from one to the next on the 3 x 3 grid, parts of a side",
                 value: number(&mut self.dev, 0.0..=1.0),
             },
-            Setting { name: "gaussians", about: "of the grid", value: Value::OneOf(&mut self.gaussians, &[0.0, 6.0, 7.0, 8.0, 9.0]) },
-            Setting { name: "noise", about: "how far strokes are turned at most, degrees", value: number(&mut self.noise, 0.0..=180.0) },
-            Setting { name: "long", about: "how much longer strokes are on long clusters", value: number(&mut self.long, 0.0..=1.0) },
+            Setting {
+                name: "gaussians",
+                about: "of the grid",
+                value: Value::OneOf(&mut self.gaussians, &[0.0, 6.0, 7.0, 8.0, 9.0]),
+            },
+            Setting {
+                name: "noise",
+                about: "how far strokes are turned at most, degrees",
+                value: number(&mut self.noise, 0.0..=180.0),
+            },
+            Setting {
+                name: "long",
+                about: "how much longer strokes are on long clusters",
+                value: number(&mut self.long, 0.0..=1.0),
+            },
             Setting {
                 name: "detail",
                 about: "how opaque the second layer is that small clusters have",
@@ -157,7 +197,11 @@ impl super::super::Settings for Settings {
                 about: "of lists and fragments, MiB; what needs more is painted in parts",
                 value: number(&mut self.memory, 1.0..=65536.0),
             },
-            Setting { name: "radius", about: "of blend=blur, pixels", value: Value::Whole(&mut self.radius, 1.0..=8.0) },
+            Setting {
+                name: "radius",
+                about: "of blend=blur, pixels",
+                value: Value::Whole(&mut self.radius, 1.0..=8.0),
+            },
         ]
     }
 }

@@ -6,7 +6,11 @@ use crate::graph::{Gpu, Graph, Tiles};
 use crate::shader::{self, Direction};
 
 /// What the device finds, as strokes are painted; and how long it takes, milliseconds.
-pub fn on_device(gpu: &mut Gpu, way: Tangents, directions: &[Direction]) -> Result<(Vec<[f32; 3]>, f64)> {
+pub fn on_device(
+    gpu: &mut Gpu,
+    way: Tangents,
+    directions: &[Direction],
+) -> Result<(Vec<[f32; 3]>, f64)> {
     /// Workgroups in a row, as many as every device takes.
     const ROW: u32 = 65_535;
     let count = directions.len() as u32;

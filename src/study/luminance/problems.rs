@@ -50,8 +50,17 @@ fn albedo(at: DVec2) -> f64 {
 }
 
 pub fn table(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Table> {
-    let head = ["region", "way", "specks, stops", "sharpest, stops", "uneven, stops"].map(String::from).to_vec();
-    let wall = synth::collect("wall", &synth::build(synth::Scene::Plane, plan.seed, 0.0), plan.points, plan.seed, 0.0, progress)?;
+    let head = ["region", "way", "specks, stops", "sharpest, stops", "uneven, stops"]
+        .map(String::from)
+        .to_vec();
+    let wall = synth::collect(
+        "wall",
+        &synth::build(synth::Scene::Plane, plan.seed, 0.0),
+        plan.points,
+        plan.seed,
+        0.0,
+        progress,
+    )?;
     let view = View::new(Camera::framing(Preset::Top, &wall.core_points(), plan.size), plan.size)?;
     let mut rows = Vec::new();
     let truth = lit(&wall, |_, second| (second as u16, 1.0));
@@ -78,13 +87,21 @@ pub fn table(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Tabl
         for (way, cloud, luminance) in ways {
             let (values, _) = picture(gpu, cloud, luminance)?;
             let exposure: Vec<Option<f64>> = (0..values.len())
-                .map(|i| (depth[i].is_finite() && truth[i] >= 8.0).then(|| (values[i].max(1.0) / truth[i]).log2()))
+                .map(|i| {
+                    (depth[i].is_finite() && truth[i] >= 8.0)
+                        .then(|| (values[i].max(1.0) / truth[i]).log2())
+                })
                 .collect();
-            let numbers = judged(&exposure, plan.size[0] as usize).map(|number| format!("{number:.4}"));
+            let numbers =
+                judged(&exposure, plan.size[0] as usize).map(|number| format!("{number:.4}"));
             rows.push([region, way].map(String::from).into_iter().chain(numbers).collect());
         }
     }
-    Ok(Table { title: format!("The three problem regions: two stations, {NEIGHBOURS} neighbours offline"), head, rows })
+    Ok(Table {
+        title: format!("The three problem regions: two stations, {NEIGHBOURS} neighbours offline"),
+        head,
+        rows,
+    })
 }
 
 /// The wall as two stations see it, every other point from the second.
@@ -118,13 +135,16 @@ fn lit(wall: &Cloud, light: Light) -> Cloud {
 /// Between neighbouring pixels the mean and the 99th percentile of what exposures differ by; and how uneven the exposure is over the picture, its standard deviation.
 fn judged(exposure: &[Option<f64>], columns: usize) -> [f64; 3] {
     let differ = |i: usize, k: usize| Some(((*exposure.get(k)?)? - exposure[i]?).abs());
-    let pairs = (0..exposure.len()).flat_map(|i| [(i % columns + 1 < columns).then_some((i, i + 1)), Some((i, i + columns))]);
+    let pairs = (0..exposure.len())
+        .flat_map(|i| [(i % columns + 1 < columns).then_some((i, i + 1)), Some((i, i + columns))]);
     let mut steps: Vec<f64> = pairs.flatten().filter_map(|(i, k)| differ(i, k)).collect();
     steps.sort_by(f64::total_cmp);
     let mean = |numbers: &[f64]| numbers.iter().sum::<f64>() / numbers.len().max(1) as f64;
     let sharpest = steps.get(steps.len() * 99 / 100).copied().unwrap_or(0.0);
     let known: Vec<f64> = exposure.iter().flatten().copied().collect();
     let level = mean(&known);
-    let spread = (known.iter().map(|own| (own - level).powi(2)).sum::<f64>() / known.len().max(1) as f64).sqrt();
+    let spread = (known.iter().map(|own| (own - level).powi(2)).sum::<f64>()
+        / known.len().max(1) as f64)
+        .sqrt();
     [mean(&steps), sharpest, spread]
 }

@@ -13,7 +13,13 @@ pub struct Blended {
 }
 
 /// `lit` is 1 everywhere where no effect took light.
-pub fn blend(size: [u32; 2], settings: &Settings, depth: &[f32], color: &[[f32; 4]], lit: &[f32]) -> Vec<Blended> {
+pub fn blend(
+    size: [u32; 2],
+    settings: &Settings,
+    depth: &[f32],
+    color: &[[f32; 4]],
+    lit: &[f32],
+) -> Vec<Blended> {
     let [columns, rows] = size.map(|side| side as i64);
     // Beyond the picture's edge the nearest pixel stands for what is not known.
     let at = |x: i64, y: i64| (y.clamp(0, rows - 1) * columns + x.clamp(0, columns - 1)) as usize;
@@ -33,8 +39,10 @@ pub fn blend(size: [u32; 2], settings: &Settings, depth: &[f32], color: &[[f32; 
             let sum = (0..9).fold(Bounded::exact(0.0), |sum, k| {
                 let (u, v) = (k % 3 - 1, k / 3 - 1);
                 let from = at(x + u, y + v);
-                let light = if channel < 3 { Bounded::exact(lit[from]) } else { Bounded::exact(1.0) };
-                sum + Bounded::exact(((2 - u.abs()) * (2 - v.abs())) as f64) * (Bounded::exact(color[from][channel]) * light)
+                let light =
+                    if channel < 3 { Bounded::exact(lit[from]) } else { Bounded::exact(1.0) };
+                sum + Bounded::exact(((2 - u.abs()) * (2 - v.abs())) as f64)
+                    * (Bounded::exact(color[from][channel]) * light)
             });
             sum * Bounded::exact(0.0625)
         };

@@ -12,7 +12,13 @@ use rayon::prelude::*;
 pub fn left(view: &View, settings: &Settings, depth: &[f32]) -> Vec<Option<Bounded>> {
     (0..depth.len())
         .into_par_iter()
-        .map(|i| if known(depth[i]) { pixel(view, settings, depth, i) } else { Some(Bounded::exact(1.0)) })
+        .map(|i| {
+            if known(depth[i]) {
+                pixel(view, settings, depth, i)
+            } else {
+                Some(Bounded::exact(1.0))
+            }
+        })
         .collect()
 }
 
@@ -46,7 +52,10 @@ fn pixel(view: &View, settings: &Settings, depth: &[f32], i: usize) -> Option<Bo
             let [dx, dy] = [whole(way[0] * far)?, whole(way[1] * far)?];
             let (x, y) = (i as i64 % columns + dx, i as i64 / columns + dy);
             let inside = (0..columns).contains(&x) && (0..rows).contains(&y);
-            let Some(other) = inside.then(|| depth[(y * columns + x) as usize]).filter(|other| known(*other) && (dx, dy) != (0, 0)) else {
+            let Some(other) = inside
+                .then(|| depth[(y * columns + x) as usize])
+                .filter(|other| known(*other) && (dx, dy) != (0, 0))
+            else {
                 continue;
             };
             let rise = (Bounded::exact(other) - z) / unit_m;
@@ -83,7 +92,8 @@ fn less(a: Bounded, b: Bounded) -> Option<bool> {
 }
 
 fn larger(a: Bounded, b: Bounded) -> Bounded {
-    let (lo, hi) = ((a.value - a.error).max(b.value - b.error), (a.value + a.error).max(b.value + b.error));
+    let (lo, hi) =
+        ((a.value - a.error).max(b.value - b.error), (a.value + a.error).max(b.value + b.error));
     let value = a.value.max(b.value);
     Bounded { value, error: (hi - value).max(value - lo) }
 }

@@ -1,20 +1,38 @@
 //! The twin of filling by masks: depths in; depths out, and from which pixel each was taken (papers/README.md, Dobrev). Nothing is computed but one difference, so that all of it is exact.
 
 /// Right and down, clockwise from the upper left.
-const RING: [(i64, i64); 8] = [(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0)];
+const RING: [(i64, i64); 8] =
+    [(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0)];
 
 /// A pixel's depth, the pixel that it was taken from, and how many steps it may still go.
 type Taken = (f32, usize, u32);
 
 /// Steps at most of either kind; `layer` in metres; `reach`: how many steps the values of a pixel of this depth may go. `found`: that holes are known, which are where the depth is minus infinity; values go
 /// into those however far they have come. None where nothing is.
-pub fn fill(size: [u32; 2], depth: &[f32], layer: f32, most: u32, found: bool, reach: impl Fn(f32) -> u32) -> Vec<Option<Taken>> {
+pub fn fill(
+    size: [u32; 2],
+    depth: &[f32],
+    layer: f32,
+    most: u32,
+    found: bool,
+    reach: impl Fn(f32) -> u32,
+) -> Vec<Option<Taken>> {
     let known = |(i, &z): (usize, &f32)| (z.is_finite() && z > 0.0).then(|| (z, i, reach(z)));
     let mut pixels: Vec<_> = depth.iter().enumerate().map(known).collect();
     for occluded in [false, true] {
         for _ in 0..most {
-            let next =
-                (0..pixels.len()).map(|i| step(size, &pixels, layer, occluded, found.then(|| depth[i] == f32::NEG_INFINITY), i)).collect();
+            let next = (0..pixels.len())
+                .map(|i| {
+                    step(
+                        size,
+                        &pixels,
+                        layer,
+                        occluded,
+                        found.then(|| depth[i] == f32::NEG_INFINITY),
+                        i,
+                    )
+                })
+                .collect();
             if next == pixels {
                 break;
             }
@@ -24,7 +42,14 @@ pub fn fill(size: [u32; 2], depth: &[f32], layer: f32, most: u32, found: bool, r
     pixels
 }
 
-fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, hole: Option<bool>, i: usize) -> Option<Taken> {
+fn step(
+    size: [u32; 2],
+    pixels: &[Option<Taken>],
+    layer: f32,
+    occluded: bool,
+    hole: Option<bool>,
+    i: usize,
+) -> Option<Taken> {
     let [columns, rows] = size.map(|side| side as i64);
     let (x, y) = (i as i64 % columns, i as i64 / columns);
     let at = |(u, v): (i64, i64)| {
@@ -40,7 +65,9 @@ fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, ho
     };
     let mask = |first: usize| (first..first + 5).all(|k| behind(at(RING[k % 8])));
     let stays = match hole {
-        Some(hole) => (occluded || !hole) && RING.iter().filter(|&&aside| behind(at(aside))).count() > 3,
+        Some(hole) => {
+            (occluded || !hole) && RING.iter().filter(|&&aside| behind(at(aside))).count() > 3
+        }
         None => (0..8).any(mask),
     };
     if own.is_some() != occluded || stays {
@@ -48,7 +75,8 @@ fn step(size: [u32; 2], pixels: &[Option<Taken>], layer: f32, occluded: bool, ho
     }
     let found = !occluded && hole.is_some();
     // Row by row; of equals the first.
-    let around = (-1..=1).flat_map(|v| (-1..=1).map(move |u| (u, v))).filter(|aside| *aside != (0, 0));
+    let around =
+        (-1..=1).flat_map(|v| (-1..=1).map(move |u| (u, v))).filter(|aside| *aside != (0, 0));
     let taken = around
         .filter(|&aside| !behind(at(aside)))
         .filter_map(at)

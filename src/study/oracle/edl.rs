@@ -7,10 +7,16 @@ use crate::passes::edl::Settings;
 use crate::view::{Projection, View};
 
 /// Red, green and blue of every pixel. Alpha is copied, so it needs no bound.
-pub fn shade(view: &View, settings: &Settings, depth: &[f32], color: &[[f32; 4]]) -> Vec<[Bounded; 3]> {
+pub fn shade(
+    view: &View,
+    settings: &Settings,
+    depth: &[f32],
+    color: &[[f32; 4]],
+) -> Vec<[Bounded; 3]> {
     let [width, height] = view.size.map(|side| side as i64);
     let radius = settings.radius.round() as i64;
-    let [px_per_unit, strength] = [view.focal_px() as f32, settings.strength as f32].map(Bounded::exact);
+    let [px_per_unit, strength] =
+        [view.focal_px() as f32, settings.strength as f32].map(Bounded::exact);
     let pixel = |i: usize| {
         let (x, y) = (i as i64 % width, i as i64 / width);
         let z = depth[i];
@@ -22,7 +28,8 @@ pub fn shade(view: &View, settings: &Settings, depth: &[f32], color: &[[f32; 4]]
             let slope = match inside.then(|| depth[(qy * width + qx) as usize]) {
                 Some(neighbour) if alpha != 0.0 && neighbour < z => {
                     let rise = Bounded::exact(z) - Bounded::exact(neighbour);
-                    let run = if view.camera.projection == Projection::Perspective { z } else { 1.0 };
+                    let run =
+                        if view.camera.projection == Projection::Perspective { z } else { 1.0 };
                     rise / Bounded::exact(run) * px_per_unit / Bounded::exact(radius as f64)
                 }
                 _ => Bounded::exact(0.0),
@@ -47,9 +54,13 @@ fn exp2(x: Bounded) -> Bounded {
     let f = Bounded { value: x.value - whole, ..x } * Bounded::constant(std::f64::consts::LN_2);
     let one = Bounded::exact(1.0);
     let series = [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0].map(Bounded::constant);
-    let p = series.into_iter().reduce(|p, coefficient| coefficient + f * p).expect("six terms") * f + one;
+    let p = series.into_iter().reduce(|p, coefficient| coefficient + f * p).expect("six terms") * f
+        + one;
     // The terms left out: f^7/7! (1 + f/8 + ...).
     let left_out = limit.powi(7) / 5040.0 / (1.0 - limit / 8.0);
     let scale = whole.exp2();
-    Bounded { value: x.value.exp2(), error: (p.error + (p.value - f.value.exp()).abs() + left_out) * scale + super::FLUSH }
+    Bounded {
+        value: x.value.exp2(),
+        error: (p.error + (p.value - f.value.exp()).abs() + left_out) * scale + super::FLUSH,
+    }
 }

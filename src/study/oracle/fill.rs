@@ -27,7 +27,11 @@ pub struct Pixel {
 impl Pixel {
     /// As the layers have it.
     pub fn new(depth: f32, color: [f32; 4], filling: bool) -> Pixel {
-        Pixel { depth: depth.is_finite().then_some(depth), codes: [0, 1, 2].map(|c| code(color[c] as f64, c).round() as u32), filling }
+        Pixel {
+            depth: depth.is_finite().then_some(depth),
+            codes: [0, 1, 2].map(|c| code(color[c] as f64, c).round() as u32),
+            filling,
+        }
     }
 }
 
@@ -77,18 +81,23 @@ impl Next {
 pub fn step(view: &View, settings: &Settings, kernel: u32, pixels: &[Pixel]) -> Vec<Next> {
     let [width, height] = view.size.map(|side| side as i64);
     let tile = |i: usize| [i as i64 % width / TILE_PX as i64, i as i64 / width / TILE_PX as i64];
-    let listed: std::collections::HashSet<_> = (0..pixels.len()).filter(|&i| pixels[i].filling).map(tile).collect();
+    let listed: std::collections::HashSet<_> =
+        (0..pixels.len()).filter(|&i| pixels[i].filling).map(tile).collect();
     let next = |i: usize| {
         let (x, y, own) = (i as i64 % width, i as i64 / width, pixels[i]);
-        let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
-        let inside = around.filter(|(dx, dy)| (0..width).contains(&(x + dx)) && (0..height).contains(&(y + dy)));
+        let around =
+            (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
+        let inside = around
+            .filter(|(dx, dy)| (0..width).contains(&(x + dx)) && (0..height).contains(&(y + dy)));
         let valid: Vec<(f32, Pixel, bool)> = inside
             .filter_map(|(dx, dy)| {
                 let pixel = pixels[((y + dy) * width + x + dx) as usize];
                 pixel.depth.map(|z| (z, pixel, dx != 0 && dy != 0))
             })
             .collect();
-        let surrounded = own.depth.is_none() && valid.len() >= settings.surrounded as usize && listed.contains(&tile(i));
+        let surrounded = own.depth.is_none()
+            && valid.len() >= settings.surrounded as usize
+            && listed.contains(&tile(i));
         match own.depth {
             _ if !own.filling && !surrounded => Next::exactly(own),
             Some(z) => mean(view, settings, kernel, z, own, &valid),
@@ -107,7 +116,14 @@ fn median(own: Pixel, mut valid: Vec<(f32, Pixel, bool)>) -> Next {
     }
 }
 
-fn mean(view: &View, settings: &Settings, kernel: u32, z0: f32, own: Pixel, valid: &[(f32, Pixel, bool)]) -> Next {
+fn mean(
+    view: &View,
+    settings: &Settings,
+    kernel: u32,
+    z0: f32,
+    own: Pixel,
+    valid: &[(f32, Pixel, bool)],
+) -> Next {
     let one = Bounded::exact(1.0);
     let tolerance = match settings.tolerance {
         0.0 if view.camera.projection == Projection::Perspective => {
@@ -116,7 +132,8 @@ fn mean(view: &View, settings: &Settings, kernel: u32, z0: f32, own: Pixel, vali
         0.0 => Bounded::exact((WIDEST_KERNEL / view.focal_px()) as f32),
         metres => Bounded::exact(metres as f32),
     };
-    let (mut weights, mut rise, mut colors) = (one, Bounded::exact(0.0), [0, 1, 2].map(|c| linear(own.codes[c], c)));
+    let (mut weights, mut rise, mut colors) =
+        (one, Bounded::exact(0.0), [0, 1, 2].map(|c| linear(own.codes[c], c)));
     for &(z, pixel, corner) in valid {
         let difference = Bounded::exact(z) - Bounded::exact(z0);
         let apart = if difference.value < 0.0 { -difference } else { difference };
@@ -124,7 +141,8 @@ fn mean(view: &View, settings: &Settings, kernel: u32, z0: f32, own: Pixel, vali
             true => one - (apart * (one / tolerance)).min(1.0),
             false => Bounded::exact((z == z0) as u32),
         };
-        let lateral = if corner { Bounded::constant(1.0 - 0.5f64.sqrt()) } else { Bounded::exact(0.5) };
+        let lateral =
+            if corner { Bounded::constant(1.0 - 0.5f64.sqrt()) } else { Bounded::exact(0.5) };
         let weight = lateral * near;
         weights = weights + weight;
         rise = rise + weight * difference;
@@ -135,7 +153,8 @@ fn mean(view: &View, settings: &Settings, kernel: u32, z0: f32, own: Pixel, vali
         let color = colors[c] * share;
         // The root is within 5 ulps, its multiple and what is added to it within 1 each.
         let rounding = 7.0 * ULP * (CODES[c] as f64 + 1.0);
-        let [lo, hi] = [-1.0, 1.0].map(|way| code(color.value + way * color.error, c) + 0.5 + way * rounding);
+        let [lo, hi] =
+            [-1.0, 1.0].map(|way| code(color.value + way * color.error, c) + 0.5 + way * rounding);
         lo.max(0.0).floor() as u32..=(hi.floor() as u32).min(CODES[c])
     });
     let (own, step) = (Bounded::exact(z0), rise * share);

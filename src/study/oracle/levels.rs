@@ -3,7 +3,9 @@
 //! The rule is that of glsl/visibility_levels.comp, level by level, two rounds for points and one for pixels without. Where f32 may decide either way, what depends on that is not known either: [`Verdict::InBand`].
 
 use super::visibility::{Verdict, sector};
-use crate::passes::visibility::{SPARSEST, SPARSEST_AROUND, STEEPEST, Settings, fewest_around_openings};
+use crate::passes::visibility::{
+    SPARSEST, SPARSEST_AROUND, STEEPEST, Settings, fewest_around_openings,
+};
 use crate::view::{Projection, View};
 use std::f64::consts::{PI, TAU};
 
@@ -37,14 +39,20 @@ impl Level {
         let cell = |i: i64| {
             let (x, y) = (i % size[0], i / size[0]);
             let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| (2 * x + dx, 2 * y + dy));
-            let inside = four.into_iter().filter(|&(x, y)| x < self.size[0] && y < self.size[1]).map(|(x, y)| self.at(x, y));
+            let inside = four
+                .into_iter()
+                .filter(|&(x, y)| x < self.size[0] && y < self.size[1])
+                .map(|(x, y)| self.at(x, y));
             let none = Cell { point: None, sure: true };
             inside.fold(none, |nearest, cell| {
                 let nearer = match (nearest.point, cell.point) {
                     (Some((a, _)), Some((b, _))) => b < a,
                     (before, after) => before.is_none() && after.is_some(),
                 };
-                Cell { point: if nearer { cell.point } else { nearest.point }, sure: nearest.sure && cell.sure }
+                Cell {
+                    point: if nearer { cell.point } else { nearest.point },
+                    sure: nearest.sure && cell.sure,
+                }
             })
         };
         Level { size, cells: (0..size[0] * size[1]).map(cell).collect() }
@@ -72,7 +80,10 @@ enum Subject {
 pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32]) -> Vec<Verdict> {
     let size = view.size.map(i64::from);
     let place = |i: usize| [(i as i64 % size[0]) as f64 + 0.5, (i as i64 / size[0]) as f64 + 0.5];
-    let cell = |(i, z): (usize, &f32)| Cell { point: z.is_finite().then(|| (*z as f64, place(i))), sure: true };
+    let cell = |(i, z): (usize, &f32)| Cell {
+        point: z.is_finite().then(|| (*z as f64, place(i))),
+        sure: true,
+    };
     let mut picture: Vec<Cell> = depth.iter().enumerate().map(cell).collect();
     let spacings = Spacings::of(view, spacing_m, depth);
     let projected = Pyramid::of(size, picture.clone(), settings);
@@ -81,12 +92,20 @@ pub fn verdicts(view: &View, settings: &Settings, spacing_m: f64, depth: &[f32])
     let mut candidates = vec![true; depth.len()];
     for _ in 0..2 {
         let pyramid = Pyramid::of(size, picture.clone(), settings);
-        for i in (0..depth.len()).filter(|&i| picture[i].point.is_some() && std::mem::take(&mut candidates[i])).collect::<Vec<_>>() {
+        for i in (0..depth.len())
+            .filter(|&i| picture[i].point.is_some() && std::mem::take(&mut candidates[i]))
+            .collect::<Vec<_>>()
+        {
             let (said, led) = pyramid.judge(view, settings, &spacings, i, Subject::Points);
             candidates[i] = led;
             match said {
-                Said::Closed => (verdicts[i], picture[i]) = (Verdict::Invisible, Cell { point: None, sure: true }),
-                Said::Either => (verdicts[i], picture[i]) = (Verdict::InBand, Cell { point: None, sure: false }),
+                Said::Closed => {
+                    (verdicts[i], picture[i]) =
+                        (Verdict::Invisible, Cell { point: None, sure: true })
+                }
+                Said::Either => {
+                    (verdicts[i], picture[i]) = (Verdict::InBand, Cell { point: None, sure: false })
+                }
                 _ => {}
             }
         }
@@ -118,18 +137,30 @@ impl Spacings {
         let across = [width, height].map(|side| side.div_ceil(TILE));
         let spacing = |tile: [usize; 2]| {
             let rows = TILE * tile[1]..(TILE * (tile[1] + 1)).min(height);
-            let pixels = rows.flat_map(|y| (TILE * tile[0]..(TILE * (tile[0] + 1)).min(width)).map(move |x| y * width + x));
+            let pixels = rows.flat_map(|y| {
+                (TILE * tile[0]..(TILE * (tile[0] + 1)).min(width)).map(move |x| y * width + x)
+            });
             let nearest = pixels.map(|i| depth[i]).fold(f32::INFINITY, f32::min);
-            let scale = if view.camera.projection == Projection::Perspective { nearest as f64 } else { 1.0 };
+            let scale = if view.camera.projection == Projection::Perspective {
+                nearest as f64
+            } else {
+                1.0
+            };
             if nearest.is_finite() { spacing_m * view.focal_px() / scale } else { 0.0 }
         };
-        let own: Vec<f64> = (0..across[0] * across[1]).map(|i| spacing([i % across[0], i / across[0]])).collect();
+        let own: Vec<f64> =
+            (0..across[0] * across[1]).map(|i| spacing([i % across[0], i / across[0]])).collect();
         let widest = |i: usize| {
-            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).map(|(dx, dy): (i64, i64)| {
-                let [x, y] = [((i % across[0]) as i64 + dx, across[0]), ((i / across[0]) as i64 + dy, across[1])]
+            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).map(
+                |(dx, dy): (i64, i64)| {
+                    let [x, y] = [
+                        ((i % across[0]) as i64 + dx, across[0]),
+                        ((i / across[0]) as i64 + dy, across[1]),
+                    ]
                     .map(|(at, side)| at.clamp(0, side as i64 - 1) as usize);
-                own[y * across[0] + x]
-            });
+                    own[y * across[0] + x]
+                },
+            );
             if own[i] > 0.0 { own[i] } else { around.fold(0.0, f64::max) }
         };
         let around = (0..own.len()).map(widest).collect();
@@ -141,7 +172,14 @@ impl Spacings {
     }
 
     /// Whether a pixel is to be judged by a level: where its points are as close as a surface's are.
-    fn let_judge(&self, pixel: [i64; 2], number: usize, level: &Level, subject: Subject, settings: &Settings) -> bool {
+    fn let_judge(
+        &self,
+        pixel: [i64; 2],
+        number: usize,
+        level: &Level,
+        subject: Subject,
+        settings: &Settings,
+    ) -> bool {
         let sparsest = if subject == Subject::Points { SPARSEST } else { SPARSEST_AROUND };
         let close = |apart: f64| (1u64 << number) as f64 <= sparsest * apart;
         let apart = self.around[self.tile_of(pixel)];
@@ -151,9 +189,13 @@ impl Spacings {
         // Without a point around, each that the level finds counts by its own tile's.
         let (side, radius) = (1i64 << number, settings.kernel as i64 / 2);
         let [x, y] = pixel.map(|at| at / side);
-        let cells = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (x + dx, y + dy)));
-        let points = cells.filter_map(|(x, y)| level.at(x.clamp(0, level.size[0] - 1), y.clamp(0, level.size[1] - 1)).point);
-        let many = points.filter(|(_, at)| close(self.own[self.tile_of(at.map(|at| at as i64))])).count();
+        let cells =
+            (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (x + dx, y + dy)));
+        let points = cells.filter_map(|(x, y)| {
+            level.at(x.clamp(0, level.size[0] - 1), y.clamp(0, level.size[1] - 1)).point
+        });
+        let many =
+            points.filter(|(_, at)| close(self.own[self.tile_of(at.map(|at| at as i64))])).count();
         side >= TILE as i64 && many >= fewest(settings, settings.holes * SECTORS as f64 / TAU)
     }
 }
@@ -178,11 +220,20 @@ impl Pyramid {
     }
 
     /// What the first level says that decides, and whether enough leads to be judged again.
-    fn judge(&self, view: &View, settings: &Settings, spacings: &Spacings, i: usize, subject: Subject) -> (Said, bool) {
+    fn judge(
+        &self,
+        view: &View,
+        settings: &Settings,
+        spacings: &Spacings,
+        i: usize,
+        subject: Subject,
+    ) -> (Said, bool) {
         let width = view.size[0] as i64;
         let pixel = [i as i64 % width, i as i64 / width];
         let mut led = false;
-        let may = |&number: &usize| spacings.let_judge(pixel, number, &self.levels[number], subject, settings);
+        let may = |&number: &usize| {
+            spacings.let_judge(pixel, number, &self.levels[number], subject, settings)
+        };
         for level in (0..self.levels.len()).filter(may) {
             let said = self.at_level(view, settings, pixel, level, subject);
             led |= said != Said::TooFew;
@@ -193,7 +244,14 @@ impl Pyramid {
         (Said::Undecided, led)
     }
 
-    fn at_level(&self, view: &View, settings: &Settings, [x, y]: [i64; 2], number: usize, subject: Subject) -> Said {
+    fn at_level(
+        &self,
+        view: &View,
+        settings: &Settings,
+        [x, y]: [i64; 2],
+        number: usize,
+        subject: Subject,
+    ) -> Said {
         let level = &self.levels[number];
         let own = self.levels[0].at(x, y).point;
         // Pixels without a point are judged by squares of a quarter of a cell, no larger than a tile, from the middle.
@@ -207,7 +265,8 @@ impl Pyramid {
         let rim = (radius as f64 + 0.5) * side as f64;
         let (mut most, mut nearest) = ([None::<f64>; SECTORS], [rim; SECTORS]);
         let mut leads = std::collections::HashSet::new();
-        for (dx, dy) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dx, dy))) {
+        for (dx, dy) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dx, dy)))
+        {
             if number == 0 && (dx, dy) == (0, 0) {
                 continue;
             }
@@ -218,12 +277,16 @@ impl Pyramid {
                 return Said::Either;
             }
             let Some((z, place)) = point else { continue };
-            let offset = [0, 1].map(|axis| place[axis] + ((cell[axis] - inside[axis]) * side) as f64 - at[axis]);
+            let offset = [0, 1]
+                .map(|axis| place[axis] + ((cell[axis] - inside[axis]) * side) as f64 - at[axis]);
             let distance = offset[0].hypot(offset[1]);
             let mut ratio = 0.0;
             if let Some((z0, _)) = own {
                 let (rr, aside) = match perspective {
-                    true => (1.0 + ray[0] * ray[0] + ray[1] * ray[1], z * (offset[0] * ray[0] + offset[1] * ray[1])),
+                    true => (
+                        1.0 + ray[0] * ray[0] + ray[1] * ray[1],
+                        z * (offset[0] * ray[0] + offset[1] * ray[1]),
+                    ),
                     false => (1.0, 0.0),
                 };
                 let twist = if perspective { offset[0] * ray[1] - offset[1] * ray[0] } else { 0.0 };
@@ -245,14 +308,20 @@ impl Pyramid {
             most[sector] = Some(most[sector].map_or(ratio, |most| most.max(ratio)));
             nearest[sector] = nearest[sector].min(distance);
         }
-        let closed = if own.is_some() { settings.threshold } else { settings.holes } * SECTORS as f64 / TAU;
+        let closed =
+            if own.is_some() { settings.threshold } else { settings.holes } * SECTORS as f64 / TAU;
         if leads.len() < fewest(settings, closed) {
             return Said::TooFew;
         }
-        let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
+        let around =
+            (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
         let in_kernel = |at: &(i64, i64)| at.0.abs() <= radius && at.1.abs() <= radius;
-        let neighbours = leads.iter().flat_map(|(x, y)| around.clone().map(move |(dx, dy)| (x + dx, y + dy))).filter(in_kernel);
-        let (count, leading) = neighbours.fold((0, 0), |(count, leading), at| (count + 1, leading + leads.contains(&at) as u32));
+        let neighbours = leads
+            .iter()
+            .flat_map(|(x, y)| around.clone().map(move |(dx, dy)| (x + dx, y + dy)))
+            .filter(in_kernel);
+        let (count, leading) = neighbours
+            .fold((0, 0), |(count, leading), at| (count + 1, leading + leads.contains(&at) as u32));
         let share = (leading as f64 / count.max(1) as f64).min(MOST_SHARE);
         let area = nearest.iter().map(|d| PI / 8.0 * d * d).sum::<f64>() / (side * side) as f64;
         let (there, needed) = (share * area, settings.expected * (1.0 - share).sqrt());

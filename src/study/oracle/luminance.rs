@@ -27,15 +27,19 @@ pub fn colors(
     let mut doubtful = vec![false; front.len()];
     for (footprint, bytes) in points {
         let [xs, ys] = [footprint.x, footprint.y].map(|range| range.map(|end| end.floor() as i64));
-        for (x, y) in (ys[0].max(0)..=ys[1].min(rows - 1)).flat_map(|y| (xs[0].max(0)..=xs[1].min(columns - 1)).map(move |x| (x, y))) {
+        for (x, y) in (ys[0].max(0)..=ys[1].min(rows - 1))
+            .flat_map(|y| (xs[0].max(0)..=xs[1].min(columns - 1)).map(move |x| (x, y)))
+        {
             let i = (y * columns + x) as usize;
             let reach = (front[i] + epsilon) as f64;
-            let [may, must] = [footprint.z[0] <= reach * (1.0 + ULP), footprint.z[1] <= reach * (1.0 - ULP)];
+            let [may, must] =
+                [footprint.z[0] <= reach * (1.0 + ULP), footprint.z[1] <= reach * (1.0 - ULP)];
             if may && !(must && xs[0] == xs[1] && ys[0] == ys[1]) {
                 doubtful[i] = true;
             } else if may {
                 let value = *bytes.iter().max().expect("three") as u64;
-                let values = if settings.space == Space::Rgb { bytes.map(u64::from) } else { [value; 3] };
+                let values =
+                    if settings.space == Space::Rgb { bytes.map(u64::from) } else { [value; 3] };
                 sums[i].0.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
                 sums[i].1 += 1;
             }
@@ -48,10 +52,14 @@ pub fn colors(
         }
         let (x, y) = (i as i64 % columns, i as i64 / columns);
         let (mut sum, mut count) = ([0u64; 3], 0);
-        for (dx, dy) in (-around..=around).flat_map(|dy| (-around..=around).map(move |dx| (dx, dy))) {
+        for (dx, dy) in (-around..=around).flat_map(|dy| (-around..=around).map(move |dx| (dx, dy)))
+        {
             let (u, v) = (x + dx, y + dy);
             let k = (v * columns + u) as usize;
-            if !(0..columns).contains(&u) || !(0..rows).contains(&v) || (front[k] - front[i]).abs() > epsilon {
+            if !(0..columns).contains(&u)
+                || !(0..rows).contains(&v)
+                || (front[k] - front[i]).abs() > epsilon
+            {
                 continue;
             }
             if doubtful[k] {
@@ -66,7 +74,11 @@ pub fn colors(
         }
         let mean = sum.map(|sum| sum as f64 / count as f64);
         let [r, g, b, _] = uncorrected[i];
-        let encoded = if settings.space == Space::Rgb { mean } else { with_value([r, g, b].map(byte), mean[0]) };
+        let encoded = if settings.space == Space::Rgb {
+            mean
+        } else {
+            with_value([r, g, b].map(byte), mean[0])
+        };
         Some(encoded.map(linear))
     };
     (0..front.len()).map(pixel).collect()
@@ -81,7 +93,11 @@ fn byte(linear: f32) -> u8 {
     let (mut lo, mut hi) = (0u8, 255u8);
     while lo < hi {
         let middle = lo + (hi - lo) / 2;
-        if (srgb_to_linear(middle as f64 / 255.0) as f32) < linear { lo = middle + 1 } else { hi = middle }
+        if (srgb_to_linear(middle as f64 / 255.0) as f32) < linear {
+            lo = middle + 1
+        } else {
+            hi = middle
+        }
     }
     lo
 }
@@ -110,11 +126,15 @@ pub fn with_value(rgb: [u8; 3], value: f64) -> [f64; 3] {
 /// An encoded value's linear one, where the way between two of 256 is straight.
 pub fn linear(encoded: f64) -> Bounded {
     let entry = encoded.floor().min(254.0);
-    let [below, above] = [entry, entry + 1.0].map(|entry| srgb_to_linear(entry / 255.0) as f32 as f64);
+    let [below, above] =
+        [entry, entry + 1.0].map(|entry| srgb_to_linear(entry / 255.0) as f32 as f64);
     let value = below + (above - below) * (encoded - entry);
     // Beside an entry the way may be as steep as the next one's.
     let steepest = (above - below).max(srgb_to_linear(((entry + 2.0) / 255.0).min(1.0)) - above);
-    Bounded { value, error: steepest * RELATIVE * encoded + 3.0 * ULP * value.max(above - below) + super::FLUSH }
+    Bounded {
+        value,
+        error: steepest * RELATIVE * encoded + 3.0 * ULP * value.max(above - below) + super::FLUSH,
+    }
 }
 
 #[cfg(test)]
@@ -129,7 +149,8 @@ mod tests {
     /// Two hundred thousandths of white: far less than half a code of a picture of 8 bits, where the curve is least steep too.
     #[test]
     fn the_straight_way_is_near_the_curve() {
-        let off = (0..=25500).map(|i| (linear(i as f64 / 100.0).value - srgb_to_linear(i as f64 / 25500.0)).abs());
+        let off = (0..=25500)
+            .map(|i| (linear(i as f64 / 100.0).value - srgb_to_linear(i as f64 / 25500.0)).abs());
         assert!(off.fold(0.0, f64::max) < 1e-5);
     }
 }

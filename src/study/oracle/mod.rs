@@ -72,7 +72,8 @@ impl Bounded {
 
     /// A function that never falls, and that is exact.
     fn through(self, rising: impl Fn(f64) -> f64) -> Bounded {
-        let [lo, value, hi] = [self.value - self.error, self.value, self.value + self.error].map(rising);
+        let [lo, value, hi] =
+            [self.value - self.error, self.value, self.value + self.error].map(rising);
         Bounded { value, error: (hi - value).max(value - lo) }
     }
 
@@ -105,7 +106,9 @@ impl Neg for Bounded {
 impl Mul for Bounded {
     type Output = Bounded;
     fn mul(self, other: Bounded) -> Bounded {
-        let inherited = self.value.abs() * other.error + other.value.abs() * self.error + self.error * other.error;
+        let inherited = self.value.abs() * other.error
+            + other.value.abs() * self.error
+            + self.error * other.error;
         Bounded::rounded(self.value * other.value, inherited, 1.0)
     }
 }
@@ -116,7 +119,11 @@ impl Div for Bounded {
     fn div(self, other: Bounded) -> Bounded {
         let value = self.value / other.value;
         let least = other.value.abs() - other.error;
-        let inherited = if least > 0.0 { (self.error + value.abs() * other.error) / least } else { f64::INFINITY };
+        let inherited = if least > 0.0 {
+            (self.error + value.abs() * other.error) / least
+        } else {
+            f64::INFINITY
+        };
         Bounded::rounded(value, inherited, 2.5)
     }
 }

@@ -23,21 +23,25 @@ pub fn shade(
     let [light, eye] = [light, Light::Headlight].map(|light| seen(view, light));
     let pixel = |i: usize| {
         let [r, g, b, alpha] = color[i].map(Bounded::exact);
-        let [ambient, diffuse, specular] = [settings.ambient, settings.diffuse, settings.specular].map(|part| Bounded::exact(part as f32));
+        let [ambient, diffuse, specular] = [settings.ambient, settings.diffuse, settings.specular]
+            .map(|part| Bounded::exact(part as f32));
         let lit = |facing: Bounded, mirrored: Bounded| {
             let highlight = specular * power(mirrored.max(0.0).min(1.0), settings.shininess as u32);
             [0, 1, 2].map(|c| {
                 let reached = Bounded::exact(reached.map_or(1.0, |reached| reached[i][c]));
-                [r, g, b][c] * (ambient + reached * (diffuse * facing.max(0.0))) + reached * (highlight * alpha)
+                [r, g, b][c] * (ambient + reached * (diffuse * facing.max(0.0)))
+                    + reached * (highlight * alpha)
             })
         };
         let unlit = lit(Bounded::exact(1.0), Bounded::exact(0.0));
         if !known(depth[i]) {
             return vec![unlit];
         }
-        let of_points = facing.and_then(|facing| of_points(view, settings.radius as i64, depth, facing, i));
+        let of_points =
+            facing.and_then(|facing| of_points(view, settings.radius as i64, depth, facing, i));
         let fitted = || normal(view, settings.radius as i64, depth, i);
-        let (normal, may_be_none, may_be) = of_points.map_or_else(fitted, |normal| (normal, false, true));
+        let (normal, may_be_none, may_be) =
+            of_points.map_or_else(fitted, |normal| (normal, false, true));
         let mut colors = Vec::new();
         if may_be_none {
             colors.push(unlit);
@@ -60,7 +64,13 @@ pub fn shade(
 }
 
 /// The normal of a pixel's point; or, where it has none, the mean of those of the pixels around it on the same surface.
-fn of_points(view: &View, radius: i64, depth: &[f32], facing: &[[f32; 4]], i: usize) -> Option<[Bounded; 3]> {
+fn of_points(
+    view: &View,
+    radius: i64,
+    depth: &[f32],
+    facing: &[[f32; 4]],
+    i: usize,
+) -> Option<[Bounded; 3]> {
     let exact = |[x, y, z, _]: [f32; 4]| [x, y, z].map(Bounded::exact);
     if facing[i][3] > 0.0 {
         return Some(exact(facing[i]));
@@ -69,9 +79,16 @@ fn of_points(view: &View, radius: i64, depth: &[f32], facing: &[[f32; 4]], i: us
     let (x, y, z0) = (i as i64 % columns, i as i64 / columns, Bounded::exact(depth[i]));
     let reach = reach(view, z0);
     let mut sum = None;
-    for (u, v) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (x + dx, y + dy))) {
+    for (u, v) in
+        (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (x + dx, y + dy)))
+    {
         let inside = (0..columns).contains(&u) && (0..rows).contains(&v);
-        let Some(k) = inside.then_some((v * columns + u) as usize).filter(|&k| known(depth[k]) && facing[k][3] > 0.0) else { continue };
+        let Some(k) = inside
+            .then_some((v * columns + u) as usize)
+            .filter(|&k| known(depth[k]) && facing[k][3] > 0.0)
+        else {
+            continue;
+        };
         let difference = z0 - Bounded::exact(depth[k]);
         if difference.value.abs() >= reach.value {
             continue;
@@ -92,14 +109,25 @@ pub fn facing(view: &View, i: usize, normal: DVec3) -> [Bounded; 3] {
         Bounded { value, error: 12.0 * super::ULP }
     });
     let ray = ray(view, i, 1.0);
-    let away = dot(seen, if view.camera.projection == Projection::Perspective { ray } else { [0.0, 0.0, 1.0].map(Bounded::exact) });
+    let away = dot(
+        seen,
+        if view.camera.projection == Projection::Perspective {
+            ray
+        } else {
+            [0.0, 0.0, 1.0].map(Bounded::exact)
+        },
+    );
     if away.value > 0.0 { seen.map(|axis| -axis) } else { seen }
 }
 
 /// A pixel's place divided by its depth.
 fn ray(view: &View, i: usize, z: f32) -> [Bounded; 3] {
     let aside = from_centre(view, i).map(|pixels| pixels / Bounded::exact(view.focal_px() as f32));
-    let aside = if view.camera.projection == Projection::Perspective { aside } else { aside.map(|metres| metres / Bounded::exact(z)) };
+    let aside = if view.camera.projection == Projection::Perspective {
+        aside
+    } else {
+        aside.map(|metres| metres / Bounded::exact(z))
+    };
     [aside[0], aside[1], Bounded::exact(1.0)]
 }
 
@@ -110,11 +138,16 @@ enum Seen {
 }
 
 fn seen(view: &View, light: Light) -> Seen {
-    let axes = |world: DVec3| [view.basis.right, -view.basis.up, view.basis.forward].map(|axis| Bounded::constant(world.dot(axis)));
+    let axes = |world: DVec3| {
+        [view.basis.right, -view.basis.up, view.basis.forward]
+            .map(|axis| Bounded::constant(world.dot(axis)))
+    };
     match light {
         Light::Direction(travels) => Seen::Way(axes(-travels / travels.length())),
         Light::Position(world) => Seen::Place(axes(world - view.camera.eye)),
-        Light::Headlight if view.camera.projection == Projection::Perspective => Seen::Place([Bounded::exact(0.0); 3]),
+        Light::Headlight if view.camera.projection == Projection::Perspective => {
+            Seen::Place([Bounded::exact(0.0); 3])
+        }
         Light::Headlight => Seen::Way([0.0, 0.0, -1.0].map(Bounded::exact)),
     }
 }
@@ -127,5 +160,9 @@ fn towards(what: &Seen, ray: [Bounded; 3], z: Bounded) -> [Bounded; 3] {
 }
 
 fn power(x: Bounded, exponent: u32) -> Bounded {
-    (0..8).fold((Bounded::exact(1.0), x), |(result, x), bit| (if exponent >> bit & 1 == 1 { result * x } else { result }, x * x)).0
+    (0..8)
+        .fold((Bounded::exact(1.0), x), |(result, x), bit| {
+            (if exponent >> bit & 1 == 1 { result * x } else { result }, x * x)
+        })
+        .0
 }

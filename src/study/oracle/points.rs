@@ -52,6 +52,9 @@ fn unpacked(part: &Part, order: &[u32]) -> Vec<[i64; 3]> {
     pack::pack(&part.columns, &frame, order, index::Arrangement::Morton, |_| [0; 5], &mut planes);
     let pad = 10 * frame.planes - frame.bits;
     let axis = |word: u32, axis: usize| (word >> (10 * axis) & 1023) as u64;
-    let cells = |i: usize| [0, 1, 2].map(|k| pages.iter().fold(0u64, |cells, page| cells << 10 | axis(page[i], k)) >> pad);
+    let cells = |i: usize| {
+        [0, 1, 2]
+            .map(|k| pages.iter().fold(0u64, |cells, page| cells << 10 | axis(page[i], k)) >> pad)
+    };
     (0..order.len()).map(|i| [0, 1, 2].map(|k| frame.origin[k] + cells(i)[k] as i64)).collect()
 }

@@ -40,21 +40,31 @@ pub struct Source {
 impl Source {
     /// A part as it is kept. `moved` is 0 where the lattice is the file's own.
     pub fn new(part: &Part, view: &View, precision: Precision, moved: DVec3) -> Source {
-        let largest = |column: &[i32]| column.iter().map(|q| q.unsigned_abs()).max().unwrap_or(0) as f64;
+        let largest =
+            |column: &[i32]| column.iter().map(|q| q.unsigned_abs()).max().unwrap_or(0) as f64;
         let columns = &part.columns;
         let steps = DVec3::new(largest(&columns.x), largest(&columns.y), largest(&columns.z));
         let reach = (part.lattice.offset - view.camera.eye).abs() + part.lattice.step.abs() * steps;
-        let width =
-            [&columns.x, &columns.y, &columns.z].map(|column| crate::cloud::range(column).map_or(0, |(lo, hi)| hi as i64 - lo as i64));
-        let cube = part.lattice.step.abs() * 2.0 * width.into_iter().max().unwrap_or(0).max(1) as f64;
-        Source { step: part.lattice.step.abs(), reach, cube, moved, auto: precision == Precision::Auto }
+        let width = [&columns.x, &columns.y, &columns.z]
+            .map(|column| crate::cloud::range(column).map_or(0, |(lo, hi)| hi as i64 - lo as i64));
+        let cube =
+            part.lattice.step.abs() * 2.0 * width.into_iter().max().unwrap_or(0).max(1) as f64;
+        Source {
+            step: part.lattice.step.abs(),
+            reach,
+            cube,
+            moved,
+            auto: precision == Precision::Auto,
+        }
     }
 }
 
 /// Positions relative to the eye of all points of a part.
 pub fn positions(part: &Part, eye: DVec3) -> Vec<DVec3> {
     let Part { columns, lattice, .. } = part;
-    let at = |i: usize| relative(lattice, [columns.x[i] as i64, columns.y[i] as i64, columns.z[i] as i64], eye);
+    let at = |i: usize| {
+        relative(lattice, [columns.x[i] as i64, columns.y[i] as i64, columns.z[i] as i64], eye)
+    };
     (0..columns.len()).into_par_iter().map(at).collect()
 }
 
@@ -68,7 +78,11 @@ pub fn relative(lattice: &Lattice, q: [i64; 3], eye: DVec3) -> DVec3 {
         sum + (sum_error + apart_error + along_error)
     };
     let Lattice { offset: o, step: s } = lattice;
-    DVec3::new(axis(o.x, s.x, q[0] as f64, eye.x), axis(o.y, s.y, q[1] as f64, eye.y), axis(o.z, s.z, q[2] as f64, eye.z))
+    DVec3::new(
+        axis(o.x, s.x, q[0] as f64, eye.x),
+        axis(o.y, s.y, q[1] as f64, eye.y),
+        axis(o.z, s.z, q[2] as f64, eye.z),
+    )
 }
 
 fn two_sum(a: f64, b: f64) -> (f64, f64) {
@@ -100,7 +114,11 @@ pub fn footprint(view: &View, source: &Source, v: DVec3) -> Option<Footprint> {
     let basis = &view.basis;
     let depth = v.dot(basis.forward);
     // `Auto` keeps half a cell's diagonal below QUANTISATION_PX at the node's least depth, which no point of the node is in front of.
-    let half_cell = if source.auto { QUANTISATION_PX * if perspective { depth.max(0.0) } else { 1.0 } / f } else { 0.0 };
+    let half_cell = if source.auto {
+        QUANTISATION_PX * if perspective { depth.max(0.0) } else { 1.0 } / f
+    } else {
+        0.0
+    };
     let cell = source.step.max(DVec3::splat(2.0 * half_cell));
     let magnitudes = v.abs() + cell;
     // Eight f64 roundings, of numbers that are at most so large: offset - eye, origin, their products and sums, nearest, the dot product.
@@ -110,7 +128,8 @@ pub fn footprint(view: &View, source: &Source, v: DVec3) -> Option<Footprint> {
     let error = |axis: DVec3| {
         let along = v.dot(axis).abs();
         let axis = axis.abs();
-        let ulps = (5.5 * axis.dot(magnitudes)).min(5.0 * axis.dot(source.cube + cell) + 1.5 * along);
+        let ulps =
+            (5.5 * axis.dot(magnitudes)).min(5.0 * axis.dot(source.cube + cell) + 1.5 * along);
         ulps * ULP * SECOND_ORDER + axis.dot(in_f64 + source.moved) + half_cell + flushed
     };
     let around = |axis: DVec3| [v.dot(axis) - error(axis), v.dot(axis) + error(axis)];
@@ -124,7 +143,10 @@ pub fn footprint(view: &View, source: &Source, v: DVec3) -> Option<Footprint> {
         let centre = size as f64 / 2.0;
         let [lo, hi] = around(axis).map(|metres| metres * f);
         let (at, [lo, hi]) = match perspective {
-            true => (v.dot(axis) * f / depth, [lo / in_front[(lo > 0.0) as usize], hi / in_front[(hi < 0.0) as usize]]),
+            true => (
+                v.dot(axis) * f / depth,
+                [lo / in_front[(lo > 0.0) as usize], hi / in_front[(hi < 0.0) as usize]],
+            ),
             false => (v.dot(axis) * f, [lo, hi]),
         };
         let widened = |x: f64, way: f64| {
@@ -140,14 +162,18 @@ pub fn footprint(view: &View, source: &Source, v: DVec3) -> Option<Footprint> {
 impl Footprint {
     /// The pixels that it may be in, clipped to the picture: columns and rows.
     fn pixels(&self, size: [u32; 2]) -> [std::ops::Range<u32>; 2] {
-        let clipped =
-            |[lo, hi]: [f64; 2], side: u32| lo.floor().clamp(0.0, side as f64) as u32..(hi.floor() + 1.0).clamp(0.0, side as f64) as u32;
+        let clipped = |[lo, hi]: [f64; 2], side: u32| {
+            lo.floor().clamp(0.0, side as f64) as u32
+                ..(hi.floor() + 1.0).clamp(0.0, side as f64) as u32
+        };
         [clipped(self.x, size[0]), clipped(self.y, size[1])]
     }
 
     /// It certainly lies in one pixel, in front of the camera.
     fn certain(&self) -> bool {
-        self.z[0] >= NEAR_M as f64 && self.x[0].floor() == self.x[1].floor() && self.y[0].floor() == self.y[1].floor()
+        self.z[0] >= NEAR_M as f64
+            && self.x[0].floor() == self.x[1].floor()
+            && self.y[0].floor() == self.y[1].floor()
     }
 
     /// It lies on an edge between pixels even in f64, to a millionth of its bound: data and picture are aligned, and no arithmetic could decide it.
@@ -200,13 +226,26 @@ struct Candidate {
 
 /// Compares `drawn`, depths row by row from the top left, with all points there are: parts and their positions relative to the eye.
 pub fn check(view: &View, parts: &[(Source, Vec<DVec3>)], drawn: &[f32]) -> Agreement {
-    let footprints = || parts.iter().flat_map(|(source, positions)| positions.iter().map(move |v| (source, *v))).collect::<Vec<_>>();
-    let footprints: Vec<Footprint> = footprints().into_par_iter().filter_map(|(source, v)| footprint(view, source, v)).collect();
+    let footprints = || {
+        parts
+            .iter()
+            .flat_map(|(source, positions)| positions.iter().map(move |v| (source, *v)))
+            .collect::<Vec<_>>()
+    };
+    let footprints: Vec<Footprint> =
+        footprints().into_par_iter().filter_map(|(source, v)| footprint(view, source, v)).collect();
     let width = view.size[0];
     let candidates = |f: &Footprint| {
         let [columns, rows] = f.pixels(view.size);
         let (z, certain, on_edge) = (f.z, f.certain(), f.on_edge());
-        rows.flat_map(move |row| columns.clone().map(move |column| Candidate { pixel: row * width + column, z, certain, on_edge }))
+        rows.flat_map(move |row| {
+            columns.clone().map(move |column| Candidate {
+                pixel: row * width + column,
+                z,
+                certain,
+                on_edge,
+            })
+        })
     };
     let mut candidates: Vec<Candidate> = footprints.par_iter().flat_map_iter(candidates).collect();
     candidates.par_sort_unstable_by_key(|candidate| candidate.pixel);
@@ -221,17 +260,24 @@ pub fn check(view: &View, parts: &[(Source, Vec<DVec3>)], drawn: &[f32]) -> Agre
     for (pixel, range) in in_pixel.into_iter().enumerate() {
         let here = &candidates[range];
         let depth = drawn[pixel] as f64;
-        let nearest = here.iter().filter(|c| c.certain).map(|c| c.z[1]).fold(f64::INFINITY, f64::min);
+        let nearest =
+            here.iter().filter(|c| c.certain).map(|c| c.z[1]).fold(f64::INFINITY, f64::min);
         front[pixel] = nearest;
         let doubtful = || here.iter().filter(|c| !c.certain && c.z[0] < nearest);
-        let possible =
-            here.iter().any(|c| c.z[0] <= depth && depth <= c.z[1]) && depth <= nearest || nearest.is_infinite() && depth == f64::INFINITY;
+        let possible = here.iter().any(|c| c.z[0] <= depth && depth <= c.z[1]) && depth <= nearest
+            || nearest.is_infinite() && depth == f64::INFINITY;
         agreement.covered += nearest.is_finite() as usize;
         match (possible, doubtful().next()) {
             (false, _) => {
                 agreement.wrong += 1;
                 let least = here.iter().map(|c| c.z[0]).fold(f64::INFINITY, f64::min);
-                agreement.example.get_or_insert([(pixel as u32 % width) as f64, (pixel as u32 / width) as f64, depth, least, nearest]);
+                agreement.example.get_or_insert([
+                    (pixel as u32 % width) as f64,
+                    (pixel as u32 / width) as f64,
+                    depth,
+                    least,
+                    nearest,
+                ]);
             }
             (true, None) => agreement.agreeing += 1,
             (true, Some(_)) => {
@@ -265,7 +311,9 @@ fn doubt(f: &Footprint, size: [u32; 2], front: &[f64], clear: &mut [f64]) {
     }
     let [x, y] = f.at.map(f64::floor);
     count(x, y, 1.0 - (1.0 - 2.0 * half[0]) * (1.0 - 2.0 * half[1]));
-    for (dx, dy, margin) in [(-1.0, 0.0, half[0]), (1.0, 0.0, half[0]), (0.0, -1.0, half[1]), (0.0, 1.0, half[1])] {
+    for (dx, dy, margin) in
+        [(-1.0, 0.0, half[0]), (1.0, 0.0, half[0]), (0.0, -1.0, half[1]), (0.0, 1.0, half[1])]
+    {
         count(x + dx, y + dy, margin);
     }
 }

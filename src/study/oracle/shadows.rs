@@ -6,7 +6,8 @@ use super::{Bounded, ULP};
 use crate::passes::shadows::Layer;
 
 /// Once around, clockwise from the upper left.
-const AROUND: [[i64; 2]; 8] = [[-1, -1], [0, -1], [1, -1], [1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0]];
+const AROUND: [[i64; 2]; 8] =
+    [[-1, -1], [0, -1], [1, -1], [1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0]];
 
 fn neighbours(size: [u32; 2], depth: &[f32], i: usize) -> [Option<f32>; 8] {
     let [width, height] = size.map(|side| side as i64);
@@ -24,7 +25,8 @@ fn texel_at(layer: &Layer, z: f32) -> Bounded {
 
 /// Across a surface, and then along the light.
 fn layer_at(layer: &Layer, z: f32, tangent: Bounded) -> Bounded {
-    let across = Bounded::exact(layer.metres as f32) + Bounded::exact(layer.texels as f32) * texel_at(layer, z);
+    let across = Bounded::exact(layer.metres as f32)
+        + Bounded::exact(layer.texels as f32) * texel_at(layer, z);
     across * root(Bounded::exact(1.0) + tangent * tangent)
 }
 
@@ -47,7 +49,10 @@ fn run_to(neighbour: usize, texel: Bounded) -> Bounded {
 }
 
 fn steepest_of(slopes: impl Iterator<Item = Bounded>, layer: &Layer) -> Bounded {
-    let steepest = slopes.fold(Bounded::exact(0.0), |a, b| Bounded { value: a.value.max(b.value), error: a.error.max(b.error) });
+    let steepest = slopes.fold(Bounded::exact(0.0), |a, b| Bounded {
+        value: a.value.max(b.value),
+        error: a.error.max(b.error),
+    });
     steepest.min(layer.steepest as f32 as f64)
 }
 
@@ -56,7 +61,9 @@ pub fn fill(size: [u32; 2], layer: &Layer, steps: u32, depth: &[f32], i: usize) 
     let own = depth[i];
     let around = neighbours(size, depth, i);
     let behind = |front: Option<Bounded>, slack: f64| {
-        around.map(|z| z.filter(|&z| front.is_none_or(|front| (z as f64) < front.value + slack * front.error)))
+        around.map(|z| {
+            z.filter(|&z| front.is_none_or(|front| (z as f64) < front.value + slack * front.error))
+        })
     };
     let filled = |[first, same, second]: [f64; 3]| {
         let front = own.is_finite().then(|| {
@@ -69,17 +76,31 @@ pub fn fill(size: [u32; 2], layer: &Layer, steps: u32, depth: &[f32], i: usize) 
             };
             let layers = steps as f64 + 1.0;
             let before = behind(Some(reach(Bounded::exact(0.0), layers)), first);
-            let among = (0..8).filter_map(|k| tangent(layer, [before[k]?, before[(k + 1) % 8]?], texel, same));
-            let aside = (0..8).filter_map(|k| tangent(layer, [own, around[k].filter(|_| before[k].is_none())?], run_to(k, texel), same));
+            let among = (0..8)
+                .filter_map(|k| tangent(layer, [before[k]?, before[(k + 1) % 8]?], texel, same));
+            let aside = (0..8).filter_map(|k| {
+                tangent(
+                    layer,
+                    [own, around[k].filter(|_| before[k].is_none())?],
+                    run_to(k, texel),
+                    same,
+                )
+            });
             let is_rim = around.iter().filter(|z| z.is_none()).count() >= 3;
-            let tangent = if is_rim { Bounded::exact(layer.steepest as f32) } else { steepest_of(among.chain(aside), layer) };
+            let tangent = if is_rim {
+                Bounded::exact(layer.steepest as f32)
+            } else {
+                steepest_of(among.chain(aside), layer)
+            };
             reach(tangent, layers)
         });
         let before = behind(front, second);
         let stays = (0..8).any(|first| (first..first + 5).all(|k| before[k % 8].is_none()));
         if stays { own } else { before.into_iter().flatten().fold(f32::INFINITY, f32::min) }
     };
-    (0..8).map(|k| filled([0, 1, 2].map(|bit| if k >> bit & 1 == 1 { 1.0 } else { -1.0 }))).collect()
+    (0..8)
+        .map(|k| filled([0, 1, 2].map(|bit| if k >> bit & 1 == 1 { 1.0 } else { -1.0 })))
+        .collect()
 }
 
 /// How deep light reaches in a texel: one of these; nothing where the light sees nothing.
@@ -91,7 +112,8 @@ pub fn limit(size: [u32; 2], layer: &Layer, depth: &[f32], i: usize) -> Vec<Boun
     let texel = texel_at(layer, own);
     let around = neighbours(size, depth, i);
     let with = |slack: f64| {
-        let slopes = (0..8).filter_map(|k| tangent(layer, [own, around[k]?], run_to(k, texel), slack));
+        let slopes =
+            (0..8).filter_map(|k| tangent(layer, [own, around[k]?], run_to(k, texel), slack));
         let reach = Bounded::exact(own) + layer_at(layer, own, steepest_of(slopes, layer));
         reach.max(f32::from_bits(own.to_bits() + 1) as f64)
     };

@@ -13,7 +13,8 @@ use crate::view::{Projection, View};
 
 pub fn light(view: &View, settings: &Settings, depth: &[f32]) -> Vec<Bounded> {
     let width = (settings.softness / view.focal_px()) as f32 as f64;
-    let mut depths: Vec<Option<Bounded>> = depth.iter().map(|&z| (z.is_finite() && z > 0.0).then(|| Bounded::exact(z))).collect();
+    let mut depths: Vec<Option<Bounded>> =
+        depth.iter().map(|&z| (z.is_finite() && z > 0.0).then(|| Bounded::exact(z))).collect();
     let mut light = vec![Bounded::exact(0.0); depth.len()];
     for weight in weights(settings) {
         let levels: Vec<_> = (0..depth.len()).map(|i| level(view, &depths, i, width)).collect();
@@ -27,7 +28,8 @@ pub fn light(view: &View, settings: &Settings, depth: &[f32]) -> Vec<Bounded> {
 
 /// 1 / (k + 1)^xi, together 1; the first as much as all others together where that is asked for.
 fn weights(settings: &Settings) -> Vec<f64> {
-    let mut weights: Vec<f64> = (1..=settings.levels as u32).map(|k| (k as f64).powf(-settings.xi)).collect();
+    let mut weights: Vec<f64> =
+        (1..=settings.levels as u32).map(|k| (k as f64).powf(-settings.xi)).collect();
     let deeper: f64 = weights[1..].iter().sum();
     if settings.first >= 0.5 {
         weights[0] += deeper;
@@ -37,16 +39,24 @@ fn weights(settings: &Settings) -> Vec<f64> {
 }
 
 /// Omega, and the depth of the next level; light without a depth.
-fn level(view: &View, depths: &[Option<Bounded>], i: usize, width: f64) -> (Bounded, Option<Bounded>) {
+fn level(
+    view: &View,
+    depths: &[Option<Bounded>],
+    i: usize,
+    width: f64,
+) -> (Bounded, Option<Bounded>) {
     let Some(own) = depths[i] else { return (Bounded::exact(1.0), None) };
     let [columns, rows] = view.size.map(|side| side as i64);
     let (x, y) = (i as i64 % columns, i as i64 / columns);
     let around = (y - 1..=y + 1).flat_map(|y| (x - 1..=x + 1).map(move |x| (x, y)));
     let inside = around.filter(|(x, y)| (0..columns).contains(x) && (0..rows).contains(y));
-    let known: Vec<Bounded> = inside.filter_map(|(x, y)| depths[(y * columns + x) as usize]).collect();
+    let known: Vec<Bounded> =
+        inside.filter_map(|(x, y)| depths[(y * columns + x) as usize]).collect();
 
     let most = |of: &dyn Fn(&Bounded) -> f64| known.iter().map(of).fold(0.0, f64::max);
-    let mean = |of: &dyn Fn(f64) -> f64| known.iter().map(|z| of(z.value)).sum::<f64>() / known.len() as f64;
+    let mean = |of: &dyn Fn(f64) -> f64| {
+        known.iter().map(|z| of(z.value)).sum::<f64>() / known.len() as f64
+    };
     let before = most(&|z| z.error);
     let apart = most(&|z| (z.value - own.value).abs()) + 2.0 * before;
     let mu = mean(&|z| z - own.value);
@@ -54,11 +64,19 @@ fn level(view: &View, depths: &[Option<Bounded>], i: usize, width: f64) -> (Boun
     let mu_rounding = 13.0 * ULP * apart;
     let sigma_error = before + 28.0 * ULP * apart;
 
-    let from_dmin = Bounded { value: (sigma - mu).abs(), error: sigma_error + 2.0 * before + mu_rounding + ULP * apart };
+    let from_dmin = Bounded {
+        value: (sigma - mu).abs(),
+        error: sigma_error + 2.0 * before + mu_rounding + ULP * apart,
+    };
     let quantum = 8.0 * ULP;
-    let part = if view.camera.projection == Projection::Perspective { width.max(quantum) } else { quantum };
+    let part = if view.camera.projection == Projection::Perspective {
+        width.max(quantum)
+    } else {
+        quantum
+    };
     let part = Bounded { value: part, error: 0.0 } * own;
-    let eps = if view.camera.projection == Projection::Perspective { part } else { part.max(width) };
+    let eps =
+        if view.camera.projection == Projection::Perspective { part } else { part.max(width) };
     let spread = Bounded { value: 2.0 * sigma, error: 2.0 * sigma_error } + eps;
     let omega = (Bounded::exact(1.0) - from_dmin / spread).through(|omega| omega.clamp(0.0, 1.0));
 

@@ -4,14 +4,22 @@ use super::Bounded;
 use crate::passes::smooth::Filter;
 
 /// Depth and colour of every pixel, once smoothed; none where it stays as it is, which it does without a depth, and where nothing was `filled` in its 3 x 3.
-pub fn means(size: [u32; 2], filter: Filter, filled: &[bool], depth: &[f32], color: &[[f32; 4]]) -> Vec<Option<(Bounded, [Bounded; 3])>> {
+pub fn means(
+    size: [u32; 2],
+    filter: Filter,
+    filled: &[bool],
+    depth: &[f32],
+    color: &[[f32; 4]],
+) -> Vec<Option<(Bounded, [Bounded; 3])>> {
     let [columns, rows] = size.map(|side| side as i64);
     let known = |i: usize| depth[i].is_finite() && depth[i] > 0.0;
     let around = |i: usize| {
         let (x, y) = (i as i64 % columns, i as i64 / columns);
-        let within = move |&(u, v): &(i64, i64)| (0..columns).contains(&u) && (0..rows).contains(&v);
+        let within =
+            move |&(u, v): &(i64, i64)| (0..columns).contains(&u) && (0..rows).contains(&v);
         let all = (y - 1..=y + 1).flat_map(move |v| (x - 1..=x + 1).map(move |u| (u, v)));
-        all.filter(within).map(move |(u, v)| ((v * columns + u) as usize, (u - x).abs() + (v - y).abs()))
+        all.filter(within)
+            .map(move |(u, v)| ((v * columns + u) as usize, (u - x).abs() + (v - y).abs()))
     };
     let pixel = |i: usize| {
         let zero = Bounded::exact(0.0);
@@ -24,11 +32,21 @@ pub fn means(size: [u32; 2], filter: Filter, filled: &[bool], depth: &[f32], col
                 (Filter::Auto | Filter::Alleviated, _) => 16.0,
             };
             weights += weight;
-            rise = rise + Bounded::exact(weight) * (Bounded::exact(depth[k]) - Bounded::exact(depth[i]));
-            change = [0, 1, 2].map(|c| change[c] + Bounded::exact(weight) * (Bounded::exact(color[k][c]) - Bounded::exact(color[i][c])));
+            rise = rise
+                + Bounded::exact(weight) * (Bounded::exact(depth[k]) - Bounded::exact(depth[i]));
+            change = [0, 1, 2].map(|c| {
+                change[c]
+                    + Bounded::exact(weight)
+                        * (Bounded::exact(color[k][c]) - Bounded::exact(color[i][c]))
+            });
         }
         let share = Bounded::exact(1.0) / Bounded::exact(weights);
-        (Bounded::exact(depth[i]) + rise * share, [0, 1, 2].map(|c| Bounded::exact(color[i][c]) + change[c] * share))
+        (
+            Bounded::exact(depth[i]) + rise * share,
+            [0, 1, 2].map(|c| Bounded::exact(color[i][c]) + change[c] * share),
+        )
     };
-    (0..depth.len()).map(|i| (known(i) && around(i).any(|(k, _)| filled[k])).then(|| pixel(i))).collect()
+    (0..depth.len())
+        .map(|i| (known(i) && around(i).any(|(k, _)| filled[k])).then(|| pixel(i)))
+        .collect()
 }

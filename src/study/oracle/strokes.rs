@@ -67,7 +67,11 @@ pub fn tangent(tangents: Tangents, n: DVec3, along: DVec3) -> DVec3 {
         Tangents::Eberly => DVec3::new(0.0, n.z, -n.y).normalize(),
         Tangents::Squareplate => {
             let aside = n.cross(DVec3::new(n.y, n.z, n.x));
-            if aside.length_squared() > 1e-6 { aside.normalize() } else { DVec3::new(n.y, -n.x, 0.0).normalize() }
+            if aside.length_squared() > 1e-6 {
+                aside.normalize()
+            } else {
+                DVec3::new(n.y, -n.x, 0.0).normalize()
+            }
         }
         Tangents::Covariance => along,
     }
@@ -125,18 +129,34 @@ enum Ground {
 pub type Opacity<'o> = &'o dyn Fn(usize) -> f64;
 
 /// All strokes of a part with colours: blended, or of each pixel the nearest, as the settings have it; not softened.
-pub fn paint(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke], opacity: Opacity) -> Vec<Pixel> {
+pub fn paint(
+    view: &View,
+    settings: &Settings,
+    part: &Part,
+    strokes: &[Stroke],
+    opacity: Opacity,
+) -> Vec<Pixel> {
     let easel = Easel::new(view, settings, part, strokes, opacity);
     let [width, height] = view.size;
     let pixel = if settings.blend == Blend::Abuffer { Easel::blended } else { Easel::nearest };
-    (0..width * height).map(|k| pixel(&easel, (k % width) as f64 + 0.5, (k / width) as f64 + 0.5)).collect()
+    (0..width * height)
+        .map(|k| pixel(&easel, (k % width) as f64 + 0.5, (k / width) as f64 + 0.5))
+        .collect()
 }
 
 /// How many fragments all pixels have together.
-pub fn fragments(view: &View, settings: &Settings, part: &Part, strokes: &[Stroke], opacity: Opacity) -> u64 {
+pub fn fragments(
+    view: &View,
+    settings: &Settings,
+    part: &Part,
+    strokes: &[Stroke],
+    opacity: Opacity,
+) -> u64 {
     let easel = Easel::new(view, settings, part, strokes, opacity);
     let [width, height] = view.size;
-    (0..width * height).map(|k| easel.fragments((k % width) as f64 + 0.5, (k / width) as f64 + 0.5).0.len() as u64).sum()
+    (0..width * height)
+        .map(|k| easel.fragments((k % width) as f64 + 0.5, (k / width) as f64 + 0.5).0.len() as u64)
+        .sum()
 }
 
 /// Pairs of strokes, one next to the other in a pixel, that meet in the pixel right of it or below, too; and how many of them lie there the other way round: strokes that run through each other.
@@ -144,7 +164,8 @@ pub fn crossings(view: &View, settings: &Settings, part: &Part, strokes: &[Strok
     let easel = Easel::new(view, settings, part, strokes, &|_| 1.0);
     let [width, height] = view.size;
     let visible = |k: u32| -> Vec<usize> {
-        let (mut fragments, _) = easel.fragments((k % width) as f64 + 0.5, (k / width) as f64 + 0.5);
+        let (mut fragments, _) =
+            easel.fragments((k % width) as f64 + 0.5, (k / width) as f64 + 0.5);
         fragments.sort_by(|a, b| a.order.total_cmp(&b.order));
         let mut light = 1.0;
         let seen = fragments.into_iter().filter(|fragment| {
@@ -157,7 +178,10 @@ pub fn crossings(view: &View, settings: &Settings, part: &Part, strokes: &[Strok
     let pixels: Vec<Vec<usize>> = (0..width * height).map(visible).collect();
     let mut counts = [0; 2];
     for k in 0..width * height {
-        let beside = [(k % width + 1 < width).then_some(k + 1), (k + width < width * height).then_some(k + width)];
+        let beside = [
+            (k % width + 1 < width).then_some(k + 1),
+            (k + width < width * height).then_some(k + width),
+        ];
         for other in beside.into_iter().flatten().map(|k| &pixels[k as usize]) {
             for pair in pixels[k as usize].windows(2) {
                 let places = [0, 1].map(|i| other.iter().position(|stroke| *stroke == pair[i]));
@@ -186,23 +210,48 @@ struct Easel<'v> {
 }
 
 impl<'v> Easel<'v> {
-    fn new(view: &'v View, settings: &Settings, part: &Part, strokes: &[Stroke], opacity: Opacity) -> Easel<'v> {
+    fn new(
+        view: &'v View,
+        settings: &Settings,
+        part: &Part,
+        strokes: &[Stroke],
+        opacity: Opacity,
+    ) -> Easel<'v> {
         let columns = &part.columns;
-        let turns: Vec<DVec2> = turns(settings.noise).into_iter().map(|[c, s]| DVec2::new(c as f64, s as f64)).collect();
+        let turns: Vec<DVec2> = turns(settings.noise)
+            .into_iter()
+            .map(|[c, s]| DVec2::new(c as f64, s as f64))
+            .collect();
         let bristles = Bristles::of(settings);
         let axes = axes::of(std::slice::from_ref(part));
         let seen = |(i, stroke): (usize, &Stroke)| {
             let steps = [columns.x[i], columns.y[i], columns.z[i]];
-            let color = columns.rgb.as_ref().map_or([255; 3], |rgb| rgb[i]).map(|c| srgb_to_linear(c as f64 / 255.0));
+            let color = columns
+                .rgb
+                .as_ref()
+                .map_or([255; 3], |rgb| rgb[i])
+                .map(|c| srgb_to_linear(c as f64 / 255.0));
             let at = part.lattice.world(steps.map(i64::from));
             let painted = seen(view, settings, &bristles, &turns, &axes, at, stroke.words(steps))?;
             let opacity = opacity(i);
-            (opacity > 0.0).then_some(Painted { color: DVec3::from_array(color), opacity, ..painted })
+            (opacity > 0.0).then_some(Painted {
+                color: DVec3::from_array(color),
+                opacity,
+                ..painted
+            })
         };
         let painted = strokes.iter().enumerate().filter_map(seen).collect();
         let ground = settings.brush.ground();
-        let mut easel =
-            Easel { view, order: settings.order, bristles, ground, surface: Vec::new(), detail: settings.detail, turns, painted };
+        let mut easel = Easel {
+            view,
+            order: settings.order,
+            bristles,
+            ground,
+            surface: Vec::new(),
+            detail: settings.detail,
+            turns,
+            painted,
+        };
         easel.surface = easel.find_surface();
         easel
     }
@@ -211,17 +260,24 @@ impl<'v> Easel<'v> {
     fn find_surface(&self) -> Vec<(bool, bool)> {
         let [width, height] = self.view.size.map(i64::from);
         let most = ENCLOSED_PX as i64;
-        let found: Vec<_> = (-most..height + most).flat_map(|y| (-most..width + most).map(move |x| [x, y])).collect();
-        let found: Vec<_> = found.par_iter().map(|&[x, y]| self.ground(x as f64 + 0.5, y as f64 + 0.5)).collect();
+        let found: Vec<_> = (-most..height + most)
+            .flat_map(|y| (-most..width + most).map(move |x| [x, y]))
+            .collect();
+        let found: Vec<_> =
+            found.par_iter().map(|&[x, y]| self.ground(x as f64 + 0.5, y as f64 + 0.5)).collect();
         let at = |x: i64, y: i64| found[((y + most) * (width + 2 * most) + x + most) as usize];
         let surface = |x: i64, y: i64| {
             let (own, mut sure) = at(x, y);
-            let ways = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy])).filter(|way| *way != [0, 0]);
+            let ways = (-1..=1)
+                .flat_map(|dy| (-1..=1).map(move |dx| [dx, dy]))
+                .filter(|way| *way != [0, 0]);
             let seen = |[dx, dy]: [i64; 2]| (1..=most).map(move |k| at(x + k * dx, y + k * dy));
             if own == Ground::Far {
                 sure &= ways.clone().flat_map(seen).all(|(_, sure)| sure);
             }
-            let enclosed = ways.filter(|way| seen(*way).any(|(ground, _)| ground == Ground::Near)).count() >= DIRECTIONS as usize;
+            let enclosed =
+                ways.filter(|way| seen(*way).any(|(ground, _)| ground == Ground::Near)).count()
+                    >= DIRECTIONS as usize;
             (own == Ground::Near || own == Ground::Far && enclosed, sure)
         };
         (0..height).flat_map(|y| (0..width).map(move |x| surface(x, y))).collect()
@@ -260,7 +316,8 @@ impl<'v> Easel<'v> {
             let (mut covers, mut color) = (coverage(bristles, turns, uv, seed), stroke.color);
             if stroke.words[1] & 1 << 7 != 0 {
                 sure &= (1.5 * edge - 0.5).abs() > EDGE;
-                let upper = coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5) * detail;
+                let upper =
+                    coverage(bristles, turns, DVec2::new(-uv.y, uv.x) * 1.5, seed ^ 0xA5) * detail;
                 // Mixed as the kernel keeps colours: by their square roots.
                 let shade = if seed & 1 == 0 { 1.08 } else { 0.92 };
                 let root = DVec3::from_array(color.to_array().map(f64::sqrt));
@@ -279,7 +336,14 @@ impl<'v> Easel<'v> {
                     Order::Pixel => depth,
                     Order::Stroke => (stroke.at - view.camera.eye).dot(view.basis.forward),
                 };
-                fragments.push(Fragment { stroke: number, depth, order, coverage: covers, alpha, color });
+                fragments.push(Fragment {
+                    stroke: number,
+                    depth,
+                    order,
+                    coverage: covers,
+                    alpha,
+                    color,
+                });
             }
         }
         if !is_surface {
@@ -293,8 +357,13 @@ impl<'v> Easel<'v> {
         let (mut fragments, sure) = self.fragments(x, y);
         fragments.retain(|fragment| fragment.coverage >= 0.5);
         fragments.sort_by(|a, b| a.depth.total_cmp(&b.depth));
-        let sure = sure && fragments.get(1).is_none_or(|second| second.depth / fragments[0].depth - 1.0 > APART);
-        let Some(first) = fragments.first() else { return Pixel { color: [0.0; 4], depth: f64::INFINITY, sure } };
+        let sure = sure
+            && fragments
+                .get(1)
+                .is_none_or(|second| second.depth / fragments[0].depth - 1.0 > APART);
+        let Some(first) = fragments.first() else {
+            return Pixel { color: [0.0; 4], depth: f64::INFINITY, sure };
+        };
         let Painted { color, opacity, .. } = &self.painted[first.stroke];
         let [r, g, b] = (*color * *opacity).to_array();
         Pixel { color: [r, g, b, *opacity], depth: first.depth, sure }
@@ -303,7 +372,11 @@ impl<'v> Easel<'v> {
     /// All strokes, each over those behind it.
     fn blended(&self, x: f64, y: f64) -> Pixel {
         let (mut fragments, mut sure) = self.fragments(x, y);
-        let hides = fragments.iter().filter(|fragment| fragment.coverage >= 0.5).map(|fragment| fragment.depth).reduce(f64::min);
+        let hides = fragments
+            .iter()
+            .filter(|fragment| fragment.coverage >= 0.5)
+            .map(|fragment| fragment.depth)
+            .reduce(f64::min);
         let nearest = fragments.iter().map(|fragment| fragment.depth).fold(f64::INFINITY, f64::min);
         fragments.sort_by(|a, b| a.order.total_cmp(&b.order));
         // Strokes that are hardly there, or hidden, may come in either order.
@@ -353,7 +426,10 @@ fn seen(
         way => axes.world(tangent(way, axes.own(normal), DVec3::ZERO)),
     };
     let radius = f32::from_bits(brush & 0xFFFF_0000) as f64;
-    let side = 2.0 * (bristles.size * radius * px_per_m).clamp(LEAST_PX as f64, settings.largest_px(view.whole)) / px_per_m;
+    let side = 2.0
+        * (bristles.size * radius * px_per_m)
+            .clamp(LEAST_PX as f64, settings.largest_px(view.whole))
+        / px_per_m;
     let length = 1.0 + settings.long * ((brush & 31) as f64 / 8.0).min(1.0);
     let ground = settings.brush.ground();
     let beyond_px = (NEARER * (ground * side * px_per_m - 1.0).max(0.0)).min(NEARER_PX);
@@ -381,7 +457,11 @@ fn coverage(bristles: &Bristles, turns: &[DVec2], at: DVec2, seed: u32) -> f64 {
     let place = ((at + 0.5) * SQUARES).clamp(DVec2::ZERO, DVec2::splat(SQUARES));
     let square = place.floor().min(DVec2::splat(SQUARES - 1.0));
     let f = place - square;
-    let corner = |x: f64, y: f64| (equation(bristles, turns, (square + DVec2::new(x, y)) / SQUARES - 0.5, seed) * 255.0).round() / 255.0;
+    let corner = |x: f64, y: f64| {
+        (equation(bristles, turns, (square + DVec2::new(x, y)) / SQUARES - 0.5, seed) * 255.0)
+            .round()
+            / 255.0
+    };
     let [upper, lower] = [0.0, 1.0].map(|y| corner(0.0, y) * (1.0 - f.x) + corner(1.0, y) * f.x);
     upper * (1.0 - f.y) + lower * f.y
 }
@@ -397,7 +477,8 @@ fn equation(bristles: &Bristles, turns: &[DVec2], at: DVec2, seed: u32) -> f64 {
             }
             let p = at - (DVec2::new(column as f64, row as f64) - 1.0) * bristles.dev;
             let turned = turn.rotate(p);
-            let power = (turned.x / bristles.sigma_x).abs().powf(bristles.gamma) + (turned.y / bristles.sigma_y).abs().powf(bristles.gamma);
+            let power = (turned.x / bristles.sigma_x).abs().powf(bristles.gamma)
+                + (turned.y / bristles.sigma_y).abs().powf(bristles.gamma);
             sum += bristles.amplitude * (-0.5 * power).exp();
         }
         turn = turns[16 + (seed >> (4 + 2 * column) & 3) as usize].rotate(turn);

@@ -20,7 +20,10 @@ pub fn normal(view: &View, radius: i64, depth: &[f32], i: usize) -> ([Bounded; 3
         for dx in -radius..=radius {
             let (u, v) = (x + dx, y + dy);
             let inside = (0..columns).contains(&u) && (0..rows).contains(&v);
-            let Some(z) = inside.then(|| depth[(v * columns + u) as usize]).filter(|z| known(*z)) else { continue };
+            let Some(z) = inside.then(|| depth[(v * columns + u) as usize]).filter(|z| known(*z))
+            else {
+                continue;
+            };
             let z = Bounded::exact(z);
             let difference = z0 - z;
             if difference.value.abs() >= reach.value {
@@ -42,12 +45,16 @@ pub fn normal(view: &View, radius: i64, depth: &[f32], i: usize) -> ([Bounded; 3
     let (xq, yq) = (sxq - sq * mx, syq - sq * my);
     let determinant = xx * yy - xy * xy;
     let least = 0.1f32 as f64;
-    let (may_be_none, may_be) = (determinant.value - determinant.error <= least, determinant.value + determinant.error > least);
+    let (may_be_none, may_be) = (
+        determinant.value - determinant.error <= least,
+        determinant.value + determinant.error > least,
+    );
     let share = Bounded::exact(1.0) / determinant;
     let a = (xq * yy - yq * xy) * share;
     let b = (yq * xx - xq * xy) * share;
     let [cx, cy] = from_centre(view, i);
-    let away = if perspective { Bounded::exact(1.0) - (cx * a + cy * b) } else { Bounded::exact(1.0) };
+    let away =
+        if perspective { Bounded::exact(1.0) - (cx * a + cy * b) } else { Bounded::exact(1.0) };
     (unit([-(f * a), -(f * b), -away]), may_be_none, may_be)
 }
 
@@ -63,7 +70,8 @@ pub fn reach(view: &View, z: Bounded) -> Bounded {
 /// Pixels, exact: halves.
 pub fn from_centre(view: &View, i: usize) -> [Bounded; 2] {
     let [columns, rows] = view.size.map(|side| side as usize);
-    [(i % columns, columns), (i / columns, rows)].map(|(at, side)| Bounded::exact(at as f64 + 0.5 - side as f64 / 2.0))
+    [(i % columns, columns), (i / columns, rows)]
+        .map(|(at, side)| Bounded::exact(at as f64 + 0.5 - side as f64 / 2.0))
 }
 
 pub fn dot(a: [Bounded; 3], b: [Bounded; 3]) -> Bounded {
@@ -71,7 +79,8 @@ pub fn dot(a: [Bounded; 3], b: [Bounded; 3]) -> Bounded {
 }
 
 pub fn unit(v: [Bounded; 3]) -> [Bounded; 3] {
-    let largest = v.into_iter().max_by(|a, b| a.value.abs().total_cmp(&b.value.abs())).expect("three");
+    let largest =
+        v.into_iter().max_by(|a, b| a.value.abs().total_cmp(&b.value.abs())).expect("three");
     let largest = Bounded { value: largest.value.abs(), ..largest };
     // The kernel divides by the largest as it finds it: what that is off cancels in the end, and must not be counted twice.
     let near = v.map(|axis| axis / Bounded::exact(largest.value));

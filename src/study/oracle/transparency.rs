@@ -18,7 +18,8 @@ const APART: f64 = 1e-9;
 /// On the ray through a position of the picture, pixels.
 pub fn surfaces(world: &World, view: &View, x_px: f64, y_px: f64) -> Vec<Surface> {
     let (origin, direction) = view.ray(x_px, y_px);
-    let beyond = |last: &Surface| world.trace_beyond(origin - world.offset, direction, last.depth + APART);
+    let beyond =
+        |last: &Surface| world.trace_beyond(origin - world.offset, direction, last.depth + APART);
     let surface = |hit: crate::synth::Hit| Surface { depth: hit.t, class: hit.class };
     let first = world.trace(origin - world.offset, direction).map(surface);
     std::iter::successors(first, |last| beyond(last).map(surface)).collect()
@@ -30,7 +31,8 @@ pub fn layers(world: &World, view: &View, layer_m: f64, [x, y]: [f64; 2]) -> Opt
     let is_alike = |k: i32| {
         let found = surfaces(world, view, x + (k % 5 - 2) as f64, y + (k / 5 - 2) as f64);
         let apart = found.windows(2).all(|pair| pair[1].depth - pair[0].depth > 2.0 * layer_m);
-        apart && found.iter().map(|surface| surface.class).eq(own.iter().map(|surface| surface.class))
+        apart
+            && found.iter().map(|surface| surface.class).eq(own.iter().map(|surface| surface.class))
     };
     (0..25).all(is_alike).then_some(own)
 }

@@ -42,7 +42,11 @@ impl Depths<'_> {
     fn point(&self, x: i64, y: i64, z: f64) -> DVec3 {
         let [width, height] = self.size();
         let f = self.view.focal_px() as f32 as f64;
-        let across = DVec3::new((x as f64 + 0.5 - width as f64 / 2.0) / f, (y as f64 + 0.5 - height as f64 / 2.0) / f, 0.0);
+        let across = DVec3::new(
+            (x as f64 + 0.5 - width as f64 / 2.0) / f,
+            (y as f64 + 0.5 - height as f64 / 2.0) / f,
+            0.0,
+        );
         match self.view.camera.projection {
             Projection::Perspective => (across + DVec3::Z) * z,
             Projection::Orthographic => across + DVec3::Z * z,
@@ -61,7 +65,10 @@ impl Depths<'_> {
                 if (dx, dy) == (0, 0) {
                     continue;
                 }
-                let Some(pi) = self.at(x + dx, y + dy).map(|z| self.point(x + dx, y + dy, z)) else { continue };
+                let Some(pi) = self.at(x + dx, y + dy).map(|z| self.point(x + dx, y + dy, z))
+                else {
+                    continue;
+                };
                 let cos = match own {
                     None => 1.0,
                     Some(p0) => {
@@ -77,7 +84,11 @@ impl Depths<'_> {
             }
         }
         let shares = |band: f64| {
-            let closes = |cos: f64| own.is_none() || cos <= 0.0 || cos > own_slope * (1.0 + band) * (1.0 - cos * cos).max(0.0).sqrt();
+            let closes = |cos: f64| {
+                own.is_none()
+                    || cos <= 0.0
+                    || cos > own_slope * (1.0 + band) * (1.0 - cos * cos).max(0.0).sqrt()
+            };
             let share = |cos: &Option<f64>| 1.0 - cos.filter(|&cos| closes(cos)).unwrap_or(0.0);
             TAU / sectors as f64 * most.iter().map(share).sum::<f64>()
         };
@@ -86,7 +97,8 @@ impl Depths<'_> {
 
     pub fn verdict(&self, at: [i64; 2], kernel: Kernel, settings: &Settings) -> Verdict {
         let [least, most] = self.solid_angle(at, kernel, settings);
-        let needed = if self.at(at[0], at[1]).is_some() { settings.threshold } else { settings.holes };
+        let needed =
+            if self.at(at[0], at[1]).is_some() { settings.threshold } else { settings.holes };
         if least - needed > BAND * least {
             Verdict::Visible
         } else if needed - most > BAND * most {
@@ -131,7 +143,9 @@ mod tests {
     /// No offset of a kernel lies within rounding of a border but those on the axes and diagonals, which f64 has exactly as eighths of a turn.
     #[test]
     fn sectors_are_those_of_the_angle() {
-        for (x, y) in (-31..=31).flat_map(|y| (-31..=31).map(move |x| (x, y))).filter(|at| *at != (0, 0)) {
+        for (x, y) in
+            (-31..=31).flat_map(|y| (-31..=31).map(move |x| (x, y))).filter(|at| *at != (0, 0))
+        {
             let turn = ((y as f64).atan2(x as f64) / TAU).rem_euclid(1.0);
             for sectors in [4, 8, 16] {
                 let exact = (turn * sectors as f64 * (1.0 + 1e-12)).floor() as usize % sectors;
