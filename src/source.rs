@@ -1,6 +1,5 @@
 //! What a picture is made of: files that are read whole, or an index, of which only what the picture shows is read. One flow for both.
 
-use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::color::RgbRange;
 use crate::cloud::core::without_strays;
@@ -10,7 +9,6 @@ use crate::cloud::stream::About;
 use crate::cloud::system::Reference;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
-use crate::cut::Detail;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::index::cache::{self, Cached};
@@ -20,11 +18,13 @@ use crate::index::luminance;
 use crate::index::marks::Marks;
 use crate::index::strokes::Found;
 use crate::index::{self, build};
-use crate::light::Light;
-use crate::opacity::Opacities;
 use crate::progress::Progress;
 use crate::resident::{Filling, Residency, Resident, residency::Update};
+use crate::select::clip::{Clip, Clips};
+use crate::select::lod::Detail;
+use crate::select::opacity::Opacities;
 use crate::view::View;
+use crate::view::light::Light;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -3,6 +3,9 @@
 //! Pixel (0, 0) is top left and pixel i covers [i, i + 1). Depth is the planar view-space distance in metres, positive in front,
 //! for both projections (papers/README.md, conventions).
 
+pub mod camera_path;
+pub mod light;
+
 use crate::error::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

@@ -5,7 +5,7 @@ mod gpu;
 use glam::DVec3;
 use gpu::{Layers, Way, cloud, draw, orthographic, part, perspective};
 use pointillist::cloud::{Cloud, Lattice};
-use pointillist::look::Wishes;
+use pointillist::render::settings::Wishes;
 use pointillist::view::{Camera, View};
 
 const SIZE: [u32; 2] = [67, 61];

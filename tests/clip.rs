@@ -5,21 +5,21 @@ mod support;
 
 use glam::DVec3;
 use gpu::{Random, WAYS, Way, orthographic, part, perspective};
-use pointillist::clip::{Clip, Clips};
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE, POSITION_PLANES};
-use pointillist::frame;
 use pointillist::graph::{Gpu, Graph};
-use pointillist::light::Light;
-use pointillist::look::{self, Wishes};
-use pointillist::opacity::Opacities;
 use pointillist::passes::project::{self, Precision, Statistics};
 use pointillist::passes::tally;
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Wishes};
 use pointillist::resident::Resident;
+use pointillist::select::clip::{Clip, Clips};
+use pointillist::select::opacity::Opacities;
 use pointillist::synth::Scene;
 use pointillist::view::View;
+use pointillist::view::light::Light;
 use std::collections::BTreeSet;
 use support::{pointillist, read_exr, render, scan, succeeded};
 
@@ -72,7 +72,7 @@ fn drawn(
     view: &View,
     wishes: &Wishes,
 ) -> (Vec<u32>, Vec<[f32; 4]>, Statistics) {
-    let look = look::decide(wishes, view, resident);
+    let look = settings::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
     let (index, picture) = (g.download(&outcome.layers.index), g.download(&outcome.picture));

@@ -5,9 +5,9 @@ mod tree;
 
 use glam::DVec3;
 use gpu::{Random, bumpy, orthographic, perspective};
-use pointillist::clip::Clips;
-use pointillist::cut::{Cut, Detail, choose};
 use pointillist::index::file::Index;
+use pointillist::select::clip::Clips;
+use pointillist::select::lod::{Cut, Detail, choose};
 use pointillist::view::View;
 use proptest::prelude::*;
 use std::collections::HashSet;

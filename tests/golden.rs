@@ -6,14 +6,16 @@
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::gpu::Wish;
 use pointillist::graph::{Gpu, Graph};
-use pointillist::light::Light;
-use pointillist::look::{self, Style, Wishes};
-use pointillist::opacity::Opacities;
+use pointillist::output::image_io;
 use pointillist::passes::{Effects, encode};
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Style, Wishes};
 use pointillist::resident::Resident;
+use pointillist::select::opacity::Opacities;
+use pointillist::synth;
+use pointillist::view::light::Light;
 use pointillist::view::{Camera, Preset, View};
-use pointillist::{frame, picture, synth};
 use std::path::Path;
 
 const SIZE: [u32; 2] = [128, 96];
@@ -84,7 +86,7 @@ fn check_scene(
     effects.split_whitespace().for_each(|effect| wishes.effects.set(effect).unwrap());
     let mut resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
     resident.opacities = Opacities(opacities.iter().map(|rule| rule.parse().unwrap()).collect());
-    let look = look::decide(&wishes, &view, &resident);
+    let look = settings::decide(&wishes, &view, &resident);
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
     let encoded = encode::download(&mut g, &outcome.picture).unwrap();
@@ -94,7 +96,7 @@ fn check_scene(
         Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(format!("{name}.png"));
     let fresh =
         std::env::temp_dir().join(format!("pointillist-golden-{name}-{}.png", std::process::id()));
-    picture::write_png(&fresh, SIZE, &encoded.read(&done)).unwrap();
+    image_io::write_png(&fresh, SIZE, &encoded.read(&done)).unwrap();
     done.shelve(&mut gpu);
     resident.free(&mut gpu);
     if std::env::var_os("POINTILLIST_UPDATE").is_some() {

@@ -18,16 +18,16 @@ mod kept;
 mod stopped;
 
 use glam::DVec3;
-use pointillist::clip::Clips;
 use pointillist::cloud::counts::Counts;
 use pointillist::cloud::table::TextOptions;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions, Wanted};
 use pointillist::config::POINTS_PER_PAGE;
-use pointillist::cut::{self, Detail};
 use pointillist::error::{Error, Result};
 use pointillist::index::build::{self, Derive, Options, Summary};
 use pointillist::index::file::{Contents, Index, NodeRecord, PLANES, Plane};
 use pointillist::progress::{Progress, Silent};
+use pointillist::select::clip::Clips;
+use pointillist::select::lod::{self, Detail};
 use pointillist::synth::Scene;
 use pointillist::view::{Camera, Preset, View};
 use proptest::prelude::*;

@@ -33,13 +33,13 @@ use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
 use pointillist::error::Error;
 use pointillist::graph::Graph;
 use pointillist::index::{self, pack};
-use pointillist::light::Light;
-use pointillist::look::{self, Wishes};
 use pointillist::passes::project::{Band, Keys, Precision};
 use pointillist::passes::{Scene, Switch, composite, edl, resolve};
 use pointillist::progress::Silent;
+use pointillist::render::settings::{self, Wishes};
 use pointillist::resident::Resident;
 use pointillist::study::oracle::{Bounded, edl as edl_oracle, project};
+use pointillist::view::light::Light;
 use pointillist::view::{Camera, View};
 
 const SIZES: [[u32; 2]; 5] = [[1, 1], [1, 127], [127, 1], [63, 65], [331, 257]];
@@ -312,10 +312,11 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
                 Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
             let mut wishes = bare();
             wishes.effects.edl.switch = Switch::On;
-            let look = look::decide(&wishes, &view, &resident);
+            let look = settings::decide(&wishes, &view, &resident);
             let mut g = Graph::new(gpu);
             g.without_barriers = true;
-            let outcome = pointillist::frame::record(&mut g, &view, &resident, &look).unwrap();
+            let outcome =
+                pointillist::render::frame::record(&mut g, &view, &resident, &look).unwrap();
             g.download(&outcome.picture);
             let Err(Error::Validation(said)) = g.submit(&[]) else {
                 panic!("{way:?}: hazards went unnoticed")

@@ -6,14 +6,14 @@ use glam::DVec3;
 use gpu::Way;
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Lattice};
-use pointillist::frame;
 use pointillist::graph::Graph;
-use pointillist::look::{self, Wishes};
-use pointillist::opacity::Opacities;
 use pointillist::passes::Scene;
 use pointillist::passes::resolve::srgb_to_linear;
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Wishes};
 use pointillist::resident::Resident;
+use pointillist::select::opacity::Opacities;
 use pointillist::study::oracle::transparency::{self as oracle, Over};
 use pointillist::synth::{self, World};
 use pointillist::view::{Camera, Preset, Projection, View};
@@ -55,7 +55,7 @@ fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&st
             .chain(effects)
             .for_each(|effect| wishes.effects.set(effect).unwrap());
         let layer_m = Scene::of(view, &resident, wishes.light).layer_m(0.0);
-        let look = look::decide(&wishes, view, &resident);
+        let look = settings::decide(&wishes, view, &resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
         let layers = outcome.layers.front.expect("transparency runs");

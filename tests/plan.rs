@@ -4,13 +4,15 @@
 
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::error::{Error, Result};
+use pointillist::gpu::Wish;
 use pointillist::graph::{Gpu, Graph, Handle};
-use pointillist::look::{self, Look, Wishes};
 use pointillist::passes::EFFECTS;
 use pointillist::progress::{Progress, Silent};
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Look, Wishes};
 use pointillist::resident::Resident;
+use pointillist::synth;
 use pointillist::view::{Camera, Preset, View};
-use pointillist::{frame, gpu::Wish, synth};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -27,7 +29,7 @@ fn on_a_plane<T>(effects: &[&str], draw: impl FnOnce(&mut Gpu, &View, &Resident,
     let mut wishes = Wishes::default();
     effects.iter().for_each(|effect| wishes.effects.set(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
-    let drawn = draw(&mut gpu, &view, &resident, &look::decide(&wishes, &view, &resident));
+    let drawn = draw(&mut gpu, &view, &resident, &settings::decide(&wishes, &view, &resident));
     resident.free(&mut gpu);
     drawn
 }

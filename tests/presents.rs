@@ -9,16 +9,16 @@ use display::Display;
 use glam::DVec3;
 use gpu::{Random, bumpy, perspective};
 use pointillist::cloud::attribute::{Attribute, Shown};
-use pointillist::cut::Detail;
-use pointillist::frame;
 use pointillist::gpu::Wish;
 use pointillist::graph::{Gpu, Graph, Handle};
-use pointillist::look::{self, Wishes};
 use pointillist::passes::encode::{self, Screen};
 use pointillist::present::Present;
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Wishes};
 use pointillist::resident::pool::PAGE_BYTES;
 use pointillist::resident::residency::Residency;
+use pointillist::select::lod::Detail;
 use pointillist::view::View;
 use std::sync::Arc;
 use std::time::Duration;
@@ -63,7 +63,7 @@ fn draw(
     meanwhile: impl FnOnce(&mut Gpu, &mut Residency),
 ) -> (Vec<u32>, bool) {
     assert!(present.fit(gpu, SIZE).unwrap() && present.size() == SIZE);
-    let look = look::decide(&Wishes::default(), view, residency.resident());
+    let look = settings::decide(&Wishes::default(), view, residency.resident());
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, residency.resident(), &look).unwrap();
     let mut screen =

@@ -6,20 +6,20 @@ mod tree;
 
 use glam::DVec3;
 use gpu::{Random, Way, bumpy, perspective};
-use pointillist::clip::Clips;
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::config::{POINTS_PER_PAGE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
-use pointillist::cut::{self, Detail};
-use pointillist::frame;
 use pointillist::graph::{Gpu, Graph};
 use pointillist::index::file::{Index, Plane};
 use pointillist::loader::{Answer, Destination, Loader, Outcome, Wish};
-use pointillist::look::{self, Wishes};
 use pointillist::passes::Switch;
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Wishes};
 use pointillist::resident::residency::{Residency, Update};
 use pointillist::resident::section::Slab;
 use pointillist::resident::{Resident, pool::PAGE_BYTES};
+use pointillist::select::clip::Clips;
+use pointillist::select::lod::{self, Detail};
 use pointillist::view::{Camera, View};
 use proptest::prelude::*;
 use std::collections::HashSet;
@@ -92,7 +92,7 @@ type Picture = (Vec<u32>, Vec<u32>, Vec<[u32; 4]>);
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Picture {
     let mut wishes = Wishes::points();
     wishes.effects.edl.switch = Switch::Off;
-    let look = look::decide(&wishes, view, resident);
+    let look = settings::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
     let [depth, index, picture] = [&outcome.layers.depth, &outcome.layers.index, &outcome.picture]
@@ -307,7 +307,7 @@ fn a_damaged_leaf_is_said_once_and_its_parent_is_drawn() {
             assert!(residency.drawn().contains(&parent) && !residency.drawn().contains(&leaf));
             // It is the picture of a cut that never had the leaf.
             let expected =
-                cut::choose(&index, &view, &Clips::default(), &all(), &HashSet::from([leaf]));
+                lod::choose(&index, &view, &Clips::default(), &all(), &HashSet::from([leaf]));
             assert_eq!(update.cut, expected);
             let again = residency.settle(gpu, &view, &all(), &Silent).unwrap();
             assert!(again.errors.is_empty() && again.bytes_read == 0, "tried again: {again:?}");

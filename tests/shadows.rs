@@ -8,23 +8,23 @@ use gpu::{Random, Way, bumpy, cloud, orthographic, part, perspective, random_key
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::POINTS_PER_PAGE;
-use pointillist::cut::Detail;
-use pointillist::frame;
 use pointillist::graph::{Buffer, Gpu, Graph};
 use pointillist::index::build;
 use pointillist::index::file::Index;
-use pointillist::light::Light;
-use pointillist::look::{self, Wishes};
-use pointillist::opacity::Opacities;
 use pointillist::passes::project::Precision;
 use pointillist::passes::shadows::cameras::Sight;
 use pointillist::passes::shadows::{self, Facts, Layer, Method, Reached, Settings, disc};
 use pointillist::passes::{Effects, Scene, Switch};
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Wishes};
 use pointillist::resident::{Residency, Resident};
+use pointillist::select::lod::Detail;
+use pointillist::select::opacity::Opacities;
 use pointillist::study::mesh::Mesh;
 use pointillist::study::oracle::{project, shadows as oracle};
 use pointillist::synth::{self, World};
+use pointillist::view::light::Light;
 use pointillist::view::{Camera, Preset, View};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -910,7 +910,7 @@ fn marks_are_kept_while_light_and_nodes_stay() {
         wishes.effects.set("shadows=on").unwrap();
         let draw = |gpu: &mut Gpu, resident: &Resident, preset: Preset, wishes: &Wishes| {
             let view = view(preset);
-            let look = look::decide(wishes, &view, resident);
+            let look = settings::decide(wishes, &view, resident);
             let mut g = Graph::new(gpu);
             let outcome = frame::record(&mut g, &view, resident, &look).unwrap();
             let picture = g.download(&outcome.picture);

@@ -196,14 +196,14 @@ mod painted {
     use crate::gpu;
     use pointillist::cloud::attribute::Shown;
     use pointillist::cloud::{self, ReadOptions};
-    use pointillist::frame;
     use pointillist::graph::{Gpu, Graph};
-    use pointillist::look::{self, Look, Style, Wishes};
-    use pointillist::opacity::Opacities;
     use pointillist::passes::Effects;
     use pointillist::passes::resolve::linear_to_srgb;
     use pointillist::passes::strokes::Facts;
+    use pointillist::render::frame;
+    use pointillist::render::settings::{self, Look, Style, Wishes};
     use pointillist::resident::Resident;
+    use pointillist::select::opacity::Opacities;
     use pointillist::study::mesh::Mesh;
     use pointillist::study::oracle::strokes as oracle;
     use pointillist::study::truth::{Surface, Truth};
@@ -228,7 +228,7 @@ mod painted {
             ..Wishes::default()
         };
         [effect, "edl=off"].iter().for_each(|effect| wishes.effects.set(effect).unwrap());
-        look::decide(&wishes, view, resident)
+        settings::decide(&wishes, view, resident)
     }
 
     fn paint(cloud: &Cloud, view: &View, effect: &str) -> Painted {

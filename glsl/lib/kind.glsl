@@ -1,4 +1,4 @@
-// How opaque a point is, by its kind: class (8 bits, lowest), return number (4 bits), from bit 16 on the number of the station (src/opacity.rs).
+// How opaque a point is, by its kind: class (8 bits, lowest), return number (4 bits), from bit 16 on the number of the station (src/select/opacity.rs).
 // The includer has `opacities`: factors of 256 classes, 16 return numbers, and every station.
 
 #ifndef KIND

@@ -1,8 +1,8 @@
 //! CLIP BOXES, HANDS -> CLIP BOXES: as numbers in the panel, and over the picture as edges with a handle on every face.
 
 use super::measure::Measure;
-use crate::clip::{Clip, Clips, Keeps};
 use crate::passes::Choice;
+use crate::select::clip::{Clip, Clips, Keeps};
 use crate::view::{Camera, Projection, View};
 use clap::ValueEnum;
 use egui::{Color32, DragValue, Pos2, Rect, Sense, Stroke, Ui, Vec2};

@@ -17,9 +17,7 @@ use super::pace::{Pace, divided};
 use super::profile::Profile;
 use super::seen::Seen;
 use crate::error::{Error, Result};
-use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
-use crate::look::{self, Look, Wishes};
 use crate::passes::counts::Warned;
 use crate::passes::encode::{self, Screen};
 use crate::passes::project::{self, Statistics};
@@ -27,10 +25,12 @@ use crate::passes::{Decided, Switch, shadows, tally};
 use crate::present::Present;
 use crate::present::overlay::Overlay;
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::scene::Scene;
+use crate::render::settings::{self, Look, Wishes};
 use crate::resident::residency::Update;
 use crate::resident::section::Slab;
 use crate::resident::{Point, Resident};
-use crate::scene::Scene;
 use crate::source::{Brought, Prepared};
 use crate::view::View;
 use glam::DVec2;
@@ -649,7 +649,7 @@ impl Thread {
         // What is only a finer picture of the same gives way.
         let gives_way = self.wanted != Wanted::Now;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
-        let mut look = look::decide(
+        let mut look = settings::decide(
             &wishes(scene, resident),
             &View::new(scene.camera, present.size())?,
             resident,

@@ -8,7 +8,7 @@ use super::{App, Event, complain};
 use crate::cloud::attribute::Further;
 use crate::error::{Error, Result};
 use crate::passes::Switch;
-use crate::scene::Scene;
+use crate::render::scene::Scene;
 use std::path::{Path, PathBuf};
 
 impl App {

@@ -1,7 +1,7 @@
 //! Where light comes from, chosen by hand.
 
 use crate::config::SUN;
-use crate::light::Light;
+use crate::view::light::Light;
 use egui::{Color32, DragValue, Sense, Slider, Stroke, Ui, Vec2, vec2};
 use glam::DVec3;
 

@@ -36,7 +36,7 @@ use crate::cloud::find::Record;
 use crate::error::{Error, Result};
 use crate::index::strokes::Found;
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::render::scene::Scene;
 use crate::view::Camera;
 use drawing::{Drawing, Message, Report};
 use errand::Errand;

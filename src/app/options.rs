@@ -2,11 +2,11 @@
 
 use super::navigation::Habit;
 use super::panel::Enlarged;
-use crate::camera_path::CameraPath;
 use crate::cloud::attribute::Further;
 use crate::gpu::Wish;
-use crate::scene::Scene;
+use crate::render::scene::Scene;
 use crate::source::Opening;
+use crate::view::camera_path::CameraPath;
 use crate::view::{Camera, Preset};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};

@@ -1,6 +1,6 @@
 //! How fine a picture may be while the camera moves: measured frames in, the share of pixels to draw out. Pure.
 //!
-//! What a frame costs grows with its pixels: passes over the screen by themselves, and the points of an index by their budget (cut.rs). So a moving picture is a smaller one,
+//! What a frame costs grows with its pixels: passes over the screen by themselves, and the points of an index by their budget (select/lod.rs). So a moving picture is a smaller one,
 //! by a whole number, and nothing else about it is different.
 
 use std::time::Duration;

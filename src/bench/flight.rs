@@ -5,16 +5,16 @@
 //! filled is found here by walking up and down the tree, on purpose not by the code that decides what is drawn.
 
 use crate::cloud::attribute::Attribute;
-use crate::cut::Detail;
 use crate::error::{Error, Result};
-use crate::frame;
 use crate::gpu::Wish;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::index::file::{Index, Plane};
-use crate::look::{self, Wishes};
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::pool::PAGE_BYTES;
 use crate::resident::{Residency, residency::Update};
+use crate::select::lod::Detail;
 use crate::source;
 use crate::view::{Camera, Preset, View};
 use glam::DVec3;
@@ -111,7 +111,7 @@ fn fly(
         let update = residency.update(gpu, &view, &detail)?;
         updates.push(milliseconds(began));
         let resident = residency.resident();
-        let look = look::decide(&Wishes::default(), &view, resident);
+        let look = settings::decide(&Wishes::default(), &view, resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, &view, resident, &look)?;
         let statistics = outcome.statistics;

@@ -5,12 +5,12 @@
 use super::quartiles;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::Result;
-use crate::frame;
 use crate::gpu::Wish;
 use crate::graph::{Gpu, Graph, Handle};
-use crate::look::{self, Wishes};
 use crate::passes::Switch;
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::Resident;
 use crate::synth;
 use crate::view::{Camera, Projection, View};
@@ -128,7 +128,7 @@ pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>
 
 /// Milliseconds of all passes, of those of luminance, and of projecting.
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<[f64; 3]> {
-    let look = look::decide(wishes, view, resident);
+    let look = settings::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let picture = frame::record(&mut g, view, resident, &look)?.picture;
     let frame = g.submit(&[picture.resource()])?;

@@ -8,12 +8,12 @@ use super::quartiles;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{self, Cloud, ReadOptions};
 use crate::error::Result;
-use crate::frame;
 use crate::gpu::Wish;
 use crate::graph::{Gpu, Graph};
-use crate::look::{self, Style, Wishes};
 use crate::passes::Effects;
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Style, Wishes};
 use crate::resident::Resident;
 use crate::synth::{self, Scene};
 use crate::view::{Camera, Preset, View};
@@ -180,7 +180,7 @@ fn draw(
     for effect in [effect, "edl=off"] {
         wishes.effects.set(effect).expect("an effect's own words");
     }
-    let look = look::decide(&wishes, view, resident);
+    let look = settings::decide(&wishes, view, resident);
     let start = Instant::now();
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;

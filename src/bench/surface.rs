@@ -7,11 +7,11 @@ use super::quartiles;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::error::Result;
-use crate::frame;
 use crate::gpu::Wish;
 use crate::graph::{Gpu, Graph, Handle, Kind, Tiles};
-use crate::look::{self, Wishes};
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::Resident;
 use crate::shader;
 use crate::synth::noise::Random;
@@ -187,7 +187,7 @@ fn draw(
 ) -> Result<BTreeMap<String, f64>> {
     let mut wishes = Wishes::default();
     effects.iter().for_each(|effect| wishes.effects.set(effect).expect("a constant above"));
-    let look = look::decide(&wishes, view, resident);
+    let look = settings::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let mut wanted = vec![outcome.layers.depth.resource(), outcome.picture.resource()];

@@ -6,11 +6,11 @@
 
 use super::flight;
 use crate::app::statistics::{FlightSummary, Spread, Summary};
-use crate::camera_path::CameraPath;
 use crate::error::{Error, Result};
 use crate::index::file::Index;
 use crate::progress::Progress;
 use crate::synth::{self, LasFile, Scene};
+use crate::view::camera_path::CameraPath;
 use crate::view::{Camera, Projection};
 use glam::DVec3;
 use serde::Serialize;

@@ -3,15 +3,15 @@
 //! Frames are pictures as `render` draws them, each whole or not there. One that is there is drawn again, unless `--resume` keeps it, which is said.
 
 use super::render::{Arguments, refuse_to_overwrite};
-use crate::camera_path::CameraPath;
 use crate::error::{Error, Result};
-use crate::frame;
 use crate::graph::Gpu;
-use crate::layers::Downloads;
-use crate::look;
+use crate::output::export::Downloads;
 use crate::progress::{Progress, Whole};
+use crate::render::frame;
+use crate::render::settings;
 use crate::source::Source;
 use crate::view::View;
+use crate::view::camera_path::CameraPath;
 use crate::whole_file::WholeFile;
 use std::path::{Path, PathBuf};
 
@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
             }
             say(note);
         }
-        let look = look::decide(&wishes, &view, brought.resident());
+        let look = settings::decide(&wishes, &view, brought.resident());
         look.notes(brought.resident()).into_iter().for_each(&mut say);
         let [picture, layers] = [&arguments.output, &arguments.exr].map(Option::is_some);
         let done =

@@ -1,25 +1,25 @@
 //! The options that `view`, `render`, `bench` and `study` share: one definition.
 
 use super::index::Bytes;
-use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::color::RgbRange;
 use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config;
-use crate::cut::Fineness;
 use crate::error::{Error, Result};
 use crate::gpu::Wish;
 use crate::index::cache;
-use crate::light::Light;
-use crate::look::{Background, Style, Wishes};
-use crate::opacity::{Opacities, Rule};
 use crate::passes::phong::Normals;
 use crate::passes::project::Precision;
 use crate::passes::{Effects, Switch};
-use crate::scene::Scene;
+use crate::render::scene::Scene;
+use crate::render::settings::{Background, Style, Wishes};
+use crate::select::clip::{Clip, Clips};
+use crate::select::lod::Fineness;
+use crate::select::opacity::{Opacities, Rule};
 use crate::source::{Opening, Source};
+use crate::view::light::Light;
 use crate::view::{Camera, Preset, View};
 use std::path::{Path, PathBuf};
 

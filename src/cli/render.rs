@@ -3,17 +3,17 @@
 use super::frames;
 use super::options::{DeviceOptions, PictureOptions, ends_in};
 use crate::error::{Error, Result};
-use crate::frame::{self, Done};
 use crate::graph::{Frame, Gpu};
-use crate::layers::Downloads;
-use crate::look::{self, Look};
+use crate::output::export::Downloads;
+use crate::output::tiled::{self, Wanted};
 use crate::passes::counts::{self, Counts};
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::{Effects, project::Statistics, shadows, significant, strokes};
 use crate::progress::Progress;
+use crate::render::frame::{self, Done};
+use crate::render::settings::{self, Look};
 use crate::resident::Resident;
 use crate::source::{Brought, Source, Taken};
-use crate::tiled::{self, Wanted};
 use crate::view::View;
 use crate::whole_file::WholeFile;
 use std::path::{Path, PathBuf};
@@ -136,7 +136,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     stages.done("load");
     let resident = brought.resident();
-    let look = look::decide(&wishes, &view, resident);
+    let look = settings::decide(&wishes, &view, resident);
     look.notes(resident).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
 
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::is_some);

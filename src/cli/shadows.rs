@@ -7,10 +7,10 @@ use crate::config;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::index::file::Index;
-use crate::light::Light;
 use crate::passes::Effects;
 use crate::passes::shadows::whole::{self, Summary};
 use crate::progress::Progress;
+use crate::view::light::Light;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\

@@ -3,7 +3,7 @@
 use super::options::{Size, ends_in, read_camera};
 use crate::config;
 use crate::error::{Error, Result};
-use crate::picture::{Samples, write_exr};
+use crate::output::image_io::{Samples, write_exr};
 use crate::progress::Progress;
 use crate::synth::{self, LasFile, Look, Scene, World};
 use crate::view::{Camera, Projection, View};

@@ -2,14 +2,14 @@
 
 use super::options::{DeviceOptions, PictureOptions, Size};
 use crate::app::{self, Options, keys, navigation::Habit, panel::Enlarged};
-use crate::camera_path::CameraPath;
 use crate::error::Result;
 use crate::gpu::Wish;
 use crate::index::fault::Fault;
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::render::scene::Scene;
 use crate::source::Opening;
 use crate::view::Camera;
+use crate::view::camera_path::CameraPath;
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};

@@ -27,7 +27,7 @@ const HEADER_BYTES: u64 = 4096;
 /// Whose marks these are.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Contents {
-    /// As [`crate::light::Light`] is written.
+    /// As [`crate::view::light::Light`] is written.
     pub light: String,
     /// The mark of a point that all of the light reaches.
     pub full: u32,

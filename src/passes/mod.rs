@@ -25,9 +25,9 @@ pub mod visibility;
 use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
 use crate::index::exposure::Balance;
-use crate::light::Light;
 use crate::resident::{Overlap, Resident, Sampling};
 use crate::view::View;
+use crate::view::light::Light;
 use std::sync::Arc;
 
 /// What the screen-space passes hand on.

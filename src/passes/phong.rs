@@ -9,8 +9,8 @@
 
 use super::{Asked, Decided, Effects, Layers, Reason, Scene, Setting, Switch, Value, fill};
 use crate::graph::{Graph, Image, Kind, Tiles};
-use crate::light::Light;
 use crate::shader::{self, facing, phong::Push, phong::Spec};
+use crate::view::light::Light;
 use crate::view::{Projection, View};
 use glam::DVec3;
 

@@ -3,13 +3,13 @@
 //! On the CPU, in f64: which nodes the view can see, from how many planes each is drawn, and each node's rows to pixels and depth.
 //! On the GPU: `project64` with 64-bit atomics, or `project32` twice (depths first, then the least id at that depth) where a device has none.
 
-use crate::clip::Left;
 use crate::config::{CHUNKS_PER_PAGE, NEAR_M, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE};
-pub use crate::cut::Precision;
-use crate::cut::{cell_steps, quantisation_px};
 use crate::error::Result;
 use crate::graph::{Buffer, Graph, Tiles};
 use crate::resident::{Resident, ResidentNode};
+use crate::select::clip::Left;
+pub use crate::select::lod::Precision;
+use crate::select::lod::{cell_steps, quantisation_px};
 use crate::shader::{self, Node, Within, project32, project64};
 use crate::view::{Projection, View};
 use glam::DVec3;

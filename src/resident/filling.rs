@@ -7,7 +7,6 @@
 
 use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
-use crate::clip::Clips;
 use crate::cloud::attribute::Shown;
 use crate::cloud::counts::Counts;
 use crate::cloud::{Cloud, Columns, Part, Station, spacing};
@@ -18,8 +17,9 @@ use crate::index::exposure::{self, Balance};
 use crate::index::pack::{self, Frame};
 use crate::index::strokes::{self, Found};
 use crate::index::{self, Organised};
-use crate::opacity::Opacities;
 use crate::progress::{self, Progress};
+use crate::select::clip::Clips;
+use crate::select::opacity::Opacities;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::sync::Arc;

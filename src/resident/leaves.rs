@@ -3,7 +3,6 @@
 use super::pool::{PAGE_BYTES, Pages, Pool};
 use super::sampling::middle;
 use super::{Resident, ResidentNode, in_metres};
-use crate::clip::Clips;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::Result;
@@ -12,7 +11,8 @@ use crate::index::axes::Axes;
 use crate::index::file::{Index, NodeRecord, PLANES, Plane};
 use crate::index::pack::Frame;
 use crate::index::spacing::spacing;
-use crate::opacity::Opacities;
+use crate::select::clip::Clips;
+use crate::select::opacity::Opacities;
 use rayon::prelude::*;
 
 /// Leaves that are asked how far apart points are.

@@ -21,7 +21,6 @@ pub use overlap::Overlap;
 pub use residency::Residency;
 pub use sampling::Sampling;
 
-use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
 use crate::cloud::counts::Counts;
 use crate::cloud::{Cloud, Lattice, Station};
@@ -33,8 +32,9 @@ use crate::index::axes::Axes;
 use crate::index::exposure::Balance;
 use crate::index::marks::Contents;
 use crate::index::pack::Frame;
-use crate::opacity::{Known, Opacities};
 use crate::progress::Progress;
+use crate::select::clip::{Clips, Left};
+use crate::select::opacity::{Known, Opacities};
 use crate::view::View;
 use glam::DVec3;
 use pool::{PAGE_BYTES, Pool};
@@ -131,7 +131,7 @@ pub struct Resident {
 
 /// A length in cells of the coarsest plane, in metres; where a lattice has other steps along other axes, along the widest.
 fn in_metres(cells: f64, lattice: &Lattice, frame: &Frame) -> f64 {
-    cells * crate::cut::cell_steps(frame, 1) * lattice.step.abs().max_element()
+    cells * crate::select::lod::cell_steps(frame, 1) * lattice.step.abs().max_element()
 }
 
 /// Of a node's words, in the middle of the cell that the resident planes tell; the position itself where all of them are resident.

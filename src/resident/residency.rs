@@ -6,7 +6,7 @@
 //!   ask for what is missing: roots first, then by how wrong the picture is without it, at most UPLOAD_BYTES at a time, UPLOAD_BYTES_SHARED for a picture that moves on a software device
 //!     where the pool is full, evict what was drawn least recently and is not in the cut
 //!   draw each node of the cut; a missing one by its children, if they are all there, else by its nearest resident ancestor, and then nothing else of that
-//! Roots stay, so that there is always an ancestor. A node that cannot be read is said once and left to its parent or its children ([`cut::choose`]); so is one that
+//! Roots stay, so that there is always an ancestor. A node that cannot be read is said once and left to its parent or its children ([`lod::choose`]); so is one that
 //! nobody has brought in time, which is drawn once it comes. Where the loader itself has ended, another one goes on.
 //!
 //! [`Residency::settle`] repeats that until the cut is complete: the picture then depends on view, detail and pool alone, not on what was drawn before.
@@ -16,10 +16,8 @@
 
 use super::pool::{PAGE_BYTES, Pages, Pool};
 use super::{Resident, ResidentNode, in_metres};
-use crate::clip::{Clips, Left};
 use crate::cloud::attribute::Shown;
 use crate::config::{PATIENCE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
-use crate::cut::{self, Cut, Detail};
 use crate::error::{Error, Result};
 use crate::gpu::memory::Window;
 use crate::gpu::timeline::Timeline;
@@ -27,8 +25,10 @@ use crate::graph::Gpu;
 use crate::index::file::{Index, Plane};
 use crate::index::pack::Frame;
 use crate::loader::{Answer, Destination, Loader, Outcome, Wish};
-use crate::opacity::Opacities;
 use crate::progress::Progress;
+use crate::select::clip::{Clips, Left};
+use crate::select::lod::{self, Cut, Detail};
+use crate::select::opacity::Opacities;
 use crate::view::View;
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
@@ -433,7 +433,7 @@ impl Residency {
         let mut detail = *detail;
         loop {
             let cut =
-                cut::choose(&self.index, view, &self.resident.clips, &detail, &self.unreadable);
+                lod::choose(&self.index, view, &self.resident.clips, &detail, &self.unreadable);
             let mut pages = Pages::new(self.resident.pool.pages.budget);
             // Whatever is there to fall back to gives way, but for the roots.
             let wants = self.wants(view, &detail, &cut, fall_back);

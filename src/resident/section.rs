@@ -3,10 +3,10 @@
 //! Only what is drawn is asked: points that opacities or clip boxes leave out are left out here, and of an index there are the nodes of the last picture.
 
 use super::{Point, Resident, position};
-use crate::clip::Left;
 use crate::config::POINTS_PER_PAGE;
 use crate::error::Result;
 use crate::graph::Gpu;
+use crate::select::clip::Left;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 

@@ -12,11 +12,11 @@ use super::surface::wishes;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::Result;
-use crate::frame;
 use crate::graph::{Frame, Gpu, Graph, Handle};
-use crate::look::{self, Wishes};
 use crate::passes::counts::{self, Counts};
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -224,7 +224,7 @@ fn measured<Q: Question>(
 }
 
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
-    let look = look::decide(wishes, view, resident);
+    let look = settings::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
@@ -252,7 +252,7 @@ fn time(
     wishes: &Wishes,
     after: &[&str],
 ) -> Result<f64> {
-    let look = look::decide(wishes, view, resident);
+    let look = settings::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let layers = frame::record(&mut g, view, resident, &look)?.layers;
     let wanted = [&layers.depth, &layers.index, &layers.color]

@@ -8,14 +8,14 @@ use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::{Error, Result};
-use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
-use crate::look::{self, Wishes};
-use crate::opacity::{Opacities, Rule, What};
 use crate::passes::Scene;
 use crate::passes::resolve::srgb_to_linear;
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::Resident;
+use crate::select::opacity::{Opacities, Rule, What};
 use crate::synth;
 use crate::view::{Camera, Preset, View};
 use rayon::prelude::*;
@@ -118,7 +118,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             &mut g,
             &view,
             &resident,
-            &look::decide(&configuration.wishes, &view, &resident),
+            &settings::decide(&configuration.wishes, &view, &resident),
         )?;
         let frame = g.submit(&[outcome.picture.resource()])?;
         let ms = frame.ms("");
@@ -196,7 +196,7 @@ fn errors(
         &mut g,
         view,
         resident,
-        &look::decide(&configuration.wishes, view, resident),
+        &settings::decide(&configuration.wishes, view, resident),
     )?;
     let front = outcome.layers.front.ok_or(Error::Request("study layers needs points".into()))?;
     let (color, peeled) = (g.download(&front.color), g.download(&front.peeled));

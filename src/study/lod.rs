@@ -10,16 +10,16 @@ use super::report::{Figure, Section, Table};
 use super::scan::Scan;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::Attribute;
-use crate::cut::{Detail, Precision};
 use crate::error::Result;
-use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
-use crate::look::{self, Wishes};
 use crate::passes::Switch;
 use crate::passes::project;
 use crate::passes::resolve::linear_to_srgb;
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::{Residency, Resident};
+use crate::select::lod::{Detail, Precision};
 use crate::source;
 use crate::synth::{Scene, World};
 use crate::view::{Camera, Projection, View};
@@ -329,7 +329,7 @@ pub struct Drawing {
 pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> {
     let mut wishes = Wishes::points();
     wishes.effects.edl.switch = Switch::Off;
-    let look = look::decide(&wishes, view, resident);
+    let look = settings::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let picture = g.download(&outcome.picture);

@@ -11,16 +11,16 @@ use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::Cloud;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::{Error, Result};
-use crate::frame;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::index::luminance::{NEIGHBOURS, correct};
-use crate::light::Light;
-use crate::look::{self, Wishes};
 use crate::passes::resolve::linear_to_srgb;
 use crate::passes::{EFFECTS, Scene};
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::Resident;
 use crate::synth::{self, Method};
+use crate::view::light::Light;
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 
@@ -258,7 +258,7 @@ struct Drawn {
 }
 
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawn> {
-    let look = look::decide(wishes, view, resident);
+    let look = settings::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let layers = frame::record(&mut g, view, resident, &look)?.layers;
     let [color, depth] = [&layers.color, &layers.depth].map(|image| g.download(image));

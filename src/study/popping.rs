@@ -8,13 +8,13 @@
 use super::flip::{self, Seen};
 use super::lod::{covered, draw};
 use super::metrics;
-use crate::clip::Clips;
-use crate::cut::{self, Cut, Detail};
 use crate::error::Result;
 use crate::graph::Gpu;
 use crate::index::file::Index;
 use crate::progress::Progress;
 use crate::resident::Residency;
+use crate::select::clip::Clips;
+use crate::select::lod::{self, Cut, Detail};
 use crate::view::{Camera, View};
 use std::collections::HashSet;
 
@@ -106,7 +106,7 @@ fn first_change(
 ) -> Result<usize> {
     const STRIDE: usize = 8;
     let choose = |step: usize| {
-        Ok::<_, crate::error::Error>(cut::choose(
+        Ok::<_, crate::error::Error>(lod::choose(
             index,
             &view(step)?,
             &Clips::default(),

@@ -12,12 +12,12 @@ use super::{Plan, Row, mark_fronts, sweep};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::config::NO_POINT;
 use crate::error::Result;
-use crate::frame;
 use crate::graph::{Gpu, Graph};
-use crate::look::{self, Wishes};
 use crate::passes::Switch;
 use crate::passes::project::{Precision, Statistics};
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::Resident;
 use crate::synth::{self, Scene, World};
 use crate::view::{Camera, Projection, View};
@@ -206,7 +206,7 @@ struct Drawing {
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, precision: Precision) -> Result<Drawing> {
     let mut wishes = Wishes { precision, ..Wishes::points() };
     wishes.effects.edl.switch = Switch::Off;
-    let look = look::decide(&wishes, view, resident);
+    let look = settings::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));

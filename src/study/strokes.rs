@@ -6,13 +6,13 @@ use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::Shown;
 use crate::error::{Error, Result};
-use crate::frame;
 use crate::graph::{Gpu, Graph};
 use crate::index::strokes;
-use crate::look::{self, Style, Wishes};
 use crate::passes::Effects;
 use crate::passes::strokes::{Order, Settings};
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Style, Wishes};
 use crate::resident::Resident;
 use crate::synth::{self, Scene};
 use crate::view::{Camera, Preset, View};
@@ -182,7 +182,7 @@ fn draw(
         &mut g,
         view,
         resident,
-        &look::decide(&configuration.wishes, view, resident),
+        &settings::decide(&configuration.wishes, view, resident),
     )?;
     let picture = g.download(&outcome.picture);
     let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();

@@ -11,10 +11,10 @@ use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::config::NO_POINT;
 use crate::error::{Error, Result};
-use crate::frame;
 use crate::graph::{Gpu, Graph};
-use crate::look::{self, Wishes};
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -194,7 +194,7 @@ pub(super) fn draw(
     resident: &Resident,
     wishes: &Wishes,
 ) -> Result<Drawing> {
-    let look = look::decide(wishes, view, resident);
+    let look = settings::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));

@@ -11,10 +11,10 @@ use super::surface::wishes;
 use super::{Plan, mark_fronts, metrics, rows};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::Result;
-use crate::frame;
 use crate::graph::{Gpu, Graph};
-use crate::look::{self, Wishes};
 use crate::progress::Progress;
+use crate::render::frame;
+use crate::render::settings::{self, Wishes};
 use crate::resident::Resident;
 use crate::synth;
 use crate::view::{Camera, Preset, View};
@@ -131,7 +131,7 @@ fn draw(
     resident: &Resident,
     wishes: &Wishes,
 ) -> Result<((Seen, Vec<bool>), f64)> {
-    let look = look::decide(wishes, view, resident);
+    let look = settings::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (picture, depth) = (g.download(&outcome.picture), g.download(&outcome.layers.depth));

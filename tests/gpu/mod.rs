@@ -6,11 +6,8 @@ use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
 use pointillist::config::NO_POINT;
-use pointillist::frame;
 use pointillist::gpu::Wish;
 use pointillist::graph::{Buffer, Frame, Gpu, Graph};
-use pointillist::light::Light;
-use pointillist::look::{self, Wishes};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Keys, Statistics};
 use pointillist::passes::{
@@ -18,7 +15,10 @@ use pointillist::passes::{
     visibility,
 };
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Wishes};
 use pointillist::resident::{Resident, ResidentNode};
+use pointillist::view::light::Light;
 use pointillist::view::{Camera, Projection, View};
 use std::sync::{Mutex, OnceLock};
 
@@ -110,7 +110,7 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> Layers {
     with(way, |gpu| {
         let (shown, _) = Shown::automatic(cloud);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).expect("resident");
-        let look = look::decide(wishes, view, &resident);
+        let look = settings::decide(wishes, view, &resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &look).expect("recorded");
         let images =

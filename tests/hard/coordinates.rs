@@ -4,9 +4,9 @@ use crate::gpu::{Layers, Random, Way, bare, cloud, draw, orthographic, part, per
 use glam::DVec3;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions};
 use pointillist::config::NO_POINT;
-use pointillist::look::Wishes;
 use pointillist::passes::project::Precision;
 use pointillist::progress::Silent;
+use pointillist::render::settings::Wishes;
 use pointillist::study::oracle::{points::Points, project};
 use pointillist::view::View;
 

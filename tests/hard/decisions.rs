@@ -6,9 +6,9 @@ use pointillist::cloud::{self, Lattice, ReadOptions, Wanted};
 use pointillist::config::{
     CHUNKS_PER_PAGE, NEAR_M, NO_POINT, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE,
 };
-use pointillist::look::Wishes;
 use pointillist::passes::project::Precision;
 use pointillist::progress::Silent;
+use pointillist::render::settings::Wishes;
 use pointillist::study::oracle::project;
 use pointillist::synth::chunk::{Chunk, Lattice as FileLattice};
 use pointillist::synth::las_file::LasFile;

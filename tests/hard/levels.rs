@@ -2,12 +2,12 @@
 
 use crate::gpu::{Random, Way, perspective, with};
 use glam::DVec3;
-use pointillist::clip::Clips;
 use pointillist::cloud::attribute::{Attribute, Shown};
-use pointillist::cut::{self, Detail};
 use pointillist::index::file::Index;
 use pointillist::progress::Silent;
 use pointillist::resident::Residency;
+use pointillist::select::clip::Clips;
+use pointillist::select::lod::{self, Detail};
 use pointillist::study::lod::{draw, full};
 use pointillist::study::popping;
 use pointillist::study::scan::Scan;
@@ -198,7 +198,7 @@ fn hard_31_borders_head_on() {
             let view = View::new(camera, SIZE).unwrap();
             // Everything is equally far, so only a budget mixes levels: too small for all leaves by one point.
             let all =
-                cut::choose(index, &view, &Clips::default(), &full(SIZE), &HashSet::new()).points;
+                lod::choose(index, &view, &Clips::default(), &full(SIZE), &HashSet::new()).points;
             (view, Detail { budget: all - 1, ..full(SIZE) })
         });
     }

@@ -6,11 +6,11 @@ use crate::gpu::{
 use glam::DVec3;
 use pointillist::cloud::attribute::Shown;
 use pointillist::cloud::{Cloud, Lattice};
-use pointillist::frame;
 use pointillist::graph::Graph;
-use pointillist::look::{self, Wishes};
 use pointillist::passes::{Switch, luminance};
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Wishes};
 use pointillist::resident::Resident;
 use pointillist::study::oracle::luminance as oracle;
 use pointillist::view::View;
@@ -106,7 +106,7 @@ fn drawn_and_counted(
     with(way, |gpu| {
         let (shown, _) = Shown::automatic(cloud);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
-        let look = look::decide(wishes, view, &resident);
+        let look = settings::decide(wishes, view, &resident);
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
         let color = g.download(&outcome.layers.color);

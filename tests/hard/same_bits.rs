@@ -3,8 +3,8 @@
 use crate::gpu::{Random, WAYS, Way, bumpy, cloud, draw, orthographic, part, perspective};
 use glam::DVec3;
 use pointillist::cloud::{Cloud, Lattice};
-use pointillist::look::Wishes;
 use pointillist::passes::Switch;
+use pointillist::render::settings::Wishes;
 use pointillist::view::{Camera, View};
 
 /// A power of two: coordinates, translations and scalings are then exact in f64, and only f32 could go wrong.

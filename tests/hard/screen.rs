@@ -3,8 +3,8 @@
 use crate::gpu::{CANVAS_POINTS, Random, canvas, effects, random_keys, views};
 use glam::DVec3;
 use pointillist::config::NO_POINT;
-use pointillist::light::Light;
 use pointillist::view::Projection;
+use pointillist::view::light::Light;
 
 /// Tilted planes, grazing ones too: their 1/z is affine, and gives no edge above 16 ulps; the Laplacian of z itself does.
 #[test]

@@ -6,15 +6,15 @@ use crate::gpu::{
 };
 use pointillist::cloud::attribute::Attribute;
 use pointillist::config::NO_POINT;
-use pointillist::light::Light;
-use pointillist::look::Wishes;
 use pointillist::passes::{Scene, fill, shape, visibility};
 use pointillist::progress::Silent;
+use pointillist::render::settings::Wishes;
 use pointillist::resident::{Overlap, Sampling};
 use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
 use pointillist::study::oracle::visibility::{Depths, sector};
 use pointillist::study::oracle::{Bounded, shape as shape_oracle};
 use pointillist::synth;
+use pointillist::view::light::Light;
 use pointillist::view::{Camera, Preset, Projection, View};
 use std::f64::consts::{FRAC_PI_2, TAU};
 

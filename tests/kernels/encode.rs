@@ -3,11 +3,11 @@
 use crate::gpu::{WAYS, bare, with};
 use crate::{SIZES, cameras, scene};
 use pointillist::cloud::attribute::Shown;
-use pointillist::frame;
 use pointillist::graph::Graph;
-use pointillist::look;
 use pointillist::passes::encode::{self, Screen, Thresholds};
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings;
 use pointillist::resident::Resident;
 use pointillist::view::View;
 
@@ -20,7 +20,7 @@ fn a_screen_holds_the_bytes_of_a_file() {
             let (picture, words) = with(WAYS[0], |gpu| {
                 let (shown, _) = Shown::automatic(&cloud);
                 let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
-                let look = look::decide(&bare(), &view, &resident);
+                let look = settings::decide(&bare(), &view, &resident);
                 let mut g = Graph::new(gpu);
                 let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
                 let words = g.buffer("screen", 4 * size[0] as u64 * size[1] as u64);

@@ -6,15 +6,15 @@ use crate::gpu::{
 use glam::DVec3;
 use pointillist::cloud::attribute::Shown;
 use pointillist::cloud::{self, Cloud, Lattice};
-use pointillist::frame;
 use pointillist::graph::{Gpu, Graph};
-use pointillist::look::{self, Look};
-use pointillist::opacity::{Opacities, Rule, What};
 use pointillist::passes::project::Precision;
 use pointillist::passes::{Switch, luminance};
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings::{self, Look};
 use pointillist::resident::Resident;
 use pointillist::resident::overlap::OVERLAP_PX;
+use pointillist::select::opacity::{Opacities, Rule, What};
 use pointillist::study::oracle::{luminance as oracle, project};
 use pointillist::view::{Camera, View};
 use std::sync::Arc;
@@ -169,7 +169,7 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
             let walked: Vec<bool> =
                 resident.nodes.iter().map(|node| overlap.touches(&view, node)).collect();
             assert_eq!(walked, [false, true, true, false]);
-            let [off, on] = [&off, &on].map(|wishes| look::decide(wishes, &view, &resident));
+            let [off, on] = [&off, &on].map(|wishes| settings::decide(wishes, &view, &resident));
             let auto = Look { overlap: Arc::new(overlap.clone()), ..on.clone() };
             let [plain, means, partly] =
                 [&off, &on, &auto].map(|look| colors(gpu, &resident, look, &view));

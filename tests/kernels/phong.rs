@@ -6,15 +6,15 @@ use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Lattice, octahedral};
 use pointillist::config::NO_POINT;
-use pointillist::frame;
 use pointillist::graph::Graph;
-use pointillist::light::Light;
-use pointillist::look;
 use pointillist::passes::project::{Band, Keys};
 use pointillist::passes::{Scene, Switch, phong, resolve};
 use pointillist::progress::Silent;
+use pointillist::render::frame;
+use pointillist::render::settings;
 use pointillist::resident::Resident;
 use pointillist::study::oracle;
+use pointillist::view::light::Light;
 use pointillist::view::{Projection, View};
 use std::collections::HashMap;
 
@@ -243,7 +243,7 @@ fn back_faces_are_left_out_where_that_is_asked_for() {
                     let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
                     let mut wishes = gpu::bare();
                     wishes.effects.set(effect).unwrap();
-                    let look = look::decide(&wishes, &view, &resident);
+                    let look = settings::decide(&wishes, &view, &resident);
                     let mut g = Graph::new(gpu);
                     let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
                     let depth = g.download(&outcome.layers.depth);

@@ -6,13 +6,13 @@
 
 use super::{Newer, Report, Thread, Wanted};
 use crate::app::complain;
-use crate::clip::Clips;
 use crate::error::{Error, Result};
-use crate::layers;
-use crate::opacity::Opacities;
+use crate::output::export;
+use crate::output::tiled::{self, Tiled};
 use crate::progress::{Progress, Silent};
+use crate::select::clip::Clips;
+use crate::select::opacity::Opacities;
 use crate::source::Brought;
-use crate::tiled::{self, Tiled};
 use crate::view::View;
 use std::path::{Path, PathBuf};
 
@@ -110,7 +110,7 @@ impl Thread {
         let progress = if gives_way { &newer as &dyn Progress } else { &Silent };
         let written = match &mut saving.asked {
             Asked::Layers(wanted, path) => {
-                layers::write(&mut self.gpu, cloud, wanted, path, progress)
+                export::write(&mut self.gpu, cloud, wanted, path, progress)
             }
             Asked::Picture(picture) => match picture.step(&mut self.gpu, cloud, progress) {
                 Ok(false) => {

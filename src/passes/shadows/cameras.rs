@@ -6,8 +6,8 @@
 use super::Settings;
 use crate::config::SUN;
 use crate::error::Result;
-use crate::light::Light;
 use crate::resident::Resident;
+use crate::view::light::Light;
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 

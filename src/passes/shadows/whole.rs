@@ -17,10 +17,10 @@ use crate::gpu::{BufferDesc, Place};
 use crate::graph::{Gpu, Graph, Handle};
 use crate::index::file::Index;
 use crate::index::marks::{Contents, Writer};
-use crate::light::Light;
 use crate::passes::project::{self, Band, Precision};
 use crate::progress::Progress;
 use crate::resident::Resident;
+use crate::view::light::Light;
 use std::path::Path;
 
 /// What was made.

@@ -4,8 +4,8 @@
 
 use super::Bounded;
 use super::surface::{dot, from_centre, known, normal, reach, unit};
-use crate::light::Light;
 use crate::passes::phong::Settings;
+use crate::view::light::Light;
 use crate::view::{Projection, View};
 use glam::DVec3;
 

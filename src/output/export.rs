@@ -1,14 +1,14 @@
 //! A frame in; its picture and its layers as files out, PNG and EXR: what `render` writes, of one frame or of many, and a window.
 
 use crate::error::{Error, Result};
-use crate::frame::{self, Outcome};
 use crate::graph::{Buffer, Frame, Gpu, Graph};
-use crate::look;
+use crate::output::image_io::{self, Samples};
+use crate::output::tiled::{self, Wanted};
 use crate::passes::encode::{self, Encoded};
-use crate::picture::{self, Samples};
 use crate::progress::Progress;
+use crate::render::frame::{self, Outcome};
+use crate::render::settings;
 use crate::source::Brought;
-use crate::tiled::{self, Wanted};
 use std::path::Path;
 
 /// The images that come back.
@@ -47,7 +47,7 @@ impl Downloads {
     ) -> Result<()> {
         if let Some(path) = png {
             let picture = self.picture.as_ref().expect("asked for with -o");
-            picture::write_png(path, size, &picture.read(frame))?;
+            image_io::write_png(path, size, &picture.read(frame))?;
         }
         exr.map_or(Ok(()), |path| write_layers(path, size, frame, self))
     }
@@ -69,7 +69,7 @@ pub fn write(
         )));
     }
     let taken = cloud.settle(gpu, view, &fineness.of(view.size), progress)?;
-    let look = look::decide(wishes, view, cloud.resident());
+    let look = settings::decide(wishes, view, cloud.resident());
     let done = frame::draw(gpu, view, cloud.resident(), &look, progress, |g, outcome| {
         Downloads::ask(g, outcome, false, true)
     })?;
@@ -120,5 +120,5 @@ fn write_layers(path: &Path, size: [u32; 2], frame: &Frame, downloads: &Download
         ("lit.V", Samples::Float(lit)),
         ("raw.Z", Samples::Float(raw.to_vec())),
     ];
-    picture::write_exr(path, size, channels)
+    image_io::write_exr(path, size, channels)
 }

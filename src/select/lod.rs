@@ -7,11 +7,11 @@
 //!
 //! Only what is refined is looked at: the cost follows the picture, not the cloud.
 
-use crate::clip::{Clips, Left};
 use crate::cloud::Lattice;
 use crate::config::{BITS_PER_PLANE, BUDGET_LEAST, BUDGET_PER_PIXEL, LOD_PX, QUANTISATION_PX};
 use crate::index::file::Index;
 use crate::index::pack::Frame;
+use crate::select::clip::{Clips, Left};
 use crate::view::{Projection, View};
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashSet};

@@ -1,13 +1,13 @@
 //! What the user asked for + what the scene calls for -> the look of this frame, with reasons.
 
-mod notes;
+mod warnings;
 
-use crate::light::Light;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{Decided, Effects, Scene, Switch, fill, resolve, strokes, visibility};
 use crate::resident::{Overlap, Resident, Sampling};
 use crate::view::View;
+use crate::view::light::Light;
 use std::sync::Arc;
 
 /// How points become a picture: which effects may run when nothing is said of them.

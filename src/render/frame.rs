@@ -2,7 +2,6 @@
 
 use crate::error::Result;
 use crate::graph::{Again, Area, Buffer, Frame, Gpu, Graph, Image};
-use crate::look::Look;
 use crate::passes::project::{Band, Behind, Drawn};
 use crate::passes::resolve::Paint;
 use crate::passes::shadows::Marks;
@@ -13,6 +12,7 @@ use crate::passes::{
     strokes,
 };
 use crate::progress::Progress;
+use crate::render::settings::Look;
 use crate::resident::Resident;
 use crate::view::View;
 

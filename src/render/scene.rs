@@ -2,15 +2,15 @@
 //!
 //! The file says everything in the words of the command line, so that what one takes the other does too.
 
-use crate::clip::{Clip, Clips};
 use crate::cloud::attribute::Attribute;
-use crate::cut::Fineness;
 use crate::error::{Error, Result};
-use crate::light::Light;
-use crate::look::{Background, Wishes};
-use crate::opacity::{Opacities, Rule};
 use crate::passes::Effects;
+use crate::render::settings::{Background, Wishes};
+use crate::select::clip::{Clip, Clips};
+use crate::select::lod::Fineness;
+use crate::select::opacity::{Opacities, Rule};
 use crate::view::Camera;
+use crate::view::light::Light;
 use crate::whole_file::whole_file;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

@@ -8,14 +8,14 @@
 //!
 //! Who has other things to do meanwhile, as a window has, draws smaller tiles, one at a time ([`Tiled`]): nodes are loaded for whole pieces all the same, so that the picture does not depend on tiles.
 
-use crate::cut::Fineness;
 use crate::error::{Error, Result};
-use crate::frame;
 use crate::graph::Gpu;
-use crate::look::{self, Look, Wishes};
+use crate::output::image_io::PngRows;
 use crate::passes::{BLOCK_PX, encode, visibility};
-use crate::picture::PngRows;
 use crate::progress::{Progress, Whole};
+use crate::render::frame;
+use crate::render::settings::{self, Look, Wishes};
+use crate::select::lod::Fineness;
 use crate::source::{Brought, Taken};
 use crate::view::View;
 use std::path::{Path, PathBuf};
@@ -207,7 +207,7 @@ impl Tiled {
         let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
         let taken = cloud.settle(gpu, &view, &fineness.of(overview), progress)?;
         self.note(notes_of(taken));
-        let look = look::decide(&wishes, &view, cloud.resident());
+        let look = settings::decide(&wishes, &view, cloud.resident());
         self.note(look.notes(cloud.resident()));
         let pieces = Pieces::of(gpu, &view, &look, piece)?;
         let side_and_border = tile

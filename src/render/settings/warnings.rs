@@ -1,13 +1,13 @@
 //! A look and the cloud it is of -> what was asked for and changes nothing, in words, for whoever asked.
 
 use super::Look;
-use crate::light::Light;
 use crate::passes::fill::Method;
 use crate::passes::phong::{Backfaces, Normals};
 use crate::passes::shadows::{self, cameras::WIDEST_DEGREES};
 use crate::passes::smooth::Pixels;
 use crate::passes::{Effects, Setting, Settings, Switch, layer_m, significant};
 use crate::resident::Resident;
+use crate::view::light::Light;
 
 impl Look {
     pub fn notes(&self, resident: &Resident) -> Vec<String> {

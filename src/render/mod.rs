@@ -1,0 +1,5 @@
+//! Frames of a resident cloud: settings, what a frame does with them, and the frame itself.
+
+pub mod frame;
+pub mod scene;
+pub mod settings;
