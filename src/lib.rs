@@ -38,7 +38,7 @@
 //! let view = view::View::new(camera, [1920, 1080])?;
 //! let (shown, _why) = cloud::attribute::Shown::automatic(&cloud);
 //!
-//! let mut gpu = graph::Gpu::open(&gpu::Wish::default())?;
+//! let mut gpu = graph::Gpu::open(&gpu::DeviceOptions::default())?;
 //! let resident = Resident::fill(&mut gpu, cloud, shown, &Silent)?;
 //! let look = settings::decide(&settings::Wishes::default(), &view, &resident);
 //!
@@ -47,7 +47,7 @@
 //! let encoded = encode::download(&mut g, &outcome.picture)?;
 //! let frame = g.submit(&[])?;
 //! image_io::write_png("out.png".as_ref(), view.size, &encoded.read(&frame))?;
-//! frame.shelve(&mut gpu);
+//! frame.recycle(&mut gpu);
 //! resident.free(&mut gpu);
 //! # Ok(())
 //! # }

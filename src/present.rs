@@ -180,7 +180,7 @@ impl Present {
                 .small
                 .take()
                 .into_iter()
-                .for_each(|(_, block)| gpu.memory.shelve_block(block));
+                .for_each(|(_, block)| gpu.memory.recycle_block(block));
             swapchain.small = desc
                 .map(|desc| gpu.memory.image_alone(&gpu.device, desc, "small picture"))
                 .transpose()?;
@@ -307,7 +307,7 @@ impl Present {
             }
             Err(code) => return Err(failed("vkQueuePresentKHR")(code)),
         };
-        gpu.device.objections()?;
+        gpu.device.take_validation_errors()?;
         Ok(shown)
     }
 
@@ -451,7 +451,7 @@ impl Present {
     fn drop_swapchain(&mut self, gpu: &mut Gpu) {
         let Some(swapchain) = self.swapchain.take() else { return };
         gpu.memory.destroy_buffer(swapchain.screen);
-        swapchain.small.into_iter().for_each(|(_, block)| gpu.memory.shelve_block(block));
+        swapchain.small.into_iter().for_each(|(_, block)| gpu.memory.recycle_block(block));
         // SAFETY: see above.
         unsafe {
             for target in &swapchain.targets {

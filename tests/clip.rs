@@ -78,7 +78,7 @@ fn drawn(
     let (index, picture) = (g.download(&outcome.layers.index), g.download(&outcome.picture));
     let frame = g.submit(&[]).unwrap();
     let drawn = (frame.read(&index).to_vec(), frame.read(&picture).to_vec(), outcome.statistics);
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     drawn
 }
 
@@ -122,7 +122,7 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
                 let counted = tally::record(&mut g, &view, &points);
                 let frame = g.submit(&[]).unwrap();
                 assert_eq!(counted.points(&frame), kept.len() as u64, "{way:?} {words:?}");
-                frame.shelve(gpu);
+                frame.recycle(gpu);
                 sides.insert((
                     statistics.nodes_clipped > 0,
                     statistics.points_compared > 0,

@@ -285,7 +285,7 @@ fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
         let picture = g.download(&outcome.picture);
         let frame = g.submit(&[]).expect("drawn, and no validation message");
         let covered = frame.read::<[f32; 4]>(&picture).iter().map(|pixel| pixel[3]).collect();
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         residency.free(gpu);
         (covered, update.cut.points)
     })

@@ -4,7 +4,7 @@
 //! A picture that changed on purpose: `POINTILLIST_UPDATE=1 cargo test --release --test golden`, and look at it before committing it.
 
 use pointillist::cloud::attribute::{Attribute, Shown};
-use pointillist::gpu::Wish;
+use pointillist::gpu::DeviceOptions;
 use pointillist::graph::{Gpu, Graph};
 use pointillist::output::image_io;
 use pointillist::passes::{Effects, encode};
@@ -74,7 +74,7 @@ fn check_scene(
     effects: &str,
     preset: Preset,
 ) {
-    let mut gpu = Gpu::open(&Wish { validate: true, ..Wish::default() })
+    let mut gpu = Gpu::open(&DeviceOptions { validate: true, ..DeviceOptions::default() })
         .expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(scene, 1, 0.0);
     let cloud = synth::collect("golden", &world, 60_000, 7, 0.0, &Silent).unwrap();
@@ -97,7 +97,7 @@ fn check_scene(
     let fresh =
         std::env::temp_dir().join(format!("pointillist-golden-{name}-{}.png", std::process::id()));
     image_io::write_png(&fresh, SIZE, &encoded.read(&done)).unwrap();
-    done.shelve(&mut gpu);
+    done.recycle(&mut gpu);
     resident.free(&mut gpu);
     if std::env::var_os("POINTILLIST_UPDATE").is_some() {
         std::fs::copy(&fresh, &golden).unwrap();

@@ -142,7 +142,7 @@ fn resolved(
             lit: frame.read(&lit).to_vec(),
             picture: frame.read(&picture).to_vec(),
         };
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         resident.free(gpu);
         resolved
     })

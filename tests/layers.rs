@@ -68,7 +68,7 @@ fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&st
             left_over: frame.read::<u32>(&left_over)[0] > 0,
             layer_m,
         };
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         resident.free(gpu);
         drawn
     })

@@ -8,7 +8,7 @@ use pointillist::cloud::{ReadOptions, Wanted};
 use pointillist::config;
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
-use pointillist::gpu::Wish;
+use pointillist::gpu::DeviceOptions;
 use pointillist::graph::Gpu;
 use pointillist::index::cache::Place;
 use pointillist::index::strokes::Found;
@@ -172,7 +172,7 @@ fn source(
 #[test]
 fn a_cloud_on_its_way_to_the_device_goes_forward_once() {
     let folder = tempfile::tempdir().unwrap();
-    let mut gpu = Gpu::open(&Wish { validate: true, ..Wish::default() }).unwrap();
+    let mut gpu = Gpu::open(&DeviceOptions { validate: true, ..DeviceOptions::default() }).unwrap();
     const POINTS: [u64; 2] = [600_000, 400_000];
     let further = Further { kind: true, ..Further::default() };
     let (in_turns, in_halves) = (Heard::default(), Heard::default());
@@ -193,7 +193,7 @@ fn a_cloud_on_its_way_to_the_device_goes_forward_once() {
         assert!(heard.windows(2).all(|pair| pair[1].0 + slack >= pair[0].0), "{heard:?}");
         assert!(heard[0].0 == 0 && heard.last().unwrap().0 + slack >= 2_000_000, "{heard:?}");
     }
-    gpu.device.objections().unwrap();
+    gpu.device.take_validation_errors().unwrap();
 }
 
 #[test]

@@ -4,7 +4,7 @@
 
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::error::{Error, Result};
-use pointillist::gpu::Wish;
+use pointillist::gpu::DeviceOptions;
 use pointillist::graph::{Gpu, Graph, Handle};
 use pointillist::passes::EFFECTS;
 use pointillist::progress::{Progress, Silent};
@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// A thousand points on 64 x 64 pixels.
 fn on_a_plane<T>(effects: &[&str], draw: impl FnOnce(&mut Gpu, &View, &Resident, &Look) -> T) -> T {
-    let mut gpu = Gpu::open(&Wish { validate: true, ..Wish::default() })
+    let mut gpu = Gpu::open(&DeviceOptions { validate: true, ..DeviceOptions::default() })
         .expect("a Vulkan device; tools/test installs one that needs no GPU");
     let world = synth::build(synth::Scene::Plane, 1, 0.0);
     let cloud = synth::collect("plane", &world, 1000, 1, 0.0, &Silent).unwrap();
@@ -121,7 +121,7 @@ fn a_frame_that_was_stopped_is_drawn_whole_the_next_time() {
             let picture = g.download(&outcome.picture);
             let frame = g.submit(&[])?;
             let pixels = frame.read::<u8>(&picture).to_vec();
-            frame.shelve(gpu);
+            frame.recycle(gpu);
             Ok::<_, Error>(pixels)
         };
         let whole = picture(gpu, None).unwrap();

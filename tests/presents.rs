@@ -9,7 +9,7 @@ use display::Display;
 use glam::DVec3;
 use gpu::{Random, bumpy, perspective};
 use pointillist::cloud::attribute::{Attribute, Shown};
-use pointillist::gpu::Wish;
+use pointillist::gpu::DeviceOptions;
 use pointillist::graph::{Gpu, Graph, Handle};
 use pointillist::passes::encode::{self, Screen};
 use pointillist::present::Present;
@@ -77,7 +77,7 @@ fn draw(
     assert!(present.show(gpu).unwrap() && present.show(gpu).unwrap());
     let frame = running.finish(gpu).expect("drawn, and no validation message");
     let words = frame.read(&words).to_vec();
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     (words, at_work)
 }
 
@@ -97,7 +97,9 @@ fn pages_that_come_and_go_are_not_those_of_pictures_that_are_under_way() {
     while bare.0.is_none() {
         events.pump_app_events(Some(Duration::from_millis(10)), &mut bare);
     }
-    let mut gpu = Gpu::open(&Wish { validate: true, window: true, ..Wish::default() }).unwrap();
+    let mut gpu =
+        Gpu::open(&DeviceOptions { validate: true, window: true, ..DeviceOptions::default() })
+            .unwrap();
     let mut present = Present::open(&gpu, bare.0.clone().unwrap()).unwrap();
     let shown = Shown::indexed(Attribute::Rgb, [0.0, 1.0], [0, 255]);
     // Less than what the views show.
@@ -122,5 +124,5 @@ fn pages_that_come_and_go_are_not_those_of_pictures_that_are_under_way() {
     assert!(overlaps > 0, "no page was given away while a picture was under way");
     residency.free(&mut gpu);
     present.free(&mut gpu);
-    gpu.device.objections().unwrap();
+    gpu.device.take_validation_errors().unwrap();
 }

@@ -100,7 +100,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Picture {
     let frame = g.submit(&[]).expect("drawn, and no validation message");
     let drawn =
         (frame.read(&depth).to_vec(), frame.read(&index).to_vec(), frame.read(&picture).to_vec());
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     drawn
 }
 
@@ -366,7 +366,7 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
     let slab = Slab::new(DVec3::splat(-9.0), DVec3::splat(9.0), 2.0).unwrap();
     let all_of_it = [Way::Compute64, Way::Unmapped].map(|way| {
         gpu::with(way, |gpu| {
-            assert_eq!(gpu.device.is_mapped, way == Way::Compute64);
+            assert_eq!(gpu.device.has_host_visible_vram, way == Way::Compute64);
             let mut found = Vec::new();
             let mut look = |gpu: &mut Gpu, resident: &Resident, view: &View| {
                 let ids = [0, 3, POINTS_PER_PAGE, POINTS_PER_PAGE * 7 + 11, u32::MAX - 1];
@@ -590,7 +590,7 @@ fn a_loader_that_ends_is_said_and_another_one_goes_on() {
 fn what_the_device_outlives_is_written_nowhere() {
     // A residency that is dropped, and not freed, after its device: its thread must not touch what is gone.
     let planted = Planted::new();
-    let wish = pointillist::gpu::Wish::default();
+    let wish = pointillist::gpu::DeviceOptions::default();
     let mut gpu = Gpu::open(&wish).unwrap();
     let mut residency = planted.open(&mut gpu, HUGE);
     residency.update(&mut gpu, &view(1), &all()).unwrap();

@@ -70,7 +70,7 @@ fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>,
             .zip(ids)
             .map(|(p, id)| (p, counts[id]))
             .collect();
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         resident.free(gpu);
         (points, marks.facts)
     })
@@ -551,7 +551,7 @@ fn samples_add_up_frame_by_frame_to_the_same_marks() {
                             let frame = g.submit(&[]).unwrap();
                             let (counts, passes) =
                                 (frame.read::<u8>(&counts)[..60_000].to_vec(), frame.passes.len());
-                            frame.shelve(gpu);
+                            frame.recycle(gpu);
                             (marks.facts.cast, counts, passes)
                         })
                         .collect();
@@ -626,7 +626,7 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
                     .zip(pages)
                     .map(|(node, page)| page[..node.count as usize].to_vec())
                     .collect();
-                frame.shelve(gpu);
+                frame.recycle(gpu);
                 (marks.facts, of_nodes)
             };
             let (mut partly, mut dark) = (0, false);
@@ -694,7 +694,7 @@ fn reached(gpu: &mut Gpu, view: &View, keys: &[[u32; 2]], layer: &Layer) -> Vec<
         download.as_ref().map_or(raw.clone(), |buffer| frame.read(buffer).to_vec())
     };
     let pictures = downloads.iter().map(|buffers| buffers.each_ref().map(read)).collect();
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     pictures
 }
 
@@ -889,7 +889,7 @@ fn marks_agree_with_f64() {
             }
             println!("{:?}: {agreeing} agree, {in_band} in the band, {lit} lit", camera.projection);
             assert!(in_band < 200 && lit > 10_000, "{in_band} in the band, {lit} lit");
-            frame.shelve(gpu);
+            frame.recycle(gpu);
             resident.free(gpu);
         });
     }
@@ -917,7 +917,7 @@ fn marks_are_kept_while_light_and_nodes_stay() {
             let frame = g.submit(&[]).unwrap();
             let cast = frame.passes.iter().any(|(name, _)| name == "shadow_depth");
             let picture: Vec<[u32; 4]> = frame.read(&picture).to_vec();
-            frame.shelve(gpu);
+            frame.recycle(gpu);
             (cast, picture)
         };
         let (cast, first) = draw(gpu, &resident, Preset::Fit, &wishes);

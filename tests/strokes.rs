@@ -252,7 +252,7 @@ mod painted {
                 depth: frame.read(&depth).to_vec(),
                 facts: outcome.strokes.unwrap().facts,
             };
-            frame.shelve(gpu);
+            frame.recycle(gpu);
             resident.free(gpu);
             painted
         })
@@ -336,7 +336,7 @@ mod painted {
                 .is_none_or(|unordered| frame.read::<u32>(&unordered)[0] == 0),
             facts: strokes.facts,
         };
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         drawn
     }
 

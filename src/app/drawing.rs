@@ -341,7 +341,7 @@ fn refine_shadows(
                 }
             };
         let Some(shadows::Marks { counts, saved: None, facts, .. }) = marks else { return Ok(()) };
-        g.submit(&[counts.resource()])?.shelve(gpu);
+        g.submit(&[counts.resource()])?.recycle(gpu);
         if facts.cast == facts.samples
             || began.elapsed() >= REFINING
             || newer.tick("", 0, 0).is_err()
@@ -384,7 +384,7 @@ impl Thread {
         if let Some(cloud) = self.cloud.take() {
             cloud.free(&mut self.gpu);
         }
-        if let Err(error) = ended.and_then(|()| self.gpu.device.objections()) {
+        if let Err(error) = ended.and_then(|()| self.gpu.device.take_validation_errors()) {
             (self.report)(Report::Ended(error));
         }
     }
@@ -579,7 +579,7 @@ impl Thread {
         let counted = tally::record(&mut g, &view, &points);
         let frame = g.submit(&[])?;
         (self.report)(Report::Counted(counted.points(&frame)));
-        frame.shelve(&mut self.gpu);
+        frame.recycle(&mut self.gpu);
         Ok(())
     }
 
@@ -722,7 +722,7 @@ impl Thread {
                 .into_iter()
                 .chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())),
         );
-        frame.shelve(&mut self.gpu);
+        frame.recycle(&mut self.gpu);
         self.pace = self.pace.after(divisor, took);
         self.last_drawn = identity;
         let lit = outcome
@@ -785,7 +785,7 @@ impl Thread {
         let mut g = Graph::new(&mut self.gpu);
         let mut screen = g.import("screen", present.screen());
         g.fill(&mut screen, word | 255 << 24);
-        g.submit(&[screen.resource()])?.shelve(&mut self.gpu);
+        g.submit(&[screen.resource()])?.recycle(&mut self.gpu);
         present.holds(&mut self.gpu, present.size())?;
         self.again = false;
         if !present.show(&self.gpu)? {

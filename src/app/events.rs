@@ -7,7 +7,7 @@ use super::panel::Panel;
 use super::profile::Profile;
 use super::{App, Event};
 use crate::error::{Error, Result};
-use crate::gpu::Wish;
+use crate::gpu::DeviceOptions;
 use crate::graph::Gpu;
 use crate::present::Present;
 use glam::DVec2;
@@ -38,7 +38,7 @@ impl App {
 
     /// Opens a device, and brings all that is open there.
     fn draw_in(&mut self, window: Arc<Window>) -> Result<()> {
-        let gpu = Gpu::open(&Wish { window: true, ..self.options.wish.clone() })?;
+        let gpu = Gpu::open(&DeviceOptions { window: true, ..self.options.wish.clone() })?;
         self.statistics.device = format!("{} ({})", gpu.device.name, gpu.device.driver);
         let size = window.inner_size();
         let present = Present::open(&gpu, window)?;

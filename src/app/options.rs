@@ -3,7 +3,7 @@
 use super::navigation::Habit;
 use super::panel::Enlarged;
 use crate::cloud::attribute::Further;
-use crate::gpu::Wish;
+use crate::gpu::DeviceOptions;
 use crate::render::scene::Scene;
 use crate::source::Opening;
 use crate::view::camera_path::CameraPath;
@@ -28,7 +28,7 @@ pub struct Options {
     pub habit: Habit,
     /// How large pictures are saved.
     pub enlarged: Enlarged,
-    pub wish: Wish,
+    pub wish: DeviceOptions,
     pub pool_bytes: u64,
     /// To be played.
     pub path: CameraPath,

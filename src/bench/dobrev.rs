@@ -8,7 +8,7 @@ use super::quartiles;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{self, Cloud, ReadOptions};
 use crate::error::Result;
-use crate::gpu::Wish;
+use crate::gpu::DeviceOptions;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::progress::Progress;
 use crate::render::frame;
@@ -81,8 +81,8 @@ const SURFACE: [&str; 6] = [
     "antialias=on",
 ];
 
-pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
-    let mut gpu = Gpu::open(wish)?;
+pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut gpu = Gpu::open(options)?;
     let mut rows = Vec::new();
     let world = synth::build(synth::Scene::NestedTori, plan.seed, 0.0);
     let tori = synth::collect("nested tori", &world, plan.points, plan.seed, 0.0, progress)?;
@@ -176,7 +176,7 @@ fn draw(
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let frame = g.submit(&[outcome.picture.resource()])?;
     let ms = frame.passes.iter().map(|(_, ms)| ms).sum();
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(ms)
 }
 

@@ -6,7 +6,7 @@
 
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
-use crate::gpu::Wish;
+use crate::gpu::DeviceOptions;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::index::file::{Index, Plane};
 use crate::progress::Progress;
@@ -74,12 +74,12 @@ pub struct Flight {
 /// Places between which the camera flies.
 const PLACES: usize = 6;
 
-pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Flight>> {
+pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Flight>> {
     let index = Arc::new(Index::open(&plan.index)?);
     if index.nodes().is_empty() {
         return Err(Error::format(&plan.index, "has no points to fly through"));
     }
-    let mut gpu = Gpu::open(wish)?;
+    let mut gpu = Gpu::open(options)?;
     plan.sizes.iter().map(|&size| fly(&mut gpu, &index, plan, size, progress)).collect()
 }
 
@@ -117,7 +117,7 @@ fn fly(
         let statistics = outcome.statistics;
         let frame = g.submit(&[outcome.picture.resource()])?;
         frames.push(milliseconds(began));
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         points.push(statistics.points_drawn as f64);
         misses += update.missing as u64;
         complete_frames += update.is_complete() as usize;

@@ -5,7 +5,7 @@
 use super::quartiles;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::Result;
-use crate::gpu::Wish;
+use crate::gpu::DeviceOptions;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::passes::Switch;
 use crate::progress::Progress;
@@ -55,8 +55,8 @@ const PAPER: [(u64, f64); 4] = [
     (64_000_000, 1.0 - 2.5 / 5.0),
 ];
 
-pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
-    let mut gpu = Gpu::open(wish)?;
+pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut gpu = Gpu::open(options)?;
     let world = synth::build(synth::Scene::Street, plan.seed, 0.0);
     let look = world.camera();
     let camera = Camera {
@@ -133,7 +133,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let picture = frame::record(&mut g, view, resident, &look)?.picture;
     let frame = g.submit(&[picture.resource()])?;
     let ms = [frame.ms(""), frame.ms("luminance") + frame.ms("clear sums"), frame.ms("project")];
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(ms)
 }
 

@@ -12,7 +12,7 @@ use super::{Row, quartiles};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::config::NO_POINT;
 use crate::error::{Error, Result};
-use crate::gpu::Wish;
+use crate::gpu::DeviceOptions;
 use crate::graph::{Buffer, Gpu, Graph, Handle, ImageDesc, Kind, Vertices};
 use crate::index;
 use crate::passes::project::{self, Precision};
@@ -41,8 +41,8 @@ struct Gpus {
     raster: Gpu,
 }
 
-pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
-    let mut gpus = Gpus { compute: Gpu::open(wish)?, raster: Gpu::open(wish)? };
+pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut gpus = Gpus { compute: Gpu::open(options)?, raster: Gpu::open(options)? };
     let mut rows = Vec::new();
     for &points in &plan.points {
         let world = synth::build(Scene::Sphere, plan.seed, 0.0);
@@ -202,7 +202,7 @@ fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Re
         .map(|keys| frame.read::<[u32; 2]>(keys).iter().filter(|key| key[0] != NO_POINT).count())
         .sum();
     let ms = frame.ms("project") + frame.ms("clear");
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok((ms, covered))
 }
 
@@ -232,7 +232,7 @@ fn draw_point_list(
         frame.read::<u32>(&index).iter().filter(|&&point| point != NO_POINT).count()
     });
     let ms = frame.ms("point_list");
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok((ms, covered))
 }
 

@@ -8,7 +8,7 @@ use super::quartiles;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{self, Cloud, ReadOptions};
 use crate::error::Result;
-use crate::gpu::Wish;
+use crate::gpu::DeviceOptions;
 use crate::graph::{Gpu, Graph};
 use crate::passes::Effects;
 use crate::progress::Progress;
@@ -66,8 +66,8 @@ const WAYS: [(&str, Style, &str); 4] = [
     ("abuffer", Style::Strokes, "strokes=on,blend=abuffer"),
 ];
 
-pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
-    let mut gpu = Gpu::open(wish)?;
+pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut gpu = Gpu::open(options)?;
     let mut rows = Vec::new();
     let scenes = [("torus", Scene::Torus, TORUS_POINTS), ("tori", Scene::NestedTori, TORI_POINTS)]
         .into_iter();
@@ -189,7 +189,7 @@ fn draw(
     assert!(!frame.read::<f32>(&picture).is_empty());
     let ms = start.elapsed().as_secs_f64() * 1e3;
     let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok((ms, facts.fragments))
 }
 

@@ -7,7 +7,7 @@ use super::quartiles;
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::error::Result;
-use crate::gpu::Wish;
+use crate::gpu::DeviceOptions;
 use crate::graph::{Gpu, Graph, Handle, Kind, Tiles};
 use crate::progress::Progress;
 use crate::render::frame;
@@ -113,8 +113,8 @@ const SURFACE: &[&str] = &[
     "clear wanted",
 ];
 
-pub fn run(wish: &Wish, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
-    let mut gpu = Gpu::open(wish)?;
+pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
+    let mut gpu = Gpu::open(options)?;
     let [width, height] = plan.size.map(|side| side as f64);
     let camera = Camera {
         eye: DVec3::new(width / 2.0, -1e5, height / 2.0),
@@ -210,7 +210,7 @@ fn draw(
     {
         *ms.entry(name.clone()).or_default() += time;
     }
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(ms)
 }
 

@@ -92,7 +92,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
             })?;
         done.notes.into_iter().for_each(&mut say);
         done.asked.write(&done.frame, size, png(number).as_deref(), exr(number).as_deref())?;
-        done.frame.shelve(&mut gpu);
+        done.frame.recycle(&mut gpu);
     }
     progress.tick("drawing frames", total, total)?;
     brought.free(&mut gpu);

@@ -8,7 +8,7 @@ use crate::cloud::table::{Columns, Delimiter, TextOptions};
 use crate::cloud::{ReadOptions, Wanted};
 use crate::config;
 use crate::error::{Error, Result};
-use crate::gpu::Wish;
+use crate::gpu;
 use crate::index::cache;
 use crate::passes::phong::Normals;
 use crate::passes::project::Precision;
@@ -373,12 +373,12 @@ impl PictureOptions {
 }
 
 impl DeviceOptions {
-    pub fn wish(&self) -> Wish {
-        Wish {
+    pub fn wish(&self) -> gpu::DeviceOptions {
+        gpu::DeviceOptions {
             device: self.device.clone(),
             validate: self.validate,
             unmapped: self.unmapped,
-            ..Wish::default()
+            ..gpu::DeviceOptions::default()
         }
     }
 }

@@ -168,7 +168,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if arguments.timings {
         stages.print(&frame);
     }
-    frame.shelve(&mut gpu);
+    frame.recycle(&mut gpu);
     brought.free(&mut gpu);
     Ok(())
 }

@@ -3,7 +3,7 @@
 use super::options::{DeviceOptions, PictureOptions, Size};
 use crate::app::{self, Options, keys, navigation::Habit, panel::Enlarged};
 use crate::error::Result;
-use crate::gpu::Wish;
+use crate::gpu;
 use crate::index::fault::Fault;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
@@ -106,7 +106,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         size: picture.size.0,
         habit: arguments.navigation,
         enlarged: arguments.save_size,
-        wish: Wish {
+        wish: gpu::DeviceOptions {
             lost_after: arguments.lose_device,
             surface_lost_after: arguments.lose_surface,
             ..arguments.device.wish()

@@ -12,7 +12,7 @@ use std::sync::Mutex;
 
 /// What the user asked for with `--device` and `--validate`.
 #[derive(Clone, Debug, Default)]
-pub struct Wish {
+pub struct DeviceOptions {
     /// Part of the device's name (case does not matter) or its index in the order of the loader.
     pub device: Option<String>,
     pub validate: bool,
@@ -47,13 +47,13 @@ pub struct Device {
     /// 64-bit integers and buffer atomics on them.
     pub int64_atomics: bool,
     /// The CPU can write to all of the device's own memory; a graphics card without a resizable BAR has a window of 256 MiB.
-    pub is_mapped: bool,
+    pub has_host_visible_vram: bool,
     /// Texel buffers are large enough for pages, keys and lists of tiles; Vulkan promises only 65,536 texels.
-    pub texels: bool,
+    pub has_large_texel_buffers: bool,
     /// Workgroups of a pass that goes through a list of which most may need nothing: on a CPU few, since there every workgroup walks through its code once even if nothing is to be done.
-    pub most_groups: u32,
+    pub max_workgroups: u32,
     /// Bytes of one allocation.
-    pub most_memory: u64,
+    pub max_allocation: u64,
     pub labels: Option<ext::debug_utils::Device>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     // Boxed: the messenger holds its address.
@@ -61,7 +61,7 @@ pub struct Device {
 }
 
 /// As many 32-bit words as the largest storage buffer that Vulkan devices commonly bind (128 MiB).
-const TEXELS_NEEDED: u32 = 1 << 25;
+const MIN_TEXELS: u32 = 1 << 25;
 
 const WINDOW_SYSTEMS: [&CStr; 6] = [
     khr::surface::NAME,
@@ -75,7 +75,7 @@ const WINDOW_SYSTEMS: [&CStr; 6] = [
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 impl Device {
-    pub fn open(wish: &Wish) -> Result<Device> {
+    pub fn open(options: &DeviceOptions) -> Result<Device> {
         // SAFETY: loading the system's Vulkan loader runs its initialisers, which we trust as every Vulkan program does.
         let entry = unsafe { ash::Entry::load() }.map_err(|error| {
             Error::Device(format!(
@@ -83,12 +83,12 @@ impl Device {
             ))
         })?;
         let messages = Box::new(Mutex::new(Vec::new()));
-        let (instance, debug) = open_instance(&entry, wish)?;
+        let (instance, debug) = open_instance(&entry, options)?;
         let messenger = match &debug {
-            Some(debug) if wish.validate => Some(listen(debug, &messages)?),
+            Some(debug) if options.validate => Some(create_debug_messenger(debug, &messages)?),
             _ => None,
         };
-        let (physical, properties, missing_int64) = match choose(&instance, wish) {
+        let (physical, properties, missing_int64) = match choose(&instance, options) {
             Ok(choice) => choice,
             Err(error) => {
                 if let (Some(debug), Some(messenger)) = (&debug, messenger) {
@@ -100,15 +100,15 @@ impl Device {
                 return Err(error);
             }
         };
-        let int64_atomics = !missing_int64 && !wish.no_int64_atomics;
+        let int64_atomics = !missing_int64 && !options.no_int64_atomics;
         let family = queue_family(&instance, physical).ok_or_else(|| {
             Error::Device("the device has no queue that computes and draws".to_string())
         })?;
-        let raw = open_device(&instance, physical, family, int64_atomics, wish.window)?;
+        let raw = open_device(&instance, physical, family, int64_atomics, options.window)?;
         // SAFETY: the family and its queue 0 were asked for in open_device.
         let queue = unsafe { raw.get_device_queue(family, 0) };
         let labels = debug.as_ref().map(|_| ext::debug_utils::Device::new(&instance, &raw));
-        let (driver, most_memory) = driver(&instance, physical);
+        let (driver, max_allocation) = driver(&instance, physical);
         // SAFETY: a plain query of a live instance.
         let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
         Ok(Device {
@@ -121,15 +121,16 @@ impl Device {
             driver,
             is_cpu: properties.device_type == vk::PhysicalDeviceType::CPU,
             int64_atomics,
-            is_mapped: !wish.unmapped && is_mapped(&memory),
-            texels: !wish.no_texels && properties.limits.max_texel_buffer_elements >= TEXELS_NEEDED,
-            most_groups: match properties.device_type {
+            has_host_visible_vram: !options.unmapped && has_host_visible_vram(&memory),
+            has_large_texel_buffers: !options.no_texels
+                && properties.limits.max_texel_buffer_elements >= MIN_TEXELS,
+            max_workgroups: match properties.device_type {
                 vk::PhysicalDeviceType::CPU => {
                     8 * std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32)
                 }
                 _ => properties.limits.max_compute_work_group_count[0],
             },
-            most_memory,
+            max_allocation,
             labels,
             messenger: debug.zip(messenger),
             messages,
@@ -139,7 +140,7 @@ impl Device {
     }
 
     /// What the validation layers have said since the last call; an error when they said anything.
-    pub fn objections(&self) -> Result<()> {
+    pub fn take_validation_errors(&self) -> Result<()> {
         let said = std::mem::take(
             &mut *self.messages.lock().unwrap_or_else(|poisoned| poisoned.into_inner()),
         );
@@ -159,7 +160,7 @@ impl Device {
 }
 
 /// Whether some memory that the CPU can write to lies in a heap as large as the device's largest own one.
-fn is_mapped(memory: &vk::PhysicalDeviceMemoryProperties) -> bool {
+fn has_host_visible_vram(memory: &vk::PhysicalDeviceMemoryProperties) -> bool {
     use vk::MemoryPropertyFlags as Flags;
     let largest = |wanted: Flags| {
         let types = memory
@@ -178,7 +179,7 @@ impl Drop for Device {
         unsafe {
             self.raw.destroy_device(None);
             // What outlived its device is said here, where nobody can fail any more.
-            if let Err(error) = self.objections() {
+            if let Err(error) = self.take_validation_errors() {
                 drop(writeln!(std::io::stderr(), "pointillist: {error}"));
             }
             if let Some((debug, messenger)) = self.messenger.take() {
@@ -201,12 +202,12 @@ fn list(instance: &ash::Instance, devices: &[vk::PhysicalDevice]) -> String {
 
 fn open_instance(
     entry: &ash::Entry,
-    wish: &Wish,
+    options: &DeviceOptions,
 ) -> Result<(ash::Instance, Option<ext::debug_utils::Instance>)> {
     let app = vk::ApplicationInfo::default()
         .application_name(c"pointillist")
         .api_version(vk::API_VERSION_1_3);
-    let validate = wish.validate;
+    let validate = options.validate;
     // SAFETY: plain queries of the loader.
     let (layers, extensions) = unsafe {
         (
@@ -229,7 +230,7 @@ fn open_instance(
         if validate { vec![VALIDATION_LAYER.as_ptr()] } else { vec![] };
     let mut extension_names: Vec<*const c_char> =
         if has_debug { vec![ext::debug_utils::NAME.as_ptr()] } else { vec![] };
-    if wish.window {
+    if options.window {
         if !offers(khr::surface::NAME) {
             return Err(Error::Device("the Vulkan loader knows no window system".to_string()));
         }
@@ -253,7 +254,7 @@ fn open_instance(
     Ok((instance, debug))
 }
 
-fn listen(
+fn create_debug_messenger(
     debug: &ext::debug_utils::Instance,
     messages: &Mutex<Vec<String>>,
 ) -> Result<vk::DebugUtilsMessengerEXT> {
@@ -264,14 +265,14 @@ fn listen(
         .message_severity(Severity::ERROR | Severity::WARNING)
         // Not PERFORMANCE: it objects to the GENERAL layout, which is our choice (STYLE: at most one memory barrier between passes).
         .message_type(Type::VALIDATION)
-        .pfn_user_callback(Some(hear))
+        .pfn_user_callback(Some(debug_callback))
         .user_data(messages as *const _ as *mut c_void);
     // SAFETY: `messages` is boxed in the Device, which destroys the messenger before it drops the box.
     unsafe { debug.create_debug_utils_messenger(&info, None) }
         .map_err(failed("vkCreateDebugUtilsMessengerEXT"))
 }
 
-unsafe extern "system" fn hear(
+unsafe extern "system" fn debug_callback(
     _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _kind: vk::DebugUtilsMessageTypeFlagsEXT,
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
@@ -287,8 +288,8 @@ unsafe extern "system" fn hear(
 
 type Choice = (vk::PhysicalDevice, vk::PhysicalDeviceProperties, bool);
 
-fn choose(instance: &ash::Instance, wish: &Wish) -> Result<Choice> {
-    let wished = wish.device.as_deref();
+fn choose(instance: &ash::Instance, options: &DeviceOptions) -> Result<Choice> {
+    let wanted = options.device.as_deref();
     // SAFETY: plain query of a live instance.
     let devices = unsafe { instance.enumerate_physical_devices() }
         .map_err(failed("vkEnumeratePhysicalDevices"))?;
@@ -304,15 +305,15 @@ fn choose(instance: &ash::Instance, wish: &Wish) -> Result<Choice> {
         // SAFETY: the device comes from this instance.
         let properties = unsafe { instance.get_physical_device_properties(device) };
         let name = text(&properties.device_name);
-        let matches = wished.is_none_or(|wish| match wish.parse::<usize>() {
-            Ok(wish) => wish == index,
-            Err(_) => name.to_lowercase().contains(&wish.to_lowercase()),
+        let matches = wanted.is_none_or(|wanted| match wanted.parse::<usize>() {
+            Ok(wanted) => wanted == index,
+            Err(_) => name.to_lowercase().contains(&wanted.to_lowercase()),
         });
         if !matches {
             continue;
         }
         let (mut missing, no_int64) = missing(instance, device, &properties);
-        if wish.window && !has_swapchains(instance, device) {
+        if options.window && !has_swapchains(instance, device) {
             missing.push("swapchains");
         }
         if missing.is_empty() {
@@ -323,15 +324,15 @@ fn choose(instance: &ash::Instance, wish: &Wish) -> Result<Choice> {
     }
     fit.sort_by_key(|&(rank, index, _)| (rank, index));
     fit.into_iter().next().map(|(_, _, choice)| choice).ok_or_else(|| {
-        Error::Device(match (devices.is_empty(), unfit.is_empty(), wished) {
+        Error::Device(match (devices.is_empty(), unfit.is_empty(), wanted) {
             (true, ..) => {
                 "no Vulkan device; install a driver (mesa-vulkan-drivers has one that needs no GPU)"
                     .to_string()
             }
             (_, false, _) => format!("no usable Vulkan device: {}", unfit.join("; ")),
-            (_, _, wish) => format!(
+            (_, _, wanted) => format!(
                 "no device matches --device {}; there are: {}",
-                wish.unwrap_or(""),
+                wanted.unwrap_or(""),
                 list(instance, &devices)
             ),
         })
@@ -470,7 +471,7 @@ mod tests {
             ("a card without", &[8192, 16384, 256], &[(0, own), (1, host), (2, own | host)], false),
             ("a card that maps none of its memory", &[8192, 16384], &[(0, own), (1, host)], false),
         ] {
-            assert_eq!(is_mapped(&memory(heaps, types)), expected, "{what}");
+            assert_eq!(has_host_visible_vram(&memory(heaps, types)), expected, "{what}");
         }
     }
 }

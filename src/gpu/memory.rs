@@ -106,10 +106,10 @@ impl RawBuffer {
     }
 
     /// A part of a mapped buffer for another thread, which has it until `alive` ends: before the buffer does, and with the device.
-    pub fn window(&self, bytes: std::ops::Range<u64>, alive: &Alive) -> Window {
+    pub fn mapped_range(&self, bytes: std::ops::Range<u64>, alive: &LifetimeGuard) -> MappedRange {
         assert!(bytes.start <= bytes.end && bytes.end <= self.desc.bytes);
         let map = self.allocation.mapped_ptr().expect("a mapped buffer").as_ptr().cast::<u8>();
-        Window {
+        MappedRange {
             first: map.wrapping_add(bytes.start as usize),
             length: (bytes.end - bytes.start) as usize,
             alive: alive.clone(),
@@ -119,56 +119,56 @@ impl RawBuffer {
 
 /// Whether the device and its memory are still there, and what lies in it; for threads that outlive them.
 #[derive(Clone)]
-pub struct Alive {
+pub struct LifetimeGuard {
     own: Arc<RwLock<bool>>,
     /// Of what it lies in.
-    around: Option<Arc<RwLock<bool>>>,
+    parent: Option<Arc<RwLock<bool>>>,
 }
 
-impl Alive {
-    fn new() -> Alive {
-        Alive { own: Arc::new(RwLock::new(true)), around: None }
+impl LifetimeGuard {
+    fn new() -> LifetimeGuard {
+        LifetimeGuard { own: Arc::new(RwLock::new(true)), parent: None }
     }
 
     /// Of something that ends with the device, or before.
-    pub fn within(&self) -> Alive {
-        Alive { around: Some(self.own.clone()), ..Alive::new() }
+    pub fn child(&self) -> LifetimeGuard {
+        LifetimeGuard { parent: Some(self.own.clone()), ..LifetimeGuard::new() }
     }
 
     /// Does `work` with all of it kept, or says `otherwise` where it is gone.
-    pub fn while_it_is<T>(&self, otherwise: T, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let around = self
-            .around
+    pub fn with_alive<T>(&self, otherwise: T, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let parent = self
+            .parent
             .as_ref()
-            .map(|around| around.read().unwrap_or_else(PoisonError::into_inner));
+            .map(|parent| parent.read().unwrap_or_else(PoisonError::into_inner));
         let own = self.own.read().unwrap_or_else(PoisonError::into_inner);
-        if *own && around.is_none_or(|around| *around) { work() } else { Ok(otherwise) }
+        if *own && parent.is_none_or(|parent| *parent) { work() } else { Ok(otherwise) }
     }
 
     /// Waits for whoever is at work with it, and does the last of it where that is not done yet.
-    pub fn end(&self, last: impl FnOnce()) {
-        let around = self
-            .around
+    pub fn close(&self, last: impl FnOnce()) {
+        let parent = self
+            .parent
             .as_ref()
-            .map(|around| around.read().unwrap_or_else(PoisonError::into_inner));
+            .map(|parent| parent.read().unwrap_or_else(PoisonError::into_inner));
         let mut own = self.own.write().unwrap_or_else(PoisonError::into_inner);
-        if std::mem::take(&mut *own) && around.is_none_or(|around| *around) {
+        if std::mem::take(&mut *own) && parent.is_none_or(|parent| *parent) {
             last();
         }
     }
 }
 
 /// Some bytes of a mapped buffer, for another thread to write. Whoever makes it keeps the buffer, and everyone else away from these bytes, until it is dropped.
-pub struct Window {
+pub struct MappedRange {
     first: *mut u8,
     length: usize,
-    alive: Alive,
+    alive: LifetimeGuard,
 }
 
 // SAFETY: the bytes are nobody else's (see above), and mapped memory may be written from any thread.
-unsafe impl Send for Window {}
+unsafe impl Send for MappedRange {}
 
-impl Window {
+impl MappedRange {
     pub fn write(&mut self, at: usize, bytes: &[u8]) {
         assert!(
             at.checked_add(bytes.len()).is_some_and(|end| end <= self.length),
@@ -176,7 +176,7 @@ impl Window {
             bytes.len(),
             self.length
         );
-        let written = self.alive.while_it_is((), || {
+        let written = self.alive.with_alive((), || {
             // SAFETY: within the window, checked above; the map is there as long as the buffer, whose end ends `alive`, and `bytes` cannot overlap what only we write.
             unsafe {
                 std::ptr::copy_nonoverlapping(bytes.as_ptr(), self.first.add(at), bytes.len())
@@ -197,7 +197,7 @@ pub struct RawImage {
 
 /// What something needs of the memory that it lies in: a place that is a multiple of `align`, in memory of one of these types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Room {
+pub struct MemoryRequirements {
     pub bytes: u64,
     pub align: u64,
     pub types: u32,
@@ -205,20 +205,20 @@ pub struct Room {
 
 /// Memory on the device, and images and buffers that lie in it, over one another as its owner says.
 pub struct Block {
-    room: Room,
+    requirements: MemoryRequirements,
     allocation: Allocation,
     images: HashMap<(ImageDesc, u64), RawImage>,
     buffers: HashMap<(BufferDesc, u64), (vk::Buffer, Texels)>,
-    /// When it was shelved, in blocks that had been asked for.
-    shelved: u64,
+    /// When it was recycled_at, in blocks that had been asked for.
+    recycled_at: u64,
 }
 
 /// A block that nobody has taken while so many were asked for is given back: a picture was larger once, or a window.
-const BLOCKS_TO_WAIT: u64 = 64;
+const MAX_BLOCK_AGE: u64 = 64;
 /// Nobody takes a block so many times larger than wanted: who needs it may come next.
-const ROOMY: u64 = 4;
+const MAX_OVERSIZE: u64 = 4;
 /// Images and buffers of a block: more than any few plans have, and no more of windows that change their size.
-const MOST_PLACED: usize = 4096;
+const MAX_PLACED: usize = 4096;
 
 /// A buffer that outlives the frame, what its contents were made of, and how many steps of that have been made; nothing until a frame has made some.
 struct Kept {
@@ -232,13 +232,13 @@ pub struct Memory {
     buffers: HashMap<BufferDesc, Vec<RawBuffer>>,
     blocks: Vec<Block>,
     blocks_asked: u64,
-    image_rooms: HashMap<ImageDesc, Room>,
-    buffer_rooms: HashMap<u64, Room>,
+    image_requirements: HashMap<ImageDesc, MemoryRequirements>,
+    buffer_requirements: HashMap<u64, MemoryRequirements>,
     kept: HashMap<String, Kept>,
     device: ash::Device,
     /// Bytes in buffers and images, on the shelf or in use.
     pub allocated: u64,
-    pub alive: Alive,
+    pub alive: LifetimeGuard,
 }
 
 impl Memory {
@@ -257,12 +257,12 @@ impl Memory {
             buffers: HashMap::new(),
             blocks: Vec::new(),
             blocks_asked: 0,
-            image_rooms: HashMap::new(),
-            buffer_rooms: HashMap::new(),
+            image_requirements: HashMap::new(),
+            buffer_requirements: HashMap::new(),
             kept: HashMap::new(),
             device: device.raw.clone(),
             allocated: 0,
-            alive: Alive::new(),
+            alive: LifetimeGuard::new(),
         })
     }
 
@@ -305,7 +305,7 @@ impl Memory {
         Ok(RawBuffer { raw, desc, address, texels, allocation })
     }
 
-    /// Where a device's texel buffers are too small the views end early, and large buffers are read otherwise (Device::texels).
+    /// Where a device's texel buffers are too small the views end early, and large buffers are read otherwise (Device::has_large_texel_buffers).
     fn texels(&self, device: &Device, buffer: vk::Buffer, bytes: u64) -> Result<Texels> {
         Ok(Texels {
             words: self.texels_of(device, buffer, bytes, vk::Format::R32_UINT)?,
@@ -333,8 +333,8 @@ impl Memory {
     }
 
     /// What an image of this description needs.
-    pub fn image_room(&mut self, device: &Device, desc: ImageDesc) -> Room {
-        *self.image_rooms.entry(desc).or_insert_with(|| {
+    pub fn image_requirements(&mut self, device: &Device, desc: ImageDesc) -> MemoryRequirements {
+        *self.image_requirements.entry(desc).or_insert_with(|| {
             let info = image_info(desc);
             let mut needs = vk::MemoryRequirements2::default();
             // SAFETY: asks about an image that is not made.
@@ -344,13 +344,13 @@ impl Memory {
                     &mut needs,
                 )
             };
-            room(device, needs.memory_requirements)
+            requirements(device, needs.memory_requirements)
         })
     }
 
     /// What a buffer of so many bytes on the device needs.
-    pub fn buffer_room(&mut self, device: &Device, bytes: u64) -> Room {
-        *self.buffer_rooms.entry(bytes).or_insert_with(|| {
+    pub fn buffer_requirements(&mut self, device: &Device, bytes: u64) -> MemoryRequirements {
+        *self.buffer_requirements.entry(bytes).or_insert_with(|| {
             let info = buffer_info(bytes);
             let mut needs = vk::MemoryRequirements2::default();
             // SAFETY: asks about a buffer that is not made.
@@ -360,32 +360,34 @@ impl Memory {
                     &mut needs,
                 )
             };
-            room(device, needs.memory_requirements)
+            requirements(device, needs.memory_requirements)
         })
     }
 
     /// A block with at least this room. One that is too small for whoever asks now goes.
-    pub fn block(&mut self, wanted: Room) -> Result<Block> {
+    pub fn block(&mut self, wanted: MemoryRequirements) -> Result<Block> {
         self.blocks_asked += 1;
         let asked = self.blocks_asked;
         let (old, kept) = std::mem::take(&mut self.blocks)
             .into_iter()
-            .partition(|block: &Block| block.shelved + BLOCKS_TO_WAIT < asked);
+            .partition(|block: &Block| block.recycled_at + MAX_BLOCK_AGE < asked);
         self.blocks = kept;
         let old: Vec<Block> = old;
         old.into_iter().for_each(|block| self.destroy_block(block));
 
-        let alike =
-            |block: &Block| block.room.types == wanted.types && block.room.align >= wanted.align;
+        let alike = |block: &Block| {
+            block.requirements.types == wanted.types && block.requirements.align >= wanted.align
+        };
         let sizes = || {
             self.blocks
                 .iter()
                 .enumerate()
                 .filter(|(_, block)| alike(block))
-                .map(|(i, block)| (block.room.bytes, i))
+                .map(|(i, block)| (block.requirements.bytes, i))
         };
-        if let Some((_, place)) =
-            sizes().filter(|(bytes, _)| (wanted.bytes..=ROOMY * wanted.bytes).contains(bytes)).min()
+        if let Some((_, place)) = sizes()
+            .filter(|(bytes, _)| (wanted.bytes..=MAX_OVERSIZE * wanted.bytes).contains(bytes))
+            .min()
         {
             return Ok(self.blocks.swap_remove(place));
         }
@@ -400,11 +402,11 @@ impl Memory {
         };
         let allocation = self.allocate("a frame", requirements, MemoryLocation::GpuOnly, false)?;
         Ok(Block {
-            room: wanted,
+            requirements: wanted,
             allocation,
             images: HashMap::new(),
             buffers: HashMap::new(),
-            shelved: 0,
+            recycled_at: 0,
         })
     }
 
@@ -454,12 +456,12 @@ impl Memory {
         desc: ImageDesc,
         name: &str,
     ) -> Result<(RawImage, Block)> {
-        let room = self.image_room(device, desc);
-        let mut block = self.block(room)?;
+        let requirements = self.image_requirements(device, desc);
+        let mut block = self.block(requirements)?;
         match self.image(device, &mut block, 0, desc, name) {
             Ok(image) => Ok((image, block)),
             Err(error) => {
-                self.shelve_block(block);
+                self.recycle_block(block);
                 Err(error)
             }
         }
@@ -499,13 +501,13 @@ impl Memory {
     }
 
     /// Gives a block back; whoever gets it next begins after what is under way.
-    pub fn shelve_block(&mut self, mut block: Block) {
-        if block.images.len() + block.buffers.len() > MOST_PLACED {
+    pub fn recycle_block(&mut self, mut block: Block) {
+        if block.images.len() + block.buffers.len() > MAX_PLACED {
             // SAFETY: as in `destroy_block`.
             let _ = unsafe { self.device.device_wait_idle() };
             self.empty(&mut block);
         }
-        self.blocks.push(Block { shelved: self.blocks_asked, ..block });
+        self.blocks.push(Block { recycled_at: self.blocks_asked, ..block });
     }
 
     fn empty(&self, block: &mut Block) {
@@ -540,7 +542,7 @@ impl Memory {
     ) -> Result<(&RawBuffer, u32)> {
         if self.kept.get(name).is_some_and(|kept| kept.buffer.desc.bytes < bytes) {
             let old = self.kept.remove(name).expect("found");
-            self.shelve_buffer(old.buffer);
+            self.recycle_buffer(old.buffer);
         }
         if !self.kept.contains_key(name) {
             // Rounded up, so that what grows frame by frame does not leave a shelf full of sizes.
@@ -576,7 +578,7 @@ impl Memory {
     }
 
     /// Gives a buffer back; the GPU must be done with it.
-    pub fn shelve_buffer(&mut self, buffer: RawBuffer) {
+    pub fn recycle_buffer(&mut self, buffer: RawBuffer) {
         self.buffers.entry(buffer.desc).or_default().push(buffer);
     }
 
@@ -631,7 +633,7 @@ impl Memory {
 
 impl Drop for Memory {
     fn drop(&mut self) {
-        self.alive.end(|| ());
+        self.alive.close(|| ());
         let kept: Vec<_> =
             std::mem::take(&mut self.kept).into_values().map(|kept| kept.buffer).collect();
         for buffer in std::mem::take(&mut self.buffers).into_values().flatten().chain(kept) {
@@ -679,7 +681,11 @@ fn image_info(desc: ImageDesc) -> vk::ImageCreateInfo<'static> {
 }
 
 /// With whole pages of a device that must not find images and buffers on one.
-fn room(device: &Device, needs: vk::MemoryRequirements) -> Room {
+fn requirements(device: &Device, needs: vk::MemoryRequirements) -> MemoryRequirements {
     let align = needs.alignment.max(device.limits.buffer_image_granularity);
-    Room { bytes: needs.size.next_multiple_of(align), align, types: needs.memory_type_bits }
+    MemoryRequirements {
+        bytes: needs.size.next_multiple_of(align),
+        align,
+        types: needs.memory_type_bits,
+    }
 }

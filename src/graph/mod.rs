@@ -187,9 +187,9 @@ pub struct Gpu {
     /// Raised by every submission when the device is done with it, to the number of submissions so far.
     pub passed: Timeline,
     pub submitted: u64,
-    /// As [`crate::gpu::Wish::lost_after`].
+    /// As [`crate::gpu::DeviceOptions::lost_after`].
     pub(crate) lost_after: Option<u64>,
-    /// As [`crate::gpu::Wish::surface_lost_after`].
+    /// As [`crate::gpu::DeviceOptions::surface_lost_after`].
     pub(crate) surface_lost_after: Option<u64>,
     /// Clouds that have been made resident so far.
     pub residents: u64,
@@ -200,8 +200,8 @@ pub struct Gpu {
 }
 
 impl Gpu {
-    pub fn open(wish: &crate::gpu::Wish) -> Result<Gpu> {
-        let device = Device::open(wish)?;
+    pub fn open(options: &crate::gpu::DeviceOptions) -> Result<Gpu> {
+        let device = Device::open(options)?;
         let memory = Memory::new(&device)?;
         let passed = Timeline::new(&device, &memory.alive, "passed")?;
         let (kernels, raster) = (Kernels::new(&device), raster::Rasters::new(&device));
@@ -210,8 +210,8 @@ impl Gpu {
             raster,
             passed,
             submitted: 0,
-            lost_after: wish.lost_after,
-            surface_lost_after: wish.surface_lost_after,
+            lost_after: options.lost_after,
+            surface_lost_after: options.surface_lost_after,
             residents: 0,
             behind: Vec::new(),
             memory,
@@ -223,7 +223,7 @@ impl Gpu {
     pub fn catch_up(&mut self) -> Result<()> {
         std::mem::take(&mut self.behind)
             .into_iter()
-            .try_for_each(|running| running.finish(self).map(|frame| frame.shelve(self)))
+            .try_for_each(|running| running.finish(self).map(|frame| frame.recycle(self)))
     }
 }
 
@@ -391,14 +391,14 @@ impl<'g> Graph<'g> {
 
     fn add(&mut self, name: &str, shape: Shape) -> ResourceId {
         let Gpu { memory, device, .. } = &mut *self.gpu;
-        let room = match shape {
-            Shape::Image(desc) => Some(memory.image_room(device, desc)),
+        let requirements = match shape {
+            Shape::Image(desc) => Some(memory.image_requirements(device, desc)),
             Shape::Buffer(BufferDesc { bytes, place: Place::Device }) => {
-                Some(memory.buffer_room(device, bytes))
+                Some(memory.buffer_requirements(device, bytes))
             }
             Shape::Buffer(_) => None,
         };
-        self.resources.push(Resource { name: name.to_string(), shape, room });
+        self.resources.push(Resource { name: name.to_string(), shape, requirements });
         ResourceId(self.resources.len() - 1)
     }
 
@@ -410,7 +410,7 @@ impl<'g> Graph<'g> {
     /// The same of a buffer that is gathered from as words, too, where the device has texel buffers for that.
     pub fn gathered_limit(&self) -> u64 {
         let device = &self.gpu.device;
-        let texels = if device.texels {
+        let texels = if device.has_large_texel_buffers {
             4 * device.limits.max_texel_buffer_elements as u64
         } else {
             u64::MAX
@@ -442,7 +442,7 @@ impl<'g> Graph<'g> {
             (_, Some(within)) => within.groups(),
             (Tiles::Groups(groups), _) => self.gate(groups),
             (Tiles::ByEight(count), _) => {
-                let groups = [count.div_ceil(8).min(self.gpu.device.most_groups), 1, 1];
+                let groups = [count.div_ceil(8).min(self.gpu.device.max_workgroups), 1, 1];
                 self.gate(groups)
             }
             (Tiles::Packed([width, height]), _) => {
@@ -512,7 +512,7 @@ impl<'g> Graph<'g> {
     /// Passes that keep to an area, of those that can: shaders that include area.glsl. Devices whose texel buffers are too small for a list work on the whole picture, which shows the same.
     pub fn within<T>(&mut self, area: Option<&Area>, record: impl FnOnce(&mut Self) -> T) -> T {
         assert!(self.within.is_none(), "an area within an area");
-        self.within = area.filter(|_| self.gpu.device.texels).map(Within::new);
+        self.within = area.filter(|_| self.gpu.device.has_large_texel_buffers).map(Within::new);
         let recorded = record(self);
         self.within = None;
         recorded
@@ -647,7 +647,7 @@ impl<'g> Graph<'g> {
 
     /// The plan of what has been recorded so far, if nothing but `wanted` is asked of it. Pure; `--explain` prints it.
     pub fn plan(&self, wanted: &[ResourceId]) -> Plan {
-        plan::plan(&self.passes, &self.resources, wanted, self.gpu.device.most_memory)
+        plan::plan(&self.passes, &self.resources, wanted, self.gpu.device.max_allocation)
     }
 
     /// Plans, records and submits. What is in a download buffer, or `wanted`, is what the frame is for; passes that serve neither are dropped.
@@ -663,7 +663,7 @@ impl<'g> Graph<'g> {
         gpu.behind = left;
         let done: Vec<Running> = done;
         done.into_iter()
-            .try_for_each(|running| running.finish(gpu).map(|frame| frame.shelve(gpu)))?;
+            .try_for_each(|running| running.finish(gpu).map(|frame| frame.recycle(gpu)))?;
         Ok(gpu.submitted)
     }
 
@@ -690,7 +690,8 @@ impl<'g> Graph<'g> {
                 _ => None,
             }
         }));
-        let plan = plan::plan(&self.passes, &self.resources, &wanted, self.gpu.device.most_memory);
+        let plan =
+            plan::plan(&self.passes, &self.resources, &wanted, self.gpu.device.max_allocation);
         record::launch(self, plan)
     }
 }
@@ -715,9 +716,9 @@ impl Frame {
     }
 
     /// Gives the download buffers back for the next frame.
-    pub fn shelve(self, gpu: &mut Gpu) {
+    pub fn recycle(self, gpu: &mut Gpu) {
         for (_, raw) in self.downloads {
-            gpu.memory.shelve_buffer(raw);
+            gpu.memory.recycle_buffer(raw);
         }
     }
 

@@ -7,7 +7,7 @@
 //!    follows their uses like any other hazard. What a pass that looks at nothing but its own pixels reads for the last time, it may write over.
 
 use super::{Access, BufferDesc, ImageDesc, Place, ResourceId};
-use crate::gpu::Room;
+use crate::gpu::MemoryRequirements;
 use std::collections::HashMap;
 use std::fmt;
 use std::ops::Range;
@@ -23,7 +23,7 @@ pub struct Resource {
     pub name: String,
     pub shape: Shape,
     /// Of a transient, what its device asks of the memory that it lies in; none of what brings its own.
-    pub room: Option<Room>,
+    pub requirements: Option<MemoryRequirements>,
 }
 
 #[derive(Clone, Debug)]
@@ -59,7 +59,7 @@ pub struct Plan {
     pub memory: Vec<Option<usize>>,
     pub memories: Vec<Memory>,
     /// What transients lie in: one block, or one for each kind of memory where a device has several.
-    pub blocks: Vec<Room>,
+    pub blocks: Vec<MemoryRequirements>,
     text: String,
 }
 
@@ -82,9 +82,9 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId], most
             .iter()
             .filter(|(id, _)| lives[id.0].as_ref().is_some_and(|life| life.first == index))
         {
-            let Resource { name, shape, room } = &resources[id.0];
+            let Resource { name, shape, requirements } = &resources[id.0];
             assert!(
-                room.is_none() || access == Access::Write,
+                requirements.is_none() || access == Access::Write,
                 "{} reads {name}, which nothing has written",
                 pass.name
             );
@@ -204,14 +204,17 @@ fn place(
     resources: &[Resource],
     lives: &[Option<Life>],
     most: u64,
-    blocks: &mut Vec<Room>,
+    blocks: &mut Vec<MemoryRequirements>,
 ) -> Vec<Option<(usize, Range<u64>)>> {
-    let mut transients: Vec<(usize, Room, &Life)> = (resources.iter().zip(lives).enumerate())
-        .filter_map(|(i, (resource, life))| Some((i, resource.room?, life.as_ref()?)))
-        .collect();
-    transients.sort_by_key(|&(i, room, life)| (std::cmp::Reverse(room.bytes), life.first, i));
+    let mut transients: Vec<(usize, MemoryRequirements, &Life)> =
+        (resources.iter().zip(lives).enumerate())
+            .filter_map(|(i, (resource, life))| Some((i, resource.requirements?, life.as_ref()?)))
+            .collect();
+    transients.sort_by_key(|&(i, requirements, life)| {
+        (std::cmp::Reverse(requirements.bytes), life.first, i)
+    });
     let mut places: Vec<Option<(usize, Range<u64>)>> = vec![None; resources.len()];
-    for (rank, &(i, room, life)) in transients.iter().enumerate() {
+    for (rank, &(i, requirements, life)) in transients.iter().enumerate() {
         let start_in = |block: usize| {
             // Of those that have a place there, whose lives cross this one's: their bytes, and whether this one may lie in the same.
             let mut taken: Vec<(Range<u64>, bool)> = (transients[..rank].iter())
@@ -237,26 +240,26 @@ fn place(
             }
             let mut start = 0;
             for (bytes, _) in &taken {
-                if start + room.bytes <= bytes.start {
+                if start + requirements.bytes <= bytes.start {
                     break;
                 }
-                start = start.max(bytes.end.next_multiple_of(room.align));
+                start = start.max(bytes.end.next_multiple_of(requirements.align));
             }
             start
         };
-        let alike = (0..blocks.len()).filter(|&block| blocks[block].types == room.types);
+        let alike = (0..blocks.len()).filter(|&block| blocks[block].types == requirements.types);
         let (block, start) = alike
             .map(|block| (block, start_in(block)))
-            .find(|(_, start)| start + room.bytes <= most)
+            .find(|(_, start)| start + requirements.bytes <= most)
             .unwrap_or_else(|| {
-                blocks.push(Room { bytes: 0, ..room });
+                blocks.push(MemoryRequirements { bytes: 0, ..requirements });
                 (blocks.len() - 1, 0)
             });
-        places[i] = Some((block, start..start + room.bytes));
-        blocks[block] = Room {
-            bytes: blocks[block].bytes.max(start + room.bytes),
-            align: blocks[block].align.max(room.align),
-            ..room
+        places[i] = Some((block, start..start + requirements.bytes));
+        blocks[block] = MemoryRequirements {
+            bytes: blocks[block].bytes.max(start + requirements.bytes),
+            align: blocks[block].align.max(requirements.align),
+            ..requirements
         };
     }
     places
@@ -419,11 +422,11 @@ mod tests {
     const IMAGE: Shape =
         Shape::Image(ImageDesc { size: [8, 8], format: ash::vk::Format::R32_SFLOAT });
 
-    const ROOM: Room = Room { bytes: 256, align: 64, types: 1 };
+    const NEEDS: MemoryRequirements = MemoryRequirements { bytes: 256, align: 64, types: 1 };
 
     fn frame(images: usize, passes: &[(&str, &[usize], &[usize])], wanted: &[usize]) -> Plan {
         let resources: Vec<_> = (0..images)
-            .map(|i| Resource { name: format!("r{i}"), shape: IMAGE, room: Some(ROOM) })
+            .map(|i| Resource { name: format!("r{i}"), shape: IMAGE, requirements: Some(NEEDS) })
             .collect();
         let passes: Vec<_> = passes
             .iter()
@@ -513,7 +516,10 @@ mod tests {
             .map(|(i, &(bytes, ..))| Resource {
                 name: format!("r{i}"),
                 shape: Shape::Buffer(BufferDesc { bytes, place: Place::Device }),
-                room: Some(Room { bytes: bytes.next_multiple_of(64), ..ROOM }),
+                requirements: Some(MemoryRequirements {
+                    bytes: bytes.next_multiple_of(64),
+                    ..NEEDS
+                }),
             })
             .collect();
         let end = lives.iter().map(|life| life.2).max().unwrap_or(0);
@@ -543,7 +549,7 @@ mod tests {
         let plan = buffers(&[(1024, 0, 1), (64, 1, 3), (512, 2, 3), (500, 2, 3)]);
         let at = |resource| bytes_of(&plan, resource).unwrap().1;
         assert_eq!([at(0), at(1), at(2), at(3)], [0..1024, 1024..1088, 0..512, 512..1024]);
-        assert_eq!(plan.blocks, [Room { bytes: 1088, ..ROOM }]);
+        assert_eq!(plan.blocks, [MemoryRequirements { bytes: 1088, ..NEEDS }]);
         assert!(plan.steps[2].barrier);
     }
 

@@ -8,10 +8,10 @@ use super::{
     too_large,
 };
 use crate::error::{Error, Result};
+use crate::gpu::breadcrumbs::Breadcrumbs;
 use crate::gpu::kernel::descriptor_type;
 use crate::gpu::memory::{Block, RawBuffer, RawImage, Texels};
 use crate::gpu::timing::Timing;
-use crate::gpu::trail::Trail;
 use crate::gpu::{failed, raster};
 use crate::progress::Progress;
 use ash::vk;
@@ -58,7 +58,7 @@ pub struct Running {
     realised: Realised,
     timing: Timing,
     scratch: Scratch,
-    trail: Trail,
+    breadcrumbs: Breadcrumbs,
 }
 
 pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g mut Gpu)> {
@@ -82,17 +82,17 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g m
     let begun = realise(gpu, &plan, &resources, uploads, &imports, &mut realised).and_then(|()| {
         execute(gpu, &plan, &names, &work, &realised.physical, progress, !without_barriers)
     });
-    let (timing, scratch, trail) = match begun {
+    let (timing, scratch, breadcrumbs) = match begun {
         Ok(begun) => begun,
         Err(error) => {
-            drop(shelve(gpu, &plan, realised, false));
+            drop(recycle(gpu, &plan, realised, false));
             return Err(error);
         }
     };
     // Those that no pass of the plan touches have not been filled. Later submissions begin when this one is done.
     let filled = keeps.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
     filled.for_each(|(_, name, made_of, steps)| gpu.memory.kept(&name, Some((made_of, steps))));
-    Ok((Running { plan, names, realised, timing, scratch, trail }, gpu))
+    Ok((Running { plan, names, realised, timing, scratch, breadcrumbs }, gpu))
 }
 
 impl Running {
@@ -103,24 +103,24 @@ impl Running {
 
     /// Waits until the device is done.
     pub fn finish(self, gpu: &mut Gpu) -> Result<Frame> {
-        let Running { plan, names, realised, timing, scratch, trail } = self;
+        let Running { plan, names, realised, timing, scratch, breadcrumbs } = self;
         let done = scratch
-            .wait(&trail)
-            .and_then(|()| gpu.found(&trail))
+            .wait(&breadcrumbs)
+            .and_then(|()| gpu.found(&breadcrumbs))
             .and_then(|()| timing.read())
-            .and_then(|times| gpu.device.objections().map(|()| times));
-        trail.shelve(&mut gpu.memory);
-        let downloads = shelve(gpu, &plan, realised, done.is_ok());
+            .and_then(|times| gpu.device.take_validation_errors().map(|()| times));
+        breadcrumbs.recycle(&mut gpu.memory);
+        let downloads = recycle(gpu, &plan, realised, done.is_ok());
         Ok(Frame { passes: names.into_iter().zip(done?).collect(), plan, downloads })
     }
 }
 
 impl Gpu {
     /// Whether the device is still there, as far as tests let it.
-    fn found(&self, trail: &Trail) -> Result<()> {
+    fn found(&self, breadcrumbs: &Breadcrumbs) -> Result<()> {
         match self.lost_after {
             Some(submissions) if self.submitted >= submissions => {
-                Err(trail.blame(vk::Result::ERROR_DEVICE_LOST))
+                Err(breadcrumbs.blame(vk::Result::ERROR_DEVICE_LOST))
             }
             _ => Ok(()),
         }
@@ -131,19 +131,19 @@ impl Graph<'_> {
     /// Gives back what was made for a frame that is not to be drawn.
     pub fn abandon(self) {
         let Graph { gpu, uploads, .. } = self;
-        uploads.into_iter().for_each(|(_, raw)| gpu.memory.shelve_buffer(raw));
+        uploads.into_iter().for_each(|(_, raw)| gpu.memory.recycle_buffer(raw));
     }
 }
 
 /// Memory goes back to the shelf whatever happened, but for what a good frame brings home.
-fn shelve(
+fn recycle(
     gpu: &mut Gpu,
     plan: &Plan,
     realised: Realised,
     bring: bool,
 ) -> Vec<(ResourceId, RawBuffer)> {
     let mut downloads = Vec::new();
-    realised.blocks.into_iter().for_each(|block| gpu.memory.shelve_block(block));
+    realised.blocks.into_iter().for_each(|block| gpu.memory.recycle_block(block));
     for (memory, item) in realised.physical {
         let owner =
             plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
@@ -151,7 +151,7 @@ fn shelve(
             Physical::Buffer(buffer) if buffer.desc.place == Place::Download && bring => {
                 downloads.push((ResourceId(owner), buffer))
             }
-            Physical::Buffer(buffer) => gpu.memory.shelve_buffer(buffer),
+            Physical::Buffer(buffer) => gpu.memory.recycle_buffer(buffer),
             Physical::Image(_) | Physical::Lent(_) => {}
         }
     }
@@ -170,10 +170,10 @@ fn execute(
     physical: &HashMap<usize, Physical>,
     progress: Option<&dyn Progress>,
     barriers: bool,
-) -> Result<(Timing, Scratch, Trail)> {
+) -> Result<(Timing, Scratch, Breadcrumbs)> {
     let timing = Timing::new(&gpu.device, names.len() as u32)?;
     let scratch = Scratch::new(gpu, plan, work)?;
-    let trail = Trail::new(&gpu.device, &mut gpu.memory, names.to_vec())?;
+    let breadcrumbs = Breadcrumbs::new(&gpu.device, &mut gpu.memory, names.to_vec())?;
     let commands = scratch.commands;
     let recorded = (|| {
         scratch.begin()?;
@@ -181,7 +181,7 @@ fn execute(
         for (order, step) in plan.steps.iter().enumerate() {
             let pause = gpu.device.is_cpu && order > 0 && order % STEPS_AT_ONCE == 0;
             if let Some(progress) = progress.filter(|_| pause) {
-                scratch.run_so_far(gpu, &trail)?;
+                scratch.run_so_far(gpu, &breadcrumbs)?;
                 progress.tick("drawing", order as u64, plan.steps.len() as u64)?;
             }
             let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
@@ -194,7 +194,7 @@ fn execute(
                     )
                 };
             }
-            trail.drop_crumb(&gpu.device, commands, order);
+            breadcrumbs.mark(&gpu.device, commands, order);
             // Submissions share kept buffers and shelved memory: the first step follows whatever was submitted before.
             if order == 0 || (step.barrier && barriers) {
                 barrier(gpu, commands, step.born.iter().map(|memory| physical[memory].image()));
@@ -210,12 +210,12 @@ fn execute(
                 unsafe { labels.cmd_end_debug_utils_label(commands) };
             }
         }
-        scratch.send(gpu, &trail)
+        scratch.send(gpu, &breadcrumbs)
     })();
     match recorded {
-        Ok(()) => Ok((timing, scratch, trail)),
+        Ok(()) => Ok((timing, scratch, breadcrumbs)),
         Err(error) => {
-            trail.shelve(&mut gpu.memory);
+            breadcrumbs.recycle(&mut gpu.memory);
             Err(error)
         }
     }
@@ -237,7 +237,7 @@ fn realise(
     for (id, raw) in uploads {
         match plan.memory[id.0] {
             Some(memory) => drop(physical.insert(memory, Physical::Buffer(raw))),
-            None => gpu.memory.shelve_buffer(raw),
+            None => gpu.memory.recycle_buffer(raw),
         }
     }
     let name = |memory| {
@@ -248,8 +248,8 @@ fn realise(
     for (memory, Memory { shape, .. }) in plan.memories.iter().enumerate() {
         within_limits(gpu, name(memory), shape)?;
     }
-    for room in &plan.blocks {
-        blocks.push(gpu.memory.block(*room)?);
+    for requirements in &plan.blocks {
+        blocks.push(gpu.memory.block(*requirements)?);
     }
     for (memory, Memory { shape, within }) in plan.memories.iter().enumerate() {
         let Gpu { memory: of_device, device, .. } = &mut *gpu;
@@ -667,9 +667,9 @@ impl Scratch {
     }
 
     /// Submits what has been recorded, waits, and goes on recording. Pages are not the loader's again before the last of it.
-    fn run_so_far(&self, gpu: &Gpu, trail: &Trail) -> Result<()> {
-        self.run(gpu, trail, &[])?;
-        self.wait(trail)?;
+    fn run_so_far(&self, gpu: &Gpu, breadcrumbs: &Breadcrumbs) -> Result<()> {
+        self.run(gpu, breadcrumbs, &[])?;
+        self.wait(breadcrumbs)?;
         // SAFETY: the submission has been waited for.
         unsafe {
             self.device.reset_fences(&[self.fence]).map_err(failed("vkResetFences"))?;
@@ -681,7 +681,7 @@ impl Scratch {
     }
 
     /// Submits the rest.
-    fn send(&self, gpu: &mut Gpu, trail: &Trail) -> Result<()> {
+    fn send(&self, gpu: &mut Gpu, breadcrumbs: &Breadcrumbs) -> Result<()> {
         let to_host = [vk::MemoryBarrier2::default()
             .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
@@ -699,7 +699,7 @@ impl Scratch {
             .semaphore(gpu.passed.raw)
             .value(gpu.submitted)
             .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
-        self.run(gpu, trail, &passed)
+        self.run(gpu, breadcrumbs, &passed)
     }
 
     fn is_done(&self) -> bool {
@@ -709,13 +709,18 @@ impl Scratch {
     }
 
     /// A lost device is blamed on the pass that was running.
-    fn wait(&self, trail: &Trail) -> Result<()> {
+    fn wait(&self, breadcrumbs: &Breadcrumbs) -> Result<()> {
         // SAFETY: the fence is alive, and was given to a submission.
         unsafe { self.device.wait_for_fences(&[self.fence], true, u64::MAX) }
-            .map_err(|code| trail.blame(code))
+            .map_err(|code| breadcrumbs.blame(code))
     }
 
-    fn run(&self, gpu: &Gpu, trail: &Trail, signals: &[vk::SemaphoreSubmitInfo]) -> Result<()> {
+    fn run(
+        &self,
+        gpu: &Gpu,
+        breadcrumbs: &Breadcrumbs,
+        signals: &[vk::SemaphoreSubmitInfo],
+    ) -> Result<()> {
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
         let submission = vk::SubmitInfo2::default()
             .command_buffer_infos(&commands)
@@ -725,7 +730,7 @@ impl Scratch {
             self.device.end_command_buffer(self.commands).map_err(failed("vkEndCommandBuffer"))?;
             self.device
                 .queue_submit2(gpu.device.queue, &[submission], self.fence)
-                .map_err(|code| trail.blame(code))
+                .map_err(|code| breadcrumbs.blame(code))
         }
     }
 }

@@ -74,7 +74,7 @@ pub fn write(
         Downloads::ask(g, outcome, false, true)
     })?;
     done.asked.write(&done.frame, view.size, None, Some(path))?;
-    done.frame.shelve(gpu);
+    done.frame.recycle(gpu);
     Ok(taken
         .into_iter()
         .flat_map(|taken| taken.notes)

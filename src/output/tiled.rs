@@ -243,7 +243,7 @@ impl Tiled {
                 encode::download(g, &outcome.picture)
             })?;
         cut_out(&done.asked.read(&done.frame), &part, top, width, &mut self.pixels);
-        done.frame.shelve(gpu);
+        done.frame.recycle(gpu);
         self.note(notes_of(taken));
         self.note(done.notes);
         if is_last {

@@ -275,7 +275,7 @@ fn pintus(
         Tiles::From(lists, 0),
     );
 
-    let texels = g.gpu.device.texels;
+    let texels = g.gpu.device.has_large_texel_buffers;
     let most = if settings.iterations == 0.0 {
         (*widest).min(WIDEST as u32)
     } else {
@@ -293,7 +293,7 @@ fn pintus(
             tolerance,
             relative,
             surrounded: settings.surrounded as u32,
-            most_groups: g.gpu.device.most_groups,
+            most_groups: g.gpu.device.max_workgroups,
         };
         let counted = steps.racing();
         let listed =

@@ -346,8 +346,11 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     if let Some(Sums { bands, paint, channels, epsilon, several }) = &sums {
         let (width, corner) = (scene.view.size[0], scene.view.corner);
         let around = around(scene, settings);
-        let (transparent, by_kind, texels) =
-            (paint.opacities.is_some(), paint.kinds.is_some(), g.gpu.device.texels);
+        let (transparent, by_kind, texels) = (
+            paint.opacities.is_some(),
+            paint.kinds.is_some(),
+            g.gpu.device.has_large_texel_buffers,
+        );
         let (partly, mode) = (several.is_some(), paint.mode);
         let spec = kernel::Spec {
             channels: *channels,

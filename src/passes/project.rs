@@ -79,7 +79,7 @@ impl Walk {
             near: NEAR_M,
             lanes: if g.gpu.device.is_cpu { 8 } else { 128 },
             perspective: view.camera.projection == Projection::Perspective,
-            texels: g.gpu.device.texels,
+            texels: g.gpu.device.has_large_texel_buffers,
             points_per_chunk: POINTS_PER_CHUNK,
         }
     }

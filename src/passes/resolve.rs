@@ -128,7 +128,7 @@ pub fn record(
         (paint.opacities.is_some(), paint.kinds.is_some(), paint.levels.is_some());
     let spec = Spec {
         mode: paint.mode,
-        texels: g.gpu.device.texels,
+        texels: g.gpu.device.has_large_texel_buffers,
         transparent,
         by_kind,
         colorless,

@@ -148,7 +148,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         let before = if k == 1 { weights[0] } else { 1.0 } as f32;
         let push =
             shape_level::Push { tiles_across: across[0], width, before, weight: weight as f32 };
-        let spec = shape_level::Spec { perspective, texels: g.gpu.device.texels };
+        let spec = shape_level::Spec { perspective, texels: g.gpu.device.has_large_texel_buffers };
         g.run(
             shader::ShapeLevel {
                 from: &from,

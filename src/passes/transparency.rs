@@ -146,7 +146,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
         lit_by: layers.lit.is_some(),
         first: number == 0,
         last,
-        texels: g.gpu.device.texels,
+        texels: g.gpu.device.has_large_texel_buffers,
         taken: layers.source.is_some(),
     };
     let [slant, uphill] = if settings.layer == 0.0 { [SLANT, UPHILL] } else { [0.0; 2] };

@@ -442,7 +442,7 @@ impl<'s> Judged<'s> {
             expected: expected as f32,
             fewest: [Subject::Points, Subject::Empty].map(|subject| fewest(self.settings, subject)),
         };
-        let texels = g.gpu.device.texels;
+        let texels = g.gpu.device.has_large_texel_buffers;
         let spec = visibility::Spec {
             radius: self.radius(),
             sectors,
@@ -545,7 +545,7 @@ impl<'s> Judged<'s> {
             radius: self.radius(),
             perspective: self.perspective,
             empty,
-            texels: g.gpu.device.texels,
+            texels: g.gpu.device.has_large_texel_buffers,
         };
         let Left { from, to, counts } = left;
         let (earlier, counted) = (self.decided.racing(), counts.racing());

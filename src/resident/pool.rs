@@ -7,7 +7,7 @@
 use super::ring::Ring;
 use crate::config::{PAGES_PER_BLOCK, POINTS_PER_PAGE};
 use crate::error::Result;
-use crate::gpu::memory::{Alive, RawBuffer, Window};
+use crate::gpu::memory::{LifetimeGuard, MappedRange, RawBuffer};
 use crate::gpu::{BufferDesc, Place};
 use crate::graph::{Buffer, Gpu, Graph};
 use rayon::prelude::*;
@@ -80,18 +80,18 @@ pub struct Pool {
     /// None where pages are mapped.
     ring: Option<Ring>,
     /// Ended before its memory is given back, for threads that may still want to write there.
-    alive: Alive,
+    alive: LifetimeGuard,
 }
 
 impl Pool {
     /// At most so many pages.
     pub fn new(gpu: &Gpu, budget: u32) -> Pool {
-        let ring = (!gpu.device.is_mapped).then(Ring::default);
+        let ring = (!gpu.device.has_host_visible_vram).then(Ring::default);
         Pool {
             pages: Pages::new(budget),
             blocks: Vec::new(),
             ring,
-            alive: gpu.memory.alive.within(),
+            alive: gpu.memory.alive.child(),
         }
     }
 
@@ -133,11 +133,11 @@ impl Pool {
     }
 
     /// An open run for another thread to write.
-    pub fn window(&self, first: u32, count: u32) -> Window {
+    pub fn mapped_range(&self, first: u32, count: u32) -> MappedRange {
         let (block, page) = self.place(first);
         let memory = &self.ring.as_ref().map_or(&self.blocks[..], Ring::memory)[block];
         let at = PAGE_BYTES * page as u64;
-        memory.window(at..at + PAGE_BYTES * count as u64, &self.alive)
+        memory.mapped_range(at..at + PAGE_BYTES * count as u64, &self.alive)
     }
 
     /// Nobody writes to an open run any more: what is there is to be drawn from, or is not.
@@ -237,7 +237,7 @@ impl Pool {
             Cow::Owned(own.to_vec())
         };
         let read = runs.iter().map(|&(_, count)| next(count)).collect();
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         Ok(read)
     }
 
@@ -255,7 +255,7 @@ impl Pool {
 
     /// Gives the memory back.
     pub fn free(self, gpu: &mut Gpu) {
-        self.alive.end(|| ());
+        self.alive.close(|| ());
         // A device that is lost has nothing on its way any more.
         let _ = gpu.catch_up();
         let ring = self.ring.into_iter().flat_map(Ring::into_memory);

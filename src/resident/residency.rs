@@ -19,7 +19,7 @@ use super::{Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::Shown;
 use crate::config::{PATIENCE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
 use crate::error::{Error, Result};
-use crate::gpu::memory::Window;
+use crate::gpu::memory::MappedRange;
 use crate::gpu::timeline::Timeline;
 use crate::graph::Gpu;
 use crate::index::file::{Index, Plane};
@@ -141,7 +141,7 @@ impl Published {
     }
 }
 
-struct Mapped(Window);
+struct Mapped(MappedRange);
 
 impl Destination for Mapped {
     fn put(&mut self, page: u32, words: &[u32]) {
@@ -538,7 +538,7 @@ impl Residency {
                 enough = true;
                 continue;
             }
-            let window = self.resident.pool.window(first_page, pages);
+            let window = self.resident.pool.mapped_range(first_page, pages);
             let run = Run { first_page, planes: want.planes, pages };
             self.entries.entry(want.node).or_default().coming = Some(run);
             self.pages_coming += pages;

@@ -240,7 +240,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
         lit: words(&frame, lit),
         counts: asked.counts(&frame, view.size, &look.effects),
     };
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(drawing)
 }
 
@@ -267,7 +267,7 @@ fn time(
         .rposition(|(name, _)| after.iter().any(|after| name.starts_with(after)))
         .map_or(0, |last| last + 1);
     let ms = frame.passes[last..].iter().map(|(_, ms)| ms).sum();
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(ms)
 }
 

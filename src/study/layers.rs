@@ -122,7 +122,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         )?;
         let frame = g.submit(&[outcome.picture.resource()])?;
         let ms = frame.ms("");
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         Ok(ms)
     })?;
     resident.free(gpu);
@@ -209,6 +209,6 @@ fn errors(
         miscounted += (layers != over.layers as f32) as u32 as f64;
         pixels += 1.0;
     }
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok([(squares / pixels.max(1.0)).sqrt(), miscounted / pixels.max(1.0)])
 }

@@ -342,7 +342,7 @@ pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> 
         index: frame.read(&index).to_vec(),
         ms: frame.ms("project") + frame.ms("clear"),
     };
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(drawing)
 }
 
@@ -356,7 +356,7 @@ fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     }
     let frame = g.submit(&wanted)?;
     let ms = frame.ms("project") + frame.ms("clear");
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(ms)
 }
 

@@ -268,7 +268,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
         depth: frame.read(&depth).to_vec(),
         ms: frame.ms("luminance"),
     };
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(drawn)
 }
 

@@ -217,7 +217,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, precision: Precision) -
         statistics: outcome.statistics,
         ms: frame.ms("project"),
     };
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(drawing)
 }
 

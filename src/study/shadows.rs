@@ -85,7 +85,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let marks = cast(&mut g, &view, &resident, configuration)?;
         let frame = g.submit(&[marks.counts.resource()])?;
         let ms = frame.ms("");
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         Ok(ms)
     })?;
     resident.free(gpu);
@@ -200,7 +200,7 @@ fn error(
         off += (error > 1.0 / 16.0) as u32 as f64;
         all += 1.0;
     }
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(([(squares / half_shadows.max(1.0)).sqrt(), off / all.max(1.0)], facts))
 }
 

@@ -193,7 +193,7 @@ fn draw(
         fragments: facts.fragments,
         deepest: facts.deepest,
     };
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(drawing)
 }
 

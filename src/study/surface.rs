@@ -204,7 +204,7 @@ pub(super) fn draw(
         index: frame.read(&index).to_vec(),
         ms: frame.ms(""),
     };
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(drawing)
 }
 

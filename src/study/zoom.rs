@@ -139,6 +139,6 @@ fn draw(
     let seen = Seen::new(frame.read(&picture), view.size, PIXELS_PER_DEGREE);
     let covered = covered(frame.read(&depth));
     let ms = frame.ms("");
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(((seen, covered), ms))
 }

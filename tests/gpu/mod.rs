@@ -6,7 +6,7 @@ use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
 use pointillist::config::NO_POINT;
-use pointillist::gpu::Wish;
+use pointillist::gpu::DeviceOptions;
 use pointillist::graph::{Buffer, Frame, Gpu, Graph};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Keys, Statistics};
@@ -38,15 +38,17 @@ pub const WAYS: [Way; 2] = [Way::Compute64, Way::Compute32];
 /// Runs `work` on the process's device. Without a Vulkan device, or without its validation layers, the test fails.
 pub fn with<T>(way: Way, work: impl FnOnce(&mut Gpu) -> T) -> T {
     static DEVICES: [OnceLock<Mutex<Gpu>>; 4] = [const { OnceLock::new() }; 4];
-    let wish = Wish {
+    let options = DeviceOptions {
         validate: true,
         no_int64_atomics: way == Way::Compute32,
         unmapped: way == Way::Unmapped,
         no_texels: way == Way::Words,
-        ..Wish::default()
+        ..DeviceOptions::default()
     };
     let device = DEVICES[way as usize].get_or_init(|| {
-        Mutex::new(Gpu::open(&wish).expect("tests need a Vulkan 1.3 device with validation layers"))
+        Mutex::new(
+            Gpu::open(&options).expect("tests need a Vulkan 1.3 device with validation layers"),
+        )
     });
     // A test that failed while holding the device left nothing half done on it: submissions are waited for.
     work(&mut device.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
@@ -125,7 +127,7 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> Layers {
             nodes: resident.nodes.clone(),
             statistics: outcome.statistics,
         };
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         resident.free(gpu);
         layers
     })
@@ -266,7 +268,7 @@ impl Canvas<'_> {
             left: left.map_or(Vec::new(), |left| frame.read(&left).to_vec()),
             picture: frame.read(&picture).to_vec(),
         };
-        frame.shelve(self.gpu);
+        frame.recycle(self.gpu);
         surface
     }
 }

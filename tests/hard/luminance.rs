@@ -117,7 +117,7 @@ fn drawn_and_counted(
             frame.read(&color).to_vec(),
             frame.read::<u64>(&sums).iter().map(|sum| sum >> 36).collect(),
         );
-        frame.shelve(gpu);
+        frame.recycle(gpu);
         resident.free(gpu);
         read
     })

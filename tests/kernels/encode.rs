@@ -33,7 +33,7 @@ fn a_screen_holds_the_bytes_of_a_file() {
                     frame.read::<[f32; 4]>(&picture).to_vec(),
                     frame.read::<[u8; 4]>(&words).to_vec(),
                 );
-                frame.shelve(gpu);
+                frame.recycle(gpu);
                 resident.free(gpu);
                 read
             });

@@ -129,7 +129,7 @@ fn colors(gpu: &mut Gpu, resident: &Resident, look: &Look, part: &View) -> Vec<[
     let color = g.download(&outcome.layers.color);
     let frame = g.submit(&[]).unwrap();
     let colors = frame.read(&color).to_vec();
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     colors
 }
 

@@ -194,7 +194,7 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                     doubtful += (twin.len() > 1) as usize;
                     around += (depth[i].is_finite() && facing[i][3] == 0.0) as usize;
                 }
-                frame.shelve(gpu);
+                frame.recycle(gpu);
             }
         }
         resident.free(gpu);
@@ -249,7 +249,7 @@ fn back_faces_are_left_out_where_that_is_asked_for() {
                     let depth = g.download(&outcome.layers.depth);
                     let frame = g.submit(&[]).expect("drawn, and no validation message");
                     let depth = frame.read::<f32>(&depth).to_vec();
-                    frame.shelve(gpu);
+                    frame.recycle(gpu);
                     resident.free(gpu);
                     depth
                 })

@@ -69,7 +69,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let layer = scene.layer_m(settings.layer) as f32;
     for occluded in [false, true] {
         let spec = fill_dobrev::Spec {
-            texels: g.gpu.device.texels,
+            texels: g.gpu.device.has_large_texel_buffers,
             occluded,
             found: layers.holes.is_some(),
         };
@@ -136,7 +136,7 @@ fn steps(
             step,
             woken_at,
             layer,
-            most_groups: g.gpu.device.most_groups,
+            most_groups: g.gpu.device.max_workgroups,
         };
         let counted = steps.racing();
         let run = if step == 1 { Tiles::ByEight(count) } else { Tiles::From(&counted, 4 * step) };

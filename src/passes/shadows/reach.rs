@@ -123,7 +123,7 @@ fn reach_of(
 ) -> Reached {
     let across = tiles(size);
     let (count, bytes) = (across[0] * across[1], 4 * size[0] as u64 * size[1] as u64);
-    let (perspective, texels) = (layer.perspective, g.gpu.device.texels);
+    let (perspective, texels) = (layer.perspective, g.gpu.device.has_large_texel_buffers);
     // All are told the same.
     macro_rules! push {
         ($module:ident, $filled:expr) => {

@@ -113,7 +113,7 @@ pub fn cast(
                 writer.put(node, &sums)
             })
         });
-        pictures.into_iter().for_each(|picture| gpu.memory.shelve_buffer(picture.keys));
+        pictures.into_iter().for_each(|picture| gpu.memory.recycle_buffer(picture.keys));
         marked?;
     }
     room.free(gpu);
@@ -204,7 +204,7 @@ impl Work<'_> {
                 project::add(&mut g, view, &drawn, Band { top: 0, size: view.size }, &mut keys);
                 seen.push(keys.resource());
             }
-            g.submit(&seen)?.shelve(gpu);
+            g.submit(&seen)?.recycle(gpu);
         }
         Ok(())
     }
@@ -237,7 +237,7 @@ impl Work<'_> {
             for (page, (&node, held)) in pages.zip(batch.iter().zip(&room.nodes)) {
                 put(node, &page[..held.count as usize])?;
             }
-            frame.shelve(gpu);
+            frame.recycle(gpu);
         }
         Ok(())
     }

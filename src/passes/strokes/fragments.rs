@@ -57,7 +57,7 @@ impl Painting<'_> {
         self.facts.counting_ms += frame.ms("");
         let [counts, hiders] =
             read.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());
-        frame.shelve(g.gpu);
+        frame.recycle(g.gpu);
         Ok((counts, hiders))
     }
 
@@ -71,8 +71,11 @@ impl Painting<'_> {
         (kept, before_hiders): (bool, bool),
         [keys, counts, fragments, hiders]: [&mut Buffer; 4],
     ) -> Result<()> {
-        let (perspective, by_stroke, texels) =
-            (self.is_perspective(), self.settings.order == Order::Stroke, g.gpu.device.texels);
+        let (perspective, by_stroke, texels) = (
+            self.is_perspective(),
+            self.settings.order == Order::Stroke,
+            g.gpu.device.has_large_texel_buffers,
+        );
         let spec = shader::strokes::Spec { perspective, kept, texels, by_stroke, before_hiders };
         for (turn, of_turn) in listed.iter().enumerate() {
             let Bins { part, strokes, longest } =

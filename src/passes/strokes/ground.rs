@@ -43,7 +43,7 @@ impl Painting<'_> {
         let frame = before.submit(&[])?;
         self.facts.counting_ms += frame.ms("");
         let surface = frame.read::<u32>(&found).to_vec();
-        frame.shelve(g.gpu);
+        frame.recycle(g.gpu);
         Ok(surface)
     }
 }

@@ -54,7 +54,7 @@ impl Painting<'_> {
         let frame = counting.submit(&[])?;
         self.facts.counting_ms += frame.ms("");
         let counts = frame.read::<u32>(&tallies).to_vec();
-        frame.shelve(g.gpu);
+        frame.recycle(g.gpu);
         Ok(counts)
     }
 

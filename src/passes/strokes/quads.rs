@@ -52,7 +52,7 @@ impl Painting<'_> {
                 push: stroke_quads::Push { corner, size: size.map(|side| side as f32) },
                 spec: stroke_quads::Spec {
                     perspective: self.is_perspective(),
-                    texels: g.gpu.device.texels,
+                    texels: g.gpu.device.has_large_texel_buffers,
                     painted,
                 },
             };

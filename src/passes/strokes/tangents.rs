@@ -27,6 +27,6 @@ pub fn on_device(
     let found = g.download_buffer(&tangents);
     let frame = g.submit(&[])?;
     let found = (frame.read::<[f32; 3]>(&found)[..count as usize].to_vec(), frame.ms("tangents"));
-    frame.shelve(gpu);
+    frame.recycle(gpu);
     Ok(found)
 }

@@ -9,23 +9,23 @@ use ash::vk;
 
 const CRUMB: u32 = 0xC0DE;
 
-pub struct Trail {
+pub struct Breadcrumbs {
     crumbs: RawBuffer,
     names: Vec<String>,
 }
 
-impl Trail {
-    pub fn new(device: &Device, memory: &mut Memory, names: Vec<String>) -> Result<Trail> {
+impl Breadcrumbs {
+    pub fn new(device: &Device, memory: &mut Memory, names: Vec<String>) -> Result<Breadcrumbs> {
         let desc = BufferDesc {
             bytes: (4 * names.len() as u64).next_power_of_two().max(256),
             place: Place::Download,
         };
-        let mut crumbs = memory.buffer(device, desc, "trail")?;
+        let mut crumbs = memory.buffer(device, desc, "breadcrumbs")?;
         crumbs.bytes_mut().fill(0);
-        Ok(Trail { crumbs, names })
+        Ok(Breadcrumbs { crumbs, names })
     }
 
-    pub fn drop_crumb(&self, device: &Device, commands: vk::CommandBuffer, pass: usize) {
+    pub fn mark(&self, device: &Device, commands: vk::CommandBuffer, pass: usize) {
         // SAFETY: the word lies within the buffer, which lives until the submission has been waited for; each word is written once.
         unsafe { device.raw.cmd_fill_buffer(commands, self.crumbs.raw, 4 * pass as u64, 4, CRUMB) };
     }
@@ -40,7 +40,7 @@ impl Trail {
         Error::Vulkan { during, code: format!("{code:?}") }
     }
 
-    pub fn shelve(self, memory: &mut Memory) {
-        memory.shelve_buffer(self.crumbs);
+    pub fn recycle(self, memory: &mut Memory) {
+        memory.recycle_buffer(self.crumbs);
     }
 }
