@@ -23,6 +23,7 @@
 //! - [`present`]: a window's swapchain. [`app`]: the window with its panel and navigation.
 //! - [`bench`](mod@bench): timings of passes. [`study`]: accuracy against time. [`cli`]: the
 //!   program, one file a subcommand.
+//! - [`guide`]: the pages of the guide, from the window to the numerics.
 //! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`whole_file`].
 //!
 //! A picture of a file, without the program:
@@ -61,6 +62,7 @@ pub mod config;
 pub mod error;
 pub mod gpu;
 pub mod graph;
+pub mod guide;
 pub mod index;
 pub mod loader;
 pub mod output;

@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use pointillist::cli::{
-    bench, index, info, render, shadows, study, synth, terminal::Terminal, view,
+    bench, guide, index, info, render, shadows, study, synth, terminal::Terminal, view,
 };
 use pointillist::error::Error;
 use std::io::Write;
@@ -43,6 +43,8 @@ enum Command {
     Study(study::Arguments),
     /// Times of passes, against other ways of doing the same
     Bench(bench::Arguments),
+    /// Pages of the guide
+    Guide(guide::Arguments),
 }
 
 /// The exit code stands where nobody reads standard error any more.
@@ -62,6 +64,7 @@ fn main() -> ExitCode {
         Command::Synth(arguments) => synth::run(arguments, &progress),
         Command::Study(arguments) => study::run(arguments, &progress),
         Command::Bench(arguments) => bench::run(arguments, &progress),
+        Command::Guide(arguments) => guide::run(arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

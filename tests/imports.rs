@@ -24,7 +24,8 @@ const BEFORE: &[(&str, &[&str])] = &[
     ("app", &["present", "output"]),
     ("bench", &["app", "synth"]),
     ("study", &["bench"]),
-    ("cli", &["study"]),
+    ("guide", &[]),
+    ("cli", &["study", "guide"]),
 ];
 
 const FOR_ALL: &[&str] = &["error", "config", "progress", "whole_file"];

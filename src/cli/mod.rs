@@ -2,6 +2,7 @@
 
 pub mod bench;
 mod frames;
+pub mod guide;
 pub mod index;
 pub mod indexed_info;
 pub mod info;

@@ -1,0 +1,43 @@
+//! `pointillist guide`: prints a page of the guide, or lists the pages.
+
+use crate::error::{Error, Result};
+use crate::guide;
+use std::io::Write;
+
+const EXAMPLES: &str = "\
+Examples:
+  pointillist guide                  the pages
+  pointillist guide surfaces         one page
+  pointillist guide surfaces | less";
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Page to print [default: a list of the pages]
+    #[arg(value_name = "PAGE")]
+    pub page: Option<String>,
+}
+
+/// Prints the page, or the list of pages. Errors if there is no such page.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let text = match &arguments.page {
+        None => list(),
+        Some(name) => {
+            let page = guide::page(name).ok_or_else(|| {
+                let names: Vec<&str> = guide::PAGES.iter().map(|page| page.name).collect();
+                let names = names.join(", ");
+                Error::Request(format!("the guide has no page {name:?}; its pages are {names}"))
+            })?;
+            page.text.to_string()
+        }
+    };
+    // A pager that was closed is no error.
+    drop(std::io::stdout().write_all(text.as_bytes()));
+    Ok(())
+}
+
+fn list() -> String {
+    let line = |page: &guide::Page| format!("  {:<18} {}\n", page.name, page.about);
+    let pages: String = guide::PAGES.iter().map(line).collect();
+    format!("Pages, for pointillist guide PAGE:\n{pages}")
+}
