@@ -46,7 +46,7 @@
 //! let mut g = graph::Graph::new(&mut gpu);
 //! let outcome = frame::record(&mut g, &view, &resident, &look)?;
 //! let encoded = encode::download(&mut g, &outcome.picture)?;
-//! let frame = g.submit(&[])?;
+//! let frame = g.submit_and_wait(&[])?;
 //! image_io::write_png("out.png".as_ref(), view.size, &encoded.read(&frame))?;
 //! frame.recycle(&mut gpu);
 //! resident.free(&mut gpu);

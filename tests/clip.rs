@@ -76,7 +76,7 @@ fn drawn(
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
     let (index, picture) = (g.download(&outcome.layers.index), g.download(&outcome.picture));
-    let frame = g.submit(&[]).unwrap();
+    let frame = g.submit_and_wait(&[]).unwrap();
     let drawn = (frame.read(&index).to_vec(), frame.read(&picture).to_vec(), outcome.statistics);
     frame.recycle(gpu);
     drawn
@@ -120,7 +120,7 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
                 let mut g = Graph::new(gpu);
                 let points = project::draw(&mut g, &view, &resident, Precision::Auto).unwrap();
                 let counted = tally::record(&mut g, &view, &points);
-                let frame = g.submit(&[]).unwrap();
+                let frame = g.submit_and_wait(&[]).unwrap();
                 assert_eq!(counted.points(&frame), kept.len() as u64, "{way:?} {words:?}");
                 frame.recycle(gpu);
                 sides.insert((

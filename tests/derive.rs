@@ -283,7 +283,7 @@ fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, residency.resident(), &look).unwrap();
         let picture = g.download(&outcome.picture);
-        let frame = g.submit(&[]).expect("drawn, and no validation message");
+        let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let covered = frame.read::<[f32; 4]>(&picture).iter().map(|pixel| pixel[3]).collect();
         frame.recycle(gpu);
         residency.free(gpu);

@@ -90,7 +90,7 @@ fn check_scene(
     let mut g = Graph::new(&mut gpu);
     let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
     let encoded = encode::download(&mut g, &outcome.picture).unwrap();
-    let done = g.submit(&[]).unwrap();
+    let done = g.submit_and_wait(&[]).unwrap();
 
     let golden =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(format!("{name}.png"));

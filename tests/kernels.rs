@@ -134,7 +134,7 @@ fn resolved(
         let lit = g.download(&layers.color);
         let picture = composite::record(&mut g, view, BACKGROUND, &layers);
         let picture = g.download(&picture);
-        let frame = g.submit(&[]).unwrap();
+        let frame = g.submit_and_wait(&[]).unwrap();
         let resolved = Resolved {
             depth: frame.read(&depth).to_vec(),
             index: frame.read(&index).to_vec(),
@@ -318,7 +318,7 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
             let outcome =
                 pointillist::render::frame::record(&mut g, &view, &resident, &look).unwrap();
             g.download(&outcome.picture);
-            let Err(Error::Validation(said)) = g.submit(&[]) else {
+            let Err(Error::Validation(said)) = g.submit_and_wait(&[]) else {
                 panic!("{way:?}: hazards went unnoticed")
             };
             assert!(said.contains("SYNC-HAZARD"), "{way:?}: {said}");

@@ -61,7 +61,7 @@ fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&st
         let layers = outcome.layers.front.expect("transparency runs");
         let (front, peeled) = (g.download(&layers.color), g.download(&layers.peeled));
         let left_over = g.download_buffer(&layers.left);
-        let frame = g.submit(&[]).unwrap();
+        let frame = g.submit_and_wait(&[]).unwrap();
         let drawn = Drawn {
             front: frame.read(&front).to_vec(),
             peeled: frame.read(&peeled).to_vec(),

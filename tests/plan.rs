@@ -115,11 +115,11 @@ fn a_frame_that_was_stopped_is_drawn_whole_the_next_time() {
         let picture = |gpu: &mut Gpu, progress: Option<&dyn Progress>| {
             let mut g = Graph::new(gpu);
             if let Some(progress) = progress {
-                g = g.watched(progress);
+                g = g.with_progress(progress);
             }
             let outcome = frame::record(&mut g, view, resident, look)?;
             let picture = g.download(&outcome.picture);
-            let frame = g.submit(&[])?;
+            let frame = g.submit_and_wait(&[])?;
             let pixels = frame.read::<u8>(&picture).to_vec();
             frame.recycle(gpu);
             Ok::<_, Error>(pixels)

@@ -70,7 +70,7 @@ fn draw(
         Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
     encode::record(&mut g, &outcome.picture, &mut screen).unwrap();
     let words = g.download_buffer(&screen.words);
-    let running = g.launch(&[screen.words.resource()]).unwrap();
+    let running = g.submit_async(&[screen.words.resource()]).unwrap();
     meanwhile(gpu, residency);
     let at_work = !running.is_done();
     present.holds(gpu, SIZE).unwrap();

@@ -97,7 +97,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Picture {
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
     let [depth, index, picture] = [&outcome.layers.depth, &outcome.layers.index, &outcome.picture]
         .map(|image| g.download(image));
-    let frame = g.submit(&[]).expect("drawn, and no validation message");
+    let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
     let drawn =
         (frame.read(&depth).to_vec(), frame.read(&index).to_vec(), frame.read(&picture).to_vec());
     frame.recycle(gpu);

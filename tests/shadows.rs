@@ -57,7 +57,7 @@ fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>,
                 .unwrap()
                 .expect("switched on");
         let counts = g.download_buffer(&marks.counts);
-        let frame = g.submit(&[]).unwrap();
+        let frame = g.submit_and_wait(&[]).unwrap();
         let counts: &[u8] = frame.read(&counts);
         let ids = resident
             .nodes
@@ -548,7 +548,7 @@ fn samples_add_up_frame_by_frame_to_the_same_marks() {
                             .unwrap()
                             .expect("switched on");
                             let counts = g.download_buffer(&marks.counts);
-                            let frame = g.submit(&[]).unwrap();
+                            let frame = g.submit_and_wait(&[]).unwrap();
                             let (counts, passes) =
                                 (frame.read::<u8>(&counts)[..60_000].to_vec(), frame.passes.len());
                             frame.recycle(gpu);
@@ -604,7 +604,7 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
             let marks = |gpu: &mut Gpu, resident: &Resident, view: &View, anew: bool| {
                 let mut g = Graph::new(gpu);
                 if anew {
-                    ["marks", "marks beside"].iter().for_each(|name| g.forget(name));
+                    ["marks", "marks beside"].iter().for_each(|name| g.invalidate(name));
                 }
                 let scene = Scene::of(view, resident, light);
                 let marks = shadows::marks(
@@ -618,7 +618,7 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
                 .unwrap()
                 .expect("switched on");
                 let counts = g.download_buffer(&marks.counts);
-                let frame = g.submit(&[]).unwrap();
+                let frame = g.submit_and_wait(&[]).unwrap();
                 let pages = frame.read::<u8>(&counts).chunks_exact(POINTS_PER_PAGE as usize);
                 let of_nodes: Vec<Vec<u8>> = resident
                     .nodes
@@ -689,7 +689,7 @@ fn reached(gpu: &mut Gpu, view: &View, keys: &[[u32; 2]], layer: &Layer) -> Vec<
             .as_ref()
             .map_or((None, None), |(depth, reached)| (Some(depth), Some(&**reached)));
     }
-    let frame = g.submit(&[]).unwrap();
+    let frame = g.submit_and_wait(&[]).unwrap();
     let read = |download: &Option<Buffer>| {
         download.as_ref().map_or(raw.clone(), |buffer| frame.read(buffer).to_vec())
     };
@@ -851,7 +851,7 @@ fn marks_agree_with_f64() {
             .unwrap();
             let (counts, limit) =
                 (g.download_buffer(&tally.marks), g.download_buffer(&reached.limit));
-            let frame = g.submit(&[]).unwrap();
+            let frame = g.submit_and_wait(&[]).unwrap();
             let (counts, limit): (&[u8], &[f32]) = (frame.read(&counts), frame.read(&limit));
             let source = project::Source::new(&cloud.parts[0], &view, Precision::Auto, DVec3::ZERO);
             let ids = resident.nodes.iter().flat_map(|node| {
@@ -914,7 +914,7 @@ fn marks_are_kept_while_light_and_nodes_stay() {
             let mut g = Graph::new(gpu);
             let outcome = frame::record(&mut g, &view, resident, &look).unwrap();
             let picture = g.download(&outcome.picture);
-            let frame = g.submit(&[]).unwrap();
+            let frame = g.submit_and_wait(&[]).unwrap();
             let cast = frame.passes.iter().any(|(name, _)| name == "shadow_depth");
             let picture: Vec<[u32; 4]> = frame.read(&picture).to_vec();
             frame.recycle(gpu);

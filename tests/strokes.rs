@@ -246,7 +246,7 @@ mod painted {
             let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
             let [picture, depth] =
                 [&outcome.picture, &outcome.layers.depth].map(|image| g.download(image));
-            let frame = g.submit(&[]).expect("drawn, and no validation message");
+            let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
             let painted = Painted {
                 picture: frame.read(&picture).to_vec(),
                 depth: frame.read(&depth).to_vec(),
@@ -327,7 +327,7 @@ mod painted {
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, resident, &look).unwrap();
         let (picture, strokes) = (g.download(&outcome.picture), outcome.strokes.unwrap());
-        let frame = g.submit(&[]).expect("drawn, and no validation message");
+        let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let drawn = Frame {
             picture: frame.read(&picture).to_vec(),
             painted: frame.passes.iter().any(|(name, _)| name == "strokes"),

@@ -335,13 +335,13 @@ fn refine_shadows(
             match shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1)) {
                 Ok(marks) => marks,
                 Err(error) => {
-                    g.abandon();
+                    g.discard();
                     // The picture says so.
                     return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
                 }
             };
         let Some(shadows::Marks { counts, saved: None, facts, .. }) = marks else { return Ok(()) };
-        g.submit(&[counts.resource()])?.recycle(gpu);
+        g.submit_and_wait(&[counts.resource()])?.recycle(gpu);
         if facts.cast == facts.samples
             || began.elapsed() >= REFINING
             || newer.tick("", 0, 0).is_err()
@@ -572,12 +572,12 @@ impl Thread {
         let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.wishes.precision)
         else {
             // Whoever draws them says so.
-            g.abandon();
+            g.discard();
             return Ok(());
         };
         let points = points.one_sided(one_sided);
         let counted = tally::record(&mut g, &view, &points);
-        let frame = g.submit(&[])?;
+        let frame = g.submit_and_wait(&[])?;
         (self.report)(Report::Counted(counted.points(&frame)));
         frame.recycle(&mut self.gpu);
         Ok(())
@@ -666,12 +666,12 @@ impl Thread {
         }
         let mut g = Graph::new(&mut self.gpu);
         if gives_way {
-            g = g.watched(&newer);
+            g = g.with_progress(&newer);
         }
         let outcome = match frame::record(&mut g, &view, resident, &drawn) {
             Ok(outcome) => outcome,
             Err(error) => {
-                g.abandon();
+                g.discard();
                 return match error {
                     // Something newer is wanted, which is heard next.
                     Error::Interrupted => Ok(true),
@@ -696,7 +696,7 @@ impl Thread {
             [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
         spent.recording = recording.elapsed();
         let (began, heard) = (Instant::now(), self.heard);
-        let running = match g.launch(&[screen.words.resource()]) {
+        let running = match g.submit_async(&[screen.words.resource()]) {
             Ok(running) => running,
             // Something newer is wanted, which is heard next.
             Err(Error::Interrupted) => return Ok(true),
@@ -785,7 +785,7 @@ impl Thread {
         let mut g = Graph::new(&mut self.gpu);
         let mut screen = g.import("screen", present.screen());
         g.fill(&mut screen, word | 255 << 24);
-        g.submit(&[screen.resource()])?.recycle(&mut self.gpu);
+        g.submit_and_wait(&[screen.resource()])?.recycle(&mut self.gpu);
         present.holds(&mut self.gpu, present.size())?;
         self.again = false;
         if !present.show(&self.gpu)? {

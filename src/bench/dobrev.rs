@@ -174,7 +174,7 @@ fn draw(
     let look = settings::decide(&wishes, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
-    let frame = g.submit(&[outcome.picture.resource()])?;
+    let frame = g.submit_and_wait(&[outcome.picture.resource()])?;
     let ms = frame.passes.iter().map(|(_, ms)| ms).sum();
     frame.recycle(gpu);
     Ok(ms)

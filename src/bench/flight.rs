@@ -115,7 +115,7 @@ fn fly(
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, &view, resident, &look)?;
         let statistics = outcome.statistics;
-        let frame = g.submit(&[outcome.picture.resource()])?;
+        let frame = g.submit_and_wait(&[outcome.picture.resource()])?;
         frames.push(milliseconds(began));
         frame.recycle(gpu);
         points.push(statistics.points_drawn as f64);

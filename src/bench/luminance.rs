@@ -131,7 +131,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let look = settings::decide(wishes, view, resident);
     let mut g = Graph::new(gpu);
     let picture = frame::record(&mut g, view, resident, &look)?.picture;
-    let frame = g.submit(&[picture.resource()])?;
+    let frame = g.submit_and_wait(&[picture.resource()])?;
     let ms = [frame.ms(""), frame.ms("luminance") + frame.ms("clear sums"), frame.ms("project")];
     frame.recycle(gpu);
     Ok(ms)

@@ -196,7 +196,7 @@ fn draw_keys(gpu: &mut Gpu, resident: &Resident, view: &View, count: bool) -> Re
     } else {
         Vec::new()
     };
-    let frame = g.submit(&wanted.iter().map(Handle::resource).collect::<Vec<_>>())?;
+    let frame = g.submit_and_wait(&wanted.iter().map(Handle::resource).collect::<Vec<_>>())?;
     let covered = downloads
         .iter()
         .map(|keys| frame.read::<[u32; 2]>(keys).iter().filter(|key| key[0] != NO_POINT).count())
@@ -227,7 +227,7 @@ fn draw_point_list(
     let drawn = Vertices::Points(&vertices, points.positions.len() as u32);
     g.draw(shader::PointList { push }, drawn, [&mut index, &mut depth], false);
     let download = count.then(|| g.download(&index));
-    let frame = g.submit(&[index.resource(), depth.resource()])?;
+    let frame = g.submit_and_wait(&[index.resource(), depth.resource()])?;
     let covered = download.map_or(0, |index| {
         frame.read::<u32>(&index).iter().filter(|&&point| point != NO_POINT).count()
     });

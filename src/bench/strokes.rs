@@ -185,7 +185,7 @@ fn draw(
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let picture = g.download(&outcome.picture);
-    let frame = g.submit(&[])?;
+    let frame = g.submit_and_wait(&[])?;
     assert!(!frame.read::<f32>(&picture).is_empty());
     let ms = start.elapsed().as_secs_f64() * 1e3;
     let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();

@@ -8,7 +8,7 @@ use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::error::Result;
 use crate::gpu::DeviceOptions;
-use crate::graph::{Gpu, Graph, Handle, Kind, Tiles};
+use crate::graph::{Dispatch, Gpu, Graph, Handle, Kind};
 use crate::progress::Progress;
 use crate::render::frame;
 use crate::render::settings::{self, Wishes};
@@ -199,11 +199,11 @@ fn draw(
                 mean: &mut mean,
                 push: shader::plain::Push { size: view.size },
             },
-            Tiles::All,
+            Dispatch::PerPixel,
         );
         wanted = vec![mean.resource()];
     }
-    let frame = g.submit(&wanted)?;
+    let frame = g.submit_and_wait(&wanted)?;
     let mut ms = BTreeMap::new();
     for (name, time) in
         frame.passes.iter().filter(|(name, _)| passes.iter().any(|pass| name.starts_with(pass)))

@@ -3,7 +3,7 @@
 use super::frames;
 use super::options::{DeviceOptions, PictureOptions, ends_in};
 use crate::error::{Error, Result};
-use crate::graph::{Frame, Gpu};
+use crate::graph::{CompletedSubmission, Gpu};
 use crate::output::export::Downloads;
 use crate::output::tiled::{self, Wanted};
 use crate::passes::counts::{self, Counts};
@@ -239,7 +239,7 @@ fn explain(
     look: &Look,
     drawn: &Statistics,
     counts: &Counts,
-    frame: &Frame,
+    frame: &CompletedSubmission,
 ) -> String {
     let mut text = format!(
         "device: {} ({}), 64-bit atomics: {}\n",
@@ -313,7 +313,7 @@ fn explain_json(
     look: &Look,
     drawn: &Statistics,
     counts: &Counts,
-    frame: &Frame,
+    frame: &CompletedSubmission,
 ) -> serde_json::Value {
     let effects: serde_json::Map<_, _> = look
         .decided
@@ -362,7 +362,7 @@ impl Stages {
         self.last = now;
     }
 
-    fn print(&self, frame: &Frame) {
+    fn print(&self, frame: &CompletedSubmission) {
         for (name, ms) in &self.done {
             eprintln!("{name:<16} {ms:>9.1} ms");
             if *name == "draw" {

@@ -221,9 +221,9 @@ const MAX_OVERSIZE: u64 = 4;
 const MAX_PLACED: usize = 4096;
 
 /// A buffer that outlives the frame, what its contents were made of, and how many steps of that have been made; nothing until a frame has made some.
-struct Kept {
+struct PersistentBuffer {
     buffer: RawBuffer,
-    made_of: Option<(Vec<u64>, u32)>,
+    state: Option<(Vec<u64>, u32)>,
 }
 
 /// Makes, shelves and destroys buffers and images. Dropped before the device.
@@ -234,7 +234,7 @@ pub struct Memory {
     blocks_asked: u64,
     image_requirements: HashMap<ImageDesc, MemoryRequirements>,
     buffer_requirements: HashMap<u64, MemoryRequirements>,
-    kept: HashMap<String, Kept>,
+    persistent: HashMap<String, PersistentBuffer>,
     device: ash::Device,
     /// Bytes in buffers and images, on the shelf or in use.
     pub allocated: u64,
@@ -259,7 +259,7 @@ impl Memory {
             blocks_asked: 0,
             image_requirements: HashMap::new(),
             buffer_requirements: HashMap::new(),
-            kept: HashMap::new(),
+            persistent: HashMap::new(),
             device: device.raw.clone(),
             allocated: 0,
             alive: LifetimeGuard::new(),
@@ -532,49 +532,54 @@ impl Memory {
         self.free(block.allocation);
     }
 
-    /// The buffer of this name, at least so large, and how many steps of what is made of `made_of` it holds; where that is none, whatever it holds is void.
-    pub fn keep(
+    /// The buffer of this name, at least so large, and how many steps of what is made of `cache_key` it holds; where that is none, whatever it holds is void.
+    pub fn persistent_buffer(
         &mut self,
         device: &Device,
         name: &str,
         bytes: u64,
-        made_of: &[u64],
+        cache_key: &[u64],
     ) -> Result<(&RawBuffer, u32)> {
-        if self.kept.get(name).is_some_and(|kept| kept.buffer.desc.bytes < bytes) {
-            let old = self.kept.remove(name).expect("found");
+        if self.persistent.get(name).is_some_and(|kept| kept.buffer.desc.bytes < bytes) {
+            let old = self.persistent.remove(name).expect("found");
             self.recycle_buffer(old.buffer);
         }
-        if !self.kept.contains_key(name) {
+        if !self.persistent.contains_key(name) {
             // Rounded up, so that what grows frame by frame does not leave a shelf full of sizes.
             let desc = BufferDesc { bytes: bytes.next_power_of_two(), place: Place::Device };
             let buffer = self.buffer(device, desc, name)?;
-            self.kept.insert(name.to_string(), Kept { buffer, made_of: None });
+            self.persistent.insert(name.to_string(), PersistentBuffer { buffer, state: None });
         }
-        let kept = self.kept.get_mut(name).expect("put there");
+        let kept = self.persistent.get_mut(name).expect("put there");
         let steps = kept
-            .made_of
+            .state
             .as_ref()
-            .filter(|(before, _)| before == made_of)
+            .filter(|(before, _)| before == cache_key)
             .map_or(0, |(_, steps)| *steps);
         if steps == 0 {
-            kept.made_of = None;
+            kept.state = None;
         }
         Ok((&kept.buffer, steps))
     }
 
     /// What the buffer of this name was made of, and how many steps of that it holds; none where it holds nothing.
-    pub fn held(&self, name: &str) -> Option<(&[u64], u32)> {
-        self.kept.get(name)?.made_of.as_ref().map(|(made_of, steps)| (made_of.as_slice(), *steps))
+    pub fn persistent_state(&self, name: &str) -> Option<(&[u64], u32)> {
+        self.persistent
+            .get(name)?
+            .state
+            .as_ref()
+            .map(|(cache_key, steps)| (cache_key.as_slice(), *steps))
     }
 
     /// That what a buffer holds is void, if there is one of this name.
-    pub fn forget(&mut self, name: &str) {
-        self.kept.get_mut(name).into_iter().for_each(|kept| kept.made_of = None);
+    pub fn invalidate(&mut self, name: &str) {
+        self.persistent.get_mut(name).into_iter().for_each(|kept| kept.state = None);
     }
 
     /// A frame has made so many steps in the buffer of this name; none while it is at it.
-    pub fn kept(&mut self, name: &str, made_of: Option<(Vec<u64>, u32)>) {
-        self.kept.get_mut(name).expect("a name that keep was asked for").made_of = made_of;
+    pub fn set_persistent_state(&mut self, name: &str, state: Option<(Vec<u64>, u32)>) {
+        self.persistent.get_mut(name).expect("a name that persistent_buffer was asked for").state =
+            state;
     }
 
     /// Gives a buffer back; the GPU must be done with it.
@@ -635,7 +640,7 @@ impl Drop for Memory {
     fn drop(&mut self) {
         self.alive.close(|| ());
         let kept: Vec<_> =
-            std::mem::take(&mut self.kept).into_values().map(|kept| kept.buffer).collect();
+            std::mem::take(&mut self.persistent).into_values().map(|kept| kept.buffer).collect();
         for buffer in std::mem::take(&mut self.buffers).into_values().flatten().chain(kept) {
             self.destroy_buffer(buffer);
         }

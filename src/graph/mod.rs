@@ -3,13 +3,13 @@
 //! In: typed shader structs (`crate::shader`, generated) over handles. Out: a submission whose barriers, dropped passes and reused memory the pure
 //! [`plan`] has decided. Handles are not `Clone`, so Rust's own borrow rules refuse one image as input and output of a pass.
 
-mod area;
 pub mod plan;
 mod record;
+mod tiles;
 
 pub use crate::gpu::{Access, BufferDesc, Code, ImageDesc, Kind, Place};
-pub use area::{Again, Area};
-pub use record::Running;
+pub use record::PendingSubmission;
+pub use tiles::{ReusedImages, TileList};
 
 use crate::error::{Error, Result};
 use crate::gpu::kernel::Kernels;
@@ -17,9 +17,9 @@ use crate::gpu::memory::{Memory, RawBuffer, Texels};
 use crate::gpu::timeline::Timeline;
 use crate::gpu::{Device, raster};
 use crate::progress::Progress;
-use area::Within;
 use ash::vk;
 use plan::{Pass, Plan, Resource, Shape};
+use tiles::TileMask;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ResourceId(pub usize);
@@ -32,8 +32,8 @@ pub struct Image {
 }
 
 impl Image {
-    /// A second handle, for a pass that reads of a pixel what it then writes there, or a later one; and of an image that passes are recorded over again ([`Again`]).
-    pub(crate) fn again(&self) -> Image {
+    /// A second handle, for a pass that reads of a pixel what it then writes there, or a later one; and of an image that passes are recorded over again ([`ReusedImages`]).
+    pub(crate) fn alias(&self) -> Image {
         Image { id: self.id, desc: self.desc }
     }
 }
@@ -47,12 +47,12 @@ pub struct Buffer {
 
 impl Buffer {
     /// A second handle, for a shader that reads a buffer while it writes it atomically, and takes a stale value as well as a fresh one.
-    pub fn racing(&self) -> Buffer {
-        self.again()
+    pub fn racy_alias(&self) -> Buffer {
+        self.alias()
     }
 
     /// A second handle, for a later pass that reads what this one names.
-    pub fn again(&self) -> Buffer {
+    pub fn alias(&self) -> Buffer {
         Buffer { id: self.id, desc: self.desc }
     }
 }
@@ -103,19 +103,19 @@ pub enum Vertices<'b> {
 
 /// Over what a pass is dispatched.
 #[derive(Clone, Copy, Debug)]
-pub enum Tiles<'l> {
+pub enum Dispatch<'l> {
     /// Every pixel of the first image that the pass writes.
-    All,
+    PerPixel,
     /// The same, and of no image is another pixel read than the one that is written: it may be written over what is read there for the last time.
-    Own,
+    PerPixelInPlace,
     /// So many texels, each with four rows of pixels.
-    Packed([u32; 2]),
+    PerPackedTexel([u32; 2]),
     /// Workgroups that take eight tiles of 8 x 8 pixels at a time, for so many tiles.
-    ByEight(u32),
+    PerEightTiles(u32),
     /// So many workgroups.
     Groups([u32; 3]),
     /// As many workgroups as three words of a buffer say, from this word on: tiles that an earlier pass has listed.
-    From(&'l Buffer, u32),
+    Indirect(&'l Buffer, u32),
 }
 
 /// How many workgroups a pass has.
@@ -123,7 +123,7 @@ pub enum Tiles<'l> {
 pub(crate) enum Groups {
     Fixed([u32; 3]),
     /// Three words at this byte of a buffer.
-    Listed(ResourceId, u64),
+    Indirect(ResourceId, u64),
 }
 
 /// What the GPU is to do in a pass.
@@ -185,7 +185,7 @@ pub struct Gpu {
     pub kernels: Kernels,
     pub raster: raster::Rasters,
     /// Raised by every submission when the device is done with it, to the number of submissions so far.
-    pub passed: Timeline,
+    pub completed: Timeline,
     pub submitted: u64,
     /// As [`crate::gpu::DeviceOptions::lost_after`].
     pub(crate) lost_after: Option<u64>,
@@ -194,7 +194,7 @@ pub struct Gpu {
     /// Clouds that have been made resident so far.
     pub residents: u64,
     /// Submissions that nobody waits for.
-    behind: Vec<Running>,
+    detached: Vec<PendingSubmission>,
     pub memory: Memory,
     pub device: Device,
 }
@@ -203,39 +203,39 @@ impl Gpu {
     pub fn open(options: &crate::gpu::DeviceOptions) -> Result<Gpu> {
         let device = Device::open(options)?;
         let memory = Memory::new(&device)?;
-        let passed = Timeline::new(&device, &memory.alive, "passed")?;
+        let completed = Timeline::new(&device, &memory.alive, "completed")?;
         let (kernels, raster) = (Kernels::new(&device), raster::Rasters::new(&device));
         Ok(Gpu {
             kernels,
             raster,
-            passed,
+            completed,
             submitted: 0,
             lost_after: options.lost_after,
             surface_lost_after: options.surface_lost_after,
             residents: 0,
-            behind: Vec::new(),
+            detached: Vec::new(),
             memory,
             device,
         })
     }
 
     /// Waits for submissions that nobody has waited for.
-    pub fn catch_up(&mut self) -> Result<()> {
-        std::mem::take(&mut self.behind)
+    pub fn wait_detached(&mut self) -> Result<()> {
+        std::mem::take(&mut self.detached)
             .into_iter()
-            .try_for_each(|running| running.finish(self).map(|frame| frame.recycle(self)))
+            .try_for_each(|pending| pending.finish(self).map(|frame| frame.recycle(self)))
     }
 }
 
 impl Drop for Gpu {
     fn drop(&mut self) {
         // Who used the device has heard what it said.
-        let _ = self.catch_up();
+        let _ = self.wait_detached();
     }
 }
 
 /// Passes that the device decides on as one.
-struct Gate {
+struct Predicate {
     /// Those that they want, and the buffer that will hold them.
     wanted: ResourceId,
     words: Vec<[u32; 3]>,
@@ -244,7 +244,7 @@ struct Gate {
 }
 
 /// Passes of one gate at most.
-pub const GATED_PASSES: usize = 1024;
+pub const MAX_PREDICATED_PASSES: usize = 1024;
 
 /// One frame being recorded.
 pub struct Graph<'g> {
@@ -256,15 +256,15 @@ pub struct Graph<'g> {
     uploads: Vec<(ResourceId, RawBuffer)>,
     imports: Vec<(ResourceId, Import)>,
     /// Buffers that outlive the frame and are changed by it: name, what they are made of, and how many steps of that they hold then.
-    keeps: Vec<(ResourceId, String, Vec<u64>, u32)>,
+    persistent: Vec<(ResourceId, String, Vec<u64>, u32)>,
     progress: Option<&'g dyn Progress>,
     /// Where passes are recorded that the device may skip.
-    gate: Option<Gate>,
+    predicate: Option<Predicate>,
     /// Contents of upload buffers that are known when all has been recorded.
     wanted: Vec<(ResourceId, Vec<[u32; 3]>)>,
     /// What passes keep to that can.
-    within: Option<Within>,
-    again: Option<Again>,
+    tile_mask: Option<TileMask>,
+    reused: Option<ReusedImages>,
     /// For tests of the tests: record no barriers at all.
     pub without_barriers: bool,
 }
@@ -278,23 +278,23 @@ impl<'g> Graph<'g> {
             resources: Vec::new(),
             uploads: Vec::new(),
             imports: Vec::new(),
-            keeps: Vec::new(),
+            persistent: Vec::new(),
             progress: None,
-            gate: None,
+            predicate: None,
             wanted: Vec::new(),
-            within: None,
-            again: None,
+            tile_mask: None,
+            reused: None,
             without_barriers: false,
         }
     }
 
     /// With someone who listens, and may stop the frame, where it takes long: on software devices, between its passes.
-    pub fn watched(self, progress: &'g dyn Progress) -> Graph<'g> {
+    pub fn with_progress(self, progress: &'g dyn Progress) -> Graph<'g> {
         Graph { progress: Some(progress), ..self }
     }
 
     /// Another submission, which is to be done before this one, with the same listener.
-    pub fn before(&mut self) -> Graph<'_> {
+    pub fn preceding(&mut self) -> Graph<'_> {
         Graph { progress: self.progress, ..Graph::new(self.gpu) }
     }
 
@@ -305,16 +305,16 @@ impl<'g> Graph<'g> {
     }
 
     pub(crate) fn image_of(&mut self, name: &str, desc: ImageDesc) -> Image {
-        if let Some(image) = self.again.as_mut().and_then(|again| again.take(name, desc)) {
+        if let Some(image) = self.reused.as_mut().and_then(|reused| reused.take(name, desc)) {
             return image;
         }
         let image = Image { id: self.add(name, Shape::Image(desc)), desc };
-        self.again.iter_mut().for_each(|again| again.add(name, &image));
+        self.reused.iter_mut().for_each(|reused| reused.add(name, &image));
         image
     }
 
     /// A buffer that passes write for the CPU, which reads it after the submission.
-    pub fn answer(&mut self, name: &str, bytes: u64) -> Buffer {
+    pub fn readback(&mut self, name: &str, bytes: u64) -> Buffer {
         let desc = BufferDesc { bytes, place: Place::Download };
         Buffer { id: self.add(name, Shape::Buffer(desc)), desc }
     }
@@ -347,15 +347,16 @@ impl<'g> Graph<'g> {
         Buffer { id, desc }
     }
 
-    /// A buffer that outlives the frame, by its name, and how many steps it holds of what is made of `made_of`, in steps. Passes of this frame add those up to `wanted`, of how many it already holds.
-    pub fn kept(
+    /// A buffer that outlives the frame, by its name, and how many steps it holds of what is made of `cache_key`, in steps. Passes of this frame add those up to `wanted`, of how many it already holds.
+    pub fn persistent(
         &mut self,
         name: &str,
         bytes: u64,
-        made_of: Vec<u64>,
+        cache_key: Vec<u64>,
         wanted: impl FnOnce(u32) -> u32,
     ) -> Result<(Buffer, u32)> {
-        let (raw, held) = self.gpu.memory.keep(&self.gpu.device, name, bytes, &made_of)?;
+        let (raw, held) =
+            self.gpu.memory.persistent_buffer(&self.gpu.device, name, bytes, &cache_key)?;
         let import = Import { raw: raw.raw, texels: raw.texels };
         let desc = BufferDesc { place: Place::Imported, ..raw.desc };
         let id = self.add(name, Shape::Buffer(desc));
@@ -363,24 +364,24 @@ impl<'g> Graph<'g> {
         let wanted = wanted(held);
         if wanted > held {
             // Until the device has been given all of them.
-            self.gpu.memory.kept(name, None);
-            self.keeps.push((id, name.to_string(), made_of, wanted));
+            self.gpu.memory.set_persistent_state(name, None);
+            self.persistent.push((id, name.to_string(), cache_key, wanted));
         }
         Ok((Buffer { id, desc }, held))
     }
 
     /// What the kept buffer of this name was made of, and how many steps of that it holds; none where it holds nothing.
-    pub fn held(&self, name: &str) -> Option<(&[u64], u32)> {
-        self.gpu.memory.held(name)
+    pub fn persistent_state(&self, name: &str) -> Option<(&[u64], u32)> {
+        self.gpu.memory.persistent_state(name)
     }
 
     /// That nobody needs what a kept buffer holds any more; passes of this frame may still read it.
-    pub fn forget(&mut self, name: &str) {
-        self.gpu.memory.forget(name);
+    pub fn invalidate(&mut self, name: &str) {
+        self.gpu.memory.invalidate(name);
     }
 
     /// A second handle of a transient buffer, for who counts what passes did.
-    pub fn named(&self, name: &str) -> Option<Buffer> {
+    pub fn find_buffer(&self, name: &str) -> Option<Buffer> {
         self.resources.iter().enumerate().find_map(|(i, resource)| match resource.shape {
             Shape::Buffer(desc) if resource.name == name => {
                 Some(Buffer { id: ResourceId(i), desc })
@@ -419,7 +420,7 @@ impl<'g> Graph<'g> {
     }
 
     /// A pass that runs a compute shader.
-    pub fn run<S: Shader>(&mut self, shader: S, tiles: Tiles<'_>) {
+    pub fn run<S: Shader>(&mut self, shader: S, dispatch: Dispatch<'_>) {
         let code = S::CODE;
         let mut resources = shader.resources();
         for (binding, id) in code.bindings.iter().zip(&resources) {
@@ -436,19 +437,19 @@ impl<'g> Graph<'g> {
                 self.resources[id.0].name
             );
         }
-        let within = self.within.filter(|_| code.listed.is_some());
-        let groups = match (tiles, within) {
-            (Tiles::From(list, word), _) => Groups::Listed(list.id, 4 * word as u64),
-            (_, Some(within)) => within.groups(),
-            (Tiles::Groups(groups), _) => self.gate(groups),
-            (Tiles::ByEight(count), _) => {
+        let tile_mask = self.tile_mask.filter(|_| code.listed.is_some());
+        let groups = match (dispatch, tile_mask) {
+            (Dispatch::Indirect(list, word), _) => Groups::Indirect(list.id, 4 * word as u64),
+            (_, Some(tile_mask)) => tile_mask.groups(),
+            (Dispatch::Groups(groups), _) => self.predicate(groups),
+            (Dispatch::PerEightTiles(count), _) => {
                 let groups = [count.div_ceil(8).min(self.gpu.device.max_workgroups), 1, 1];
-                self.gate(groups)
+                self.predicate(groups)
             }
-            (Tiles::Packed([width, height]), _) => {
-                self.gate([width.div_ceil(code.workgroup[0]), height, 1])
+            (Dispatch::PerPackedTexel([width, height]), _) => {
+                self.predicate([width.div_ceil(code.workgroup[0]), height, 1])
             }
-            (Tiles::All | Tiles::Own, _) => {
+            (Dispatch::PerPixel | Dispatch::PerPixelInPlace, _) => {
                 let written = code.bindings.iter().zip(&resources).find_map(|(binding, id)| {
                     match self.resources[id.0].shape {
                         Shape::Image(desc) if binding.access != Access::Read => Some(desc.size),
@@ -456,84 +457,101 @@ impl<'g> Graph<'g> {
                     }
                 });
                 let [width, height] = written.unwrap_or_else(|| {
-                    panic!("{} writes no image, so it needs Tiles::Groups", code.name)
+                    panic!("{} writes no image, so it needs Dispatch::Groups", code.name)
                 });
-                self.gate([
+                self.predicate([
                     width.div_ceil(code.workgroup[0]),
                     height.div_ceil(code.workgroup[1]),
                     1,
                 ])
             }
         };
-        resources.extend(within.map(|within| within.list));
+        resources.extend(tile_mask.map(|tile_mask| tile_mask.list));
         let mut uses: Vec<_> = code
             .bindings
             .iter()
             .zip(&resources)
             .map(|(binding, &id)| (id, binding.access))
             .collect();
-        if let Groups::Listed(list, _) = groups {
+        if let Groups::Indirect(list, _) = groups {
             uses.push((list, Access::Read));
         }
         let mut constants = shader.constants();
-        constants.extend(code.listed.map(|listed| (listed, within.is_some() as u32)));
+        constants.extend(code.listed.map(|listed| (listed, tile_mask.is_some() as u32)));
         self.push(
             code.name,
             uses,
             Work::Run { code, constants, push: shader.push().to_vec(), resources, groups },
         );
-        self.passes.last_mut().expect("pushed").own_pixels = matches!(tiles, Tiles::Own);
+        self.passes.last_mut().expect("pushed").in_place =
+            matches!(dispatch, Dispatch::PerPixelInPlace);
     }
 
-    /// Records passes that run only where the device says so: `decide` records a pass from the workgroups that they want to those that they get, three words a pass. Within another gate, that one decides.
+    /// Records passes that run only where the device says so: `decide` records a pass from the workgroups that they want to those that they get, three words a pass. TileMask another gate, that one decides.
     /// What only they write is undefined where they do not run. Clears and copies run in any case.
-    pub fn gated<T>(
+    pub fn predicated<T>(
         &mut self,
         decide: impl FnOnce(&mut Self, &Buffer, &mut Buffer, u32),
         record: impl FnOnce(&mut Self) -> T,
     ) -> T {
-        if self.gate.is_some() {
+        if self.predicate.is_some() {
             return record(self);
         }
         let desc = BufferDesc {
-            bytes: size_of::<[[u32; 3]; GATED_PASSES]>() as u64,
+            bytes: size_of::<[[u32; 3]; MAX_PREDICATED_PASSES]>() as u64,
             place: Place::Upload,
         };
         let wanted = Buffer { id: self.add("wanted groups", Shape::Buffer(desc)), desc };
         let mut groups = self.buffer("groups", desc.bytes);
-        decide(self, &wanted, &mut groups, 3 * GATED_PASSES as u32);
-        self.gate = Some(Gate { wanted: wanted.id, groups: groups.id, words: Vec::new() });
+        decide(self, &wanted, &mut groups, 3 * MAX_PREDICATED_PASSES as u32);
+        self.predicate =
+            Some(Predicate { wanted: wanted.id, groups: groups.id, words: Vec::new() });
         let recorded = record(self);
-        let gate = self.gate.take().expect("put there");
-        self.wanted.push((gate.wanted, gate.words));
+        let predicate = self.predicate.take().expect("put there");
+        self.wanted.push((predicate.wanted, predicate.words));
         recorded
     }
 
     /// Passes that keep to an area, of those that can: shaders that include area.glsl. Devices whose texel buffers are too small for a list work on the whole picture, which shows the same.
-    pub fn within<T>(&mut self, area: Option<&Area>, record: impl FnOnce(&mut Self) -> T) -> T {
-        assert!(self.within.is_none(), "an area within an area");
-        self.within = area.filter(|_| self.gpu.device.has_large_texel_buffers).map(Within::new);
+    pub fn within_tiles<T>(
+        &mut self,
+        tiles: Option<&TileList>,
+        record: impl FnOnce(&mut Self) -> T,
+    ) -> T {
+        assert!(self.tile_mask.is_none(), "a tile list within a tile list");
+        self.tile_mask =
+            tiles.filter(|_| self.gpu.device.has_large_texel_buffers).map(TileMask::new);
         let recorded = record(self);
-        self.within = None;
+        self.tile_mask = None;
         recorded
     }
 
     /// Passes that are recorded over the images that they had the time before.
-    pub fn again<T>(&mut self, again: &mut Again, record: impl FnOnce(&mut Self) -> T) -> T {
-        assert!(self.again.is_none(), "again within again");
-        again.begin();
-        self.again = Some(std::mem::take(again));
+    pub fn reusing<T>(
+        &mut self,
+        reused: &mut ReusedImages,
+        record: impl FnOnce(&mut Self) -> T,
+    ) -> T {
+        assert!(self.reused.is_none(), "reused images within reused images");
+        reused.begin();
+        self.reused = Some(std::mem::take(reused));
         let recorded = record(self);
-        *again = self.again.take().expect("put there");
+        *reused = self.reused.take().expect("put there");
         recorded
     }
 
     /// The workgroups of a pass, or where the device finds them.
-    fn gate(&mut self, groups: [u32; 3]) -> Groups {
-        let Some(gate) = &mut self.gate else { return Groups::Fixed(groups) };
-        assert!(gate.words.len() < GATED_PASSES, "more than {GATED_PASSES} passes behind one gate");
-        gate.words.push(groups);
-        Groups::Listed(gate.groups, (size_of_val(&groups) * (gate.words.len() - 1)) as u64)
+    fn predicate(&mut self, groups: [u32; 3]) -> Groups {
+        let Some(predicate) = &mut self.predicate else { return Groups::Fixed(groups) };
+        assert!(
+            predicate.words.len() < MAX_PREDICATED_PASSES,
+            "more than {MAX_PREDICATED_PASSES} predicated passes"
+        );
+        predicate.words.push(groups);
+        Groups::Indirect(
+            predicate.groups,
+            (size_of_val(&groups) * (predicate.words.len() - 1)) as u64,
+        )
     }
 
     /// A pass that sets every word of a buffer.
@@ -641,7 +659,7 @@ impl<'g> Graph<'g> {
     }
 
     fn push(&mut self, name: &str, uses: Vec<(ResourceId, Access)>, work: Work) {
-        self.passes.push(Pass { name: name.to_string(), uses, own_pixels: false });
+        self.passes.push(Pass { name: name.to_string(), uses, in_place: false });
         self.work.push(work);
     }
 
@@ -651,29 +669,30 @@ impl<'g> Graph<'g> {
     }
 
     /// Plans, records and submits. What is in a download buffer, or `wanted`, is what the frame is for; passes that serve neither are dropped.
-    pub fn launch(self, wanted: &[ResourceId]) -> Result<Running> {
+    pub fn submit_async(self, wanted: &[ResourceId]) -> Result<PendingSubmission> {
         Ok(self.begin(wanted)?.0)
     }
 
-    /// The same, and nobody waits for it; later submissions begin when it is done. Its number, as [`Gpu::passed`] counts.
-    pub fn leave(self, wanted: &[ResourceId]) -> Result<u64> {
-        let (running, gpu) = self.begin(wanted)?;
-        gpu.behind.push(running);
-        let (done, left) = std::mem::take(&mut gpu.behind).into_iter().partition(Running::is_done);
-        gpu.behind = left;
-        let done: Vec<Running> = done;
+    /// The same, and nobody waits for it; later submissions begin when it is done. Its number, as [`Gpu::completed`] counts.
+    pub fn submit_detached(self, wanted: &[ResourceId]) -> Result<u64> {
+        let (pending, gpu) = self.begin(wanted)?;
+        gpu.detached.push(pending);
+        let (done, left) =
+            std::mem::take(&mut gpu.detached).into_iter().partition(PendingSubmission::is_done);
+        gpu.detached = left;
+        let done: Vec<PendingSubmission> = done;
         done.into_iter()
-            .try_for_each(|running| running.finish(gpu).map(|frame| frame.recycle(gpu)))?;
+            .try_for_each(|pending| pending.finish(gpu).map(|frame| frame.recycle(gpu)))?;
         Ok(gpu.submitted)
     }
 
     /// The same, and waits.
-    pub fn submit(self, wanted: &[ResourceId]) -> Result<Frame> {
-        let (running, gpu) = self.begin(wanted)?;
-        running.finish(gpu)
+    pub fn submit_and_wait(self, wanted: &[ResourceId]) -> Result<CompletedSubmission> {
+        let (pending, gpu) = self.begin(wanted)?;
+        pending.finish(gpu)
     }
 
-    fn begin(mut self, wanted: &[ResourceId]) -> Result<(Running, &'g mut Gpu)> {
+    fn begin(mut self, wanted: &[ResourceId]) -> Result<(PendingSubmission, &'g mut Gpu)> {
         for (id, words) in std::mem::take(&mut self.wanted) {
             let Shape::Buffer(desc) = self.resources[id.0].shape else {
                 unreachable!("made by gated")
@@ -697,14 +716,14 @@ impl<'g> Graph<'g> {
 }
 
 /// A finished submission.
-pub struct Frame {
+pub struct CompletedSubmission {
     pub plan: Plan,
     /// Milliseconds on the device of each pass that ran, in order.
     pub passes: Vec<(String, f64)>,
     downloads: Vec<(ResourceId, RawBuffer)>,
 }
 
-impl Frame {
+impl CompletedSubmission {
     /// What a [`Graph::download`] brought.
     pub fn read<T: bytemuck::Pod>(&self, download: &Buffer) -> &[T] {
         let (_, raw) = self

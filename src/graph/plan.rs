@@ -31,7 +31,7 @@ pub struct Pass {
     pub name: String,
     pub uses: Vec<(ResourceId, Access)>,
     /// Nothing is read of an image but the pixel that is written.
-    pub own_pixels: bool,
+    pub in_place: bool,
 }
 
 /// A pass that will run.
@@ -41,7 +41,7 @@ pub struct Step {
     pub pass: usize,
     pub barrier: bool,
     /// Memories of images whose contents are void from here on: others lay there, or nothing yet.
-    pub born: Vec<usize>,
+    pub discards: Vec<usize>,
 }
 
 /// What resources are made of, one after the other.
@@ -64,9 +64,14 @@ pub struct Plan {
 }
 
 /// `most`: bytes of one block.
-pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId], most: u64) -> Plan {
-    let kept = kept(passes, resources.len(), wanted);
-    let lives = lives(passes, &kept, resources.len(), wanted);
+pub fn plan(
+    passes: &[Pass],
+    resources: &[Resource],
+    wanted: &[ResourceId],
+    max_block: u64,
+) -> Plan {
+    let kept = kept_passes(passes, resources.len(), wanted);
+    let lifetimes = lifetimes(passes, &kept, resources.len(), wanted);
     let mut plan = Plan {
         steps: Vec::new(),
         memory: vec![None; resources.len()],
@@ -74,13 +79,13 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId], most
         blocks: Vec::new(),
         text: String::new(),
     };
-    let places = place(resources, &lives, most, &mut plan.blocks);
+    let places = place(resources, &lifetimes, max_block, &mut plan.blocks);
     let mut placed: HashMap<(Shape, usize, u64), usize> = HashMap::new();
     for (index, pass) in passes.iter().enumerate().filter(|&(index, _)| kept[index]) {
         for &(id, access) in pass
             .uses
             .iter()
-            .filter(|(id, _)| lives[id.0].as_ref().is_some_and(|life| life.first == index))
+            .filter(|(id, _)| lifetimes[id.0].as_ref().is_some_and(|life| life.first == index))
         {
             let Resource { name, shape, requirements } = &resources[id.0];
             assert!(
@@ -102,15 +107,15 @@ pub fn plan(passes: &[Pass], resources: &[Resource], wanted: &[ResourceId], most
                 });
             }
         }
-        plan.steps.push(Step { pass: index, barrier: false, born: Vec::new() });
+        plan.steps.push(Step { pass: index, barrier: false, discards: Vec::new() });
     }
-    order(&mut plan, passes, &lives);
+    order(&mut plan, passes, &lifetimes);
     plan.text = text(&plan, passes, resources, &kept);
     plan
 }
 
-/// Barriers, and where images are born: at the last barrier before their first use, or at the start.
-fn order(plan: &mut Plan, passes: &[Pass], lives: &[Option<Life>]) {
+/// Barriers, and where images are discards: at the last barrier before their first use, or at the start.
+fn order(plan: &mut Plan, passes: &[Pass], lifetimes: &[Option<Lifetime>]) {
     let memories = &plan.memories;
     let shared = |a: usize, b: usize| match (&memories[a].within, &memories[b].within) {
         (Some((one, a)), Some((other, b))) => one == other && a.start < b.end && b.start < a.end,
@@ -143,9 +148,10 @@ fn order(plan: &mut Plan, passes: &[Pass], lives: &[Option<Life>]) {
             plan.steps[at].barrier = true;
         }
         for (&(memory, access), (id, _)) in uses.iter().zip(&pass.uses) {
-            let first = lives[id.0].as_ref().is_some_and(|life| life.first == plan.steps[at].pass);
+            let first =
+                lifetimes[id.0].as_ref().is_some_and(|life| life.first == plan.steps[at].pass);
             if first && !own[memory] && matches!(memories[memory].shape, Shape::Image(_)) {
-                plan.steps[last].born.push(memory);
+                plan.steps[last].discards.push(memory);
             }
             read[memory] |= access != Access::Write;
             written[memory] |= access != Access::Read;
@@ -157,28 +163,28 @@ fn order(plan: &mut Plan, passes: &[Pass], lives: &[Option<Life>]) {
 
 /// Passes between which a resource is used.
 #[derive(Clone, Debug)]
-struct Life {
+struct Lifetime {
     first: usize,
     /// Without end of what is wanted after the frame.
     last: usize,
     /// The last pass reads no pixel but those that it writes.
-    own_pixels: bool,
+    in_place: bool,
 }
 
-impl Life {
+impl Lifetime {
     /// Whether `next` may begin where this one ends, pixel by pixel.
-    fn hands_over(&self, next: &Life) -> bool {
-        self.own_pixels && self.last == next.first && self.first < self.last
+    fn can_hand_over(&self, next: &Lifetime) -> bool {
+        self.in_place && self.last == next.first && self.first < self.last
     }
 }
 
-fn lives(
+fn lifetimes(
     passes: &[Pass],
     kept: &[bool],
     resources: usize,
     wanted: &[ResourceId],
-) -> Vec<Option<Life>> {
-    let mut lives: Vec<Option<Life>> = vec![None; resources];
+) -> Vec<Option<Lifetime>> {
+    let mut lifetimes: Vec<Option<Lifetime>> = vec![None; resources];
     for (index, pass) in passes.iter().enumerate().filter(|&(index, _)| kept[index]) {
         for (id, _) in &pass.uses {
             let only_read = pass
@@ -186,28 +192,28 @@ fn lives(
                 .iter()
                 .filter(|(other, _)| other == id)
                 .all(|(_, access)| *access == Access::Read);
-            let first = lives[id.0].as_ref().map_or(index, |life| life.first);
-            lives[id.0] =
-                Some(Life { first, last: index, own_pixels: pass.own_pixels && only_read });
+            let first = lifetimes[id.0].as_ref().map_or(index, |life| life.first);
+            lifetimes[id.0] =
+                Some(Lifetime { first, last: index, in_place: pass.in_place && only_read });
         }
     }
     for id in wanted {
-        lives[id.0]
+        lifetimes[id.0]
             .iter_mut()
-            .for_each(|life| *life = Life { last: usize::MAX, own_pixels: false, ..*life });
+            .for_each(|life| *life = Lifetime { last: usize::MAX, in_place: false, ..*life });
     }
-    lives
+    lifetimes
 }
 
 /// A block and bytes of it for every transient, and the blocks.
 fn place(
     resources: &[Resource],
-    lives: &[Option<Life>],
-    most: u64,
+    lifetimes: &[Option<Lifetime>],
+    max_block: u64,
     blocks: &mut Vec<MemoryRequirements>,
 ) -> Vec<Option<(usize, Range<u64>)>> {
-    let mut transients: Vec<(usize, MemoryRequirements, &Life)> =
-        (resources.iter().zip(lives).enumerate())
+    let mut transients: Vec<(usize, MemoryRequirements, &Lifetime)> =
+        (resources.iter().zip(lifetimes).enumerate())
             .filter_map(|(i, (resource, life))| Some((i, resource.requirements?, life.as_ref()?)))
             .collect();
     transients.sort_by_key(|&(i, requirements, life)| {
@@ -223,7 +229,7 @@ fn place(
                     let (_, bytes) = places[j].clone().filter(|(within, _)| *within == block)?;
                     let same = resources[i].shape == resources[j].shape
                         && matches!(resources[i].shape, Shape::Image(_));
-                    Some((bytes, same && (other.hands_over(life) || life.hands_over(other))))
+                    Some((bytes, same && (other.can_hand_over(life) || life.can_hand_over(other))))
                 })
                 .collect();
             taken.sort_by_key(|(bytes, _)| bytes.start);
@@ -250,7 +256,7 @@ fn place(
         let alike = (0..blocks.len()).filter(|&block| blocks[block].types == requirements.types);
         let (block, start) = alike
             .map(|block| (block, start_in(block)))
-            .find(|(_, start)| start + requirements.bytes <= most)
+            .find(|(_, start)| start + requirements.bytes <= max_block)
             .unwrap_or_else(|| {
                 blocks.push(MemoryRequirements { bytes: 0, ..requirements });
                 (blocks.len() - 1, 0)
@@ -265,7 +271,7 @@ fn place(
     places
 }
 
-fn kept(passes: &[Pass], resources: usize, wanted: &[ResourceId]) -> Vec<bool> {
+fn kept_passes(passes: &[Pass], resources: usize, wanted: &[ResourceId]) -> Vec<bool> {
     let mut needed = vec![false; resources];
     wanted.iter().for_each(|id| needed[id.0] = true);
     let mut kept = vec![false; passes.len()];
@@ -282,17 +288,17 @@ fn kept(passes: &[Pass], resources: usize, wanted: &[ResourceId]) -> Vec<bool> {
 }
 
 /// Lines: more than any layer of a frame has.
-const LONGEST_BLOCK: usize = 160;
+const MAX_FOLDED_LINES: usize = 160;
 
 /// Blocks of lines, up to a whole layer, that follow each other three times and more are written once, with how often.
-fn folded(lines: &[String]) -> String {
+fn fold_repeats(lines: &[String]) -> String {
     let repeats = |at: usize, length: usize| {
         let block = &lines[at..at + length];
         lines[at..].chunks_exact(length).take_while(|other| *other == block).count()
     };
     let (mut out, mut at) = (String::new(), 0);
     while at < lines.len() {
-        let longest = LONGEST_BLOCK.min(lines.len() - at);
+        let longest = MAX_FOLDED_LINES.min(lines.len() - at);
         let (length, times) = (1..=longest)
             .map(|length| (length, repeats(at, length)))
             .find(|(_, times)| *times > 2)
@@ -338,7 +344,7 @@ fn text(plan: &Plan, passes: &[Pass], resources: &[Resource], kept: &[bool]) -> 
             to
         ));
     }
-    let mut out = folded(&lines);
+    let mut out = fold_repeats(&lines);
     let dropped: Vec<_> = passes
         .iter()
         .zip(kept)
@@ -437,7 +443,7 @@ mod tests {
                     .map(|&i| (ResourceId(i), Access::Read))
                     .chain(writes.iter().map(|&i| (ResourceId(i), Access::Write)))
                     .collect(),
-                own_pixels: name.starts_with("own"),
+                in_place: name.starts_with("own"),
             })
             .collect();
         plan(
@@ -511,8 +517,8 @@ mod tests {
     }
 
     /// Of so many bytes each, used by the passes `from..=to`.
-    fn buffers(lives: &[(u64, usize, usize)]) -> Plan {
-        let resources: Vec<_> = (lives.iter().enumerate())
+    fn buffers(lifetimes: &[(u64, usize, usize)]) -> Plan {
+        let resources: Vec<_> = (lifetimes.iter().enumerate())
             .map(|(i, &(bytes, ..))| Resource {
                 name: format!("r{i}"),
                 shape: Shape::Buffer(BufferDesc { bytes, place: Place::Device }),
@@ -522,9 +528,9 @@ mod tests {
                 }),
             })
             .collect();
-        let end = lives.iter().map(|life| life.2).max().unwrap_or(0);
+        let end = lifetimes.iter().map(|life| life.2).max().unwrap_or(0);
         let uses = |pass| {
-            let used = (lives.iter().enumerate())
+            let used = (lifetimes.iter().enumerate())
                 .filter(move |(_, (_, from, to))| (*from..=*to).contains(&pass));
             used.map(|(i, &(_, from, _))| {
                 (ResourceId(i), if from == pass { Access::Write } else { Access::Modify })
@@ -532,11 +538,11 @@ mod tests {
             .collect()
         };
         let passes: Vec<_> = (0..=end)
-            .map(|pass| Pass { name: format!("p{pass}"), uses: uses(pass), own_pixels: false })
+            .map(|pass| Pass { name: format!("p{pass}"), uses: uses(pass), in_place: false })
             .collect();
         // The last pass keeps the others: it changes what they change.
         let wanted: Vec<_> =
-            (0..lives.len()).filter(|&i| lives[i].2 == end).map(ResourceId).collect();
+            (0..lifetimes.len()).filter(|&i| lifetimes[i].2 == end).map(ResourceId).collect();
         plan(&passes, &resources, &wanted, 1 << 20)
     }
 
@@ -570,18 +576,18 @@ mod tests {
         // 0 and 2 are one memory, which 4 is again; nothing else ever lay there.
         assert_eq!(plan.memory, [Some(0), Some(1), Some(0), Some(1), Some(0)]);
         assert_eq!(
-            plan.steps.iter().map(|step| step.born.clone()).collect::<Vec<_>>(),
+            plan.steps.iter().map(|step| step.discards.clone()).collect::<Vec<_>>(),
             [vec![0, 1], vec![], vec![], vec![]]
         );
     }
 
     proptest::proptest! {
         #[test]
-        fn no_two_lie_in_the_same_bytes_at_the_same_time(lives in proptest::collection::vec((1u64..5000, 0usize..12, 0usize..6), 1..40)) {
-            let lives: Vec<_> = lives.into_iter().map(|(bytes, from, more)| (bytes, from, from + more)).collect();
-            let plan = buffers(&lives);
-            for (i, a) in lives.iter().enumerate() {
-                for (j, _) in lives.iter().enumerate().skip(i + 1).filter(|(_, b)| a.1 <= b.2 && b.1 <= a.2) {
+        fn no_two_lie_in_the_same_bytes_at_the_same_time(lifetimes in proptest::collection::vec((1u64..5000, 0usize..12, 0usize..6), 1..40)) {
+            let lifetimes: Vec<_> = lifetimes.into_iter().map(|(bytes, from, more)| (bytes, from, from + more)).collect();
+            let plan = buffers(&lifetimes);
+            for (i, a) in lifetimes.iter().enumerate() {
+                for (j, _) in lifetimes.iter().enumerate().skip(i + 1).filter(|(_, b)| a.1 <= b.2 && b.1 <= a.2) {
                     if let (Some((of_a, a)), Some((of_b, b))) = (bytes_of(&plan, i), bytes_of(&plan, j)) {
                         proptest::prop_assert!(of_a != of_b || a.end <= b.start || b.end <= a.start, "{i} at {a:?}, {j} at {b:?}");
                     }

@@ -4,8 +4,8 @@
 
 use super::plan::{Memory, Plan, Shape};
 use super::{
-    BufferDesc, Code, Frame, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place, ResourceId, Work,
-    too_large,
+    BufferDesc, Code, CompletedSubmission, Gpu, Graph, Groups, Import, Kind, LAYOUT, Place,
+    ResourceId, Work, too_large,
 };
 use crate::error::{Error, Result};
 use crate::gpu::breadcrumbs::Breadcrumbs;
@@ -17,34 +17,36 @@ use crate::progress::Progress;
 use ash::vk;
 use std::collections::HashMap;
 
-enum Physical {
+enum PhysicalResource {
     Image(RawImage),
     /// Its own.
     Buffer(RawBuffer),
     /// Somebody else's, or a block's.
-    Lent(Import),
+    Borrowed(Import),
 }
 
 /// All that a submission uses.
 #[derive(Default)]
-struct Realised {
+struct Resources {
     blocks: Vec<Block>,
     /// By number of the plan's memory.
-    physical: HashMap<usize, Physical>,
+    physical: HashMap<usize, PhysicalResource>,
 }
 
-impl Physical {
+impl PhysicalResource {
     fn buffer(&self) -> (vk::Buffer, Texels) {
         match self {
-            Physical::Buffer(buffer) => (buffer.raw, buffer.texels),
-            Physical::Lent(import) => (import.raw, import.texels),
-            Physical::Image(_) => unreachable!("the handle's type says that it is a buffer"),
+            PhysicalResource::Buffer(buffer) => (buffer.raw, buffer.texels),
+            PhysicalResource::Borrowed(import) => (import.raw, import.texels),
+            PhysicalResource::Image(_) => {
+                unreachable!("the handle's type says that it is a buffer")
+            }
         }
     }
 
     fn image(&self) -> &RawImage {
         match self {
-            Physical::Image(image) => image,
+            PhysicalResource::Image(image) => image,
             _ => unreachable!("the handle's type says that it is an image"),
         }
     }
@@ -52,16 +54,16 @@ impl Physical {
 
 /// A submission on its way through the device, with all that it uses.
 #[must_use = "what it uses is free again only when it is finished"]
-pub struct Running {
+pub struct PendingSubmission {
     plan: Plan,
     names: Vec<String>,
-    realised: Realised,
+    held: Resources,
     timing: Timing,
-    scratch: Scratch,
+    context: CommandContext,
     breadcrumbs: Breadcrumbs,
 }
 
-pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g mut Gpu)> {
+pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(PendingSubmission, &'g mut Gpu)> {
     let Graph {
         gpu,
         passes,
@@ -69,55 +71,57 @@ pub(super) fn launch<'g>(graph: Graph<'g>, plan: Plan) -> Result<(Running, &'g m
         resources,
         uploads,
         imports,
-        keeps,
+        persistent,
         progress,
-        gate: _,
+        predicate: _,
         wanted: _,
-        within: _,
-        again: _,
+        tile_mask: _,
+        reused: _,
         without_barriers,
     } = graph;
     let names: Vec<String> = plan.steps.iter().map(|step| passes[step.pass].name.clone()).collect();
-    let mut realised = Realised::default();
-    let begun = realise(gpu, &plan, &resources, uploads, &imports, &mut realised).and_then(|()| {
-        execute(gpu, &plan, &names, &work, &realised.physical, progress, !without_barriers)
+    let mut held = Resources::default();
+    let begun = allocate(gpu, &plan, &resources, uploads, &imports, &mut held).and_then(|()| {
+        execute(gpu, &plan, &names, &work, &held.physical, progress, !without_barriers)
     });
-    let (timing, scratch, breadcrumbs) = match begun {
+    let (timing, context, breadcrumbs) = match begun {
         Ok(begun) => begun,
         Err(error) => {
-            drop(recycle(gpu, &plan, realised, false));
+            drop(recycle(gpu, &plan, held, false));
             return Err(error);
         }
     };
     // Those that no pass of the plan touches have not been filled. Later submissions begin when this one is done.
-    let filled = keeps.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
-    filled.for_each(|(_, name, made_of, steps)| gpu.memory.kept(&name, Some((made_of, steps))));
-    Ok((Running { plan, names, realised, timing, scratch, breadcrumbs }, gpu))
+    let filled = persistent.into_iter().filter(|(id, ..)| plan.memory[id.0].is_some());
+    filled.for_each(|(_, name, cache_key, steps)| {
+        gpu.memory.set_persistent_state(&name, Some((cache_key, steps)))
+    });
+    Ok((PendingSubmission { plan, names, held, timing, context, breadcrumbs }, gpu))
 }
 
-impl Running {
-    /// Whether [`Running::finish`] would not wait.
+impl PendingSubmission {
+    /// Whether [`PendingSubmission::finish`] would not wait.
     pub fn is_done(&self) -> bool {
-        self.scratch.is_done()
+        self.context.is_done()
     }
 
     /// Waits until the device is done.
-    pub fn finish(self, gpu: &mut Gpu) -> Result<Frame> {
-        let Running { plan, names, realised, timing, scratch, breadcrumbs } = self;
-        let done = scratch
+    pub fn finish(self, gpu: &mut Gpu) -> Result<CompletedSubmission> {
+        let PendingSubmission { plan, names, held, timing, context, breadcrumbs } = self;
+        let done = context
             .wait(&breadcrumbs)
-            .and_then(|()| gpu.found(&breadcrumbs))
+            .and_then(|()| gpu.check_simulated_loss(&breadcrumbs))
             .and_then(|()| timing.read())
             .and_then(|times| gpu.device.take_validation_errors().map(|()| times));
         breadcrumbs.recycle(&mut gpu.memory);
-        let downloads = recycle(gpu, &plan, realised, done.is_ok());
-        Ok(Frame { passes: names.into_iter().zip(done?).collect(), plan, downloads })
+        let downloads = recycle(gpu, &plan, held, done.is_ok());
+        Ok(CompletedSubmission { passes: names.into_iter().zip(done?).collect(), plan, downloads })
     }
 }
 
 impl Gpu {
     /// Whether the device is still there, as far as tests let it.
-    fn found(&self, breadcrumbs: &Breadcrumbs) -> Result<()> {
+    fn check_simulated_loss(&self, breadcrumbs: &Breadcrumbs) -> Result<()> {
         match self.lost_after {
             Some(submissions) if self.submitted >= submissions => {
                 Err(breadcrumbs.blame(vk::Result::ERROR_DEVICE_LOST))
@@ -129,7 +133,7 @@ impl Gpu {
 
 impl Graph<'_> {
     /// Gives back what was made for a frame that is not to be drawn.
-    pub fn abandon(self) {
+    pub fn discard(self) {
         let Graph { gpu, uploads, .. } = self;
         uploads.into_iter().for_each(|(_, raw)| gpu.memory.recycle_buffer(raw));
     }
@@ -139,27 +143,27 @@ impl Graph<'_> {
 fn recycle(
     gpu: &mut Gpu,
     plan: &Plan,
-    realised: Realised,
+    held: Resources,
     bring: bool,
 ) -> Vec<(ResourceId, RawBuffer)> {
     let mut downloads = Vec::new();
-    realised.blocks.into_iter().for_each(|block| gpu.memory.recycle_block(block));
-    for (memory, item) in realised.physical {
+    held.blocks.into_iter().for_each(|block| gpu.memory.recycle_block(block));
+    for (memory, item) in held.physical {
         let owner =
             plan.memory.iter().position(|&m| m == Some(memory)).expect("every memory has an owner");
         match item {
-            Physical::Buffer(buffer) if buffer.desc.place == Place::Download && bring => {
+            PhysicalResource::Buffer(buffer) if buffer.desc.place == Place::Download && bring => {
                 downloads.push((ResourceId(owner), buffer))
             }
-            Physical::Buffer(buffer) => gpu.memory.recycle_buffer(buffer),
-            Physical::Image(_) | Physical::Lent(_) => {}
+            PhysicalResource::Buffer(buffer) => gpu.memory.recycle_buffer(buffer),
+            PhysicalResource::Image(_) | PhysicalResource::Borrowed(_) => {}
         }
     }
     downloads
 }
 
 /// Steps of a software device between two looks at whether it is to stop: it may compile for a second on each, and a submission of its own costs a tenth of a millisecond.
-const STEPS_AT_ONCE: usize = 4;
+const STEPS_PER_FLUSH: usize = 4;
 
 /// Records and submits.
 fn execute(
@@ -167,21 +171,21 @@ fn execute(
     plan: &Plan,
     names: &[String],
     work: &[Work],
-    physical: &HashMap<usize, Physical>,
+    physical: &HashMap<usize, PhysicalResource>,
     progress: Option<&dyn Progress>,
     barriers: bool,
-) -> Result<(Timing, Scratch, Breadcrumbs)> {
+) -> Result<(Timing, CommandContext, Breadcrumbs)> {
     let timing = Timing::new(&gpu.device, names.len() as u32)?;
-    let scratch = Scratch::new(gpu, plan, work)?;
+    let context = CommandContext::new(gpu, plan, work)?;
     let breadcrumbs = Breadcrumbs::new(&gpu.device, &mut gpu.memory, names.to_vec())?;
-    let commands = scratch.commands;
+    let commands = context.commands;
     let recorded = (|| {
-        scratch.begin()?;
+        context.begin()?;
         timing.reset(commands);
         for (order, step) in plan.steps.iter().enumerate() {
-            let pause = gpu.device.is_cpu && order > 0 && order % STEPS_AT_ONCE == 0;
+            let pause = gpu.device.is_cpu && order > 0 && order % STEPS_PER_FLUSH == 0;
             if let Some(progress) = progress.filter(|_| pause) {
-                scratch.run_so_far(gpu, &breadcrumbs)?;
+                context.flush(gpu, &breadcrumbs)?;
                 progress.tick("drawing", order as u64, plan.steps.len() as u64)?;
             }
             let label = std::ffi::CString::new(names[order].as_str()).unwrap_or_default();
@@ -197,23 +201,23 @@ fn execute(
             breadcrumbs.mark(&gpu.device, commands, order);
             // Submissions share kept buffers and shelved memory: the first step follows whatever was submitted before.
             if order == 0 || (step.barrier && barriers) {
-                barrier(gpu, commands, step.born.iter().map(|memory| physical[memory].image()));
+                barrier(gpu, commands, step.discards.iter().map(|memory| physical[memory].image()));
             }
             timing.mark(commands, order, false);
             let at = |id: &ResourceId| {
                 &physical[&plan.memory[id.0].expect("a kept pass's resource has memory")]
             };
-            scratch.pass(gpu, &work[step.pass], at)?;
+            context.pass(gpu, &work[step.pass], at)?;
             timing.mark(commands, order, true);
             if let Some(labels) = &gpu.device.labels {
                 // SAFETY: closes the label opened above.
                 unsafe { labels.cmd_end_debug_utils_label(commands) };
             }
         }
-        scratch.send(gpu, &breadcrumbs)
+        context.submit_rest(gpu, &breadcrumbs)
     })();
     match recorded {
-        Ok(()) => Ok((timing, scratch, breadcrumbs)),
+        Ok(()) => Ok((timing, context, breadcrumbs)),
         Err(error) => {
             breadcrumbs.recycle(&mut gpu.memory);
             Err(error)
@@ -222,21 +226,22 @@ fn execute(
 }
 
 /// Memory of every shape that the plan asks for; uploads bring their own.
-fn realise(
+fn allocate(
     gpu: &mut Gpu,
     plan: &Plan,
     resources: &[super::plan::Resource],
     uploads: Vec<(ResourceId, RawBuffer)>,
     imports: &[(ResourceId, Import)],
-    realised: &mut Realised,
+    held: &mut Resources,
 ) -> Result<()> {
-    let Realised { blocks, physical } = realised;
+    let Resources { blocks, physical } = held;
     for (id, import) in imports {
-        plan.memory[id.0].map(|memory| physical.insert(memory, Physical::Lent(*import)));
+        plan.memory[id.0]
+            .map(|memory| physical.insert(memory, PhysicalResource::Borrowed(*import)));
     }
     for (id, raw) in uploads {
         match plan.memory[id.0] {
-            Some(memory) => drop(physical.insert(memory, Physical::Buffer(raw))),
+            Some(memory) => drop(physical.insert(memory, PhysicalResource::Buffer(raw))),
             None => gpu.memory.recycle_buffer(raw),
         }
     }
@@ -246,7 +251,7 @@ fn realise(
         &resources[owner].name
     };
     for (memory, Memory { shape, .. }) in plan.memories.iter().enumerate() {
-        within_limits(gpu, name(memory), shape)?;
+        check_limits(gpu, name(memory), shape)?;
     }
     for requirements in &plan.blocks {
         blocks.push(gpu.memory.block(*requirements)?);
@@ -254,13 +259,9 @@ fn realise(
     for (memory, Memory { shape, within }) in plan.memories.iter().enumerate() {
         let Gpu { memory: of_device, device, .. } = &mut *gpu;
         let item = match (shape, within) {
-            (Shape::Image(desc), Some((block, bytes))) => Physical::Image(of_device.image(
-                device,
-                &mut blocks[*block],
-                bytes.start,
-                *desc,
-                name(memory),
-            )?),
+            (Shape::Image(desc), Some((block, bytes))) => PhysicalResource::Image(
+                of_device.image(device, &mut blocks[*block], bytes.start, *desc, name(memory))?,
+            ),
             (Shape::Buffer(desc), Some((block, bytes))) => {
                 let (raw, texels) = of_device.buffer_in(
                     device,
@@ -269,10 +270,10 @@ fn realise(
                     *desc,
                     name(memory),
                 )?;
-                Physical::Lent(Import { raw, texels })
+                PhysicalResource::Borrowed(Import { raw, texels })
             }
             (Shape::Buffer(desc), None) if !physical.contains_key(&memory) => {
-                Physical::Buffer(of_device.buffer(device, *desc, name(memory))?)
+                PhysicalResource::Buffer(of_device.buffer(device, *desc, name(memory))?)
             }
             _ => continue,
         };
@@ -282,7 +283,7 @@ fn realise(
 }
 
 /// Before anything is made of it.
-fn within_limits(gpu: &Gpu, name: &str, shape: &Shape) -> Result<()> {
+fn check_limits(gpu: &Gpu, name: &str, shape: &Shape) -> Result<()> {
     let limits = &gpu.device.limits;
     match shape {
         Shape::Image(desc)
@@ -302,7 +303,7 @@ fn within_limits(gpu: &Gpu, name: &str, shape: &Shape) -> Result<()> {
     }
 }
 
-fn everything() -> vk::MemoryBarrier2<'static> {
+fn full_barrier() -> vk::MemoryBarrier2<'static> {
     vk::MemoryBarrier2::default()
         .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
         .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
@@ -311,9 +312,13 @@ fn everything() -> vk::MemoryBarrier2<'static> {
 }
 
 /// After all that was recorded before. Images whose contents are void go to GENERAL, where they stay.
-fn barrier<'a>(gpu: &Gpu, commands: vk::CommandBuffer, born: impl Iterator<Item = &'a RawImage>) {
-    let all = everything();
-    let images: Vec<_> = born
+fn barrier<'a>(
+    gpu: &Gpu,
+    commands: vk::CommandBuffer,
+    discards: impl Iterator<Item = &'a RawImage>,
+) {
+    let all = full_barrier();
+    let images: Vec<_> = discards
         .map(|image| {
             vk::ImageMemoryBarrier2::default()
                 .src_stage_mask(all.src_stage_mask)
@@ -337,7 +342,7 @@ fn barrier<'a>(gpu: &Gpu, commands: vk::CommandBuffer, born: impl Iterator<Item 
 }
 
 /// What one submission needs and destroys again: command pool, descriptor pool, fence.
-struct Scratch {
+struct CommandContext {
     device: ash::Device,
     command_pool: vk::CommandPool,
     commands: vk::CommandBuffer,
@@ -345,8 +350,8 @@ struct Scratch {
     fence: vk::Fence,
 }
 
-impl Scratch {
-    fn new(gpu: &Gpu, plan: &Plan, work: &[Work]) -> Result<Scratch> {
+impl CommandContext {
+    fn new(gpu: &Gpu, plan: &Plan, work: &[Work]) -> Result<CommandContext> {
         let device = gpu.device.raw.clone();
         let (mut sets, mut buffers, mut texels, mut images) = (0, 0, 0, 0);
         for step in &plan.steps {
@@ -398,7 +403,7 @@ impl Scratch {
             let fence = device
                 .create_fence(&vk::FenceCreateInfo::default(), None)
                 .map_err(failed("vkCreateFence"))?;
-            Ok(Scratch { device, command_pool, commands, descriptors, fence })
+            Ok(CommandContext { device, command_pool, commands, descriptors, fence })
         }
     }
 
@@ -417,7 +422,7 @@ impl Scratch {
         code: &Code,
         resources: &[ResourceId],
         last: Option<vk::BufferView>,
-        at: &impl Fn(&ResourceId) -> &'p Physical,
+        at: &impl Fn(&ResourceId) -> &'p PhysicalResource,
     ) -> Result<vk::DescriptorSet> {
         let layouts = [layout];
         let info = vk::DescriptorSetAllocateInfo::default()
@@ -461,19 +466,23 @@ impl Scratch {
         &self,
         gpu: &mut Gpu,
         work: &Work,
-        at: impl Fn(&ResourceId) -> &'p Physical,
+        at: impl Fn(&ResourceId) -> &'p PhysicalResource,
     ) -> Result<()> {
         match work {
             Work::Run { code, constants, push, resources, groups } => {
                 // Of a shader that keeps to no area nobody reads the list of its tiles, which wants a buffer all the same.
-                let no_area = match code.listed {
-                    Some(_) if resources.len() < code.bindings.len() => {
-                        Some(gpu.memory.keep(&gpu.device, "no area", 64, &[])?.0.texels.words)
-                    }
+                let no_tiles = match code.listed {
+                    Some(_) if resources.len() < code.bindings.len() => Some(
+                        gpu.memory
+                            .persistent_buffer(&gpu.device, "no area", 64, &[])?
+                            .0
+                            .texels
+                            .words,
+                    ),
                     _ => None,
                 };
                 let kernel = gpu.kernels.get(&gpu.device, code, constants)?;
-                let set = self.set(kernel.set_layout, code, resources, no_area, &at)?;
+                let set = self.set(kernel.set_layout, code, resources, no_tiles, &at)?;
                 let bind = vk::PipelineBindPoint::COMPUTE;
                 // SAFETY: sizes of push constants were checked by the generated types; everything lives until the fence.
                 unsafe {
@@ -499,7 +508,7 @@ impl Scratch {
                         Groups::Fixed([x, y, z]) => {
                             self.device.cmd_dispatch(self.commands, *x, *y, *z)
                         }
-                        Groups::Listed(list, byte) => self.device.cmd_dispatch_indirect(
+                        Groups::Indirect(list, byte) => self.device.cmd_dispatch_indirect(
                             self.commands,
                             at(list).buffer().0,
                             *byte,
@@ -667,8 +676,8 @@ impl Scratch {
     }
 
     /// Submits what has been recorded, waits, and goes on recording. Pages are not the loader's again before the last of it.
-    fn run_so_far(&self, gpu: &Gpu, breadcrumbs: &Breadcrumbs) -> Result<()> {
-        self.run(gpu, breadcrumbs, &[])?;
+    fn flush(&self, gpu: &Gpu, breadcrumbs: &Breadcrumbs) -> Result<()> {
+        self.submit(gpu, breadcrumbs, &[])?;
         self.wait(breadcrumbs)?;
         // SAFETY: the submission has been waited for.
         unsafe {
@@ -681,7 +690,7 @@ impl Scratch {
     }
 
     /// Submits the rest.
-    fn send(&self, gpu: &mut Gpu, breadcrumbs: &Breadcrumbs) -> Result<()> {
+    fn submit_rest(&self, gpu: &mut Gpu, breadcrumbs: &Breadcrumbs) -> Result<()> {
         let to_host = [vk::MemoryBarrier2::default()
             .src_stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
             .src_access_mask(vk::AccessFlags2::MEMORY_WRITE)
@@ -696,10 +705,10 @@ impl Scratch {
         };
         gpu.submitted += 1;
         let passed = [vk::SemaphoreSubmitInfo::default()
-            .semaphore(gpu.passed.raw)
+            .semaphore(gpu.completed.raw)
             .value(gpu.submitted)
             .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
-        self.run(gpu, breadcrumbs, &passed)
+        self.submit(gpu, breadcrumbs, &passed)
     }
 
     fn is_done(&self) -> bool {
@@ -715,7 +724,7 @@ impl Scratch {
             .map_err(|code| breadcrumbs.blame(code))
     }
 
-    fn run(
+    fn submit(
         &self,
         gpu: &Gpu,
         breadcrumbs: &Breadcrumbs,
@@ -735,7 +744,7 @@ impl Scratch {
     }
 }
 
-impl Drop for Scratch {
+impl Drop for CommandContext {
     fn drop(&mut self) {
         // SAFETY: the submission was waited for, or never made.
         unsafe {

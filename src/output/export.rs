@@ -1,7 +1,7 @@
 //! A frame in; its picture and its layers as files out, PNG and EXR: what `render` writes, of one frame or of many, and a window.
 
 use crate::error::{Error, Result};
-use crate::graph::{Buffer, Frame, Gpu, Graph};
+use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph};
 use crate::output::image_io::{self, Samples};
 use crate::output::tiled::{self, Wanted};
 use crate::passes::encode::{self, Encoded};
@@ -40,7 +40,7 @@ impl Downloads {
     /// The files that were asked for.
     pub fn write(
         &self,
-        frame: &Frame,
+        frame: &CompletedSubmission,
         size: [u32; 2],
         png: Option<&Path>,
         exr: Option<&Path>,
@@ -84,7 +84,12 @@ pub fn write(
 }
 
 /// Linear picture (its alpha says where a surface is) and layers.
-fn write_layers(path: &Path, size: [u32; 2], frame: &Frame, downloads: &Downloads) -> Result<()> {
+fn write_layers(
+    path: &Path,
+    size: [u32; 2],
+    frame: &CompletedSubmission,
+    downloads: &Downloads,
+) -> Result<()> {
     let picture: &[[f32; 4]] = frame.read(downloads.linear.as_ref().expect("asked for with --exr"));
     let depth: &[f32] = frame.read(downloads.depth.as_ref().expect("asked for with --exr"));
     let index: &[u32] = frame.read(downloads.index.as_ref().expect("asked for with --exr"));

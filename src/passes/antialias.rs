@@ -11,7 +11,7 @@
 use super::smooth::Pixels;
 use super::visibility::Looked;
 use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, Value, tiles};
-use crate::graph::{Graph, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, antialias, antialias_close, silhouettes};
 use crate::view::View;
 
@@ -139,7 +139,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             push,
             spec,
         },
-        Tiles::ByEight(count),
+        Dispatch::PerEightTiles(count),
     );
 
     let Layers { depth, mut color, mut lit, .. } = layers;
@@ -150,7 +150,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let light = lit.as_ref().unwrap_or(&depth);
     let push = antialias::Push { size, tiles_across: across[0], jump };
     let spec = antialias::Spec { inverse, high, lit_by };
-    let run = Tiles::From(&lists, 0);
+    let run = Dispatch::Indirect(&lists, 0);
     g.run(
         shader::Antialias {
             lists: &lists,
@@ -178,7 +178,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             push,
             spec,
         },
-        Tiles::From(&lists, 0),
+        Dispatch::Indirect(&lists, 0),
     );
     Layers { depth, color, lit, ..layers }
 }

@@ -4,7 +4,7 @@
 //! smoothing leave, and multiplies the light that shape depiction leaves.
 
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, phong};
-use crate::graph::{Graph, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, ao::Push, ao::Spec};
 use crate::view::{Projection, View};
 
@@ -129,6 +129,9 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     };
     // Without light there is nothing to read; a binding wants an image all the same.
     let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
-    g.run(shader::Ao { depth: &layers.depth, lit, left: &mut left, push, spec }, Tiles::All);
+    g.run(
+        shader::Ao { depth: &layers.depth, lit, left: &mut left, push, spec },
+        Dispatch::PerPixel,
+    );
     Layers { lit: Some(left), ..layers }
 }

@@ -1,7 +1,7 @@
 //! LAYERS -> PICTURE: lit colour over the background, linear.
 
 use super::Layers;
-use crate::graph::{Graph, Image, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, composite::Push, composite::Spec};
 use crate::view::View;
 
@@ -15,6 +15,9 @@ pub fn record(g: &mut Graph, view: &View, background: [f32; 3], layers: &Layers)
     // Without light there is nothing to read; a binding wants an image all the same.
     let (lit, spec) = (lit.unwrap_or(&layers.depth), Spec { lit_by: lit.is_some() });
     let push = Push { size: view.size, background };
-    g.run(shader::Composite { color, lit, picture: &mut picture, push, spec }, Tiles::Own);
+    g.run(
+        shader::Composite { color, lit, picture: &mut picture, push, spec },
+        Dispatch::PerPixelInPlace,
+    );
     picture
 }

@@ -3,7 +3,7 @@
 use super::shadows::Method;
 use super::visibility;
 use super::{Effects, LIST_HEADER, Layers, TILE_PX, fill, significant, tiles};
-use crate::graph::{Buffer, Frame, Graph};
+use crate::graph::{Buffer, CompletedSubmission, Graph};
 
 /// Lists that come back with the frame; none of a pass that does not run.
 pub struct Asked {
@@ -52,7 +52,7 @@ pub struct Counts {
 impl Asked {
     pub fn of(g: &mut Graph, layers: &Layers) -> Asked {
         let left = layers.front.as_ref().map(|front| g.download_buffer(&front.left));
-        let mut named = |name: &str| g.named(name).map(|list| g.download_buffer(&list));
+        let mut named = |name: &str| g.find_buffer(name).map(|list| g.download_buffer(&list));
         Asked {
             lists: named("lists"),
             holes: named("holes"),
@@ -66,7 +66,7 @@ impl Asked {
         }
     }
 
-    pub fn counts(&self, frame: &Frame, size: [u32; 2], effects: &Effects) -> Counts {
+    pub fn counts(&self, frame: &CompletedSubmission, size: [u32; 2], effects: &Effects) -> Counts {
         let words =
             |list: &Option<Buffer>| list.as_ref().map_or(&[][..], |list| frame.read::<u32>(list));
         let listed = |list: &Option<Buffer>| {
@@ -131,11 +131,14 @@ impl Warned {
     pub fn ask(g: &mut Graph, effects: &Effects) -> Warned {
         let peels = effects.shadows.settings.method == Method::Index;
         Warned {
-            unpeeled: g.named("unpeeled").filter(|_| peels).map(|list| g.download_buffer(&list)),
+            unpeeled: g
+                .find_buffer("unpeeled")
+                .filter(|_| peels)
+                .map(|list| g.download_buffer(&list)),
         }
     }
 
-    pub fn note(&self, frame: &Frame) -> Option<String> {
+    pub fn note(&self, frame: &CompletedSubmission) -> Option<String> {
         cut_off(self.unpeeled.as_ref().map_or(0, |list| frame.read::<u32>(list)[0] as u64))
     }
 }

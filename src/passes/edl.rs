@@ -1,7 +1,7 @@
 //! Eye-dome lighting: depth and colour in, colour darkened where neighbours stand in front out (Boucheny 2009, ch. 5).
 
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
-use crate::graph::{Graph, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, edl::Push, edl::Spec};
 use crate::view::{Projection, View};
 
@@ -85,7 +85,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
     g.run(
         shader::Edl { depth: &layers.depth, color: &layers.color, lit: &mut lit, push, spec },
-        Tiles::All,
+        Dispatch::PerPixel,
     );
     Layers { color: lit, ..layers }
 }

@@ -4,7 +4,7 @@
 
 use super::project::{self, Band};
 use crate::error::Result;
-use crate::graph::{Buffer, Frame, Graph, Image, Tiles};
+use crate::graph::{Buffer, CompletedSubmission, Dispatch, Graph, Image};
 use crate::shader::{self, encode::Push, encode::Spec};
 
 /// Linear values above which a channel rounds to the next 8-bit code: exact, and the same on every machine.
@@ -58,7 +58,7 @@ pub fn record(g: &mut Graph, picture: &Image, screen: &mut Screen) -> Result<()>
     let size = picture.desc.size;
     let (push, spec) =
         (Push { size, top: 0 }, Spec { blue_first: screen.blue_first, packed: false });
-    let groups = Tiles::Groups([size[0].div_ceil(64), size[1], 1]);
+    let groups = Dispatch::Groups([size[0].div_ceil(64), size[1], 1]);
     g.run(shader::Encode { picture, buckets, screen: &mut screen.words, push, spec }, groups);
     Ok(())
 }
@@ -76,10 +76,10 @@ pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
         project::bands(picture.desc.size, PIXEL_BYTES, g.binding_limit()).into_iter().map(|band| {
             let Band { top, size } = band;
             let fours = (size[0] * size[1]).div_ceil(4);
-            let mut bytes = g.answer("bytes", 12 * fours as u64);
+            let mut bytes = g.readback("bytes", 12 * fours as u64);
             let (push, spec) = (Push { size, top }, Spec { blue_first: false, packed: true });
             let rows = fours.div_ceil(64).div_ceil(65_535);
-            let groups = Tiles::Groups([fours.div_ceil(64).div_ceil(rows), rows, 1]);
+            let groups = Dispatch::Groups([fours.div_ceil(64).div_ceil(rows), rows, 1]);
             g.run(shader::Encode { picture, buckets, screen: &mut bytes, push, spec }, groups);
             (bytes, band)
         });
@@ -88,7 +88,7 @@ pub fn download(g: &mut Graph, picture: &Image) -> Result<Encoded> {
 
 impl Encoded {
     /// Red, green and blue of each pixel, rows of them from the top left.
-    pub fn read<'f>(&self, frame: &'f Frame) -> Vec<&'f [u8]> {
+    pub fn read<'f>(&self, frame: &'f CompletedSubmission) -> Vec<&'f [u8]> {
         let pixels = |band: &Band| 3 * band.size[0] as usize * band.size[1] as usize;
         self.0.iter().map(|(bytes, band)| &frame.read(bytes)[..pixels(band)]).collect()
     }

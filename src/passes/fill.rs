@@ -20,7 +20,7 @@ use super::{
     Decided, Effects, Holes, Layers, MOST_LEVELS, Reason, Scene, Setting, TILE_PX, Value,
     significant, tiles, visibility,
 };
-use crate::graph::{Graph, Image, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, fill_close, fill_open, fill_pintus};
 use crate::view::{Projection, View};
 
@@ -223,7 +223,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         [Some(&mut color), reached.as_mut()].into_iter().flatten().zip(&filled)
     {
         let push = fill_close::Push { size: view.size, tiles_across: tiles(view.size)[0] };
-        let listed = Tiles::From(&holes.list, 0);
+        let listed = Dispatch::Indirect(&holes.list, 0);
         g.run(
             shader::FillClose {
                 lists: &holes.list,
@@ -272,7 +272,7 @@ fn pintus(
             odd_color: odd.1,
             push,
         },
-        Tiles::From(lists, 0),
+        Dispatch::Indirect(lists, 0),
     );
 
     let texels = g.gpu.device.has_large_texel_buffers;
@@ -295,9 +295,12 @@ fn pintus(
             surrounded: settings.surrounded as u32,
             most_groups: g.gpu.device.max_workgroups,
         };
-        let counted = steps.racing();
-        let listed =
-            if step == 1 { Tiles::From(lists, 0) } else { Tiles::From(&counted, 4 * step) };
+        let counted = steps.racy_alias();
+        let listed = if step == 1 {
+            Dispatch::Indirect(lists, 0)
+        } else {
+            Dispatch::Indirect(&counted, 4 * step)
+        };
         g.run(
             shader::FillPintus {
                 lists,

@@ -15,7 +15,7 @@ use super::resolve::Paint;
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
-use crate::graph::{Buffer, Graph, Image, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph, Image};
 use crate::shader::{self, luminance as kernel, luminance_sum32, luminance_sum64};
 use crate::view::View;
 
@@ -389,7 +389,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
                     push,
                     spec,
                 },
-                Tiles::Groups([width.div_ceil(64), rows[1] - rows[0], 1]),
+                Dispatch::Groups([width.div_ceil(64), rows[1] - rows[0], 1]),
             );
         }
     }

@@ -1,7 +1,7 @@
 //! DEPTH -> NORMALS of the surface that is drawn, world. Recorded for whoever reads it: without a reader the pass is dropped.
 
 use super::Layers;
-use crate::graph::{Graph, Image, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, normal::Push, normal::Spec};
 use crate::view::{Projection, View};
 
@@ -17,6 +17,9 @@ pub fn record(g: &mut Graph, view: &View, layers: &Layers) -> Image {
         forward: axis(view.basis.forward),
     };
     let spec = Spec { perspective: view.camera.projection == Projection::Perspective };
-    g.run(shader::Normal { depth: &layers.depth, normal: &mut normal, push, spec }, Tiles::All);
+    g.run(
+        shader::Normal { depth: &layers.depth, normal: &mut normal, push, spec },
+        Dispatch::PerPixel,
+    );
     normal
 }

@@ -8,7 +8,7 @@
 //! (glsl/lib/normal.glsl). All are turned towards the camera. Shape depiction, and shadows, multiply what is left of the light; this colours what they multiply.
 
 use super::{Asked, Decided, Effects, Layers, Reason, Scene, Setting, Switch, Value, fill};
-use crate::graph::{Graph, Image, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::shader::{self, facing, phong::Push, phong::Spec};
 use crate::view::light::Light;
 use crate::view::{Projection, View};
@@ -200,7 +200,7 @@ pub fn facing(g: &mut Graph, view: &View, layers: &Layers) -> Option<Image> {
     let spec = facing::Spec { perspective: view.camera.projection == Projection::Perspective };
     g.run(
         shader::Facing { index: &layers.index, facings, facing: &mut facing, push, spec },
-        Tiles::All,
+        Dispatch::PerPixel,
     );
     Some(facing)
 }
@@ -230,6 +230,9 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     };
     // What is not looked at wants a binding all the same.
     let [facing, reached] = [facing.as_ref(), reached.as_ref()].map(|image| image.unwrap_or(color));
-    g.run(shader::Phong { depth, color, facing, reached, lit: &mut lit, push, spec }, Tiles::All);
+    g.run(
+        shader::Phong { depth, color, facing, reached, lit: &mut lit, push, spec },
+        Dispatch::PerPixel,
+    );
     Layers { color: lit, reached: None, ..layers }
 }

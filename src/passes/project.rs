@@ -5,7 +5,7 @@
 
 use crate::config::{CHUNKS_PER_PAGE, NEAR_M, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE};
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph};
 use crate::resident::{Resident, ResidentNode};
 use crate::select::clip::Left;
 pub use crate::select::lod::Precision;
@@ -46,14 +46,14 @@ pub(super) struct Group {
 
 impl Group {
     /// Exact up to 65,535 workgroups, and beyond that with less than one row too many.
-    pub fn tiles(&self) -> Tiles<'static> {
+    pub fn tiles(&self) -> Dispatch<'static> {
         self.slices(1)
     }
 
     /// The same, where so many workgroups share a chunk.
-    pub fn slices(&self, slices: u32) -> Tiles<'static> {
+    pub fn slices(&self, slices: u32) -> Dispatch<'static> {
         let rows = self.chunk_count.div_ceil(65_535);
-        Tiles::Groups([self.chunk_count.div_ceil(rows), rows, slices])
+        Dispatch::Groups([self.chunk_count.div_ceil(rows), rows, slices])
     }
 }
 
@@ -325,7 +325,7 @@ pub fn record(
 ) -> Keys {
     if let Some(Behind { keys, alive, layer }) = behind {
         walk(g, view, drawn, Some((alive, layer)), shallow, band, keys);
-        return Keys { words: keys.again(), behind: true };
+        return Keys { words: keys.alias(), behind: true };
     }
     let mut words = g.buffer("keys", KEY_BYTES * band.pixels());
     g.fill(&mut words, u32::MAX);
@@ -350,7 +350,8 @@ fn walk(
     let Walk { centre, corner, size, near, lanes, perspective, texels, points_per_chunk } =
         Walk::new(g, view, band);
     // Read beside the atomics on purpose: a stale key only costs an atomic.
-    let (front, mut no_alive, mut no_shallow) = (&keys.racing(), keys.racing(), keys.racing());
+    let (front, mut no_alive, mut no_shallow) =
+        (&keys.racy_alias(), keys.racy_alias(), keys.racy_alias());
     let (is_behind, is_shallow) = (behind.is_some(), shallow.is_some());
     let (alive, layer) = behind.unwrap_or((&mut no_alive, 0));
     let (shallow, epsilon) =

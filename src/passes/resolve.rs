@@ -5,7 +5,7 @@ use super::{Decided, Layers, exposure, luminance};
 use crate::cloud::attribute::{Attribute, Shown};
 pub use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::resident::Resident;
 use crate::shader::{self, resolve::Push, resolve::Spec};
 use crate::view::{Projection, View};
@@ -54,12 +54,12 @@ impl Paint {
 
     /// For a later pass.
     pub(super) fn again(&self) -> Paint {
-        let again = |buffer: &Option<Buffer>| buffer.as_ref().map(Buffer::again);
+        let again = |buffer: &Option<Buffer>| buffer.as_ref().map(Buffer::alias);
         Paint {
-            shown: self.shown.again(),
+            shown: self.shown.alias(),
             kinds: again(&self.kinds),
             opacities: again(&self.opacities),
-            table: self.table.again(),
+            table: self.table.alias(),
             gains: self.gains.clone(),
             levels: again(&self.levels),
             ..*self
@@ -149,7 +149,7 @@ pub fn record(
             push,
             spec,
         },
-        Tiles::Groups(groups),
+        Dispatch::Groups(groups),
     );
     Resolved { depth, index, color }
 }

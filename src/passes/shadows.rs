@@ -25,7 +25,7 @@ use super::project::{self, Band, Drawn, Precision, Shallow};
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value};
 use crate::config::{POINTS_PER_PAGE, SUN};
 use crate::error::{Error, Result};
-use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::resident::{IDENTITY_WORDS, Resident, ResidentNode};
 use crate::shader::{self, shadow_depth};
 use crate::view::View;
@@ -323,10 +323,12 @@ fn counted(
     let (light, nodes) = (made_of(scene, resident, settings, &around), resident.nodes_identity());
     let made_of = [light.as_slice(), &nodes].concat();
     let place = (0..2)
-        .find(|&place| g.held(PLACES[place]).is_some_and(|(of, _)| of.starts_with(&light)))
+        .find(|&place| {
+            g.persistent_state(PLACES[place]).is_some_and(|(of, _)| of.starts_with(&light))
+        })
         .unwrap_or(0);
     let before = g
-        .held(PLACES[place])
+        .persistent_state(PLACES[place])
         .filter(|(of, _)| of.starts_with(&light))
         .map(|(of, steps)| (of.to_vec(), steps));
     // A frame that is in a hurry does not cast many samples anew, if only for some nodes: it begins with one.
@@ -343,9 +345,9 @@ fn counted(
         let end = wanted(kept);
         let bytes_before =
             (before.len() - light.len()) as u64 / IDENTITY_WORDS as u64 * POINTS_PER_PAGE as u64;
-        let (old, _) = g.kept(PLACES[place], bytes_before, before, |held| held)?;
-        let (counts, _) = g.kept(PLACES[1 - place], bytes, made_of, |_| end)?;
-        g.forget(PLACES[place]);
+        let (old, _) = g.persistent(PLACES[place], bytes_before, before, |held| held)?;
+        let (counts, _) = g.persistent(PLACES[1 - place], bytes, made_of, |_| end)?;
+        g.invalidate(PLACES[place]);
         let mut tally = Tally::new(g, counts, false);
         let page = POINTS_PER_PAGE as u64;
         let parts =
@@ -367,7 +369,7 @@ fn counted(
             facts: Facts { cast: end, marked: again.len() as u32, ..facts },
         }));
     }
-    let (counts, kept) = g.kept(PLACES[place], bytes, made_of, wanted)?;
+    let (counts, kept) = g.persistent(PLACES[place], bytes, made_of, wanted)?;
     let end = wanted(kept);
     if end == kept {
         return Ok(Some(Marks {
@@ -615,7 +617,7 @@ fn shaded(g: &mut Graph, size: [u32; 2], marks: &Marks, ambient: f64, layers: &L
             push,
             spec,
         },
-        Tiles::All,
+        Dispatch::PerPixel,
     );
     shaded
 }

@@ -4,7 +4,7 @@
 //! Levels after the first run where the surface is no plane: on a plane every level gives the same shade (to 1/256).
 
 use super::{Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, tiles};
-use crate::graph::{Graph, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, pack_depth, shape, shape_level, unpack_light, whiten};
 use crate::view::{Projection, View};
 
@@ -129,7 +129,10 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     g.fill(&mut lists, 0);
     g.fill(&mut wanted, 0);
     let push = pack_depth::Push { size, packed_size: packed, margin: 0, mirror: 0 };
-    g.run(shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push }, Tiles::All);
+    g.run(
+        shader::PackDepth { depth: &layers.depth, packed_depth: &mut to, push },
+        Dispatch::PerPixel,
+    );
     let [shaded, rings] = rings(weights.len() as u32);
     let push = shape::Push { size, tiles: across, width, shaded, rings };
     g.run(
@@ -142,7 +145,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             push,
             spec: shape::Spec { perspective },
         },
-        Tiles::Groups([count.div_ceil(8).min(65_535), 1, 1]),
+        Dispatch::Groups([count.div_ceil(8).min(65_535), 1, 1]),
     );
     for (k, &weight) in weights.iter().enumerate().skip(1) {
         let before = if k == 1 { weights[0] } else { 1.0 } as f32;
@@ -161,14 +164,14 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
                 push,
                 spec,
             },
-            Tiles::From(&lists, 0),
+            Dispatch::Indirect(&lists, 0),
         );
         std::mem::swap(&mut from, &mut to);
     }
     let mut lit = g.image("lit", size, Kind::R32f);
     g.run(
         shader::UnpackLight { shade: &shade, lit: &mut lit, push: unpack_light::Push { size } },
-        Tiles::Groups([size[0].div_ceil(64), size[1].div_ceil(4), 1]),
+        Dispatch::Groups([size[0].div_ceil(64), size[1].div_ceil(4), 1]),
     );
     let color = match settings.base {
         Base::Color => layers.color,
@@ -180,7 +183,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
                     white: &mut white,
                     push: whiten::Push { size },
                 },
-                Tiles::All,
+                Dispatch::PerPixel,
             );
             white
         }

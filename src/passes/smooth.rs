@@ -13,7 +13,7 @@
 use super::{
     Decided, Effects, LIST_HEADER, Layers, Reason, Scene, Setting, TILE_PX, Value, fill, tiles,
 };
-use crate::graph::{Graph, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Kind};
 use crate::shader::{self, smooth, smooth_close, smooth_tiles};
 use crate::view::View;
 use clap::ValueEnum;
@@ -177,7 +177,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             lists: &mut lists,
             push,
         },
-        Tiles::ByEight(count),
+        Dispatch::PerEightTiles(count),
     );
 
     let mut smooth_depth = g.image("smooth depth", size, Kind::R32f);
@@ -207,7 +207,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
                 push,
                 spec,
             },
-            Tiles::From(&lists, 0),
+            Dispatch::Indirect(&lists, 0),
         );
         let light = reached.as_mut().filter(|_| lit_by).unwrap_or(&mut nowhere);
         let (push, spec) =
@@ -224,7 +224,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
                 push,
                 spec,
             },
-            Tiles::From(&lists, 0),
+            Dispatch::Indirect(&lists, 0),
         );
     }
     Layers { raw, depth, color, reached, ..layers }

@@ -43,7 +43,7 @@ use super::resolve::{Paint, Resolved};
 use super::{Decided, Effects, Reason, Scene, TILE_PX, tiles};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
-use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::resident::Resident;
 use crate::shader::Home;
 use crate::view::{Projection, View};
@@ -171,8 +171,8 @@ struct Part {
     hiders: Option<Vec<u32>>,
 }
 
-fn groups(tiles: u32) -> Tiles<'static> {
-    Tiles::Groups([tiles.min(GROUPS_A_ROW), tiles.div_ceil(GROUPS_A_ROW), 1])
+fn groups(tiles: u32) -> Dispatch<'static> {
+    Dispatch::Groups([tiles.min(GROUPS_A_ROW), tiles.div_ceil(GROUPS_A_ROW), 1])
 }
 
 impl Painting<'_> {

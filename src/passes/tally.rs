@@ -1,7 +1,7 @@
 //! Points in, how many of them are in the picture out: those that opacity, facing and clip boxes leave, within its sides. One more walk over the points (glsl/lib/walk.glsl), for whoever wants to know.
 
 use super::project::{self, Band, Drawn, Walk};
-use crate::graph::{Buffer, Frame, Graph};
+use crate::graph::{Buffer, CompletedSubmission, Graph};
 use crate::shader::{self, tally};
 use crate::view::View;
 
@@ -38,7 +38,7 @@ pub fn record(g: &mut Graph, view: &View, drawn: &Drawn) -> Tally {
 }
 
 impl Tally {
-    pub fn points(&self, frame: &Frame) -> u64 {
+    pub fn points(&self, frame: &CompletedSubmission) -> u64 {
         let words = frame.read::<u32>(&self.0);
         words[0] as u64 | (words[1] as u64) << 32
     }

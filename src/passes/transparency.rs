@@ -14,7 +14,7 @@
 use super::project::{self, Band};
 use super::visibility::Looked;
 use super::{Decided, Effects, Layers, Reason, Scene, Setting, Value, fill, significant};
-use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{self, peeled, transparency::Push, transparency::Spec};
 use crate::view::View;
 
@@ -131,15 +131,15 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
     let lit = layers.lit.as_ref().unwrap_or(&layers.depth);
     // The first layer is of the whole picture, and reads neither.
     let (front_before, peeled_before) = if number == 0 {
-        (layers.color.again(), layers.depth.again())
+        (layers.color.alias(), layers.depth.alias())
     } else {
-        (front.again(), peeled.again())
+        (front.alias(), peeled.alias())
     };
     let (color, push, spec) =
         (&layers.color, peeled::Push { size }, peeled::Spec { first: number == 0 });
     g.run(
         shader::Peeled { color, before: &peeled_before, peeled: &mut peeled, push, spec },
-        Tiles::All,
+        Dispatch::PerPixel,
     );
     let last = number + 1 == settings.layers as u32;
     let spec = Spec {
@@ -163,8 +163,8 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
         };
         let source = layers.source.as_ref().unwrap_or(&layers.color);
         let Layers { color, depth, raw, .. } = &layers;
-        let any_left = &left.racing();
-        let keys = &if number == 0 { left.racing() } else { next.racing() };
+        let any_left = &left.racy_alias();
+        let keys = &if number == 0 { left.racy_alias() } else { next.racy_alias() };
         g.run(
             shader::Transparency {
                 color,
@@ -182,7 +182,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, mut layers: Lay
                 push,
                 spec,
             },
-            Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
+            Dispatch::Groups([size[0].div_ceil(64), size[1], 1]),
         );
     }
     Layers { front: Some(Front { color: front, peeled, next, left, layers: number + 1 }), ..layers }

@@ -26,7 +26,7 @@ use super::{
     Decided, Effects, Holes, LIST_HEADER, Layers, MOST_LEVELS, Reason, Scattered, Scene, Setting,
     Switch, TILE_PX, Value, fill, gate, significant, tiles,
 };
-use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::shader::{
     self, Tile, assign, classify, hide, pack_depth, pyramid, visibility, visibility_levels,
 };
@@ -200,7 +200,7 @@ pub fn record(g: &mut Graph, scene: &Scene, asked: &Settings, mut layers: Layers
     judged.points(g, &layers.depth, 0);
     if !is_single(settings) {
         judged.empties(g, &layers.depth);
-        let holes = judged.holes.again();
+        let holes = judged.holes.alias();
         gate::only_where(g, &holes, |g| {
             for round in 1..ROUNDS {
                 judged.hide(g, &mut layers, false);
@@ -303,7 +303,7 @@ impl<'s> Judged<'s> {
         let Layers { depth, index, spacings, .. } = layers;
         g.run(
             shader::Classify { depth, index, spacings, tiles: &mut tiles, push, spec },
-            Tiles::Groups([count.div_ceil(64) as u32, 1, 1]),
+            Dispatch::Groups([count.div_ceil(64) as u32, 1, 1]),
         );
         let sparsest = if layers.front.is_none() { SPARSEST } else { SPARSEST_BEHIND };
         Judged {
@@ -389,7 +389,7 @@ impl<'s> Judged<'s> {
             push,
             spec,
         };
-        g.run(shader, Tiles::Groups([count.div_ceil(64), 1, 1]));
+        g.run(shader, Dispatch::Groups([count.div_ceil(64), 1, 1]));
         [asked, lists]
     }
 
@@ -413,7 +413,10 @@ impl<'s> Judged<'s> {
             margin: MARGIN_PX as i32,
             mirror: is_single(self.settings) as u32,
         };
-        g.run(shader::PackDepth { depth, packed_depth: &mut packed_depth, push }, Tiles::All);
+        g.run(
+            shader::PackDepth { depth, packed_depth: &mut packed_depth, push },
+            Dispatch::PerPixel,
+        );
         let single = is_single(self.settings);
         let sectors = match sectors {
             _ if !single => SECTORS as u32,
@@ -470,7 +473,7 @@ impl<'s> Judged<'s> {
             push,
             spec,
         };
-        g.run(shader, Tiles::From(lists, at));
+        g.run(shader, Dispatch::Indirect(lists, at));
     }
 
     /// Points, by every level of the pyramid, from the finest on.
@@ -548,7 +551,7 @@ impl<'s> Judged<'s> {
             texels: g.gpu.device.has_large_texel_buffers,
         };
         let Left { from, to, counts } = left;
-        let (earlier, counted) = (self.decided.racing(), counts.racing());
+        let (earlier, counted) = (self.decided.racy_alias(), counts.racy_alias());
         let Judged { holes, invisible, kernels, decided, candidates: led, scattered, .. } = self;
         let shader = shader::VisibilityLevels {
             scattered,
@@ -574,7 +577,11 @@ impl<'s> Judged<'s> {
         };
         g.run(
             shader,
-            if empty { Tiles::From(lists, at) } else { Tiles::From(&counted, LIST_HEADER * level) },
+            if empty {
+                Dispatch::Indirect(lists, at)
+            } else {
+                Dispatch::Indirect(&counted, LIST_HEADER * level)
+            },
         );
     }
 
@@ -593,7 +600,7 @@ impl<'s> Judged<'s> {
                 push,
                 spec: hide::Spec { all },
             },
-            Tiles::From(holes, 0),
+            Dispatch::Indirect(holes, 0),
         );
     }
 }
@@ -685,7 +692,7 @@ impl Pyramid {
             let (pyramid, places) = (&mut depth, &mut places);
             g.run(
                 shader::Pyramid { depth: picture, pyramid, places, push, spec },
-                Tiles::Groups([width.div_ceil(64), height, 1]),
+                Dispatch::Groups([width.div_ceil(64), height, 1]),
             );
         }
         Pyramid { depth, places }

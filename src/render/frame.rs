@@ -1,7 +1,7 @@
 //! THE WHOLE FRAME, top to bottom.
 
 use crate::error::Result;
-use crate::graph::{Again, Area, Buffer, Frame, Gpu, Graph, Image};
+use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph, Image, ReusedImages, TileList};
 use crate::passes::project::{Band, Behind, Drawn};
 use crate::passes::resolve::Paint;
 use crate::passes::shadows::Marks;
@@ -30,7 +30,7 @@ pub struct Outcome {
 
 /// A frame that has been drawn.
 pub struct Done<T> {
-    pub frame: Frame,
+    pub frame: CompletedSubmission,
     /// What was asked of it.
     pub asked: T,
     /// What only a frame that has run knows, and whoever sees its picture should.
@@ -46,18 +46,18 @@ pub fn draw<T>(
     progress: &dyn Progress,
     ask: impl FnOnce(&mut Graph, &Outcome) -> Result<T>,
 ) -> Result<Done<T>> {
-    let mut g = Graph::new(gpu).watched(progress);
+    let mut g = Graph::new(gpu).with_progress(progress);
     let recorded = record(&mut g, view, resident, look)
         .and_then(|outcome| Ok((ask(&mut g, &outcome)?, outcome)));
     let (asked, outcome) = match recorded {
         Ok(recorded) => recorded,
         Err(error) => {
-            g.abandon();
+            g.discard();
             return Err(error);
         }
     };
     let warned = counts::Warned::ask(&mut g, &look.effects);
-    let frame = g.submit(&[])?;
+    let frame = g.submit_and_wait(&[])?;
     let notes = warned
         .note(&frame)
         .into_iter()
@@ -79,8 +79,8 @@ pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> R
         Points { scene: &scene, look, resident, bands: &bands, drawn: &drawn, paint: &paint };
     let marks =
         shadows::marks(g, &scene, resident, &look.effects, &look.decided, look.light_at_once)?;
-    let mut images = Again::default();
-    let (layers, strokes) = g.again(&mut images, |g| {
+    let mut images = ReusedImages::default();
+    let (layers, strokes) = g.reusing(&mut images, |g| {
         let (nearest, strokes) = match strokes::begin(
             g,
             view,
@@ -109,7 +109,7 @@ fn behind(
     g: &mut Graph,
     points: &Points,
     mut nearest: Layers,
-    mut images: Again,
+    mut images: ReusedImages,
 ) -> Result<Layers> {
     let look = points.look;
     if look.layers() == 1 {
@@ -123,7 +123,7 @@ fn behind(
         let front = nearest.front.take().expect("transparency runs where there are several layers");
         let (marks, behind) =
             (nearest.marks.take(), Next { front, alive: &mut alive, layer, grows_px });
-        let (next, covered) = g.again(&mut images, |g| points.next(g, behind, marks, &before))?;
+        let (next, covered) = g.reusing(&mut images, |g| points.next(g, behind, marks, &before))?;
         (nearest.marks, nearest.front, before) = (next.marks, next.front, covered);
     }
     Ok(nearest)
@@ -206,13 +206,13 @@ impl Points<'_> {
         g: &mut Graph,
         next: Next,
         marks: Option<Marks>,
-        before: &Area,
-    ) -> Result<(Layers, Area)> {
+        before: &TileList,
+    ) -> Result<(Layers, TileList)> {
         let Next { mut front, alive, layer, grows_px } = next;
         let bounded = grows_px.is_finite();
         let left = gate::area_where(g, &front.left, before);
         let (layers, covered) = gate::only_where(g, &front.left, |g| {
-            g.within(bounded.then_some(&left), |g| {
+            g.within_tiles(bounded.then_some(&left), |g| {
                 let layers = self.nearest(g, Some((&mut front.next, alive, layer)))?;
                 let covered = gate::covered(g, &layers.raw, grows_px);
                 Ok((layers, covered))
@@ -221,7 +221,7 @@ impl Points<'_> {
         let shown = gate::area_where(g, &covered.list, &left);
         let layers = Layers { marks, front: Some(front), ..layers };
         let layers = gate::only_where(g, &covered.list, |g| {
-            Ok(g.within(bounded.then_some(&shown), |g| {
+            Ok(g.within_tiles(bounded.then_some(&shown), |g| {
                 passes::apply(g, self.scene, &self.look.effects, &self.look.decided, layers)
             }))
         })?;

@@ -194,7 +194,7 @@ impl Pool {
             written?;
             self.land(gpu)?;
             if self.is_landing() {
-                gpu.catch_up()?;
+                gpu.wait_detached()?;
             }
         }
         Ok(())
@@ -224,12 +224,12 @@ impl Pool {
             bytes += PAGE_BYTES * count as u64;
         }
         let mut g = Graph::new(gpu);
-        let mut copy = g.answer("pages read", bytes);
+        let mut copy = g.readback("pages read", bytes);
         for (block, parts) in parts {
             let block = g.import("pages", &self.blocks[block as usize]);
             g.copy_parts("read pages", &block, &mut copy, parts);
         }
-        let frame = g.submit(&[])?;
+        let frame = g.submit_and_wait(&[])?;
         let mut words = frame.read::<u32>(&copy);
         let mut next = |count: u32| {
             let (own, rest) = words.split_at((count * POINTS_PER_PAGE) as usize);
@@ -257,7 +257,7 @@ impl Pool {
     pub fn free(self, gpu: &mut Gpu) {
         self.alive.close(|| ());
         // A device that is lost has nothing on its way any more.
-        let _ = gpu.catch_up();
+        let _ = gpu.wait_detached();
         let ring = self.ring.into_iter().flat_map(Ring::into_memory);
         self.blocks.into_iter().chain(ring).for_each(|block| gpu.memory.destroy_buffer(block));
     }

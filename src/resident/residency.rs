@@ -11,7 +11,7 @@
 //!
 //! [`Residency::settle`] repeats that until the cut is complete: the picture then depends on view, detail and pool alone, not on what was drawn before.
 //!
-//! Pages are reused when the device has passed the last submission that may read them (`Gpu::passed`). So update between frames: not between recording a
+//! Pages are reused when the device has passed the last submission that may read them (`Gpu::completed`). So update between frames: not between recording a
 //! frame and submitting it.
 
 use super::pool::{PAGE_BYTES, Pages, Pool};
@@ -275,7 +275,7 @@ impl Residency {
                 });
             }
             if self.pages_coming == 0 && self.resident.pool.is_landing() {
-                gpu.catch_up()?;
+                gpu.wait_detached()?;
                 continue;
             }
             if self.pages_coming > 0 {
@@ -414,7 +414,7 @@ impl Residency {
     /// Pages that no submission reads any more are free again.
     fn reclaim(&mut self, gpu: &Gpu) -> Result<()> {
         if !self.retired.is_empty() {
-            let passed = gpu.passed.value()?;
+            let passed = gpu.completed.value()?;
             let pages = &mut self.resident.pool.pages;
             self.retired.retain(|(run, read_by)| {
                 let free = *read_by <= passed;
@@ -579,7 +579,7 @@ impl Residency {
                 }
             }
             let victims = victims.get_or_insert_with(|| {
-                let passed = gpu.passed.value().unwrap_or(0);
+                let passed = gpu.completed.value().unwrap_or(0);
                 let free = |(&node, entry): (&usize, &Entry)| {
                     entry.here?;
                     let kept = protected.get(&node).copied();

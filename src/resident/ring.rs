@@ -53,7 +53,7 @@ impl Ring {
             self.memory.push(gpu.memory.buffer(&gpu.device, desc, "ring")?);
         }
         if self.is_landing() {
-            let passed = gpu.passed.value()?;
+            let passed = gpu.completed.value()?;
             self.landing.retain(|(run, submission)| {
                 let landed = *submission <= passed;
                 if landed {
@@ -109,7 +109,7 @@ impl Ring {
             g.copy_parts("land pages", &ring, &mut block, parts);
             reached.push(block.resource());
         }
-        let submission = g.leave(&reached)?;
+        let submission = g.submit_detached(&reached)?;
         self.landing.extend(self.written.drain(..).map(|run| (run, submission)));
         Ok(())
     }

@@ -12,7 +12,7 @@ use super::surface::wishes;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::Result;
-use crate::graph::{Frame, Gpu, Graph, Handle};
+use crate::graph::{CompletedSubmission, Gpu, Graph, Handle};
 use crate::passes::counts::{self, Counts};
 use crate::progress::Progress;
 use crate::render::frame;
@@ -230,8 +230,11 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
     let lit = outcome.layers.lit.as_ref().map(|lit| g.download(lit));
     let asked = counts::Asked::of(&mut g, &outcome.layers);
-    let frame = g.submit(&[])?;
-    fn words<T: bytemuck::Pod>(frame: &Frame, buffer: Option<crate::graph::Buffer>) -> Vec<T> {
+    let frame = g.submit_and_wait(&[])?;
+    fn words<T: bytemuck::Pod>(
+        frame: &CompletedSubmission,
+        buffer: Option<crate::graph::Buffer>,
+    ) -> Vec<T> {
         buffer.map(|buffer| frame.read(&buffer).to_vec()).unwrap_or_default()
     }
     let drawing = Drawing {
@@ -260,7 +263,7 @@ fn time(
         .chain(&layers.lit)
         .map(Handle::resource)
         .collect::<Vec<_>>();
-    let frame = g.submit(&wanted)?;
+    let frame = g.submit_and_wait(&wanted)?;
     let last = frame
         .passes
         .iter()

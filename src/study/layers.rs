@@ -120,7 +120,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             &resident,
             &settings::decide(&configuration.wishes, &view, &resident),
         )?;
-        let frame = g.submit(&[outcome.picture.resource()])?;
+        let frame = g.submit_and_wait(&[outcome.picture.resource()])?;
         let ms = frame.ms("");
         frame.recycle(gpu);
         Ok(ms)
@@ -200,7 +200,7 @@ fn errors(
     )?;
     let front = outcome.layers.front.ok_or(Error::Request("study layers needs points".into()))?;
     let (color, peeled) = (g.download(&front.color), g.download(&front.peeled));
-    let frame = g.submit(&[])?;
+    let frame = g.submit_and_wait(&[])?;
     let (colors, layers): (&[[f32; 4]], &[f32]) = (frame.read(&color), frame.read(&peeled));
     let (mut squares, mut miscounted, mut pixels) = (0.0, 0.0, 0.0f64);
     for ((over, color), &layers) in truth.iter().zip(colors).zip(layers) {

@@ -335,7 +335,7 @@ pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> 
     let picture = g.download(&outcome.picture);
     let [depth, index] =
         [&outcome.layers.depth, &outcome.layers.index].map(|image| g.download(image));
-    let frame = g.submit(&[])?;
+    let frame = g.submit_and_wait(&[])?;
     let drawing = Drawing {
         picture: frame.read(&picture).to_vec(),
         depth: frame.read(&depth).to_vec(),
@@ -354,7 +354,7 @@ fn project_ms(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<f64> {
     for band in project::bands(view.size, project::KEY_BYTES, g.gathered_limit()) {
         wanted.push(project::record(&mut g, view, &drawn, None, None, band).words.resource());
     }
-    let frame = g.submit(&wanted)?;
+    let frame = g.submit_and_wait(&wanted)?;
     let ms = frame.ms("project") + frame.ms("clear");
     frame.recycle(gpu);
     Ok(ms)

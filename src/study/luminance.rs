@@ -262,7 +262,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
     let mut g = Graph::new(gpu);
     let layers = frame::record(&mut g, view, resident, &look)?.layers;
     let [color, depth] = [&layers.color, &layers.depth].map(|image| g.download(image));
-    let frame = g.submit(&[layers.color.resource()])?;
+    let frame = g.submit_and_wait(&[layers.color.resource()])?;
     let drawn = Drawn {
         color: frame.read(&color).to_vec(),
         depth: frame.read(&depth).to_vec(),

@@ -210,7 +210,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, precision: Precision) -
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
-    let frame = g.submit(&[])?;
+    let frame = g.submit_and_wait(&[])?;
     let drawing = Drawing {
         depth: frame.read(&depth).to_vec(),
         index: frame.read(&index).to_vec(),

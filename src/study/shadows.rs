@@ -83,7 +83,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         progress.tick("study shadows", 0, 0)?;
         let mut g = Graph::new(gpu);
         let marks = cast(&mut g, &view, &resident, configuration)?;
-        let frame = g.submit(&[marks.counts.resource()])?;
+        let frame = g.submit_and_wait(&[marks.counts.resource()])?;
         let ms = frame.ms("");
         frame.recycle(gpu);
         Ok(ms)
@@ -174,7 +174,7 @@ fn error(
     let mut g = Graph::new(gpu);
     let shadows::Marks { counts, facts, .. } = cast(&mut g, view, resident, configuration)?;
     let counts = g.download_buffer(&counts);
-    let frame = g.submit(&[])?;
+    let frame = g.submit_and_wait(&[])?;
     let marks: &[u8] = frame.read(&counts);
     let ids = resident
         .nodes

@@ -186,7 +186,7 @@ fn draw(
     )?;
     let picture = g.download(&outcome.picture);
     let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();
-    let frame = g.submit(&[])?;
+    let frame = g.submit_and_wait(&[])?;
     let drawing = Drawing {
         picture: frame.read(&picture).to_vec(),
         ms: frame.ms("") + facts.counting_ms,

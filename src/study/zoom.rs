@@ -135,7 +135,7 @@ fn draw(
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look)?;
     let (picture, depth) = (g.download(&outcome.picture), g.download(&outcome.layers.depth));
-    let frame = g.submit(&[])?;
+    let frame = g.submit_and_wait(&[])?;
     let seen = Seen::new(frame.read(&picture), view.size, PIXELS_PER_DEGREE);
     let covered = covered(frame.read(&depth));
     let ms = frame.ms("");

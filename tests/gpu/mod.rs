@@ -7,7 +7,7 @@ use pointillist::cloud::attribute::{Attribute, Shown};
 use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
 use pointillist::config::NO_POINT;
 use pointillist::gpu::DeviceOptions;
-use pointillist::graph::{Buffer, Frame, Gpu, Graph};
+use pointillist::graph::{Buffer, CompletedSubmission, Gpu, Graph};
 use pointillist::passes;
 use pointillist::passes::project::{Band, Keys, Statistics};
 use pointillist::passes::{
@@ -118,7 +118,7 @@ pub fn draw(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> Layers {
         let images =
             [&outcome.layers.depth, &outcome.layers.index, &outcome.layers.color, &outcome.picture];
         let [depth, index, color, picture] = images.map(|image| g.download(image));
-        let frame = g.submit(&[]).expect("drawn, and no validation message");
+        let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let layers = Layers {
             depth: frame.read(&depth).to_vec(),
             index: frame.read(&index).to_vec(),
@@ -255,7 +255,7 @@ impl Canvas<'_> {
         let left = layers.lit.as_ref().map(|left| g.download(left));
         let picture = composite::record(&mut g, view, [0.1, 0.2, 0.7], &layers);
         let picture = g.download(&picture);
-        let frame = g.submit(&[]).expect("drawn, and no validation message");
+        let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let stage = |kept: Option<Kept>| kept.map_or(Stage::default(), |kept| read(&frame, &kept));
         let surface = Surface {
             raw: stage(Some(raw)),
@@ -281,7 +281,7 @@ fn keep(g: &mut Graph, layers: &passes::Layers) -> Kept {
     (images, layers.reached.as_ref().map(|image| g.download(image)))
 }
 
-fn read(frame: &Frame, ([depth, index, color], reached): &Kept) -> Stage {
+fn read(frame: &CompletedSubmission, ([depth, index, color], reached): &Kept) -> Stage {
     Stage {
         depth: frame.read(depth).to_vec(),
         index: frame.read(index).to_vec(),

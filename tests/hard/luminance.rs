@@ -110,9 +110,9 @@ fn drawn_and_counted(
         let mut g = Graph::new(gpu);
         let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
         let color = g.download(&outcome.layers.color);
-        let sums = g.named("sums").unwrap();
+        let sums = g.find_buffer("sums").unwrap();
         let sums = g.download_buffer(&sums);
-        let frame = g.submit(&[]).unwrap();
+        let frame = g.submit_and_wait(&[]).unwrap();
         let read = (
             frame.read(&color).to_vec(),
             frame.read::<u64>(&sums).iter().map(|sum| sum >> 36).collect(),

@@ -28,7 +28,7 @@ fn a_screen_holds_the_bytes_of_a_file() {
                 encode::record(&mut g, &outcome.picture, &mut screen).unwrap();
                 let (picture, words) =
                     (g.download(&outcome.picture), g.download_buffer(&screen.words));
-                let frame = g.submit(&[]).expect("encoded, and no validation message");
+                let frame = g.submit_and_wait(&[]).expect("encoded, and no validation message");
                 let read = (
                     frame.read::<[f32; 4]>(&picture).to_vec(),
                     frame.read::<[u8; 4]>(&words).to_vec(),

@@ -127,7 +127,7 @@ fn colors(gpu: &mut Gpu, resident: &Resident, look: &Look, part: &View) -> Vec<[
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, part, resident, look).unwrap();
     let color = g.download(&outcome.layers.color);
-    let frame = g.submit(&[]).unwrap();
+    let frame = g.submit_and_wait(&[]).unwrap();
     let colors = frame.read(&color).to_vec();
     frame.recycle(gpu);
     colors

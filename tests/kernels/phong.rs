@@ -157,7 +157,7 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
                         .map(|image| g.download(image));
                 let lit = phong::record(&mut g, &scene, &settings, layers);
                 let lit = g.download(&lit.color);
-                let frame = g.submit(&[]).expect("drawn, and no validation message");
+                let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
                 let (depth, color, index): (&[f32], &[[f32; 4]], &[u32]) =
                     (frame.read(&depth), frame.read(&color), frame.read(&index));
                 let (facing, lit): (&[[f32; 4]], &[[f32; 4]]) =
@@ -247,7 +247,7 @@ fn back_faces_are_left_out_where_that_is_asked_for() {
                     let mut g = Graph::new(gpu);
                     let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
                     let depth = g.download(&outcome.layers.depth);
-                    let frame = g.submit(&[]).expect("drawn, and no validation message");
+                    let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
                     let depth = frame.read::<f32>(&depth).to_vec();
                     frame.recycle(gpu);
                     resident.free(gpu);

@@ -13,7 +13,7 @@
 //! for seen, and what lies behind shows through. There visibility looks farther around ([`super::super::visibility`]): the pixels that it has taken out are filled, too, whatever masks say of them; masks still tell what is hidden.
 
 use super::Settings;
-use crate::graph::{Graph, Image, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Image, Kind};
 use crate::passes::{Layers, Scene, TILE_PX, shadows, tiles};
 use crate::shader::{self, fill_dobrev, fill_dobrev_close, fill_dobrev_open};
 use crate::view::Projection;
@@ -63,7 +63,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
     let Layers { depth, index, spacings, .. } = &layers;
     g.run(
         shader::FillDobrevOpen { depth, index, spacings, opened, source, push, spec },
-        Tiles::Packed(texels),
+        Dispatch::PerPackedTexel(texels),
     );
 
     let layer = scene.layer_m(settings.layer) as f32;
@@ -92,7 +92,7 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
             filled_color: to.2,
             push,
         },
-        Tiles::Packed([size[0], size[1].div_ceil(4)]),
+        Dispatch::PerPackedTexel([size[0], size[1].div_ceil(4)]),
     );
     shadows::reached(
         g,
@@ -138,8 +138,12 @@ fn steps(
             layer,
             most_groups: g.gpu.device.max_workgroups,
         };
-        let counted = steps.racing();
-        let run = if step == 1 { Tiles::ByEight(count) } else { Tiles::From(&counted, 4 * step) };
+        let counted = steps.racy_alias();
+        let run = if step == 1 {
+            Dispatch::PerEightTiles(count)
+        } else {
+            Dispatch::Indirect(&counted, 4 * step)
+        };
         let ([from_depth, from_source], [to_depth, to_source]) = (&from, &mut to);
         g.run(
             shader::FillDobrev {

@@ -10,7 +10,7 @@
 //! Where visibility ran, its holes are filled and background gives and takes nothing. Where it did not, nobody knows which empty pixels are holes: all are filled, and the background is flooded.
 
 use super::{Settings, tolerance};
-use crate::graph::{Buffer, Graph, Image, Kind, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::passes::{self, Layers, Scattered};
 use crate::shader::{self, fill_pull, fill_push, fill_relax, scatter};
 use crate::view::{Projection, View};
@@ -69,7 +69,7 @@ fn rough(
     let push = scatter::Push { tiles: across, part: SCATTERED_PART };
     g.run(
         shader::Scatter { tiles, invisible, scattered, rough: &mut rough, push },
-        Tiles::Groups([count.div_ceil(64), 1, 1]),
+        Dispatch::Groups([count.div_ceil(64), 1, 1]),
     );
     rough
 }
@@ -145,7 +145,7 @@ impl Pyramid<'_> {
         let Level { places, color } = &mut level;
         g.run(
             shader::FillPull { depth, fine_places, fine_color, places, color, push, spec },
-            Tiles::All,
+            Dispatch::PerPixel,
         );
         level
     }
@@ -206,7 +206,7 @@ impl Pyramid<'_> {
                 push,
                 spec,
             },
-            Tiles::All,
+            Dispatch::PerPixel,
         );
         let (tolerance, relative) = tolerance(self.view, self.settings, number);
         for _ in 0..RELAXATIONS {
@@ -215,7 +215,7 @@ impl Pyramid<'_> {
             let spec = fill_relax::Spec { perspective: self.perspective, picture };
             g.run(
                 shader::FillRelax { depth, places, from_depth, to_depth, push, spec },
-                Tiles::All,
+                Dispatch::PerPixel,
             );
             filled.swap(0, 1);
         }

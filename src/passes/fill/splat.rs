@@ -4,7 +4,7 @@
 //! silhouettes grow by the radius.
 
 use super::Settings;
-use crate::graph::{Graph, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Kind};
 use crate::passes::{Layers, shadows};
 use crate::shader::{self, fill_splat};
 use crate::view::View;
@@ -35,7 +35,7 @@ pub fn record(g: &mut Graph, view: &View, settings: &Settings, layers: Layers) -
             splat_color: of_color,
             push,
         },
-        Tiles::All,
+        Dispatch::PerPixel,
     );
     let splats = Layers {
         depth: splat_depth,

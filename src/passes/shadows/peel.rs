@@ -9,8 +9,8 @@
 
 use super::Tally;
 use crate::error::Result;
-use crate::graph::GATED_PASSES;
-use crate::graph::{Buffer, Graph, Tiles};
+use crate::graph::MAX_PREDICATED_PASSES;
+use crate::graph::{Buffer, Dispatch, Graph};
 use crate::passes::gate;
 use crate::passes::project::{Band, Drawn, Group, Walk};
 use crate::shader::{self, shadow_mark, shadow_peel};
@@ -38,8 +38,8 @@ pub fn record(
     let most = if asked == 0 { PEELS } else { asked };
     let of_a_peel = 2 * drawn.groups.len() + 1;
     // Of more groups than a gate has room for every peel is recorded to be run.
-    let is_gated = of_a_peel <= GATED_PASSES;
-    let of_a_block = (GATED_PASSES / of_a_peel).clamp(1, BLOCK as usize) as u32;
+    let is_gated = of_a_peel <= MAX_PREDICATED_PASSES;
+    let of_a_block = (MAX_PREDICATED_PASSES / of_a_peel).clamp(1, BLOCK as usize) as u32;
     let mut before: Option<Buffer> = None;
     for first in (0..most).step_by(of_a_block as usize) {
         let mut peeled = g.buffer("peeled", 4);
@@ -112,6 +112,6 @@ fn one(
     let push = shadow_mark::Push { size };
     g.run(
         shader::ShadowMark { peeled, keys, last, marks, push },
-        Tiles::Groups([size[0].div_ceil(64), size[1], 1]),
+        Dispatch::Groups([size[0].div_ceil(64), size[1], 1]),
     );
 }

@@ -10,7 +10,7 @@
 
 use super::Settings;
 use super::cameras::{self, Sight};
-use crate::graph::{Area, Buffer, Graph, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph, TileList};
 use crate::passes::{gate, tiles};
 use crate::shader::{self, light_cover, light_fill, light_halve, light_join, light_limit};
 use crate::view::{Projection, View};
@@ -105,7 +105,7 @@ pub struct Reached {
     /// The halved picture that both were joined with, and its depths.
     pub coarser: Option<(Buffer, Box<Reached>)>,
     /// Where they are known.
-    area: Area,
+    area: TileList,
 }
 
 /// Keys of the light's picture -> how deep it reaches, wherever points are and beside them.
@@ -144,7 +144,7 @@ fn reach_of(
         let half = size.map(|side| side.div_ceil(2));
         let mut halved = g.buffer("light halved", 4 * half[0] as u64 * half[1] as u64);
         let spec = light_halve::Spec { perspective, texels, of_keys };
-        let groups = Tiles::Groups([half[0].div_ceil(64), half[1], 1]);
+        let groups = Dispatch::Groups([half[0].div_ceil(64), half[1], 1]);
         g.run(
             shader::LightHalve {
                 depth,
@@ -169,7 +169,7 @@ fn reach_of(
             push: push!(light_cover, 0),
             spec,
         },
-        Tiles::ByEight(count),
+        Dispatch::PerEightTiles(count),
     );
     let area = gate::listed(g, &covered, across, layer.fill as f64);
     let everywhere = within == f32::INFINITY;
@@ -182,7 +182,7 @@ fn reach_of(
     };
     let mut closed: Vec<Buffer> = (0..layer.fill).map(|_| known(g, "light filled")).collect();
     let mut limit = known(g, "light limit");
-    g.within(Some(&area), |g| {
+    g.within_tiles(Some(&area), |g| {
         for step in 0..layer.fill as usize {
             let spec = light_fill::Spec { perspective, texels, of_keys: of_keys && step == 0 };
             let (before, after) = closed.split_at_mut(step);
@@ -195,7 +195,7 @@ fn reach_of(
                     push: push!(light_fill, step),
                     spec,
                 },
-                Tiles::ByEight(count),
+                Dispatch::PerEightTiles(count),
             );
         }
         let spec = light_limit::Spec { perspective, texels, of_keys: of_keys && layer.fill == 0 };
@@ -208,7 +208,7 @@ fn reach_of(
                 push: push!(light_limit, layer.fill),
                 spec,
             },
-            Tiles::ByEight(count),
+            Dispatch::PerEightTiles(count),
         );
     });
     let mut filled = closed.pop();
@@ -217,7 +217,7 @@ fn reach_of(
             coarse.filled.as_ref().expect("pictures are halved where gaps are closed");
         let push = light_join::Push { size, within: sparse };
         let tiles = tiles(size.map(|side| side.div_ceil(2)));
-        g.within(Some(&coarse.area), |g| {
+        g.within_tiles(Some(&coarse.area), |g| {
             g.run(
                 shader::LightJoin {
                     coarse_front,
@@ -226,7 +226,7 @@ fn reach_of(
                     limit: &mut limit,
                     push,
                 },
-                Tiles::ByEight(tiles[0] * tiles[1]),
+                Dispatch::PerEightTiles(tiles[0] * tiles[1]),
             );
         });
     }

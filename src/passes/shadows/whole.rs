@@ -204,7 +204,7 @@ impl Work<'_> {
                 project::add(&mut g, view, &drawn, Band { top: 0, size: view.size }, &mut keys);
                 seen.push(keys.resource());
             }
-            g.submit(&seen)?.recycle(gpu);
+            g.submit_and_wait(&seen)?.recycle(gpu);
         }
         Ok(())
     }
@@ -232,7 +232,7 @@ impl Work<'_> {
                 by_depth(&mut g, view, &drawn, &all, &reached.limit, &mut marks);
             }
             let counts = g.download_buffer(&marks);
-            let frame = g.submit(&[])?;
+            let frame = g.submit_and_wait(&[])?;
             let pages = frame.read::<u8>(&counts).chunks_exact(POINTS_PER_PAGE as usize);
             for (page, (&node, held)) in pages.zip(batch.iter().zip(&room.nodes)) {
                 put(node, &page[..held.count as usize])?;

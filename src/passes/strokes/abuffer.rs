@@ -61,9 +61,12 @@ impl Size {
 
 /// What was noted behind `made_of` when frames before this one kept an A-buffer of that, if all of it is still there.
 pub fn held<const N: usize>(g: &Graph, made_of: &[u64]) -> Option<[u64; N]> {
-    let (whole, _) = g.held(PLACES[2])?;
+    let (whole, _) = g.persistent_state(PLACES[2])?;
     let notes = whole.strip_prefix(made_of)?.try_into().ok()?;
-    PLACES.iter().all(|place| g.held(place).is_some_and(|(of, _)| of == whole)).then_some(notes)
+    PLACES
+        .iter()
+        .all(|place| g.persistent_state(place).is_some_and(|(of, _)| of == whole))
+        .then_some(notes)
 }
 
 /// Keys, and an A-buffer, that outlive the frame; `next` says how many fragments shall be in order when so many are, which are none where it has just been counted.
@@ -75,12 +78,12 @@ pub fn keep(
     next: impl Fn(u32) -> u32,
 ) -> Result<(Buffer, Abuffer)> {
     if counted.is_some() {
-        PLACES.iter().for_each(|place| g.forget(place));
+        PLACES.iter().for_each(|place| g.invalidate(place));
     }
     let [of_keys, of_starts, of_fragments] = size.bytes();
-    let (keys, _) = g.kept(PLACES[0], of_keys, made_of.to_vec(), |_| 1)?;
-    let (mut starts, _) = g.kept(PLACES[1], of_starts, made_of.to_vec(), |_| 1)?;
-    let (fragments, ordered) = g.kept(PLACES[2], of_fragments, made_of.to_vec(), &next)?;
+    let (keys, _) = g.persistent(PLACES[0], of_keys, made_of.to_vec(), |_| 1)?;
+    let (mut starts, _) = g.persistent(PLACES[1], of_starts, made_of.to_vec(), |_| 1)?;
+    let (fragments, ordered) = g.persistent(PLACES[2], of_fragments, made_of.to_vec(), &next)?;
     if let Some(per_pixel) = counted {
         let counted = g.upload("starts", &sums(per_pixel))?;
         g.copy_parts("keep starts", &counted, &mut starts, vec![[0, 0, of_starts]]);

@@ -1,7 +1,7 @@
 //! Z-buffered strokes in, softened ones out (dos Anjos et al. 2018, sec. 3.3.3): across, then down.
 
 use super::settings::{Blend, Settings};
-use crate::graph::{Graph, Kind, Tiles};
+use crate::graph::{Dispatch, Graph, Kind};
 use crate::passes::{Layers, Scene};
 use crate::shader::{self, stroke_blur};
 
@@ -18,7 +18,10 @@ pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers)
         let mut blurred = g.image("blurred", scene.view.size, Kind::Rgba32f);
         let push =
             stroke_blur::Push { size: scene.view.size, along, weights, radius_px: radius as i32 };
-        g.run(shader::StrokeBlur { color: &color, blurred: &mut blurred, push }, Tiles::All);
+        g.run(
+            shader::StrokeBlur { color: &color, blurred: &mut blurred, push },
+            Dispatch::PerPixel,
+        );
         color = blurred;
     }
     Layers { color, ..layers }

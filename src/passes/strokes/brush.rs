@@ -3,7 +3,7 @@
 use super::Painting;
 use super::settings::Settings;
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph};
 use crate::shader::{self, stroke_brush};
 
 /// As glsl/stroke_brush.comp: 256 brushes of 32 x 32 words.
@@ -145,7 +145,7 @@ impl Painting<'_> {
         ];
         let made_of =
             made_of.map(f64::to_bits).into_iter().chain([bristles.places() as u64]).collect();
-        let (mut brushes, kept) = g.kept("brushes", 4 * WORDS as u64, made_of, |_| 1)?;
+        let (mut brushes, kept) = g.persistent("brushes", 4 * WORDS as u64, made_of, |_| 1)?;
         if kept == 0 {
             let inverse = |sigma: f64| (1.0 / (sigma * sigma)) as f32;
             let push = stroke_brush::Push {
@@ -158,7 +158,7 @@ impl Painting<'_> {
             };
             g.run(
                 shader::StrokeBrush { turns, brushes: &mut brushes, push },
-                Tiles::Groups([WORDS / 64, 1, 1]),
+                Dispatch::Groups([WORDS / 64, 1, 1]),
             );
         }
         Ok(brushes)

@@ -23,7 +23,7 @@ impl Painting<'_> {
         tiles: Range<u32>,
         hiders: Option<&[u32]>,
     ) -> Result<(Vec<u32>, Vec<u32>)> {
-        let mut counting = g.before();
+        let mut counting = g.preceding();
         let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
         let desk = self.lay(&mut counting, band, &paint)?;
         let starts = counting.upload("starts", &[0u32])?;
@@ -53,7 +53,7 @@ impl Painting<'_> {
             [&mut keys, &mut counts, &mut fragments, &mut hiders],
         )?;
         let read = [&counts, &hiders].map(|words| counting.download_buffer(words));
-        let frame = counting.submit(&[])?;
+        let frame = counting.submit_and_wait(&[])?;
         self.facts.counting_ms += frame.ms("");
         let [counts, hiders] =
             read.map(|words| frame.read::<u32>(&words)[..tiles.len() * TILE_PIXELS].to_vec());

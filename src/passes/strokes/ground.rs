@@ -6,7 +6,7 @@
 use super::Painting;
 use super::quads::Quads;
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph};
 use crate::passes::project::Band;
 use crate::passes::resolve;
 use crate::shader::{self, stroke_surface};
@@ -26,7 +26,7 @@ pub fn surface(g: &mut Graph, ground: &Buffer, band: Band) -> Buffer {
     let push = stroke_surface::Push { width, enclosed: ENCLOSED_PX, directions: DIRECTIONS };
     g.run(
         shader::StrokeSurface { ground, surface: &mut surface, push },
-        Tiles::Groups([width.div_ceil(64), height, 1]),
+        Dispatch::Groups([width.div_ceil(64), height, 1]),
     );
     surface
 }
@@ -34,13 +34,13 @@ pub fn surface(g: &mut Graph, ground: &Buffer, band: Band) -> Buffer {
 impl Painting<'_> {
     /// The same, before the frame.
     pub(super) fn surface(&mut self, g: &mut Graph, band: Band) -> Result<Vec<u32>> {
-        let mut before = g.before();
+        let mut before = g.preceding();
         let paint = resolve::paint(&mut before, self.resident, self.decided)?;
         let desk = self.lay(&mut before, band, &paint)?;
         let Quads { ground, .. } = self.draw(&mut before, &desk, false)?;
         let surface = surface(&mut before, &ground, band);
         let found = before.download_buffer(&surface);
-        let frame = before.submit(&[])?;
+        let frame = before.submit_and_wait(&[])?;
         self.facts.counting_ms += frame.ms("");
         let surface = frame.read::<u32>(&found).to_vec();
         frame.recycle(g.gpu);

@@ -39,7 +39,7 @@ impl Painting<'_> {
 
     /// Of every tile of a band, how many strokes may touch it.
     fn tally(&mut self, g: &mut Graph, band: Band, turn: [u32; 2]) -> Result<Vec<u32>> {
-        let mut counting = g.before();
+        let mut counting = g.preceding();
         let paint = resolve::paint(&mut counting, self.resident, self.decided)?;
         let desk = self.lay(&mut counting, band, &paint)?;
         let count = desk.tiles[0] * desk.tiles[1];
@@ -51,7 +51,7 @@ impl Painting<'_> {
         counting.fill(&mut tallies, 0);
         self.walk(&mut counting, &desk, &part, &mut tallies, &mut strokes, 0);
         let tallies = counting.download_buffer(&tallies);
-        let frame = counting.submit(&[])?;
+        let frame = counting.submit_and_wait(&[])?;
         self.facts.counting_ms += frame.ms("");
         let counts = frame.read::<u32>(&tallies).to_vec();
         frame.recycle(g.gpu);

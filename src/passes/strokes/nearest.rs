@@ -4,7 +4,7 @@ use super::Painting;
 use super::ground::{self, ENCLOSED_PX};
 use super::quads::{Quads, STROKE_BYTES};
 use crate::error::Result;
-use crate::graph::{Buffer, Graph, Tiles};
+use crate::graph::{Buffer, Dispatch, Graph};
 use crate::passes::project::Band;
 use crate::passes::resolve::Paint;
 use crate::shader::{self, stroke_keys};
@@ -25,7 +25,7 @@ impl Painting<'_> {
         let push = stroke_keys::Push { width, border: ENCLOSED_PX };
         g.run(
             shader::StrokeKeys { surface: &surface, around: &around, keys: &mut keys, push },
-            Tiles::Groups([width.div_ceil(64), height, 1]),
+            Dispatch::Groups([width.div_ceil(64), height, 1]),
         );
         Ok(keys)
     }

@@ -29,7 +29,7 @@ impl Painting<'_> {
         // Where there are no more nobody asks whether they are in order.
         let is_last = !kept || wanted == self.settings.last().min(deepest);
         let mut unordered =
-            if is_last { g.buffer("unordered", 4) } else { g.answer("unordered", 4) };
+            if is_last { g.buffer("unordered", 4) } else { g.readback("unordered", 4) };
         g.fill(&mut unordered, 0);
         let spec = stroke_sort::Spec { bubble: kept || self.settings.sort == Sort::Bubble };
         for ordered in steps(ordered.start.min(wanted)..wanted, deepest, g.gpu.device.is_cpu)? {

@@ -2,7 +2,7 @@
 
 use super::Tangents;
 use crate::error::Result;
-use crate::graph::{Gpu, Graph, Tiles};
+use crate::graph::{Dispatch, Gpu, Graph};
 use crate::shader::{self, Direction};
 
 /// What the device finds, as strokes are painted; and how long it takes, milliseconds.
@@ -22,10 +22,10 @@ pub fn on_device(
     let push = shader::tangents::Push { count, way: way as u32 };
     g.run(
         shader::Tangents { directions: &directions, tangents: &mut tangents, push },
-        Tiles::Groups([groups.min(ROW), groups.div_ceil(ROW), 1]),
+        Dispatch::Groups([groups.min(ROW), groups.div_ceil(ROW), 1]),
     );
     let found = g.download_buffer(&tangents);
-    let frame = g.submit(&[])?;
+    let frame = g.submit_and_wait(&[])?;
     let found = (frame.read::<[f32; 3]>(&found)[..count as usize].to_vec(), frame.ms("tangents"));
     frame.recycle(gpu);
     Ok(found)

@@ -3,7 +3,7 @@
 use super::{Buffer, Groups, Image, ImageDesc, ResourceId};
 
 /// Tiles of 8 x 8 pixels, in words (glsl/lib/tile.glsl): workgroups that take eight each, three words, and the number of tiles; then the tiles, 16 bits across and 16 down.
-pub struct Area {
+pub struct TileList {
     /// The words before the tiles; those of the list itself, or of a copy that the device may have emptied.
     pub groups: Buffer,
     pub list: Buffer,
@@ -11,31 +11,31 @@ pub struct Area {
 
 /// An area while passes are recorded.
 #[derive(Clone, Copy)]
-pub(super) struct Within {
+pub(super) struct TileMask {
     groups: ResourceId,
     pub list: ResourceId,
 }
 
-impl Within {
-    pub fn new(area: &Area) -> Within {
-        Within { groups: area.groups.id, list: area.list.id }
+impl TileMask {
+    pub fn new(tiles: &TileList) -> TileMask {
+        TileMask { groups: tiles.groups.id, list: tiles.list.id }
     }
 
     /// Where the workgroups of such a pass stand.
     pub fn groups(&self) -> Groups {
-        Groups::Listed(self.groups, 0)
+        Groups::Indirect(self.groups, 0)
     }
 }
 
 /// Images of passes that are recorded several times: each has the same one every time, which holds what the time before left wherever nobody writes.
 #[derive(Default)]
-pub struct Again {
+pub struct ReusedImages {
     made: Vec<(String, Image)>,
     /// Of these, those that were handed out this time.
     taken: Vec<bool>,
 }
 
-impl Again {
+impl ReusedImages {
     pub(super) fn begin(&mut self) {
         self.taken.fill(false);
     }
@@ -45,11 +45,11 @@ impl Again {
         let place = (0..self.made.len())
             .find(|&i| !self.taken[i] && self.made[i].0 == name && self.made[i].1.desc == desc)?;
         self.taken[place] = true;
-        Some(self.made[place].1.again())
+        Some(self.made[place].1.alias())
     }
 
     pub(super) fn add(&mut self, name: &str, image: &Image) {
-        self.made.push((name.to_string(), image.again()));
+        self.made.push((name.to_string(), image.alias()));
         self.taken.push(true);
     }
 }
