@@ -30,7 +30,8 @@
 //!
 //! ```no_run
 //! use pointillist::{cloud, gpu, graph, output::image_io, passes::encode, progress::Silent};
-//! use pointillist::{render::frame, render::settings, resident::Resident, view};
+//! use pointillist::render::{frame, settings::FrameConfig, settings::RenderSettings};
+//! use pointillist::{resident::Resident, view};
 //!
 //! # fn main() -> pointillist::error::Result<()> {
 //! let options = cloud::ReadOptions::new(cloud::Wanted { rgb: true, ..Default::default() }, false);
@@ -41,10 +42,10 @@
 //!
 //! let mut gpu = graph::Gpu::open(&gpu::DeviceOptions::default())?;
 //! let resident = Resident::fill(&mut gpu, cloud, shown, &Silent)?;
-//! let look = settings::decide(&settings::Wishes::default(), &view, &resident);
+//! let config = FrameConfig::new(&RenderSettings::default(), &view, &resident);
 //!
 //! let mut g = graph::Graph::new(&mut gpu);
-//! let outcome = frame::record(&mut g, &view, &resident, &look)?;
+//! let outcome = frame::record(&mut g, &view, &resident, &config)?;
 //! let encoded = encode::download(&mut g, &outcome.picture)?;
 //! let frame = g.submit_and_wait(&[])?;
 //! image_io::write_png("out.png".as_ref(), view.size, &encoded.read(&frame))?;

@@ -5,7 +5,7 @@ mod gpu;
 use glam::DVec3;
 use gpu::{Layers, Way, cloud, draw, orthographic, part, perspective};
 use pointillist::cloud::{Cloud, Lattice};
-use pointillist::render::settings::Wishes;
+use pointillist::render::settings::RenderSettings;
 use pointillist::view::{Camera, View};
 
 const SIZE: [u32; 2] = [67, 61];
@@ -34,12 +34,12 @@ fn cameras() -> [Camera; 3] {
 
 fn drawn(camera: Camera, effects: &[&str]) -> Layers {
     let view = View::new(camera, SIZE).unwrap();
-    let mut wishes = Wishes::default();
+    let mut settings = RenderSettings::default();
     ["shape=off", "edl=off"]
         .iter()
         .chain(effects)
-        .for_each(|effect| wishes.effects.set(effect).unwrap());
-    let layers = draw(Way::Compute64, &plane(), &view, &wishes);
+        .for_each(|effect| settings.effects.set(effect).unwrap());
+    let layers = draw(Way::Compute64, &plane(), &view, &settings);
     layers.depth.iter().for_each(|z| assert!(*z > 0.0, "{effects:?}: {z}"));
     layers
 }

@@ -2,7 +2,7 @@
 
 mod support;
 
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -29,7 +29,7 @@ impl Place {
         line.replace("@", &format!("{}/", self.folder.path().display()))
     }
 
-    fn scan(&self, name: &str, scene: Scene, points: u64) -> PathBuf {
+    fn scan(&self, name: &str, scene: SceneKind, points: u64) -> PathBuf {
         let path = self.at(name);
         scan(&path, scene, points);
         path
@@ -66,7 +66,7 @@ fn every_command_explains_itself_with_examples() {
 #[test]
 fn exit_codes_are_0_done_1_could_not_2_asked_wrongly() {
     let place = Place::new();
-    let cloud = place.scan("torus.las", Scene::Torus, 1000);
+    let cloud = place.scan("torus.las", SceneKind::Torus, 1000);
     succeeded(&place.render(&cloud, "-o @out.png --size 32x32"));
     // More pixels a side than any image has.
     succeeded(&place.render(&cloud, "-o @out.png --size 32768x1"));
@@ -121,7 +121,7 @@ fn an_attribute_that_is_not_there_is_named() {
 #[test]
 fn a_picture_from_a_file_and_nothing_else() {
     let place = Place::new();
-    let cloud = place.scan("street.laz", Scene::Street, 30_000);
+    let cloud = place.scan("street.laz", SceneKind::Street, 30_000);
     let output = place.render(&cloud, "-o @out.png");
     assert_eq!(succeeded(&output), "", "quiet when there is nothing to say");
     assert!(output.stdout.is_empty());
@@ -152,7 +152,7 @@ const CHANNELS: [&str; 12] = [
 #[test]
 fn one_layer_distance_is_that_of_masks_layers_and_shadows() {
     let place = Place::new();
-    let cloud = place.scan("tori.las", Scene::NestedTori, 60_000);
+    let cloud = place.scan("tori.las", SceneKind::NestedTori, 60_000);
     let explained = |line: &str| {
         let line = format!(
             "-o @out.png --size 96x64 --opacity 0.5 --effect fill=method=dobrev --effect shadows=on,size=256 --light direction:0.3,0.8,-0.8 --explain {line}"
@@ -194,7 +194,7 @@ fn one_layer_distance_is_that_of_masks_layers_and_shadows() {
 #[test]
 fn every_option_of_render_does_what_it_says() {
     let place = Place::new();
-    let cloud = place.scan("torus.las", Scene::Torus, 60_000);
+    let cloud = place.scan("torus.las", SceneKind::Torus, 60_000);
     place.write("cam.json", CAMERA);
     let plain = "--size 96x64 --style points --camera @cam.json";
     let output = place.render(&cloud, &format!("{plain} -o @plain.png --exr @plain.exr"));
@@ -313,7 +313,7 @@ fn every_option_of_render_does_what_it_says() {
 #[test]
 fn validation_layers_are_silent() {
     let place = Place::new();
-    let cloud = place.scan("step.las", Scene::Step, 20_000);
+    let cloud = place.scan("step.las", SceneKind::Step, 20_000);
     let output = place.render(&cloud, "--size 331x257 -o @a.png --exr @a.exr --validate");
     assert_eq!(succeeded(&output), "");
     assert!(output.stdout.is_empty());
@@ -322,7 +322,7 @@ fn validation_layers_are_silent() {
 #[test]
 fn an_unknown_device_lists_those_there_are() {
     let place = Place::new();
-    let cloud = place.scan("step.las", Scene::Step, 100);
+    let cloud = place.scan("step.las", SceneKind::Step, 100);
     for device in ["abacus", "77"] {
         let said = failed(&place.render(&cloud, &format!("-o @a.png --device {device}")), 1);
         assert!(said.contains(device) && said.contains("there are: 0: "), "{said}");
@@ -332,7 +332,7 @@ fn an_unknown_device_lists_those_there_are() {
 #[test]
 fn the_same_input_gives_the_same_bits_on_any_number_of_threads() {
     let place = Place::new();
-    let cloud = place.scan("street.las", Scene::Street, 200_000);
+    let cloud = place.scan("street.las", SceneKind::Street, 200_000);
     let line = place.line("--size 641x359 -o @a.png --exr @a.exr");
     let mut first = None;
     // Threads of the software driver, and of our own.
@@ -359,7 +359,7 @@ fn the_same_input_gives_the_same_bits_on_any_number_of_threads() {
 /// The same cloud in two orders, drawn with these options.
 fn assert_order_does_not_show(options: &str) {
     let place = Place::new();
-    let cloud = place.scan("street.las", Scene::Street, 200_000);
+    let cloud = place.scan("street.las", SceneKind::Street, 200_000);
     place.write("cam.json", r#"{"eye": [500002, 4999972, 102], "target": [499998, 5000010, 105]}"#);
     fs::write(place.at("shuffled.las"), shuffled(&fs::read(&cloud).unwrap())).unwrap();
     succeeded(&place.render(&cloud, &format!("--size 640x360 -o @a.png --exr @a.exr {options}")));
@@ -389,7 +389,7 @@ fn hard_00_m3_shuffled_input_is_framed_the_same_way() {
 #[test]
 fn nothing_is_written_over_an_input() {
     let place = Place::new();
-    let cloud = place.scan("torus.las", Scene::Torus, 100);
+    let cloud = place.scan("torus.las", SceneKind::Torus, 100);
     let before = fs::read(&cloud).unwrap();
     for line in ["-o @torus.las", "--exr @torus.las", "-o @./torus.las"] {
         assert!(failed(&place.render(&cloud, line), 1).contains("is an input"));
@@ -421,7 +421,7 @@ fn small_and_degenerate_clouds_are_drawn() {
     ];
     for (name, contents, at_least) in cases {
         let cloud = if contents.is_empty() {
-            place.scan(name, Scene::Plane, 0)
+            place.scan(name, SceneKind::Plane, 0)
         } else {
             place.write(name, &contents)
         };
@@ -449,7 +449,7 @@ fn small_and_degenerate_clouds_are_drawn() {
 #[test]
 fn a_camera_that_looks_away_and_a_clip_that_leaves_nothing_show_the_background() {
     let place = Place::new();
-    let cloud = place.scan("scan.las", Scene::Torus, 2000);
+    let cloud = place.scan("scan.las", SceneKind::Torus, 2000);
     place.write("away.json", r#"{"eye": [0, 0, 100], "target": [0, 0, 200]}"#);
     for style in ["surface", "points", "strokes"] {
         for unseen in ["--camera @away.json", "--clip box:9,9,9,9.5,9.5,9.5"] {
@@ -468,7 +468,7 @@ fn a_camera_that_looks_away_and_a_clip_that_leaves_nothing_show_the_background()
 #[test]
 fn a_file_that_is_to_be_written_does_not_say_that_it_is_something_else() {
     let place = Place::new();
-    let cloud = place.scan("scan.las", Scene::Torus, 100);
+    let cloud = place.scan("scan.las", SceneKind::Torus, 100);
     for line in ["-o @a.jpg", "-o @a.png --exr @b.png"] {
         let said = failed(&place.render(&cloud, line), 1);
         assert!(said.contains("would say otherwise"), "{said}");
@@ -491,7 +491,7 @@ fn a_file_that_is_to_be_written_does_not_say_that_it_is_something_else() {
 #[test]
 fn pictures_are_as_large_as_images_of_the_device_and_larger_in_the_default_style() {
     let place = Place::new();
-    let cloud = place.scan("scan.las", Scene::Torus, 1000);
+    let cloud = place.scan("scan.las", SceneKind::Torus, 1000);
     for width in [16_340, 16_384] {
         succeeded(&place.render(&cloud, &format!("-o @wide.png --size {width}x1")));
         assert_eq!(read_png(&place.at("wide.png")).size, [width, 1]);
@@ -503,7 +503,7 @@ fn pictures_are_as_large_as_images_of_the_device_and_larger_in_the_default_style
 #[test]
 fn a_picture_larger_than_an_image_of_the_device_is_refused_in_one_line() {
     let place = Place::new();
-    let cloud = place.scan("scan.las", Scene::Torus, 1000);
+    let cloud = place.scan("scan.las", SceneKind::Torus, 1000);
     let output = place.render(&cloud, "-o @wide.png --size 32768x16");
     if output.status.success() {
         assert_eq!(read_png(&place.at("wide.png")).size, [32_768, 16]);
@@ -522,7 +522,7 @@ fn odd_paths_are_handled_or_refused_in_one_line() {
     use std::ffi::OsStr;
     use std::os::unix::ffi::OsStrExt;
     let place = Place::new();
-    let cloud = place.scan("plain.las", Scene::Torus, 100);
+    let cloud = place.scan("plain.las", SceneKind::Torus, 100);
     let long = [b'l'; 251].to_vec();
     for name in [
         &b"with spaces and 'quotes'"[..],
@@ -575,7 +575,7 @@ fn odd_paths_are_handled_or_refused_in_one_line() {
 #[test]
 fn info_counts_what_it_reads() {
     let place = Place::new();
-    let cloud = place.scan("street.laz", Scene::Street, 5000);
+    let cloud = place.scan("street.laz", SceneKind::Street, 5000);
     let output = pointillist().args(["info", "--json"]).arg(&cloud).output().unwrap();
     assert_eq!(succeeded(&output), "");
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -635,7 +635,7 @@ fn synth_writes_cloud_camera_and_truth_of_one_scene() {
 #[test]
 fn interrupted_work_leaves_nothing_half_written() {
     let place = Place::new();
-    place.scan("street.las", Scene::Street, 400_000);
+    place.scan("street.las", SceneKind::Street, 400_000);
     let synth = place.line("synth street --points 50000000 -o @out.las");
     let laz = place.line("synth street --points 50000000 -o @out.laz");
     let truth = place.line("synth street --truth @cam.json -o @out.exr --size 4000x3000");
@@ -690,7 +690,7 @@ fn interrupted_work_leaves_nothing_half_written() {
 #[test]
 fn a_painting_that_needs_more_memory_than_allowed_is_the_same_and_says_so() {
     let place = Place::new();
-    let cloud = place.scan("torus.las", Scene::Torus, 60_000);
+    let cloud = place.scan("torus.las", SceneKind::Torus, 60_000);
     let drawn = [("ample.png", "512MiB"), ("scarce.png", "1MiB")].map(|(name, bytes)| {
         let output = place.render(
             &cloud,
@@ -713,7 +713,7 @@ fn a_painting_that_needs_more_memory_than_allowed_is_the_same_and_says_so() {
 #[test]
 fn settings_that_change_nothing_are_said() {
     let place = Place::new();
-    let cloud = place.scan("tori.las", Scene::NestedTori, 60_000);
+    let cloud = place.scan("tori.las", SceneKind::NestedTori, 60_000);
     let said = |line: &str| {
         let output = place.render(&cloud, &format!("-o @out.png --size 96x64 {line}"));
         let said = succeeded(&output);

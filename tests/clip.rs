@@ -13,11 +13,11 @@ use pointillist::passes::project::{self, Precision, Statistics};
 use pointillist::passes::tally;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::Resident;
 use pointillist::select::clip::{Clip, Clips};
 use pointillist::select::opacity::Opacities;
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use pointillist::view::View;
 use pointillist::view::light::Light;
 use std::collections::BTreeSet;
@@ -70,9 +70,9 @@ fn drawn(
     gpu: &mut Gpu,
     resident: &Resident,
     view: &View,
-    wishes: &Wishes,
+    settings: &RenderSettings,
 ) -> (Vec<u32>, Vec<[f32; 4]>, Statistics) {
-    let look = settings::decide(wishes, view, resident);
+    let look = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
     let outcome = frame::record(&mut g, view, resident, &look).unwrap();
     let (index, picture) = (g.download(&outcome.layers.index), g.download(&outcome.picture));
@@ -171,18 +171,18 @@ fn what_is_clipped_shows_nowhere_casts_no_shadow_and_has_no_part_in_luminance_an
             let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
             // Boxes are compared at full precision.
             let light = Light::Direction(DVec3::new(0.3, 0.5, -0.8));
-            let wishes = Wishes {
+            let settings = RenderSettings {
                 effects: gpu::effects(&effects),
                 light,
                 precision: Precision::Planes(POSITION_PLANES),
-                ..Wishes::default()
+                ..RenderSettings::default()
             };
             resident.clips = clips.clone();
-            let clipped = drawn(gpu, &resident, &view, &wishes);
+            let clipped = drawn(gpu, &resident, &view, &settings);
             (resident.clips, resident.opacities) = (Clips::default(), hidden.clone());
-            let classed = drawn(gpu, &resident, &view, &wishes);
+            let classed = drawn(gpu, &resident, &view, &settings);
             resident.opacities = Opacities::default();
-            let whole = drawn(gpu, &resident, &view, &wishes);
+            let whole = drawn(gpu, &resident, &view, &settings);
             assert!(clipped.0 == classed.0 && clipped.1 == classed.1, "{effects:?}");
             assert!(whole.0 != clipped.0 && clipped.2.points_compared > 0, "{effects:?}");
             resident.free(gpu);
@@ -194,7 +194,7 @@ fn what_is_clipped_shows_nowhere_casts_no_shadow_and_has_no_part_in_luminance_an
 fn of_an_index_nothing_is_read_that_boxes_leave_out_and_explain_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    scan(&at("street.las"), Scene::Street, 300_000);
+    scan(&at("street.las"), SceneKind::Street, 300_000);
     succeeded(
         &pointillist()
             .arg("index")

@@ -17,10 +17,10 @@ use pointillist::index::strokes::{self, strokes};
 use pointillist::passes::Effects;
 use pointillist::progress::{Progress, Silent};
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Style, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings, Style};
 use pointillist::resident::Residency;
 use pointillist::select::lod::Detail;
-use pointillist::synth::{self, Scene};
+use pointillist::synth::{self, SceneKind};
 use pointillist::view::{Camera, Preset, View};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -43,7 +43,7 @@ struct Place {
 }
 
 impl Place {
-    fn new(scene: Scene, points: u64) -> Place {
+    fn new(scene: SceneKind, points: u64) -> Place {
         let place = Place { folder: tempfile::tempdir().unwrap() };
         scan(&place.at("scan.las"), scene, points);
         place
@@ -92,7 +92,7 @@ fn leaves(index: &Index) -> impl Iterator<Item = usize> + '_ {
 
 #[test]
 fn normals_and_radii_of_leaves_are_those_of_the_cloud_in_memory() {
-    let place = Place::new(Scene::Street, 400_000);
+    let place = Place::new(SceneKind::Street, 400_000);
     let cloud = place.cloud();
     let part = &cloud.parts[0];
     let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
@@ -131,7 +131,7 @@ fn normals_and_radii_of_leaves_are_those_of_the_cloud_in_memory() {
 
 #[test]
 fn corrected_colours_of_leaves_are_those_of_the_cloud_in_memory() {
-    let place = Place::new(Scene::Street, 300_000);
+    let place = Place::new(SceneKind::Street, 300_000);
     let mut cloud = place.cloud();
     luminance::correct(&mut cloud, NEIGHBOURS, &Silent).unwrap();
     let columns = &cloud.parts[0].columns;
@@ -172,7 +172,7 @@ fn contents(index: &Index) -> Vec<Vec<u8>> {
 
 #[test]
 fn neither_threads_nor_memory_show() {
-    let place = Place::new(Scene::Street, 300_000);
+    let place = Place::new(SceneKind::Street, 300_000);
     let first = contents(&place.build(&OPTIONS).0);
     for options in
         [Options { threads: 1, ..OPTIONS }, Options { threads: 3, memory: 64 << 20, ..OPTIONS }]
@@ -188,7 +188,7 @@ fn torus_normal(p: DVec3) -> DVec3 {
 
 #[test]
 fn samples_of_inner_nodes_have_the_mean_normal_and_cover_what_they_stand_for() {
-    let place = Place::new(Scene::Torus, 500_000);
+    let place = Place::new(SceneKind::Torus, 500_000);
     let (index, _) = place.build(&OPTIONS);
     let [low, high] = index.directory.contents.bounds.unwrap();
     let middle = (low + high) / 2.0;
@@ -228,7 +228,7 @@ fn samples_of_inner_nodes_have_the_mean_normal_and_cover_what_they_stand_for() {
 /// The brush that a point has, it has in every node that it appears in, wherever that has rounded it to.
 #[test]
 fn a_sample_that_stands_for_one_point_is_its_stroke() {
-    let place = Place::new(Scene::Street, 500_000);
+    let place = Place::new(SceneKind::Street, 500_000);
     let (index, _) = place.build(&OPTIONS);
     let pairs = |node: usize| {
         words(&index, node, Plane::Facing).into_iter().zip(words(&index, node, Plane::Brush))
@@ -249,7 +249,7 @@ fn a_sample_that_stands_for_one_point_is_its_stroke() {
 
 #[test]
 fn what_is_not_asked_for_is_not_there_and_takes_no_room() {
-    let place = Place::new(Scene::Torus, 100_000);
+    let place = Place::new(SceneKind::Torus, 100_000);
     let bytes = |derive: Derive| {
         let (index, summary) = place.build(&Options { derive, ..OPTIONS });
         let planes = [Plane::Facing, Plane::Brush, Plane::Corrected].map(|plane| index.has(plane));
@@ -278,10 +278,11 @@ fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
         let update = residency
             .settle(gpu, view, &Detail { budget, lod_px: 0.0, ..Detail::of(view.size) }, &Silent)
             .unwrap();
-        let wishes = Wishes { effects: Effects::of(Style::Strokes), ..Wishes::default() };
-        let look = settings::decide(&wishes, view, residency.resident());
+        let settings =
+            RenderSettings { effects: Effects::of(Style::Strokes), ..RenderSettings::default() };
+        let config = FrameConfig::new(&settings, view, residency.resident());
         let mut g = Graph::new(gpu);
-        let outcome = frame::record(&mut g, view, residency.resident(), &look).unwrap();
+        let outcome = frame::record(&mut g, view, residency.resident(), &config).unwrap();
         let picture = g.download(&outcome.picture);
         let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let covered = frame.read::<[f32; 4]>(&picture).iter().map(|pixel| pixel[3]).collect();
@@ -294,11 +295,11 @@ fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
 #[test]
 fn strokes_of_a_tenth_of_the_points_cover_what_all_of_them_do() {
     // As many as the paper's dragon has.
-    let place = Place::new(Scene::Torus, 437_645);
+    let place = Place::new(SceneKind::Torus, 437_645);
     let size = [400, 300];
     let view =
         View::new(Camera::framing(Preset::Iso, &place.cloud().core_points(), size), size).unwrap();
-    let world = synth::build(Scene::Torus, 1, 0.1);
+    let world = synth::build(SceneKind::Torus, 1, 0.1);
     let hit = |k: usize| {
         let (origin, direction) = view.ray((k % 400) as f64 + 0.5, (k / 400) as f64 + 0.5);
         world.trace(origin, direction).is_some()
@@ -346,7 +347,7 @@ impl Progress for Interrupting {
 
 #[test]
 fn interrupted_it_leaves_nothing() {
-    let place = Place::new(Scene::Torus, 100_000);
+    let place = Place::new(SceneKind::Torus, 100_000);
     let built =
         build::build(&[place.at("scan.las")], &place.at("scan.pnti"), &OPTIONS, &Interrupting);
     assert!(matches!(built, Err(Error::Interrupted)));
@@ -355,7 +356,7 @@ fn interrupted_it_leaves_nothing() {
 
 #[test]
 fn a_picture_that_lacks_a_plane_says_in_one_line_how_to_make_it() {
-    let place = Place::new(Scene::Torus, 60_000);
+    let place = Place::new(SceneKind::Torus, 60_000);
     let line = |words: &str| format!("-o {} --size 64x48 {words}", place.at("a.png").display());
     place.build(&Options { derive: Derive::NONE, ..OPTIONS });
     let lacking = [
@@ -422,7 +423,7 @@ fn normals_of_files_are_kept_and_say_which_side_is_outside() {
 /// The same scan twice, a third of a step apart: two trees, whose points are each other's neighbours all the same.
 #[test]
 fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
-    let place = Place::new(Scene::Street, 100_000);
+    let place = Place::new(SceneKind::Street, 100_000);
     let mut bytes = std::fs::read(place.at("scan.las")).unwrap();
     let offset = f64::from_le_bytes(bytes[155..163].try_into().unwrap()) + 0.00037;
     bytes[155..163].copy_from_slice(&offset.to_le_bytes());

@@ -8,7 +8,7 @@
 mod support;
 
 use pointillist::index::file::{Index, PLANES};
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -44,7 +44,7 @@ impl Place {
         let found: &[&str] =
             if points <= 30_000 { &["--normals", "--strokes", "--luminance"] } else { &[] };
         let mut place = Place { folder, aside, found, old: Vec::new(), new: Vec::new() };
-        for (scene, count) in [(Scene::Torus, 500), (Scene::Street, points)] {
+        for (scene, count) in [(SceneKind::Torus, 500), (SceneKind::Street, points)] {
             scan(&place.folder.path().join("a.las"), scene, count);
             succeeded(&place.command().output().unwrap());
             let bytes = fs::read(place.output()).unwrap();

@@ -10,7 +10,7 @@ use pointillist::output::image_io;
 use pointillist::passes::{Effects, encode};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Style, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings, Style};
 use pointillist::resident::Resident;
 use pointillist::select::opacity::Opacities;
 use pointillist::synth;
@@ -52,7 +52,7 @@ fn check_layers(
     preset: Preset,
 ) {
     check_scene(
-        synth::Scene::NestedTori,
+        synth::SceneKind::NestedTori,
         opacities,
         light,
         style,
@@ -65,7 +65,7 @@ fn check_layers(
 
 #[allow(clippy::too_many_arguments)]
 fn check_scene(
-    scene: synth::Scene,
+    scene: synth::SceneKind,
     opacities: &[&str],
     light: Light,
     style: Style,
@@ -82,13 +82,14 @@ fn check_scene(
     let mut shown = Shown::new(attribute, &cloud);
     shown.further.strokes = style == Style::Strokes;
     shown.further.kind = !opacities.is_empty();
-    let mut wishes = Wishes { effects: Effects::of(style), light, ..Wishes::default() };
-    effects.split_whitespace().for_each(|effect| wishes.effects.set(effect).unwrap());
+    let mut settings =
+        RenderSettings { effects: Effects::of(style), light, ..RenderSettings::default() };
+    effects.split_whitespace().for_each(|effect| settings.effects.set(effect).unwrap());
     let mut resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
     resident.opacities = Opacities(opacities.iter().map(|rule| rule.parse().unwrap()).collect());
-    let look = settings::decide(&wishes, &view, &resident);
+    let config = FrameConfig::new(&settings, &view, &resident);
     let mut g = Graph::new(&mut gpu);
-    let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
+    let outcome = frame::record(&mut g, &view, &resident, &config).unwrap();
     let encoded = encode::download(&mut g, &outcome.picture).unwrap();
     let done = g.submit_and_wait(&[]).unwrap();
 
@@ -256,7 +257,7 @@ fn luminance_of_dense_points() {
 #[test]
 fn exposure_of_five_stations() {
     check_scene(
-        synth::Scene::Street,
+        synth::SceneKind::Street,
         &[],
         Light::Headlight,
         Style::Points,

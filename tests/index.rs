@@ -28,7 +28,7 @@ use pointillist::index::file::{Contents, Index, NodeRecord, PLANES, Plane};
 use pointillist::progress::{Progress, Silent};
 use pointillist::select::clip::Clips;
 use pointillist::select::lod::{self, Detail};
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use pointillist::view::{Camera, Preset, View};
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashSet};

@@ -4,7 +4,7 @@ mod support;
 
 use pointillist::cloud::color::{linear_to_srgb, srgb_to_linear};
 use pointillist::index::file::{Index, Plane};
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use serde_json::Value;
 use std::path::PathBuf;
 use support::{failed, pointillist, read_exr, read_png, render, run, scan, succeeded, text};
@@ -17,7 +17,7 @@ struct Place {
 impl Place {
     fn new(points: u64) -> Place {
         let place = Place { folder: tempfile::tempdir().unwrap() };
-        scan(&place.at("street.las"), Scene::Street, points);
+        scan(&place.at("street.las"), SceneKind::Street, points);
         succeeded(
             &pointillist()
                 .arg("index")
@@ -48,17 +48,17 @@ impl Place {
 #[test]
 fn an_index_drawn_to_its_leaves_is_the_picture_of_the_file() {
     let place = Place::new(300_000);
-    let look = "--style points --effect edl=off --size 480x270 --camera @cam.json";
+    let options = "--style points --effect edl=off --size 480x270 --camera @cam.json";
     std::fs::write(
         place.at("cam.json"),
         r#"{"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}"#,
     )
     .unwrap();
     for color in ["rgb", "intensity", "elevation", "class", "return"] {
-        succeeded(&place.render("street.las", &format!("{look} --color {color} -o @file.png")));
+        succeeded(&place.render("street.las", &format!("{options} --color {color} -o @file.png")));
         succeeded(&place.render(
             "street.pnti",
-            &format!("{look} --color {color} --lod 0 --budget 1000000 -o @index.png"),
+            &format!("{options} --color {color} --lod 0 --budget 1000000 -o @index.png"),
         ));
         let [file, index] = ["file.png", "index.png"].map(|name| read_png(&place.at(name)));
         assert!(
@@ -113,9 +113,9 @@ fn from_afar_stations_of_an_index_have_one_exposure_and_no_sample_shows_another(
             .unwrap(),
     );
     for view in ["--lod 4", "--lod 4 --view top"] {
-        let look = format!("--style points --effect edl=off --size 480x270 {view}");
+        let options = format!("--style points --effect edl=off --size 480x270 {view}");
         let picture = |name: &str, runs: bool| {
-            let explained = place.explained(name, &format!("{look} -o @a.png"));
+            let explained = place.explained(name, &format!("{options} -o @a.png"));
             assert_eq!(explained["effects"]["exposure"]["runs"], runs, "{name}");
             read_png(&place.at("a.png")).pixels
         };

@@ -36,7 +36,7 @@ use pointillist::index::{self, pack};
 use pointillist::passes::project::{Band, Keys, Precision};
 use pointillist::passes::{Scene, Switch, composite, edl, resolve};
 use pointillist::progress::Silent;
-use pointillist::render::settings::{self, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::Resident;
 use pointillist::study::oracle::{Bounded, edl as edl_oracle, project};
 use pointillist::view::light::Light;
@@ -70,8 +70,8 @@ fn project_and_resolve_agree_with_f64_and_both_key_ways_with_each_other() {
         for camera in cameras() {
             let view = View::new(camera, size).unwrap();
             for precision in [Precision::Auto, Precision::Planes(3)] {
-                let wishes = Wishes { precision, ..bare() };
-                let [by64, by32] = WAYS.map(|way| draw(way, &cloud, &view, &wishes));
+                let settings = RenderSettings { precision, ..bare() };
+                let [by64, by32] = WAYS.map(|way| draw(way, &cloud, &view, &settings));
                 assert!(by64.bits() == by32.bits(), "{size:?} {camera:?}: the two ways differ");
                 by64.assert_finite();
                 let part = &cloud.parts[0];
@@ -310,13 +310,13 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
         gpu::with(way, |gpu| {
             let resident =
                 Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
-            let mut wishes = bare();
-            wishes.effects.edl.switch = Switch::On;
-            let look = settings::decide(&wishes, &view, &resident);
+            let mut settings = bare();
+            settings.effects.edl.switch = Switch::On;
+            let config = FrameConfig::new(&settings, &view, &resident);
             let mut g = Graph::new(gpu);
             g.without_barriers = true;
             let outcome =
-                pointillist::render::frame::record(&mut g, &view, &resident, &look).unwrap();
+                pointillist::render::frame::record(&mut g, &view, &resident, &config).unwrap();
             g.download(&outcome.picture);
             let Err(Error::Validation(said)) = g.submit_and_wait(&[]) else {
                 panic!("{way:?}: hazards went unnoticed")

@@ -11,7 +11,7 @@ use pointillist::passes::Scene;
 use pointillist::passes::resolve::srgb_to_linear;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::Resident;
 use pointillist::select::opacity::Opacities;
 use pointillist::study::oracle::transparency::{self as oracle, Over};
@@ -32,7 +32,7 @@ struct Drawn {
 }
 
 fn tori(points: u64) -> (World, Cloud) {
-    let world = synth::build(synth::Scene::NestedTori, 1, 0.0);
+    let world = synth::build(synth::SceneKind::NestedTori, 1, 0.0);
     let mut cloud = synth::collect("nested tori", &world, points, 1, 0.0, &Silent).unwrap();
     let columns = &mut cloud.parts[0].columns;
     columns.rgb = columns
@@ -49,15 +49,15 @@ fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&st
         shown.further.kind = opacities.needs_kinds();
         let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
         resident.opacities = opacities;
-        let mut wishes = Wishes::default();
+        let mut settings = RenderSettings::default();
         ["shape=off", "edl=off"]
             .iter()
             .chain(effects)
-            .for_each(|effect| wishes.effects.set(effect).unwrap());
-        let layer_m = Scene::of(view, &resident, wishes.light).layer_m(0.0);
-        let look = settings::decide(&wishes, view, &resident);
+            .for_each(|effect| settings.effects.set(effect).unwrap());
+        let layer_m = Scene::of(view, &resident, settings.light).layer_m(0.0);
+        let config = FrameConfig::new(&settings, view, &resident);
         let mut g = Graph::new(gpu);
-        let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
+        let outcome = frame::record(&mut g, view, &resident, &config).unwrap();
         let layers = outcome.layers.front.expect("transparency runs");
         let (front, peeled) = (g.download(&layers.color), g.download(&layers.peeled));
         let left_over = g.download_buffer(&layers.left);

@@ -15,7 +15,7 @@ use pointillist::index::strokes::Found;
 use pointillist::progress::{Progress, Silent};
 use pointillist::resident::Resident;
 use pointillist::source::{Opening, Source};
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, mpsc};
 
@@ -49,7 +49,7 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, points: u64| {
         let path = folder.path().join(name);
-        support::scan(&path, Scene::Street, points);
+        support::scan(&path, SceneKind::Street, points);
         vec![path]
     };
     let slow = config::SLOW_POINTS / config::DECOMPRESSION;
@@ -94,7 +94,7 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
 fn strokes_of_files_come_after_their_points_and_those_of_an_index_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let (file, index) = (folder.path().join("scan.las"), folder.path().join("scan.pnti"));
-    support::scan(&file, Scene::Street, 20_000);
+    support::scan(&file, SceneKind::Street, 20_000);
     support::succeeded(
         &support::pointillist().arg("index").arg(&file).arg("-o").arg(&index).output().unwrap(),
     );
@@ -158,7 +158,7 @@ fn source(
 ) -> (Source, Shown) {
     let files = points.map(|points| {
         let path = folder.join(format!("{points}.las"));
-        support::scan(&path, Scene::Street, points);
+        support::scan(&path, SceneKind::Street, points);
         path
     });
     let read =

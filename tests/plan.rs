@@ -9,7 +9,7 @@ use pointillist::graph::{Gpu, Graph, Handle};
 use pointillist::passes::EFFECTS;
 use pointillist::progress::{Progress, Silent};
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Look, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::Resident;
 use pointillist::synth;
 use pointillist::view::{Camera, Preset, View};
@@ -17,27 +17,30 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// A thousand points on 64 x 64 pixels.
-fn on_a_plane<T>(effects: &[&str], draw: impl FnOnce(&mut Gpu, &View, &Resident, &Look) -> T) -> T {
+fn on_a_plane<T>(
+    effects: &[&str],
+    draw: impl FnOnce(&mut Gpu, &View, &Resident, &FrameConfig) -> T,
+) -> T {
     let mut gpu = Gpu::open(&DeviceOptions { validate: true, ..DeviceOptions::default() })
         .expect("a Vulkan device; tools/test installs one that needs no GPU");
-    let world = synth::build(synth::Scene::Plane, 1, 0.0);
+    let world = synth::build(synth::SceneKind::Plane, 1, 0.0);
     let cloud = synth::collect("plane", &world, 1000, 1, 0.0, &Silent).unwrap();
     let view =
         View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
     let mut shown = Shown::new(Attribute::Rgb, &cloud);
     shown.further.strokes = effects.iter().any(|effect| effect.starts_with("strokes=on"));
-    let mut wishes = Wishes::default();
-    effects.iter().for_each(|effect| wishes.effects.set(effect).unwrap());
+    let mut settings = RenderSettings::default();
+    effects.iter().for_each(|effect| settings.effects.set(effect).unwrap());
     let resident = Resident::fill(&mut gpu, cloud, shown, &Silent).unwrap();
-    let drawn = draw(&mut gpu, &view, &resident, &settings::decide(&wishes, &view, &resident));
+    let drawn = draw(&mut gpu, &view, &resident, &FrameConfig::new(&settings, &view, &resident));
     resident.free(&mut gpu);
     drawn
 }
 
 fn plan_with(effects: &[&str]) -> String {
-    on_a_plane(effects, |gpu, view, resident, look| {
+    on_a_plane(effects, |gpu, view, resident, config| {
         let mut g = Graph::new(gpu);
-        let outcome = frame::record(&mut g, view, resident, look).unwrap();
+        let outcome = frame::record(&mut g, view, resident, config).unwrap();
         g.plan(&[outcome.picture.resource()]).to_string()
     })
 }
@@ -106,7 +109,7 @@ impl Progress for Patience {
 
 #[test]
 fn a_frame_that_was_stopped_is_drawn_whole_the_next_time() {
-    on_a_plane(&[], |gpu, view, resident, look| {
+    on_a_plane(&[], |gpu, view, resident, config| {
         if !gpu.device.is_cpu {
             return println!(
                 "skipped: only software devices look between passes whether they are to stop"
@@ -117,7 +120,7 @@ fn a_frame_that_was_stopped_is_drawn_whole_the_next_time() {
             if let Some(progress) = progress {
                 g = g.with_progress(progress);
             }
-            let outcome = frame::record(&mut g, view, resident, look)?;
+            let outcome = frame::record(&mut g, view, resident, config)?;
             let picture = g.download(&outcome.picture);
             let frame = g.submit_and_wait(&[])?;
             let pixels = frame.read::<u8>(&picture).to_vec();

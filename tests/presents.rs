@@ -15,7 +15,7 @@ use pointillist::passes::encode::{self, Screen};
 use pointillist::present::Present;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::pool::PAGE_BYTES;
 use pointillist::resident::residency::Residency;
 use pointillist::select::lod::Detail;
@@ -63,9 +63,9 @@ fn draw(
     meanwhile: impl FnOnce(&mut Gpu, &mut Residency),
 ) -> (Vec<u32>, bool) {
     assert!(present.fit(gpu, SIZE).unwrap() && present.size() == SIZE);
-    let look = settings::decide(&Wishes::default(), view, residency.resident());
+    let config = FrameConfig::new(&RenderSettings::default(), view, residency.resident());
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, residency.resident(), &look).unwrap();
+    let outcome = frame::record(&mut g, view, residency.resident(), &config).unwrap();
     let mut screen =
         Screen { words: g.import("screen", present.screen()), blue_first: present.blue_first() };
     encode::record(&mut g, &outcome.picture, &mut screen).unwrap();

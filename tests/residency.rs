@@ -14,7 +14,7 @@ use pointillist::loader::{Answer, Destination, Loader, Outcome, Wish};
 use pointillist::passes::Switch;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::residency::{Residency, Update};
 use pointillist::resident::section::Slab;
 use pointillist::resident::{Resident, pool::PAGE_BYTES};
@@ -90,11 +90,11 @@ fn few(points: u64) -> Detail {
 type Picture = (Vec<u32>, Vec<u32>, Vec<[u32; 4]>);
 
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Picture {
-    let mut wishes = Wishes::points();
-    wishes.effects.edl.switch = Switch::Off;
-    let look = settings::decide(&wishes, view, resident);
+    let mut settings = RenderSettings::points();
+    settings.effects.edl.switch = Switch::Off;
+    let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look).unwrap();
+    let outcome = frame::record(&mut g, view, resident, &config).unwrap();
     let [depth, index, picture] = [&outcome.layers.depth, &outcome.layers.index, &outcome.picture]
         .map(|image| g.download(image));
     let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
@@ -368,7 +368,7 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
         gpu::with(way, |gpu| {
             assert_eq!(gpu.device.has_host_visible_vram, way == Way::Compute64);
             let mut found = Vec::new();
-            let mut look = |gpu: &mut Gpu, resident: &Resident, view: &View| {
+            let mut config = |gpu: &mut Gpu, resident: &Resident, view: &View| {
                 let ids = [0, 3, POINTS_PER_PAGE, POINTS_PER_PAGE * 7 + 11, u32::MAX - 1];
                 let points = ids.map(|id| resident.point(gpu, id).unwrap());
                 let section = resident.section(gpu, &slab).unwrap();
@@ -382,7 +382,7 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
             };
             let whole =
                 Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
-            look(gpu, &whole, &view(0));
+            config(gpu, &whole, &view(0));
             whole.free(gpu);
             // A pool that nodes come to and go from, walked through without waiting.
             let mut residency = planted.open(gpu, 60 * PAGE_BYTES);
@@ -393,7 +393,7 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
                     draw(gpu, &view, residency.resident());
                 }
                 residency.settle(gpu, &view, &few(6000), &Silent).unwrap();
-                look(gpu, residency.resident(), &view);
+                config(gpu, residency.resident(), &view);
             }
             assert!(residency.evictions > 0);
             residency.free(gpu);

@@ -4,7 +4,7 @@ mod support;
 
 use pointillist::index::file::Index;
 use pointillist::index::marks::Marks;
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::Output;
@@ -21,7 +21,7 @@ const CAST: &str = "samples=6,radius=3,size=500";
 impl Place {
     fn new(points: u64) -> Place {
         let place = Place { folder: tempfile::tempdir().unwrap() };
-        scan(&place.at("street.las"), Scene::Street, points);
+        scan(&place.at("street.las"), SceneKind::Street, points);
         succeeded(&place.run("index @street.las -o @street.pnti"));
         place
     }
@@ -163,7 +163,7 @@ fn shadows_of_another_cloud_or_light_are_refused_and_damaged_ones_are_said() {
     let said = failed(&place.run(&format!("shadows @street.pnti -o @street.las {LIGHT}")), 1);
     assert!(said.contains("is there, and is no file of shadows; give -o another name"), "{said}");
     assert!(std::fs::read(place.at("street.las")).unwrap() == scan_before);
-    scan(&place.at("other.las"), Scene::Plane, 200_000);
+    scan(&place.at("other.las"), SceneKind::Plane, 200_000);
     succeeded(&place.run("index @other.las -o @other.pnti"));
     let said = failed(&render(&format!("@other.pnti --shadows @a.shadows {LIGHT}")), 1);
     assert!(said.contains("has shadows of another cloud than"), "{said}");

@@ -17,7 +17,7 @@ use pointillist::passes::shadows::{self, Facts, Layer, Method, Reached, Settings
 use pointillist::passes::{Effects, Scene, Switch};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::{Residency, Resident};
 use pointillist::select::lod::Detail;
 use pointillist::select::opacity::Opacities;
@@ -234,7 +234,7 @@ const LIFT: DVec3 = DVec3::new(0.0, 0.0, 0.4);
 
 impl Ring {
     fn new() -> Ring {
-        Ring(synth::build(synth::Scene::Torus, 1, 0.0))
+        Ring(synth::build(synth::SceneKind::Torus, 1, 0.0))
     }
 
     fn cloud(&self, count: usize) -> Cloud {
@@ -278,7 +278,7 @@ fn a_ring_on_a_plane_is_shaded_as_rays_say() {
 
 #[test]
 fn the_street_is_shaded_as_rays_say() {
-    let world = synth::build(synth::Scene::Street, 1, 0.0);
+    let world = synth::build(synth::SceneKind::Street, 1, 0.0);
     let cloud = synth::collect("street", &world, 1_500_000, 1, 0.0, &Silent).unwrap();
     let direction = DVec3::new(0.3, 0.8, -0.8);
     let (mut marked, facts) = marked(&cloud, Light::Direction(direction), Settings::default());
@@ -302,10 +302,10 @@ fn nothing_behind_a_closed_surface_is_lit() {
     let lights = [DVec3::NEG_Z, DVec3::new(0.5, 1.0, -1.0), DVec3::new(1.0, 0.3, -0.5)];
     // Rays through tori take long.
     let scenes = [
-        (synth::Scene::NestedTori, 0.0, 40),
-        (synth::Scene::Step, 0.05, 8),
-        (synth::Scene::Step, 0.1, 8),
-        (synth::Scene::Step, 0.2, 8),
+        (synth::SceneKind::NestedTori, 0.0, 40),
+        (synth::SceneKind::Step, 0.05, 8),
+        (synth::SceneKind::Step, 0.1, 8),
+        (synth::SceneKind::Step, 0.2, 8),
     ];
     for (scene, gap, every) in scenes {
         let mut world = synth::build(scene, 1, gap);
@@ -315,7 +315,7 @@ fn nothing_behind_a_closed_surface_is_lit() {
             let (marked, facts) = marked(&cloud, Light::Direction(direction), Settings::default());
             // Those of the two rings within the outer one, which lies 13 cm around them.
             let is_inner = |p: DVec3| {
-                scene == synth::Scene::NestedTori && (p.x.hypot(p.y) - 1.0).hypot(p.z) < 0.3
+                scene == synth::SceneKind::NestedTori && (p.x.hypot(p.y) - 1.0).hypot(p.z) < 0.3
             };
             let (inner, lit) = marked
                 .iter()
@@ -342,7 +342,7 @@ fn nothing_behind_a_closed_surface_is_lit() {
 /// of the surface ends its shadow is as much wider as gaps are; and of few points the layer that those gaps ask for reaches to the surface around it.
 #[test]
 fn a_light_in_a_closed_surface_lights_nothing_outside_of_it() {
-    let mut world = synth::build(synth::Scene::NestedTori, 1, 0.0);
+    let mut world = synth::build(synth::SceneKind::NestedTori, 1, 0.0);
     world.offset = DVec3::ZERO;
     for (count, most_outside) in [(100_000, 0.02), (1_000_000, 1e-5)] {
         let cloud = synth::collect("scene", &world, count, 1, 0.0, &Silent).unwrap();
@@ -428,14 +428,16 @@ fn shadows_take_what_phong_adds_and_leave_its_ambient_part() {
         View::new(perspective(DVec3::new(0.5, -2.5, 2.5), DVec3::ZERO, 60.0), [200, 150]).unwrap();
     for fill in ["fill=off", "fill=on,method=dobrev", "fill=on,method=splat"] {
         let drawn = |shadows: &str| {
-            let mut wishes =
-                Wishes { light: Light::Direction(DVec3::new(0.3, 0.2, -1.0)), ..gpu::bare() };
+            let mut settings = RenderSettings {
+                light: Light::Direction(DVec3::new(0.3, 0.2, -1.0)),
+                ..gpu::bare()
+            };
             for effect in
                 ["phong=on,ambient=0.25,diffuse=0.75,specular=1,shininess=2", fill, shadows]
             {
-                wishes.effects.set(effect).unwrap();
+                settings.effects.set(effect).unwrap();
             }
-            gpu::draw(Way::Compute64, &cloud, &view, &wishes).color
+            gpu::draw(Way::Compute64, &cloud, &view, &settings).color
         };
         let [lit, shaded] = ["shadows=off", "shadows=on,ambient=0.9"].map(drawn);
         let ambient = color.map(|channel| {
@@ -580,7 +582,7 @@ fn samples_add_up_frame_by_frame_to_the_same_marks() {
 fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
     let folder = tempfile::tempdir().unwrap();
     let (las, pnti) = (folder.path().join("terrain.las"), folder.path().join("terrain.pnti"));
-    support::scan(&las, synth::Scene::Terrain, 3_000_000);
+    support::scan(&las, synth::SceneKind::Terrain, 3_000_000);
     build::build(&[las], &pnti, &build::Options::usual(false), &Silent).unwrap();
     let index = Arc::new(Index::open(&pnti).unwrap());
     let (low, high) = index.bounds(&index.nodes()[0]);
@@ -906,29 +908,30 @@ fn marks_are_kept_while_light_and_nodes_stay() {
         let view = |preset| {
             View::new(Camera::framing(preset, &cloud.core_points(), [64, 64]), [64, 64]).unwrap()
         };
-        let mut wishes = Wishes { light: sun, ..Wishes::points() };
-        wishes.effects.set("shadows=on").unwrap();
-        let draw = |gpu: &mut Gpu, resident: &Resident, preset: Preset, wishes: &Wishes| {
-            let view = view(preset);
-            let look = settings::decide(wishes, &view, resident);
-            let mut g = Graph::new(gpu);
-            let outcome = frame::record(&mut g, &view, resident, &look).unwrap();
-            let picture = g.download(&outcome.picture);
-            let frame = g.submit_and_wait(&[]).unwrap();
-            let cast = frame.passes.iter().any(|(name, _)| name == "shadow_depth");
-            let picture: Vec<[u32; 4]> = frame.read(&picture).to_vec();
-            frame.recycle(gpu);
-            (cast, picture)
-        };
-        let (cast, first) = draw(gpu, &resident, Preset::Fit, &wishes);
+        let mut settings = RenderSettings { light: sun, ..RenderSettings::points() };
+        settings.effects.set("shadows=on").unwrap();
+        let draw =
+            |gpu: &mut Gpu, resident: &Resident, preset: Preset, settings: &RenderSettings| {
+                let view = view(preset);
+                let config = FrameConfig::new(settings, &view, resident);
+                let mut g = Graph::new(gpu);
+                let outcome = frame::record(&mut g, &view, resident, &config).unwrap();
+                let picture = g.download(&outcome.picture);
+                let frame = g.submit_and_wait(&[]).unwrap();
+                let cast = frame.passes.iter().any(|(name, _)| name == "shadow_depth");
+                let picture: Vec<[u32; 4]> = frame.read(&picture).to_vec();
+                frame.recycle(gpu);
+                (cast, picture)
+            };
+        let (cast, first) = draw(gpu, &resident, Preset::Fit, &settings);
         assert!(cast, "the first frame casts");
         assert_eq!(
-            draw(gpu, &resident, Preset::Fit, &wishes),
+            draw(gpu, &resident, Preset::Fit, &settings),
             (false, first.clone()),
             "nothing has changed"
         );
-        assert!(!draw(gpu, &resident, Preset::Iso, &wishes).0, "the camera is not the light");
-        let mut darker = wishes.clone();
+        assert!(!draw(gpu, &resident, Preset::Iso, &settings).0, "the camera is not the light");
+        let mut darker = settings.clone();
         darker.effects.set("shadows=on,ambient=0.1").unwrap();
         assert!(
             !draw(gpu, &resident, Preset::Fit, &darker).0,
@@ -939,26 +942,29 @@ fn marks_are_kept_while_light_and_nodes_stay() {
                 gpu,
                 &resident,
                 Preset::Fit,
-                &Wishes { light: Light::Direction(DVec3::NEG_Z), ..wishes.clone() }
+                &RenderSettings { light: Light::Direction(DVec3::NEG_Z), ..settings.clone() }
             )
             .0,
             "another light"
         );
-        assert_eq!(draw(gpu, &resident, Preset::Fit, &wishes), (true, first.clone()), "and back");
+        assert_eq!(draw(gpu, &resident, Preset::Fit, &settings), (true, first.clone()), "and back");
         resident.opacities = Opacities(vec!["class:1=0".parse().unwrap()]);
-        assert!(draw(gpu, &resident, Preset::Fit, &wishes).0, "points that are left out cast none");
+        assert!(
+            draw(gpu, &resident, Preset::Fit, &settings).0,
+            "points that are left out cast none"
+        );
         resident.opacities = Opacities::default();
         assert_eq!(
-            draw(gpu, &resident, Preset::Fit, &wishes),
+            draw(gpu, &resident, Preset::Fit, &settings),
             (true, first.clone()),
             "and with them again"
         );
         resident.nodes[0].count -= 1;
-        assert!(draw(gpu, &resident, Preset::Fit, &wishes).0, "another node");
+        assert!(draw(gpu, &resident, Preset::Fit, &settings).0, "another node");
         resident.free(gpu);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
         assert_eq!(
-            draw(gpu, &resident, Preset::Fit, &wishes),
+            draw(gpu, &resident, Preset::Fit, &settings),
             (true, first),
             "another cloud, if with the same points"
         );

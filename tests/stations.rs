@@ -8,7 +8,7 @@ use pointillist::index::build::{self, Derive, Options};
 use pointillist::index::exposure;
 use pointillist::index::file::{Index, Plane};
 use pointillist::progress::Silent;
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -74,7 +74,7 @@ fn same(files: &[PathBuf], options: &Options) -> (Index, Vec<f64>) {
 fn exposures_of_an_index_are_those_of_its_files() {
     let folder = tempfile::tempdir().unwrap();
     let street = folder.path().join("street.las");
-    scan(&street, Scene::Street, 300_000);
+    scan(&street, SceneKind::Street, 300_000);
     let (index, one) = same(std::slice::from_ref(&street), &OPTIONS);
     assert!(one.len() == 5 && one.iter().any(|gain| (gain - 1.0).abs() > 0.1), "{one:?}");
     let bytes = fs::read(index.path()).unwrap();
@@ -106,7 +106,7 @@ fn exposures_of_an_index_are_those_of_its_files() {
 fn of_more_points_than_are_looked_at_an_index_takes_the_same_as_a_cloud_in_memory() {
     let folder = tempfile::tempdir().unwrap();
     let street = folder.path().join("street.las");
-    scan(&street, Scene::Street, 3_000_000);
+    scan(&street, SceneKind::Street, 3_000_000);
     let (_, one) = same(std::slice::from_ref(&street), &Options { memory: 24 << 20, ..OPTIONS });
     let (_, several) =
         same(&split(&street, 0.00037), &Options { memory: 24 << 20, threads: 3, ..OPTIONS });
@@ -117,7 +117,7 @@ fn of_more_points_than_are_looked_at_an_index_takes_the_same_as_a_cloud_in_memor
 fn one_station_has_no_exposures_and_those_of_an_index_without_any_are_not_evened() {
     let folder = tempfile::tempdir().unwrap();
     let street = folder.path().join("street.las");
-    scan(&street, Scene::Street, 100_000);
+    scan(&street, SceneKind::Street, 100_000);
     let alone = split(&street, 0.0).swap_remove(2);
     let path = folder.path().join("a.pnti");
     build::build(&[alone], &path, &OPTIONS, &Silent).unwrap();
@@ -140,7 +140,7 @@ fn one_station_has_no_exposures_and_those_of_an_index_without_any_are_not_evened
 fn a_node_takes_as_few_bytes_as_it_may_to_say_which_stations_have_seen_it() {
     let folder = tempfile::tempdir().unwrap();
     let street = folder.path().join("street.las");
-    scan(&street, Scene::Street, 600_000);
+    scan(&street, SceneKind::Street, 600_000);
     let (files, path) = (split(&street, 1000.0), folder.path().join("tiles.pnti"));
     build::build(&files, &path, &OPTIONS, &Silent).unwrap();
     let index = Index::open(&path).unwrap();

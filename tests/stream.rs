@@ -485,7 +485,7 @@ fn a_sample_is_points_of_the_file_from_all_over_it() {
         [("scan.las", 20_000, 20_000..=20_100), ("scan.laz", 110_000, 100_000..=150_000)]
     {
         let path = folder.path().join(name);
-        support::scan(&path, pointillist::synth::Scene::Street, 300_000);
+        support::scan(&path, pointillist::synth::SceneKind::Street, 300_000);
         let wanted = Wanted { rgb: true, ..Wanted::default() };
         let whole =
             cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent)
@@ -529,7 +529,7 @@ fn a_sample_is_coarse_and_has_no_gaps() {
     let folder = tempfile::tempdir().unwrap();
     for (name, least) in [("scan.las", 0.99), ("scan.laz", 0.7)] {
         let path = folder.path().join(name);
-        support::scan(&path, pointillist::synth::Scene::Street, 2_000_000);
+        support::scan(&path, pointillist::synth::SceneKind::Street, 2_000_000);
         let wanted = Wanted::default();
         let whole =
             cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent)
@@ -570,7 +570,7 @@ fn a_sample_is_coarse_and_has_no_gaps() {
 fn a_sample_of_odd_files_is_what_they_have() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scan.las");
-    support::scan(&path, pointillist::synth::Scene::Street, 1000);
+    support::scan(&path, pointillist::synth::SceneKind::Street, 1000);
     let bytes = std::fs::read(&path).unwrap();
     let sampled = |points: u64| {
         cloud::sample(
@@ -593,7 +593,7 @@ fn a_sample_of_odd_files_is_what_they_have() {
     std::fs::write(&path, &bytes[..227]).unwrap();
     assert_eq!([0, 5000].map(sampled), [0, 0]);
     let path = folder.path().join("scan.laz");
-    support::scan(&path, pointillist::synth::Scene::Street, 120_000);
+    support::scan(&path, pointillist::synth::SceneKind::Street, 120_000);
     let sampled = |points: u64| {
         cloud::sample(
             std::slice::from_ref(&path),

@@ -9,9 +9,9 @@ use glam::DVec3;
 use pointillist::cloud::{Cloud, Columns, Part};
 use pointillist::index::strokes::{Stroke, householder, strokes};
 use pointillist::progress::Silent;
-use pointillist::synth::{self, Scene};
+use pointillist::synth::{self, SceneKind};
 
-fn scene(scene: Scene, points: u64, noise: f64) -> Cloud {
+fn scene(scene: SceneKind, points: u64, noise: f64) -> Cloud {
     synth::collect("scene", &synth::build(scene, 1, 0.1), points, 3, noise, &Silent).unwrap()
 }
 
@@ -42,7 +42,7 @@ fn normals_of_a_torus_are_within_a_degree_and_with_noise_within_five() {
     // Torus of radii 1 and 0.4: 15.8 square metres, so points are 12.6 mm apart.
     let (count, spacing) = (100_000, 0.0126);
     for (noise, most) in [(0.0, 1.0), (spacing / 4.0, 5.0)] {
-        let cloud = scene(Scene::Torus, count, noise);
+        let cloud = scene(SceneKind::Torus, count, noise);
         let part = &cloud.parts[0];
         let (lo, hi) = part.bounds().unwrap();
         let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
@@ -65,11 +65,11 @@ fn normals_of_a_torus_are_within_a_degree_and_with_noise_within_five() {
 /// Against the surfaces that rays of the scanners hit, with those of leaves, bars and corners among them.
 #[test]
 fn normals_of_a_street_are_within_a_degree_and_with_noise_within_five() {
-    let world = synth::build(Scene::Street, 1, 0.1);
+    let world = synth::build(SceneKind::Street, 1, 0.1);
     let mut spacing = 0.0;
     for (share, most) in [(0.0, 1.0), (0.25, 5.0)] {
         let noise = share * spacing;
-        let cloud = scene(Scene::Street, 300_000, noise);
+        let cloud = scene(SceneKind::Street, 300_000, noise);
         let part = &cloud.parts[0];
         let (sources, stations) = (part.columns.source.as_ref().unwrap(), world.stations());
         // Noise is along the rays.
@@ -111,7 +111,7 @@ fn normals_of_a_street_are_within_a_degree_and_with_noise_within_five() {
 
 #[test]
 fn hard_18_points_on_a_line_have_no_normal_and_a_single_point_the_least_radius() {
-    let mut cloud = scene(Scene::Plane, 2000, 0.0);
+    let mut cloud = scene(SceneKind::Plane, 2000, 0.0);
     let part = &mut cloud.parts[0];
     part.columns = Columns {
         x: (0..2000).map(|i| 10 * i).collect(),
@@ -149,7 +149,7 @@ fn words(part: &Part) -> Vec<[u32; 2]> {
 
 #[test]
 fn strokes_do_not_depend_on_threads() {
-    let cloud = scene(Scene::Street, 60_000, 0.002);
+    let cloud = scene(SceneKind::Street, 60_000, 0.002);
     let [one, three] = [1, 3].map(|threads| {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -201,7 +201,7 @@ mod painted {
     use pointillist::passes::resolve::linear_to_srgb;
     use pointillist::passes::strokes::Facts;
     use pointillist::render::frame;
-    use pointillist::render::settings::{self, Look, Style, Wishes};
+    use pointillist::render::settings::{FrameConfig, RenderSettings, Style};
     use pointillist::resident::Resident;
     use pointillist::select::opacity::Opacities;
     use pointillist::study::mesh::Mesh;
@@ -221,14 +221,14 @@ mod painted {
         Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap()
     }
 
-    fn look(view: &View, resident: &Resident, effect: &str) -> Look {
-        let mut wishes = Wishes {
+    fn config(view: &View, resident: &Resident, effect: &str) -> FrameConfig {
+        let mut settings = RenderSettings {
             effects: Effects::of(Style::Strokes),
             background: [0; 3],
-            ..Wishes::default()
+            ..RenderSettings::default()
         };
-        [effect, "edl=off"].iter().for_each(|effect| wishes.effects.set(effect).unwrap());
-        settings::decide(&wishes, view, resident)
+        [effect, "edl=off"].iter().for_each(|effect| settings.effects.set(effect).unwrap());
+        FrameConfig::new(&settings, view, resident)
     }
 
     fn paint(cloud: &Cloud, view: &View, effect: &str) -> Painted {
@@ -241,9 +241,9 @@ mod painted {
             let mut resident = resident(gpu, cloud);
             resident.opacities =
                 Opacities(opacities.iter().map(|rule| rule.parse().unwrap()).collect());
-            let look = look(view, &resident, effect);
+            let config = config(view, &resident, effect);
             let mut g = Graph::new(gpu);
-            let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
+            let outcome = frame::record(&mut g, view, &resident, &config).unwrap();
             let [picture, depth] =
                 [&outcome.picture, &outcome.layers.depth].map(|image| g.download(image));
             let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
@@ -259,7 +259,7 @@ mod painted {
     }
 
     fn torus(points: u64) -> (Cloud, View) {
-        let cloud = scene(Scene::Torus, points, 0.0);
+        let cloud = scene(SceneKind::Torus, points, 0.0);
         let view =
             View::new(Camera::framing(Preset::Iso, &cloud.core_points(), [161, 120]), [161, 120])
                 .unwrap();
@@ -323,9 +323,9 @@ mod painted {
         effect: &str,
         at_once: Option<u32>,
     ) -> Frame {
-        let look = Look { strokes_at_once: at_once, ..look(view, resident, effect) };
+        let config = FrameConfig { strokes_at_once: at_once, ..config(view, resident, effect) };
         let mut g = Graph::new(gpu);
-        let outcome = frame::record(&mut g, view, resident, &look).unwrap();
+        let outcome = frame::record(&mut g, view, resident, &config).unwrap();
         let (picture, strokes) = (g.download(&outcome.picture), outcome.strokes.unwrap());
         let frame = g.submit_and_wait(&[]).expect("drawn, and no validation message");
         let drawn = Frame {
@@ -476,7 +476,7 @@ mod painted {
     /// Strokes of a few hundred points a pixel, and strokes that each touch every tile: lavapipe ends all loops of an invocation together after 65,535 rounds, which has lost some of both.
     #[test]
     fn hard_16_no_stroke_of_a_crowded_tile_is_lost_and_none_that_touches_many() {
-        let cloud = scene(Scene::NestedTori, 80_000, 0.0);
+        let cloud = scene(SceneKind::NestedTori, 80_000, 0.0);
         let view =
             View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [17, 13]), [17, 13])
                 .unwrap();
@@ -511,7 +511,7 @@ mod painted {
         }
 
         // As many as in small windows of the picture, but for roundings.
-        let cloud = scene(Scene::Plane, 600, 0.0);
+        let cloud = scene(SceneKind::Plane, 600, 0.0);
         let view =
             View::new(Camera::framing(Preset::Top, &cloud.core_points(), [320, 256]), [320, 256])
                 .unwrap();
@@ -680,9 +680,9 @@ mod painted {
 
     #[test]
     fn a_torus_of_few_points_is_covered_within_its_silhouette_and_three_pixels_beyond() {
-        let world = synth::build(Scene::Torus, 1, 0.1);
+        let world = synth::build(SceneKind::Torus, 1, 0.1);
         // A tenth of the 437,645 points of the paper's dragon.
-        covers(&scene(Scene::Torus, 43_765, 0.0), |origin, direction| {
+        covers(&scene(SceneKind::Torus, 43_765, 0.0), |origin, direction| {
             world.trace(origin, direction).is_some()
         });
     }
@@ -775,7 +775,7 @@ mod painted {
     fn no_surface_shows_what_lies_behind_it() {
         let torus = |points: u64, size: [u32; 2]| {
             let (world, cloud) =
-                (synth::build(Scene::Torus, 1, 0.1), scene(Scene::Torus, points, 0.0));
+                (synth::build(SceneKind::Torus, 1, 0.1), scene(SceneKind::Torus, points, 0.0));
             let view =
                 View::new(Camera::framing(Preset::Iso, &cloud.core_points(), size), size).unwrap();
             seen(&cloud, &view, "strokes=on", |origin, direction| world.first(origin, direction))
@@ -810,7 +810,7 @@ mod painted {
 
     #[test]
     fn strokes_agree_with_f64_whatever_the_tangents_the_brush_and_the_camera() {
-        let cloud = scene(Scene::NestedTori, 1500, 0.0);
+        let cloud = scene(SceneKind::NestedTori, 1500, 0.0);
         let part = &cloud.parts[0];
         let found = strokes(&part.columns, &part.lattice, &Silent).unwrap();
         let size = [67, 53];
@@ -845,7 +845,7 @@ mod painted {
 
     #[test]
     fn strokes_that_let_light_through_agree_with_f64() {
-        let cloud = scene(Scene::NestedTori, 1500, 0.0);
+        let cloud = scene(SceneKind::NestedTori, 1500, 0.0);
         let part = &cloud.parts[0];
         let (found, class) = (
             strokes(&part.columns, &part.lattice, &Silent).unwrap(),
@@ -881,7 +881,7 @@ mod painted {
     /// Seen straight from above all strokes of a plane are as deep as each other: some are painted over, of any colour.
     #[test]
     fn of_strokes_of_one_depth_no_colour_comes_first() {
-        let mut cloud = scene(Scene::Plane, 2000, 0.0);
+        let mut cloud = scene(SceneKind::Plane, 2000, 0.0);
         let axis = |of: fn(i32) -> i32| (0..400).map(of).collect::<Vec<i32>>();
         let (x, y, z) = (axis(|k| 1000 * (k % 20)), axis(|k| 1000 * (k / 20)), vec![0; 400]);
         let is_red = |k: usize| (k % 20 + k / 20).is_multiple_of(2);
@@ -914,7 +914,7 @@ mod painted {
     fn hard_17_strokes_let_light_through_linearly() {
         // Sheets of points, one behind the other, all black, painted with strokes too small to touch.
         let sheets = |count: i32| {
-            let mut cloud = scene(Scene::Plane, 2000, 0.0);
+            let mut cloud = scene(SceneKind::Plane, 2000, 0.0);
             let axis = |of: fn(i32) -> i32| (0..400 * count).map(of).collect::<Vec<i32>>();
             let (x, y, z) = (
                 axis(|k| 1000 * (k % 20)),

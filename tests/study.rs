@@ -12,7 +12,7 @@ use pointillist::study::cases::{self, Case, Options, Sampling};
 use pointillist::study::mesh::Mesh;
 use pointillist::study::truth::{Errors, Surface, Truth};
 use pointillist::study::{self, Plan, Row, report};
-use pointillist::synth::{self, Scene, World};
+use pointillist::synth::{self, SceneKind, World};
 use pointillist::view::{Camera, Preset, View};
 use std::collections::{BTreeMap, HashMap};
 
@@ -435,7 +435,8 @@ fn a_sphere_of_triangles_is_the_sphere() {
     let mut view = None;
     visited(&["sphere"], &[0.01], |case| view = Some(case.view));
     let view: View = view.unwrap();
-    let (round, flat) = (Analytic(synth::build(Scene::Sphere, 1, 0.0)), Triangles(sphere_mesh(7)));
+    let (round, flat) =
+        (Analytic(synth::build(SceneKind::Sphere, 1, 0.0)), Triangles(sphere_mesh(7)));
     let (round, flat) = (Truth::cast(&view, &round), Truth::cast(&view, &flat));
     let depth: Vec<f32> = flat.depth.iter().map(|depth| *depth as f32).collect();
     let errors = study::truth::compare(&round, 0.0, &depth, &depth, None);
@@ -724,12 +725,12 @@ fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
         let size = [side, side];
         let view =
             View::new(Camera::framing(Preset::Top, &strips.core_points(), size), size).unwrap();
-        let draw = |cloud: &Cloud, wishes| gpu::draw(Way::Compute64, cloud, &view, wishes);
+        let draw = |cloud: &Cloud, settings| gpu::draw(Way::Compute64, cloud, &view, settings);
         let station: Vec<bool> =
             draw(&marked, &plain).color.iter().map(|color| color[0] > color[2]).collect();
         // What neighbours on one surface differ by, stops: the mean between stations, from the second to the first, beside which what there is to see adds up to nothing; and the mean square within one; and the first one's standard error.
-        let judged = |cloud: &Cloud, wishes| {
-            let drawn = draw(cloud, wishes);
+        let judged = |cloud: &Cloud, settings| {
+            let drawn = draw(cloud, settings);
             let (mut between, mut within) = (Vec::new(), Vec::new());
             for i in 0..drawn.depth.len() {
                 for k in [
@@ -801,7 +802,7 @@ fn the_strokes_study_keeps_its_promises() {
 /// By looking at all points.
 #[test]
 fn the_offline_reference_averages_the_nearest() {
-    let world = synth::build(Scene::Sphere, 1, 0.0);
+    let world = synth::build(SceneKind::Sphere, 1, 0.0);
     let mut cloud = synth::collect("sphere", &world, 3_000, 5, 0.0, &Silent).unwrap();
     let columns = cloud.parts[0].columns.clone();
     let (positions, colors) = (&columns, columns.rgb.as_ref().unwrap());

@@ -6,19 +6,19 @@ use glam::DVec3;
 use pointillist::cli::synth::{Arguments, camera, run, truth};
 use pointillist::error::{Error, Result};
 use pointillist::progress::{Progress, Silent};
-use pointillist::synth::{self, Chunk, Scene, World};
+use pointillist::synth::{self, Chunk, SceneKind, World};
 use pointillist::view::View;
 use proptest::prelude::*;
 use std::path::Path;
 
-const SCENES: [Scene; 7] = [
-    Scene::Plane,
-    Scene::Sphere,
-    Scene::Torus,
-    Scene::NestedTori,
-    Scene::Step,
-    Scene::Street,
-    Scene::Terrain,
+const SCENES: [SceneKind; 7] = [
+    SceneKind::Plane,
+    SceneKind::Sphere,
+    SceneKind::Torus,
+    SceneKind::NestedTori,
+    SceneKind::Step,
+    SceneKind::Street,
+    SceneKind::Terrain,
 ];
 
 #[derive(Parser)]
@@ -62,16 +62,16 @@ fn torus_distance(p: DVec3, minor: f64) -> f64 {
 }
 
 /// Distance to the nearest surface of a closed-form scene.
-fn distance(scene: Scene, p: DVec3) -> f64 {
+fn distance(scene: SceneKind, p: DVec3) -> f64 {
     match scene {
-        Scene::Plane => p.z.abs(),
-        Scene::Sphere => (p.length() - 1.0).abs(),
-        Scene::Torus => torus_distance(p, 0.4).abs(),
-        Scene::NestedTori => [0.14, 0.27, 0.40]
+        SceneKind::Plane => p.z.abs(),
+        SceneKind::Sphere => (p.length() - 1.0).abs(),
+        SceneKind::Torus => torus_distance(p, 0.4).abs(),
+        SceneKind::NestedTori => [0.14, 0.27, 0.40]
             .map(|r| torus_distance(p, r).abs())
             .into_iter()
             .fold(f64::INFINITY, f64::min),
-        Scene::Step => p.z.abs().min((p.z - 0.1).abs()),
+        SceneKind::Step => p.z.abs().min((p.z - 0.1).abs()),
         _ => unreachable!(),
     }
 }
@@ -106,7 +106,7 @@ fn hits_lie_on_the_surface() {
                 .trace(hit.point + hit.normal * 1e-3, -hit.normal)
                 .expect("the surface just hit");
             back += ((again.t - 1e-3).abs() < 1e-9) as u32;
-            if !matches!(scene, Scene::Street | Scene::Terrain) {
+            if !matches!(scene, SceneKind::Street | SceneKind::Terrain) {
                 assert!(distance(scene, hit.point) < 1e-9, "{scene:?}: {hit:?}");
             }
         }
@@ -123,7 +123,7 @@ proptest! {
 
     #[test]
     fn torus_agrees_with_a_march(seed in prop::array::uniform6(-1.0..1.0f64), far in 0.0..6.0f64) {
-        let world = synth::build(Scene::Torus, 1, 0.1);
+        let world = synth::build(SceneKind::Torus, 1, 0.1);
         let direction = DVec3::new(seed[0], seed[1], seed[2]);
         prop_assume!(direction.length() > 1e-3);
         let direction = direction.normalize();
@@ -152,13 +152,19 @@ proptest! {
 fn points_lie_on_the_traced_surface() {
     // Rounding moves a point by half the lattice's diagonal at most.
     let rounding = |world: &World| world.step * 0.75f64.sqrt() + 1e-9;
-    for scene in [Scene::Plane, Scene::Sphere, Scene::Torus, Scene::NestedTori, Scene::Step] {
+    for scene in [
+        SceneKind::Plane,
+        SceneKind::Sphere,
+        SceneKind::Torus,
+        SceneKind::NestedTori,
+        SceneKind::Step,
+    ] {
         let world = synth::build(scene, 1, 0.1);
         for (_, _, p) in positions(&scan(&world, 20_000, 0.0)) {
             assert!(distance(scene, p) <= rounding(&world), "{scene:?}: {p}");
         }
     }
-    let world = synth::build(Scene::Street, 1, 0.1);
+    let world = synth::build(SceneKind::Street, 1, 0.1);
     let (mut agree, mut total) = (0, 0);
     for (chunk, i, p) in positions(&scan(&world, 20_000, 0.0)) {
         let station = world.stations()[chunk.source[i] as usize - 1].position;
@@ -168,7 +174,7 @@ fn points_lie_on_the_traced_surface() {
         agree += hit.is_some_and(|h| (h.point - p).dot(h.normal).abs() <= rounding(&world)) as u32;
     }
     assert!(agree as f64 > 0.97 * total as f64, "street: {agree} of {total}");
-    let world = synth::build(Scene::Terrain, 1, 0.1);
+    let world = synth::build(SceneKind::Terrain, 1, 0.1);
     let (mut agree, mut total) = (0, 0);
     for (chunk, i, p) in positions(&scan(&world, 20_000, 0.0)).filter(|(c, i, _)| c.class[*i] == 2)
     {
@@ -191,7 +197,7 @@ fn exactly_as_many_points_as_asked() {
             assert_eq!(total as u64, points, "{scene:?}");
         }
     }
-    let world = synth::build(Scene::NestedTori, 1, 0.1);
+    let world = synth::build(SceneKind::NestedTori, 1, 0.1);
     let chunks = scan(&world, 30_000, 0.0);
     for class in 1..=3 {
         assert_eq!(chunks.iter().flat_map(|c| &c.class).filter(|&&c| c == class).count(), 10_000);
@@ -253,7 +259,7 @@ fn the_file_says_what_was_scanned() {
 
 #[test]
 fn density_falls_with_distance_and_stations_differ_in_exposure() {
-    let world = synth::build(Scene::Street, 1, 0.1);
+    let world = synth::build(SceneKind::Street, 1, 0.1);
     let chunks = scan(&world, 300_000, 0.0);
     let first = world.stations()[0].position;
     let ring = |from: f64, to: f64| {
@@ -300,7 +306,7 @@ fn density_falls_with_distance_and_stations_differ_in_exposure() {
 
 #[test]
 fn noise_has_the_asked_deviation() {
-    let world = synth::build(Scene::Sphere, 1, 0.1);
+    let world = synth::build(SceneKind::Sphere, 1, 0.1);
     let chunks = scan(&world, 50_000, 0.01);
     let variance =
         positions(&chunks).map(|(_, _, p)| (p.length() - 1.0).powi(2)).sum::<f64>() / 50_000.0;
@@ -310,7 +316,7 @@ fn noise_has_the_asked_deviation() {
 
 #[test]
 fn truth_of_the_sphere_is_the_closed_form() {
-    let mut world = synth::build(Scene::Sphere, 1, 0.1);
+    let mut world = synth::build(SceneKind::Sphere, 1, 0.1);
     world.offset = DVec3::new(500_000.0, 5_000_000.0, 100.0);
     let view = View::new(camera(world.camera()), [97, 61]).unwrap();
     let truth = truth(&world, &view, &Silent).unwrap();

@@ -2,7 +2,7 @@
 
 mod support;
 
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use std::path::PathBuf;
 use support::{failed, pointillist, read_png, render, scan, succeeded};
 
@@ -13,7 +13,7 @@ struct Place {
 impl Place {
     fn new(points: u64) -> Place {
         let place = Place { folder: tempfile::tempdir().unwrap() };
-        scan(&place.at("street.las"), Scene::Street, points);
+        scan(&place.at("street.las"), SceneKind::Street, points);
         let camera = r#"{"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}"#;
         std::fs::write(place.at("cam.json"), camera).unwrap();
         place

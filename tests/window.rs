@@ -16,7 +16,7 @@ use pointillist::passes::EFFECTS;
 use pointillist::passes::resolve::code_color;
 use pointillist::progress::Silent;
 use pointillist::resident::section::Slab;
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use pointillist::view::{Camera, View};
 use std::path::Path;
 use std::time::Duration;
@@ -93,7 +93,7 @@ fn views_that_are_chosen_before_anything_is_there_are_those_of_what_comes() {
 #[test]
 fn a_file_that_takes_long_to_be_read_ends_as_the_picture_of_render() {
     let place = Place::new();
-    let cloud = place.scan("scan.laz", Scene::Street, 2_100_000);
+    let cloud = place.scan("scan.laz", SceneKind::Street, 2_100_000);
     let fit = place.picture(&[&cloud], "fit.png", "");
     let mut viewer = place.view(&[&cloud], "");
     viewer.shows(&fit);
@@ -178,8 +178,11 @@ fn put_away(viewer: &mut Viewer) {
 #[test]
 fn what_cannot_be_opened_keeps_nothing_else_from_being_opened() {
     let place = Place::new();
-    let (cloud, bad, worse) =
-        (place.scan("torus.las", Scene::Torus, 60_000), place.at("bad.las"), place.at("worse.ply"));
+    let (cloud, bad, worse) = (
+        place.scan("torus.las", SceneKind::Torus, 60_000),
+        place.at("bad.las"),
+        place.at("worse.ply"),
+    );
     [&bad, &worse].iter().for_each(|path| std::fs::write(path, b"LASF, or so it says").unwrap());
     let mut viewer = place.view(&[&bad, &cloud, &worse], "--view top");
     viewer.until("both said", |viewer| {
@@ -196,7 +199,7 @@ fn what_cannot_be_opened_keeps_nothing_else_from_being_opened() {
 #[test]
 fn what_is_dropped_and_cannot_be_opened_leaves_the_window_as_it_was() {
     let place = Place::new();
-    let (torus, street) = (place.scan("torus.las", Scene::Torus, 10_000), place.street(30_000));
+    let (torus, street) = (place.scan("torus.las", SceneKind::Torus, 10_000), place.street(30_000));
     let bad = place.at("bad.las");
     std::fs::write(&bad, b"LASF, or so it says").unwrap();
     let view = "--view top";
@@ -254,7 +257,7 @@ fn every_effect_is_switched_on_as_render_does() {
 fn render_and_a_window_take_the_same_scene() {
     let folder = tempfile::tempdir().unwrap();
     let cloud = folder.path().join("scan.las");
-    scan(&cloud, Scene::Torus, 5000);
+    scan(&cloud, SceneKind::Torus, 5000);
     let bad = folder.path().join("scene.json");
     std::fs::write(&bad, "{}").unwrap();
     let said = support::failed(
@@ -278,7 +281,7 @@ fn one_ctrl_c_closes_the_window_and_leaves_nothing_half_written() {
     assert!(said.contains("interrupted") && !said.contains("Validation"), "{said}");
 
     // While an index is being made there is a file beside its place.
-    let large = place.scan("large.las", Scene::Street, 3_000_000);
+    let large = place.scan("large.las", SceneKind::Street, 3_000_000);
     let line = format!("--budget 100000 --cache-dir {}", cache.display());
     let mut viewer = place.view_with_panel(&[&large], SIZE, &line);
     viewer.until("half an index", |_| cache.exists() && !names(&cache).is_empty());
@@ -432,8 +435,8 @@ fn picked_points_are_those_of_the_file_that_are_seen_there_and_are_measured() {
 #[test]
 fn a_file_dropped_on_the_window_is_drawn_with_the_one_that_is_open() {
     let place = Place::new();
-    let first = place.scan("a street.las", Scene::Street, 30_000);
-    let second = place.scan("torus.las", Scene::Torus, 10_000);
+    let first = place.scan("a street.las", SceneKind::Street, 30_000);
+    let second = place.scan("torus.las", SceneKind::Torus, 10_000);
     let view = "--view top";
     let mut viewer = place.view(&[&second], view);
     viewer.shows(&place.picture(&[&second], "one.png", view));

@@ -10,7 +10,7 @@ use display::{SIZE, Viewer};
 use glam::DVec3;
 use pointillist::cloud::{self, ReadOptions, Wanted};
 use pointillist::progress::Silent;
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use pointillist::view::{Camera, View};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -92,7 +92,7 @@ fn while_a_disk_hangs_or_a_device_is_lost_pictures_that_are_asked_for_hold_nothi
         "{said}"
     );
 
-    let small = place.scan("small.las", Scene::Street, 60_000);
+    let small = place.scan("small.las", SceneKind::Street, 60_000);
     let mut viewer = place.view(&[&small], "--save-size 8x --lose-device 8");
     let fit = place.picture(&[&small], "fit.png", "");
     viewer.key("F9");
@@ -136,7 +136,7 @@ fn layers_are_saved_as_render_writes_them() {
 fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_the_next_picture() {
     let place = Place::new();
     let (torus, street, scene) = (
-        place.scan("torus.las", Scene::Torus, 10_000),
+        place.scan("torus.las", SceneKind::Torus, 10_000),
         place.street(30_000),
         place.at("scene.json"),
     );
@@ -164,7 +164,7 @@ fn what_is_dropped_while_a_large_picture_is_saved_is_shown_meanwhile_and_is_in_t
     assert!(std::fs::read(&saved[1]).unwrap() == std::fs::read(larger).unwrap());
 
     // And what nobody waits for any more is given back.
-    let denser = place.scan("denser.las", Scene::Street, 40_000);
+    let denser = place.scan("denser.las", SceneKind::Street, 40_000);
     let wanted = place.picture(&[&torus, &street, &denser], "denser.png", &drawn);
     viewer.key("F9");
     drop_file(&place.display, &viewer.window, &denser);

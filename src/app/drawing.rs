@@ -3,7 +3,7 @@
 //! The window's thread never waits for the device: it posts what it wants, and goes on. This one drains what was posted, keeps the newest, and
 //!   draws where that is another picture than the last: smaller while it keeps changing (pace.rs), and once as large as the window when it has stopped;
 //!   brings a cloud that was opened to the device, a few milliseconds of it between two pictures, so that the old one is flown through until the new one is there;
-//!   draws again while nodes of an index arrive, and while a picture at rest is refined ([`Look::gradual`]); then sleeps until something is posted. A picture that nobody looks at any more is not drawn twice.
+//!   draws again while nodes of an index arrive, and while a picture at rest is refined ([`FrameConfig::progressive`]); then sleeps until something is posted. A picture that nobody looks at any more is not drawn twice.
 //! One picture at a time is on the device. As soon as it is there the window's thread is told, which moves the camera on: where that is by then is drawn next. So whatever hands do is on
 //! the screen after what is left of one picture and one more; a second one waiting on the device would show where the camera was before.
 //!
@@ -27,7 +27,7 @@ use crate::present::overlay::Overlay;
 use crate::progress::Progress;
 use crate::render::frame;
 use crate::render::scene::Scene;
-use crate::render::settings::{self, Look, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::residency::Update;
 use crate::resident::section::Slab;
 use crate::resident::{Point, Resident};
@@ -325,21 +325,27 @@ fn refine_shadows(
     gpu: &mut Gpu,
     view: &View,
     resident: &Resident,
-    look: &Look,
+    config: &FrameConfig,
     newer: &Newer,
 ) -> Result<()> {
-    let (scene, began) = (look.scene(view, resident), Instant::now());
+    let (scene, began) = (config.scene(view, resident), Instant::now());
     loop {
         let mut g = Graph::new(gpu);
-        let marks =
-            match shadows::marks(&mut g, &scene, resident, &look.effects, &look.decided, Some(1)) {
-                Ok(marks) => marks,
-                Err(error) => {
-                    g.discard();
-                    // The picture says so.
-                    return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
-                }
-            };
+        let marks = match shadows::marks(
+            &mut g,
+            &scene,
+            resident,
+            &config.effects,
+            &config.decided,
+            Some(1),
+        ) {
+            Ok(marks) => marks,
+            Err(error) => {
+                g.discard();
+                // The picture says so.
+                return if let Error::Request(_) = error { Ok(()) } else { Err(error) };
+            }
+        };
         let Some(shadows::Marks { counts, saved: None, facts, .. }) = marks else { return Ok(()) };
         g.submit_and_wait(&[counts.resource()])?.recycle(gpu);
         if facts.cast == facts.samples
@@ -352,17 +358,17 @@ fn refine_shadows(
 }
 
 /// What is asked for of a picture of a cloud; until its strokes are found it is drawn without.
-fn wishes(scene: &Scene, resident: &Resident) -> Wishes {
-    let mut wishes = scene.wishes.clone();
+fn settings(scene: &Scene, resident: &Resident) -> RenderSettings {
+    let mut settings = scene.settings.clone();
     if brushes_lack(scene, resident) {
-        wishes.effects.strokes.switch = Switch::Off;
+        settings.effects.strokes.switch = Switch::Off;
     }
-    wishes
+    settings
 }
 
 /// Whether it is to be painted, and what brushes need is not known yet.
 fn brushes_lack(scene: &Scene, resident: &Resident) -> bool {
-    scene.wishes.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
+    scene.settings.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
 }
 
 impl Thread {
@@ -569,7 +575,7 @@ impl Thread {
         };
         let view = View::new(scene.camera, present.size())?;
         let mut g = Graph::new(&mut self.gpu);
-        let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.wishes.precision)
+        let Ok(points) = project::draw(&mut g, &view, cloud.resident(), scene.settings.precision)
         else {
             // Whoever draws them says so.
             g.discard();
@@ -649,20 +655,20 @@ impl Thread {
         // What is only a finer picture of the same gives way.
         let gives_way = self.wanted != Wanted::Now;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
-        let mut look = settings::decide(
-            &wishes(scene, resident),
+        let mut config = FrameConfig::new(
+            &settings(scene, resident),
             &View::new(scene.camera, present.size())?,
             resident,
         );
         if brushes_lack(scene, resident) {
-            look.decided.explain("strokes", "what brushes need to know is still being found");
+            config.decided.explain("strokes", "what brushes need to know is still being found");
         }
-        let mut drawn = if gives_way { look.gradual() } else { look.hurried(divisor) };
+        let mut drawn = if gives_way { config.progressive() } else { config.interactive(divisor) };
         if divisor > 1 && !drawn.overlap.is_everywhere() {
             drawn.overlap = Arc::new(resident.overlap(&view));
         }
         if gives_way {
-            refine_shadows(&mut self.gpu, &view, resident, &look, &newer)?;
+            refine_shadows(&mut self.gpu, &view, resident, &config, &newer)?;
         }
         let mut g = Graph::new(&mut self.gpu);
         if gives_way {
@@ -715,7 +721,7 @@ impl Thread {
         let passes = frame.passes.clone();
         let unordered = outcome.strokes.as_ref().and_then(|painted| painted.unordered.as_ref());
         let ordered = unordered.is_none_or(|unordered| frame.read::<u32>(unordered)[0] == 0);
-        let mut notes = look.notes(cloud.resident());
+        let mut notes = config.warnings(cloud.resident());
         notes.extend(
             warned
                 .note(&frame)
@@ -730,7 +736,7 @@ impl Thread {
             .marks
             .as_ref()
             .is_none_or(|marks| marks.facts.cast == marks.facts.samples);
-        let finest = divisor == 1 && drawn.effects == look.effects && lit && ordered;
+        let finest = divisor == 1 && drawn.effects == config.effects && lit && ordered;
         self.wanted = match (finest, complete) {
             (true, true) => Wanted::Nothing,
             (true, false) => Wanted::More,
@@ -738,7 +744,7 @@ impl Thread {
         };
         self.again = false;
         self.uncounted =
-            cloud.resident().leaves_out().then(|| look.drops_back_faces(cloud.resident()));
+            cloud.resident().leaves_out().then(|| config.drops_back_faces(cloud.resident()));
         (spent.drawing, spent.reading_back) = (took, reading_back.elapsed());
         let showing = Instant::now();
         if !present.show(&self.gpu)? {
@@ -749,7 +755,7 @@ impl Thread {
             loading.worked = residency.loader_worked();
         }
         let (decided, statistics, latency) =
-            (look.decided, outcome.statistics, self.asked.elapsed());
+            (config.decided, outcome.statistics, self.asked.elapsed());
         let (whole, leaves_out) =
             (finest && complete && self.bringing.is_none(), self.uncounted.is_some());
         (self.report)(Report::Drawn(Box::new(Drawn {
@@ -775,7 +781,7 @@ impl Thread {
         let [red, green, blue] = self
             .scene
             .as_ref()
-            .map_or(crate::config::BACKGROUND, |scene| scene.wishes.background)
+            .map_or(crate::config::BACKGROUND, |scene| scene.settings.background)
             .map(u32::from);
         let word = if present.blue_first() {
             blue | green << 8 | red << 16

@@ -193,7 +193,7 @@ impl App {
 
     /// Strokes that cannot be found, or for which there is no room, are asked for no longer.
     fn not_painted(&mut self, error: &Error) {
-        self.scene.wishes.effects.strokes.switch = Switch::Off;
+        self.scene.settings.effects.strokes.switch = Switch::Off;
         self.trouble(error);
     }
 
@@ -209,6 +209,6 @@ impl App {
     }
 
     fn wants_strokes(&self) -> bool {
-        self.scene.wishes.effects.strokes.switch == Switch::On
+        self.scene.settings.effects.strokes.switch == Switch::On
     }
 }

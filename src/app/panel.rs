@@ -307,12 +307,12 @@ fn everything(
     if added {
         deeds.push(Deed::AddBox);
     }
-    lamp::choose(ui, &mut scene.wishes.light, scene.camera.eye);
+    lamp::choose(ui, &mut scene.settings.light, scene.camera.eye);
     CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
-        for listed in scene.wishes.effects.list() {
+        for listed in scene.settings.effects.list() {
             effect(ui, listed, &facts.decided);
         }
-        layer_distance(ui, &mut scene.wishes.layer_m);
+        layer_distance(ui, &mut scene.settings.layer_m);
     });
     CollapsingHeader::new("what runs, and why").show(ui, |ui| {
         for (name, reason) in &facts.decided.0 {
@@ -433,7 +433,7 @@ fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
         legend::ramp(ui, shown, &facts.kinds.reference);
     }
     ui.horizontal(|ui| {
-        ui.color_edit_button_srgb(&mut scene.wishes.background);
+        ui.color_edit_button_srgb(&mut scene.settings.background);
         ui.label("background");
     });
 }

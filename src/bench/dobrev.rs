@@ -12,7 +12,7 @@ use crate::gpu::DeviceOptions;
 use crate::graph::{Gpu, Graph, Handle};
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
 use crate::select::opacity::{Opacities, Rule, What};
 use crate::synth;
@@ -84,7 +84,7 @@ const SURFACE: [&str; 6] = [
 pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(options)?;
     let mut rows = Vec::new();
-    let world = synth::build(synth::Scene::NestedTori, plan.seed, 0.0);
+    let world = synth::build(synth::SceneKind::NestedTori, plan.seed, 0.0);
     let tori = synth::collect("nested tori", &world, plan.points, plan.seed, 0.0, progress)?;
     rows.extend(of(&mut gpu, "nested tori", tori, 0, plan, progress)?);
     for path in &plan.models {
@@ -159,9 +159,9 @@ fn draw(
     let opacity = if way.layers > 1 { 0.5 } else { 1.0 };
     resident.opacities = Opacities(vec![Rule { what: What::All, opacity }]);
     // Never twice the same, so that no marks are kept.
-    let mut wishes = Wishes {
+    let mut settings = RenderSettings {
         light: Light::Direction(DVec3::new(0.5, 0.7, -0.8 - 1e-3 * round as f64)),
-        ..Wishes::default()
+        ..RenderSettings::default()
     };
     let transparency = format!("transparency=auto,layers={}", way.layers);
     let shadows = format!(
@@ -170,10 +170,10 @@ fn draw(
         way.samples.max(1)
     );
     let effects = SURFACE.into_iter().chain([transparency.as_str(), shadows.as_str()]);
-    effects.for_each(|effect| wishes.effects.set(effect).expect("constants above"));
-    let look = settings::decide(&wishes, view, resident);
+    effects.for_each(|effect| settings.effects.set(effect).expect("constants above"));
+    let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let outcome = frame::record(&mut g, view, resident, &config)?;
     let frame = g.submit_and_wait(&[outcome.picture.resource()])?;
     let ms = frame.passes.iter().map(|(_, ms)| ms).sum();
     frame.recycle(gpu);

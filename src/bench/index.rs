@@ -11,7 +11,7 @@ use crate::cloud::{ReadOptions, Wanted};
 use crate::error::{Error, Result};
 use crate::index::build::Summary;
 use crate::progress::Progress;
-use crate::synth::{self, LasFile, Scene};
+use crate::synth::{self, LasFile, SceneKind};
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -71,13 +71,13 @@ fn measure(plan: &Plan, points: u64, progress: &dyn Progress) -> Result<Row> {
         |name: &str| plan.folder.join(format!("pointillist-bench-{}-{name}", std::process::id()));
     let (input, output, copy) = (at(&format!("street.{format}")), at("street.pnti"), at("copy"));
     let _scratch = Scratch(vec![input.clone(), output.clone(), copy.clone()]);
-    let world = synth::build(Scene::Street, plan.seed, 0.0);
+    let world = synth::build(SceneKind::Street, plan.seed, 0.0);
     let mut file = LasFile::create(&input, world.lattice(), points)?;
     synth::scan(
         &world,
         points,
         plan.seed,
-        Scene::Street.default_noise(),
+        SceneKind::Street.default_noise(),
         &mut |chunk| file.write(chunk),
         progress,
     )?;

@@ -10,7 +10,7 @@ use crate::graph::{Gpu, Graph, Handle};
 use crate::passes::Switch;
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
 use crate::synth;
 use crate::view::{Camera, Projection, View};
@@ -57,21 +57,21 @@ const PAPER: [(u64, f64); 4] = [
 
 pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(options)?;
-    let world = synth::build(synth::Scene::Street, plan.seed, 0.0);
-    let look = world.camera();
+    let world = synth::build(synth::SceneKind::Street, plan.seed, 0.0);
+    let viewpoint = world.camera();
     let camera = Camera {
-        eye: look.eye,
-        target: look.target,
+        eye: viewpoint.eye,
+        target: viewpoint.target,
         up: DVec3::Z,
-        fov_y: look.fov_y,
+        fov_y: viewpoint.fov_y,
         projection: Projection::Perspective,
         ortho_height: None,
     };
     let view = View::new(camera, plan.size)?;
     let ways = [Switch::Off, Switch::On].map(|switch| {
-        let mut wishes = Wishes::default();
-        wishes.effects.luminance.switch = switch;
-        wishes
+        let mut settings = RenderSettings::default();
+        settings.effects.luminance.switch = switch;
+        settings
     });
     let mut rows = Vec::new();
     for &points in &plan.points {
@@ -80,7 +80,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
             &world,
             points,
             plan.seed,
-            synth::Scene::Street.default_noise(),
+            synth::SceneKind::Street.default_noise(),
             progress,
         )?;
         let shown = Shown::new(Attribute::Rgb, &cloud);
@@ -127,10 +127,15 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
 }
 
 /// Milliseconds of all passes, of those of luminance, and of projecting.
-fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<[f64; 3]> {
-    let look = settings::decide(wishes, view, resident);
+fn draw(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    settings: &RenderSettings,
+) -> Result<[f64; 3]> {
+    let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
-    let picture = frame::record(&mut g, view, resident, &look)?.picture;
+    let picture = frame::record(&mut g, view, resident, &config)?.picture;
     let frame = g.submit_and_wait(&[picture.resource()])?;
     let ms = [frame.ms(""), frame.ms("luminance") + frame.ms("clear sums"), frame.ms("project")];
     frame.recycle(gpu);

@@ -19,7 +19,7 @@ use crate::passes::project::{self, Precision};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::shader;
-use crate::synth::{self, Scene};
+use crate::synth::{self, SceneKind};
 use crate::view::{Camera, Preset, View};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -45,7 +45,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
     let mut gpus = Gpus { compute: Gpu::open(options)?, raster: Gpu::open(options)? };
     let mut rows = Vec::new();
     for &points in &plan.points {
-        let world = synth::build(Scene::Sphere, plan.seed, 0.0);
+        let world = synth::build(SceneKind::Sphere, plan.seed, 0.0);
         let cloud = synth::collect("sphere", &world, points, plan.seed, 0.0, progress)?;
         let sample = cloud.core_points();
         for order in ["morton", "shuffled"] {

@@ -13,9 +13,9 @@ use crate::graph::{Gpu, Graph};
 use crate::passes::Effects;
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Style, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings, Style};
 use crate::resident::Resident;
-use crate::synth::{self, Scene};
+use crate::synth::{self, SceneKind};
 use crate::view::{Camera, Preset, View};
 use serde::Serialize;
 use std::fmt::Write;
@@ -69,15 +69,16 @@ const WAYS: [(&str, Style, &str); 4] = [
 pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Result<Vec<Row>> {
     let mut gpu = Gpu::open(options)?;
     let mut rows = Vec::new();
-    let scenes = [("torus", Scene::Torus, TORUS_POINTS), ("tori", Scene::NestedTori, TORI_POINTS)]
-        .into_iter();
+    let scenes =
+        [("torus", SceneKind::Torus, TORUS_POINTS), ("tori", SceneKind::NestedTori, TORI_POINTS)]
+            .into_iter();
     for (name, scene, points) in
-        scenes.chain(plan.points.iter().map(|&points| ("street", Scene::Street, points)))
+        scenes.chain(plan.points.iter().map(|&points| ("street", SceneKind::Street, points)))
     {
         let world = synth::build(scene, plan.seed, 0.0);
         let mut cloud =
             synth::collect(name, &world, points, plan.seed, scene.default_noise(), progress)?;
-        if scene == Scene::Torus {
+        if scene == SceneKind::Torus {
             cloud.parts.iter_mut().for_each(|part| part.columns.rgb = None);
         }
         rows.extend(of(&mut gpu, name, cloud, plan, progress)?);
@@ -176,14 +177,14 @@ fn draw(
     style: Style,
     effect: &str,
 ) -> Result<(f64, u64)> {
-    let mut wishes = Wishes { effects: Effects::of(style), ..Wishes::default() };
+    let mut settings = RenderSettings { effects: Effects::of(style), ..RenderSettings::default() };
     for effect in [effect, "edl=off"] {
-        wishes.effects.set(effect).expect("an effect's own words");
+        settings.effects.set(effect).expect("an effect's own words");
     }
-    let look = settings::decide(&wishes, view, resident);
+    let config = FrameConfig::new(&settings, view, resident);
     let start = Instant::now();
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let outcome = frame::record(&mut g, view, resident, &config)?;
     let picture = g.download(&outcome.picture);
     let frame = g.submit_and_wait(&[])?;
     assert!(!frame.read::<f32>(&picture).is_empty());

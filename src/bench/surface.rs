@@ -11,7 +11,7 @@ use crate::gpu::DeviceOptions;
 use crate::graph::{Dispatch, Gpu, Graph, Handle, Kind};
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
 use crate::shader;
 use crate::synth::noise::Random;
@@ -185,11 +185,11 @@ fn draw(
     effects: &[&str],
     passes: &[&str],
 ) -> Result<BTreeMap<String, f64>> {
-    let mut wishes = Wishes::default();
-    effects.iter().for_each(|effect| wishes.effects.set(effect).expect("a constant above"));
-    let look = settings::decide(&wishes, view, resident);
+    let mut settings = RenderSettings::default();
+    effects.iter().for_each(|effect| settings.effects.set(effect).expect("a constant above"));
+    let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let outcome = frame::record(&mut g, view, resident, &config)?;
     let mut wanted = vec![outcome.layers.depth.resource(), outcome.picture.resource()];
     if passes == ["plain"] {
         let mut mean = g.image("mean", view.size, Kind::R32f);

@@ -9,7 +9,7 @@ use crate::app::statistics::{FlightSummary, Spread, Summary};
 use crate::error::{Error, Result};
 use crate::index::file::Index;
 use crate::progress::Progress;
-use crate::synth::{self, LasFile, Scene};
+use crate::synth::{self, LasFile, SceneKind};
 use crate::view::camera_path::CameraPath;
 use crate::view::{Camera, Projection};
 use glam::DVec3;
@@ -85,13 +85,13 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
     };
     for &points in &plan.points {
         let file = folder.join(format!("street-{points}.las"));
-        let world = synth::build(Scene::Street, plan.seed, 0.0);
+        let world = synth::build(SceneKind::Street, plan.seed, 0.0);
         let mut las = LasFile::create(&file, world.lattice(), points)?;
         synth::scan(
             &world,
             points,
             plan.seed,
-            Scene::Street.default_noise(),
+            SceneKind::Street.default_noise(),
             &mut |chunk| las.write(chunk),
             progress,
         )?;
@@ -114,15 +114,15 @@ fn measure(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Ro
 }
 
 /// Most of the way to where somebody looks who stands in the street, and back to where it begins, so that it can begin again.
-fn on_foot(look: synth::Look) -> Vec<Camera> {
-    let way = (look.target - look.eye).with_z(0.0);
+fn on_foot(viewpoint: synth::Viewpoint) -> Vec<Camera> {
+    let way = (viewpoint.target - viewpoint.eye).with_z(0.0);
     let at = |share: f64| {
-        let [eye, target] = [look.eye, look.target].map(|place| place + share * way);
+        let [eye, target] = [viewpoint.eye, viewpoint.target].map(|place| place + share * way);
         Camera {
             eye,
             target,
             up: DVec3::Z,
-            fov_y: look.fov_y,
+            fov_y: viewpoint.fov_y,
             projection: Projection::Perspective,
             ortho_height: None,
         }

@@ -8,7 +8,7 @@ use crate::graph::Gpu;
 use crate::output::export::Downloads;
 use crate::progress::{Progress, Whole};
 use crate::render::frame;
-use crate::render::settings;
+use crate::render::settings::FrameConfig;
 use crate::source::Source;
 use crate::view::View;
 use crate::view::camera_path::CameraPath;
@@ -50,7 +50,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     // A folder that cannot be written to is said before the work is done.
     png(first).iter().chain(&exr(first)).try_for_each(|file| WholeFile::create(file).map(drop))?;
     let options = arguments.picture.with_scene()?;
-    let (size, wishes) = (options.size.0, options.wishes()?);
+    let (size, settings) = (options.size.0, options.settings()?);
     let source = Source::open(
         &arguments.files,
         &options.detail.opening(options.read_options(arguments.strict), options.light),
@@ -83,11 +83,11 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
             }
             say(note);
         }
-        let look = settings::decide(&wishes, &view, brought.resident());
-        look.notes(brought.resident()).into_iter().for_each(&mut say);
+        let config = FrameConfig::new(&settings, &view, brought.resident());
+        config.warnings(brought.resident()).into_iter().for_each(&mut say);
         let [picture, layers] = [&arguments.output, &arguments.exr].map(Option::is_some);
         let done =
-            frame::draw(&mut gpu, &view, brought.resident(), &look, &frames, |g, outcome| {
+            frame::draw(&mut gpu, &view, brought.resident(), &config, &frames, |g, outcome| {
                 Downloads::ask(g, outcome, picture, layers)
             })?;
         done.notes.into_iter().for_each(&mut say);

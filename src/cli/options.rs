@@ -14,7 +14,7 @@ use crate::passes::phong::Normals;
 use crate::passes::project::Precision;
 use crate::passes::{Effects, Switch};
 use crate::render::scene::Scene;
-use crate::render::settings::{Background, Style, Wishes};
+use crate::render::settings::{Background, RenderSettings, Style};
 use crate::select::clip::{Clip, Clips};
 use crate::select::lod::Fineness;
 use crate::select::opacity::{Opacities, Rule};
@@ -252,12 +252,12 @@ impl PictureOptions {
     /// The same with what a scene's file says in its place.
     pub fn with_scene(&self) -> Result<PictureOptions> {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
-        let Scene { camera, color, wishes, opacities, clips, fineness } = Scene::read(path)?;
-        let effect = wishes.effects.clone().list().iter().map(ToString::to_string).collect();
+        let Scene { camera, color, settings, opacities, clips, fineness } = Scene::read(path)?;
+        let effect = settings.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background, layer) = (
-            wishes.light,
-            Background(wishes.background),
-            Some(wishes.layer_m).filter(|layer| *layer > 0.0),
+            settings.light,
+            Background(settings.background),
+            Some(settings.layer_m).filter(|layer| *layer > 0.0),
         );
         let (opacity, clip) = (opacities.0, clips.0);
         let own = &self.detail;
@@ -280,7 +280,7 @@ impl PictureOptions {
         })
     }
 
-    pub fn wishes(&self) -> Result<Wishes> {
+    pub fn settings(&self) -> Result<RenderSettings> {
         let mut effects = Effects::of(self.style);
         for text in &self.effect {
             effects.set(text).map_err(|why| Error::Request(format!("--effect {text}: {why}")))?;
@@ -288,7 +288,7 @@ impl PictureOptions {
         if let Some(Bytes(bytes)) = self.abuffer_memory {
             effects.strokes.settings.memory = bytes as f64 / MIB as f64;
         }
-        Ok(Wishes {
+        Ok(RenderSettings {
             effects,
             light: self.light,
             background: self.background.0,
@@ -310,7 +310,7 @@ impl PictureOptions {
     /// What points bring to the device beside what they show.
     pub fn further(&self) -> Further {
         let asked = |asks: &dyn Fn(&Effects) -> bool| {
-            self.wishes().is_ok_and(|wishes| asks(&wishes.effects))
+            self.settings().is_ok_and(|settings| asks(&settings.effects))
         };
         Further {
             kind: self.opacities().needs_kinds(),
@@ -345,9 +345,9 @@ impl PictureOptions {
         }
         let (mut shown, why) = source.shown(self.color)?;
         shown.further = Further { light: source.has_light(), ..self.further() };
-        shown.coded &= self.wishes()?.effects.exposure.switch != Switch::Off;
+        shown.coded &= self.settings()?.effects.exposure.switch != Switch::Off;
         if shown.further.normal && !source.has_normals() {
-            if self.wishes()?.effects.phong.settings.normals == Normals::File {
+            if self.settings()?.effects.phong.settings.normals == Normals::File {
                 return Err(Error::Request(format!(
                     "phong=normals=file: these points have none; {}",
                     source.how_to_find(Attribute::Normal)

@@ -11,7 +11,7 @@ use crate::passes::phong::{self, Backfaces};
 use crate::passes::{Effects, project::Statistics, shadows, significant, strokes};
 use crate::progress::Progress;
 use crate::render::frame::{self, Done};
-use crate::render::settings::{self, Look};
+use crate::render::settings::FrameConfig;
 use crate::resident::Resident;
 use crate::source::{Brought, Source, Taken};
 use crate::view::View;
@@ -97,7 +97,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         // A folder that cannot be written to is said before the work is done.
         drop(WholeFile::create(output)?);
     }
-    let wishes = picture.wishes()?;
+    let settings = picture.settings()?;
     let mut stages = Stages::new();
     let opening = picture.detail.opening(picture.read_options(arguments.strict), picture.light);
     let mut source = Source::open(&arguments.files, &opening, progress)?;
@@ -117,7 +117,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         shadows: None,
         strokes: None,
     };
-    stages.done("look");
+    stages.done("settings");
     let mut gpu = Gpu::open(&arguments.device.wish())?;
     stages.done("open device");
     let mut brought = source.bring(&mut gpu, shown, picture.detail.pool_bytes(), progress)?;
@@ -136,12 +136,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     }
     stages.done("load");
     let resident = brought.resident();
-    let look = settings::decide(&wishes, &view, resident);
-    look.notes(resident).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
+    let config = FrameConfig::new(&settings, &view, resident);
+    config.warnings(resident).iter().for_each(|note| eprintln!("pointillist: note: {note}"));
 
     let [png, exr] = [&arguments.output, &arguments.exr].map(Option::is_some);
     let Done { frame, asked, notes } =
-        frame::draw(&mut gpu, &view, resident, &look, progress, |g, outcome| {
+        frame::draw(&mut gpu, &view, resident, &config, progress, |g, outcome| {
             facts.strokes = outcome.strokes.as_ref().map(|painted| painted.facts);
             facts.shadows = outcome.layers.marks.as_ref().map(|marks| marks.facts);
             let counts = arguments.explain.is_some().then(|| counts::Asked::of(g, &outcome.layers));
@@ -154,14 +154,17 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     stages.done("write");
 
     if let Some(counts) = counts {
-        let counts = counts.counts(&frame, view.size, &look.effects);
+        let counts = counts.counts(&frame, view.size, &config.effects);
         match arguments.explain.as_deref() {
             Some("json") => println!(
                 "{}",
-                explain_json(&facts, &gpu, resident, &look, &statistics, &counts, &frame)
+                explain_json(&facts, &gpu, resident, &config, &statistics, &counts, &frame)
             ),
             _ => {
-                eprint!("{}", explain(&facts, &gpu, resident, &look, &statistics, &counts, &frame))
+                eprint!(
+                    "{}",
+                    explain(&facts, &gpu, resident, &config, &statistics, &counts, &frame)
+                )
             }
         }
     }
@@ -192,7 +195,7 @@ fn in_pieces(
     };
     let wanted = Wanted {
         view: *view,
-        wishes: picture.wishes()?,
+        settings: picture.settings()?,
         fineness: picture.detail.fineness(),
         piece: arguments.piece,
         tile: arguments.tile,
@@ -236,7 +239,7 @@ fn explain(
     facts: &Facts,
     gpu: &Gpu,
     resident: &Resident,
-    look: &Look,
+    config: &FrameConfig,
     drawn: &Statistics,
     counts: &Counts,
     frame: &CompletedSubmission,
@@ -275,29 +278,30 @@ fn explain(
             drawn.points_compared
         );
     }
-    let scene = look.scene(&facts.view, resident);
+    let scene = config.scene(&facts.view, resident);
     text += &format!(
         "spacing: {} m between points, and {} m between layers, {}; depths are known to {} m\n",
         significant(scene.sampling.spacing_m),
         significant(scene.layer_m(0.0)),
-        if look.layer_m > 0.0 { "as asked for" } else { "by the spacing of points or pixels" },
-        significant(look.quantum_m),
+        if config.layer_m > 0.0 { "as asked for" } else { "by the spacing of points or pixels" },
+        significant(config.quantum_m),
     );
-    text += &format!("light: {}\n", look.light);
-    for (name, reason) in &look.decided.0 {
+    text += &format!("light: {}\n", config.light);
+    for (name, reason) in &config.decided.0 {
         text += &format!(
             "{name}: {}, because {}\n",
             if reason.runs { "on" } else { "off" },
             reason.why
         );
     }
-    if look.decided.runs("phong") {
-        text += &format!("normals: {}\n", phong::source(&scene, &look.effects.phong.settings));
-        let back = match (look.effects.phong.settings.backfaces, look.drops_back_faces(resident)) {
-            (Backfaces::Keep, _) => "drawn",
-            (_, true) => "left out",
-            (_, false) => "drawn, since no normals of the files say which side is outside",
-        };
+    if config.decided.runs("phong") {
+        text += &format!("normals: {}\n", phong::source(&scene, &config.effects.phong.settings));
+        let back =
+            match (config.effects.phong.settings.backfaces, config.drops_back_faces(resident)) {
+                (Backfaces::Keep, _) => "drawn",
+                (_, true) => "left out",
+                (_, false) => "drawn, since no normals of the files say which side is outside",
+            };
         text += &format!("back faces: {back}\n");
     }
     text += &facts.shadows.map_or(String::new(), |shadows| format!("shadows: {shadows}\n"));
@@ -310,12 +314,12 @@ fn explain_json(
     facts: &Facts,
     gpu: &Gpu,
     resident: &Resident,
-    look: &Look,
+    config: &FrameConfig,
     drawn: &Statistics,
     counts: &Counts,
     frame: &CompletedSubmission,
 ) -> serde_json::Value {
-    let effects: serde_json::Map<_, _> = look
+    let effects: serde_json::Map<_, _> = config
         .decided
         .0
         .iter()
@@ -331,14 +335,14 @@ fn explain_json(
         "drawn": drawn,
         "index": facts.taken,
         "spacing_m": resident.spacing_m(),
-        "layer_m": look.scene(&facts.view, resident).layer_m(0.0),
-        "quantum_m": look.quantum_m,
-        "light": look.light,
+        "layer_m": config.scene(&facts.view, resident).layer_m(0.0),
+        "quantum_m": config.quantum_m,
+        "light": config.light,
         "shadows": facts.shadows,
         "strokes": facts.strokes,
         "effects": effects,
         "tiles": counts,
-        "settings": look.effects,
+        "settings": config.effects,
         "passes": frame.passes.iter().map(|(name, _)| name).collect::<Vec<_>>(),
         "barriers": frame.plan.barriers(),
         "transient_bytes": frame.plan.bytes(),

@@ -5,7 +5,7 @@ use crate::config;
 use crate::error::{Error, Result};
 use crate::output::image_io::{Samples, write_exr};
 use crate::progress::Progress;
-use crate::synth::{self, LasFile, Look, Scene, World};
+use crate::synth::{self, LasFile, SceneKind, Viewpoint, World};
 use crate::view::{Camera, Projection, View};
 use crate::whole_file::whole_file;
 use glam::DVec3;
@@ -26,7 +26,7 @@ Examples:
 pub struct Arguments {
     /// What to scan
     #[arg(value_enum)]
-    pub scene: Scene,
+    pub scene: SceneKind,
     /// The file to write: .las or .laz, with --truth .exr
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
@@ -126,12 +126,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
 }
 
 /// The scene's own camera as the renderer's.
-pub fn camera(look: Look) -> Camera {
+pub fn camera(viewpoint: Viewpoint) -> Camera {
     Camera {
-        eye: look.eye,
-        target: look.target,
+        eye: viewpoint.eye,
+        target: viewpoint.target,
         up: DVec3::Z,
-        fov_y: look.fov_y,
+        fov_y: viewpoint.fov_y,
         projection: Projection::Perspective,
         ortho_height: None,
     }

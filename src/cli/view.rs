@@ -88,7 +88,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     let scene = Scene {
         camera: here,
         color: picture.color,
-        wishes: picture.wishes()?,
+        settings: picture.settings()?,
         opacities: picture.opacities(),
         clips: picture.clips(),
         fineness: picture.detail.fineness(),

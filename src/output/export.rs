@@ -7,7 +7,7 @@ use crate::output::tiled::{self, Wanted};
 use crate::passes::encode::{self, Encoded};
 use crate::progress::Progress;
 use crate::render::frame::{self, Outcome};
-use crate::render::settings;
+use crate::render::settings::FrameConfig;
 use crate::source::Brought;
 use std::path::Path;
 
@@ -61,7 +61,7 @@ pub fn write(
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>> {
-    let Wanted { view, wishes, fineness, .. } = wanted;
+    let Wanted { view, settings, fineness, .. } = wanted;
     if tiled::needs_pieces(gpu, view.size, None) {
         let [width, height] = view.size;
         return Err(Error::Request(format!(
@@ -69,8 +69,8 @@ pub fn write(
         )));
     }
     let taken = cloud.settle(gpu, view, &fineness.of(view.size), progress)?;
-    let look = settings::decide(wishes, view, cloud.resident());
-    let done = frame::draw(gpu, view, cloud.resident(), &look, progress, |g, outcome| {
+    let config = FrameConfig::new(settings, view, cloud.resident());
+    let done = frame::draw(gpu, view, cloud.resident(), &config, progress, |g, outcome| {
         Downloads::ask(g, outcome, false, true)
     })?;
     done.asked.write(&done.frame, view.size, None, Some(path))?;
@@ -78,7 +78,7 @@ pub fn write(
     Ok(taken
         .into_iter()
         .flat_map(|taken| taken.notes)
-        .chain(look.notes(cloud.resident()))
+        .chain(config.warnings(cloud.resident()))
         .chain(done.notes)
         .collect())
 }

@@ -3,7 +3,7 @@
 //! ```text
 //!     whole picture -> rows of pieces -> window around each, wider by what its pixels depend on -> frame -> its middle -> rows of pixels -> file
 //! ```
-//! Points fall into the pixels of the whole picture, whichever part of it is drawn, and effects are decided for the whole. So where a border is as wide as effects look (`Look::reach_px`), pieces meet
+//! Points fall into the pixels of the whole picture, whichever part of it is drawn, and effects are decided for the whole. So where a border is as wide as effects look (`FrameConfig::reach_px`), pieces meet
 //! without a seam, bit by bit (`tests/tiled.rs`). One row of pieces is in memory at a time.
 //!
 //! Who has other things to do meanwhile, as a window has, draws smaller tiles, one at a time ([`Tiled`]): nodes are loaded for whole pieces all the same, so that the picture does not depend on tiles.
@@ -14,7 +14,7 @@ use crate::output::image_io::PngRows;
 use crate::passes::{BLOCK_PX, encode, visibility};
 use crate::progress::{Progress, Whole};
 use crate::render::frame;
-use crate::render::settings::{self, Look, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::select::lod::Fineness;
 use crate::source::{Brought, Taken};
 use crate::view::View;
@@ -62,12 +62,12 @@ fn in_blocks(pixels: u32) -> u32 {
 }
 
 impl Pieces {
-    pub fn of(gpu: &Gpu, view: &View, look: &Look, asked: Option<u32>) -> Result<Pieces> {
+    pub fn of(gpu: &Gpu, view: &View, config: &FrameConfig, asked: Option<u32>) -> Result<Pieces> {
         let whole = view.size;
         if !needs_pieces(gpu, whole, asked) {
             return Ok(Pieces { whole, piece: whole, border: 0 });
         }
-        let reach = look.reach_px(view).ok_or_else(|| {
+        let reach = config.reach_px(view).ok_or_else(|| {
             let [width, height] = whole;
             Error::Request(format!(
                 "{width}x{height} pixels are drawn in pieces, and ao=radius= in metres with perspective depends on more than a piece; switch it off"
@@ -111,7 +111,7 @@ impl Piece {
 #[derive(Clone)]
 pub struct Wanted {
     pub view: View,
-    pub wishes: Wishes,
+    pub settings: RenderSettings,
     pub fineness: Fineness,
     /// Pieces of at most so many pixels a side.
     pub piece: Option<u32>,
@@ -133,7 +133,7 @@ pub struct Tiled {
 
 /// How it is drawn.
 struct Plan {
-    look: Look,
+    config: FrameConfig,
     tiles: Vec<Tile>,
     done: usize,
 }
@@ -202,20 +202,20 @@ impl Tiled {
         cloud: &mut Brought,
         progress: &dyn Progress,
     ) -> Result<Plan> {
-        let Wanted { view, wishes, fineness, piece, tile } = self.wanted.clone();
+        let Wanted { view, settings, fineness, piece, tile } = self.wanted.clone();
         // Of a picture in pieces effects are decided by as much of the cloud as shows it whole on a screen.
         let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
         let taken = cloud.settle(gpu, &view, &fineness.of(overview), progress)?;
         self.note(notes_of(taken));
-        let look = settings::decide(&wishes, &view, cloud.resident());
-        self.note(look.notes(cloud.resident()));
-        let pieces = Pieces::of(gpu, &view, &look, piece)?;
+        let config = FrameConfig::new(&settings, &view, cloud.resident());
+        self.note(config.warnings(cloud.resident()));
+        let pieces = Pieces::of(gpu, &view, &config, piece)?;
         let side_and_border = tile
-            .zip(look.reach_px(&view))
+            .zip(config.reach_px(&view))
             .map(|(side, reach)| (in_blocks(side.max(1)), in_blocks(reach)));
         let tiles =
             pieces.rows().flat_map(|row| row_of_tiles(&view, &row, side_and_border)).collect();
-        Ok(Plan { look, tiles, done: 0 })
+        Ok(Plan { config, tiles, done: 0 })
     }
 
     fn draw_next(
@@ -239,7 +239,7 @@ impl Tiled {
         let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
         self.pixels.resize(3 * width * height as usize, 0);
         let done =
-            frame::draw(gpu, &window, cloud.resident(), &plan.look, &whole, |g, outcome| {
+            frame::draw(gpu, &window, cloud.resident(), &plan.config, &whole, |g, outcome| {
                 encode::download(g, &outcome.picture)
             })?;
         cut_out(&done.asked.read(&done.frame), &part, top, width, &mut self.pixels);

@@ -12,7 +12,7 @@ use crate::passes::{
     strokes,
 };
 use crate::progress::Progress;
-use crate::render::settings::Look;
+use crate::render::settings::FrameConfig;
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -42,12 +42,12 @@ pub fn draw<T>(
     gpu: &mut Gpu,
     view: &View,
     resident: &Resident,
-    look: &Look,
+    config: &FrameConfig,
     progress: &dyn Progress,
     ask: impl FnOnce(&mut Graph, &Outcome) -> Result<T>,
 ) -> Result<Done<T>> {
     let mut g = Graph::new(gpu).with_progress(progress);
-    let recorded = record(&mut g, view, resident, look)
+    let recorded = record(&mut g, view, resident, config)
         .and_then(|outcome| Ok((ask(&mut g, &outcome)?, outcome)));
     let (asked, outcome) = match recorded {
         Ok(recorded) => recorded,
@@ -56,7 +56,7 @@ pub fn draw<T>(
             return Err(error);
         }
     };
-    let warned = counts::Warned::ask(&mut g, &look.effects);
+    let warned = counts::Warned::ask(&mut g, &config.effects);
     let frame = g.submit_and_wait(&[])?;
     let notes = warned
         .note(&frame)
@@ -66,40 +66,52 @@ pub fn draw<T>(
     Ok(Done { frame, asked, notes })
 }
 
-pub fn record(g: &mut Graph, view: &View, resident: &Resident, look: &Look) -> Result<Outcome> {
-    let key_bytes = if look.layers() > 1 { project::KEY_BEHIND_BYTES } else { project::KEY_BYTES };
+pub fn record(
+    g: &mut Graph,
+    view: &View,
+    resident: &Resident,
+    config: &FrameConfig,
+) -> Result<Outcome> {
+    let key_bytes =
+        if config.layers() > 1 { project::KEY_BEHIND_BYTES } else { project::KEY_BYTES };
     let bands = project::bands(view.size, key_bytes, g.gathered_limit());
-    let drawn = project::draw_again(g, view, resident, look.precision, |node| {
-        look.overlap.touches(view, node)
+    let drawn = project::draw_again(g, view, resident, config.precision, |node| {
+        config.overlap.touches(view, node)
     })?;
-    let drawn = drawn.one_sided(look.drops_back_faces(resident));
-    let paint = resolve::paint(g, resident, &look.decided)?;
-    let scene = look.scene(view, resident);
+    let drawn = drawn.one_sided(config.drops_back_faces(resident));
+    let paint = resolve::paint(g, resident, &config.decided)?;
+    let scene = config.scene(view, resident);
     let points =
-        Points { scene: &scene, look, resident, bands: &bands, drawn: &drawn, paint: &paint };
-    let marks =
-        shadows::marks(g, &scene, resident, &look.effects, &look.decided, look.light_at_once)?;
+        Points { scene: &scene, config, resident, bands: &bands, drawn: &drawn, paint: &paint };
+    let marks = shadows::marks(
+        g,
+        &scene,
+        resident,
+        &config.effects,
+        &config.decided,
+        config.light_at_once,
+    )?;
     let mut images = ReusedImages::default();
     let (layers, strokes) = g.reusing(&mut images, |g| {
         let (nearest, strokes) = match strokes::begin(
             g,
             view,
             resident,
-            &look.effects,
-            &look.decided,
-            look.strokes_at_once,
+            &config.effects,
+            &config.decided,
+            config.strokes_at_once,
         )? {
             Some(painting) => points.painted(g, painting)?,
             None => (points.nearest(g, None)?, None),
         };
         Ok((
-            passes::apply(g, &scene, &look.effects, &look.decided, Layers { marks, ..nearest }),
+            passes::apply(g, &scene, &config.effects, &config.decided, Layers { marks, ..nearest }),
             strokes,
         ))
     })?;
     let layers = behind(g, &points, layers, images)?;
     let normal = normal::record(g, view, &layers);
-    let picture = composite::record(g, view, look.background, &layers);
+    let picture = composite::record(g, view, config.background, &layers);
     Ok(Outcome { picture, normal, layers, statistics: drawn.statistics, strokes })
 }
 
@@ -111,15 +123,15 @@ fn behind(
     mut nearest: Layers,
     mut images: ReusedImages,
 ) -> Result<Layers> {
-    let look = points.look;
-    if look.layers() == 1 {
+    let config = points.config;
+    if config.layers() == 1 {
         return Ok(nearest);
     }
-    let grows_px = look.effects.grows_px(&look.decided, nearest.spacing_px[1]);
+    let grows_px = config.effects.grows_px(&config.decided, nearest.spacing_px[1]);
     let mut alive = points.drawn.alive(g);
     let mut before = gate::covered(g, &nearest.raw, grows_px);
     nearest = kept(g, nearest);
-    for layer in 1..look.layers() {
+    for layer in 1..config.layers() {
         let front = nearest.front.take().expect("transparency runs where there are several layers");
         let (marks, behind) =
             (nearest.marks.take(), Next { front, alive: &mut alive, layer, grows_px });
@@ -157,7 +169,7 @@ struct Next<'b> {
 /// What layers are drawn from.
 struct Points<'p> {
     scene: &'p Scene<'p>,
-    look: &'p Look,
+    config: &'p FrameConfig,
     resident: &'p Resident,
     bands: &'p [Band],
     drawn: &'p Drawn,
@@ -173,7 +185,7 @@ impl Points<'_> {
     ) -> Result<Layers> {
         let view = self.scene.view;
         let mut resolved = resolve::layers(g, view);
-        let averaged = &self.look.effects.luminance.settings;
+        let averaged = &self.config.effects.luminance.settings;
         let mut shallow = luminance::shallow(g, self.scene, averaged, self.drawn, self.paint);
         for (number, &band) in self.bands.iter().enumerate() {
             let behind = behind.as_mut().map(|(keys, alive, layer)| Behind {
@@ -222,7 +234,7 @@ impl Points<'_> {
         let layers = Layers { marks, front: Some(front), ..layers };
         let layers = gate::only_where(g, &covered.list, |g| {
             Ok(g.within_tiles(bounded.then_some(&shown), |g| {
-                passes::apply(g, self.scene, &self.look.effects, &self.look.decided, layers)
+                passes::apply(g, self.scene, &self.config.effects, &self.config.decided, layers)
             }))
         })?;
         Ok((layers, covered))

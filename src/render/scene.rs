@@ -5,7 +5,7 @@
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::passes::Effects;
-use crate::render::settings::{Background, Wishes};
+use crate::render::settings::{Background, RenderSettings};
 use crate::select::clip::{Clip, Clips};
 use crate::select::lod::Fineness;
 use crate::select::opacity::{Opacities, Rule};
@@ -20,7 +20,7 @@ pub struct Scene {
     pub camera: Camera,
     /// What points show; chosen by what they have where nothing is said.
     pub color: Option<Attribute>,
-    pub wishes: Wishes,
+    pub settings: RenderSettings,
     pub opacities: Opacities,
     pub clips: Clips,
     /// Of an index.
@@ -61,14 +61,14 @@ impl Scene {
         let words = Words {
             camera: self.camera,
             color: self.color.map(Attribute::name),
-            effects: self.wishes.effects.clone().list().iter().map(ToString::to_string).collect(),
+            effects: self.settings.effects.clone().list().iter().map(ToString::to_string).collect(),
             opacity: self.opacities.0.iter().map(ToString::to_string).collect(),
             clip: self.clips.0.iter().map(ToString::to_string).collect(),
             budget: self.fineness.budget,
             lod: self.fineness.lod_px,
-            layer: Some(self.wishes.layer_m).filter(|layer| *layer > 0.0),
-            light: Some(self.wishes.light.to_string()),
-            background: Some(Background(self.wishes.background).to_string()),
+            layer: Some(self.settings.layer_m).filter(|layer| *layer > 0.0),
+            light: Some(self.settings.light.to_string()),
+            background: Some(Background(self.settings.background).to_string()),
         };
         let text = serde_json::to_string_pretty(&words).expect("words are JSON");
         whole_file(path, |partial| {
@@ -84,21 +84,21 @@ impl Scene {
     }
 
     fn of(words: Words) -> std::result::Result<Scene, String> {
-        let mut wishes = Wishes::default();
+        let mut settings = RenderSettings::default();
         for effect in &words.effects {
-            Effects::set(&mut wishes.effects, effect)
+            Effects::set(&mut settings.effects, effect)
                 .map_err(|why| format!("effect {effect}: {why}"))?;
         }
         if let Some(light) = &words.light {
-            wishes.light = light.parse::<Light>()?;
+            settings.light = light.parse::<Light>()?;
         }
         if let Some(background) = &words.background {
-            wishes.background = background.parse::<Background>()?.0;
+            settings.background = background.parse::<Background>()?.0;
         }
         if words.layer.is_some_and(|layer| !(layer.is_finite() && layer > 0.0)) {
             return Err("layer is no number of metres above 0".into());
         }
-        wishes.layer_m = words.layer.unwrap_or(0.0);
+        settings.layer_m = words.layer.unwrap_or(0.0);
         let color = words.color.map(|name| {
             <Attribute as clap::ValueEnum>::from_str(&name, false)
                 .map_err(|_| format!("there is no color {name:?}"))
@@ -120,7 +120,7 @@ impl Scene {
         Ok(Scene {
             camera: words.camera,
             color: color.transpose()?,
-            wishes,
+            settings,
             opacities: Opacities(rules),
             clips: Clips(clips),
             fineness,
@@ -135,18 +135,18 @@ mod tests {
 
     #[test]
     fn a_scene_is_what_was_written() {
-        let mut wishes = Wishes {
+        let mut settings = RenderSettings {
             light: "direction:1,-2.5,-0.125".parse().unwrap(),
             background: [1, 200, 30],
             layer_m: 0.1,
-            ..Wishes::default()
+            ..RenderSettings::default()
         };
         for effect in [
             "edl=on,strength=0.30000000000000004",
             "fill=off,method=dobrev",
             "shadows=auto,samples=7",
         ] {
-            wishes.effects.set(effect).unwrap();
+            settings.effects.set(effect).unwrap();
         }
         let opacities = Opacities(
             ["class:6=0.5", "0.25", "station:north=0"].map(|rule| rule.parse().unwrap()).into(),
@@ -162,7 +162,7 @@ mod tests {
         let scene = Scene {
             camera: Camera::framing(Preset::Fit, &corners, [640, 480]),
             color: Some(Attribute::Class),
-            wishes,
+            settings,
             opacities,
             clips,
             fineness,

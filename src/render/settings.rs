@@ -61,7 +61,7 @@ impl std::fmt::Display for Background {
 
 /// What the user asked for, whatever the scene.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Wishes {
+pub struct RenderSettings {
     pub effects: Effects,
     pub light: Light,
     /// sRGB.
@@ -71,10 +71,10 @@ pub struct Wishes {
     pub layer_m: f64,
 }
 
-impl Wishes {
+impl RenderSettings {
     /// Every point one pixel.
-    pub fn points() -> Wishes {
-        Wishes { effects: Effects::of(Style::Points), ..Wishes::default() }
+    pub fn points() -> RenderSettings {
+        RenderSettings { effects: Effects::of(Style::Points), ..RenderSettings::default() }
     }
 }
 
@@ -84,17 +84,17 @@ const STROKES_AT_ONCE: u32 = 8;
 /// Of occlusion: enough for corners to stay dark.
 const HURRIED_DIRECTIONS: f64 = 2.0;
 
-impl Default for Wishes {
+impl Default for RenderSettings {
     fn default() -> Self {
         let (effects, light, background) =
             (Effects::default(), Light::default(), crate::config::BACKGROUND);
-        Wishes { effects, light, background, precision: Precision::Auto, layer_m: 0.0 }
+        RenderSettings { effects, light, background, precision: Precision::Auto, layer_m: 0.0 }
     }
 }
 
 /// How this frame is drawn.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Look {
+pub struct FrameConfig {
     pub effects: Effects,
     pub decided: Decided,
     pub light: Light,
@@ -107,7 +107,7 @@ pub struct Look {
     pub strokes_at_once: Option<u32>,
     /// Of the whole picture: parts of it go by the same.
     pub sampling: Sampling,
-    /// As [`Wishes`] has it.
+    /// As [`RenderSettings`] has it.
     pub layer_m: f64,
     /// How finely the depth of the farthest of what is in view is known, metres (HARD_CASES 4).
     pub quantum_m: f64,
@@ -115,7 +115,35 @@ pub struct Look {
     pub overlap: Arc<Overlap>,
 }
 
-impl Look {
+impl FrameConfig {
+    pub fn new(settings: &RenderSettings, view: &View, resident: &Resident) -> FrameConfig {
+        let scene =
+            Scene { asked_layer_m: settings.layer_m, ..Scene::of(view, resident, settings.light) };
+        let decided = settings.effects.decide(&scene);
+        // Who asks for means gets them everywhere.
+        let partly = decided.runs("luminance") && settings.effects.luminance.switch == Switch::Auto;
+        let effects = settled(
+            &settings.effects,
+            resolve::spacing_px(&view.entire(), resident)[1],
+            scene.transparent,
+        );
+        FrameConfig {
+            effects,
+            decided,
+            sampling: scene.sampling,
+            layer_m: settings.layer_m,
+            quantum_m: quantum_m(view, resident),
+            overlap: if partly { scene.overlap } else { Arc::new(Overlap::everywhere(view.whole)) },
+            light: settings.light,
+            background: settings
+                .background
+                .map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
+            precision: settings.precision,
+            light_at_once: None,
+            strokes_at_once: None,
+        }
+    }
+
     /// What effects work on in a picture, or in a part of it.
     pub fn scene<'v>(&self, view: &'v View, resident: &'v Resident) -> Scene<'v> {
         Scene {
@@ -149,13 +177,17 @@ impl Look {
 
     /// What is drawn at rest, a frame after the other, until nothing is left to add: of a light that is new one sample (Dobrev et al. 2010, sec. 6), to which others are added beside the frames; of strokes
     /// over each other the nearest few, and a few more every frame (dos Anjos et al. 2018, sec. 3.3.3).
-    pub fn gradual(&self) -> Look {
-        Look { light_at_once: Some(0), strokes_at_once: Some(STROKES_AT_ONCE), ..self.clone() }
+    pub fn progressive(&self) -> FrameConfig {
+        FrameConfig {
+            light_at_once: Some(0),
+            strokes_at_once: Some(STROKES_AT_ONCE),
+            ..self.clone()
+        }
     }
 
     /// What is drawn while the camera moves, so many times smaller; the pictures that follow at rest have everything. Of strokes over each other only the nearest, softened; less occlusion, and fewer levels of shape.
-    pub fn hurried(&self, smaller: u32) -> Look {
-        let mut hurried = self.gradual();
+    pub fn interactive(&self, smaller: u32) -> FrameConfig {
+        let mut hurried = self.progressive();
         let Effects { strokes, ao, shape, .. } = &mut hurried.effects;
         // A level looks a pixel farther, and pixels are wider.
         if self.decided.runs("shape") {
@@ -168,33 +200,6 @@ impl Look {
             ao.settings.directions = ao.settings.directions.min(HURRIED_DIRECTIONS);
         }
         hurried
-    }
-}
-
-pub fn decide(wishes: &Wishes, view: &View, resident: &Resident) -> Look {
-    let scene = Scene { asked_layer_m: wishes.layer_m, ..Scene::of(view, resident, wishes.light) };
-    let decided = wishes.effects.decide(&scene);
-    // Who asks for means gets them everywhere.
-    let partly = decided.runs("luminance") && wishes.effects.luminance.switch == Switch::Auto;
-    let effects = settled(
-        &wishes.effects,
-        resolve::spacing_px(&view.entire(), resident)[1],
-        scene.transparent,
-    );
-    Look {
-        effects,
-        decided,
-        sampling: scene.sampling,
-        layer_m: wishes.layer_m,
-        quantum_m: quantum_m(view, resident),
-        overlap: if partly { scene.overlap } else { Arc::new(Overlap::everywhere(view.whole)) },
-        light: wishes.light,
-        background: wishes
-            .background
-            .map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
-        precision: wishes.precision,
-        light_at_once: None,
-        strokes_at_once: None,
     }
 }
 
@@ -223,7 +228,7 @@ mod tests {
     fn what_is_hurried_is_cheaper_where_it_runs_and_nothing_else() {
         let mut effects = Effects::of(Style::Strokes);
         effects.set("shadows=on,samples=16,radius=2").unwrap();
-        let look = |running: &[&'static str]| Look {
+        let config = |running: &[&'static str]| FrameConfig {
             effects: effects.clone(),
             decided: Decided(
                 running
@@ -241,16 +246,17 @@ mod tests {
             quantum_m: 0.0,
             overlap: Arc::new(Overlap::everywhere([1, 1])),
         };
-        assert_eq!(look(&["phong"]).hurried(1).effects, look(&["phong"]).effects);
-        let all = look(&["strokes", "shadows"]);
-        let hurried = all.hurried(1);
+        assert_eq!(config(&["phong"]).interactive(1).effects, config(&["phong"]).effects);
+        let all = config(&["strokes", "shadows"]);
+        let hurried = all.interactive(1);
         assert_eq!(
             (hurried.light_at_once, &hurried.effects.shadows),
             (Some(0), &all.effects.shadows)
         );
         assert_eq!(hurried.effects.strokes.settings.blend, strokes::Blend::Blur);
-        assert_eq!(hurried.hurried(1), hurried);
-        let levels = |smaller| look(&["shape"]).hurried(smaller).effects.shape.settings.levels;
+        assert_eq!(hurried.interactive(1), hurried);
+        let levels =
+            |smaller| config(&["shape"]).interactive(smaller).effects.shape.settings.levels;
         assert_eq!([1, 2, 4].map(levels), [8.0, 4.0, 2.0]);
     }
 }

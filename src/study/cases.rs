@@ -24,7 +24,7 @@ use std::sync::Arc;
 
 #[derive(Clone, Copy)]
 enum Source {
-    Synthetic(synth::Scene),
+    Synthetic(synth::SceneKind),
     /// In the folder of data; and which of its axes points up.
     Mesh(&'static str, Up),
 }
@@ -36,10 +36,10 @@ enum Up {
 }
 
 const SCENES: [(&str, Source); 8] = [
-    ("sphere", Source::Synthetic(synth::Scene::Sphere)),
-    ("torus", Source::Synthetic(synth::Scene::Torus)),
-    ("step", Source::Synthetic(synth::Scene::Step)),
-    ("street", Source::Synthetic(synth::Scene::Street)),
+    ("sphere", Source::Synthetic(synth::SceneKind::Sphere)),
+    ("torus", Source::Synthetic(synth::SceneKind::Torus)),
+    ("step", Source::Synthetic(synth::SceneKind::Step)),
+    ("street", Source::Synthetic(synth::SceneKind::Street)),
     ("bunny", Source::Mesh("objects/bun_zipper.ply", Up::Y)),
     ("armadillo", Source::Mesh("objects/armadillo.obj", Up::Y)),
     ("dragon", Source::Mesh("objects/stanford_dragon_437k.ply", Up::Y)),
@@ -300,12 +300,12 @@ impl Shown {
 
 /// Where its scanners stood: along it, back, and at its houses without perspective. What is above was not scanned.
 fn in_street(world: &World) -> [(&'static str, Camera); 3] {
-    let (look, stations) = (world.camera(), world.stations());
+    let (viewpoint, stations) = (world.camera(), world.stations());
     let along = Camera {
-        eye: look.eye,
-        target: look.target,
+        eye: viewpoint.eye,
+        target: viewpoint.target,
         up: DVec3::Z,
-        fov_y: look.fov_y,
+        fov_y: viewpoint.fov_y,
         projection: Projection::Perspective,
         ortho_height: None,
     };
@@ -315,7 +315,7 @@ fn in_street(world: &World) -> [(&'static str, Camera); 3] {
         .max_by(|a, b| a.y.total_cmp(&b.y))
         .expect("a street has stations");
     // Beside the station: from its own place nothing that it saw is hidden.
-    let back = Camera { eye: end + DVec3::new(0.6, 0.0, 0.3), target: look.eye, ..along };
+    let back = Camera { eye: end + DVec3::new(0.6, 0.0, 0.3), target: viewpoint.eye, ..along };
     let above = stations[1].position + DVec3::Z * 4.0;
     let target = above + DVec3::new(1.0, 1.0, -0.1);
     let houses = Camera {

@@ -8,7 +8,7 @@
 
 use super::cases::{self, Case, Options, Sampling};
 use super::report::{Figure, Section, Table};
-use super::surface::wishes;
+use super::surface::render_settings;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::Result;
@@ -16,7 +16,7 @@ use crate::graph::{CompletedSubmission, Gpu, Graph, Handle};
 use crate::passes::counts::{self, Counts};
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -204,29 +204,34 @@ fn measured<Q: Question>(
         Shown::new(Attribute::White, &case.cloud),
         progress,
     )?;
-    let known = Q::know(case, draw(gpu, &case.view, &resident, &wishes(Q::REFERENCE)?)?);
+    let known = Q::know(case, draw(gpu, &case.view, &resident, &render_settings(Q::REFERENCE)?)?);
     let mut sums = Vec::new();
     let mut asked = Vec::new();
     for Configuration { knob, value, settings } in Q::configurations(case) {
-        let wishes = wishes(&settings.iter().map(String::as_str).collect::<Vec<_>>())?;
+        let settings = render_settings(&settings.iter().map(String::as_str).collect::<Vec<_>>())?;
         let (parts, counters) =
-            Q::measure(case, &known, &draw(gpu, &case.view, &resident, &wishes)?);
+            Q::measure(case, &known, &draw(gpu, &case.view, &resident, &settings)?);
         sums.push(Sum { knob, value, parts, counters, times: Vec::new() });
-        asked.push(wishes);
+        asked.push(settings);
     }
-    let times = sweep::interleaved(&asked, rounds, |wishes| {
+    let times = sweep::interleaved(&asked, rounds, |settings| {
         progress.tick(Q::NAME, 0, 0)?;
-        time(gpu, &case.view, &resident, wishes, Q::AFTER)
+        time(gpu, &case.view, &resident, settings, Q::AFTER)
     })?;
     sums.iter_mut().zip(times).for_each(|(sum, times)| sum.times = times);
     resident.free(gpu);
     Ok(sums)
 }
 
-fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawing> {
-    let look = settings::decide(wishes, view, resident);
+fn draw(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    settings: &RenderSettings,
+) -> Result<Drawing> {
+    let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let outcome = frame::record(&mut g, view, resident, &config)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
     let lit = outcome.layers.lit.as_ref().map(|lit| g.download(lit));
     let asked = counts::Asked::of(&mut g, &outcome.layers);
@@ -241,7 +246,7 @@ fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Res
         depth: frame.read(&depth).to_vec(),
         index: frame.read(&index).to_vec(),
         lit: words(&frame, lit),
-        counts: asked.counts(&frame, view.size, &look.effects),
+        counts: asked.counts(&frame, view.size, &config.effects),
     };
     frame.recycle(gpu);
     Ok(drawing)
@@ -252,12 +257,12 @@ fn time(
     gpu: &mut Gpu,
     view: &View,
     resident: &Resident,
-    wishes: &Wishes,
+    settings: &RenderSettings,
     after: &[&str],
 ) -> Result<f64> {
-    let look = settings::decide(wishes, view, resident);
+    let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
-    let layers = frame::record(&mut g, view, resident, &look)?.layers;
+    let layers = frame::record(&mut g, view, resident, &config)?.layers;
     let wanted = [&layers.depth, &layers.index, &layers.color]
         .into_iter()
         .chain(&layers.lit)

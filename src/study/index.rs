@@ -19,7 +19,7 @@ use crate::graph::Gpu;
 use crate::index::file::{Index, PLANES, Plane};
 use crate::index::morton;
 use crate::progress::Progress;
-use crate::synth::Scene;
+use crate::synth::SceneKind;
 use crate::view::View;
 use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
@@ -28,8 +28,8 @@ use std::time::Instant;
 pub const SUMMARY: &str =
     "what an index keeps of positions: error and bytes of each plane, and of inner nodes";
 
-const SCENES: [(&str, Scene); 3] =
-    [("sphere", Scene::Sphere), ("street", Scene::Street), ("terrain", Scene::Terrain)];
+const SCENES: [(&str, SceneKind); 3] =
+    [("sphere", SceneKind::Sphere), ("street", SceneKind::Street), ("terrain", SceneKind::Terrain)];
 
 /// What is read, in planes of ten bits.
 const SETTINGS: [(&str, u32); 3] = [("10", 1), ("20", 2), ("all", 3)];

@@ -13,7 +13,7 @@ use crate::passes::Scene;
 use crate::passes::resolve::srgb_to_linear;
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
 use crate::select::opacity::{Opacities, Rule, What};
 use crate::synth;
@@ -56,11 +56,11 @@ const METRICS: [(&str, &str); 2] =
 struct Configuration {
     knob: &'static str,
     value: &'static str,
-    wishes: Wishes,
+    settings: RenderSettings,
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let world = synth::build(synth::Scene::NestedTori, plan.seed, 0.0);
+    let world = synth::build(synth::SceneKind::NestedTori, plan.seed, 0.0);
     let mut cloud = synth::collect("nested tori", &world, plan.points, plan.seed, 0.0, progress)?;
     for part in &mut cloud.parts {
         part.columns.rgb = part
@@ -73,11 +73,11 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let mut resident =
         Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::Rgb, &cloud), progress)?;
     resident.opacities = Opacities(vec![Rule { what: What::All, opacity: OPACITY }]);
-    let layer_m = Scene::of(&view, &resident, Wishes::default().light).layer_m(0.0);
+    let layer_m = Scene::of(&view, &resident, RenderSettings::default().light).layer_m(0.0);
     let configurations =
         KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
     let configurations = configurations.map(|(knob, (value, effect, distance))| {
-        let mut wishes = Wishes::default();
+        let mut settings = RenderSettings::default();
         let distance =
             (distance > 0.0).then(|| format!("transparency=layer={}", distance * layer_m));
         let effects = ["shape=off", "edl=off", effect]
@@ -86,9 +86,9 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             .filter(|effect| !effect.is_empty());
         effects
             .into_iter()
-            .try_for_each(|effect| wishes.effects.set(effect))
+            .try_for_each(|effect| settings.effects.set(effect))
             .map_err(Error::Request)?;
-        Ok(Configuration { knob, value, wishes })
+        Ok(Configuration { knob, value, settings })
     });
     let configurations = configurations.collect::<Result<Vec<_>>>()?;
     let colors = COLORS.map(|color| color.map(|channel| srgb_to_linear(channel as f64 / 255.0)));
@@ -118,7 +118,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             &mut g,
             &view,
             &resident,
-            &settings::decide(&configuration.wishes, &view, &resident),
+            &FrameConfig::new(&configuration.settings, &view, &resident),
         )?;
         let frame = g.submit_and_wait(&[outcome.picture.resource()])?;
         let ms = frame.ms("");
@@ -196,7 +196,7 @@ fn errors(
         &mut g,
         view,
         resident,
-        &settings::decide(&configuration.wishes, view, resident),
+        &FrameConfig::new(&configuration.settings, view, resident),
     )?;
     let front = outcome.layers.front.ok_or(Error::Request("study layers needs points".into()))?;
     let (color, peeled) = (g.download(&front.color), g.download(&front.peeled));

@@ -17,17 +17,18 @@ use crate::passes::project;
 use crate::passes::resolve::linear_to_srgb;
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::{Residency, Resident};
 use crate::select::lod::{Detail, Precision};
 use crate::source;
-use crate::synth::{Scene, World};
+use crate::synth::{SceneKind, World};
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 
 pub const SUMMARY: &str = "projected error of the cut, against the full cloud's picture";
 
-const SCENES: [(&str, Scene); 2] = [("street", Scene::Street), ("terrain", Scene::Terrain)];
+const SCENES: [(&str, SceneKind); 2] =
+    [("street", SceneKind::Street), ("terrain", SceneKind::Terrain)];
 
 const SETTINGS: [&str; 7] = ["0.25", "0.5", "1", "2", "4", "8", "auto"];
 
@@ -258,16 +259,16 @@ fn row(
 
 /// From sixteen times as far as the scene's own camera, so that cuts are deep, from four times, and from there.
 fn cameras(world: &World) -> [(&'static str, Camera); 3] {
-    let look = world.camera();
+    let viewpoint = world.camera();
     [("far", 16.0), ("near", 4.0), ("close-up", 1.0)].map(|(name, times)| {
-        let eye = look.target + (look.eye - look.target) * times;
+        let eye = viewpoint.target + (viewpoint.eye - viewpoint.target) * times;
         (
             name,
             Camera {
                 eye,
-                target: look.target,
+                target: viewpoint.target,
                 up: DVec3::Z,
-                fov_y: look.fov_y,
+                fov_y: viewpoint.fov_y,
                 projection: Projection::Perspective,
                 ortho_height: None,
             },
@@ -327,11 +328,11 @@ pub struct Drawing {
 
 /// What is resident, without effects.
 pub fn draw(gpu: &mut Gpu, view: &View, resident: &Resident) -> Result<Drawing> {
-    let mut wishes = Wishes::points();
-    wishes.effects.edl.switch = Switch::Off;
-    let look = settings::decide(&wishes, view, resident);
+    let mut settings = RenderSettings::points();
+    settings.effects.edl.switch = Switch::Off;
+    let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let outcome = frame::record(&mut g, view, resident, &config)?;
     let picture = g.download(&outcome.picture);
     let [depth, index] =
         [&outcome.layers.depth, &outcome.layers.index].map(|image| g.download(image));

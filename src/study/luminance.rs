@@ -17,7 +17,7 @@ use crate::passes::resolve::linear_to_srgb;
 use crate::passes::{EFFECTS, Scene};
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
 use crate::synth::{self, Method};
 use crate::view::light::Light;
@@ -82,13 +82,13 @@ struct Sight {
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let mut world = synth::build(synth::Scene::Street, plan.seed, 0.0);
-    let look = world.camera();
+    let mut world = synth::build(synth::SceneKind::Street, plan.seed, 0.0);
+    let viewpoint = world.camera();
     let camera = Camera {
-        eye: look.eye,
-        target: look.target,
+        eye: viewpoint.eye,
+        target: viewpoint.target,
         up: DVec3::Z,
-        fov_y: look.fov_y,
+        fov_y: viewpoint.fov_y,
         projection: Projection::Perspective,
         ortho_height: None,
     };
@@ -104,7 +104,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             &world,
             plan.points,
             plan.seed,
-            synth::Scene::Street.default_noise(),
+            synth::SceneKind::Street.default_noise(),
             progress,
         )
     };
@@ -140,7 +140,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     for part in SIZES {
         let size = plan.size.map(|side| (side / part).max(LEAST_SIDE));
         let view = View::new(camera, size)?;
-        let off = wishes("off")?;
+        let off = render_settings("off")?;
         let plain = draw(gpu, &view, &truth, &off)?;
         let scene = Scene::of(&view, &truth, Light::default());
         let (layer_m, density) = (LAYER * scene.sampling.spacing_m, scene.sampling.density);
@@ -165,17 +165,17 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                     .map_or(String::new(), |spacings| {
                         format!(",epsilon={}", spacings * scene.sampling.spacing_m)
                     });
-                Ok((knob, value, wishes(&format!("{luminance}{epsilon}"))?))
+                Ok((knob, value, render_settings(&format!("{luminance}{epsilon}"))?))
             })
             .collect::<Result<Vec<_>>>()?;
         let of = |value: &str| if value == REFERENCE { &reference } else { &uneven };
         let mut errors = Vec::new();
-        for (_, value, wishes) in &configurations {
-            errors.push(sight.errors(&values(&draw(gpu, &view, of(value), wishes)?.color)));
+        for (_, value, settings) in &configurations {
+            errors.push(sight.errors(&values(&draw(gpu, &view, of(value), settings)?.color)));
         }
-        let times = sweep::interleaved(&configurations, plan.repeat, |(_, value, wishes)| {
+        let times = sweep::interleaved(&configurations, plan.repeat, |(_, value, settings)| {
             progress.tick("study luminance", 0, 0)?;
-            Ok(draw(gpu, &view, of(value), wishes)?.ms)
+            Ok(draw(gpu, &view, of(value), settings)?.ms)
         })?;
         let view_name = ["full size", "half", "quarter"]
             [SIZES.iter().position(|own| *own == part).expect("one of them")];
@@ -241,13 +241,13 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
 }
 
 /// Nothing else runs.
-fn wishes(luminance: &str) -> Result<Wishes> {
-    let mut wishes = Wishes::default();
+fn render_settings(luminance: &str) -> Result<RenderSettings> {
+    let mut settings = RenderSettings::default();
     let off = EFFECTS.iter().map(|effect| format!("{effect}=off"));
     off.chain(format!("luminance={luminance}").split(' ').map(String::from))
-        .try_for_each(|text| wishes.effects.set(&text))
+        .try_for_each(|text| settings.effects.set(&text))
         .map_err(Error::Request)?;
-    Ok(wishes)
+    Ok(settings)
 }
 
 struct Drawn {
@@ -257,10 +257,15 @@ struct Drawn {
     ms: f64,
 }
 
-fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, wishes: &Wishes) -> Result<Drawn> {
-    let look = settings::decide(wishes, view, resident);
+fn draw(
+    gpu: &mut Gpu,
+    view: &View,
+    resident: &Resident,
+    settings: &RenderSettings,
+) -> Result<Drawn> {
+    let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
-    let layers = frame::record(&mut g, view, resident, &look)?.layers;
+    let layers = frame::record(&mut g, view, resident, &config)?.layers;
     let [color, depth] = [&layers.color, &layers.depth].map(|image| g.download(image));
     let frame = g.submit_and_wait(&[layers.color.resource()])?;
     let drawn = Drawn {

@@ -7,7 +7,7 @@
 use super::cases;
 use super::mesh::Mesh;
 use super::report::{Section, Table};
-use super::surface::{draw, wishes};
+use super::surface::{draw, render_settings};
 use super::truth::{Surface, Truth, compare};
 use super::{Plan, mark_fronts, rows, sweep};
 use crate::cloud::attribute::{Attribute, Shown};
@@ -50,7 +50,7 @@ impl Surface for Mesh {
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let styles = STYLES
         .iter()
-        .map(|(name, settings)| Ok((*name, wishes(settings)?)))
+        .map(|(name, settings)| Ok((*name, render_settings(settings)?)))
         .collect::<Result<Vec<_>>>()?;
     let mut all = Vec::new();
     let mut table = Table {
@@ -77,7 +77,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 gpu,
                 &view,
                 &resident,
-                &wishes(&["visibility=off", "fill=off", "shape=off", "edl=off"])?,
+                &render_settings(&["visibility=off", "fill=off", "shape=off", "edl=off"])?,
             )?
             .depth;
             let order: Vec<usize> = (0..styles.len()).collect();

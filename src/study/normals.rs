@@ -11,7 +11,7 @@ use crate::index::forest::Leaf;
 use crate::index::normals::{self, FIT, Fit, Room};
 use crate::index::surroundings::Surroundings;
 use crate::progress::Progress;
-use crate::synth::{self, Scene};
+use crate::synth::{self, SceneKind};
 use glam::DVec3;
 use std::time::Instant;
 
@@ -31,11 +31,11 @@ const TORUS: Truth = Truth {
 };
 
 /// Scenes, and their noise in spacings of the points.
-const SCENES: [(&str, Scene, Truth, f64); 4] = [
-    ("sphere", Scene::Sphere, SPHERE, 0.0),
-    ("noisy sphere", Scene::Sphere, SPHERE, 0.25),
-    ("torus", Scene::Torus, TORUS, 0.0),
-    ("noisy torus", Scene::Torus, TORUS, 0.25),
+const SCENES: [(&str, SceneKind, Truth, f64); 4] = [
+    ("sphere", SceneKind::Sphere, SPHERE, 0.0),
+    ("noisy sphere", SceneKind::Sphere, SPHERE, 0.25),
+    ("torus", SceneKind::Torus, TORUS, 0.0),
+    ("noisy torus", SceneKind::Torus, TORUS, 0.25),
 ];
 
 const NEAR: [usize; 4] = [4, 8, 16, 32];

@@ -17,17 +17,17 @@ use crate::passes::Switch;
 use crate::passes::project::{Precision, Statistics};
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
-use crate::synth::{self, Scene, World};
+use crate::synth::{self, SceneKind, World};
 use crate::view::{Camera, Projection, View};
 use glam::DVec3;
 use rayon::prelude::*;
 
 pub const SUMMARY: &str = "bits of position, against error in pixels and metres";
 
-const SCENES: [(&str, Scene); 3] =
-    [("sphere", Scene::Sphere), ("street", Scene::Street), ("terrain", Scene::Terrain)];
+const SCENES: [(&str, SceneKind); 3] =
+    [("sphere", SceneKind::Sphere), ("street", SceneKind::Street), ("terrain", SceneKind::Terrain)];
 
 const SETTINGS: [(&str, Precision); 4] = [
     ("10", Precision::Planes(1)),
@@ -175,23 +175,23 @@ pub(super) fn finest_step(world: &World) -> f64 {
 
 /// From four times as far as the scene's own camera, from there, and from a fortieth of its distance to what it looks at.
 pub(super) fn cameras(world: &World) -> [(&'static str, Camera); 3] {
-    let look = world.camera();
+    let viewpoint = world.camera();
     let camera = |eye, target| Camera {
         eye,
         target,
         up: DVec3::Z,
-        fov_y: look.fov_y,
+        fov_y: viewpoint.fov_y,
         projection: Projection::Perspective,
         ortho_height: None,
     };
-    let back = look.eye - look.target;
+    let back = viewpoint.eye - viewpoint.target;
     let hit = world
-        .trace(look.eye - world.offset, -back)
-        .map_or(look.target, |hit| hit.point + world.offset);
+        .trace(viewpoint.eye - world.offset, -back)
+        .map_or(viewpoint.target, |hit| hit.point + world.offset);
     [
-        ("far", camera(look.target + back * 4.0, look.target)),
-        ("near", camera(look.eye, look.target)),
-        ("close-up", camera(hit + (look.eye - hit) / 40.0, hit)),
+        ("far", camera(viewpoint.target + back * 4.0, viewpoint.target)),
+        ("near", camera(viewpoint.eye, viewpoint.target)),
+        ("close-up", camera(hit + (viewpoint.eye - hit) / 40.0, hit)),
     ]
 }
 
@@ -204,11 +204,11 @@ struct Drawing {
 }
 
 fn draw(gpu: &mut Gpu, view: &View, resident: &Resident, precision: Precision) -> Result<Drawing> {
-    let mut wishes = Wishes { precision, ..Wishes::points() };
-    wishes.effects.edl.switch = Switch::Off;
-    let look = settings::decide(&wishes, view, resident);
+    let mut settings = RenderSettings { precision, ..RenderSettings::points() };
+    settings.effects.edl.switch = Switch::Off;
+    let config = FrameConfig::new(&settings, view, resident);
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let outcome = frame::record(&mut g, view, resident, &config)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
     let frame = g.submit_and_wait(&[])?;
     let drawing = Drawing {

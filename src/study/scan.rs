@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::index::build::{self, Options};
 use crate::index::file::Index;
 use crate::progress::Progress;
-use crate::synth::{self, LasFile, Scene, World};
+use crate::synth::{self, LasFile, SceneKind, World};
 use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -51,7 +51,7 @@ impl Drop for Folder {
 impl Scan {
     /// In survey coordinates, as LAS; on a lattice of another step than the scene's own where `step` says so.
     pub fn new(
-        scene: Scene,
+        scene: SceneKind,
         step: impl Fn(&World) -> f64,
         points: u64,
         seed: u64,

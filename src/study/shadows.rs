@@ -67,7 +67,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         Ok(Configuration { knob, value, effects })
     });
     let configurations = configurations.collect::<Result<Vec<_>>>()?;
-    let mut world = synth::build(synth::Scene::Step, plan.seed, HEIGHT);
+    let mut world = synth::build(synth::SceneKind::Step, plan.seed, HEIGHT);
     world.offset = DVec3::ZERO;
     let cloud =
         synth::collect("step", &world, plan.points.min(MOST_POINTS), plan.seed, 0.0, progress)?;

@@ -12,15 +12,15 @@ use crate::passes::Effects;
 use crate::passes::strokes::{Order, Settings};
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Style, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings, Style};
 use crate::resident::Resident;
-use crate::synth::{self, Scene};
+use crate::synth::{self, SceneKind};
 use crate::view::{Camera, Preset, View};
 
 pub const SUMMARY: &str =
     "passes of the A-buffer, blending, order, Gaussians: against all strokes sorted";
 
-const SCENES: [(&str, Scene); 2] = [("torus", Scene::Torus), ("street", Scene::Street)];
+const SCENES: [(&str, SceneKind); 2] = [("torus", SceneKind::Torus), ("street", SceneKind::Street)];
 
 const KNOBS: [(&str, &[(&str, &str)]); 5] = [
     (AUTO, &[(AUTO, "strokes=on")]),
@@ -58,18 +58,19 @@ const SMALL: [u32; 2] = [96, 72];
 struct Configuration {
     knob: &'static str,
     value: &'static str,
-    wishes: Wishes,
+    settings: RenderSettings,
 }
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let configurations =
         KNOBS.iter().flat_map(|(knob, values)| values.iter().map(move |value| (*knob, *value)));
     let configurations = configurations.map(|(knob, (value, effect))| {
-        let mut wishes = Wishes { effects: Effects::of(Style::Strokes), ..Wishes::default() };
+        let mut settings =
+            RenderSettings { effects: Effects::of(Style::Strokes), ..RenderSettings::default() };
         for effect in ["edl=off", effect] {
-            wishes.effects.set(effect).map_err(Error::Request)?;
+            settings.effects.set(effect).map_err(Error::Request)?;
         }
-        Ok(Configuration { knob, value, wishes })
+        Ok(Configuration { knob, value, settings })
     });
     let configurations = configurations.collect::<Result<Vec<_>>>()?;
     let mut rows = Vec::new();
@@ -182,7 +183,7 @@ fn draw(
         &mut g,
         view,
         resident,
-        &settings::decide(&configuration.wishes, view, resident),
+        &FrameConfig::new(&configuration.settings, view, resident),
     )?;
     let picture = g.download(&outcome.picture);
     let facts = outcome.strokes.map(|painted| painted.facts).unwrap_or_default();
@@ -208,7 +209,7 @@ fn rms(picture: &[[f32; 4]], reference: &[[f32; 4]]) -> f64 {
 /// Rows of the table, of both orders.
 fn crossed(
     name: &str,
-    scene: Scene,
+    scene: SceneKind,
     plan: &Plan,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<String>>> {

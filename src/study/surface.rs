@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph};
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
 use crate::view::View;
 
@@ -93,7 +93,7 @@ fn values(errors: &Errors) -> [f64; 6] {
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
     let styles = STYLES
         .iter()
-        .map(|(name, settings)| Ok((*name, wishes(settings)?)))
+        .map(|(name, settings)| Ok((*name, render_settings(settings)?)))
         .collect::<Result<Vec<_>>>()?;
     let options = Options {
         size: plan.size,
@@ -166,10 +166,10 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     })
 }
 
-pub(super) fn wishes(settings: &[&str]) -> Result<Wishes> {
-    let mut wishes = Wishes::points();
-    settings.iter().try_for_each(|text| wishes.effects.set(text)).map_err(Error::Request)?;
-    Ok(wishes)
+pub(super) fn render_settings(words: &[&str]) -> Result<RenderSettings> {
+    let mut settings = RenderSettings::points();
+    words.iter().try_for_each(|text| settings.effects.set(text)).map_err(Error::Request)?;
+    Ok(settings)
 }
 
 #[derive(Default)]
@@ -192,11 +192,11 @@ pub(super) fn draw(
     gpu: &mut Gpu,
     view: &View,
     resident: &Resident,
-    wishes: &Wishes,
+    settings: &RenderSettings,
 ) -> Result<Drawing> {
-    let look = settings::decide(wishes, view, resident);
+    let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let outcome = frame::record(&mut g, view, resident, &config)?;
     let (depth, index) = (g.download(&outcome.layers.depth), g.download(&outcome.layers.index));
     let frame = g.submit_and_wait(&[])?;
     let drawing = Drawing {

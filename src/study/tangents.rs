@@ -14,7 +14,7 @@ use crate::passes::strokes::Tangents;
 use crate::passes::strokes::tangents::on_device;
 use crate::progress::Progress;
 use crate::shader::Direction;
-use crate::synth::{self, Scene};
+use crate::synth::{self, SceneKind};
 use glam::DVec3;
 use std::time::Instant;
 
@@ -30,11 +30,11 @@ const WAYS: [(&str, Tangents); 4] = [
 
 /// Scenes, their noise in metres, and the outward direction at a place relative to the middle.
 type Outward = fn(DVec3) -> DVec3;
-const SCENES: [(&str, Scene, f64, Outward); 4] = [
-    ("sphere", Scene::Sphere, 0.0, |p| p),
-    ("noisy sphere", Scene::Sphere, 0.002, |p| p),
-    ("torus", Scene::Torus, 0.0, from_ring),
-    ("noisy torus", Scene::Torus, 0.002, from_ring),
+const SCENES: [(&str, SceneKind, f64, Outward); 4] = [
+    ("sphere", SceneKind::Sphere, 0.0, |p| p),
+    ("noisy sphere", SceneKind::Sphere, 0.002, |p| p),
+    ("torus", SceneKind::Torus, 0.0, from_ring),
+    ("noisy torus", SceneKind::Torus, 0.002, from_ring),
 ];
 
 fn from_ring(p: DVec3) -> DVec3 {

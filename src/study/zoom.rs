@@ -7,14 +7,14 @@ use super::flip::{PIXELS_PER_DEGREE, Seen};
 use super::lod::covered;
 use super::popping::{STEP_PX, mean_flip};
 use super::report::{Section, Table};
-use super::surface::wishes;
+use super::surface::render_settings;
 use super::{Plan, mark_fronts, metrics, rows};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::error::Result;
 use crate::graph::{Gpu, Graph};
 use crate::progress::Progress;
 use crate::render::frame;
-use crate::render::settings::{self, Wishes};
+use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::Resident;
 use crate::synth;
 use crate::view::{Camera, Preset, View};
@@ -38,10 +38,10 @@ const APART_PX: f64 = 1.0;
 const NEARER: f64 = 0.25;
 
 pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Section> {
-    let scene = synth::Scene::Torus;
+    let scene = synth::SceneKind::Torus;
     let styles = STYLES
         .iter()
-        .map(|(name, settings)| Ok((*name, wishes(settings)?)))
+        .map(|(name, settings)| Ok((*name, render_settings(settings)?)))
         .collect::<Result<Vec<_>>>()?;
     // As many points as lie so far apart in the first frame, whatever the picture's size.
     let pilot = synth::collect(
@@ -82,7 +82,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let head = ["surface", "largest FLIP", "at frame", "median"].map(String::from).to_vec();
     let mut table =
         Table { title: format!("{frames} frames, {count} points"), head, rows: Vec::new() };
-    for (style, wishes) in &styles {
+    for (style, settings) in &styles {
         let mut before: Option<(Seen, Vec<bool>)> = None;
         let [mut flips, mut times] = [const { Vec::new() }; 2];
         for number in 0..frames {
@@ -90,7 +90,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             let half = (camera.fov_y.to_radians() / 2.0).tan() * shrink.powi(number as i32);
             let view =
                 View::new(Camera { fov_y: 2.0 * half.atan().to_degrees(), ..camera }, plan.size)?;
-            let (seen, ms) = draw(gpu, &view, &resident, wishes)?;
+            let (seen, ms) = draw(gpu, &view, &resident, settings)?;
             flips.extend(before.as_ref().map(|before| mean_flip(before, &seen)));
             times.push(ms);
             before = Some(seen);
@@ -129,11 +129,11 @@ fn draw(
     gpu: &mut Gpu,
     view: &View,
     resident: &Resident,
-    wishes: &Wishes,
+    settings: &RenderSettings,
 ) -> Result<((Seen, Vec<bool>), f64)> {
-    let look = settings::decide(wishes, view, resident);
+    let config = FrameConfig::new(settings, view, resident);
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, view, resident, &look)?;
+    let outcome = frame::record(&mut g, view, resident, &config)?;
     let (picture, depth) = (g.download(&outcome.picture), g.download(&outcome.layers.depth));
     let frame = g.submit_and_wait(&[])?;
     let seen = Seen::new(frame.read(&picture), view.size, PIXELS_PER_DEGREE);

@@ -34,10 +34,10 @@ pub use collect::collect;
 pub use las_file::LasFile;
 pub use scanner::scan;
 pub use terrestrial::reaches;
-pub use world::{Hit, Look, Method, Station, World};
+pub use world::{Hit, Method, Station, Viewpoint, World};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Scene {
+pub enum SceneKind {
     /// 4 m x 4 m at z = 0
     Plane,
     /// radius 1 m
@@ -54,34 +54,34 @@ pub enum Scene {
     Terrain,
 }
 
-impl std::str::FromStr for Scene {
+impl std::str::FromStr for SceneKind {
     type Err = String;
 
-    fn from_str(name: &str) -> std::result::Result<Scene, String> {
-        <Scene as clap::ValueEnum>::from_str(name, false)
+    fn from_str(name: &str) -> std::result::Result<SceneKind, String> {
+        <SceneKind as clap::ValueEnum>::from_str(name, false)
     }
 }
 
-impl Scene {
+impl SceneKind {
     /// Standard deviation of the range unless the user says otherwise, metres.
     pub fn default_noise(self) -> f64 {
         match self {
-            Scene::Street => 0.002,
-            Scene::Terrain => 0.015,
+            SceneKind::Street => 0.002,
+            SceneKind::Terrain => 0.015,
             _ => 0.0,
         }
     }
 }
 
 /// The scene itself. `gap` is the distance between the layers of `step`, metres.
-pub fn build(scene: Scene, seed: u64, gap: f64) -> World {
+pub fn build(scene: SceneKind, seed: u64, gap: f64) -> World {
     match scene {
-        Scene::Plane => simple::plane(),
-        Scene::Sphere => simple::sphere(),
-        Scene::Torus => simple::torus(),
-        Scene::NestedTori => simple::nested_tori(),
-        Scene::Step => simple::step(gap),
-        Scene::Street => street::build(seed),
-        Scene::Terrain => terrain::build(seed),
+        SceneKind::Plane => simple::plane(),
+        SceneKind::Sphere => simple::sphere(),
+        SceneKind::Torus => simple::torus(),
+        SceneKind::NestedTori => simple::nested_tori(),
+        SceneKind::Step => simple::step(gap),
+        SceneKind::Street => street::build(seed),
+        SceneKind::Terrain => terrain::build(seed),
     }
 }

@@ -4,20 +4,20 @@ use super::light::Light;
 use super::material::Material;
 use super::panel::Panel;
 use super::shapes::{Pose, Shape, Solid};
-use super::world::{Look, Method, World, solid};
+use super::world::{Method, Viewpoint, World, solid};
 use glam::{DVec2, DVec3};
 
 /// ASPRS "unclassified"; the parts of a scene get the classes from here on.
 const CLASS: u8 = 1;
 
-fn look(eye: [f64; 3], target: [f64; 3]) -> Look {
-    Look { eye: eye.into(), target: target.into(), fov_y: 40.0 }
+fn viewpoint(eye: [f64; 3], target: [f64; 3]) -> Viewpoint {
+    Viewpoint { eye: eye.into(), target: target.into(), fov_y: 40.0 }
 }
 
-fn by_area(solids: Vec<Solid>, look: Look) -> World {
+fn by_area(solids: Vec<Solid>, viewpoint: Viewpoint) -> World {
     let total: f64 = solids.iter().map(Solid::area).sum();
     let shares = solids.iter().map(|s| s.area() / total).collect();
-    World::new(solids, Vec::new(), Light::studio(), Method::Area { shares }, look)
+    World::new(solids, Vec::new(), Light::studio(), Method::Area { shares }, viewpoint)
 }
 
 fn square(width: f64, height: f64, corner: DVec3, colors: [DVec3; 2], part: u32) -> Solid {
@@ -41,7 +41,7 @@ const NIGHT: DVec3 = DVec3::new(0.12, 0.18, 0.38);
 pub fn plane() -> World {
     by_area(
         vec![square(4.0, 4.0, DVec3::new(-2.0, -2.0, 0.0), [SAND, CREAM], 0)],
-        look([2.6, -4.6, 3.2], [0.0, 0.0, 0.0]),
+        viewpoint([2.6, -4.6, 3.2], [0.0, 0.0, 0.0]),
     )
 }
 
@@ -55,7 +55,7 @@ pub fn sphere() -> World {
         0,
         CLASS,
     );
-    by_area(vec![ball], look([1.3, -3.1, 1.4], [0.0, 0.0, 0.0]))
+    by_area(vec![ball], viewpoint([1.3, -3.1, 1.4], [0.0, 0.0, 0.0]))
 }
 
 fn torus_solid(minor: f64, colors: [DVec3; 2], part: u32) -> Solid {
@@ -71,7 +71,7 @@ fn torus_solid(minor: f64, colors: [DVec3; 2], part: u32) -> Solid {
 
 /// Major radius 1 m, minor 0.4 m.
 pub fn torus() -> World {
-    by_area(vec![torus_solid(0.4, [TEAL, CREAM], 0)], look([1.6, -3.0, 2.4], [0.0, 0.0, 0.0]))
+    by_area(vec![torus_solid(0.4, [TEAL, CREAM], 0)], viewpoint([1.6, -3.0, 2.4], [0.0, 0.0, 0.0]))
 }
 
 /// Dobrev's figure 17: one ring inside the other, brown in green in blue, a third of the points each, six layers on a ray.
@@ -87,7 +87,7 @@ pub fn nested_tori() -> World {
         Vec::new(),
         Light::studio(),
         Method::Area { shares },
-        look([1.6, -3.0, 2.4], [0.0, 0.0, 0.0]),
+        viewpoint([1.6, -3.0, 2.4], [0.0, 0.0, 0.0]),
     )
 }
 
@@ -95,5 +95,5 @@ pub fn nested_tori() -> World {
 pub fn step(gap: f64) -> World {
     let low = square(4.0, 4.0, DVec3::new(-2.0, -2.0, 0.0), [NIGHT, TEAL], 0);
     let high = square(2.0, 4.0, DVec3::new(0.0, -2.0, gap), [SAND, CREAM], 1);
-    by_area(vec![low, high], look([-4.0, -3.4, 3.4 + gap], [0.0, 0.0, 0.0]))
+    by_area(vec![low, high], viewpoint([-4.0, -3.4, 3.4 + gap], [0.0, 0.0, 0.0]))
 }

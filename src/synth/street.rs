@@ -9,7 +9,7 @@ use super::noise::Random;
 use super::panel::{Opening, Openings, Panel, Recess};
 use super::props::{self, CLASS_BUILDING, CLASS_FURNITURE, CLASS_GROUND, cuboid, pole, roof};
 use super::shapes::{Pose, Shape, Solid};
-use super::world::{Leaf, Look, Method, Station, World, solid};
+use super::world::{Leaf, Method, Station, Viewpoint, World, solid};
 use glam::{DVec2, DVec3};
 
 /// Half the distance between the fronts, metres.
@@ -152,12 +152,12 @@ pub fn build(seed: u64) -> World {
         station(1.5, 56.0, 0.90, [1.03, 1.00, 0.97]),
         station(0.9, -30.0, 1.07, [0.99, 1.00, 1.02]),
     ];
-    let look = Look {
+    let viewpoint = Viewpoint {
         eye: DVec3::new(1.9, -27.5, 1.75),
         target: DVec3::new(-1.5, 10.0, 5.6),
         fov_y: 52.0,
     };
-    let mut world = World::new(solids, leaves, light, Method::Stations(stations), look);
+    let mut world = World::new(solids, leaves, light, Method::Stations(stations), viewpoint);
     world.offset = DVec3::new(500_000.0, 5_000_000.0, 100.0);
     world.step = 1e-3;
     world

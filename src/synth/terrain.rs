@@ -6,7 +6,7 @@ use super::material::Material;
 use super::noise::{Random, cell, mottle};
 use super::props;
 use super::shapes::{Pose, Shape};
-use super::world::{Look, Method, World, solid};
+use super::world::{Method, Viewpoint, World, solid};
 use glam::{DVec2, DVec3};
 
 /// Half the extent of the land, metres.
@@ -210,12 +210,12 @@ pub fn build(seed: u64) -> World {
     let light = Light { shadows: true, ..Light::studio() };
     let lines = vec![(-225.0, 1.0), (-75.0, 0.90), (75.0, 1.08), (225.0, 0.95)];
     let method = Method::Strips { height: 420.0, half_angle: 13.5, lines };
-    let look = Look {
+    let viewpoint = Viewpoint {
         eye: DVec3::new(-120.0, -270.0, 130.0),
         target: DVec3::new(30.0, 20.0, 0.0),
         fov_y: 42.0,
     };
-    let mut world = World::new(solids, leaves, light, method, look);
+    let mut world = World::new(solids, leaves, light, method, viewpoint);
     world.offset = DVec3::new(500_000.0, 5_000_000.0, 100.0);
     world.step = 1e-3;
     world

@@ -58,9 +58,9 @@ pub enum Method {
     Strips { height: f64, half_angle: f64, lines: Vec<(f64, f64)> },
 }
 
-/// A good first look, as plain numbers (world coordinates with the offset, degrees); `view::Camera` is made of it by the caller.
+/// A good first camera, as plain numbers (world coordinates with the offset, degrees); `view::Camera` is made of it by the caller.
 #[derive(Clone, Copy, Debug)]
-pub struct Look {
+pub struct Viewpoint {
     pub eye: DVec3,
     pub target: DVec3,
     pub fov_y: f64,
@@ -76,7 +76,7 @@ pub struct World {
     pub solids: Vec<Solid>,
     pub leaves: Vec<Leaf>,
     /// Relative to the offset.
-    look: Look,
+    viewpoint: Viewpoint,
     tree: Bvh,
 }
 
@@ -92,7 +92,7 @@ impl World {
         leaves: Vec<Leaf>,
         light: Light,
         method: Method,
-        look: Look,
+        viewpoint: Viewpoint,
     ) -> World {
         let disc = |leaf: &Leaf| {
             // A disc reaches r sqrt(1 - n^2) along each axis.
@@ -106,7 +106,7 @@ impl World {
         let first = solids.len() as u32;
         let leaves =
             tree.renumber(first).into_iter().map(|old| leaves[(old - first) as usize]).collect();
-        World { offset: DVec3::ZERO, step: 1e-4, method, light, solids, leaves, look, tree }
+        World { offset: DVec3::ZERO, step: 1e-4, method, light, solids, leaves, viewpoint, tree }
     }
 
     /// Of all surfaces, relative to the offset.
@@ -114,11 +114,11 @@ impl World {
         self.tree.bounds()
     }
 
-    pub fn camera(&self) -> Look {
-        Look {
-            eye: self.look.eye + self.offset,
-            target: self.look.target + self.offset,
-            fov_y: self.look.fov_y,
+    pub fn camera(&self) -> Viewpoint {
+        Viewpoint {
+            eye: self.viewpoint.eye + self.offset,
+            target: self.viewpoint.target + self.offset,
+            fov_y: self.viewpoint.fov_y,
         }
     }
 

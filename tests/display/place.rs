@@ -2,7 +2,7 @@
 
 use super::{Display, SIZE, Viewer};
 use crate::support::{pointillist, scan, succeeded};
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use std::path::{Path, PathBuf};
 
 /// A folder and a display of its own.
@@ -21,14 +21,14 @@ impl Place {
     }
 
     /// A scan, as a file.
-    pub fn scan(&self, name: &str, scene: Scene, points: u64) -> PathBuf {
+    pub fn scan(&self, name: &str, scene: SceneKind, points: u64) -> PathBuf {
         let path = self.at(name);
         scan(&path, scene, points);
         path
     }
 
     pub fn street(&self, points: u64) -> PathBuf {
-        self.scan("scan.las", Scene::Street, points)
+        self.scan("scan.las", SceneKind::Street, points)
     }
 
     /// The window, small and without its panel.

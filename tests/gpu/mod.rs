@@ -16,7 +16,7 @@ use pointillist::passes::{
 };
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::{Resident, ResidentNode};
 use pointillist::view::light::Light;
 use pointillist::view::{Camera, Projection, View};
@@ -100,21 +100,21 @@ fn bytes(colors: &[[f32; 4]]) -> &[u32] {
 }
 
 /// No effect runs: points as they are projected.
-pub fn bare() -> Wishes {
-    let mut wishes = Wishes::default();
+pub fn bare() -> RenderSettings {
+    let mut settings = RenderSettings::default();
     passes::EFFECTS.iter().for_each(|effect| {
-        wishes.effects.set(&format!("{effect}=off")).expect("every effect can be switched off")
+        settings.effects.set(&format!("{effect}=off")).expect("every effect can be switched off")
     });
-    wishes
+    settings
 }
 
-pub fn draw(way: Way, cloud: &Cloud, view: &View, wishes: &Wishes) -> Layers {
+pub fn draw(way: Way, cloud: &Cloud, view: &View, settings: &RenderSettings) -> Layers {
     with(way, |gpu| {
         let (shown, _) = Shown::automatic(cloud);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).expect("resident");
-        let look = settings::decide(wishes, view, &resident);
+        let config = FrameConfig::new(settings, view, &resident);
         let mut g = Graph::new(gpu);
-        let outcome = frame::record(&mut g, view, &resident, &look).expect("recorded");
+        let outcome = frame::record(&mut g, view, &resident, &config).expect("recorded");
         let images =
             [&outcome.layers.depth, &outcome.layers.index, &outcome.layers.color, &outcome.picture];
         let [depth, index, color, picture] = images.map(|image| g.download(image));

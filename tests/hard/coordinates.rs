@@ -6,14 +6,14 @@ use pointillist::cloud::{self, Cloud, Lattice, ReadOptions};
 use pointillist::config::NO_POINT;
 use pointillist::passes::project::Precision;
 use pointillist::progress::Silent;
-use pointillist::render::settings::Wishes;
+use pointillist::render::settings::RenderSettings;
 use pointillist::study::oracle::{points::Points, project};
 use pointillist::view::View;
 
 /// Draws and holds the depths against f64; both precisions.
 fn agrees(cloud: &Cloud, view: &View) -> Layers {
     let draw = |precision| {
-        let layers = draw(Way::Compute64, cloud, view, &Wishes { precision, ..bare() });
+        let layers = draw(Way::Compute64, cloud, view, &RenderSettings { precision, ..bare() });
         let sources: Vec<_> = cloud
             .parts
             .iter()
@@ -61,8 +61,12 @@ fn hard_02_camera_in_a_huge_node() {
     assert_eq!(layers.nodes.len(), 1);
 
     // HARD_CASES 1.2: 12 u f, beyond the quantisation that was chosen. Every drawn point truly lies in its pixel, or nearer to it than that.
-    let exact =
-        draw(Way::Compute64, &cloud, &view, &Wishes { precision: Precision::Planes(3), ..bare() });
+    let exact = draw(
+        Way::Compute64,
+        &cloud,
+        &view,
+        &RenderSettings { precision: Precision::Planes(3), ..bare() },
+    );
     let points = Points::new(&cloud.parts, &exact.nodes);
     let f = view.focal_px();
     let beside = |at: f64, pixel: f64| (pixel - at).max(at - (pixel + 1.0)).max(0.0);

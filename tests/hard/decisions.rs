@@ -8,7 +8,7 @@ use pointillist::config::{
 };
 use pointillist::passes::project::Precision;
 use pointillist::progress::Silent;
-use pointillist::render::settings::Wishes;
+use pointillist::render::settings::RenderSettings;
 use pointillist::study::oracle::project;
 use pointillist::synth::chunk::{Chunk, Lattice as FileLattice};
 use pointillist::synth::las_file::LasFile;
@@ -36,7 +36,7 @@ fn hard_04_depth_quanta() {
         let view =
             View::new(orthographic(DVec3::ZERO, DVec3::Y, 16.0 * 4096.0 * quantum), [16, 16])
                 .unwrap();
-        let exact = Wishes { precision: Precision::Planes(3), ..bare() };
+        let exact = RenderSettings { precision: Precision::Planes(3), ..bare() };
         assert_eq!(
             draw(Way::Compute64, &cloud, &view, &exact).depth,
             vec![depth as f32; 256],
@@ -119,8 +119,12 @@ fn hard_06_counts_around_every_limit() {
             let eye = DVec3::new(2.56, 2.56, 1.0);
             let view = View::new(orthographic(eye, eye - DVec3::Z, 5.12), [512, 512]).unwrap();
             for way in WAYS {
-                let layers =
-                    draw(way, &cloud, &view, &Wishes { precision: Precision::Planes(3), ..bare() });
+                let layers = draw(
+                    way,
+                    &cloud,
+                    &view,
+                    &RenderSettings { precision: Precision::Planes(3), ..bare() },
+                );
                 let mut ids: Vec<u32> =
                     layers.index.into_iter().filter(|id| *id != NO_POINT).collect();
                 ids.sort_unstable();
@@ -217,7 +221,8 @@ fn hard_25_two_passes_one_depth() {
         let view =
             View::new(perspective(lattice.offset + eye, lattice.offset, 60.0), [400, 300]).unwrap();
         for precision in [Precision::Planes(1), Precision::Planes(2), Precision::Auto] {
-            let layers = draw(Way::Compute32, &cloud, &view, &Wishes { precision, ..bare() });
+            let layers =
+                draw(Way::Compute32, &cloud, &view, &RenderSettings { precision, ..bare() });
             let covered = layers.depth.iter().filter(|z| z.is_finite()).count();
             assert!(covered > 0);
             assert_eq!(

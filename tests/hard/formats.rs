@@ -6,7 +6,7 @@ use glam::DVec3;
 use pointillist::cloud::{self, Cloud, Lattice, ReadOptions};
 use pointillist::passes::project::Precision;
 use pointillist::progress::Silent;
-use pointillist::render::settings::Wishes;
+use pointillist::render::settings::RenderSettings;
 use pointillist::study::oracle::project::{self, Agreement};
 use pointillist::synth::chunk::{Chunk, Lattice as FileLattice};
 use pointillist::synth::las_file::LasFile;
@@ -109,7 +109,8 @@ fn agrees(name: &str, write: impl FnOnce(&Path) -> Written) {
     for (place, camera) in cameras() {
         for precision in [Precision::Auto, Precision::Planes(3)] {
             let view = View::new(camera, [331, 257]).unwrap();
-            let layers = draw(Way::Compute64, &cloud, &view, &Wishes { precision, ..bare() });
+            let layers =
+                draw(Way::Compute64, &cloud, &view, &RenderSettings { precision, ..bare() });
             let source = project::Source::new(part, &view, precision, moved);
             let agreement =
                 project::check(&view, &[(source, written.relative(camera.eye))], &layers.depth);

@@ -11,7 +11,7 @@ use pointillist::select::lod::{self, Detail};
 use pointillist::study::lod::{draw, full};
 use pointillist::study::popping;
 use pointillist::study::scan::Scan;
-use pointillist::synth::Scene;
+use pointillist::synth::SceneKind;
 use pointillist::view::View;
 use rayon::prelude::*;
 use std::collections::HashSet;
@@ -23,7 +23,7 @@ const SIZE: [u32; 2] = [512, 384];
 fn plane() -> &'static Scan {
     static PLANE: OnceLock<Scan> = OnceLock::new();
     PLANE.get_or_init(|| {
-        Scan::new(Scene::Plane, |world| world.step, 2_000_000, 31, &Silent).unwrap()
+        Scan::new(SceneKind::Plane, |world| world.step, 2_000_000, 31, &Silent).unwrap()
     })
 }
 

@@ -10,18 +10,18 @@ use pointillist::graph::Graph;
 use pointillist::passes::{Switch, luminance};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Wishes};
+use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::Resident;
 use pointillist::study::oracle::luminance as oracle;
 use pointillist::view::View;
 
 const METRES: Lattice = Lattice { step: DVec3::ONE, offset: DVec3::ZERO };
 
-fn corrected(settings: luminance::Settings) -> Wishes {
-    let mut wishes = bare();
-    wishes.effects.luminance.switch = Switch::On;
-    wishes.effects.luminance.settings = settings;
-    wishes
+fn corrected(luminance: luminance::Settings) -> RenderSettings {
+    let mut settings = bare();
+    settings.effects.luminance.switch = Switch::On;
+    settings.effects.luminance.settings = luminance;
+    settings
 }
 
 fn alone(epsilon: f64) -> luminance::Settings {
@@ -101,14 +101,14 @@ fn drawn_and_counted(
     way: Way,
     cloud: &Cloud,
     view: &View,
-    wishes: &Wishes,
+    settings: &RenderSettings,
 ) -> (Vec<[f32; 4]>, Vec<u64>) {
     with(way, |gpu| {
         let (shown, _) = Shown::automatic(cloud);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
-        let look = settings::decide(wishes, view, &resident);
+        let config = FrameConfig::new(settings, view, &resident);
         let mut g = Graph::new(gpu);
-        let outcome = frame::record(&mut g, view, &resident, &look).unwrap();
+        let outcome = frame::record(&mut g, view, &resident, &config).unwrap();
         let color = g.download(&outcome.layers.color);
         let sums = g.find_buffer("sums").unwrap();
         let sums = g.download_buffer(&sums);
@@ -165,12 +165,12 @@ fn hard_23_any_order_and_fifty_runs_give_the_same_picture() {
     }
     let shuffled = cloud(vec![part(lattice, &points, Some(colors))]);
     for space in [luminance::Space::Hsv, luminance::Space::Rgb] {
-        let wishes = corrected(luminance::Settings { space, neighbourhood: 3.0, epsilon: 0.1 });
-        let first = draw(Way::Compute64, &straight, &view, &wishes);
+        let settings = corrected(luminance::Settings { space, neighbourhood: 3.0, epsilon: 0.1 });
+        let first = draw(Way::Compute64, &straight, &view, &settings);
         for run in 0..50 {
             let cloud = if run % 2 == 0 { &shuffled } else { &straight };
             assert!(
-                first.bits() == draw(WAYS[run / 2 % 2], cloud, &view, &wishes).bits(),
+                first.bits() == draw(WAYS[run / 2 % 2], cloud, &view, &settings).bits(),
                 "{space:?} run {run}"
             );
         }

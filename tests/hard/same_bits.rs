@@ -4,17 +4,17 @@ use crate::gpu::{Random, WAYS, Way, bumpy, cloud, draw, orthographic, part, pers
 use glam::DVec3;
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::passes::Switch;
-use pointillist::render::settings::Wishes;
+use pointillist::render::settings::RenderSettings;
 use pointillist::view::{Camera, View};
 
 /// A power of two: coordinates, translations and scalings are then exact in f64, and only f32 could go wrong.
 const STEP: f64 = 1.0 / 1024.0;
 const SIZE: [u32; 2] = [160, 120];
 
-fn wishes() -> Wishes {
-    let mut wishes = Wishes::default();
-    wishes.effects.edl.switch = Switch::On;
-    wishes
+fn settings() -> RenderSettings {
+    let mut settings = RenderSettings::default();
+    settings.effects.edl.switch = Switch::On;
+    settings
 }
 
 /// Eyes on multiples of 1/8 m, so that they too are exact wherever they are moved.
@@ -42,11 +42,11 @@ fn moved(camera: Camera, by: DVec3, scale: f64) -> Camera {
 }
 
 fn picture(cloud: &Cloud, camera: Camera) -> crate::gpu::Layers {
-    picture_of(cloud, camera, &wishes())
+    picture_of(cloud, camera, &settings())
 }
 
-fn picture_of(cloud: &Cloud, camera: Camera, wishes: &Wishes) -> crate::gpu::Layers {
-    let layers = draw(Way::Compute64, cloud, &View::new(camera, SIZE).unwrap(), wishes);
+fn picture_of(cloud: &Cloud, camera: Camera, settings: &RenderSettings) -> crate::gpu::Layers {
+    let layers = draw(Way::Compute64, cloud, &View::new(camera, SIZE).unwrap(), settings);
     assert!(
         layers.depth.iter().filter(|z| z.is_finite()).count() > 1000,
         "hardly anything is in the picture"
@@ -143,10 +143,10 @@ fn hard_00_duplicated_points() {
         columns.rgb.as_mut().unwrap().extend_from_within(..20_000);
     }
     // More points a node are denser ones, and an automatic kernel is narrower.
-    let mut wishes = wishes();
-    wishes.effects.set("visibility=on,levels=1,kernel=9").unwrap();
+    let mut settings = settings();
+    settings.effects.set("visibility=on,levels=1,kernel=9").unwrap();
     for camera in cameras() {
-        let [a, b] = [&once, &thrice].map(|cloud| picture_of(cloud, camera, &wishes));
+        let [a, b] = [&once, &thrice].map(|cloud| picture_of(cloud, camera, &settings));
         assert_eq!((a.nodes.len(), b.nodes.len()), (1, 1));
         let ((depth, _, color, shaded), (depths, _, colors, shadeds)) = (a.bits(), b.bits());
         assert!(
@@ -161,9 +161,9 @@ fn hard_00_two_runs_and_both_ways_give_the_same_bits() {
     let cloud = scene(1.0, DVec3::new(500_000.0, 5_000_000.0, 100.0));
     for camera in cameras() {
         let view = View::new(moved(camera, cloud.parts[0].lattice.offset, 1.0), SIZE).unwrap();
-        let first = draw(Way::Compute64, &cloud, &view, &wishes());
+        let first = draw(Way::Compute64, &cloud, &view, &settings());
         for way in WAYS {
-            assert!(first.bits() == draw(way, &cloud, &view, &wishes()).bits(), "{way:?}");
+            assert!(first.bits() == draw(way, &cloud, &view, &settings()).bits(), "{way:?}");
         }
     }
 }

@@ -8,7 +8,7 @@ use pointillist::cloud::attribute::Attribute;
 use pointillist::config::NO_POINT;
 use pointillist::passes::{Scene, fill, shape, visibility};
 use pointillist::progress::Silent;
-use pointillist::render::settings::Wishes;
+use pointillist::render::settings::RenderSettings;
 use pointillist::resident::{Overlap, Sampling};
 use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
 use pointillist::study::oracle::visibility::{Depths, sector};
@@ -532,7 +532,7 @@ fn hard_00_nothing_that_is_no_number() {
 #[test]
 fn hard_00_surfaces_are_part_of_every_picture() {
     let view = views([16, 16])[0];
-    let decided = Wishes::default().effects.decide(&Scene {
+    let decided = RenderSettings::default().effects.decide(&Scene {
         view: &view,
         light: Light::default(),
         points: 1000,
@@ -556,14 +556,16 @@ fn hard_00_surfaces_are_part_of_every_picture() {
 #[test]
 fn hard_00_tiles_that_are_skipped_had_nothing_to_hide() {
     let (mut taken_out, mut pixels) = (0, 0);
-    for scene in [synth::Scene::Street, synth::Scene::NestedTori] {
+    for scene in [synth::SceneKind::Street, synth::SceneKind::NestedTori] {
         let world = synth::build(scene, 3, 0.0);
         let cloud =
             synth::collect("seams", &world, 250_000, 3, scene.default_noise(), &Silent).unwrap();
-        let look = world.camera();
+        let viewpoint = world.camera();
         for size in [[203, 149], [127, 61]] {
-            let deep =
-                Camera { fov_y: look.fov_y, ..perspective(look.eye, look.target, look.fov_y) };
+            let deep = Camera {
+                fov_y: viewpoint.fov_y,
+                ..perspective(viewpoint.eye, viewpoint.target, viewpoint.fov_y)
+            };
             let flat = Camera::framing(Preset::Iso, &cloud.core_points(), size);
             assert_eq!(flat.projection, Projection::Orthographic);
             for camera in [deep, flat] {
@@ -572,13 +574,13 @@ fn hard_00_tiles_that_are_skipped_had_nothing_to_hide() {
                     ["levels=7", "levels=5,kernel=9", "levels=1,kernel=3", "levels=1,kernel=9"]
                 {
                     let picture = |tiles: &str, rest: &str| -> Layers {
-                        let mut wishes = Wishes::default();
-                        wishes
+                        let mut settings = RenderSettings::default();
+                        settings
                             .effects
                             .set(&format!("visibility=on,{levels},tiles={tiles}"))
                             .unwrap();
-                        wishes.effects.set(rest).unwrap();
-                        draw(Way::Compute64, &cloud, &view, &wishes)
+                        settings.effects.set(rest).unwrap();
+                        draw(Way::Compute64, &cloud, &view, &settings)
                     };
                     for rest in ["fill=off", "fill=on"] {
                         let [all, needed] = ["all", "needed"].map(|tiles| picture(tiles, rest));

@@ -7,7 +7,7 @@ use super::*;
 fn samples_of_several_stations_are_means_of_what_all_have_with_one_exposure() {
     let place = Place::new();
     let file = place.at("street.las");
-    scan(&file, Scene::Street, 500_000);
+    scan(&file, SceneKind::Street, 500_000);
     let index = place.faithful(&[file], &OPTIONS);
     assert!(
         index.directory.contents.balance.is_some()
@@ -125,7 +125,7 @@ fn only_what_is_wanted_is_kept() {
 #[test]
 fn position_colour_intensity_and_class_take_at_most_20_bytes_a_point() {
     let place = Place::new();
-    scan(&place.at("street.las"), Scene::Street, 2_000_000);
+    scan(&place.at("street.las"), SceneKind::Street, 2_000_000);
     let summary = place.build(&[place.at("street.las")], "a.pnti", &OPTIONS).unwrap();
     let bytes = summary.core_bytes as f64 / summary.points as f64;
     println!("{bytes} bytes a point, {} in all", summary.bytes as f64 / summary.points as f64);

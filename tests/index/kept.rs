@@ -232,7 +232,7 @@ fn files_too_far_apart_for_one_lattice_are_refused_with_a_reason() {
 #[test]
 fn more_than_fits_the_memory_goes_through_a_file_and_full_buckets_are_split() {
     let place = Place::new();
-    scan(&place.at("street.las"), Scene::Street, 2_000_000);
+    scan(&place.at("street.las"), SceneKind::Street, 2_000_000);
     let street = cloud::read(&[place.at("street.las")], &READ, &Silent).unwrap();
     let Lattice { step, offset } = street.parts[0].lattice;
     // Half a million points in a few centimetres, on the same lattice, counted from elsewhere.

@@ -7,7 +7,7 @@ use pointillist::graph::Graph;
 use pointillist::passes::encode::{self, Screen, Thresholds};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings;
+use pointillist::render::settings::FrameConfig;
 use pointillist::resident::Resident;
 use pointillist::view::View;
 
@@ -20,9 +20,9 @@ fn a_screen_holds_the_bytes_of_a_file() {
             let (picture, words) = with(WAYS[0], |gpu| {
                 let (shown, _) = Shown::automatic(&cloud);
                 let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
-                let look = settings::decide(&bare(), &view, &resident);
+                let config = FrameConfig::new(&bare(), &view, &resident);
                 let mut g = Graph::new(gpu);
-                let outcome = frame::record(&mut g, &view, &resident, &look).unwrap();
+                let outcome = frame::record(&mut g, &view, &resident, &config).unwrap();
                 let words = g.buffer("screen", 4 * size[0] as u64 * size[1] as u64);
                 let mut screen = Screen { words, blue_first };
                 encode::record(&mut g, &outcome.picture, &mut screen).unwrap();

@@ -6,7 +6,7 @@ use pointillist::cloud::color::linear_to_srgb;
 use pointillist::cloud::{Cloud, Lattice, Station};
 use pointillist::index::exposure::balance;
 use pointillist::passes::exposure;
-use pointillist::render::settings::Wishes;
+use pointillist::render::settings::RenderSettings;
 use pointillist::study::oracle::exposure as oracle;
 use pointillist::view::View;
 use std::collections::HashSet;
@@ -62,10 +62,10 @@ fn evened(cloud: &Cloud, gains: &[f64]) -> Cloud {
     evened
 }
 
-fn wishes(effects: &[&str]) -> Wishes {
-    let mut wishes = bare();
-    effects.iter().for_each(|effect| wishes.effects.set(effect).unwrap());
-    wishes
+fn settings(effects: &[&str]) -> RenderSettings {
+    let mut settings = bare();
+    effects.iter().for_each(|effect| settings.effects.set(effect).unwrap());
+    settings
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn exposures_are_those_of_colours_that_were_made_even_beforehand() {
         let view = View::new(camera, [127, 61]).unwrap();
         let (plain, got) = (
             draw(Way::Compute64, &cloud, &view, &bare()),
-            draw(Way::Compute64, &cloud, &view, &wishes(&["exposure=on"])),
+            draw(Way::Compute64, &cloud, &view, &settings(&["exposure=on"])),
         );
         let twin = draw(Way::Compute64, &evened, &view, &bare());
         got.assert_finite();
@@ -106,10 +106,10 @@ fn exposures_are_those_of_colours_that_were_made_even_beforehand() {
         );
         // Sums are of values of 8 bits, and so the very same.
         for luminance in ["luminance=on", "luminance=on,space=rgb,neighbourhood=1,epsilon=0.5"] {
-            let twin = draw(Way::Compute64, &evened, &view, &wishes(&[luminance]));
+            let twin = draw(Way::Compute64, &evened, &view, &settings(&[luminance]));
             for way in WAYS {
                 assert!(
-                    draw(way, &cloud, &view, &wishes(&["exposure=on", luminance])).bits()
+                    draw(way, &cloud, &view, &settings(&["exposure=on", luminance])).bits()
                         == twin.bits(),
                     "{luminance} {way:?}"
                 );

@@ -11,7 +11,7 @@ use pointillist::passes::project::Precision;
 use pointillist::passes::{Switch, luminance};
 use pointillist::progress::Silent;
 use pointillist::render::frame;
-use pointillist::render::settings::{self, Look};
+use pointillist::render::settings::FrameConfig;
 use pointillist::resident::Resident;
 use pointillist::resident::overlap::OVERLAP_PX;
 use pointillist::select::opacity::{Opacities, Rule, What};
@@ -36,13 +36,13 @@ fn scene(points: usize) -> Cloud {
 }
 
 /// How many pixels changed, and how many are in doubt.
-fn check(cloud: &Cloud, view: &View, settings: luminance::Settings, ways: &[Way]) -> [usize; 3] {
-    let mut wishes = bare();
-    wishes.precision = Precision::Planes(3);
-    let plain = draw(Way::Compute64, cloud, view, &wishes);
-    wishes.effects.luminance.switch = Switch::On;
-    wishes.effects.luminance.settings = settings;
-    let drawn: Vec<_> = ways.iter().map(|&way| draw(way, cloud, view, &wishes)).collect();
+fn check(cloud: &Cloud, view: &View, luminance: luminance::Settings, ways: &[Way]) -> [usize; 3] {
+    let mut settings = bare();
+    settings.precision = Precision::Planes(3);
+    let plain = draw(Way::Compute64, cloud, view, &settings);
+    settings.effects.luminance.switch = Switch::On;
+    settings.effects.luminance.settings = luminance;
+    let drawn: Vec<_> = ways.iter().map(|&way| draw(way, cloud, view, &settings)).collect();
     assert!(
         drawn.iter().all(|layers| layers.bits() == drawn[0].bits()),
         "the ways of adding differ"
@@ -51,7 +51,7 @@ fn check(cloud: &Cloud, view: &View, settings: luminance::Settings, ways: &[Way]
     got.assert_finite();
     assert!(got.depth == plain.depth && got.index == plain.index);
     let part = &cloud.parts[0];
-    let source = project::Source::new(part, view, wishes.precision, DVec3::ZERO);
+    let source = project::Source::new(part, view, settings.precision, DVec3::ZERO);
     let colors = part.columns.rgb.as_ref().unwrap();
     let positions = project::positions(part, view.camera.eye);
     let points: Vec<oracle::Point> = positions
@@ -61,8 +61,8 @@ fn check(cloud: &Cloud, view: &View, settings: luminance::Settings, ways: &[Way]
         .collect();
     let twin = oracle::colors(
         view.size,
-        &settings,
-        settings.epsilon as f32,
+        &luminance,
+        luminance.epsilon as f32,
         &plain.depth,
         &plain.color,
         &points,
@@ -123,9 +123,9 @@ fn luminance_of_a_large_picture_is_corrected_band_by_band() {
 }
 
 /// Colours of a part of the picture, drawn as the whole is.
-fn colors(gpu: &mut Gpu, resident: &Resident, look: &Look, part: &View) -> Vec<[f32; 4]> {
+fn colors(gpu: &mut Gpu, resident: &Resident, config: &FrameConfig, part: &View) -> Vec<[f32; 4]> {
     let mut g = Graph::new(gpu);
-    let outcome = frame::record(&mut g, part, resident, look).unwrap();
+    let outcome = frame::record(&mut g, part, resident, config).unwrap();
     let color = g.download(&outcome.layers.color);
     let frame = g.submit_and_wait(&[]).unwrap();
     let colors = frame.read(&color).to_vec();
@@ -155,10 +155,10 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
     let camera = orthographic(LATTICE.offset + DVec3::new(0.0, 0.0, 30.0), LATTICE.offset, 10.0);
     let view = View::new(camera, [900, 260]).unwrap();
     let [off, on] = [Switch::Off, Switch::On].map(|switch| {
-        let mut wishes = bare();
-        wishes.effects.exposure.switch = Switch::Off;
-        wishes.effects.luminance.switch = switch;
-        wishes
+        let mut settings = bare();
+        settings.effects.exposure.switch = Switch::Off;
+        settings.effects.luminance.switch = switch;
+        settings
     });
     for way in WAYS {
         with(way, |gpu| {
@@ -169,10 +169,11 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
             let walked: Vec<bool> =
                 resident.nodes.iter().map(|node| overlap.touches(&view, node)).collect();
             assert_eq!(walked, [false, true, true, false]);
-            let [off, on] = [&off, &on].map(|wishes| settings::decide(wishes, &view, &resident));
-            let auto = Look { overlap: Arc::new(overlap.clone()), ..on.clone() };
+            let [off, on] =
+                [&off, &on].map(|settings| FrameConfig::new(settings, &view, &resident));
+            let auto = FrameConfig { overlap: Arc::new(overlap.clone()), ..on.clone() };
             let [plain, means, partly] =
-                [&off, &on, &auto].map(|look| colors(gpu, &resident, look, &view));
+                [&off, &on, &auto].map(|config| colors(gpu, &resident, config, &view));
             let mut differ = 0;
             for (i, partly) in partly.iter().enumerate() {
                 let [x, y] = [i as u32 % 900, i as u32 / 900];

@@ -80,7 +80,7 @@ fn strokes_turn_with_a_cloud_that_is_turned_in_its_file() {
     use pointillist::passes::strokes::Tangents;
     use pointillist::study::oracle::strokes::tangent;
 
-    let cloud = scene(Scene::Torus, 20_000, 0.0);
+    let cloud = scene(SceneKind::Torus, 20_000, 0.0);
     let part = &cloud.parts[0];
     let (lo, hi) = part.bounds().unwrap();
     let middle = (lo + hi) / 2.0;

@@ -4,7 +4,7 @@
 pub mod made;
 
 use pointillist::progress::Silent;
-use pointillist::synth::{self, LasFile, Scene};
+use pointillist::synth::{self, LasFile, SceneKind};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::io::{Read, Seek};
@@ -72,7 +72,7 @@ pub fn shared(relative: &str) -> Option<PathBuf> {
 }
 
 /// A scan of an analytic scene.
-pub fn scan(path: &Path, scene: Scene, points: u64) {
+pub fn scan(path: &Path, scene: SceneKind, points: u64) {
     let world = synth::build(scene, 1, 0.1);
     let mut file = LasFile::create(path, world.lattice(), points).unwrap();
     synth::scan(&world, points, 1, scene.default_noise(), &mut |chunk| file.write(chunk), &Silent)

@@ -59,7 +59,7 @@ impl Thread {
         };
         let wanted = tiled::Wanted {
             view: View::new(scene.camera, size)?,
-            wishes: super::wishes(scene, cloud.resident()),
+            settings: super::settings(scene, cloud.resident()),
             fineness: scene.fineness,
             piece: None,
             tile: Some(TILE),

@@ -1,6 +1,6 @@
 //! A look and the cloud it is of -> what was asked for and changes nothing, in words, for whoever asked.
 
-use super::Look;
+use super::FrameConfig;
 use crate::passes::fill::Method;
 use crate::passes::phong::{Backfaces, Normals};
 use crate::passes::shadows::{self, cameras::WIDEST_DEGREES};
@@ -9,8 +9,8 @@ use crate::passes::{Effects, Setting, Settings, Switch, layer_m, significant};
 use crate::resident::Resident;
 use crate::view::light::Light;
 
-impl Look {
-    pub fn notes(&self, resident: &Resident) -> Vec<String> {
+impl FrameConfig {
+    pub fn warnings(&self, resident: &Resident) -> Vec<String> {
         let mut notes = resident.opacities.idle(&resident.known());
         if resident.opacities.hides_all(&resident.known()) {
             notes.push("--opacity leaves no point".into());

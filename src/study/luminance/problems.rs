@@ -6,7 +6,7 @@
 //!     shadowing    both everywhere, and a shadow in the light of one              its outline, and a patch that is too dark
 //! ```
 
-use super::{REFERENCE, draw, values, wishes};
+use super::{REFERENCE, draw, render_settings, values};
 use crate::cloud::attribute::{Attribute, Shown};
 use crate::cloud::{Cloud, Station};
 use crate::error::Result;
@@ -55,7 +55,7 @@ pub fn table(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Tabl
         .to_vec();
     let wall = synth::collect(
         "wall",
-        &synth::build(synth::Scene::Plane, plan.seed, 0.0),
+        &synth::build(synth::SceneKind::Plane, plan.seed, 0.0),
         plan.points,
         plan.seed,
         0.0,
@@ -67,7 +67,7 @@ pub fn table(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Tabl
     let picture = |gpu: &mut Gpu, cloud: Cloud, luminance: &str| {
         let shown = Shown::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(gpu, cloud, shown, progress)?;
-        let drawn = draw(gpu, &view, &resident, &wishes(luminance)?)?;
+        let drawn = draw(gpu, &view, &resident, &render_settings(luminance)?)?;
         resident.free(gpu);
         Ok((values(&drawn.color), drawn.depth))
     };
