@@ -11,7 +11,7 @@
 
 mod saving;
 
-use super::errand::Errand;
+use super::cancel::CancelToken;
 use super::opening::{Said, Watch};
 use super::pace::{Pace, divided};
 use super::profile::Profile;
@@ -97,9 +97,9 @@ pub enum Report {
     /// Points in the last picture, where filters or clip boxes leave some out.
     Counted(u64),
     /// A cloud is on the device, of which this is to be said.
-    Brought(Box<Said>, Errand),
+    Brought(Box<Said>, CancelToken),
     /// It is not, and why.
-    NotBrought(Error, Errand),
+    NotBrought(Error, CancelToken),
     Picked {
         point: Point,
         adds: bool,
@@ -514,14 +514,14 @@ impl Thread {
                 if let Some(old) = self.cloud.replace(cloud) {
                     self.leave(old);
                 }
-                (self.report)(Report::Brought(Box::new(bring.said), bring.watch.errand));
+                (self.report)(Report::Brought(Box::new(bring.said), bring.watch.token));
                 self.change(Instant::now());
             }
             // Nobody waits for it any more.
             Err(Error::Interrupted) => {}
             Err(error) if error.is_lost_device() => return Err(error),
             Err(error) => {
-                (self.report)(Report::NotBrought(error, bring.watch.errand));
+                (self.report)(Report::NotBrought(error, bring.watch.token));
                 self.change(Instant::now());
             }
         }

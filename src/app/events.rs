@@ -91,10 +91,8 @@ impl ApplicationHandler<Event> for App {
     fn user_event(&mut self, events: &ActiveEventLoop, event: Event) {
         match event {
             // Nobody waits for it any more; another one may have taken its place.
-            Event::Progress(_, errand)
-            | Event::Opened(_, errand)
-            | Event::LookedUp(_, _, errand)
-                if errand.is_given_up() =>
+            Event::Progress(_, token) | Event::Opened(_, token) | Event::LookedUp(_, _, token)
+                if token.is_cancelled() =>
             {
                 return;
             }
@@ -192,8 +190,8 @@ impl ApplicationHandler<Event> for App {
     }
 
     fn exiting(&mut self, _events: &ActiveEventLoop) {
-        self.opening.give_up();
-        self.looking_up.give_up();
+        self.opening.cancel();
+        self.looking_up.cancel();
         if let Some(mut drawing) = self.drawing.take() {
             drawing.close();
         }

@@ -1,7 +1,7 @@
 //! FILES -> CLOUD: what is to be opened goes to the opening thread, and what that has read on to the drawing thread.
 
+use super::cancel::CancelToken;
 use super::drawing::{Bring, Message};
-use super::errand::Errand;
 use super::navigation::Input;
 use super::opening::{self, Asked, First, Opened, Said};
 use super::{App, Event, complain};
@@ -65,7 +65,7 @@ impl App {
         if self.files.is_empty() {
             return Ok(());
         }
-        let errand = self.opening.renew();
+        let token = self.opening.renew();
         self.underway = true;
         self.facts.doing = Some("opening".into());
         let (asked, opening) = (self.asked(), self.options.opening.clone());
@@ -79,9 +79,9 @@ impl App {
             Some(whole) if whole.files == asked.files => First::Points,
             _ => First::Sample,
         };
-        let (watch, events) = (self.watch(errand.clone()), self.events.clone());
+        let (watch, events) = (self.watch(token.clone()), self.events.clone());
         let opened = move |result: Result<Opened>| {
-            drop(events.send_event(Event::Opened(result.map(Box::new), errand.clone())))
+            drop(events.send_event(Event::Opened(result.map(Box::new), token.clone())))
         };
         self.openings.push(opening::start(
             asked,
@@ -160,10 +160,10 @@ impl App {
     }
 
     /// What was opened is in the picture, and what is said of it true, even where another one is on its way by now.
-    pub(super) fn brought(&mut self, said: Said, errand: &Errand) {
+    pub(super) fn brought(&mut self, said: Said, token: &CancelToken) {
         let Said { asked, is_whole, origins, shown, kinds, points, why_shown, notes } = said;
         self.whole = is_whole.then_some(asked);
-        if is_whole && !errand.is_given_up() {
+        if is_whole && !token.is_cancelled() {
             (self.underway, self.facts.doing) = (false, None);
         }
         self.origins = origins;

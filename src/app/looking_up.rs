@@ -28,11 +28,11 @@ impl App {
         };
         let (files, done, read) =
             (self.origins.clone(), self.events.clone(), self.options.opening.read);
-        let errand = self.looking_up.clone();
-        let watch = self.watch(errand.clone());
+        let token = self.looking_up.clone();
+        let watch = self.watch(token.clone());
         let work = move || {
             let looked = find::find(&files, read, &sought, &watch);
-            drop(done.send_event(Event::LookedUp(sought.position, looked, errand)));
+            drop(done.send_event(Event::LookedUp(sought.position, looked, token)));
         };
         match std::thread::Builder::new().name("looking up".into()).spawn(work) {
             Ok(thread) => self.openings.push(thread),

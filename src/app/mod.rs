@@ -9,9 +9,9 @@
 //! This thread only reacts: it waits for events, and while nobody touches anything nothing is drawn.
 
 mod boxes;
+pub mod cancel;
 pub mod deeds;
 pub mod drawing;
-pub mod errand;
 mod events;
 mod files;
 pub mod flight;
@@ -38,8 +38,8 @@ use crate::index::strokes::Found;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
 use crate::view::Camera;
+use cancel::CancelToken;
 use drawing::{Drawing, Message, Report};
-use errand::Errand;
 use flight::Flight;
 use glam::{DVec2, DVec3};
 use navigation::{Input, Modifiers, Navigation};
@@ -58,10 +58,10 @@ use winit::window::Window;
 
 /// From the other threads.
 enum Event {
-    Progress(String, Errand),
-    Opened(Result<Box<Opened>>, Errand),
+    Progress(String, CancelToken),
+    Opened(Result<Box<Opened>>, CancelToken),
     /// The record of the point in this place, where there is one.
-    LookedUp(DVec3, Result<Option<Record>>, Errand),
+    LookedUp(DVec3, Result<Option<Record>>, CancelToken),
     Report(Report),
     /// Ctrl-C in the terminal.
     Interrupted,
@@ -78,8 +78,8 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         navigation: Navigation::new(options.habit, options.size),
         statistics: Statistics::new(options.began),
         events: events.create_proxy(),
-        opening: Errand::default(),
-        looking_up: Errand::default(),
+        opening: CancelToken::default(),
+        looking_up: CancelToken::default(),
         openings: Vec::new(),
         strokes: Arc::default(),
         origins: Vec::new(),
@@ -130,8 +130,8 @@ struct App {
     navigation: Navigation,
     statistics: Statistics,
     /// What the opening thread is at, and those that look points up.
-    opening: Errand,
-    looking_up: Errand,
+    opening: CancelToken,
+    looking_up: CancelToken,
     openings: Vec<JoinHandle<()>>,
     /// Those that were found of the files that are open.
     strokes: Arc<Found>,
@@ -209,10 +209,10 @@ impl App {
         }
     }
 
-    /// Says in the window how far an errand is.
-    fn watch(&self, errand: Errand) -> Watch {
-        let (events, of) = (self.events.clone(), errand.clone());
-        Watch::new(errand, move |text| drop(events.send_event(Event::Progress(text, of.clone()))))
+    /// Says in the window how far the work of a token is.
+    fn watch(&self, token: CancelToken) -> Watch {
+        let (events, of) = (self.events.clone(), token.clone());
+        Watch::new(token, move |text| drop(events.send_event(Event::Progress(text, of.clone()))))
     }
 
     /// Of the window, no side of it zero.

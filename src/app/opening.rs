@@ -1,6 +1,6 @@
 //! OPENING THREAD: files in, a cloud for the drawing thread out, and on the way how far it is.
 
-use super::errand::Errand;
+use super::cancel::CancelToken;
 use super::navigation::Subject;
 use crate::cloud::attribute::{Attribute, Further, Shown};
 use crate::cloud::counts::Counts;
@@ -70,7 +70,7 @@ impl Kinds {
 
 /// Says a few times a second how far something is; stops where nobody waits for it any more.
 pub struct Watch {
-    pub errand: Errand,
+    pub token: CancelToken,
     say: Box<dyn Fn(String) + Send + Sync>,
     said: Mutex<Option<Instant>>,
 }
@@ -78,14 +78,14 @@ pub struct Watch {
 const BETWEEN: Duration = Duration::from_millis(100);
 
 impl Watch {
-    pub fn new(errand: Errand, say: impl Fn(String) + Send + Sync + 'static) -> Watch {
-        Watch { errand, say: Box::new(say), said: Mutex::new(None) }
+    pub fn new(token: CancelToken, say: impl Fn(String) + Send + Sync + 'static) -> Watch {
+        Watch { token, say: Box::new(say), said: Mutex::new(None) }
     }
 }
 
 impl Progress for Watch {
     fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()> {
-        if self.errand.is_given_up() {
+        if self.token.is_cancelled() {
             return Err(Error::Interrupted);
         }
         let mut said = self.said.lock().unwrap_or_else(|poisoned| poisoned.into_inner());

@@ -19,7 +19,7 @@ impl App {
             Report::Begun => return self.move_on(),
             Report::Drawn(drawn) => return self.drawn(*drawn),
             Report::Counted(points) => (self.facts.drawn, self.facts.at_most) = (points, false),
-            Report::Brought(said, errand) => self.brought(*said, &errand),
+            Report::Brought(said, token) => self.brought(*said, &token),
             Report::Picked { point, adds } => self.picked(point, adds),
             Report::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             Report::Profile(profile) => {
@@ -39,7 +39,7 @@ impl App {
             // What goes wrong with every picture is read once.
             Report::Failed(error) if self.facts.put_away.as_ref() == Some(&error.to_string()) => {}
             Report::Failed(error) => self.trouble(&error),
-            Report::NotBrought(error, errand) if !errand.is_given_up() => self.not_brought(&error),
+            Report::NotBrought(error, token) if !token.is_cancelled() => self.not_brought(&error),
             Report::NotBrought(..) => {}
             Report::Ended(error) => {
                 if let Err(error) = self.rebuild(error) {
