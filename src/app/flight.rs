@@ -31,7 +31,7 @@ enum Stage {
 }
 
 /// What hands would do.
-pub enum Hands {
+pub enum Step {
     Start,
     Stop,
 }
@@ -56,15 +56,15 @@ impl Flight {
     }
 
     /// A picture is on the screen, and is all that is wanted or not.
-    pub fn drawn(&mut self, drawn: &Drawn, rests: bool, now: Instant) -> Option<Hands> {
-        let (stage, hands) = match self.stage {
-            Stage::Before if rests => (Stage::Under(now), Some(Hands::Start)),
+    pub fn drawn(&mut self, drawn: &Drawn, rests: bool, now: Instant) -> Option<Step> {
+        let (stage, step) = match self.stage {
+            Stage::Before if rests => (Stage::Under(now), Some(Step::Start)),
             Stage::Under(since) => {
                 self.pictures.push(Picture::of(drawn, now));
                 match now - since >= self.length {
                     // No picture follows where the path rests.
-                    true if rests => (self.is_whole(Duration::ZERO, now), Some(Hands::Stop)),
-                    true => (Stage::Stopped(now), Some(Hands::Stop)),
+                    true if rests => (self.is_whole(Duration::ZERO, now), Some(Step::Stop)),
+                    true => (Stage::Stopped(now), Some(Step::Stop)),
                     false => (Stage::Under(since), None),
                 }
             }
@@ -76,7 +76,7 @@ impl Flight {
             stage => (stage, None),
         };
         self.stage = stage;
-        hands
+        step
     }
 
     fn is_whole(&mut self, after: Duration, now: Instant) -> Stage {

@@ -1,35 +1,40 @@
 //! What a key does: one table, from which the window acts and the help is written.
 
-use super::deeds::Deed;
+use super::actions::Action;
 use super::navigation::{Habit, Input, Mode, Way};
 use crate::view::{Preset, Projection};
 use winit::keyboard::KeyCode;
 
 /// What the window does at a key.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Act {
+pub enum Binding {
     Fly(Way),
-    Do(Deed),
+    Do(Action),
     Close,
 }
 
 pub struct Key {
     pub codes: &'static [KeyCode],
-    pub act: Act,
+    pub binding: Binding,
     pub name: &'static str,
     pub about: &'static str,
 }
 
-const fn key(codes: &'static [KeyCode], name: &'static str, act: Act, about: &'static str) -> Key {
-    Key { codes, act, name, about }
+const fn key(
+    codes: &'static [KeyCode],
+    name: &'static str,
+    binding: Binding,
+    about: &'static str,
+) -> Key {
+    Key { codes, binding, name, about }
 }
 
-const fn look(from: Preset) -> Act {
-    Act::Do(Deed::Navigate(Input::Look { from, covered_px: 0.0 }))
+const fn look(from: Preset) -> Binding {
+    Binding::Do(Action::Navigate(Input::Look { from, covered_px: 0.0 }))
 }
 
-const fn project(onto: Projection) -> Act {
-    Act::Do(Deed::Navigate(Input::Project { onto }))
+const fn project(onto: Projection) -> Binding {
+    Binding::Do(Action::Navigate(Input::Project { onto }))
 }
 
 pub const KEYS: &[Key] = &[
@@ -45,69 +50,84 @@ pub const KEYS: &[Key] = &[
     key(
         &[KeyCode::Digit5, KeyCode::Numpad5],
         "5",
-        Act::Do(Deed::Navigate(Input::OtherProjection)),
+        Binding::Do(Action::Navigate(Input::OtherProjection)),
         "with perspective, or without",
     ),
     key(&[KeyCode::KeyP], "P", project(Projection::Perspective), "with perspective"),
     key(&[KeyCode::KeyO], "O", project(Projection::Orthographic), "without"),
-    key(&[KeyCode::KeyW, KeyCode::ArrowUp], "W", Act::Fly(Way::Forward), "fly ahead"),
-    key(&[KeyCode::KeyS, KeyCode::ArrowDown], "S", Act::Fly(Way::Back), "back"),
-    key(&[KeyCode::KeyA, KeyCode::ArrowLeft], "A", Act::Fly(Way::Left), "left"),
-    key(&[KeyCode::KeyD, KeyCode::ArrowRight], "D", Act::Fly(Way::Right), "right"),
-    key(&[KeyCode::KeyE, KeyCode::KeyR, KeyCode::PageUp], "E", Act::Fly(Way::Up), "up; R too"),
+    key(&[KeyCode::KeyW, KeyCode::ArrowUp], "W", Binding::Fly(Way::Forward), "fly ahead"),
+    key(&[KeyCode::KeyS, KeyCode::ArrowDown], "S", Binding::Fly(Way::Back), "back"),
+    key(&[KeyCode::KeyA, KeyCode::ArrowLeft], "A", Binding::Fly(Way::Left), "left"),
+    key(&[KeyCode::KeyD, KeyCode::ArrowRight], "D", Binding::Fly(Way::Right), "right"),
+    key(&[KeyCode::KeyE, KeyCode::KeyR, KeyCode::PageUp], "E", Binding::Fly(Way::Up), "up; R too"),
     key(
         &[KeyCode::KeyQ, KeyCode::KeyF, KeyCode::PageDown],
         "Q",
-        Act::Fly(Way::Down),
+        Binding::Fly(Way::Down),
         "down; F too",
     ),
     key(
         &[KeyCode::KeyM],
         "M",
-        Act::Do(Deed::Navigate(Input::NextMode)),
+        Binding::Do(Action::Navigate(Input::NextMode)),
         "the mouse orbits, looks around in flight, or grabs the ground",
     ),
-    key(&[KeyCode::KeyX], "X", Act::Do(Deed::Profile), "a profile along what was picked"),
+    key(&[KeyCode::KeyX], "X", Binding::Do(Action::Profile), "a profile along what was picked"),
     key(
         &[KeyCode::KeyC],
         "C",
-        Act::Do(Deed::Export("csv")),
+        Binding::Do(Action::Export("csv")),
         "save what was picked, as a table, and the profile",
     ),
     key(
         &[KeyCode::KeyG],
         "G",
-        Act::Do(Deed::Export("geojson")),
+        Binding::Do(Action::Export("geojson")),
         "save what was picked, as GeoJSON",
     ),
     key(
         &[KeyCode::Delete, KeyCode::Backspace],
         "Del",
-        Act::Do(Deed::Forget),
+        Binding::Do(Action::Forget),
         "forget what was picked",
     ),
     key(
         &[KeyCode::KeyB],
         "B",
-        Act::Do(Deed::AddBox),
+        Binding::Do(Action::AddBox),
         "one more clip box, around what was picked or the middle of the picture",
     ),
-    key(&[KeyCode::KeyK], "K", Act::Do(Deed::AddKey), "one more view of the camera path"),
-    key(&[KeyCode::Space], "Space", Act::Do(Deed::Play), "fly along the camera path, or stop"),
-    key(&[KeyCode::F6], "F6", Act::Do(Deed::LoadScene), "load the scene that was saved last"),
-    key(&[KeyCode::F7], "F7", Act::Do(Deed::SavePath), "save the camera path, for render --path"),
-    key(&[KeyCode::F8], "F8", Act::Do(Deed::SaveScene), "save the scene, for render --scene"),
-    key(&[KeyCode::F9], "F9", Act::Do(Deed::SavePicture), "save the picture"),
+    key(&[KeyCode::KeyK], "K", Binding::Do(Action::AddKey), "one more view of the camera path"),
+    key(
+        &[KeyCode::Space],
+        "Space",
+        Binding::Do(Action::Play),
+        "fly along the camera path, or stop",
+    ),
+    key(&[KeyCode::F6], "F6", Binding::Do(Action::LoadScene), "load the scene that was saved last"),
+    key(
+        &[KeyCode::F7],
+        "F7",
+        Binding::Do(Action::SavePath),
+        "save the camera path, for render --path",
+    ),
+    key(&[KeyCode::F8], "F8", Binding::Do(Action::SaveScene), "save the scene, for render --scene"),
+    key(&[KeyCode::F9], "F9", Binding::Do(Action::SavePicture), "save the picture"),
     key(
         &[KeyCode::KeyL],
         "L",
-        Act::Do(Deed::SaveLayers),
+        Binding::Do(Action::SaveLayers),
         "save its layers: depth, point ids, normals and more, as EXR",
     ),
-    key(&[KeyCode::F11], "F11", Act::Do(Deed::FullScreen), "full screen"),
-    key(&[KeyCode::KeyH, KeyCode::F1], "H", Act::Do(Deed::Help), "these keys"),
-    key(&[KeyCode::KeyN], "N", Act::Do(Deed::Panel), "without the panel, or with it"),
-    key(&[KeyCode::Escape], "Esc", Act::Close, "put away what went wrong, or a profile, or close"),
+    key(&[KeyCode::F11], "F11", Binding::Do(Action::FullScreen), "full screen"),
+    key(&[KeyCode::KeyH, KeyCode::F1], "H", Binding::Do(Action::Help), "these keys"),
+    key(&[KeyCode::KeyN], "N", Binding::Do(Action::Panel), "without the panel, or with it"),
+    key(
+        &[KeyCode::Escape],
+        "Esc",
+        Binding::Close,
+        "put away what went wrong, or a profile, or close",
+    ),
 ];
 
 /// What the mouse does, for the hands of each program and what a drag does.
@@ -145,8 +165,8 @@ pub fn mouse(habit: Habit, mode: Mode) -> Vec<(&'static str, &'static str)> {
     drags.into_iter().chain(others).collect()
 }
 
-pub fn find(code: KeyCode) -> Option<Act> {
-    KEYS.iter().find(|key| key.codes.contains(&code)).map(|key| key.act)
+pub fn find(code: KeyCode) -> Option<Binding> {
+    KEYS.iter().find(|key| key.codes.contains(&code)).map(|key| key.binding)
 }
 
 #[cfg(test)]

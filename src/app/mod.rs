@@ -8,14 +8,14 @@
 //! ```
 //! This thread only reacts: it waits for events, and while nobody touches anything nothing is drawn.
 
+pub mod actions;
 mod boxes;
 pub mod cancel;
-pub mod deeds;
 pub mod drawing;
 mod events;
 mod files;
 pub mod flight;
-mod hands;
+mod input;
 pub mod keys;
 mod lamp;
 mod legend;

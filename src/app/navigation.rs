@@ -150,7 +150,7 @@ impl Subject {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Deed {
+enum DragAction {
     /// About a point.
     Turn(DVec3),
     /// The point stays under the cursor, in a plane that faces the camera.
@@ -164,7 +164,7 @@ enum Deed {
 #[derive(Clone, Copy, Debug)]
 struct Drag {
     button: Button,
-    deed: Deed,
+    action: DragAction,
     last: DVec2,
 }
 
@@ -254,8 +254,8 @@ impl Navigation {
             Input::Press { button, modifiers, at, under } => {
                 let point = self.point(at, under);
                 self.focus(point);
-                let deed = self.deed(button, modifiers, point);
-                self.drag = deed.map(|deed| Drag { button, deed, last: at });
+                let action = self.drag_action(button, modifiers, point);
+                self.drag = action.map(|action| Drag { button, action, last: at });
             }
             Input::Release { button } => self.drag = self.drag.filter(|drag| drag.button != button),
             Input::Move { to } => self.dragged(to),
@@ -321,27 +321,32 @@ impl Navigation {
         self.keep_in_front();
     }
 
-    fn deed(&self, button: Button, modifiers: Modifiers, point: DVec3) -> Option<Deed> {
+    fn drag_action(
+        &self,
+        button: Button,
+        modifiers: Modifiers,
+        point: DVec3,
+    ) -> Option<DragAction> {
         if self.habit == Habit::Blender {
             return match (button, modifiers) {
-                (Button::Middle, Modifiers { shift: true, .. }) => Some(Deed::Move(point)),
-                (Button::Middle, Modifiers { control: true, .. }) => Some(Deed::Zoom(point)),
+                (Button::Middle, Modifiers { shift: true, .. }) => Some(DragAction::Move(point)),
+                (Button::Middle, Modifiers { control: true, .. }) => Some(DragAction::Zoom(point)),
                 (Button::Middle, _) => Some(self.turning(point)),
                 _ => None,
             };
         }
         match (button, modifiers.shift) {
             (Button::Left, false) => Some(self.turning(point)),
-            (Button::Right, false) if self.mode == Mode::Earth => Some(Deed::Turn(point)),
-            _ => Some(Deed::Move(point)),
+            (Button::Right, false) if self.mode == Mode::Earth => Some(DragAction::Turn(point)),
+            _ => Some(DragAction::Move(point)),
         }
     }
 
-    fn turning(&self, point: DVec3) -> Deed {
+    fn turning(&self, point: DVec3) -> DragAction {
         match self.mode {
-            Mode::Orbit => Deed::Turn(point),
-            Mode::Fly => Deed::Look,
-            Mode::Earth => Deed::Grab(point),
+            Mode::Orbit => DragAction::Turn(point),
+            Mode::Fly => DragAction::Look,
+            Mode::Earth => DragAction::Grab(point),
         }
     }
 
@@ -350,15 +355,15 @@ impl Navigation {
         let by = to - drag.last;
         self.drag = Some(Drag { last: to, ..drag });
         let across = by / self.size[1] as f64;
-        match drag.deed {
-            Deed::Turn(about) => self.turn(about, -across.x * PI, -across.y * PI),
-            Deed::Look => {
+        match drag.action {
+            DragAction::Turn(about) => self.turn(about, -across.x * PI, -across.y * PI),
+            DragAction::Look => {
                 let angle = self.camera.fov_y.to_radians();
                 self.turn(self.camera.eye, across.x * angle, across.y * angle);
             }
-            Deed::Move(point) => self.bring(point, to),
-            Deed::Grab(point) => self.grab(point, to),
-            Deed::Zoom(point) => self.nearer(point, (4.0 * across.y).exp()),
+            DragAction::Move(point) => self.bring(point, to),
+            DragAction::Grab(point) => self.grab(point, to),
+            DragAction::Zoom(point) => self.nearer(point, (4.0 * across.y).exp()),
         }
     }
 

@@ -1,6 +1,6 @@
-//! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. Facts and a scene in, triangles and deeds out.
+//! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. Facts and a scene in, triangles and actions out.
 
-use super::deeds::Deed;
+use super::actions::Action;
 use super::drawing::Loading;
 use super::keys::{self, KEYS};
 use super::measure::{self, Looked, Measure};
@@ -116,7 +116,7 @@ impl Enlarged {
 
 pub struct LaidOut {
     pub overlay: Overlay,
-    pub deeds: Vec<Deed>,
+    pub actions: Vec<Action>,
     /// Something in it moves by itself.
     pub again_in: Option<Duration>,
 }
@@ -214,7 +214,7 @@ impl Panel {
     ) -> LaidOut {
         let input = self.input.take_egui_input(window);
         let context = self.input.egui_ctx().clone();
-        let (mut deeds, mut reaches) = (Vec::new(), 0.0);
+        let (mut actions, mut reaches) = (Vec::new(), 0.0);
         let output = context.run_ui(input, |ui| {
             if let Some(view) = view {
                 marks(ui, &facts.measure, view);
@@ -229,7 +229,7 @@ impl Panel {
                     .default_size([WIDTH, tall])
                     .show(ui.ctx(), |ui| {
                         ScrollArea::vertical()
-                            .show(ui, |ui| everything(ui, facts, view, scene, &mut deeds));
+                            .show(ui, |ui| everything(ui, facts, view, scene, &mut actions));
                     });
                 let rect = shown.map_or(egui::Rect::NOTHING, |shown| shown.response.rect);
                 let at_the_left = rect.left() < WIDTH / 4.0 && rect.height() > tall / 2.0;
@@ -238,7 +238,7 @@ impl Panel {
             if let Some(profile) = &mut facts.profile {
                 egui::Window::new("profile")
                     .default_pos([WIDTH + 60.0, 60.0])
-                    .show(ui.ctx(), |ui| profile.show(ui, &facts.measure.reference, &mut deeds));
+                    .show(ui.ctx(), |ui| profile.show(ui, &facts.measure.reference, &mut actions));
             }
             trouble(ui.ctx(), facts);
             if facts.help {
@@ -256,7 +256,7 @@ impl Panel {
             pixels_per_point: output.pixels_per_point,
             textures: output.textures_delta,
         };
-        LaidOut { overlay, deeds, again_in }
+        LaidOut { overlay, actions, again_in }
     }
 }
 
@@ -265,7 +265,7 @@ fn everything(
     facts: &mut Facts,
     view: Option<&View>,
     scene: &mut Scene,
-    deeds: &mut Vec<Deed>,
+    actions: &mut Vec<Action>,
 ) {
     if let Some(doing) = &facts.doing {
         ui.label(RichText::new(doing).color(Color32::LIGHT_BLUE));
@@ -292,20 +292,20 @@ fn everything(
         for mode in Mode::ALL {
             if ui.selectable_label(facts.mode == mode, mode.name()).clicked() && facts.mode != mode
             {
-                deeds.push(Deed::Navigate(Input::Drag { mode }));
+                actions.push(Action::Navigate(Input::Drag { mode }));
             }
         }
         if ui.button("keys").clicked() {
-            deeds.push(Deed::Help);
+            actions.push(Action::Help);
         }
     });
-    picked(ui, facts, deeds);
+    picked(ui, facts, actions);
     color(ui, facts, scene);
     filters(ui, facts, &mut scene.opacities);
     let mut added = false;
     boxes::list(ui, &mut scene.clips, &mut added);
     if added {
-        deeds.push(Deed::AddBox);
+        actions.push(Action::AddBox);
     }
     lamp::choose(ui, &mut scene.settings.light, scene.camera.eye);
     CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
@@ -328,34 +328,34 @@ fn everything(
             });
         }
     });
-    camera_path(ui, facts, deeds);
+    camera_path(ui, facts, actions);
     CollapsingHeader::new(format!("picture, {:.1} ms", facts.took.as_secs_f64() * 1e3))
         .id_salt("passes")
         .show(ui, |ui| passes(ui, facts));
     enlarged(ui, &mut facts.enlarged, view);
     ui.horizontal(|ui| {
         if ui.button("save picture").on_hover_text("F9").clicked() {
-            deeds.push(Deed::SavePicture);
+            actions.push(Action::SavePicture);
         }
         if ui
             .button("save layers")
             .on_hover_text("L: depth, point ids, normals and more, as EXR")
             .clicked()
         {
-            deeds.push(Deed::SaveLayers);
+            actions.push(Action::SaveLayers);
         }
     });
     ui.horizontal(|ui| {
         let for_render = apart(ui, "F8, for render --scene");
         if ui.button("save scene").on_hover_text(for_render).clicked() {
-            deeds.push(Deed::SaveScene);
+            actions.push(Action::SaveScene);
         }
         if ui
             .button("load scene")
             .on_hover_text("F6: the one saved last; others are dropped on the window")
             .clicked()
         {
-            deeds.push(Deed::LoadScene);
+            actions.push(Action::LoadScene);
         }
     });
 }
@@ -623,23 +623,23 @@ fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
     }
 }
 
-fn camera_path(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
+fn camera_path(ui: &mut Ui, facts: &Facts, actions: &mut Vec<Action>) {
     let keys = facts.path.keys.len();
     CollapsingHeader::new(format!("camera path, {keys} views, {:.1} s", facts.path.duration()))
         .id_salt("camera path")
         .show(ui, |ui| {
             ui.horizontal(|ui| {
                 let play = if facts.plays { "stop" } else { "play" };
-                for (name, key, deed, useful) in [
-                    ("add view", "K", Deed::AddKey, true),
-                    (play, "Space", Deed::Play, keys > 0),
-                    ("save", "F7, for render --path", Deed::SavePath, keys > 0),
-                    ("forget", "", Deed::ForgetPath, keys > 0),
+                for (name, key, action, useful) in [
+                    ("add view", "K", Action::AddKey, true),
+                    (play, "Space", Action::Play, keys > 0),
+                    ("save", "F7, for render --path", Action::SavePath, keys > 0),
+                    ("forget", "", Action::ForgetPath, keys > 0),
                 ] {
                     let key = apart(ui, key);
                     if ui.add_enabled(useful, egui::Button::new(name)).on_hover_text(key).clicked()
                     {
-                        deeds.push(deed);
+                        actions.push(action);
                     }
                 }
             });
@@ -647,7 +647,7 @@ fn camera_path(ui: &mut Ui, facts: &Facts, deeds: &mut Vec<Deed>) {
 }
 
 /// Coordinates in full: f64 tells a micrometre at ten million metres.
-fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
+fn picked(ui: &mut Ui, facts: &mut Facts, actions: &mut Vec<Action>) {
     let Facts { measure, width, .. } = facts;
     let Some(measure::Picked { point, record }) = measure.points.last() else { return };
     CollapsingHeader::new("picked").default_open(true).show(ui, |ui| {
@@ -686,7 +686,7 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
             ui.label(text);
             ui.horizontal(|ui| {
                 if ui.button("profile").on_hover_text("X: of the points along the line").clicked() {
-                    deeds.push(Deed::Profile);
+                    actions.push(Action::Profile);
                 }
                 let said = |width: f64, _| {
                     if width == 0.0 {
@@ -711,11 +711,11 @@ fn picked(ui: &mut Ui, facts: &mut Facts, deeds: &mut Vec<Deed>) {
         ui.horizontal(|ui| {
             for extension in ["csv", "geojson"] {
                 if ui.button(extension).clicked() {
-                    deeds.push(Deed::Export(extension));
+                    actions.push(Action::Export(extension));
                 }
             }
             if ui.button("forget").clicked() {
-                deeds.push(Deed::Forget);
+                actions.push(Action::Forget);
             }
         });
     });

@@ -1,6 +1,6 @@
 //! PROFILE: the points between two picked places, as a picture of heights over distance and as a table. Points in, pixels and rows out.
 
-use super::deeds::Deed;
+use super::actions::Action;
 use super::measure;
 use crate::cloud::attribute::Shown;
 use crate::cloud::system::Reference;
@@ -103,7 +103,7 @@ impl Profile {
         format!("profile: {} points{part}, {length} long, {width} wide", points.len())
     }
 
-    pub fn show(&mut self, ui: &mut Ui, reference: &Reference, deeds: &mut Vec<Deed>) {
+    pub fn show(&mut self, ui: &mut Ui, reference: &Reference, actions: &mut Vec<Action>) {
         let image = self.texture.is_none().then(|| self.image());
         let texture = self.texture.get_or_insert_with(|| {
             ui.ctx().load_texture("profile", image.unwrap_or_default(), TextureOptions::NEAREST)
@@ -127,10 +127,10 @@ impl Profile {
         ui.label(RichText::new(self.says(reference)).weak());
         ui.horizontal(|ui| {
             if ui.button("csv").on_hover_text("C").clicked() {
-                deeds.push(Deed::SaveProfile);
+                actions.push(Action::SaveProfile);
             }
             if ui.button("close").clicked() {
-                deeds.push(Deed::CloseProfile);
+                actions.push(Action::CloseProfile);
             }
         });
     }

@@ -1,7 +1,7 @@
 //! DRAWING THREAD -> WINDOW: what the picture shows, and how long it took.
 
 use super::drawing::{Drawn, Report};
-use super::flight::Hands;
+use super::flight::Step;
 use super::measure::Picked;
 use super::navigation::Way;
 use super::{App, tell};
@@ -57,7 +57,7 @@ impl App {
             && !self.underway
             && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
         self.statistics.drawn(&drawn, rests);
-        let hands =
+        let step =
             self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
         self.seen = Some(drawn.seen);
         if let Some((at, adds)) = self.picks_later.take() {
@@ -69,10 +69,10 @@ impl App {
         (self.facts.latency, self.facts.took) = (drawn.latency, drawn.took);
         self.facts.passes = drawn.passes;
         (self.facts.decided, self.facts.idle) = (drawn.decided, drawn.notes);
-        match hands {
-            Some(Hands::Start) if !self.facts.path.keys.is_empty() => self.play(),
-            Some(Hands::Start) => self.fly(Way::Forward, true),
-            Some(Hands::Stop) => {
+        match step {
+            Some(Step::Start) if !self.facts.path.keys.is_empty() => self.play(),
+            Some(Step::Start) => self.fly(Way::Forward, true),
+            Some(Step::Stop) => {
                 self.facts.plays = false;
                 self.fly(Way::Forward, false);
             }

@@ -2,7 +2,7 @@
 
 use super::App;
 use super::drawing::Message;
-use super::keys::{self, Act};
+use super::keys::{self, Binding};
 use super::navigation::{Button, Input};
 use crate::view::View;
 use glam::DVec2;
@@ -108,10 +108,10 @@ impl App {
         repeated: bool,
     ) {
         match keys::find(code) {
-            Some(Act::Fly(way)) => self.fly(way, pressed),
-            Some(Act::Do(deed)) if pressed && !repeated => self.deed(deed),
+            Some(Binding::Fly(way)) => self.fly(way, pressed),
+            Some(Binding::Do(action)) if pressed && !repeated => self.perform(action),
             // What has gone wrong is put away first.
-            Some(Act::Close) if pressed => match self.facts.put_away() {
+            Some(Binding::Close) if pressed => match self.facts.put_away() {
                 true => self.title(),
                 false => events.exit(),
             },

@@ -1,4 +1,4 @@
-//! PANEL, KEYS -> DEEDS: what was chosen there, and the files that come of it.
+//! PANEL, KEYS -> ACTIONS: what was chosen there, and the files that come of it.
 
 use super::drawing::Message;
 use super::navigation::Input;
@@ -14,7 +14,7 @@ use winit::window::Fullscreen;
 
 /// What is done at once, by a key or in the panel, besides changing the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Deed {
+pub enum Action {
     Navigate(Input),
     SavePicture,
     /// With all that is known of its pixels.
@@ -57,57 +57,57 @@ impl App {
         if let Err(error) = self.scene_changed(&before) {
             self.trouble(&error);
         }
-        for deed in laid_out.deeds {
-            self.deed(deed);
+        for action in laid_out.actions {
+            self.perform(action);
         }
     }
 
-    pub(super) fn deed(&mut self, deed: Deed) {
+    pub(super) fn perform(&mut self, action: Action) {
         // Who does something again is told again.
         self.facts.put_away = None;
-        match deed {
-            Deed::Navigate(Input::Look { from, .. }) => {
+        match action {
+            Action::Navigate(Input::Look { from, .. }) => {
                 let covered_px = self.panel.as_ref().map_or(0.0, |panel| panel.covers_px(self.facts.hidden));
                 self.navigate(Input::Look { from, covered_px });
             }
-            Deed::Navigate(input) => self.navigate(input),
-            Deed::SavePicture => self.save_picture(false),
-            Deed::SaveLayers => self.save_picture(true),
-            Deed::SaveScene => self.save(&unused_name("json"), |app, path| app.scene.write(path)),
-            Deed::LoadScene => match last_name("json") {
+            Action::Navigate(input) => self.navigate(input),
+            Action::SavePicture => self.save_picture(false),
+            Action::SaveLayers => self.save_picture(true),
+            Action::SaveScene => self.save(&unused_name("json"), |app, path| app.scene.write(path)),
+            Action::LoadScene => match last_name("json") {
                 Some(path) => self.take(path),
                 None => self.trouble(&Error::Request(
                     "there is no saved scene here; F8 saves one, and one from elsewhere is dropped on the window".into(),
                 )),
             },
-            Deed::SavePath => self.save(&unused_name("path.json"), |app, path| app.facts.path.write(path)),
-            Deed::Export(_) if self.facts.measure.points.is_empty() => {
+            Action::SavePath => self.save(&unused_name("path.json"), |app, path| app.facts.path.write(path)),
+            Action::Export(_) if self.facts.measure.points.is_empty() => {
                 self.trouble(&Error::Request("nothing was picked that could be saved; a click picks a point".into()));
             }
-            Deed::Export(extension) => {
+            Action::Export(extension) => {
                 if extension == "csv" {
                     self.save_profile();
                 }
                 self.save(&unused_name(extension), |app, path| app.export(extension, path));
             }
-            Deed::Profile => self.profile(),
-            Deed::SaveProfile => self.save_profile(),
-            Deed::CloseProfile => self.facts.profile = None,
-            Deed::Forget => self.forget(),
-            Deed::AddBox => {
+            Action::Profile => self.profile(),
+            Action::SaveProfile => self.save_profile(),
+            Action::CloseProfile => self.facts.profile = None,
+            Action::Forget => self.forget(),
+            Action::AddBox => {
                 self.scene.clips.0.push(boxes::around(&self.facts.measure, &self.navigation.camera));
                 self.post_scene();
             }
-            Deed::AddKey => {
+            Action::AddKey => {
                 if let Err(error) = self.facts.path.add(self.navigation.camera) {
                     self.trouble(&error);
                 }
             }
-            Deed::ForgetPath => self.facts.path.keys.clear(),
-            Deed::Play => self.play(),
-            Deed::FullScreen => self.full_screen(),
-            Deed::Help => self.facts.help = !self.facts.help,
-            Deed::Panel => self.facts.hidden = !self.facts.hidden,
+            Action::ForgetPath => self.facts.path.keys.clear(),
+            Action::Play => self.play(),
+            Action::FullScreen => self.full_screen(),
+            Action::Help => self.facts.help = !self.facts.help,
+            Action::Panel => self.facts.hidden = !self.facts.hidden,
         }
         self.title();
     }
