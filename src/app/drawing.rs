@@ -14,8 +14,8 @@ mod saving;
 use super::cancel::CancelToken;
 use super::opening::{Said, Watch};
 use super::pace::{Pace, divided};
+use super::pick_buffer::PickBuffer;
 use super::profile::Profile;
-use super::seen::Seen;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
 use crate::passes::counts::Warned;
@@ -123,7 +123,7 @@ pub enum Report {
 
 /// A picture on the screen.
 pub struct Drawn {
-    pub seen: Arc<Seen>,
+    pub pick_buffer: Arc<PickBuffer>,
     pub decided: Decided,
     /// What was asked for and changes nothing, or was more than there is room for.
     pub notes: Vec<String>,
@@ -713,7 +713,7 @@ impl Thread {
         let took = began.elapsed();
         let reading_back = Instant::now();
         present.holds(&mut self.gpu, size)?;
-        let seen = Arc::new(Seen {
+        let pick_buffer = Arc::new(PickBuffer {
             view,
             depth: frame.read(&depth).to_vec(),
             index: frame.read(&index).to_vec(),
@@ -759,7 +759,7 @@ impl Thread {
         let (whole, leaves_out) =
             (finest && complete && self.bringing.is_none(), self.uncounted.is_some());
         (self.report)(Report::Drawn(Box::new(Drawn {
-            seen,
+            pick_buffer,
             decided,
             notes,
             statistics,

@@ -68,7 +68,8 @@ impl App {
         self.facts.profile.iter_mut().for_each(Profile::forget_texture);
         self.promised.clear();
         // Nothing is on the screen, as at the start.
-        (self.whole, self.seen, self.facts.shown, self.facts.loading) = (None, None, None, None);
+        (self.whole, self.pick_buffer, self.facts.shown, self.facts.loading) =
+            (None, None, None, None);
         (self.options.wish.lost_after, self.options.wish.surface_lost_after) = (None, None);
         self.draw_in(window)?;
         self.trouble(&Error::Device(format!(

@@ -26,13 +26,13 @@ impl App {
     }
 
     pub(super) fn under_cursor(&self) -> Option<glam::DVec3> {
-        self.seen.as_ref().and_then(|seen| seen.place(self.cursor, self.size()))
+        self.pick_buffer.as_ref().and_then(|buffer| buffer.place(self.cursor, self.size()))
     }
 
     /// With shift one more point, without it another one.
     pub(super) fn pick(&mut self, at: DVec2, adds: bool) {
-        match &self.seen {
-            Some(seen) => match seen.point(at, self.size()) {
+        match &self.pick_buffer {
+            Some(buffer) => match buffer.point(at, self.size()) {
                 Some(id) => self.post(Message::Pick { id, at, adds }),
                 // Who wants one more is told that there is none; other clicks may be meant for nothing.
                 None if adds => {

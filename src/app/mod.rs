@@ -17,8 +17,8 @@ mod files;
 pub mod flight;
 mod input;
 pub mod keys;
-mod lamp;
 mod legend;
+mod light_widget;
 mod looking_up;
 pub mod measure;
 mod motion;
@@ -27,9 +27,9 @@ pub mod opening;
 mod options;
 pub mod pace;
 pub mod panel;
+pub mod pick_buffer;
 pub mod profile;
 mod reports;
-pub mod seen;
 pub mod statistics;
 
 use crate::cloud::find::Record;
@@ -46,7 +46,7 @@ use navigation::{Input, Modifiers, Navigation};
 use opening::{Asked, Opened, Watch};
 pub use options::Options;
 use panel::{Facts, Panel};
-use seen::Seen;
+use pick_buffer::PickBuffer;
 use statistics::{Statistics, Summary};
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -99,7 +99,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         framed: false,
         glimpsed: None,
         views: Vec::new(),
-        seen: None,
+        pick_buffer: None,
         cursor: DVec2::ZERO,
         modifiers: Modifiers::default(),
         clicked: None,
@@ -160,7 +160,7 @@ struct App {
     glimpsed: Option<Camera>,
     /// What hands have chosen of that before the whole is there.
     views: Vec<Input>,
-    seen: Option<Arc<Seen>>,
+    pick_buffer: Option<Arc<PickBuffer>>,
     cursor: DVec2,
     modifiers: Modifiers,
     clicked: Option<(Instant, DVec2)>,

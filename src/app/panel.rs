@@ -7,7 +7,7 @@ use super::measure::{self, Looked, Measure};
 use super::navigation::{Habit, Input, Mode};
 use super::opening::Kinds;
 use super::profile::Profile;
-use super::{boxes, lamp, legend};
+use super::{boxes, legend, light_widget};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, Shown, class_name};
 use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value};
@@ -307,7 +307,7 @@ fn everything(
     if added {
         actions.push(Action::AddBox);
     }
-    lamp::choose(ui, &mut scene.settings.light, scene.camera.eye);
+    light_widget::choose(ui, &mut scene.settings.light, scene.camera.eye);
     CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
         for listed in scene.settings.effects.list() {
             effect(ui, listed, &facts.decided);

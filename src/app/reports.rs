@@ -59,7 +59,7 @@ impl App {
         self.statistics.drawn(&drawn, rests);
         let step =
             self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
-        self.seen = Some(drawn.seen);
+        self.pick_buffer = Some(drawn.pick_buffer);
         if let Some((at, adds)) = self.picks_later.take() {
             self.pick(at, adds);
         }

@@ -5,7 +5,7 @@ use crate::view::View;
 use glam::{DVec2, DVec3};
 
 /// The layers of the last picture that people point at.
-pub struct Seen {
+pub struct PickBuffer {
     pub view: View,
     /// Planar, metres; not finite where nothing is.
     pub depth: Vec<f32>,
@@ -16,7 +16,7 @@ pub struct Seen {
 /// Who points at something may miss it by so many pixels.
 const MISS_PX: i64 = 6;
 
-impl Seen {
+impl PickBuffer {
     /// The place on the surface under a pixel of a window of this size, or next to it.
     pub fn place(&self, at: DVec2, window: [u32; 2]) -> Option<DVec3> {
         let (pixel, depth) = self.nearest(at, window, |i| {
@@ -75,17 +75,17 @@ mod tests {
         (depth[10 * 40 + 15], index[10 * 40 + 15]) = (7.5, 42);
         depth[10 * 40 + 16] = 8.5;
         depth[0] = f32::NEG_INFINITY;
-        let seen = Seen { view, depth, index };
+        let buffer = PickBuffer { view, depth, index };
         // The window is twice as large as the picture.
         let at = |x: f64, y: f64| DVec2::new(2.0 * x, 2.0 * y);
-        assert_eq!(seen.point(at(15.5, 10.5), [80, 40]), Some(42));
-        assert_eq!(seen.point(at(16.5, 10.5), [80, 40]), Some(42));
-        let place = seen.place(at(16.5, 10.5), [80, 40]).unwrap();
+        assert_eq!(buffer.point(at(15.5, 10.5), [80, 40]), Some(42));
+        assert_eq!(buffer.point(at(16.5, 10.5), [80, 40]), Some(42));
+        let place = buffer.place(at(16.5, 10.5), [80, 40]).unwrap();
         let pixel = view.pixel(place).unwrap();
         assert!((pixel[0] - 16.5).abs() < 1e-6 && (pixel[1] - 10.5).abs() < 1e-6, "{pixel:?}");
         assert!(((place - view.camera.eye).dot(view.basis.forward) - 8.5).abs() < 1e-6);
         for far in [at(30.0, 10.0), at(0.5, 0.5), at(-500.0, 900.0)] {
-            assert_eq!((seen.point(far, [80, 40]), seen.place(far, [80, 40])), (None, None));
+            assert_eq!((buffer.point(far, [80, 40]), buffer.place(far, [80, 40])), (None, None));
         }
     }
 }
