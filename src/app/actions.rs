@@ -3,7 +3,7 @@
 use super::drawing::Message;
 use super::navigation::Input;
 use super::profile;
-use super::{App, boxes};
+use super::{App, clip_box_widget};
 use crate::error::{Error, Result};
 use crate::resident::section::Slab;
 use crate::view::View;
@@ -95,7 +95,7 @@ impl App {
             Action::CloseProfile => self.facts.profile = None,
             Action::Forget => self.forget(),
             Action::AddBox => {
-                self.scene.clips.0.push(boxes::around(&self.facts.measure, &self.navigation.camera));
+                self.scene.clips.0.push(clip_box_widget::around(&self.facts.measure, &self.navigation.camera));
                 self.post_scene();
             }
             Action::AddKey => {

@@ -1,7 +1,7 @@
 //! DRAWING THREAD: the newest that the window wants in, pictures on the screen and reports of them out.
 //!
 //! The window's thread never waits for the device: it posts what it wants, and goes on. This one drains what was posted, keeps the newest, and
-//!   draws where that is another picture than the last: smaller while it keeps changing (pace.rs), and once as large as the window when it has stopped;
+//!   draws where that is another picture than the last: smaller while it keeps changing (dynamic_resolution.rs), and once as large as the window when it has stopped;
 //!   brings a cloud that was opened to the device, a few milliseconds of it between two pictures, so that the old one is flown through until the new one is there;
 //!   draws again while nodes of an index arrive, and while a picture at rest is refined ([`FrameConfig::progressive`]); then sleeps until something is posted. A picture that nobody looks at any more is not drawn twice.
 //! One picture at a time is on the device. As soon as it is there the window's thread is told, which moves the camera on: where that is by then is drawn next. So whatever hands do is on
@@ -12,8 +12,8 @@
 mod saving;
 
 use super::cancel::CancelToken;
+use super::dynamic_resolution::{ResolutionScale, divided};
 use super::opening::{Said, Watch};
-use super::pace::{Pace, divided};
 use super::pick_buffer::PickBuffer;
 use super::profile::Profile;
 use crate::error::{Error, Result};
@@ -218,7 +218,7 @@ impl Drawing {
             asked: Instant::now(),
             wanted: Wanted::Nothing,
             again: false,
-            pace: Pace::default(),
+            scale: ResolutionScale::default(),
             last_drawn: Vec::new(),
             saving: VecDeque::new(),
             former: VecDeque::new(),
@@ -292,7 +292,7 @@ struct Thread {
     wanted: Wanted,
     /// The picture on the screen is to be shown again, under another panel.
     again: bool,
-    pace: Pace,
+    scale: ResolutionScale,
     /// What the last picture was drawn from ([`crate::resident::Resident::identity`]).
     last_drawn: Vec<u64>,
     /// Pictures on their way into files, one after the other.
@@ -615,7 +615,7 @@ impl Thread {
         cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
         self.elsewhere = false;
         spent.fitting = fitting.elapsed();
-        let divisor = if self.wanted == Wanted::Now { self.pace.divisor } else { 1 };
+        let divisor = if self.wanted == Wanted::Now { self.scale.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
         let (mut loading, taking_in) = (None, Instant::now());
@@ -729,7 +729,7 @@ impl Thread {
                 .chain(outcome.strokes.as_ref().and_then(|painted| painted.facts.note())),
         );
         frame.recycle(&mut self.gpu);
-        self.pace = self.pace.after(divisor, took);
+        self.scale = self.scale.after(divisor, took);
         self.last_drawn = identity;
         let lit = outcome
             .layers

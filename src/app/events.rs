@@ -192,7 +192,7 @@ impl ApplicationHandler<Event> for App {
 
     fn exiting(&mut self, _events: &ActiveEventLoop) {
         self.opening.cancel();
-        self.looking_up.cancel();
+        self.point_lookup.cancel();
         if let Some(mut drawing) = self.drawing.take() {
             drawing.close();
         }

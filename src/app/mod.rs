@@ -9,9 +9,11 @@
 //! This thread only reacts: it waits for events, and while nobody touches anything nothing is drawn.
 
 pub mod actions;
-mod boxes;
+mod animation;
 pub mod cancel;
+mod clip_box_widget;
 pub mod drawing;
+pub mod dynamic_resolution;
 mod events;
 mod files;
 pub mod flight;
@@ -19,15 +21,13 @@ mod input;
 pub mod keys;
 mod legend;
 mod light_widget;
-mod looking_up;
 pub mod measure;
-mod motion;
 pub mod navigation;
 pub mod opening;
 mod options;
-pub mod pace;
 pub mod panel;
 pub mod pick_buffer;
+mod point_lookup;
 pub mod profile;
 mod reports;
 pub mod statistics;
@@ -79,7 +79,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         statistics: Statistics::new(options.began),
         events: events.create_proxy(),
         opening: CancelToken::default(),
-        looking_up: CancelToken::default(),
+        point_lookup: CancelToken::default(),
         openings: Vec::new(),
         strokes: Arc::default(),
         origins: Vec::new(),
@@ -131,7 +131,7 @@ struct App {
     statistics: Statistics,
     /// What the opening thread is at, and those that look points up.
     opening: CancelToken,
-    looking_up: CancelToken,
+    point_lookup: CancelToken,
     openings: Vec<JoinHandle<()>>,
     /// Those that were found of the files that are open.
     strokes: Arc<Found>,

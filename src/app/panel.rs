@@ -7,7 +7,7 @@ use super::measure::{self, Looked, Measure};
 use super::navigation::{Habit, Input, Mode};
 use super::opening::Kinds;
 use super::profile::Profile;
-use super::{boxes, legend, light_widget};
+use super::{clip_box_widget, legend, light_widget};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, Shown, class_name};
 use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value};
@@ -221,7 +221,7 @@ impl Panel {
             }
             let tall = ui.ctx().content_rect().height() - 60.0;
             if let Some(view) = view.filter(|_| !facts.hidden) {
-                boxes::handles(ui, &mut scene.clips, view);
+                clip_box_widget::handles(ui, &mut scene.clips, view);
             }
             if !facts.hidden {
                 let shown = egui::Window::new("pointillist")
@@ -303,7 +303,7 @@ fn everything(
     color(ui, facts, scene);
     filters(ui, facts, &mut scene.opacities);
     let mut added = false;
-    boxes::list(ui, &mut scene.clips, &mut added);
+    clip_box_widget::list(ui, &mut scene.clips, &mut added);
     if added {
         actions.push(Action::AddBox);
     }

@@ -16,26 +16,26 @@ const SPARE: f64 = 0.7;
 
 /// What the sides of a moving picture are divided by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pace {
+pub struct ResolutionScale {
     pub divisor: u32,
 }
 
-impl Default for Pace {
+impl Default for ResolutionScale {
     /// The first picture is there soonest.
-    fn default() -> Pace {
-        Pace { divisor: COARSEST }
+    fn default() -> ResolutionScale {
+        ResolutionScale { divisor: COARSEST }
     }
 }
 
-impl Pace {
+impl ResolutionScale {
     /// After a frame of this divisor has taken so long.
-    pub fn after(self, divisor: u32, took: Duration) -> Pace {
+    pub fn after(self, divisor: u32, took: Duration) -> ResolutionScale {
         let would = |other: u32| took.mul_f64((divisor * divisor) as f64 / (other * other) as f64);
         // Part of a frame is the same at any size, so what would be slower is known better than what would be faster.
         let fits = |other: &u32| {
             would(*other) <= if *other < divisor { TARGET.mul_f64(SPARE) } else { TARGET }
         };
-        Pace { divisor: (1..=COARSEST).find(fits).unwrap_or(COARSEST) }
+        ResolutionScale { divisor: (1..=COARSEST).find(fits).unwrap_or(COARSEST) }
     }
 }
 
@@ -51,16 +51,16 @@ mod tests {
     #[test]
     fn pictures_are_as_fine_as_the_target_allows_and_settle() {
         for whole_ms in [5.0, 33.0, 40.0, 100.0, 400.0, 3000.0] {
-            let mut pace = Pace::default();
-            let cost = |pace: Pace| {
-                Duration::from_secs_f64(whole_ms / 1e3 / (pace.divisor * pace.divisor) as f64)
+            let mut scale = ResolutionScale::default();
+            let cost = |scale: ResolutionScale| {
+                Duration::from_secs_f64(whole_ms / 1e3 / (scale.divisor * scale.divisor) as f64)
             };
             for _ in 0..4 {
-                pace = pace.after(pace.divisor, cost(pace));
+                scale = scale.after(scale.divisor, cost(scale));
             }
-            assert!(cost(pace) <= TARGET || pace.divisor == COARSEST, "{whole_ms}");
-            assert_eq!(pace, pace.after(pace.divisor, cost(pace)), "{whole_ms}");
-            assert!(whole_ms > SPARE * 33.0 || pace.divisor == 1, "{whole_ms}");
+            assert!(cost(scale) <= TARGET || scale.divisor == COARSEST, "{whole_ms}");
+            assert_eq!(scale, scale.after(scale.divisor, cost(scale)), "{whole_ms}");
+            assert!(whole_ms > SPARE * 33.0 || scale.divisor == 1, "{whole_ms}");
         }
     }
 }

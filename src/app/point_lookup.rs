@@ -11,7 +11,7 @@ impl App {
     /// All that was picked.
     pub(super) fn forget(&mut self) {
         self.facts.measure.points.clear();
-        self.looking_up.renew();
+        self.point_lookup.renew();
         if !self.underway {
             self.facts.doing = None;
         }
@@ -28,13 +28,13 @@ impl App {
         };
         let (files, done, read) =
             (self.origins.clone(), self.events.clone(), self.options.opening.read);
-        let token = self.looking_up.clone();
+        let token = self.point_lookup.clone();
         let watch = self.watch(token.clone());
         let work = move || {
             let looked = find::find(&files, read, &sought, &watch);
             drop(done.send_event(Event::LookedUp(sought.position, looked, token)));
         };
-        match std::thread::Builder::new().name("looking up".into()).spawn(work) {
+        match std::thread::Builder::new().name("point lookup".into()).spawn(work) {
             Ok(thread) => self.openings.push(thread),
             Err(error) => self.trouble(&Error::Request(format!(
                 "cannot start a thread to look a point up: {error}"
