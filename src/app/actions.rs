@@ -1,8 +1,8 @@
 //! PANEL, KEYS -> ACTIONS: what was chosen there, and the files that come of it.
 
-use super::drawing::Message;
 use super::navigation::Input;
 use super::profile;
+use super::render_thread::Message;
 use super::{App, clip_box_widget};
 use crate::error::{Error, Result};
 use crate::resident::section::Slab;

@@ -1,10 +1,10 @@
 //! SYSTEM -> EVENTS: the window itself, and what the system and the other threads have to say.
 
-use super::drawing::{Drawing, Message};
 use super::flight::Flight;
 use super::navigation::{Input, Modifiers};
 use super::panel::Panel;
 use super::profile::Profile;
+use super::render_thread::{Message, RenderThread};
 use super::{App, Event};
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
@@ -44,8 +44,8 @@ impl App {
         let present = Present::open(&gpu, window)?;
         let proxy = self.events.clone();
         // A window that is gone needs no reports.
-        let report = move |report| drop(proxy.send_event(Event::Report(report)));
-        self.drawing = Some(Drawing::start(gpu, present, report)?);
+        let report = move |event| drop(proxy.send_event(Event::Render(event)));
+        self.render_thread = Some(RenderThread::start(gpu, present, report)?);
         self.resized(size);
         self.open()
     }
@@ -62,8 +62,8 @@ impl App {
         };
         self.lost = Some(Instant::now());
         *panel = panel.renewed(&window);
-        if let Some(mut drawing) = self.drawing.take() {
-            drawing.close();
+        if let Some(mut thread) = self.render_thread.take() {
+            thread.close();
         }
         self.facts.profile.iter_mut().for_each(Profile::forget_texture);
         self.promised.clear();
@@ -101,7 +101,7 @@ impl ApplicationHandler<Event> for App {
             Event::Opened(Ok(opened), _) => self.opened(*opened),
             Event::Opened(Err(error), _) => self.not_opened(&error),
             Event::LookedUp(place, looked, _) => self.looked_up(place, looked),
-            Event::Report(report) => return self.report(events, report),
+            Event::Render(event) => return self.render_event(events, event),
             Event::Interrupted => {
                 self.ended = Some(Error::Interrupted);
                 return events.exit();
@@ -193,8 +193,8 @@ impl ApplicationHandler<Event> for App {
     fn exiting(&mut self, _events: &ActiveEventLoop) {
         self.opening.cancel();
         self.point_lookup.cancel();
-        if let Some(mut drawing) = self.drawing.take() {
-            drawing.close();
+        if let Some(mut thread) = self.render_thread.take() {
+            thread.close();
         }
         // What they have half written they take away. A panic has been printed where it happened.
         self.openings.drain(..).for_each(|opening| drop(opening.join()));

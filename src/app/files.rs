@@ -1,9 +1,9 @@
 //! FILES -> CLOUD: what is to be opened goes to the opening thread, and what that has read on to the drawing thread.
 
 use super::cancel::CancelToken;
-use super::drawing::{Bring, Message};
 use super::navigation::Input;
 use super::opening::{self, Asked, First, Opened, Said};
+use super::render_thread::{Message, Upload};
 use super::{App, Event, complain};
 use crate::cloud::attribute::Further;
 use crate::error::{Error, Result};
@@ -155,12 +155,12 @@ impl App {
             self.views.clear();
         }
         let (pool_bytes, watch) = (self.options.pool_bytes, self.watch(self.opening.clone()));
-        self.post(Message::Bring(Box::new(Bring { prepared, said, pool_bytes, watch })));
+        self.post(Message::Upload(Box::new(Upload { prepared, said, pool_bytes, watch })));
         self.post_scene();
     }
 
     /// What was opened is in the picture, and what is said of it true, even where another one is on its way by now.
-    pub(super) fn brought(&mut self, said: Said, token: &CancelToken) {
+    pub(super) fn uploaded(&mut self, said: Said, token: &CancelToken) {
         let Said { asked, is_whole, origins, shown, kinds, points, why_shown, notes } = said;
         self.whole = is_whole.then_some(asked);
         if is_whole && !token.is_cancelled() {
@@ -183,7 +183,7 @@ impl App {
     }
 
     /// What was opened does not come; what is on the screen stays.
-    pub(super) fn not_brought(&mut self, error: &Error) {
+    pub(super) fn upload_failed(&mut self, error: &Error) {
         (self.underway, self.facts.doing) = (false, None);
         if self.paints_later() && self.whole.as_ref() == Some(&self.asked()) {
             return self.not_painted(error);

@@ -1,6 +1,6 @@
 //! A flight without hands, to measure the window by: along a camera path, or straight ahead, as soon as the cloud is there; then a rest, then the end.
 
-use super::drawing::Drawn;
+use super::render_thread::FrameReport;
 use super::statistics::{self, Picture};
 use std::time::{Duration, Instant};
 
@@ -56,7 +56,7 @@ impl Flight {
     }
 
     /// A picture is on the screen, and is all that is wanted or not.
-    pub fn drawn(&mut self, drawn: &Drawn, rests: bool, now: Instant) -> Option<Step> {
+    pub fn drawn(&mut self, drawn: &FrameReport, rests: bool, now: Instant) -> Option<Step> {
         let (stage, step) = match self.stage {
             Stage::Before if rests => (Stage::Under(now), Some(Step::Start)),
             Stage::Under(since) => {

@@ -1,9 +1,9 @@
 //! HANDS -> CAMERA: buttons and keys to what they do.
 
 use super::App;
-use super::drawing::Message;
 use super::keys::{self, Binding};
 use super::navigation::{Button, Input};
+use super::render_thread::Message;
 use crate::view::View;
 use glam::DVec2;
 use std::time::{Duration, Instant};

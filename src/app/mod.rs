@@ -12,7 +12,6 @@ pub mod actions;
 mod animation;
 pub mod cancel;
 mod clip_box_widget;
-pub mod drawing;
 pub mod dynamic_resolution;
 mod events;
 mod files;
@@ -29,7 +28,8 @@ pub mod panel;
 pub mod pick_buffer;
 mod point_lookup;
 pub mod profile;
-mod reports;
+mod render_events;
+pub mod render_thread;
 pub mod statistics;
 
 use crate::cloud::find::Record;
@@ -39,7 +39,6 @@ use crate::progress::Progress;
 use crate::render::scene::Scene;
 use crate::view::Camera;
 use cancel::CancelToken;
-use drawing::{Drawing, Message, Report};
 use flight::Flight;
 use glam::{DVec2, DVec3};
 use navigation::{Input, Modifiers, Navigation};
@@ -47,6 +46,7 @@ use opening::{Asked, Opened, Watch};
 pub use options::Options;
 use panel::{Facts, Panel};
 use pick_buffer::PickBuffer;
+use render_thread::{Message, RenderEvent, RenderThread};
 use statistics::{Statistics, Summary};
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -62,7 +62,7 @@ enum Event {
     Opened(Result<Box<Opened>>, CancelToken),
     /// The record of the point in this place, where there is one.
     LookedUp(DVec3, Result<Option<Record>>, CancelToken),
-    Report(Report),
+    Render(RenderEvent),
     /// Ctrl-C in the terminal.
     Interrupted,
 }
@@ -95,7 +95,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         scene: options.scene.clone(),
         window: None,
         size: options.size,
-        drawing: None,
+        render_thread: None,
         framed: false,
         glimpsed: None,
         views: Vec::new(),
@@ -126,7 +126,7 @@ struct App {
     window: Option<Arc<Window>>,
     /// Pixels, as the system has told them: who asks a window that somebody else has destroyed ends the program.
     size: [u32; 2],
-    drawing: Option<Drawing>,
+    render_thread: Option<RenderThread>,
     navigation: Navigation,
     statistics: Statistics,
     /// What the opening thread is at, and those that look points up.
@@ -192,8 +192,8 @@ fn complain(what: &str) {
 
 impl App {
     fn post(&self, message: Message) {
-        if let Some(drawing) = &self.drawing {
-            drawing.post(message);
+        if let Some(thread) = &self.render_thread {
+            thread.post(message);
         }
     }
 

@@ -1,12 +1,12 @@
 //! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. Facts and a scene in, triangles and actions out.
 
 use super::actions::Action;
-use super::drawing::Loading;
 use super::keys::{self, KEYS};
 use super::measure::{self, Looked, Measure};
 use super::navigation::{Habit, Input, Mode};
 use super::opening::Kinds;
 use super::profile::Profile;
+use super::render_thread::Loading;
 use super::{clip_box_widget, legend, light_widget};
 use crate::cloud::Station;
 use crate::cloud::attribute::{Attribute, Shown, class_name};

@@ -1,7 +1,7 @@
 //! How long pictures took, for `--timings` and `bench window`.
 
-use super::drawing::{Drawn, Spent};
 use super::flight::{Flight, REST};
+use super::render_thread::{FrameReport, FrameTimes};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -27,7 +27,7 @@ pub struct Picture {
     at: Instant,
     /// Since its camera was wanted.
     latency: Duration,
-    /// Drawing it.
+    /// RenderThread it.
     took: Duration,
     /// No point was drawn.
     empty: bool,
@@ -35,11 +35,11 @@ pub struct Picture {
     loading: bool,
     /// How long the loader had worked by then.
     loader: Duration,
-    spent: Spent,
+    times: FrameTimes,
 }
 
 impl Picture {
-    pub fn of(drawn: &Drawn, at: Instant) -> Picture {
+    pub fn of(drawn: &FrameReport, at: Instant) -> Picture {
         let loader = drawn.loading.map_or(Duration::ZERO, |loading| loading.worked);
         let empty = drawn.statistics.points_drawn == 0;
         Picture {
@@ -49,7 +49,7 @@ impl Picture {
             empty,
             loading: drawn.is_loading(),
             loader,
-            spent: drawn.spent,
+            times: drawn.times,
         }
     }
 }
@@ -159,7 +159,8 @@ struct Step {
 impl Step {
     fn between(before: &Picture, after: &Picture) -> Step {
         let frame = ms(after.at - before.at);
-        let Spent { fitting, taking_in, recording, drawing, reading_back, showing } = after.spent;
+        let FrameTimes { fitting, taking_in, recording, drawing, reading_back, showing } =
+            after.times;
         let worked = after.loader.saturating_sub(before.loader);
         let between =
             frame - ms(fitting + taking_in + recording + drawing + reading_back + showing);
@@ -211,7 +212,7 @@ impl FlightSummary {
         let slow = || steps.iter().filter(|step| step.ms > limit);
         FlightSummary {
             frame_ms,
-            took_in_ms: of_pictures(|picture| picture.spent.taking_in),
+            took_in_ms: of_pictures(|picture| picture.times.taking_in),
             loader_ms: Spread::of(steps.iter().map(|step| step.by_cause[LOADER]).collect()),
             slow: slow().count(),
             slow_by: slow_by(&steps, limit),
@@ -257,7 +258,7 @@ impl Statistics {
     }
 
     /// `rests`: nothing of the cloud is missing in it.
-    pub fn drawn(&mut self, drawn: &Drawn, rests: bool) {
+    pub fn drawn(&mut self, drawn: &FrameReport, rests: bool) {
         let since = self.began.elapsed();
         self.first.get_or_insert(since);
         if drawn.whole {
@@ -384,7 +385,7 @@ mod tests {
             empty: false,
             loading: loader > 0,
             loader: Duration::from_millis(loader),
-            spent: Spent { taking_in: Duration::from_millis(1), ..Spent::default() },
+            times: FrameTimes { taking_in: Duration::from_millis(1), ..FrameTimes::default() },
         };
         let mut flight = Flight::new(Duration::from_secs(1));
         // Of 10 ms, but for one of 24 with 5 of the loader and 1 of taking in, and one of 24 with 2 of the loader.
@@ -395,7 +396,7 @@ mod tests {
         assert_eq!((summary.slow, summary.slow_loading, summary.slow_for_loader), (2, 2, 1));
         // The device drew for 8 ms, but for one of 22 with 14 of the loader, and one of 21.
         let drew = |drawing: u64, picture: Picture| Picture {
-            spent: Spent { drawing: Duration::from_millis(drawing), ..Spent::default() },
+            times: FrameTimes { drawing: Duration::from_millis(drawing), ..FrameTimes::default() },
             ..picture
         };
         flight.pictures =

@@ -1,9 +1,9 @@
 //! DRAWING THREAD -> WINDOW: what the picture shows, and how long it took.
 
-use super::drawing::{Drawn, Report};
 use super::flight::Step;
 use super::measure::Picked;
 use super::navigation::Way;
+use super::render_thread::{FrameReport, RenderEvent};
 use super::{App, tell};
 use crate::resident::Point;
 use std::time::{Duration, Instant};
@@ -13,35 +13,40 @@ use winit::event_loop::ActiveEventLoop;
 const BETWEEN: Duration = Duration::from_millis(100);
 
 impl App {
-    pub(super) fn report(&mut self, events: &ActiveEventLoop, report: Report) {
-        match report {
+    pub(super) fn render_event(&mut self, events: &ActiveEventLoop, event: RenderEvent) {
+        match event {
             // The picture is not there yet, so there is nothing to say.
-            Report::Begun => return self.move_on(),
-            Report::Drawn(drawn) => return self.drawn(*drawn),
-            Report::Counted(points) => (self.facts.drawn, self.facts.at_most) = (points, false),
-            Report::Brought(said, token) => self.brought(*said, &token),
-            Report::Picked { point, adds } => self.picked(point, adds),
-            Report::PickLater { at, adds } => self.picks_later = Some((at, adds)),
-            Report::Profile(profile) => {
+            RenderEvent::FrameStarted => return self.move_on(),
+            RenderEvent::FrameDone(drawn) => return self.drawn(*drawn),
+            RenderEvent::Counted(points) => {
+                (self.facts.drawn, self.facts.at_most) = (points, false)
+            }
+            RenderEvent::Uploaded(said, token) => self.uploaded(*said, &token),
+            RenderEvent::Picked { point, adds } => self.picked(point, adds),
+            RenderEvent::PickLater { at, adds } => self.picks_later = Some((at, adds)),
+            RenderEvent::Profile(profile) => {
                 tell(&profile.says(&self.facts.measure.reference));
                 (self.facts.profile, self.facts.trouble) = (Some(*profile), None);
             }
-            Report::Doing(text) => self.facts.doing = Some(text),
-            Report::Saved(path) => {
+            RenderEvent::Status(text) => self.facts.doing = Some(text),
+            RenderEvent::Saved(path) => {
                 self.facts.doing = Some(format!("saved {}", path.display()));
                 self.promised.retain(|promised| *promised != path);
             }
-            Report::NotSaved(path, error) => {
+            RenderEvent::SaveFailed(path, error) => {
                 self.facts.doing = None;
                 self.promised.retain(|promised| *promised != path);
                 self.trouble(&error);
             }
             // What goes wrong with every picture is read once.
-            Report::Failed(error) if self.facts.put_away.as_ref() == Some(&error.to_string()) => {}
-            Report::Failed(error) => self.trouble(&error),
-            Report::NotBrought(error, token) if !token.is_cancelled() => self.not_brought(&error),
-            Report::NotBrought(..) => {}
-            Report::Ended(error) => {
+            RenderEvent::Failed(error)
+                if self.facts.put_away.as_ref() == Some(&error.to_string()) => {}
+            RenderEvent::Failed(error) => self.trouble(&error),
+            RenderEvent::UploadFailed(error, token) if !token.is_cancelled() => {
+                self.upload_failed(&error)
+            }
+            RenderEvent::UploadFailed(..) => {}
+            RenderEvent::Ended(error) => {
                 if let Err(error) = self.rebuild(error) {
                     self.ended = Some(error);
                     events.exit();
@@ -51,11 +56,11 @@ impl App {
         self.title();
     }
 
-    pub(super) fn drawn(&mut self, drawn: Drawn) {
+    pub(super) fn drawn(&mut self, drawn: FrameReport) {
         // Nothing more comes, of the cloud or of the picture.
         let rests = drawn.whole
             && !self.underway
-            && self.drawing.as_ref().is_some_and(|drawing| drawing.is_newest(drawn.heard));
+            && self.render_thread.as_ref().is_some_and(|thread| thread.is_newest(drawn.handled));
         self.statistics.drawn(&drawn, rests);
         let step =
             self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));

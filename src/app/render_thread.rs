@@ -34,7 +34,7 @@ use crate::resident::{Point, Resident};
 use crate::source::{Brought, Prepared};
 use crate::view::View;
 use glam::DVec2;
-use saving::{Former, Saving};
+use saving::{PendingSave, RetiredCloud};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -45,7 +45,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// A cloud that is to go to the device, some of it between two pictures, what is to be said of it then, and who is told how far it is.
-pub struct Bring {
+pub struct Upload {
     pub prepared: Prepared,
     pub said: Said,
     pub pool_bytes: u64,
@@ -64,7 +64,7 @@ pub enum Message {
     /// What lies over the picture.
     Panel(Box<Overlay>),
     /// Takes the place of the cloud that there is, once it is on the device.
-    Bring(Box<Bring>),
+    Upload(Box<Upload>),
     /// The point of an id in the last picture.
     Pick {
         id: u32,
@@ -90,16 +90,16 @@ impl Message {
 }
 
 /// To the window's thread.
-pub enum Report {
+pub enum RenderEvent {
     /// A picture is on its way: what moves by itself may move on.
-    Begun,
-    Drawn(Box<Drawn>),
+    FrameStarted,
+    FrameDone(Box<FrameReport>),
     /// Points in the last picture, where filters or clip boxes leave some out.
     Counted(u64),
     /// A cloud is on the device, of which this is to be said.
-    Brought(Box<Said>, CancelToken),
+    Uploaded(Box<Said>, CancelToken),
     /// It is not, and why.
-    NotBrought(Error, CancelToken),
+    UploadFailed(Error, CancelToken),
     Picked {
         point: Point,
         adds: bool,
@@ -111,10 +111,10 @@ pub enum Report {
     },
     Profile(Box<Profile>),
     /// What is being done, and how far it is.
-    Doing(String),
+    Status(String),
     Saved(PathBuf),
     /// What is not there, and why.
-    NotSaved(PathBuf, Error),
+    SaveFailed(PathBuf, Error),
     /// Work goes on without it.
     Failed(Error),
     /// This thread has ended.
@@ -122,7 +122,7 @@ pub enum Report {
 }
 
 /// A picture on the screen.
-pub struct Drawn {
+pub struct FrameReport {
     pub pick_buffer: Arc<PickBuffer>,
     pub decided: Decided,
     /// What was asked for and changes nothing, or was more than there is room for.
@@ -137,13 +137,13 @@ pub struct Drawn {
     /// Of an index.
     pub loading: Option<Loading>,
     /// What the time went into, until it was on the screen.
-    pub spent: Spent,
+    pub times: FrameTimes,
     /// From when it was wanted to when it was there.
     pub latency: Duration,
     /// Of that, drawing it.
     pub took: Duration,
-    /// Messages that were heard before it was begun ([`Drawing::is_newest`]).
-    pub heard: u64,
+    /// Messages that were handled before it was begun ([`RenderThread::is_newest`]).
+    pub handled: u64,
 }
 
 /// What a picture of an index waited for, and did not wait for.
@@ -166,7 +166,7 @@ pub struct Loading {
 
 /// On a picture, step by step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Spent {
+pub struct FrameTimes {
     /// Making the swapchain fit the window.
     pub fitting: Duration,
     /// Taking in nodes that had come, and asking for others: all that the loader costs whoever draws.
@@ -181,7 +181,7 @@ pub struct Spent {
     pub showing: Duration,
 }
 
-impl Drawn {
+impl FrameReport {
     /// Whether nodes are still on their way.
     pub fn is_loading(&self) -> bool {
         self.loading.is_some_and(|loading| loading.awaited > 0)
@@ -189,46 +189,46 @@ impl Drawn {
 }
 
 /// The thread, as the window's thread has it.
-pub struct Drawing {
+pub struct RenderThread {
     posts: Sender<Message>,
     posted: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Drawing {
+impl RenderThread {
     pub fn start(
         gpu: Gpu,
         present: Present,
-        report: impl Fn(Report) + Send + Sync + 'static,
-    ) -> Result<Drawing> {
+        report: impl Fn(RenderEvent) + Send + Sync + 'static,
+    ) -> Result<RenderThread> {
         let (posts, posted) = channel();
         let count = Arc::new(AtomicU64::new(0));
-        let thread = Thread {
+        let thread = RenderLoop {
             gpu,
             present: Some(present),
             window: [0, 0],
             posted,
             count: count.clone(),
-            heard: 0,
+            handled: 0,
             report: Box::new(report),
-            bringing: None,
+            uploading: None,
             cloud: None,
             scene: None,
             changed: Instant::now(),
             asked: Instant::now(),
-            wanted: Wanted::Nothing,
-            again: false,
+            redraw: Redraw::Nothing,
+            show_due: false,
             scale: ResolutionScale::default(),
             last_drawn: Vec::new(),
-            saving: VecDeque::new(),
-            former: VecDeque::new(),
-            elsewhere: false,
-            uncounted: None,
+            saves: VecDeque::new(),
+            retired: VecDeque::new(),
+            filters_replaced: false,
+            count_due: None,
         };
-        let thread = std::thread::Builder::new().name("drawing".into()).spawn(move || thread.run());
+        let thread = std::thread::Builder::new().name("render".into()).spawn(move || thread.run());
         let thread = thread
             .map_err(|error| Error::Device(format!("cannot start a thread to draw: {error}")))?;
-        Ok(Drawing { posts, posted: count, thread: Some(thread) })
+        Ok(RenderThread { posts, posted: count, thread: Some(thread) })
     }
 
     pub fn post(&self, message: Message) {
@@ -237,9 +237,9 @@ impl Drawing {
         let _ = self.posts.send(message);
     }
 
-    /// Whether all that was posted had been heard then.
-    pub fn is_newest(&self, heard: u64) -> bool {
-        self.posted.load(Relaxed) == heard
+    /// Whether all that was posted had been handled then.
+    pub fn is_newest(&self, handled: u64) -> bool {
+        self.posted.load(Relaxed) == handled
     }
 
     /// Waits until everything on the device is given back.
@@ -254,71 +254,71 @@ impl Drawing {
 
 /// What is still to be drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Wanted {
+enum Redraw {
     Nothing,
     /// The same as on the screen, larger, once nothing has changed for a while.
-    Whole,
+    FullResolution,
     /// Nodes are on their way.
-    More,
+    NodesArriving,
     /// Something else than on the screen.
-    Now,
+    Changed,
 }
 
 /// Who lets go of the mouse for so long has stopped.
-const STILL: Duration = Duration::from_millis(150);
+const IDLE_DELAY: Duration = Duration::from_millis(150);
 
 /// Between two looks at what the loader has brought.
-const LOADING: Duration = Duration::from_millis(10);
+const LOAD_POLL: Duration = Duration::from_millis(10);
 
-struct Thread {
+struct RenderLoop {
     gpu: Gpu,
     /// Taken at the end.
     present: Option<Present>,
     /// The window's size, pixels, as the system has told it.
     window: [u32; 2],
     posted: Receiver<Message>,
-    /// Messages posted that want another picture, and those heard.
+    /// Messages posted that want another picture, and those handled.
     count: Arc<AtomicU64>,
-    heard: u64,
-    report: Box<dyn Fn(Report) + Send + Sync>,
+    handled: u64,
+    report: Box<dyn Fn(RenderEvent) + Send + Sync>,
     /// On its way to the device.
-    bringing: Option<Box<Bring>>,
+    uploading: Option<Box<Upload>>,
     cloud: Option<Brought>,
     scene: Option<Scene>,
     /// When what is to be seen last changed.
     changed: Instant,
     /// When that was wanted.
     asked: Instant,
-    wanted: Wanted,
+    redraw: Redraw,
     /// The picture on the screen is to be shown again, under another panel.
-    again: bool,
+    show_due: bool,
     scale: ResolutionScale,
     /// What the last picture was drawn from ([`crate::resident::Resident::identity`]).
     last_drawn: Vec<u64>,
     /// Pictures on their way into files, one after the other.
-    saving: VecDeque<Saving>,
+    saves: VecDeque<PendingSave>,
     /// What the first of them are of, where the window shows another cloud by now.
-    former: VecDeque<Former>,
+    retired: VecDeque<RetiredCloud>,
     /// What is to be seen of the window's cloud is what a picture that is being saved shows, not the window's.
-    elsewhere: bool,
+    filters_replaced: bool,
     /// Filters or clip boxes leave points out of the picture on the screen, and nobody has counted the others; whether those that face away are not there.
-    uncounted: Option<bool>,
+    count_due: Option<bool>,
 }
 
 /// Stops a whole picture on a software device, where it takes long, when something newer is wanted.
-struct Newer<'t> {
+struct Superseded<'t> {
     count: &'t AtomicU64,
-    heard: u64,
+    handled: u64,
 }
 
-impl Progress for Newer<'_> {
+impl Progress for Superseded<'_> {
     fn tick(&self, _doing: &str, _done: u64, _total: u64) -> Result<()> {
-        if self.count.load(Relaxed) > self.heard { Err(Error::Interrupted) } else { Ok(()) }
+        if self.count.load(Relaxed) > self.handled { Err(Error::Interrupted) } else { Ok(()) }
     }
 }
 
 /// Samples of the light cast in a row at most, while a picture of those before is on the screen.
-const REFINING: Duration = Duration::from_millis(100);
+const REFINE_BUDGET: Duration = Duration::from_millis(100);
 
 /// Adds samples of the light to those that shadows are made of, until something newer is wanted; in submissions of their own, so that what has been cast stays when the picture gives way.
 fn refine_shadows(
@@ -326,7 +326,7 @@ fn refine_shadows(
     view: &View,
     resident: &Resident,
     config: &FrameConfig,
-    newer: &Newer,
+    newer: &Superseded,
 ) -> Result<()> {
     let (scene, began) = (config.scene(view, resident), Instant::now());
     loop {
@@ -349,7 +349,7 @@ fn refine_shadows(
         let Some(shadows::Marks { counts, saved: None, facts, .. }) = marks else { return Ok(()) };
         g.submit_and_wait(&[counts.resource()])?.recycle(gpu);
         if facts.cast == facts.samples
-            || began.elapsed() >= REFINING
+            || began.elapsed() >= REFINE_BUDGET
             || newer.tick("", 0, 0).is_err()
         {
             return Ok(());
@@ -360,45 +360,45 @@ fn refine_shadows(
 /// What is asked for of a picture of a cloud; until its strokes are found it is drawn without.
 fn settings(scene: &Scene, resident: &Resident) -> RenderSettings {
     let mut settings = scene.settings.clone();
-    if brushes_lack(scene, resident) {
+    if strokes_missing(scene, resident) {
         settings.effects.strokes.switch = Switch::Off;
     }
     settings
 }
 
 /// Whether it is to be painted, and what brushes need is not known yet.
-fn brushes_lack(scene: &Scene, resident: &Resident) -> bool {
+fn strokes_missing(scene: &Scene, resident: &Resident) -> bool {
     scene.settings.effects.strokes.switch == Switch::On && resident.shown.strokes().is_none()
 }
 
-impl Thread {
+impl RenderLoop {
     fn run(mut self) {
         let ended = match catch_unwind(AssertUnwindSafe(|| self.serve())) {
             Ok(ended) => ended,
             // It has been printed where it happened. What the device may still be at work with stays.
             Err(_panic) => {
-                (self.report)(Report::Ended(Error::Device(
+                (self.report)(RenderEvent::Ended(Error::Device(
                     "drawing has ended by a mistake in this program, which is said above".into(),
                 )));
                 return std::mem::forget(self);
             }
         };
-        self.give_up_saving();
-        self.give_up_bringing();
+        self.cancel_saves();
+        self.cancel_upload();
         let present = self.present.take().expect("taken here only");
         present.free(&mut self.gpu);
         if let Some(cloud) = self.cloud.take() {
             cloud.free(&mut self.gpu);
         }
         if let Err(error) = ended.and_then(|()| self.gpu.device.take_validation_errors()) {
-            (self.report)(Report::Ended(error));
+            (self.report)(RenderEvent::Ended(error));
         }
     }
 
     /// Until it is to close.
     fn serve(&mut self) -> Result<()> {
         loop {
-            let first = match self.rest() {
+            let first = match self.idle_timeout() {
                 Some(wait) => match self.posted.recv_timeout(wait) {
                     Ok(message) => Some(message),
                     Err(RecvTimeoutError::Timeout) => None,
@@ -411,34 +411,34 @@ impl Thread {
             };
             let mut next = first;
             while let Some(message) = next {
-                self.heard += message.is_newer() as u64;
+                self.handled += message.is_newer() as u64;
                 if matches!(message, Message::Close) {
                     return Ok(());
                 }
-                self.hear(message)?;
+                self.handle(message)?;
                 next = self.posted.try_recv().ok();
             }
             self.step()?;
-            self.bring_on()?;
+            self.upload_step()?;
         }
     }
 
     /// How long there is nothing to do, if nothing is posted; none: for ever.
-    fn rest(&self) -> Option<Duration> {
-        let by_wanted = match self.wanted {
-            Wanted::Now => Some(Duration::ZERO),
-            Wanted::More => Some(LOADING),
-            Wanted::Whole => Some(STILL.saturating_sub(self.changed.elapsed())),
-            Wanted::Nothing if self.uncounted.is_some() => {
-                Some(STILL.saturating_sub(self.changed.elapsed()))
+    fn idle_timeout(&self) -> Option<Duration> {
+        let by_wanted = match self.redraw {
+            Redraw::Changed => Some(Duration::ZERO),
+            Redraw::NodesArriving => Some(LOAD_POLL),
+            Redraw::FullResolution => Some(IDLE_DELAY.saturating_sub(self.changed.elapsed())),
+            Redraw::Nothing if self.count_due.is_some() => {
+                Some(IDLE_DELAY.saturating_sub(self.changed.elapsed()))
             }
-            Wanted::Nothing if !self.saving.is_empty() => Some(Duration::ZERO),
-            Wanted::Nothing => None,
+            Redraw::Nothing if !self.saves.is_empty() => Some(Duration::ZERO),
+            Redraw::Nothing => None,
         };
-        if self.again || self.bringing.is_some() { Some(Duration::ZERO) } else { by_wanted }
+        if self.show_due || self.uploading.is_some() { Some(Duration::ZERO) } else { by_wanted }
     }
 
-    fn hear(&mut self, message: Message) -> Result<()> {
+    fn handle(&mut self, message: Message) -> Result<()> {
         match message {
             Message::Scene { scene, asked } => {
                 if self.scene.as_ref() != Some(&*scene) {
@@ -452,15 +452,15 @@ impl Thread {
             }
             Message::Panel(overlay) => {
                 self.present.as_mut().expect("taken at the end").lay_over(&self.gpu, *overlay)?;
-                self.again = true;
+                self.show_due = true;
             }
-            Message::Bring(bring) => {
+            Message::Upload(upload) => {
                 // Nobody waits any more for another one.
-                self.give_up_bringing();
-                self.bringing = Some(bring);
+                self.cancel_upload();
+                self.uploading = Some(upload);
             }
             Message::Pick { id, at, adds } => {
-                self.look_back()?;
+                self.restore_filters()?;
                 // Ids are of the picture that was drawn last; where nodes have come since, they are others.
                 let resident = self
                     .cloud
@@ -472,15 +472,15 @@ impl Thread {
                         let point = resident.point(&mut self.gpu, id)?;
                         point
                             .into_iter()
-                            .for_each(|point| (self.report)(Report::Picked { point, adds }));
+                            .for_each(|point| (self.report)(RenderEvent::Picked { point, adds }));
                     }
-                    None => (self.report)(Report::PickLater { at, adds }),
+                    None => (self.report)(RenderEvent::PickLater { at, adds }),
                 }
             }
             Message::Section(slab) => {
-                self.look_back()?;
+                self.restore_filters()?;
                 if let Some(resident) = self.cloud.as_ref().map(Brought::resident) {
-                    (self.report)(Report::Profile(Box::new(Profile::new(
+                    (self.report)(RenderEvent::Profile(Box::new(Profile::new(
                         slab,
                         resident.section(&mut self.gpu, &slab)?,
                         resident.shown,
@@ -494,79 +494,79 @@ impl Thread {
     }
 
     /// Some more of the cloud that is on its way; beside the one in the window, and one at most that pictures are saved of.
-    fn bring_on(&mut self) -> Result<()> {
-        let Some(mut bring) = self.bringing.take_if(|_| self.former.is_empty()) else {
+    fn upload_step(&mut self) -> Result<()> {
+        let Some(mut upload) = self.uploading.take_if(|_| self.retired.is_empty()) else {
             return Ok(());
         };
-        let brought = match bring.prepared.step(&mut self.gpu, &bring.watch) {
+        let uploaded = match upload.prepared.step(&mut self.gpu, &upload.watch) {
             Ok(true) => {
-                self.bringing = Some(bring);
+                self.uploading = Some(upload);
                 return Ok(());
             }
-            Ok(false) => bring.prepared.finish(&mut self.gpu, bring.pool_bytes),
+            Ok(false) => upload.prepared.finish(&mut self.gpu, upload.pool_bytes),
             Err(error) => {
-                bring.prepared.free(&mut self.gpu);
+                upload.prepared.free(&mut self.gpu);
                 Err(error)
             }
         };
-        match brought {
+        match uploaded {
             Ok(cloud) => {
                 if let Some(old) = self.cloud.replace(cloud) {
-                    self.leave(old);
+                    self.retire(old);
                 }
-                (self.report)(Report::Brought(Box::new(bring.said), bring.watch.token));
+                (self.report)(RenderEvent::Uploaded(Box::new(upload.said), upload.watch.token));
                 self.change(Instant::now());
             }
             // Nobody waits for it any more.
             Err(Error::Interrupted) => {}
             Err(error) if error.is_lost_device() => return Err(error),
             Err(error) => {
-                (self.report)(Report::NotBrought(error, bring.watch.token));
+                (self.report)(RenderEvent::UploadFailed(error, upload.watch.token));
                 self.change(Instant::now());
             }
         }
         Ok(())
     }
 
-    fn give_up_bringing(&mut self) {
-        self.bringing.take().into_iter().for_each(|bring| bring.prepared.free(&mut self.gpu));
+    fn cancel_upload(&mut self) {
+        self.uploading.take().into_iter().for_each(|upload| upload.prepared.free(&mut self.gpu));
     }
 
     fn change(&mut self, asked: Instant) {
         // What has not been drawn yet waits since it was first asked for.
-        if self.wanted != Wanted::Now {
+        if self.redraw != Redraw::Changed {
             self.asked = asked;
         }
         self.changed = Instant::now();
-        self.wanted = Wanted::Now;
+        self.redraw = Redraw::Changed;
     }
 
     /// One thing that is to be done.
     fn step(&mut self) -> Result<()> {
-        let due = match self.wanted {
-            Wanted::Now | Wanted::More => true,
-            Wanted::Whole => self.changed.elapsed() >= STILL,
-            Wanted::Nothing => false,
+        let due = match self.redraw {
+            Redraw::Changed | Redraw::NodesArriving => true,
+            Redraw::FullResolution => self.changed.elapsed() >= IDLE_DELAY,
+            Redraw::Nothing => false,
         };
         if due && self.draw()? {
             return Ok(());
         }
-        match self.wanted {
-            _ if self.again => self.show_again(),
-            Wanted::Nothing if self.uncounted.is_some() && self.changed.elapsed() >= STILL => {
+        match self.redraw {
+            _ if self.show_due => self.show_again(),
+            Redraw::Nothing if self.count_due.is_some() && self.changed.elapsed() >= IDLE_DELAY => {
                 self.count()
             }
-            Wanted::Nothing => self.save_on(),
+            Redraw::Nothing => self.save_step(),
             _ => Ok(()),
         }
     }
 
     /// The points of the picture on the screen, once it rests: a moving one has no time for another walk over them.
     fn count(&mut self) -> Result<()> {
-        let Some(one_sided) = self.uncounted.take() else { return Ok(()) };
-        self.look_back()?;
+        let Some(one_sided) = self.count_due.take() else { return Ok(()) };
+        self.restore_filters()?;
         // Where nodes are on their way, the picture that has them is counted.
-        if self.wanted != Wanted::Nothing {
+        if self.redraw != Redraw::Nothing {
             return Ok(());
         }
         let (Some(scene), Some(cloud), Some(present)) = (&self.scene, &self.cloud, &self.present)
@@ -584,14 +584,14 @@ impl Thread {
         let points = points.one_sided(one_sided);
         let counted = tally::record(&mut g, &view, &points);
         let frame = g.submit_and_wait(&[])?;
-        (self.report)(Report::Counted(counted.points(&frame)));
+        (self.report)(RenderEvent::Counted(counted.points(&frame)));
         frame.recycle(&mut self.gpu);
         Ok(())
     }
 
     /// The same picture, under another panel.
     fn show_again(&mut self) -> Result<()> {
-        self.again = false;
+        self.show_due = false;
         let present = self.present.as_mut().expect("taken at the end");
         if !present.fit(&mut self.gpu, self.window)? || !present.show(&self.gpu)? {
             self.change(Instant::now());
@@ -602,27 +602,27 @@ impl Thread {
     /// One picture; false where there is nothing new to show.
     fn draw(&mut self) -> Result<bool> {
         let present = self.present.as_mut().expect("taken at the end");
-        let (mut spent, fitting) = (Spent::default(), Instant::now());
+        let (mut times, fitting) = (FrameTimes::default(), Instant::now());
         if !present.fit(&mut self.gpu, self.window)? {
             // Whoever uncovers the window says so.
-            (self.wanted, self.again) = (Wanted::Nothing, false);
+            (self.redraw, self.show_due) = (Redraw::Nothing, false);
             return Ok(false);
         }
         let (Some(scene), Some(cloud)) = (&self.scene, &mut self.cloud) else {
-            self.wanted = Wanted::Nothing;
+            self.redraw = Redraw::Nothing;
             return self.blank().map(|()| true);
         };
         cloud.leave_out(scene.opacities.clone(), scene.clips.clone());
-        self.elsewhere = false;
-        spent.fitting = fitting.elapsed();
-        let divisor = if self.wanted == Wanted::Now { self.scale.divisor } else { 1 };
+        self.filters_replaced = false;
+        times.fitting = fitting.elapsed();
+        let divisor = if self.redraw == Redraw::Changed { self.scale.divisor } else { 1 };
         let size = divided(present.size(), divisor);
         let view = View::new(scene.camera, size)?;
         let (mut loading, taking_in) = (None, Instant::now());
         if let Brought::Parts(residency) = cloud {
             let detail = scene.fineness.of(size);
-            let update = match self.wanted {
-                Wanted::Now => residency.update_moving(&mut self.gpu, &view, &detail)?,
+            let update = match self.redraw {
+                Redraw::Changed => residency.update_moving(&mut self.gpu, &view, &detail)?,
                 _ => residency.update(&mut self.gpu, &view, &detail)?,
             };
             let Update { cut, budget, missing, coarse, bytes_read, errors, .. } = update;
@@ -637,30 +637,30 @@ impl Thread {
             });
             errors
                 .into_iter()
-                .for_each(|error| (self.report)(Report::Failed(Error::Request(error))));
+                .for_each(|error| (self.report)(RenderEvent::Failed(Error::Request(error))));
         }
         let complete = loading.is_none_or(|loading| loading.awaited == 0);
-        spent.taking_in = taking_in.elapsed();
+        times.taking_in = taking_in.elapsed();
         let recording = Instant::now();
         let resident = cloud.resident();
         let identity = resident.identity();
-        if self.wanted == Wanted::More
+        if self.redraw == Redraw::NodesArriving
             && identity == self.last_drawn
             && !complete
             && !present.is_blank()
         {
             return Ok(false);
         }
-        let newer = Newer { count: &self.count, heard: self.heard };
+        let newer = Superseded { count: &self.count, handled: self.handled };
         // What is only a finer picture of the same gives way.
-        let gives_way = self.wanted != Wanted::Now;
+        let gives_way = self.redraw != Redraw::Changed;
         // By the whole picture: a smaller one has more points a pixel, and would call for other effects.
         let mut config = FrameConfig::new(
             &settings(scene, resident),
             &View::new(scene.camera, present.size())?,
             resident,
         );
-        if brushes_lack(scene, resident) {
+        if strokes_missing(scene, resident) {
             config.decided.explain("strokes", "what brushes need to know is still being found");
         }
         let mut drawn = if gives_way { config.progressive() } else { config.interactive(divisor) };
@@ -679,12 +679,12 @@ impl Thread {
             Err(error) => {
                 g.discard();
                 return match error {
-                    // Something newer is wanted, which is heard next.
+                    // Something newer is wanted, which is handled next.
                     Error::Interrupted => Ok(true),
                     // What was asked for cannot be drawn; the picture that is there stays until something else is asked for.
                     Error::Request(_) => {
-                        (self.report)(Report::Failed(error));
-                        self.wanted = Wanted::Nothing;
+                        (self.report)(RenderEvent::Failed(error));
+                        self.redraw = Redraw::Nothing;
                         let nothing_is_there = self.present.as_ref().is_some_and(Present::is_blank);
                         if nothing_is_there { self.blank().map(|()| true) } else { Ok(false) }
                     }
@@ -700,15 +700,15 @@ impl Thread {
         let warned = Warned::ask(&mut g, &drawn.effects);
         let [depth, index] =
             [&outcome.layers.depth, &outcome.layers.index].map(|layer| g.download(layer));
-        spent.recording = recording.elapsed();
-        let (began, heard) = (Instant::now(), self.heard);
+        times.recording = recording.elapsed();
+        let (began, handled) = (Instant::now(), self.handled);
         let running = match g.submit_async(&[screen.words.resource()]) {
             Ok(running) => running,
-            // Something newer is wanted, which is heard next.
+            // Something newer is wanted, which is handled next.
             Err(Error::Interrupted) => return Ok(true),
             Err(error) => return Err(error),
         };
-        (self.report)(Report::Begun);
+        (self.report)(RenderEvent::FrameStarted);
         let frame = running.finish(&mut self.gpu)?;
         let took = began.elapsed();
         let reading_back = Instant::now();
@@ -737,28 +737,28 @@ impl Thread {
             .as_ref()
             .is_none_or(|marks| marks.facts.cast == marks.facts.samples);
         let finest = divisor == 1 && drawn.effects == config.effects && lit && ordered;
-        self.wanted = match (finest, complete) {
-            (true, true) => Wanted::Nothing,
-            (true, false) => Wanted::More,
-            _ => Wanted::Whole,
+        self.redraw = match (finest, complete) {
+            (true, true) => Redraw::Nothing,
+            (true, false) => Redraw::NodesArriving,
+            _ => Redraw::FullResolution,
         };
-        self.again = false;
-        self.uncounted =
+        self.show_due = false;
+        self.count_due =
             cloud.resident().leaves_out().then(|| config.drops_back_faces(cloud.resident()));
-        (spent.drawing, spent.reading_back) = (took, reading_back.elapsed());
+        (times.drawing, times.reading_back) = (took, reading_back.elapsed());
         let showing = Instant::now();
         if !present.show(&self.gpu)? {
-            self.wanted = Wanted::Now;
+            self.redraw = Redraw::Changed;
         }
-        spent.showing = showing.elapsed();
+        times.showing = showing.elapsed();
         if let (Some(loading), Brought::Parts(residency)) = (&mut loading, cloud) {
             loading.worked = residency.loader_worked();
         }
         let (decided, statistics, latency) =
             (config.decided, outcome.statistics, self.asked.elapsed());
         let (whole, leaves_out) =
-            (finest && complete && self.bringing.is_none(), self.uncounted.is_some());
-        (self.report)(Report::Drawn(Box::new(Drawn {
+            (finest && complete && self.uploading.is_none(), self.count_due.is_some());
+        (self.report)(RenderEvent::FrameDone(Box::new(FrameReport {
             pick_buffer,
             decided,
             notes,
@@ -767,10 +767,10 @@ impl Thread {
             passes,
             whole,
             loading,
-            spent,
+            times,
             latency,
             took,
-            heard,
+            handled,
         })));
         Ok(true)
     }
@@ -793,9 +793,9 @@ impl Thread {
         g.fill(&mut screen, word | 255 << 24);
         g.submit_and_wait(&[screen.resource()])?.recycle(&mut self.gpu);
         present.holds(&mut self.gpu, present.size())?;
-        self.again = false;
+        self.show_due = false;
         if !present.show(&self.gpu)? {
-            self.wanted = Wanted::Now;
+            self.redraw = Redraw::Changed;
         }
         Ok(())
     }
