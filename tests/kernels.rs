@@ -28,6 +28,7 @@ use gpu::{
     Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, random_keys,
 };
 use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::colormap::srgb_to_linear;
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
 use pointillist::error::Error;
@@ -213,7 +214,7 @@ fn resolve_gives_the_depth_the_point_and_the_colour_of_every_key() {
 fn colors(attribute: Attribute, word: u32, [lo, hi]: [u32; 2]) -> Vec<[Bounded; 3]> {
     let byte = |channel: u32| word >> (8 * channel) & 255;
     // Made on the CPU, in f64, and rounded once: exact on both sides.
-    let linear = |encoded: f64| Bounded::exact(resolve::srgb_to_linear(encoded) as f32);
+    let linear = |encoded: f64| Bounded::exact(srgb_to_linear(encoded) as f32);
     match attribute {
         Attribute::Rgb => vec![[0, 1, 2].map(|c| linear(byte(c) as f64 / 255.0))],
         Attribute::Normal => {

@@ -441,7 +441,7 @@ fn shadows_take_what_phong_adds_and_leave_its_ambient_part() {
         };
         let [lit, shaded] = ["shadows=off", "shadows=on,ambient=0.9"].map(drawn);
         let ambient = color.map(|channel| {
-            (0.25 * pointillist::cloud::color::srgb_to_linear(channel as f64 / 255.0)) as f32
+            (0.25 * pointillist::cloud::colormap::srgb_to_linear(channel as f64 / 255.0)) as f32
         });
         let in_shadow = |pixel: &[f32; 4]| (0..3).all(|c| (pixel[c] - ambient[c]).abs() <= 1e-6);
         // Between points of plate and floor normals may face away from the light.

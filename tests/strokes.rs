@@ -195,10 +195,10 @@ mod painted {
     use super::*;
     use crate::gpu;
     use pointillist::cloud::attribute::Shown;
+    use pointillist::cloud::colormap::linear_to_srgb;
     use pointillist::cloud::{self, ReadOptions};
     use pointillist::graph::{Gpu, Graph};
     use pointillist::passes::Effects;
-    use pointillist::passes::resolve::linear_to_srgb;
     use pointillist::passes::strokes::Facts;
     use pointillist::render::frame;
     use pointillist::render::settings::{FrameConfig, RenderSettings, Style};

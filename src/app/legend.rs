@@ -1,8 +1,8 @@
 //! What colours mean: a ramp with its two ends, and swatches.
 
 use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::colormap;
 use crate::cloud::system::Reference;
-use crate::passes::resolve;
 use egui::{Color32, Rect, Sense, Ui, pos2, vec2};
 
 /// Of a colour in a list, and a ramp's height, points.
@@ -18,7 +18,7 @@ pub fn ramp(ui: &mut Ui, shown: &Shown, reference: &Reference) {
     let x = |part: u32| all.left() + all.width() * part as f32 / PARTS as f32;
     for part in 0..PARTS {
         let word = lo + ((hi - lo) as u64 * part as u64 / (PARTS - 1) as u64) as u32;
-        let [r, g, b] = resolve::color_of(shown, word);
+        let [r, g, b] = colormap::color_of(shown, word);
         let rect = Rect::from_min_max(pos2(x(part), all.top()), pos2(x(part + 1), all.bottom()));
         ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(r, g, b));
     }
@@ -40,7 +40,7 @@ pub fn ramp(ui: &mut Ui, shown: &Shown, reference: &Reference) {
 
 /// What points of this number are drawn in.
 pub fn swatch(ui: &mut Ui, attribute: Attribute, number: u8) {
-    let [r, g, b] = resolve::code_color(attribute, number);
+    let [r, g, b] = colormap::code_color(attribute, number);
     let (square, _) = ui.allocate_exact_size(egui::Vec2::splat(SIDE), Sense::hover());
     ui.painter().rect_filled(square, 0.0, Color32::from_rgb(r, g, b));
 }

@@ -3,8 +3,8 @@
 use super::actions::Action;
 use super::measure;
 use crate::cloud::attribute::Shown;
+use crate::cloud::colormap;
 use crate::cloud::system::Reference;
-use crate::passes::resolve;
 use crate::resident::section::{Found, Section, Slab};
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui, Vec2};
 use glam::{DVec2, DVec3};
@@ -57,7 +57,7 @@ impl Profile {
     fn image(&self) -> ColorImage {
         let mut image = ColorImage::filled(SIZE, Color32::from_gray(8));
         for found in &self.section.points {
-            let [r, g, b] = resolve::color_of(&self.shown, found.shown);
+            let [r, g, b] = colormap::color_of(&self.shown, found.shown);
             image[self.pixel(found).into()] = Color32::from_rgb(r, g, b);
         }
         image
@@ -74,7 +74,7 @@ impl Profile {
             let DVec3 { x, y, z } = reference.digits.round(found.point.position);
             let kind = measure::kind(&found.point)
                 .map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
-            let [r, g, b] = resolve::color_of(&self.shown, found.shown);
+            let [r, g, b] = colormap::color_of(&self.shown, found.shown);
             format!(
                 "{},{z},{},{x},{y},{z},{kind},{r},{g},{b},{unit}\n",
                 found.place.x, found.place.y

@@ -186,13 +186,3 @@ impl Occurred {
 pub const OTHERWISE: &str = "otherwise give --rgb-range";
 
 const NOTE_8_IN_16: &str = "colours are 8-bit values in 16-bit fields, and taken as such";
-
-/// The sRGB transfer function (IEC 61966-2-1), encoded to linear, both in 0..=1.
-pub fn srgb_to_linear(encoded: f64) -> f64 {
-    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
-}
-
-/// Its inverse.
-pub fn linear_to_srgb(linear: f64) -> f64 {
-    if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
-}

@@ -9,6 +9,7 @@
 pub mod attribute;
 mod axis;
 pub mod color;
+pub mod colormap;
 mod colors;
 pub mod core;
 pub mod counts;

@@ -7,7 +7,7 @@
 
 mod sample;
 
-use crate::cloud::color::srgb_to_linear;
+use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::{Cloud, Station};
 pub use sample::Sample;
 use sample::{AXIS_BITS, Point};

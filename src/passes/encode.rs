@@ -13,7 +13,7 @@ pub struct Thresholds([f32; 255]);
 impl Thresholds {
     pub fn new() -> Thresholds {
         Thresholds(std::array::from_fn(|code| {
-            super::resolve::srgb_to_linear((code as f64 + 0.5) / 255.0) as f32
+            crate::cloud::colormap::srgb_to_linear((code as f64 + 0.5) / 255.0) as f32
         }))
     }
 
@@ -104,7 +104,7 @@ mod tests {
         for code in 0..=255u8 {
             assert_eq!(
                 thresholds
-                    .encode(crate::passes::resolve::srgb_to_linear(code as f64 / 255.0) as f32),
+                    .encode(crate::cloud::colormap::srgb_to_linear(code as f64 / 255.0) as f32),
                 code
             );
         }

@@ -5,7 +5,7 @@
 
 use super::{Decided, Effects, Layers, Reason, Scene, Setting};
 use crate::cloud::attribute::{Attribute, station_code};
-use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
+use crate::cloud::colormap::{linear_to_srgb, srgb_to_linear};
 use crate::graph::Graph;
 use crate::index::exposure::Balance;
 use crate::resident::Resident;

@@ -3,7 +3,7 @@
 use super::project::{Band, Keys};
 use super::{Decided, Layers, exposure, luminance};
 use crate::cloud::attribute::{Attribute, Shown};
-pub use crate::cloud::color::{linear_to_srgb, srgb_to_linear};
+use crate::cloud::colormap::{self, srgb_to_linear};
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
 use crate::resident::Resident;
@@ -209,83 +209,8 @@ fn table(attribute: Attribute, gains: &[f64]) -> Vec<[f32; 4]> {
         return exposure::linear(gains).map(|v| [v as f32, v as f32, v as f32, 1.0]).collect();
     }
     let color = |i| {
-        let [r, g, b] = srgb(attribute, i).map(|channel| srgb_to_linear(channel) as f32);
+        let [r, g, b] = colormap::entry(attribute, i).map(|channel| srgb_to_linear(channel) as f32);
         [r, g, b, 1.0]
     };
     (0..256).map(color).collect()
-}
-
-/// Of the 256, one.
-fn srgb(attribute: Attribute, i: usize) -> [f64; 3] {
-    let t = i as f64 / 255.0;
-    match attribute {
-        Attribute::Rgb | Attribute::Corrected | Attribute::Intensity => [t; 3],
-        Attribute::Elevation => height_ramp(t),
-        Attribute::Class => class_color(i),
-        // The golden angle keeps neighbouring numbers far apart in hue.
-        Attribute::Source | Attribute::Return => hue(i as f64 * 0.381_966),
-        Attribute::Normal | Attribute::White => [0.9; 3],
-    }
-}
-
-/// What a class or a return number is drawn in, 8-bit sRGB.
-pub fn code_color(attribute: Attribute, code: u8) -> [u8; 3] {
-    srgb(attribute, code as usize).map(|channel| (255.0 * channel).round() as u8)
-}
-
-/// What a word is drawn in, 8-bit sRGB, but for shading and rounding.
-pub fn color_of(shown: &Shown, word: u32) -> [u8; 3] {
-    let [lo, hi] = shown.stretch.map(|end| end as f64);
-    let byte = |channel: u32| (word >> (8 * channel) & 255) as u8;
-    let entry = match mode(shown.attribute) {
-        RGB => return [0, 1, 2].map(byte),
-        NORMAL => {
-            return [0, 1, 2].map(|axis| {
-                (255.0 * (byte(axis) as f64 / 254.0).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8
-            });
-        }
-        RAMP => ((word as f64 - lo) * 255.0 / (hi - lo).max(1.0)).clamp(0.0, 255.0) as usize,
-        PALETTE => byte(0) as usize,
-        _ => 0,
-    };
-    srgb(shown.attribute, entry).map(|channel| (255.0 * channel).round() as u8)
-}
-
-/// From deep blue over green and sand to white: lightness rises all the way, so that the ramp also reads in grey.
-fn height_ramp(t: f64) -> [f64; 3] {
-    const STOPS: [[f64; 3]; 6] = [
-        [0.16, 0.22, 0.42],
-        [0.13, 0.42, 0.52],
-        [0.25, 0.58, 0.44],
-        [0.58, 0.70, 0.39],
-        [0.90, 0.79, 0.53],
-        [0.98, 0.96, 0.92],
-    ];
-    let at = t * (STOPS.len() - 1) as f64;
-    let k = (at as usize).min(STOPS.len() - 2);
-    std::array::from_fn(|c| STOPS[k][c] + (STOPS[k + 1][c] - STOPS[k][c]) * (at - k as f64))
-}
-
-/// Customary colours of the ASPRS standard classes (LAS 1.4 R15, table 17): ground brown, vegetation green, buildings red, water blue.
-fn class_color(class: usize) -> [f64; 3] {
-    match class {
-        0 | 1 => [0.72, 0.72, 0.72],
-        2 => [0.65, 0.50, 0.34],
-        3 => [0.60, 0.78, 0.42],
-        4 => [0.36, 0.66, 0.31],
-        5 => [0.15, 0.50, 0.22],
-        6 => [0.82, 0.34, 0.28],
-        7 | 18 => [0.90, 0.20, 0.75],
-        9 => [0.26, 0.52, 0.85],
-        10 => [0.45, 0.35, 0.45],
-        11 => [0.48, 0.48, 0.52],
-        17 => [0.93, 0.77, 0.35],
-        other => hue(other as f64 * 0.381_966),
-    }
-}
-
-/// A bright, not quite saturated colour of a hue in turns.
-fn hue(turns: f64) -> [f64; 3] {
-    [0.0, 1.0 / 3.0, 2.0 / 3.0]
-        .map(|shift| 0.62 + 0.3 * ((turns - shift) * std::f64::consts::TAU).cos())
 }

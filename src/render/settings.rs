@@ -2,6 +2,7 @@
 
 mod warnings;
 
+use crate::cloud::colormap::srgb_to_linear;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{Decided, Effects, Scene, Switch, fill, resolve, strokes, visibility};
@@ -137,7 +138,7 @@ impl FrameConfig {
             light: settings.light,
             background: settings
                 .background
-                .map(|channel| resolve::srgb_to_linear(channel as f64 / 255.0) as f32),
+                .map(|channel| srgb_to_linear(channel as f64 / 255.0) as f32),
             precision: settings.precision,
             light_at_once: None,
             strokes_at_once: None,

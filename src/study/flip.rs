@@ -212,7 +212,7 @@ fn filtered(plane: &[f32], width: usize, along_x: &[f64], along_y: &[f64]) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::passes::resolve::srgb_to_linear;
+    use crate::cloud::colormap::srgb_to_linear;
 
     const SIZE: [u32; 2] = [96, 64];
 

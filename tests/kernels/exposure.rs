@@ -2,7 +2,7 @@
 
 use crate::gpu::{Random, WAYS, Way, bare, bumpy, draw, orthographic, part, perspective};
 use glam::DVec3;
-use pointillist::cloud::color::linear_to_srgb;
+use pointillist::cloud::colormap::linear_to_srgb;
 use pointillist::cloud::{Cloud, Lattice, Station};
 use pointillist::index::exposure::balance;
 use pointillist::passes::exposure;

@@ -8,11 +8,11 @@
 
 use super::{REFERENCE, draw, render_settings, values};
 use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::colormap::linear_to_srgb;
 use crate::cloud::{Cloud, Station};
 use crate::error::Result;
 use crate::graph::Gpu;
 use crate::index::luminance::{NEIGHBOURS, correct};
-use crate::passes::resolve::linear_to_srgb;
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::study::Plan;

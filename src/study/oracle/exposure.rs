@@ -1,6 +1,6 @@
 //! Twin of the `exposure` effect: a factor on linear light.
 
-use crate::cloud::color::srgb_to_linear;
+use crate::cloud::colormap::srgb_to_linear;
 
 /// A channel of a station with this gain, linear; no more than white.
 pub fn linear(value: u8, gain: f64) -> f64 {

@@ -4,8 +4,8 @@
 
 use super::project::Footprint;
 use super::{Bounded, ULP};
+use crate::cloud::colormap::srgb_to_linear;
 use crate::passes::luminance::{Settings, Space};
-use crate::passes::resolve::srgb_to_linear;
 
 /// Of the arithmetic on encoded values (HARD_CASES 22).
 const RELATIVE: f64 = 4.0 * ULP;

@@ -5,10 +5,10 @@
 //! roundings may swap them, or a stroke's edge runs through the pixel, the pixel is not sure, and is not compared.
 
 use crate::cloud::Part;
+use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::octahedral;
 use crate::index::axes::{self, Axes};
 use crate::index::strokes::{Stroke, householder};
-use crate::passes::resolve::srgb_to_linear;
 use crate::passes::strokes::brush::{Bristles, turns};
 use crate::passes::strokes::ground::{DIRECTIONS, ENCLOSED_PX, NEARER, NEARER_PX};
 use crate::passes::strokes::{Blend, LEAST_PX, Order, Settings, Tangents};
