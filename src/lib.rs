@@ -34,11 +34,11 @@
 //! use pointillist::{resident::Resident, view};
 //!
 //! # fn main() -> pointillist::error::Result<()> {
-//! let options = cloud::ReadOptions::new(cloud::Wanted { rgb: true, ..Default::default() }, false);
+//! let options = cloud::ReadOptions::new(cloud::ColumnSet { rgb: true, ..Default::default() }, false);
 //! let cloud = cloud::read(&["scan.laz".into()], &options, &Silent)?;
 //! let camera = view::Camera::framing(view::Preset::Fit, &cloud.core_points(), [1920, 1080]);
 //! let view = view::View::new(camera, [1920, 1080])?;
-//! let (shown, _why) = cloud::attribute::Shown::automatic(&cloud);
+//! let (shown, _why) = cloud::attribute::DisplayAttribute::automatic(&cloud);
 //!
 //! let mut gpu = graph::Gpu::open(&gpu::DeviceOptions::default())?;
 //! let resident = Resident::fill(&mut gpu, cloud, shown, &Silent)?;

@@ -10,7 +10,9 @@
 //! behind a folder, may hang for as long as it likes. Dropping the [`Loader`] lets the thread finish its node, and joins it; where that hangs the thread is left
 //! behind, and whoever made the destinations closes them to it.
 
-use crate::cloud::attribute::{Attribute, CODE_SHIFT, STATION_SHIFT, Shown, station_code};
+use crate::cloud::attribute::{
+    Attribute, CODE_SHIFT, DisplayAttribute, STATION_SHIFT, station_code,
+};
 use crate::cloud::octahedral;
 use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
@@ -92,7 +94,7 @@ impl Loader {
     /// `publish` is called from the thread after every answer.
     pub fn start(
         index: Arc<Index>,
-        shown: Shown,
+        shown: DisplayAttribute,
         publish: impl FnMut() + Send + 'static,
     ) -> Result<Loader> {
         let (queue, reading) = (Arc::new(Queue::new()), Arc::<Mutex<Reading>>::default());
@@ -197,7 +199,7 @@ impl Drop for Loader {
 
 struct Thread<P> {
     index: Arc<Index>,
-    shown: Shown,
+    shown: DisplayAttribute,
     queue: Arc<Queue<Box<dyn Destination>>>,
     reading: Arc<Mutex<Reading>>,
     answer: Sender<Answer>,
@@ -433,7 +435,7 @@ fn world_height(index: &Index, record: &NodeRecord) -> impl Fn(u32) -> f64 {
     move |cell| lattice.offset.z + lattice.step.z * (lowest + (cell >> pad) as i64) as f64
 }
 
-/// The words of a plane's values, as [`Shown::word`] makes them.
+/// The words of a plane's values, as [`DisplayAttribute::word`] makes them.
 fn widen(plane: Plane, bytes: &[u8], words: &mut [u32]) {
     let three = |[a, b, c]: [u8; 3]| a as u32 | (b as u32) << 8 | (c as u32) << 16;
     match plane {

@@ -1,11 +1,11 @@
 //! What a picture is made of: files that are read whole, or an index, of which only what the picture shows is read. One flow for both.
 
-use crate::cloud::attribute::{Attribute, Further, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::color::RgbRange;
-use crate::cloud::core::without_strays;
-use crate::cloud::counts::Counts;
+use crate::cloud::histograms::Histograms;
+use crate::cloud::robust_bounds::without_strays;
 use crate::cloud::strays::{Core, Strays, Treatment};
-use crate::cloud::stream::About;
+use crate::cloud::stream::FileSummary;
 use crate::cloud::system::Reference;
 use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
@@ -50,7 +50,7 @@ impl Opening {
         if let Some(why) = self.index {
             return Ok(Some(why.into()));
         }
-        let points = cloud::stream::about(files)?.points;
+        let points = cloud::stream::summary(files)?.points;
         let many = points > config::WHOLE_POINTS;
         Ok(many.then(|| {
             format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)
@@ -151,7 +151,7 @@ impl Source {
         if paths.iter().any(|path| Index::is_one(path)) {
             return Ok(None);
         }
-        let About { points, compressed } = cloud::stream::about(paths)?;
+        let FileSummary { points, compressed } = cloud::stream::summary(paths)?;
         let (soon, some) = match opening.needs_index(paths)? {
             Some(_) => (
                 cache::is_there(paths, &opening.place()?, &build::Options::reading(&opening.read))?,
@@ -171,7 +171,7 @@ impl Source {
     }
 
     /// What is odd about the files, and what an index lacks of what is wanted of its points.
-    pub fn notes(&self, wanted: Further) -> Vec<String> {
+    pub fn notes(&self, wanted: ExtraAttributes) -> Vec<String> {
         match self {
             Source::Files(cloud) => {
                 cloud.notes.iter().cloned().chain(cloud.strays().said()).collect()
@@ -237,9 +237,11 @@ impl Source {
     }
 
     /// Points of every class and return number, where they are known.
-    pub fn counts(&self) -> Option<Counts> {
+    pub fn counts(&self) -> Option<Histograms> {
         match self {
-            Source::Files(cloud) => Some(Counts::of(cloud.parts.iter().map(|part| &part.columns))),
+            Source::Files(cloud) => {
+                Some(Histograms::of(cloud.parts.iter().map(|part| &part.columns)))
+            }
             Source::Index(index) => index.directory.contents.counts.clone(),
         }
     }
@@ -261,7 +263,7 @@ impl Source {
     }
 
     /// What the points show, and why.
-    pub fn shown(&self, asked: Option<Attribute>) -> Result<(Shown, String)> {
+    pub fn shown(&self, asked: Option<Attribute>) -> Result<(DisplayAttribute, String)> {
         let Some(attribute) = asked else {
             let (shown, why) = self.automatic();
             return Ok((shown, why.to_string()));
@@ -271,7 +273,7 @@ impl Source {
             return Err(Error::Request(format!("--color {name}: these points have none; {how}")));
         }
         let shown = match self {
-            Source::Files(cloud) => Shown::new(attribute, cloud),
+            Source::Files(cloud) => DisplayAttribute::new(attribute, cloud),
             Source::Index(index) => shown(index, attribute),
         };
         Ok((shown, format!("asked for with --color {}", attribute.name())))
@@ -336,10 +338,10 @@ impl Source {
         }
     }
 
-    /// As [`Shown::automatic`].
-    fn automatic(&self) -> (Shown, &'static str) {
+    /// As [`DisplayAttribute::automatic`].
+    fn automatic(&self) -> (DisplayAttribute, &'static str) {
         let index = match self {
-            Source::Files(cloud) => return Shown::automatic(cloud),
+            Source::Files(cloud) => return DisplayAttribute::automatic(cloud),
             Source::Index(index) => index,
         };
         if self.has(Attribute::Rgb) {
@@ -358,7 +360,7 @@ impl Source {
     pub fn bring(
         self,
         gpu: &mut Gpu,
-        shown: Shown,
+        shown: DisplayAttribute,
         pool_bytes: u64,
         progress: &dyn Progress,
     ) -> Result<Brought> {
@@ -375,7 +377,7 @@ impl Source {
     /// The same for whoever draws meanwhile, and may have found strokes of it before: all of it that needs no device.
     pub fn prepare(
         self,
-        shown: Shown,
+        shown: DisplayAttribute,
         found: &Arc<Found>,
         progress: &dyn Progress,
     ) -> Result<Prepared> {
@@ -393,7 +395,7 @@ impl Source {
 /// A source that needs nothing but the device.
 pub enum Prepared {
     Files(Box<Filling>),
-    Index(Arc<Index>, Box<Shown>),
+    Index(Arc<Index>, Box<DisplayAttribute>),
 }
 
 /// Of bringing files, at a time: half of a frame at 33 ms.
@@ -448,7 +450,7 @@ fn kept(place: &cache::Place) -> String {
 }
 
 /// What the points of an index show.
-pub fn shown(index: &Index, attribute: Attribute) -> Shown {
+pub fn shown(index: &Index, attribute: Attribute) -> DisplayAttribute {
     let contents = &index.directory.contents;
     let stretch = match attribute {
         Attribute::Intensity => contents.intensity_stretch,
@@ -456,7 +458,7 @@ pub fn shown(index: &Index, attribute: Attribute) -> Shown {
     };
     let mut shown = match attribute {
         Attribute::Elevation => elevation(index),
-        _ => Shown::indexed(attribute, [0.0; 2], stretch),
+        _ => DisplayAttribute::indexed(attribute, [0.0; 2], stretch),
     };
     // Who knows no exposures need not read which station points are of.
     shown.coded = attribute == Attribute::Rgb && contents.balance.is_some();
@@ -464,16 +466,20 @@ pub fn shown(index: &Index, attribute: Attribute) -> Shown {
 }
 
 /// Heights: those of all points, or where some are strays those of the roots' other samples.
-fn elevation(index: &Index) -> Shown {
+fn elevation(index: &Index) -> DisplayAttribute {
     let contents = &index.directory.contents;
     let (samples, core) = root_samples(index);
     let Some(core) = core else {
         let heights = contents.bounds.map_or([0.0, 0.0], |[lo, hi]| [lo.z, hi.z]);
-        return Shown::indexed(Attribute::Elevation, heights, contents.elevation_stretch);
+        return DisplayAttribute::indexed(
+            Attribute::Elevation,
+            heights,
+            contents.elevation_stretch,
+        );
     };
     let heights =
         samples.into_iter().filter(|(p, _)| core.has(*p)).map(|(p, weight)| (p.z, weight as u64));
-    Shown::of_heights(heights.collect())
+    DisplayAttribute::of_heights(heights.collect())
 }
 
 /// Samples of the roots with the points that each stands for, and the box around those that are no strays, where some are.

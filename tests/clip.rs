@@ -5,7 +5,7 @@ mod support;
 
 use glam::DVec3;
 use gpu::{Random, WAYS, Way, orthographic, part, perspective};
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE, POSITION_PLANES};
 use pointillist::graph::{Gpu, Graph};
@@ -99,7 +99,7 @@ fn the_points_drawn_are_those_that_an_f64_comparison_keeps() {
                 let mut resident = Resident::fill(
                     gpu,
                     cloud.clone(),
-                    Shown::new(Attribute::White, &cloud),
+                    DisplayAttribute::new(Attribute::White, &cloud),
                     &Silent,
                 )
                 .unwrap();
@@ -166,7 +166,7 @@ fn what_is_clipped_shows_nowhere_casts_no_shadow_and_has_no_part_in_luminance_an
     ];
     for (way, effects) in looks {
         gpu::with(way, |gpu| {
-            let mut shown = Shown::new(Attribute::Rgb, &cloud);
+            let mut shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
             (shown.further.kind, shown.further.strokes) = (true, effects[0].starts_with("strokes"));
             let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
             // Boxes are compared at full precision.

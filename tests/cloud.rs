@@ -6,7 +6,7 @@ mod support;
 
 use glam::DVec3;
 use pointillist::cloud::find::{self, Extras, Sought};
-use pointillist::cloud::{self, Cloud, ReadOptions, Wanted, spacing};
+use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions, spacing};
 use pointillist::error::{Error, Result};
 use pointillist::progress::{Progress, Silent};
 use proptest::prelude::*;
@@ -26,11 +26,11 @@ fn shared(relative: &str) -> Option<PathBuf> {
 }
 
 fn read(path: &Path) -> Result<Cloud> {
-    cloud::read(&[path.to_owned()], &ReadOptions::new(Wanted::ALL, false), &Silent)
+    cloud::read(&[path.to_owned()], &ReadOptions::new(ColumnSet::ALL, false), &Silent)
 }
 
 fn read_strictly(path: &Path) -> Result<Cloud> {
-    cloud::read(&[path.to_owned()], &ReadOptions::new(Wanted::ALL, true), &Silent)
+    cloud::read(&[path.to_owned()], &ReadOptions::new(ColumnSet::ALL, true), &Silent)
 }
 
 /// Reads bytes as a file of this name; the file lives as long as the call.
@@ -246,7 +246,7 @@ fn laz_layers_that_are_not_wanted_change_nothing_else() {
     let Some(data) = shared("data") else { return };
     let path = data.join("formats/las1.4_pf9.laz");
     let all = read(&path).unwrap();
-    let wanted = Wanted { intensity: true, ..Wanted::default() };
+    let wanted = ColumnSet { intensity: true, ..ColumnSet::default() };
     let some = cloud::read(&[path], &ReadOptions::new(wanted, true), &Silent).unwrap();
     assert_eq!(all.parts[0].columns.z, some.parts[0].columns.z);
     assert_eq!(all.parts[0].columns.intensity, some.parts[0].columns.intensity);

@@ -5,7 +5,7 @@
 mod support;
 
 use pointillist::cloud::color::{By, RgbRange};
-use pointillist::cloud::{self, Cloud, ReadOptions, Wanted};
+use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions};
 use pointillist::error::Result;
 use pointillist::progress::Silent;
 use serde_json::{Value, json};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use support::made::{Las, Point, sheet};
 use support::{Png, failed, indexed, info, pointillist, read_png, shared, succeeded, text};
 
-const ALL: ReadOptions = ReadOptions::new(Wanted::ALL, false);
+const ALL: ReadOptions = ReadOptions::new(ColumnSet::ALL, false);
 
 fn read(path: &Path) -> Cloud {
     cloud::read(&[path.to_owned()], &ALL, &Silent).unwrap()

@@ -4,7 +4,7 @@
 mod support;
 
 use glam::DVec3;
-use pointillist::cloud::{self, Cloud, ReadOptions, Wanted};
+use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions};
 use pointillist::progress::Silent;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
@@ -99,7 +99,7 @@ fn what_damage_changes_is_an_error_or_said() {
         let path = folder.path().join(if compressed { "a.laz" } else { "a.las" });
         let mut file = if compressed { made.laz() } else { made.bytes() };
         std::fs::write(&path, &file).unwrap();
-        let options = |strict| ReadOptions::new(Wanted::ALL, strict);
+        let options = |strict| ReadOptions::new(ColumnSet::ALL, strict);
         let read = |strict| cloud::read(std::slice::from_ref(&path), &options(strict), &Silent);
         let whole = read(true).unwrap();
         let points_at = u32::from_le_bytes(file[96..100].try_into().unwrap()) as usize;

@@ -4,9 +4,9 @@ mod gpu;
 mod support;
 
 use glam::DVec3;
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::table::TextOptions;
-use pointillist::cloud::{self, Cloud, ReadOptions, Wanted, octahedral};
+use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions, octahedral};
 use pointillist::error::{Error, Result};
 use pointillist::graph::Graph;
 use pointillist::index::axes;
@@ -30,7 +30,7 @@ use support::{failed, names, render, scan, succeeded};
 const OPTIONS: Options = Options {
     memory: 1 << 30,
     threads: 2,
-    wanted: Wanted::ALL,
+    wanted: ColumnSet::ALL,
     strict: false,
     text: TextOptions::NONE,
     rgb_range: None,
@@ -54,7 +54,8 @@ impl Place {
     }
 
     fn cloud(&self) -> Cloud {
-        cloud::read(&[self.at("scan.las")], &ReadOptions::new(Wanted::ALL, true), &Silent).unwrap()
+        cloud::read(&[self.at("scan.las")], &ReadOptions::new(ColumnSet::ALL, true), &Silent)
+            .unwrap()
     }
 
     fn build(&self, options: &Options) -> (Index, Summary) {
@@ -272,7 +273,7 @@ fn what_is_not_asked_for_is_not_there_and_takes_no_room() {
 /// How much of each pixel strokes cover, of a cut with so many points at most; and how many it has.
 fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
     gpu::with(gpu::Way::Compute64, |gpu| {
-        let mut shown = Shown::indexed(Attribute::White, [0.0, 1.0], [0, 255]);
+        let mut shown = DisplayAttribute::indexed(Attribute::White, [0.0, 1.0], [0, 255]);
         shown.further.strokes = true;
         let mut residency = Residency::open(gpu, Arc::new(index), shown, 1 << 28).unwrap();
         let update = residency
@@ -438,7 +439,7 @@ fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
         Derive::ALL.planes().into_iter().all(|plane| index.nodes()[0].has(plane))
             && index.nodes()[0].lattice >= 4
     );
-    let mut cloud = cloud::read(&files, &ReadOptions::new(Wanted::ALL, false), &Silent).unwrap();
+    let mut cloud = cloud::read(&files, &ReadOptions::new(ColumnSet::ALL, false), &Silent).unwrap();
     luminance::correct(&mut cloud, NEIGHBOURS, &Silent).unwrap();
     let mut expected: [HashMap<[i32; 3], Vec<[u8; 3]>>; 2] = Default::default();
     for (part, expected) in cloud.parts.iter().zip(&mut expected) {

@@ -3,7 +3,7 @@
 //! Arithmetic that decides pixels is the same on every driver, so the threshold is small: the last bit of a channel may differ, a shape may not.
 //! A picture that changed on purpose: `POINTILLIST_UPDATE=1 cargo test --release --test golden`, and look at it before committing it.
 
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::gpu::DeviceOptions;
 use pointillist::graph::{Gpu, Graph};
 use pointillist::output::image_io;
@@ -79,7 +79,7 @@ fn check_scene(
     let world = synth::build(scene, 1, 0.0);
     let cloud = synth::collect("golden", &world, 60_000, 7, 0.0, &Silent).unwrap();
     let view = View::new(Camera::framing(preset, &cloud.core_points(), SIZE), SIZE).unwrap();
-    let mut shown = Shown::new(attribute, &cloud);
+    let mut shown = DisplayAttribute::new(attribute, &cloud);
     shown.further.strokes = style == Style::Strokes;
     shown.further.kind = !opacities.is_empty();
     let mut settings =

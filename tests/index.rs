@@ -18,9 +18,9 @@ mod kept;
 mod stopped;
 
 use glam::DVec3;
-use pointillist::cloud::counts::Counts;
+use pointillist::cloud::histograms::Histograms;
 use pointillist::cloud::table::TextOptions;
-use pointillist::cloud::{self, Cloud, Lattice, ReadOptions, Wanted};
+use pointillist::cloud::{self, Cloud, ColumnSet, Lattice, ReadOptions};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
 use pointillist::index::build::{self, Derive, Options, Summary};
@@ -42,13 +42,13 @@ use support::{names, scan, shared, shuffled};
 const OPTIONS: Options = Options {
     memory: 1 << 30,
     threads: 2,
-    wanted: Wanted::ALL,
+    wanted: ColumnSet::ALL,
     strict: false,
     text: TextOptions::NONE,
     rgb_range: None,
     derive: Derive::NONE,
 };
-const READ: ReadOptions = ReadOptions::new(Wanted::ALL, false);
+const READ: ReadOptions = ReadOptions::new(ColumnSet::ALL, false);
 
 // ---- clouds made here
 
@@ -400,7 +400,7 @@ fn check_contents(index: &Index, cloud: &Cloud) {
             .for_each(|kind| *counts.entry(kind & mask).or_default() += 1);
         counts.into_iter().collect::<Vec<_>>()
     };
-    let counts = Counts {
+    let counts = Histograms {
         classes: counted(|c| c.class.as_ref(), 255),
         returns: counted(|c| c.returns.as_ref(), 15),
     };

@@ -27,7 +27,7 @@ use glam::DVec3;
 use gpu::{
     Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, random_keys,
 };
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::colormap::srgb_to_linear;
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
@@ -115,7 +115,8 @@ fn resolved(
 ) -> Resolved {
     gpu::with(Way::Compute64, |gpu| {
         let resident =
-            Resident::fill(gpu, cloud.clone(), Shown::new(attribute, cloud), &Silent).unwrap();
+            Resident::fill(gpu, cloud.clone(), DisplayAttribute::new(attribute, cloud), &Silent)
+                .unwrap();
         let mut g = Graph::new(gpu);
         let uploaded = g.upload("keys", keys).unwrap();
         let paint = resolve::paint(&mut g, &resident, &Default::default()).unwrap();
@@ -150,7 +151,7 @@ fn resolved(
 }
 
 /// The words that the points of a one-node cloud show, by id.
-fn words(cloud: &Cloud, shown: &Shown) -> Vec<u32> {
+fn words(cloud: &Cloud, shown: &DisplayAttribute) -> Vec<u32> {
     let part = &cloud.parts[0];
     let organised = index::organise(&part.columns, &Silent).unwrap();
     assert_eq!(organised.nodes.len(), 1);
@@ -181,7 +182,7 @@ fn resolve_gives_the_depth_the_point_and_the_colour_of_every_key() {
         let keys = random_keys(size, count, random);
         for attribute in [Attribute::Rgb, Attribute::Intensity, Attribute::Normal, Attribute::White]
         {
-            let shown = Shown::new(attribute, &cloud);
+            let shown = DisplayAttribute::new(attribute, &cloud);
             let words = words(&cloud, &shown);
             let got = resolved(&cloud, attribute, &view, &edl::Settings::default(), &keys);
             for (i, key) in keys.iter().enumerate() {
@@ -310,7 +311,8 @@ fn a_frame_without_barriers_is_reported_by_synchronization_validation() {
     for way in WAYS {
         gpu::with(way, |gpu| {
             let resident =
-                Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
+                Resident::fill(gpu, cloud.clone(), DisplayAttribute::automatic(&cloud).0, &Silent)
+                    .unwrap();
             let mut settings = bare();
             settings.effects.edl.switch = Switch::On;
             let config = FrameConfig::new(&settings, &view, &resident);

@@ -4,7 +4,7 @@ mod gpu;
 
 use glam::DVec3;
 use gpu::Way;
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::colormap::srgb_to_linear;
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::graph::Graph;
@@ -45,7 +45,7 @@ fn tori(points: u64) -> (World, Cloud) {
 fn draw(cloud: &Cloud, view: &View, way: Way, opacities: &[&str], effects: &[&str]) -> Drawn {
     gpu::with(way, |gpu| {
         let opacities = Opacities(opacities.iter().map(|rule| rule.parse().unwrap()).collect());
-        let mut shown = Shown::new(Attribute::Rgb, cloud);
+        let mut shown = DisplayAttribute::new(Attribute::Rgb, cloud);
         shown.further.kind = opacities.needs_kinds();
         let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
         resident.opacities = opacities;

@@ -3,8 +3,8 @@
 mod support;
 
 use pointillist::app::opening::{self, Asked, First, Opened, Watch};
-use pointillist::cloud::attribute::{Attribute, Further, Shown};
-use pointillist::cloud::{ReadOptions, Wanted};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use pointillist::cloud::{ColumnSet, ReadOptions};
 use pointillist::config;
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
@@ -20,12 +20,17 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, mpsc};
 
 fn opening() -> Opening {
-    let read = ReadOptions::new(Wanted { rgb: true, ..Wanted::default() }, false);
+    let read = ReadOptions::new(ColumnSet { rgb: true, ..ColumnSet::default() }, false);
     Opening { read, index: None, place: Some(Place::Nowhere), shadows: None, fault: None }
 }
 
 /// What becomes of files, one after the other.
-fn opened(files: &[PathBuf], opening: Opening, further: Further, first: First) -> Vec<Opened> {
+fn opened(
+    files: &[PathBuf],
+    opening: Opening,
+    further: ExtraAttributes,
+    first: First,
+) -> Vec<Opened> {
     let (sender, receiver) = mpsc::channel();
     let watch = Watch::new(Default::default(), |_| ());
     let opened = move |opened| sender.send(opened).unwrap();
@@ -73,7 +78,7 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     assert_eq!(part_of(&small, &indexing), Some((100_000, 100_000)));
 
     let told_of = |files: &[PathBuf], opening: Opening, first: First| -> Vec<_> {
-        opened(files, opening, Further::default(), first)
+        opened(files, opening, ExtraAttributes::default(), first)
             .into_iter()
             .map(|opened| (opened.said.is_whole, opened.prepared.points(), opened.said.points))
             .collect()
@@ -98,7 +103,7 @@ fn strokes_of_files_come_after_their_points_and_those_of_an_index_at_once() {
     support::succeeded(
         &support::pointillist().arg("index").arg(&file).arg("-o").arg(&index).output().unwrap(),
     );
-    let wanted = Further { strokes: true, ..Further::default() };
+    let wanted = ExtraAttributes { strokes: true, ..ExtraAttributes::default() };
     let knows = |path: &PathBuf, first: First| -> Vec<bool> {
         opened(std::slice::from_ref(path), opening(), wanted, first)
             .into_iter()
@@ -145,8 +150,8 @@ impl Heard {
     }
 }
 
-fn painted() -> Further {
-    Further { kind: true, strokes: true, ..Further::default() }
+fn painted() -> ExtraAttributes {
+    ExtraAttributes { kind: true, strokes: true, ..ExtraAttributes::default() }
 }
 
 /// Two scans as one cloud, of so many points each.
@@ -154,15 +159,17 @@ fn source(
     folder: &Path,
     points: [u64; 2],
     color: Option<Attribute>,
-    further: Further,
-) -> (Source, Shown) {
+    further: ExtraAttributes,
+) -> (Source, DisplayAttribute) {
     let files = points.map(|points| {
         let path = folder.join(format!("{points}.las"));
         support::scan(&path, SceneKind::Street, points);
         path
     });
-    let read =
-        ReadOptions::new(Wanted { rgb: true, ..Wanted::default() }.and(further.wanted()), true);
+    let read = ReadOptions::new(
+        ColumnSet { rgb: true, ..ColumnSet::default() }.and(further.wanted()),
+        true,
+    );
     let source = Source::open(&files, &Opening { read, ..opening() }, &Silent).unwrap();
     let (mut shown, _) = source.shown(color).unwrap();
     shown.further = further;
@@ -174,7 +181,7 @@ fn a_cloud_on_its_way_to_the_device_goes_forward_once() {
     let folder = tempfile::tempdir().unwrap();
     let mut gpu = Gpu::open(&DeviceOptions { validate: true, ..DeviceOptions::default() }).unwrap();
     const POINTS: [u64; 2] = [600_000, 400_000];
-    let further = Further { kind: true, ..Further::default() };
+    let further = ExtraAttributes { kind: true, ..ExtraAttributes::default() };
     let (in_turns, in_halves) = (Heard::default(), Heard::default());
     let (source, shown) = self::source(folder.path(), POINTS, None, further);
     let Source::Files(cloud) = source else { panic!("files") };
@@ -201,7 +208,7 @@ fn strokes_are_found_once_whatever_is_shown_of_their_points_and_can_be_given_up(
     let folder = tempfile::tempdir().unwrap();
     const POINTS: [u64; 2] = [60_000, 40_000];
     let found = Arc::new(Found::default());
-    let ticks = |color: Option<Attribute>, further: Further| {
+    let ticks = |color: Option<Attribute>, further: ExtraAttributes| {
         let (heard, (source, shown)) =
             (Heard::default(), source(folder.path(), POINTS, color, further));
         source.prepare(shown, &found, &heard).unwrap();
@@ -212,7 +219,7 @@ fn strokes_are_found_once_whatever_is_shown_of_their_points_and_can_be_given_up(
         !first.is_empty() && first.iter().all(|&(done, total)| done < total && total == 100_000)
     );
     // In between they need not be wanted.
-    assert_eq!(ticks(None, Further::default()), []);
+    assert_eq!(ticks(None, ExtraAttributes::default()), []);
     assert_eq!(ticks(Some(Attribute::Elevation), painted()), []);
 
     let found = Arc::default();

@@ -2,7 +2,7 @@
 //!
 //! A plan that changed on purpose: `POINTILLIST_UPDATE=1 cargo test --release --test plan`, and read the difference before committing it.
 
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::error::{Error, Result};
 use pointillist::gpu::DeviceOptions;
 use pointillist::graph::{Gpu, Graph, Handle};
@@ -27,7 +27,7 @@ fn on_a_plane<T>(
     let cloud = synth::collect("plane", &world, 1000, 1, 0.0, &Silent).unwrap();
     let view =
         View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64]).unwrap();
-    let mut shown = Shown::new(Attribute::Rgb, &cloud);
+    let mut shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
     shown.further.strokes = effects.iter().any(|effect| effect.starts_with("strokes=on"));
     let mut settings = RenderSettings::default();
     effects.iter().for_each(|effect| settings.effects.set(effect).unwrap());

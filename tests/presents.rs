@@ -8,7 +8,7 @@ mod tree;
 use display::Display;
 use glam::DVec3;
 use gpu::{Random, bumpy, perspective};
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::gpu::DeviceOptions;
 use pointillist::graph::{Gpu, Graph, Handle};
 use pointillist::passes::encode::{self, Screen};
@@ -101,7 +101,7 @@ fn pages_that_come_and_go_are_not_those_of_pictures_that_are_under_way() {
         Gpu::open(&DeviceOptions { validate: true, window: true, ..DeviceOptions::default() })
             .unwrap();
     let mut present = Present::open(&gpu, bare.0.clone().unwrap()).unwrap();
-    let shown = Shown::indexed(Attribute::Rgb, [0.0, 1.0], [0, 255]);
+    let shown = DisplayAttribute::indexed(Attribute::Rgb, [0.0, 1.0], [0, 255]);
     // Less than what the views show.
     let mut residency = Residency::open(&mut gpu, index, shown, 60 * PAGE_BYTES).unwrap();
     let few = Detail { budget: 6000, lod_px: 0.0, ..Detail::of(SIZE) };

@@ -6,7 +6,7 @@ mod tree;
 
 use glam::DVec3;
 use gpu::{Random, Way, bumpy, perspective};
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::config::{POINTS_PER_PAGE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
 use pointillist::graph::{Gpu, Graph};
 use pointillist::index::file::{Index, Plane};
@@ -49,8 +49,8 @@ impl Planted {
         self.folder.path().join("cloud.pnti")
     }
 
-    fn shown(&self) -> Shown {
-        Shown::indexed(Attribute::Rgb, [0.0, 1.0], [0, 255])
+    fn shown(&self) -> DisplayAttribute {
+        DisplayAttribute::indexed(Attribute::Rgb, [0.0, 1.0], [0, 255])
     }
 
     fn open(&self, gpu: &mut Gpu, pool_bytes: u64) -> Residency {
@@ -123,7 +123,8 @@ fn an_index_refined_to_its_leaves_draws_what_the_cloud_itself_draws() {
             pointillist::cloud::Lattice { step: DVec3::splat(tree::STEP), offset: DVec3::ZERO };
         let cloud = gpu::cloud(vec![gpu::part(lattice, &points, Some(colors))]);
         let whole =
-            Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
+            Resident::fill(gpu, cloud.clone(), DisplayAttribute::automatic(&cloud).0, &Silent)
+                .unwrap();
         let mut residency = planted.open(gpu, HUGE);
         for seed in 0..4 {
             let view = view(seed);
@@ -381,7 +382,8 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
                 ));
             };
             let whole =
-                Resident::fill(gpu, cloud.clone(), Shown::automatic(&cloud).0, &Silent).unwrap();
+                Resident::fill(gpu, cloud.clone(), DisplayAttribute::automatic(&cloud).0, &Silent)
+                    .unwrap();
             config(gpu, &whole, &view(0));
             whole.free(gpu);
             // A pool that nodes come to and go from, walked through without waiting.
@@ -603,7 +605,7 @@ fn every_attribute_is_shown_as_the_cloud_itself_shows_it() {
     // Elevation is computed from positions; the planes that the tree has are covered by the picture tests.
     let planted = Planted::new();
     let [lo, hi] = planted.index.directory.contents.bounds.unwrap();
-    let shown = Shown::indexed(Attribute::Elevation, [lo.z, hi.z], [0, 65_535]);
+    let shown = DisplayAttribute::indexed(Attribute::Elevation, [lo.z, hi.z], [0, 65_535]);
     let words = Arc::new(Mutex::new(Vec::new()));
     struct Keep(Arc<Mutex<Vec<u32>>>);
     impl Destination for Keep {

@@ -5,7 +5,7 @@ mod support;
 
 use glam::DVec3;
 use gpu::{Random, Way, bumpy, cloud, orthographic, part, perspective, random_keys};
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::graph::{Buffer, Gpu, Graph};
@@ -41,9 +41,13 @@ fn bounds(resident: &Resident) -> (DVec3, DVec3) {
 /// Where points are, and how many samples of the light reach them.
 fn marked(cloud: &Cloud, light: Light, settings: Settings) -> (Vec<(DVec3, u8)>, Facts) {
     gpu::with(Way::Compute64, |gpu| {
-        let resident =
-            Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, cloud), &Silent)
-                .unwrap();
+        let resident = Resident::fill(
+            gpu,
+            cloud.clone(),
+            DisplayAttribute::new(Attribute::White, cloud),
+            &Silent,
+        )
+        .unwrap();
         let view =
             View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64])
                 .unwrap();
@@ -526,7 +530,7 @@ fn samples_add_up_frame_by_frame_to_the_same_marks() {
                     let resident = Resident::fill(
                         gpu,
                         cloud.clone(),
-                        Shown::new(Attribute::White, &cloud),
+                        DisplayAttribute::new(Attribute::White, &cloud),
                         &Silent,
                     )
                     .unwrap();
@@ -596,7 +600,7 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
             let mut residency = Residency::open(
                 gpu,
                 index.clone(),
-                Shown::indexed(Attribute::White, [0.0; 2], [0, 255]),
+                DisplayAttribute::indexed(Attribute::White, [0.0; 2], [0, 255]),
                 u64::MAX,
             )
             .unwrap();
@@ -835,9 +839,13 @@ fn marks_agree_with_f64() {
     ] {
         gpu::with(Way::Compute64, |gpu| {
             let view = View::new(camera, [331, 257]).unwrap();
-            let resident =
-                Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), &Silent)
-                    .unwrap();
+            let resident = Resident::fill(
+                gpu,
+                cloud.clone(),
+                DisplayAttribute::new(Attribute::White, &cloud),
+                &Silent,
+            )
+            .unwrap();
             let mut g = Graph::new(gpu);
             let counts = g.buffer("marks", resident.nodes.len() as u64 * POINTS_PER_PAGE as u64);
             let mut tally = shadows::Tally::new(&mut g, counts, false);
@@ -903,7 +911,7 @@ fn marks_are_kept_while_light_and_nodes_stay() {
     let cloud = Ring::new().cloud(20_000);
     let sun = Light::Direction(DVec3::new(0.5, 0.3, -0.8));
     gpu::with(Way::Compute64, |gpu| {
-        let shown = Shown::new(Attribute::White, &cloud);
+        let shown = DisplayAttribute::new(Attribute::White, &cloud);
         let mut resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
         let view = |preset| {
             View::new(Camera::framing(preset, &cloud.core_points(), [64, 64]), [64, 64]).unwrap()

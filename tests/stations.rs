@@ -3,7 +3,7 @@
 mod support;
 
 use pointillist::cloud::table::TextOptions;
-use pointillist::cloud::{self, ReadOptions, Wanted};
+use pointillist::cloud::{self, ColumnSet, ReadOptions};
 use pointillist::index::build::{self, Derive, Options};
 use pointillist::index::exposure;
 use pointillist::index::file::{Index, Plane};
@@ -17,13 +17,13 @@ use support::scan;
 const OPTIONS: Options = Options {
     memory: 1 << 30,
     threads: 2,
-    wanted: Wanted::ALL,
+    wanted: ColumnSet::ALL,
     strict: false,
     text: TextOptions::NONE,
     rgb_range: None,
     derive: Derive::NONE,
 };
-const READ: ReadOptions = ReadOptions::new(Wanted::ALL, false);
+const READ: ReadOptions = ReadOptions::new(ColumnSet::ALL, false);
 
 /// Of LAS 1.2, point format 3, as `synth` writes it: bytes before the points, of a point, and before its source.
 const HEAD: usize = 227;
@@ -126,7 +126,7 @@ fn one_station_has_no_exposures_and_those_of_an_index_without_any_are_not_evened
         (index.directory.contents.stations.len(), &index.directory.contents.balance),
         (1, &None)
     );
-    let without = Options { wanted: Wanted { rgb: false, ..Wanted::ALL }, ..OPTIONS };
+    let without = Options { wanted: ColumnSet { rgb: false, ..ColumnSet::ALL }, ..OPTIONS };
     build::build(&[street], &path, &without, &Silent).unwrap();
     let index = Index::open(&path).unwrap();
     assert_eq!(

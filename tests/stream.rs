@@ -6,7 +6,7 @@ mod support;
 
 use laz::{LasZipCompressor, LazItemRecordBuilder, LazVlrBuilder};
 use pointillist::cloud::stream::{self, BATCH, Streamed};
-use pointillist::cloud::{self, Columns, ReadOptions, Wanted};
+use pointillist::cloud::{self, ColumnSet, Columns, ReadOptions};
 use pointillist::error::{Error, Result};
 use pointillist::progress::Silent;
 use std::fs;
@@ -134,7 +134,7 @@ fn agree(path: &Path, options: &ReadOptions) -> std::result::Result<usize, Strin
     }
 }
 
-const ALL: ReadOptions = ReadOptions::new(Wanted::ALL, false);
+const ALL: ReadOptions = ReadOptions::new(ColumnSet::ALL, false);
 
 fn agree_bytes(
     name: &str,
@@ -197,9 +197,9 @@ fn bad_files_are_judged_alike() {
 fn columns_that_are_not_wanted_are_not_in_batches() {
     let Some(path) = shared("data/formats/las1.4_pf9.laz") else { return };
     for wanted in [
-        Wanted::default(),
-        Wanted { intensity: true, ..Wanted::default() },
-        Wanted { rgb: true, source: true, ..Wanted::default() },
+        ColumnSet::default(),
+        ColumnSet { intensity: true, ..ColumnSet::default() },
+        ColumnSet { rgb: true, source: true, ..ColumnSet::default() },
     ] {
         assert!(agree(&path, &ReadOptions::new(wanted, true)).is_ok());
     }
@@ -433,7 +433,7 @@ fn what_a_source_says_before_its_points_are_read() {
         (source.title().as_str(), source.name(), source.points()),
         ("a.las", None, COUNT as u64)
     );
-    assert_eq!(source.available(), Wanted { normal: false, ..Wanted::ALL });
+    assert_eq!(source.available(), ColumnSet { normal: false, ..ColumnSet::ALL });
     let ([lo, hi], streamed) = (source.stated_bounds().unwrap(), collect(&source).unwrap().1);
     assert_eq!(streamed.bounds, Some([[0, 0, -2048], [999, 150, 2047]]));
     assert!((0..3).all(|axis| (0..=1).contains(&([0, 0, -2048][axis] - lo[axis]))
@@ -486,7 +486,7 @@ fn a_sample_is_points_of_the_file_from_all_over_it() {
     {
         let path = folder.path().join(name);
         support::scan(&path, pointillist::synth::SceneKind::Street, 300_000);
-        let wanted = Wanted { rgb: true, ..Wanted::default() };
+        let wanted = ColumnSet { rgb: true, ..ColumnSet::default() };
         let whole =
             cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent)
                 .unwrap();
@@ -530,7 +530,7 @@ fn a_sample_is_coarse_and_has_no_gaps() {
     for (name, least) in [("scan.las", 0.99), ("scan.laz", 0.7)] {
         let path = folder.path().join(name);
         support::scan(&path, pointillist::synth::SceneKind::Street, 2_000_000);
-        let wanted = Wanted::default();
+        let wanted = ColumnSet::default();
         let whole =
             cloud::read(std::slice::from_ref(&path), &ReadOptions::new(wanted, true), &Silent)
                 .unwrap();
@@ -575,7 +575,7 @@ fn a_sample_of_odd_files_is_what_they_have() {
     let sampled = |points: u64| {
         cloud::sample(
             std::slice::from_ref(&path),
-            &ReadOptions::new(Wanted::ALL, false),
+            &ReadOptions::new(ColumnSet::ALL, false),
             points,
             &Silent,
         )
@@ -597,7 +597,7 @@ fn a_sample_of_odd_files_is_what_they_have() {
     let sampled = |points: u64| {
         cloud::sample(
             std::slice::from_ref(&path),
-            &ReadOptions::new(Wanted::ALL, false),
+            &ReadOptions::new(ColumnSet::ALL, false),
             points,
             &Silent,
         )

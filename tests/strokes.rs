@@ -194,7 +194,7 @@ fn hard_19_tangents_are_orthonormal_over_the_sphere_and_up_to_its_pole() {
 mod painted {
     use super::*;
     use crate::gpu;
-    use pointillist::cloud::attribute::Shown;
+    use pointillist::cloud::attribute::DisplayAttribute;
     use pointillist::cloud::colormap::linear_to_srgb;
     use pointillist::cloud::{self, ReadOptions};
     use pointillist::graph::{Gpu, Graph};
@@ -216,7 +216,7 @@ mod painted {
     }
 
     fn resident(gpu: &mut Gpu, cloud: &Cloud) -> Resident {
-        let (mut shown, _) = Shown::automatic(cloud);
+        let (mut shown, _) = DisplayAttribute::automatic(cloud);
         (shown.further.strokes, shown.further.kind) = (true, true);
         Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap()
     }

@@ -5,7 +5,7 @@ mod support;
 
 use glam::DVec3;
 use gpu::Way;
-use pointillist::cloud::{self, Cloud, ReadOptions, Wanted};
+use pointillist::cloud::{self, Cloud, ColumnSet, ReadOptions};
 use pointillist::index;
 use pointillist::progress::Silent;
 use pointillist::study::cases::{self, Case, Options, Sampling};
@@ -698,7 +698,8 @@ fn where_stations_meet_on_a_wall_the_correction_leaves_less_than_the_reference()
 #[test]
 fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
     let Some(path) = support::shared("data/aerial/ign_2strips.laz") else { return };
-    let mut strips = cloud::read(&[path], &ReadOptions::new(Wanted::ALL, false), &Silent).unwrap();
+    let mut strips =
+        cloud::read(&[path], &ReadOptions::new(ColumnSet::ALL, false), &Silent).unwrap();
     // The reference is one of colours.
     let columns = &mut strips.parts[0].columns;
     let intensity = columns.intensity.take().unwrap();

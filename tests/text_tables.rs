@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 use pointillist::cloud::table::{Columns, Delimiter, TextOptions};
-use pointillist::cloud::{self, Cloud, Extra, ReadOptions, Wanted};
+use pointillist::cloud::{self, Cloud, ColumnSet, Extra, ReadOptions};
 use pointillist::error::Result;
 use pointillist::progress::Silent;
 use proptest::prelude::*;
@@ -14,7 +14,7 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-const ALL: ReadOptions = ReadOptions::new(Wanted::ALL, false);
+const ALL: ReadOptions = ReadOptions::new(ColumnSet::ALL, false);
 
 fn shared(relative: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(relative);
@@ -101,7 +101,7 @@ fn compare(cloud: &Cloud, rows: &[Values], columns: &[Column]) -> std::result::R
     let there = read.available();
     let black = rows.iter().all(|row| row.rgb.is_none_or(|rgb| rgb == [0; 3]));
     let flat = rows.iter().all(|row| row.normal.is_none());
-    let expected = Wanted {
+    let expected = ColumnSet {
         rgb: has(Column::Channel(0)) && !black,
         intensity: has(Column::Intensity),
         class: has(Column::Class),
@@ -689,7 +689,7 @@ fn what_damage_changes_is_said_or_is_what_the_damaged_line_says() {
         let style = Style { encoding: Encoding::Utf8, quotes: Quotes::None, decimal, ..style };
         let mut text = style.write(&columns, &rows);
         std::fs::write(&path, &text).unwrap();
-        let options = ReadOptions::new(Wanted::ALL, false);
+        let options = ReadOptions::new(ColumnSet::ALL, false);
         let whole = cloud::read(std::slice::from_ref(&path), &options, &Silent);
         for (kind, at, byte, length) in edits {
             let at = at.index(text.len().max(1)).min(text.len());
@@ -992,7 +992,7 @@ fn lines_that_are_no_rows_are_counted_and_the_first_is_shown() {
         "{:?}",
         cloud.notes
     );
-    let error = read_as("a.txt", text.as_bytes(), &ReadOptions::new(Wanted::ALL, true))
+    let error = read_as("a.txt", text.as_bytes(), &ReadOptions::new(ColumnSet::ALL, true))
         .unwrap_err()
         .to_string();
     assert!(error.contains("line 5 is no row of the table: \"1 2 3\": 3 fields, not 4"), "{error}");
@@ -1102,7 +1102,7 @@ fn ptx_scans_stand_where_their_matrices_say() {
     let many = PTX.replace("0 2 0 0.25\n", "0 2 0 0.25\n0 2 0 0.5\n") + PTX;
     let cloud = read("many.ptx", &many);
     assert_eq!((cloud.parts.len(), cloud.len()), (2, 7), "{:?}", cloud.notes);
-    let strict = ReadOptions::new(Wanted::ALL, true);
+    let strict = ReadOptions::new(ColumnSet::ALL, true);
     assert!(
         [missing, many].iter().all(|text| read_as("odd.ptx", text.as_bytes(), &strict).is_err())
     );

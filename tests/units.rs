@@ -8,7 +8,7 @@ use glam::DVec3;
 use pointillist::app::measure::{Measure, Picked};
 use pointillist::cloud::find::{self, Sought};
 use pointillist::cloud::system::{self, Kind, System};
-use pointillist::cloud::{self, Cloud, Header, ReadOptions, Wanted};
+use pointillist::cloud::{self, Cloud, ColumnSet, Header, ReadOptions};
 use pointillist::index::file::Index;
 use pointillist::progress::Silent;
 use pointillist::resident::Point;
@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use support::made::{Las, Vlr, sheet};
 use support::{indexed, info, pointillist, shared, succeeded, text};
 
-const ALL: ReadOptions = ReadOptions::new(Wanted::ALL, true);
+const ALL: ReadOptions = ReadOptions::new(ColumnSet::ALL, true);
 
 fn read(paths: &[&Path]) -> Cloud {
     let paths: Vec<PathBuf> = paths.iter().map(|path| path.to_path_buf()).collect();

@@ -12,7 +12,7 @@ use glam::DVec3;
 use pointillist::cloud::attribute::Attribute;
 use pointillist::cloud::colormap::code_color;
 use pointillist::cloud::digits::Digits;
-use pointillist::cloud::{self, ReadOptions, Wanted};
+use pointillist::cloud::{self, ColumnSet, ReadOptions};
 use pointillist::passes::EFFECTS;
 use pointillist::progress::Silent;
 use pointillist::resident::section::Slab;
@@ -294,7 +294,7 @@ fn one_ctrl_c_closes_the_window_and_leaves_nothing_half_written() {
 
 /// All that a file says.
 fn read(file: &Path) -> cloud::Part {
-    cloud::read(&[file.to_owned()], &ReadOptions::new(Wanted::ALL, true), &Silent)
+    cloud::read(&[file.to_owned()], &ReadOptions::new(ColumnSet::ALL, true), &Silent)
         .unwrap()
         .parts
         .remove(0)

@@ -8,7 +8,7 @@ use display::drop::drop_file;
 use display::place::Place;
 use display::{SIZE, Viewer};
 use glam::DVec3;
-use pointillist::cloud::{self, ReadOptions, Wanted};
+use pointillist::cloud::{self, ColumnSet, ReadOptions};
 use pointillist::progress::Silent;
 use pointillist::synth::SceneKind;
 use pointillist::view::{Camera, View};
@@ -18,7 +18,7 @@ use support::{names, pointillist, read_png, succeeded};
 
 /// Of a file, in the world.
 fn points(file: &Path) -> Vec<DVec3> {
-    let read = ReadOptions::new(Wanted::default(), true);
+    let read = ReadOptions::new(ColumnSet::default(), true);
     let part = cloud::read(&[file.to_owned()], &read, &Silent).unwrap().parts.remove(0);
     let columns = &part.columns;
     (0..columns.len())

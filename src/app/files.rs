@@ -5,7 +5,7 @@ use super::navigation::Input;
 use super::opening::{self, Asked, First, Opened, Said};
 use super::render_thread::{Message, Upload};
 use super::{App, Event, complain};
-use crate::cloud::attribute::Further;
+use crate::cloud::attribute::ExtraAttributes;
 use crate::error::{Error, Result};
 use crate::passes::Switch;
 use crate::render::scene::Scene;
@@ -69,7 +69,7 @@ impl App {
         self.underway = true;
         self.facts.doing = Some("opening".into());
         let (asked, opening) = (self.asked(), self.options.opening.clone());
-        let further = Further { strokes: self.wants_strokes(), ..self.options.further };
+        let further = ExtraAttributes { strokes: self.wants_strokes(), ..self.options.further };
         let is_painted = self.facts.shown.is_some_and(|shown| shown.further.strokes);
         // What is on the screen whole is seen until it is there again as a whole, and with its strokes where it had them.
         let first = match &self.whole {

@@ -1,6 +1,6 @@
 //! What colours mean: a ramp with its two ends, and swatches.
 
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap;
 use crate::cloud::system::Reference;
 use egui::{Color32, Rect, Sense, Ui, pos2, vec2};
@@ -11,7 +11,7 @@ const SIDE: f32 = 12.0;
 const PARTS: u32 = 64;
 
 /// Of what points show, where that is a number.
-pub fn ramp(ui: &mut Ui, shown: &Shown, reference: &Reference) {
+pub fn ramp(ui: &mut Ui, shown: &DisplayAttribute, reference: &Reference) {
     let Some(ends) = shown.ends() else { return };
     let (all, _) = ui.allocate_exact_size(vec2(ui.available_width(), SIDE), Sense::hover());
     let [lo, hi] = shown.stretch;

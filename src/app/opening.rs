@@ -2,10 +2,10 @@
 
 use super::cancel::CancelToken;
 use super::navigation::Subject;
-use crate::cloud::attribute::{Attribute, Further, Shown};
-use crate::cloud::counts::Counts;
+use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use crate::cloud::histograms::Histograms;
 use crate::cloud::system::Reference;
-use crate::cloud::{ReadOptions, Station, Wanted};
+use crate::cloud::{ColumnSet, ReadOptions, Station};
 use crate::error::{Error, Result};
 use crate::index::strokes::Found;
 use crate::progress::Progress;
@@ -36,7 +36,7 @@ pub struct Said {
     pub is_whole: bool,
     /// The files that its points are from.
     pub origins: Vec<PathBuf>,
-    pub shown: Shown,
+    pub shown: DisplayAttribute,
     pub kinds: Kinds,
     /// Of the files, as their headers say while only a sample is there.
     pub points: u64,
@@ -58,7 +58,7 @@ pub struct Kinds {
 
 impl Kinds {
     fn of(source: &Source) -> Kinds {
-        let Counts { classes, returns } = source.counts().unwrap_or_default();
+        let Histograms { classes, returns } = source.counts().unwrap_or_default();
         Kinds {
             classes,
             returns,
@@ -115,18 +115,19 @@ pub enum First {
 pub fn start(
     asked: Asked,
     opening: Opening,
-    further: Further,
+    further: ExtraAttributes,
     first: First,
     found: Arc<Found>,
     watch: Watch,
     opened: impl Fn(Result<Opened>) + Send + 'static,
 ) -> Result<JoinHandle<()>> {
     // People choose while they look.
-    let further = Further { kind: true, normal: true, ..further };
-    let shown = asked
-        .color
-        .map_or(Wanted { rgb: true, intensity: true, ..Wanted::default() }, Attribute::wanted);
-    let of_files = Further { strokes: further.strokes && first == First::All, ..further };
+    let further = ExtraAttributes { kind: true, normal: true, ..further };
+    let shown = asked.color.map_or(
+        ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() },
+        Attribute::wanted,
+    );
+    let of_files = ExtraAttributes { strokes: further.strokes && first == First::All, ..further };
     let opening = Opening {
         read: ReadOptions { wanted: shown.and(of_files.wanted()), ..opening.read },
         ..opening
@@ -141,7 +142,7 @@ pub fn start(
         let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
         let further = if let Source::Index(_) = source { further } else { of_files };
         shown.further =
-            Further { normal: source.has_normals(), light: source.has_light(), ..further };
+            ExtraAttributes { normal: source.has_normals(), light: source.has_light(), ..further };
         // Of a sample, what is odd about it is said once the whole is there.
         let notes = if sample_of.is_none() { source.notes(shown.further) } else { Vec::new() };
         let (asked, is_whole, points) =

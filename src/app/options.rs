@@ -2,7 +2,7 @@
 
 use super::navigation::Habit;
 use super::panel::Enlarged;
-use crate::cloud::attribute::Further;
+use crate::cloud::attribute::ExtraAttributes;
 use crate::gpu::DeviceOptions;
 use crate::render::scene::Scene;
 use crate::source::Opening;
@@ -17,7 +17,7 @@ pub struct Options {
     pub files: Vec<PathBuf>,
     pub opening: Opening,
     /// What points bring because of how they are drawn.
-    pub further: Further,
+    pub further: ExtraAttributes,
     /// What to draw, but for the camera.
     pub scene: Scene,
     /// Where from, when there is no camera.

@@ -9,7 +9,7 @@ use super::profile::Profile;
 use super::render_thread::Loading;
 use super::{clip_box_widget, legend, light_widget};
 use crate::cloud::Station;
-use crate::cloud::attribute::{Attribute, Shown, class_name};
+use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
 use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value};
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
@@ -49,7 +49,7 @@ pub struct Facts {
     /// Milliseconds on the device of every pass.
     pub passes: Vec<(String, f64)>,
     pub decided: Decided,
-    pub shown: Option<Shown>,
+    pub shown: Option<DisplayAttribute>,
     /// Why they show that.
     pub why_shown: String,
     /// What is odd about the files, and what was asked for of the picture and changes nothing.

@@ -2,7 +2,7 @@
 
 use super::actions::Action;
 use super::measure;
-use crate::cloud::attribute::Shown;
+use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::colormap;
 use crate::cloud::system::Reference;
 use crate::resident::section::{Found, Section, Slab};
@@ -22,7 +22,7 @@ const FLATTEST: f64 = 0.02;
 pub struct Profile {
     pub slab: Slab,
     section: Section,
-    shown: Shown,
+    shown: DisplayAttribute,
     /// Of the points, metres.
     heights: [f64; 2],
     /// Made when it is first looked at.
@@ -30,7 +30,7 @@ pub struct Profile {
 }
 
 impl Profile {
-    pub fn new(slab: Slab, section: Section, shown: Shown) -> Profile {
+    pub fn new(slab: Slab, section: Section, shown: DisplayAttribute) -> Profile {
         let heights = || section.points.iter().map(|found| found.point.position.z);
         let (lo, hi) =
             (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));

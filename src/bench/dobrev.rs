@@ -5,7 +5,7 @@
 //! passes of a frame.
 
 use super::quartiles;
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::{self, Cloud, ReadOptions};
 use crate::error::Result;
 use crate::gpu::DeviceOptions;
@@ -104,7 +104,7 @@ fn of(
     progress: &dyn Progress,
 ) -> Result<Vec<Row>> {
     let (points, core) = (cloud.len(), cloud.core_points());
-    let shown = Shown::new(Attribute::White, &cloud);
+    let shown = DisplayAttribute::new(Attribute::White, &cloud);
     let mut resident = Resident::fill(gpu, cloud, shown, progress)?;
     let mut rows = Vec::new();
     for &size in &plan.sizes {

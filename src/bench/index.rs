@@ -7,7 +7,7 @@
 
 use super::quartiles;
 use crate::cloud::stream;
-use crate::cloud::{ReadOptions, Wanted};
+use crate::cloud::{ColumnSet, ReadOptions};
 use crate::error::{Error, Result};
 use crate::index::build::Summary;
 use crate::progress::Progress;
@@ -118,7 +118,7 @@ fn measure(plan: &Plan, points: u64, progress: &dyn Progress) -> Result<Row> {
 /// Reads and decodes every point and keeps none.
 fn read_alone(input: &Path, progress: &dyn Progress) -> Result<f64> {
     let began = Instant::now();
-    let options = ReadOptions::new(Wanted { gps_time: false, ..Wanted::ALL }, false);
+    let options = ReadOptions::new(ColumnSet { gps_time: false, ..ColumnSet::ALL }, false);
     for source in stream::open(&[input.to_owned()], &options, progress, &mut Vec::new())? {
         source.stream(progress, &|_| Ok(()))?;
     }

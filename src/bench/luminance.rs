@@ -3,7 +3,7 @@
 //! A street scanned from five stations, seen along it, drawn as a surface as by default. With and without are interleaved round by round; times are those of all passes of a frame.
 
 use super::quartiles;
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::error::Result;
 use crate::gpu::DeviceOptions;
 use crate::graph::{Gpu, Graph, Handle};
@@ -83,7 +83,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
             synth::SceneKind::Street.default_noise(),
             progress,
         )?;
-        let shown = Shown::new(Attribute::Rgb, &cloud);
+        let shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(&mut gpu, cloud, shown, progress)?;
         let mut times: [Vec<f64>; 4] = Default::default();
         // One round more, which warms up.

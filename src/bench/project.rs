@@ -9,7 +9,7 @@
 //! Before anything is timed all ways draw once, which warms them up, and the numbers of pixels that they cover are compared.
 
 use super::{Row, quartiles};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::config::NO_POINT;
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
@@ -50,7 +50,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
         let sample = cloud.core_points();
         for order in ["morton", "shuffled"] {
             let arrange = if order == "morton" { index::organise } else { index::shuffle };
-            let shown = Shown::new(Attribute::White, &cloud);
+            let shown = DisplayAttribute::new(Attribute::White, &cloud);
             let resident =
                 Resident::arrange(&mut gpus.compute, cloud.clone(), shown, arrange, progress)?;
             let scene = Points::new(&mut gpus.compute, &resident)?;

@@ -5,7 +5,7 @@
 //! longer tell.
 
 use super::quartiles;
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::{self, Cloud, ReadOptions};
 use crate::error::Result;
 use crate::gpu::DeviceOptions;
@@ -132,7 +132,7 @@ fn of(
         }
     };
     let attribute = if Attribute::Rgb.is_in(&cloud) { Attribute::Rgb } else { Attribute::White };
-    let mut shown = Shown::new(attribute, &cloud);
+    let mut shown = DisplayAttribute::new(attribute, &cloud);
     shown.further.strokes = true;
     let start = Instant::now();
     let resident = Resident::fill(gpu, cloud, shown, progress)?;

@@ -4,7 +4,7 @@
 //! everywhere: what a surface costs should not depend on how dense. All ways are interleaved round by round on the same device. Times are of passes alone: projecting and resolving are `bench project`'s.
 
 use super::quartiles;
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::{Cloud, Columns, Header, Lattice, Part};
 use crate::error::Result;
 use crate::gpu::DeviceOptions;
@@ -134,7 +134,7 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
             Walls::Lattice(share) => walls(plan.size, share, plan.seed),
             Walls::Strewn(density) => strewn(plan.size, density, plan.seed),
         };
-        let shown = Shown::new(Attribute::White, &cloud);
+        let shown = DisplayAttribute::new(Attribute::White, &cloud);
         residents.push((drawn, Resident::fill(&mut gpu, cloud, shown, progress)?));
     }
     let mut times = vec![Vec::new(); WAYS.len()];

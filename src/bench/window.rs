@@ -28,7 +28,7 @@ pub struct Plan {
     pub sizes: Vec<[u32; 2]>,
     /// Of each flight.
     pub seconds: u64,
-    /// Further words for `view`: device, pool, budget.
+    /// ExtraAttributes words for `view`: device, pool, budget.
     pub options: Vec<OsString>,
     pub seed: u64,
     /// Where inputs lie meanwhile.

@@ -2,7 +2,7 @@
 
 use super::options::{ColorOptions, TextArguments, ends_in};
 use super::render::refuse_to_overwrite;
-use crate::cloud::Wanted;
+use crate::cloud::ColumnSet;
 use crate::config;
 use crate::error::{Error, Result};
 use crate::index::build::{self, Derive, Options, Summary};
@@ -108,7 +108,7 @@ impl Arguments {
         let threads = self.threads.map_or(usual.threads, |threads| threads as usize);
         let derive =
             Derive { normals: self.normals, strokes: self.strokes, luminance: self.luminance };
-        let wanted = Wanted { gps_time: self.gps_time, ..usual.wanted };
+        let wanted = ColumnSet { gps_time: self.gps_time, ..usual.wanted };
         let (text, rgb_range) = (self.text.options(), self.colors.rgb_range);
         Ok(Options { memory: self.memory.0, threads, wanted, text, rgb_range, derive, ..usual })
     }

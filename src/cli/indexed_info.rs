@@ -8,7 +8,7 @@ use super::info::{
     Bounds, Class, LISTED, Spacing, gain, listed, system_words, uneven, unit_words, words,
 };
 use crate::cloud::Station;
-use crate::cloud::counts::Counts;
+use crate::cloud::histograms::Histograms;
 use crate::cloud::spacing::{self, Around};
 use crate::cloud::strays::Strays;
 use crate::cloud::system::Unit;
@@ -55,7 +55,7 @@ struct Returned {
 }
 
 impl Returned {
-    fn list(counts: &Counts) -> Vec<Returned> {
+    fn list(counts: &Histograms) -> Vec<Returned> {
         counts.returns.iter().map(|&(number, points)| Returned { number, points }).collect()
     }
 }

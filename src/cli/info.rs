@@ -1,6 +1,6 @@
 //! `pointillist info`: what is in these files, as measured, next to what their headers say.
 //!
-//! In: paths. Out: text, or one JSON object, on standard output. Counts, bounds and ranges are recomputed from every point; the header's own
+//! In: paths. Out: text, or one JSON object, on standard output. Histograms, bounds and ranges are recomputed from every point; the header's own
 //! are shown beside them, and where the two differ a note says so.
 //!
 //! The JSON object is stable; fields may be added:
@@ -14,11 +14,11 @@
 use super::indexed_info;
 use super::options::{ColorOptions, TextArguments};
 use crate::cloud::color::Scale;
-use crate::cloud::counts::Counts;
 use crate::cloud::digits::{self, Digits};
+use crate::cloud::histograms::Histograms;
 use crate::cloud::strays::Strays;
 use crate::cloud::system::{Reference, System, Unit};
-use crate::cloud::{self, Cloud, Extra, Header, Part, ReadOptions, Station, Wanted, spacing};
+use crate::cloud::{self, Cloud, ColumnSet, Extra, Header, Part, ReadOptions, Station, spacing};
 use crate::error::{Error, Result};
 use crate::index::exposure::{Balance, Exposures, exposures};
 use crate::index::file::Index;
@@ -86,7 +86,7 @@ fn of_files(arguments: &Arguments, progress: &dyn Progress) -> Result<String> {
         text,
         rgb_range,
         extras: true,
-        ..ReadOptions::new(Wanted::ALL, arguments.strict)
+        ..ReadOptions::new(ColumnSet::ALL, arguments.strict)
     };
     let cloud = cloud::read(&arguments.files, &options, progress)?;
     let report = Report::new(&cloud);
@@ -191,7 +191,7 @@ pub struct Class {
 }
 
 impl Class {
-    pub fn list(counts: &Counts) -> Vec<Class> {
+    pub fn list(counts: &Histograms) -> Vec<Class> {
         counts.classes.iter().map(|&(class, points)| Class { class, points }).collect()
     }
 }
@@ -407,7 +407,7 @@ impl Attributes {
                     Range { min: value(min), max: value(max) }
                 },
             ),
-            class: columns.class.as_ref().map(|_| Class::list(&Counts::of([columns]))),
+            class: columns.class.as_ref().map(|_| Class::list(&Histograms::of([columns]))),
             returns: columns.returns.as_ref().map(|column| Returns {
                 most: column.iter().map(|packed| packed >> 4).max().unwrap_or(0),
                 impossible: column

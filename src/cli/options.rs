@@ -1,11 +1,11 @@
 //! The options that `view`, `render`, `bench` and `study` share: one definition.
 
 use super::index::Bytes;
-use crate::cloud::attribute::{Attribute, Further, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use crate::cloud::color::RgbRange;
 use crate::cloud::strays::Treatment;
 use crate::cloud::table::{Columns, Delimiter, TextOptions};
-use crate::cloud::{ReadOptions, Wanted};
+use crate::cloud::{ColumnSet, ReadOptions};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::gpu;
@@ -298,21 +298,23 @@ impl PictureOptions {
     }
 
     /// The columns to read for what the points are to show, and to tell stations apart where colours of several are shown together.
-    pub fn wanted(&self) -> Wanted {
+    pub fn wanted(&self) -> ColumnSet {
         let shown = match self.color {
-            Some(attribute) => Wanted { source: attribute.has_luminance(), ..Wanted::default() }
-                .and(attribute.wanted()),
-            None => Wanted { rgb: true, intensity: true, source: true, ..Wanted::default() },
+            Some(attribute) => {
+                ColumnSet { source: attribute.has_luminance(), ..ColumnSet::default() }
+                    .and(attribute.wanted())
+            }
+            None => ColumnSet { rgb: true, intensity: true, source: true, ..ColumnSet::default() },
         };
         shown.and(self.further().wanted())
     }
 
     /// What points bring to the device beside what they show.
-    pub fn further(&self) -> Further {
+    pub fn further(&self) -> ExtraAttributes {
         let asked = |asks: &dyn Fn(&Effects) -> bool| {
             self.settings().is_ok_and(|settings| asks(&settings.effects))
         };
-        Further {
+        ExtraAttributes {
             kind: self.opacities().needs_kinds(),
             normal: asked(&|effects| effects.phong.wants_normals(self.light)),
             strokes: asked(&|effects| effects.strokes.switch == Switch::On),
@@ -339,12 +341,12 @@ impl PictureOptions {
     }
 
     /// What the points show, and why.
-    pub fn shown(&self, source: &Source) -> Result<(Shown, String)> {
+    pub fn shown(&self, source: &Source) -> Result<(DisplayAttribute, String)> {
         if let Some(lost) = self.opacities().lost(source.stations()) {
             return Err(Error::Request(format!("--opacity: {lost}")));
         }
         let (mut shown, why) = source.shown(self.color)?;
-        shown.further = Further { light: source.has_light(), ..self.further() };
+        shown.further = ExtraAttributes { light: source.has_light(), ..self.further() };
         shown.coded &= self.settings()?.effects.exposure.switch != Switch::Off;
         if shown.further.normal && !source.has_normals() {
             if self.settings()?.effects.phong.settings.normals == Normals::File {

@@ -1,6 +1,6 @@
 //! What a point shows: one attribute as a 32-bit word a point, and the range that a ramp stretches over; and what else it brings to the device.
 
-use super::{Cloud, Part, Station, Wanted, octahedral};
+use super::{Cloud, ColumnSet, Part, Station, octahedral};
 use std::str::FromStr;
 
 /// `--color`.
@@ -37,8 +37,8 @@ impl Attribute {
     }
 
     /// The columns that showing it needs.
-    pub fn wanted(self) -> Wanted {
-        let mut wanted = Wanted::default();
+    pub fn wanted(self) -> ColumnSet {
+        let mut wanted = ColumnSet::default();
         match self {
             Attribute::Rgb | Attribute::Corrected => wanted.rgb = true,
             Attribute::Intensity => wanted.intensity = true,
@@ -72,7 +72,7 @@ impl Attribute {
 
 /// An attribute of a given cloud, ready to be asked point by point.
 #[derive(Clone, Copy, Debug)]
-pub struct Shown {
+pub struct DisplayAttribute {
     pub attribute: Attribute,
     /// World heights of the whole cloud but its strays, for elevation.
     heights: [f64; 2],
@@ -80,12 +80,12 @@ pub struct Shown {
     pub stretch: [u32; 2],
     /// The highest byte of a colour numbers its station ([`station_code`]).
     pub coded: bool,
-    pub further: Further,
+    pub further: ExtraAttributes,
 }
 
 /// What points bring beside what they show, a word a point each, in this order; only where something asks for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Further {
+pub struct ExtraAttributes {
     /// Class (8 bits, lowest), return number (4 bits), from bit 16 on the number of the station.
     pub kind: bool,
     /// Normal ([`octahedral`]), in 24 bits.
@@ -96,17 +96,17 @@ pub struct Further {
     pub light: bool,
 }
 
-impl Further {
+impl ExtraAttributes {
     /// The columns that it is made of.
-    pub fn wanted(self) -> Wanted {
+    pub fn wanted(self) -> ColumnSet {
         // Strokes are as large as what is of one colour.
-        Wanted {
+        ColumnSet {
             rgb: self.strokes,
             class: self.kind,
             returns: self.kind,
             source: self.kind,
             normal: self.normal,
-            ..Wanted::default()
+            ..ColumnSet::default()
         }
     }
 }
@@ -160,44 +160,55 @@ pub const CODE_SHIFT: u32 = 24;
 /// What a point of a file brings at most: what it shows, and all that is further but saved light, which indexes have.
 pub type Words = [u32; 5];
 
-impl Shown {
-    pub fn new(attribute: Attribute, cloud: &Cloud) -> Shown {
+impl DisplayAttribute {
+    pub fn new(attribute: Attribute, cloud: &Cloud) -> DisplayAttribute {
         let heights = match attribute {
             Attribute::Elevation => cloud.heights(),
             _ => None,
         };
         let heights = heights.unwrap_or_default();
         let coded = attribute == Attribute::Rgb && cloud.stations.len() > 1;
-        let shown =
-            Shown { attribute, heights, stretch: [0, 255], coded, further: Further::default() };
-        Shown { stretch: shown.stretched(cloud), ..shown }
+        let shown = DisplayAttribute {
+            attribute,
+            heights,
+            stretch: [0, 255],
+            coded,
+            further: ExtraAttributes::default(),
+        };
+        DisplayAttribute { stretch: shown.stretched(cloud), ..shown }
     }
 
     /// Elevation over these heights, each with how many points lie there.
-    pub fn of_heights(heights: Vec<(f64, u64)>) -> Shown {
+    pub fn of_heights(heights: Vec<(f64, u64)>) -> DisplayAttribute {
         let fold = |pick: fn(f64, f64) -> f64, from: f64| {
             heights.iter().map(|&(height, _)| height).fold(from, pick)
         };
         let ends = [fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY)];
-        let shown = Shown::indexed(Attribute::Elevation, ends, [0, 255]);
+        let shown = DisplayAttribute::indexed(Attribute::Elevation, ends, [0, 255]);
         let mut counts = vec![0u64; 1 << 16];
         heights.iter().for_each(|&(height, points)| {
             counts[shown.elevation(height) as usize & 0xFFFF] += points
         });
-        Shown { stretch: percentiles(&counts), ..shown }
+        DisplayAttribute { stretch: percentiles(&counts), ..shown }
     }
 
     /// Of an indexed cloud, whose heights and stretch are known.
-    pub fn indexed(attribute: Attribute, heights: [f64; 2], stretch: [u32; 2]) -> Shown {
-        Shown { attribute, heights, stretch, coded: false, further: Further::default() }
+    pub fn indexed(attribute: Attribute, heights: [f64; 2], stretch: [u32; 2]) -> DisplayAttribute {
+        DisplayAttribute {
+            attribute,
+            heights,
+            stretch,
+            coded: false,
+            further: ExtraAttributes::default(),
+        }
     }
 
     /// What to show where nothing is asked for: colours where there are any, else intensity that varies, else elevation.
-    pub fn automatic(cloud: &Cloud) -> (Shown, &'static str) {
+    pub fn automatic(cloud: &Cloud) -> (DisplayAttribute, &'static str) {
         if Attribute::Rgb.is_in(cloud) {
-            return (Shown::new(Attribute::Rgb, cloud), "the points have colours");
+            return (DisplayAttribute::new(Attribute::Rgb, cloud), "the points have colours");
         }
-        let intensity = Shown::new(Attribute::Intensity, cloud);
+        let intensity = DisplayAttribute::new(Attribute::Intensity, cloud);
         let everywhere = cloud
             .parts
             .iter()
@@ -205,7 +216,10 @@ impl Shown {
         if everywhere && intensity.stretch[1] > intensity.stretch[0] {
             return (intensity, "no colours, but an intensity that varies");
         }
-        (Shown::new(Attribute::Elevation, cloud), "no colours, and no intensity that varies")
+        (
+            DisplayAttribute::new(Attribute::Elevation, cloud),
+            "no colours, and no intensity that varies",
+        )
     }
 
     /// Words that a point brings: what it shows, then what is further.
@@ -237,11 +251,11 @@ impl Shown {
     }
 
     /// The columns that its words are made of.
-    pub fn wanted(&self) -> Wanted {
+    pub fn wanted(&self) -> ColumnSet {
         self.attribute
             .wanted()
             .and(self.further.wanted())
-            .and(Wanted { source: self.coded, ..Wanted::default() })
+            .and(ColumnSet { source: self.coded, ..ColumnSet::default() })
     }
 
     /// All words of a point, but for those that a brush needs, of a part whose stations are these, the first of them this number in the cloud.

@@ -1,6 +1,6 @@
 //! Colour maps of attributes, and the sRGB transfer function.
 
-use super::attribute::{Attribute, Shown};
+use super::attribute::{Attribute, DisplayAttribute};
 
 /// Decodes an sRGB value in 0..=1 to linear light (IEC 61966-2-1).
 pub fn srgb_to_linear(encoded: f64) -> f64 {
@@ -31,7 +31,7 @@ pub fn code_color(attribute: Attribute, code: u8) -> [u8; 3] {
 }
 
 /// Returns the 8-bit sRGB colour of a point's word, without shading.
-pub fn color_of(shown: &Shown, word: u32) -> [u8; 3] {
+pub fn color_of(shown: &DisplayAttribute, word: u32) -> [u8; 3] {
     let [lo, hi] = shown.stretch.map(|end| end as f64);
     let byte = |channel: u32| (word >> (8 * channel) & 255) as u8;
     match shown.attribute {

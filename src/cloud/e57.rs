@@ -4,9 +4,9 @@
 //! The `e57` crate checks pages and unpacks bits; its raw values are turned into points here, since states that say "no point here" must be
 //! dropped and counted, and limits of colour and intensity are often absent or wrong. Its calls are fenced, and what it would loop on is refused.
 
+use super::catch_panic::catch_panic;
 use super::color::By;
-use super::floats::{ColorUnit, Floats, Point, Role, there};
-use super::guard::guard;
+use super::from_floats::{ColorUnit, Floats, Point, Role, there};
 use super::input::{Input, Meter};
 use super::system;
 use super::{Header, Part, ReadOptions};
@@ -23,9 +23,10 @@ pub fn read(
     progress: &dyn Progress,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Part>> {
-    let mut reader = guard(|| E57Reader::from_file(&input.path).map_err(|error| line(&error)))
-        .flatten()
-        .map_err(|what| input.wrong(format!("cannot be read as E57: {what}")))?;
+    let mut reader =
+        catch_panic(|| E57Reader::from_file(&input.path).map_err(|error| line(&error)))
+            .flatten()
+            .map_err(|what| input.wrong(format!("cannot be read as E57: {what}")))?;
     let scans = reader.pointclouds();
     if scans.is_empty() {
         notes.push(format!("{}: holds no scan", input.name()));
@@ -121,7 +122,7 @@ fn points(
     }
     let meter = Meter::new(progress, input, scan.records);
     let mut interrupted = Ok(());
-    let outcome = guard(|| {
+    let outcome = catch_panic(|| {
         let raw = reader.pointcloud_raw(scan).map_err(|error| line(&error))?;
         for (index, values) in raw.enumerate() {
             match shape.point(scan, &values.map_err(|error| line(&error))?) {

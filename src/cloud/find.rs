@@ -1,9 +1,9 @@
 //! PLACE -> RECORD: all that a file says of the point at a place. Files are streamed again for it, since nobody keeps every attribute of every point in memory.
 
 use super::digits::number;
-use super::las::single;
+use super::las::read_point;
 use super::stream::{self, Batch, Source};
-use super::{Lattice, ReadOptions, Wanted, intensity_of};
+use super::{ColumnSet, Lattice, ReadOptions, intensity_of};
 use crate::error::Result;
 use crate::progress::Progress;
 use glam::DVec3;
@@ -74,7 +74,7 @@ pub fn find(
     sought: &Sought,
     progress: &dyn Progress,
 ) -> Result<Option<Record>> {
-    let options = ReadOptions { wanted: Wanted::ALL, strict: false, ..read };
+    let options = ReadOptions { wanted: ColumnSet::ALL, strict: false, ..read };
     let mut best: Option<Candidate> = None;
     let mut found = 0;
     let sources = stream::open(paths, &options, progress, &mut Vec::new())?;
@@ -104,7 +104,7 @@ pub fn find(
     Ok(best.map(|Candidate { mut record, part, place, .. }| {
         // Batches do not know yet how wide the colours of a whole file are.
         if sources[part].is_las() {
-            let (rgb, extras) = single::record(
+            let (rgb, extras) = read_point::record(
                 sources[part].path(),
                 record.point,
                 place,

@@ -8,13 +8,13 @@
 
 pub mod header;
 mod laz;
+pub mod read_point;
 pub mod records;
 mod sample;
-pub mod single;
 
 use super::input::{Input, Meter};
 use super::system::Sample;
-use super::{Part, ReadOptions, Wanted, color};
+use super::{ColumnSet, Part, ReadOptions, color};
 use crate::error::Result;
 use crate::progress::{Progress, Silent};
 use color::{By, Occurred, RgbRange, Scale};
@@ -37,7 +37,7 @@ const BLOCK_BYTES: usize = 1 << 20;
 pub struct Las {
     pub layout: Layout,
     /// What is both wanted and there.
-    pub available: Wanted,
+    pub available: ColumnSet,
     pub places: Places,
     fields: Fields,
     /// What colours count to: as asked for, or as a sample shows until all points have been looked at.
@@ -127,7 +127,7 @@ impl Las {
         Ok((part, occurred, why))
     }
 
-    pub fn open(input: &Input, wanted: Wanted, notes: &mut Vec<String>) -> Result<Self> {
+    pub fn open(input: &Input, wanted: ColumnSet, notes: &mut Vec<String>) -> Result<Self> {
         let layout = header::read(input, notes)?;
         notes.extend(layout.lies.iter().map(|what| format!("{}: {what}", input.name())));
         let fields = Fields::new(&layout);

@@ -8,23 +8,23 @@
 
 pub mod attribute;
 mod axis;
+mod catch_panic;
 pub mod color;
 pub mod colormap;
 mod colors;
-pub mod core;
-pub mod counts;
 pub mod digits;
 pub mod e57;
 mod encoding;
 pub mod find;
-mod floats;
-mod guard;
+mod from_floats;
+pub mod histograms;
 mod input;
 pub mod las;
 pub mod obj;
 pub mod octahedral;
 pub mod ply;
 pub mod ptx;
+pub mod robust_bounds;
 pub mod spacing;
 pub mod strays;
 pub mod stream;
@@ -103,8 +103,8 @@ impl Columns {
     }
 
     /// The columns that are there.
-    pub fn available(&self) -> Wanted {
-        Wanted {
+    pub fn available(&self) -> ColumnSet {
+        ColumnSet {
             rgb: self.rgb.is_some(),
             intensity: self.intensity.is_some(),
             class: self.class.is_some(),
@@ -161,7 +161,7 @@ impl Columns {
     }
 
     /// Drops the columns that are not wanted.
-    pub fn keep(&mut self, wanted: Wanted) {
+    pub fn keep(&mut self, wanted: ColumnSet) {
         self.rgb.take_if(|_| !wanted.rgb);
         self.intensity.take_if(|_| !wanted.intensity);
         self.class.take_if(|_| !wanted.class);
@@ -174,7 +174,7 @@ impl Columns {
 
 /// Which columns to keep besides the positions: memory is bounded by what is asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Wanted {
+pub struct ColumnSet {
     pub rgb: bool,
     pub intensity: bool,
     pub class: bool,
@@ -184,8 +184,8 @@ pub struct Wanted {
     pub gps_time: bool,
 }
 
-impl Wanted {
-    pub const ALL: Wanted = Wanted {
+impl ColumnSet {
+    pub const ALL: ColumnSet = ColumnSet {
         rgb: true,
         intensity: true,
         class: true,
@@ -196,8 +196,8 @@ impl Wanted {
     };
 
     /// What either wants.
-    pub fn and(self, other: Wanted) -> Wanted {
-        Wanted {
+    pub fn and(self, other: ColumnSet) -> ColumnSet {
+        ColumnSet {
             rgb: self.rgb || other.rgb,
             intensity: self.intensity || other.intensity,
             class: self.class || other.class,
@@ -212,7 +212,7 @@ impl Wanted {
 /// How to read.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ReadOptions {
-    pub wanted: Wanted,
+    pub wanted: ColumnSet,
     /// Refuse a truncated or lying file instead of keeping what is readable.
     pub strict: bool,
     pub text: TextOptions,
@@ -225,7 +225,7 @@ pub struct ReadOptions {
 
 impl ReadOptions {
     /// With everything about text files and colours found out.
-    pub const fn new(wanted: Wanted, strict: bool) -> ReadOptions {
+    pub const fn new(wanted: ColumnSet, strict: bool) -> ReadOptions {
         ReadOptions {
             wanted,
             strict,

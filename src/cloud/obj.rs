@@ -2,9 +2,9 @@
 //!
 //! In: text. Out: the vertices, with the colours that scanners append to them (`v x y z r g b`, 0 to 1). Faces are left aside: a point cloud has none.
 
-use super::floats::{ColorUnit, Floats, Point};
+use super::from_floats::{ColorUnit, Floats, Point};
 use super::input::{Input, Meter};
-use super::{Header, Part, ReadOptions, Wanted, text};
+use super::{ColumnSet, Header, Part, ReadOptions, text};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -14,7 +14,7 @@ pub fn read(
     progress: &dyn Progress,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Part>> {
-    let there = Wanted { rgb: true, ..Wanted::default() };
+    let there = ColumnSet { rgb: true, ..ColumnSet::default() };
     let meter = Meter::new(progress, input, input.length);
     let mut floats = Floats::new(there, options.wanted, false, false);
     let mut bad = 0;

@@ -7,7 +7,7 @@
 
 mod header;
 
-use super::floats::{ColorUnit, Floats, Point, Role, there};
+use super::from_floats::{ColorUnit, Floats, Point, Role, there};
 use super::input::{Input, Meter};
 use super::{Header, Part, ReadOptions, text};
 use crate::error::Result;

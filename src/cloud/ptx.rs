@@ -4,7 +4,7 @@
 //! direction, column by column: x y z in the scanner's frame, intensity, and perhaps red green blue; 0 0 0 where nothing was hit.
 //! Out: each scan in its place, as its matrix says, without what hit nothing.
 
-use super::floats::{ColorUnit, Floats, Point, Role, there};
+use super::from_floats::{ColorUnit, Floats, Point, Role, there};
 use super::input::{Input, Meter};
 use super::table::line;
 use super::{Header, Part, ReadOptions, text};

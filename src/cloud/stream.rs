@@ -11,7 +11,7 @@ use super::input::{Input, Meter};
 use super::las::records::{self, Fields, Lane, Pile};
 use super::las::{self, Las, Places};
 use super::system::{self, plane::Plane};
-use super::{Columns, Header, Lattice, Part, ReadOptions, Wanted};
+use super::{ColumnSet, Columns, Header, Lattice, Part, ReadOptions};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use glam::DVec3;
@@ -57,7 +57,7 @@ pub struct Streamed {
     /// The colours that batches had are wrong: all points together show them to count to something else than some did. Those of the next call are right.
     pub again: bool,
     /// What batches had, less colours that were all 0: those are none.
-    pub available: Wanted,
+    pub available: ColumnSet,
     /// The box around the points, lattice steps; `None` if there are none.
     pub bounds: Option<[[i32; 3]; 2]>,
     pub notes: Vec<String>,
@@ -91,24 +91,24 @@ pub fn open(
 
 /// What files hold, before they are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct About {
+pub struct FileSummary {
     pub points: u64,
     /// Of them, those that have to be decompressed.
     pub compressed: u64,
 }
 
-/// About how many points files hold, from their headers, or for formats that must be read to know from their lengths.
-pub fn about(paths: &[PathBuf]) -> Result<About> {
+/// FileSummary how many points files hold, from their headers, or for formats that must be read to know from their lengths.
+pub fn summary(paths: &[PathBuf]) -> Result<FileSummary> {
     /// Of a record of position and colour; text takes more.
     const BYTES_PER_POINT: u64 = 16;
-    let mut about = About::default();
+    let mut about = FileSummary::default();
     for path in paths {
         let input = Input::open(path)?;
         if input.take(0, las::MAGIC.len() as u64)? != las::MAGIC {
             about.points += input.length / BYTES_PER_POINT;
             continue;
         }
-        let las = Las::open(&input, Wanted::default(), &mut Vec::new())?;
+        let las = Las::open(&input, ColumnSet::default(), &mut Vec::new())?;
         about.points += las.points();
         about.compressed += if las.layout.compressed { las.points() } else { 0 };
     }
@@ -214,7 +214,7 @@ impl Source {
     }
 
     /// The columns that batches have.
-    pub fn available(&self) -> Wanted {
+    pub fn available(&self) -> ColumnSet {
         match &self.contents {
             Contents::Las { las, .. } => las.available,
             Contents::Part(part) => part.columns.available(),
@@ -294,7 +294,7 @@ impl Source {
         }
         notes.extend(self.notes.iter().cloned());
         let black = matches!(self.contents, Contents::Las { .. }) && occurred.is_black();
-        let available = Wanted { rgb: desk.available.rgb && !black, ..desk.available };
+        let available = ColumnSet { rgb: desk.available.rgb && !black, ..desk.available };
         Ok(Streamed { points, rgb_scale: self.rgb_scale(), again, available, bounds, notes })
     }
 }
@@ -302,7 +302,7 @@ impl Source {
 /// Hands batches on, lends the columns for them, and adds up what they held.
 struct Desk<'a> {
     sink: &'a (dyn Fn(&Batch) -> Result<()> + Sync),
-    available: Wanted,
+    available: ColumnSet,
     /// As many as there were ever batches at a time.
     spare: Mutex<Vec<Columns>>,
     sum: Mutex<Sum>,

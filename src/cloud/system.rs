@@ -7,8 +7,8 @@ pub mod geotiff;
 pub mod plane;
 pub mod wkt;
 
+use super::catch_panic::catch_panic;
 use super::digits::{Digits, round};
-use super::guard::guard;
 use super::{Header, Lattice};
 use glam::DVec3;
 use plane::Plane;
@@ -205,7 +205,7 @@ impl System {
             proj4rs::transform::transform(&from, &to, &mut point).ok()?;
             Some([point.0.to_degrees(), point.1.to_degrees()])
         };
-        let [lon, lat] = guard(convert).ok().flatten()?;
+        let [lon, lat] = catch_panic(convert).ok().flatten()?;
         (lon.abs() <= 360.0 && lat.abs() <= 90.0).then_some([lon, lat])
     }
 }

@@ -3,7 +3,7 @@
 //! In: text of any encoding that begins with a byte order mark, or UTF-8. Out: the points, and in notes how the table was read, what was taken for
 //! what, which lines are no rows, and which columns lack numbers. PTX, which is no table, is known by its content and handed on.
 
-use super::floats::{Floats, Point, Role, there};
+use super::from_floats::{Floats, Point, Role, there};
 use super::input::{Input, Meter};
 use super::table::line::{Line, Missing, Splitter};
 use super::table::{Source, Table, sniff};

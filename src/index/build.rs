@@ -30,10 +30,10 @@ use super::samples::{self, Samples};
 use super::unite;
 use crate::cloud::attribute::percentiles;
 use crate::cloud::color::RgbRange;
-use crate::cloud::counts::Tally;
+use crate::cloud::histograms::Tally;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::table::TextOptions;
-use crate::cloud::{ReadOptions, Wanted};
+use crate::cloud::{ColumnSet, ReadOptions};
 use crate::config::INDEX_MEMORY;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -51,7 +51,7 @@ pub struct Options {
     /// Bytes, beside the program itself.
     pub memory: u64,
     pub threads: usize,
-    pub wanted: Wanted,
+    pub wanted: ColumnSet,
     /// Refuse files that are cut off or lie, instead of indexing what is readable.
     pub strict: bool,
     /// How text files are read.
@@ -71,7 +71,7 @@ impl Options {
     /// As `index` does it when nothing is asked for.
     pub fn usual(strict: bool) -> Options {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let wanted = Wanted { gps_time: false, ..Wanted::ALL };
+        let wanted = ColumnSet { gps_time: false, ..ColumnSet::ALL };
         Options {
             memory: INDEX_MEMORY,
             threads,

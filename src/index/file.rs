@@ -15,7 +15,7 @@ use super::map::Map;
 use super::marks::Marks;
 use crate::cloud::attribute::Attribute;
 use crate::cloud::color::Scale;
-use crate::cloud::counts::Counts;
+use crate::cloud::histograms::Histograms;
 use crate::cloud::strays::Core;
 use crate::cloud::system::Reference;
 use crate::cloud::{Header, Lattice, Station};
@@ -289,7 +289,7 @@ pub struct Contents {
     pub bounds: Option<[DVec3; 2]>,
     /// Intensities at the 2nd and 98th percentile.
     pub intensity_stretch: [u32; 2],
-    /// The same of the heights, as `attribute::Shown` counts them.
+    /// The same of the heights, as `attribute::DisplayAttribute` counts them.
     pub elevation_stretch: [u32; 2],
     /// Normals that were derived are those of the files, all of them, and say which side of a surface is outside.
     #[serde(default)]
@@ -302,7 +302,7 @@ pub struct Contents {
     pub balance: Option<Balance>,
     /// Points of the files, not samples. Indexes that were made before anybody counted have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub counts: Option<Counts>,
+    pub counts: Option<Histograms>,
 }
 
 /// Nodes and contents.

@@ -18,7 +18,7 @@ use super::record::{Colors, Layout};
 use super::samples::{Derive, Derived, Samples};
 use super::sort::RadixSorter;
 use crate::cloud::strays::Core;
-use crate::cloud::{Lattice, Wanted};
+use crate::cloud::{ColumnSet, Lattice};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
 use glam::DVec3;
@@ -30,7 +30,7 @@ const GATHERED: u64 = 4 * POINTS_PER_PAGE as u64;
 /// What all nodes of one tree have in common.
 pub struct Kind {
     /// The columns that nodes keep.
-    pub has: Wanted,
+    pub has: ColumnSet,
     /// And those that they have room for.
     pub derive: Derive,
     /// Where the tree's lattice starts, in steps of the file's.

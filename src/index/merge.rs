@@ -15,7 +15,7 @@
 use super::exposure::Balance;
 use super::morton;
 use super::samples::{Cell, Derived, Samples};
-use crate::cloud::Wanted;
+use crate::cloud::ColumnSet;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use std::borrow::Cow;
 use std::ops::Range;
@@ -54,7 +54,7 @@ impl Gains {
 }
 
 /// `samples` in Morton order.
-pub fn merge(samples: &Samples, has: Wanted, gains: Option<&Gains>) -> Merged {
+pub fn merge(samples: &Samples, has: ColumnSet, gains: Option<&Gains>) -> Merged {
     let (runs, dropped) = cut(samples);
     let coarser = (dropped / 3).saturating_sub(BITS_WITHIN_CELL);
     let weights = runs.sums();
@@ -367,7 +367,7 @@ mod tests {
         }
     }
 
-    const HAS: Wanted = Wanted {
+    const HAS: ColumnSet = ColumnSet {
         rgb: true,
         class: true,
         intensity: false,
@@ -448,7 +448,7 @@ mod tests {
     /// Three stations that see the same, one with half the light of the second and a quarter of that of the third, and one that sees what is brighter than another can show.
     #[test]
     fn stations_meet_in_the_light_of_the_one_that_most_samples_are_of() {
-        let has = Wanted { rgb: true, source: true, ..Wanted::default() };
+        let has = ColumnSet { rgb: true, source: true, ..ColumnSet::default() };
         let gains = Gains::new(&Balance { gains: vec![2.0, 1.0, 0.5, 0.25], uneven: 0.0 });
         let light = |part: u32| encode(part * 65_535 / 32);
         let merged = |all: &[(u16, u8)], gains| {
@@ -480,7 +480,7 @@ mod tests {
             rgb: Some((0..70_000).map(|i| [(i % 2) as u8 * 255; 3]).collect()),
             ..Samples::default()
         };
-        let merged = merge(&samples, Wanted { rgb: true, ..Wanted::default() }, None);
+        let merged = merge(&samples, ColumnSet { rgb: true, ..ColumnSet::default() }, None);
         assert_eq!(merged.samples.rgb.unwrap(), [[188; 3]]);
     }
 }

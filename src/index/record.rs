@@ -4,7 +4,7 @@
 //! room for what no file has; memory, and what goes through the disk, shrink by as much.
 
 use super::samples::{Cell, Derived, Samples};
-use crate::cloud::{Columns, Wanted};
+use crate::cloud::{ColumnSet, Columns};
 use std::ops::Range;
 
 /// Points of one file.
@@ -45,7 +45,7 @@ const PACKED_BYTES: usize = size_of::<u64>();
 
 impl Layout {
     /// For points of a cube of 2^`bits` steps, of these parts.
-    pub fn new(has: Wanted, bits: u32, parts: &[u16]) -> Layout {
+    pub fn new(has: ColumnSet, bits: u32, parts: &[u16]) -> Layout {
         let rest = if bits <= PACKED_BITS { PACKED_BYTES } else { size_of::<Cell>() };
         let mut bytes = rest;
         let mut next = |there: bool, width: usize| {
@@ -161,7 +161,7 @@ impl Layout {
         &self,
         records: &[u8],
         order: &[u32],
-        keep: Wanted,
+        keep: ColumnSet,
         station: &impl Fn(u16, u16) -> u16,
     ) -> Samples {
         const POINTS: usize = 1024;

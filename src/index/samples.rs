@@ -2,7 +2,7 @@
 
 use super::file::{HALVES, NodeRecord, ONE_STATION, PLANES, Plane};
 use super::morton;
-use crate::cloud::{Lattice, Wanted};
+use crate::cloud::{ColumnSet, Lattice};
 use crate::config::BITS_PER_PLANE;
 use bytemuck::Zeroable;
 use glam::DVec3;
@@ -113,7 +113,7 @@ impl Samples {
     }
 
     /// With these columns: what is lacking is what a renderer would show for it, white, and 0 everywhere else.
-    pub fn completed(self, has: Wanted) -> Samples {
+    pub fn completed(self, has: ColumnSet) -> Samples {
         fn column<T: Clone>(
             own: Option<Vec<T>>,
             wanted: bool,

@@ -107,7 +107,7 @@ fn radix_sort(items: &mut Vec<u64>, other: &mut Vec<u64>, from: u32) {
 mod tests {
     use super::super::record::Batch;
     use super::*;
-    use crate::cloud::{Columns, Wanted};
+    use crate::cloud::{ColumnSet, Columns};
     use proptest::prelude::*;
 
     proptest! {
@@ -115,7 +115,7 @@ mod tests {
         fn records_are_sorted_by_code_and_content_whatever_their_order(
             points in prop::collection::vec((prop::array::uniform3(any::<u32>()), 0u8..3), 0..600), scale in 0u32..32, seed in any::<u64>(),
         ) {
-            let has = Wanted { class: true, ..Wanted::default() };
+            let has = ColumnSet { class: true, ..ColumnSet::default() };
             let layout = Layout::new(has, 32 - scale, &[0]);
             let sorted = |points: &[(Cell, u8)]| {
                 let (cells, class): (Vec<Cell>, Vec<u8>) = points.iter().copied().unzip();

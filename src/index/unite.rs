@@ -12,7 +12,7 @@ use super::file::{self, Contents, NodeRecord, Plane};
 use super::grow::{self, Kind, Open};
 use super::morton;
 use super::samples::{Cell, Derive};
-use crate::cloud::{Lattice, Wanted};
+use crate::cloud::{ColumnSet, Lattice};
 use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
 use glam::DVec3;
 
@@ -48,7 +48,7 @@ pub fn over(
     let mut order: Vec<usize> = (0..roots.len()).collect();
     order.sort_by(|&a, &b| morton::order(middles[a], middles[b]).then(a.cmp(&b)));
     let some = |plane: Plane| roots.iter().any(|root| root.has(plane));
-    let has = Wanted {
+    let has = ColumnSet {
         rgb: some(Plane::Rgb),
         intensity: some(Plane::Intensity),
         class: some(Plane::Class),

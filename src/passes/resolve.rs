@@ -2,7 +2,7 @@
 
 use super::project::{Band, Keys};
 use super::{Decided, Layers, exposure, luminance};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::{self, srgb_to_linear};
 use crate::error::Result;
 use crate::graph::{Buffer, Dispatch, Graph, Image, Kind};
@@ -85,7 +85,7 @@ fn mode(attribute: Attribute) -> u32 {
 }
 
 pub fn paint(g: &mut Graph, resident: &Resident, decided: &Decided) -> Result<Paint> {
-    let Shown { attribute, stretch: [lo, hi], .. } = resident.shown;
+    let DisplayAttribute { attribute, stretch: [lo, hi], .. } = resident.shown;
     let mode = mode(attribute);
     let shown = g.upload("shown", &resident.addresses(0))?;
     let transparent = resident.is_transparent();

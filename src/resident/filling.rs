@@ -7,8 +7,8 @@
 
 use super::pool::Pool;
 use super::{MOST_NODES, Resident, ResidentNode, in_metres};
-use crate::cloud::attribute::Shown;
-use crate::cloud::counts::Counts;
+use crate::cloud::attribute::DisplayAttribute;
+use crate::cloud::histograms::Histograms;
 use crate::cloud::{Cloud, Columns, Part, Station, spacing};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
@@ -30,9 +30,9 @@ pub type Organise = fn(&Columns, &dyn Progress) -> Result<Organised>;
 
 /// A cloud on its way to the device.
 pub struct Filling {
-    shown: Shown,
+    shown: DisplayAttribute,
     stations: Vec<Station>,
-    counts: Option<Counts>,
+    counts: Option<Histograms>,
     balance: Option<Balance>,
     axes: Axes,
     spacing_m: f64,
@@ -62,11 +62,13 @@ struct Ready {
 }
 
 impl Filling {
-    pub fn new(cloud: Cloud, shown: Shown, found: Option<Arc<Found>>) -> Filling {
+    pub fn new(cloud: Cloud, shown: DisplayAttribute, found: Option<Arc<Found>>) -> Filling {
         let (balance, points) =
             (if shown.coded { exposure::balance(&cloud) } else { None }, cloud.len());
-        let counts =
-            shown.further.kind.then(|| Counts::of(cloud.parts.iter().map(|part| &part.columns)));
+        let counts = shown
+            .further
+            .kind
+            .then(|| Histograms::of(cloud.parts.iter().map(|part| &part.columns)));
         let spacing_m = spacing::spacing(&cloud).unwrap_or(0.0);
         let axes =
             if shown.further.strokes { index::axes::of(&cloud.parts) } else { Axes::default() };

@@ -3,7 +3,7 @@
 use super::pool::{PAGE_BYTES, Pages, Pool};
 use super::sampling::middle;
 use super::{Resident, ResidentNode, in_metres};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::Result;
 use crate::graph::Gpu;
@@ -40,7 +40,7 @@ impl Resident {
             serial: gpu.residents,
             pool: Pool::new(gpu, (bytes / PAGE_BYTES).min(u32::MAX as u64) as u32),
             nodes: Vec::new(),
-            shown: Shown::indexed(Attribute::White, [0.0; 2], [0, 255]),
+            shown: DisplayAttribute::indexed(Attribute::White, [0.0; 2], [0, 255]),
             points: index.directory.contents.points,
             stations: Vec::new(),
             spacing_m: None,

@@ -21,8 +21,8 @@ pub use overlap::Overlap;
 pub use residency::Residency;
 pub use sampling::Sampling;
 
-use crate::cloud::attribute::Shown;
-use crate::cloud::counts::Counts;
+use crate::cloud::attribute::DisplayAttribute;
+use crate::cloud::histograms::Histograms;
 use crate::cloud::{Cloud, Lattice, Station};
 use crate::config::{BITS_PER_PLANE, NO_POINT, POINTS_PER_PAGE};
 use crate::error::Result;
@@ -47,7 +47,7 @@ pub struct ResidentNode {
     pub count: u32,
     /// Its place among the nodes of the frame.
     pub number: u32,
-    /// Its pages lie side by side in one block: position planes from here, coarsest first, then the other words of its points ([`Shown::words`]).
+    /// Its pages lie side by side in one block: position planes from here, coarsest first, then the other words of its points ([`DisplayAttribute::words`]).
     pub first_page: u32,
     /// Position planes that are resident; at least one, and fewer than `frame.planes` where no more are needed, or not yet there.
     pub planes: u32,
@@ -105,14 +105,14 @@ pub struct Resident {
     /// In node order; of these a frame leaves out what its view cannot see.
     pub nodes: Vec<ResidentNode>,
     /// What the points show.
-    pub shown: Shown,
+    pub shown: DisplayAttribute,
     /// Of the whole cloud.
     pub points: u64,
     pub stations: Vec<Station>,
     /// As [`Resident::spacing_m`], of a cloud that is there whole.
     spacing_m: Option<f64>,
     /// Of the whole cloud, where they were counted and points bring their kinds.
-    pub counts: Option<Counts>,
+    pub counts: Option<Histograms>,
     /// What gives all stations one exposure, where colours say which station they are of.
     pub balance: Option<Balance>,
     /// Normals that points have brought say which side of a surface is outside.
@@ -164,7 +164,7 @@ impl Resident {
     pub fn fill(
         gpu: &mut Gpu,
         cloud: Cloud,
-        shown: Shown,
+        shown: DisplayAttribute,
         progress: &dyn Progress,
     ) -> Result<Resident> {
         Resident::arrange(gpu, cloud, shown, index::organise, progress)
@@ -174,7 +174,7 @@ impl Resident {
     pub fn arrange(
         gpu: &mut Gpu,
         cloud: Cloud,
-        shown: Shown,
+        shown: DisplayAttribute,
         organise: Organise,
         progress: &dyn Progress,
     ) -> Result<Resident> {
@@ -263,7 +263,7 @@ impl Resident {
         self.pool.import(g)
     }
 
-    /// For every node by its number, the address of the page with this word of its points ([`Shown::words`]).
+    /// For every node by its number, the address of the page with this word of its points ([`DisplayAttribute::words`]).
     pub fn addresses(&self, word: u32) -> Vec<[u32; 2]> {
         let addresses =
             self.nodes.iter().map(|node| self.pool.address(node.first_page + node.planes + word));

@@ -16,7 +16,7 @@
 
 use super::pool::{PAGE_BYTES, Pages, Pool};
 use super::{Resident, ResidentNode, in_metres};
-use crate::cloud::attribute::Shown;
+use crate::cloud::attribute::DisplayAttribute;
 use crate::config::{PATIENCE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
 use crate::error::{Error, Result};
 use crate::gpu::memory::MappedRange;
@@ -131,7 +131,11 @@ struct Published {
 }
 
 impl Published {
-    fn loader(self: &Arc<Published>, index: &Arc<Index>, shown: Shown) -> Result<Loader> {
+    fn loader(
+        self: &Arc<Published>,
+        index: &Arc<Index>,
+        shown: DisplayAttribute,
+    ) -> Result<Loader> {
         let published = self.clone();
         let publish = move || {
             // A device that is lost is said by the frame.
@@ -154,7 +158,7 @@ impl Residency {
     pub fn open(
         gpu: &mut Gpu,
         index: Arc<Index>,
-        shown: Shown,
+        shown: DisplayAttribute,
         pool_bytes: u64,
     ) -> Result<Residency> {
         let timeline = Timeline::new(&gpu.device, &gpu.memory.alive, "loaded")?;

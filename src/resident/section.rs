@@ -26,7 +26,7 @@ pub struct Slab {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Found {
     pub point: Point,
-    /// What it shows ([`crate::cloud::attribute::Shown::word`]).
+    /// What it shows ([`crate::cloud::attribute::DisplayAttribute::word`]).
     pub shown: u32,
     /// On the map: from the start on, and to the left, metres.
     pub place: DVec2,

@@ -1,7 +1,7 @@
 //! How opaque points are: rules of the user, and what they come to for every class, return and station.
 
 use crate::cloud::Station;
-use crate::cloud::counts::{CLASSES, Counts, RETURNS};
+use crate::cloud::histograms::{CLASSES, Histograms, RETURNS};
 use serde::Serialize;
 
 /// What a rule is about.
@@ -31,7 +31,7 @@ pub struct Known<'c> {
     pub stations: &'c [Station],
     pub points: u64,
     /// Of classes and returns, where somebody has counted.
-    pub counts: Option<&'c Counts>,
+    pub counts: Option<&'c Histograms>,
 }
 
 /// All rules; the opacities of those that are about a point are multiplied.
@@ -292,7 +292,7 @@ mod tests {
     #[test]
     fn rules_about_no_point_there_is_change_nothing_and_say_so() {
         let of = |rule: &str| Opacities(vec![rule.parse().unwrap()]);
-        let counts = Counts { classes: vec![(2, 5), (6, 4)], returns: vec![(1, 10)] };
+        let counts = Histograms { classes: vec![(2, 5), (6, 4)], returns: vec![(1, 10)] };
         let known = Known { stations: &[], points: 10, counts: Some(&counts) };
         assert!(
             ["0.5", "class:2=0.5", "class:0=0.5", "return:1=0.5"]

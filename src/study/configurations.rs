@@ -10,7 +10,7 @@ use super::cases::{self, Case, Options, Sampling};
 use super::report::{Figure, Section, Table};
 use super::surface::render_settings;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::error::Result;
 use crate::graph::{CompletedSubmission, Gpu, Graph, Handle};
 use crate::passes::counts::{self, Counts};
@@ -201,7 +201,7 @@ fn measured<Q: Question>(
     let resident = Resident::fill(
         gpu,
         case.cloud.clone(),
-        Shown::new(Attribute::White, &case.cloud),
+        DisplayAttribute::new(Attribute::White, &case.cloud),
         progress,
     )?;
     let known = Q::know(case, draw(gpu, &case.view, &resident, &render_settings(Q::REFERENCE)?)?);

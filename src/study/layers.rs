@@ -6,7 +6,7 @@ use super::configurations::AUTO;
 use super::oracle::transparency::{self as oracle, Over};
 use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::srgb_to_linear;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
@@ -70,8 +70,12 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
             .map(|classes| classes.iter().map(|&class| COLORS[class as usize - 1]).collect());
     }
     let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), plan.size), plan.size)?;
-    let mut resident =
-        Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::Rgb, &cloud), progress)?;
+    let mut resident = Resident::fill(
+        gpu,
+        cloud.clone(),
+        DisplayAttribute::new(Attribute::Rgb, &cloud),
+        progress,
+    )?;
     resident.opacities = Opacities(vec![Rule { what: What::All, opacity: OPACITY }]);
     let layer_m = Scene::of(&view, &resident, RenderSettings::default().light).layer_m(0.0);
     let configurations =

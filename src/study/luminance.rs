@@ -9,7 +9,7 @@ use super::configurations::AUTO;
 use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::Cloud;
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::linear_to_srgb;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
@@ -114,7 +114,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     correct(&mut reference, NEIGHBOURS, progress)?;
     let reference_s = began.elapsed().as_secs_f64();
     let fill = |gpu: &mut Gpu, cloud: &Cloud, shown| {
-        Resident::fill(gpu, cloud.clone(), Shown::new(shown, cloud), progress)
+        Resident::fill(gpu, cloud.clone(), DisplayAttribute::new(shown, cloud), progress)
     };
     let (truth, stations) =
         (fill(gpu, &even, Attribute::Rgb)?, fill(gpu, &even, Attribute::Source)?);

@@ -10,7 +10,7 @@ use super::report::{Section, Table};
 use super::surface::{draw, render_settings};
 use super::truth::{Surface, Truth, compare};
 use super::{Plan, mark_fronts, rows, sweep};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::error::Result;
 use crate::graph::Gpu;
 use crate::progress::Progress;
@@ -71,8 +71,12 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         for (view_name, view) in views(&mesh, plan.size)? {
             progress.tick("study meshes", 0, 0)?;
             let truth = Truth::cast(&view, &mesh);
-            let resident =
-                Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), progress)?;
+            let resident = Resident::fill(
+                gpu,
+                cloud.clone(),
+                DisplayAttribute::new(Attribute::White, &cloud),
+                progress,
+            )?;
             let raw = draw(
                 gpu,
                 &view,

@@ -1,7 +1,7 @@
 //! Scene in, an index of a simulated scan of it out, in a temporary folder that goes with it.
 
 use super::precision::UTM;
-use crate::cloud::Wanted;
+use crate::cloud::ColumnSet;
 use crate::error::{Error, Result};
 use crate::index::build::{self, Options};
 use crate::index::file::Index;
@@ -87,4 +87,4 @@ impl Scan {
     }
 }
 
-const WANTED: Wanted = Wanted { gps_time: false, ..Wanted::ALL };
+const WANTED: ColumnSet = ColumnSet { gps_time: false, ..ColumnSet::ALL };

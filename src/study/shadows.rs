@@ -6,7 +6,7 @@
 use super::configurations::AUTO;
 use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::config::POINTS_PER_PAGE;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
@@ -72,8 +72,12 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
     let cloud =
         synth::collect("step", &world, plan.points.min(MOST_POINTS), plan.seed, 0.0, progress)?;
     let view = View::new(Camera::framing(Preset::Fit, &cloud.core_points(), [64, 64]), [64, 64])?;
-    let resident =
-        Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::White, &cloud), progress)?;
+    let resident = Resident::fill(
+        gpu,
+        cloud.clone(),
+        DisplayAttribute::new(Attribute::White, &cloud),
+        progress,
+    )?;
     let mut found: Vec<([f64; 2], Facts)> = Vec::new();
     for configuration in &configurations {
         found.push(error(gpu, &view, &resident, configuration)?);

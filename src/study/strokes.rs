@@ -4,7 +4,7 @@ use super::configurations::AUTO;
 use super::oracle::strokes as oracle;
 use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
-use crate::cloud::attribute::Shown;
+use crate::cloud::attribute::DisplayAttribute;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph};
 use crate::index::strokes;
@@ -98,7 +98,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         )?;
         let view =
             View::new(Camera::framing(Preset::Fit, &cloud.core_points(), plan.size), plan.size)?;
-        let (mut shown, _) = Shown::automatic(&cloud);
+        let (mut shown, _) = DisplayAttribute::automatic(&cloud);
         shown.further.strokes = true;
         let resident = Resident::fill(gpu, cloud, shown, progress)?;
         let drawings = configurations

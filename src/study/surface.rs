@@ -8,7 +8,7 @@ use super::chart::{Chart, Mark, Panel};
 use super::report::{Figure, Section, Table};
 use super::truth::Errors;
 use super::{Plan, Row, mark_fronts, metrics, sweep};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::config::NO_POINT;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph};
@@ -114,7 +114,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         let resident = Resident::fill(
             gpu,
             case.cloud.clone(),
-            Shown::new(Attribute::White, &case.cloud),
+            DisplayAttribute::new(Attribute::White, &case.cloud),
             progress,
         )?;
         let mut drawings: Vec<Drawing> = styles.iter().map(|_| Drawing::default()).collect();

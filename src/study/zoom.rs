@@ -9,7 +9,7 @@ use super::popping::{STEP_PX, mean_flip};
 use super::report::{Section, Table};
 use super::surface::render_settings;
 use super::{Plan, mark_fronts, metrics, rows};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::error::Result;
 use crate::graph::{Gpu, Graph};
 use crate::progress::Progress;
@@ -61,7 +61,12 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         .collect();
     let camera = Camera::framing(Preset::Fit, &places, plan.size);
     let view = View::new(camera, plan.size)?;
-    let apart = Resident::fill(gpu, pilot.clone(), Shown::new(Attribute::White, &pilot), progress)?;
+    let apart = Resident::fill(
+        gpu,
+        pilot.clone(),
+        DisplayAttribute::new(Attribute::White, &pilot),
+        progress,
+    )?;
     let pilot_px = crate::resident::Sampling::of(&apart, &view).spacing_px();
     apart.free(gpu);
     let count = (5000.0 * (pilot_px / APART_PX).powi(2)).max(1.0) as u64;
@@ -73,8 +78,12 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         0.0,
         progress,
     )?;
-    let resident =
-        Resident::fill(gpu, cloud.clone(), Shown::new(Attribute::Rgb, &cloud), progress)?;
+    let resident = Resident::fill(
+        gpu,
+        cloud.clone(),
+        DisplayAttribute::new(Attribute::Rgb, &cloud),
+        progress,
+    )?;
 
     let shrink = 1.0 - STEP_PX / (plan.size[0] as f64 / 2.0);
     let frames = (NEARER.ln() / shrink.ln()).ceil() as usize;

@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "every test file is a crate of its own and uses a part of this")]
 
 use glam::DVec3;
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::{Cloud, Columns, Header, Lattice, Part};
 use pointillist::config::NO_POINT;
 use pointillist::gpu::DeviceOptions;
@@ -110,7 +110,7 @@ pub fn bare() -> RenderSettings {
 
 pub fn draw(way: Way, cloud: &Cloud, view: &View, settings: &RenderSettings) -> Layers {
     with(way, |gpu| {
-        let (shown, _) = Shown::automatic(cloud);
+        let (shown, _) = DisplayAttribute::automatic(cloud);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).expect("resident");
         let config = FrameConfig::new(settings, view, &resident);
         let mut g = Graph::new(gpu);
@@ -152,7 +152,7 @@ pub fn canvas<T>(work: impl FnOnce(&mut Canvas) -> T) -> T {
             &points,
             Some(colors),
         )]);
-        let shown = Shown::new(Attribute::Rgb, &cloud);
+        let shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(gpu, cloud, shown, &Silent).expect("resident");
         let mut canvas = Canvas { gpu, resident, reached: false };
         let result = work(&mut canvas);

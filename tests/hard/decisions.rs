@@ -2,7 +2,7 @@
 
 use crate::gpu::{Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective};
 use glam::DVec3;
-use pointillist::cloud::{self, Lattice, ReadOptions, Wanted};
+use pointillist::cloud::{self, ColumnSet, Lattice, ReadOptions};
 use pointillist::config::{
     CHUNKS_PER_PAGE, NEAR_M, NO_POINT, PAGES_PER_BLOCK, POINTS_PER_CHUNK, POINTS_PER_PAGE,
 };
@@ -199,7 +199,7 @@ fn hard_24_16_bit_colours() {
     let mut file = LasFile::create(&path, lattice, 1 << 16).unwrap();
     file.write(&chunk).unwrap();
     file.finish().unwrap();
-    let cloud = cloud::read(&[path], &ReadOptions::new(Wanted::ALL, true), &Silent).unwrap();
+    let cloud = cloud::read(&[path], &ReadOptions::new(ColumnSet::ALL, true), &Silent).unwrap();
     let part = &cloud.parts[0];
     assert_eq!(part.rgb_scale.bits(), 16);
     // 65535 = 255 * 257, and v / 257 is never a half: rounding has one answer.

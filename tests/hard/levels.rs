@@ -2,7 +2,7 @@
 
 use crate::gpu::{Random, Way, perspective, with};
 use glam::DVec3;
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::index::file::Index;
 use pointillist::progress::Silent;
 use pointillist::resident::Residency;
@@ -31,7 +31,7 @@ fn open(gpu: &mut pointillist::graph::Gpu) -> Residency {
     Residency::open(
         gpu,
         plane().index.clone(),
-        Shown::indexed(Attribute::Rgb, [0.0, 1.0], [0, 255]),
+        DisplayAttribute::indexed(Attribute::Rgb, [0.0, 1.0], [0, 255]),
         u64::MAX,
     )
     .unwrap()

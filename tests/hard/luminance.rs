@@ -4,7 +4,7 @@ use crate::gpu::{
     Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, with,
 };
 use glam::DVec3;
-use pointillist::cloud::attribute::Shown;
+use pointillist::cloud::attribute::DisplayAttribute;
 use pointillist::cloud::{Cloud, Lattice};
 use pointillist::graph::Graph;
 use pointillist::passes::{Switch, luminance};
@@ -104,7 +104,7 @@ fn drawn_and_counted(
     settings: &RenderSettings,
 ) -> (Vec<[f32; 4]>, Vec<u64>) {
     with(way, |gpu| {
-        let (shown, _) = Shown::automatic(cloud);
+        let (shown, _) = DisplayAttribute::automatic(cloud);
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
         let config = FrameConfig::new(settings, view, &resident);
         let mut g = Graph::new(gpu);

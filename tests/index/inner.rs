@@ -112,7 +112,7 @@ fn only_what_is_wanted_is_kept() {
         .build(
             std::slice::from_ref(&file),
             "a.pnti",
-            &Options { wanted: Wanted { class: true, ..Wanted::default() }, ..OPTIONS },
+            &Options { wanted: ColumnSet { class: true, ..ColumnSet::default() }, ..OPTIONS },
         )
         .unwrap();
     let index = Index::open(&place.at("a.pnti")).unwrap();

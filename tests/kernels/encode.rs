@@ -2,7 +2,7 @@
 
 use crate::gpu::{WAYS, bare, with};
 use crate::{SIZES, cameras, scene};
-use pointillist::cloud::attribute::Shown;
+use pointillist::cloud::attribute::DisplayAttribute;
 use pointillist::graph::Graph;
 use pointillist::passes::encode::{self, Screen, Thresholds};
 use pointillist::progress::Silent;
@@ -18,7 +18,7 @@ fn a_screen_holds_the_bytes_of_a_file() {
         for blue_first in [false, true] {
             let view = View::new(cameras()[0], size).unwrap();
             let (picture, words) = with(WAYS[0], |gpu| {
-                let (shown, _) = Shown::automatic(&cloud);
+                let (shown, _) = DisplayAttribute::automatic(&cloud);
                 let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
                 let config = FrameConfig::new(&bare(), &view, &resident);
                 let mut g = Graph::new(gpu);

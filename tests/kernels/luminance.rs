@@ -4,7 +4,7 @@ use crate::gpu::{
     Random, WAYS, Way, bare, bumpy, cloud, draw, orthographic, part, perspective, with,
 };
 use glam::DVec3;
-use pointillist::cloud::attribute::Shown;
+use pointillist::cloud::attribute::DisplayAttribute;
 use pointillist::cloud::{self, Cloud, Lattice};
 use pointillist::graph::{Gpu, Graph};
 use pointillist::passes::project::Precision;
@@ -162,7 +162,7 @@ fn what_one_station_alone_has_seen_keeps_its_colours() {
     });
     for way in WAYS {
         with(way, |gpu| {
-            let (shown, _) = Shown::automatic(&cloud);
+            let (shown, _) = DisplayAttribute::automatic(&cloud);
             let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
             let overlap = resident.overlap(&view);
             assert!(overlap.count > 0 && overlap.count < overlap.seen, "{overlap:?}");

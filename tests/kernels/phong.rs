@@ -3,7 +3,7 @@
 use crate::gpu::{self, CANVAS_POINTS, Random, Way, bumpy, canvas, cloud, part, random_keys};
 use crate::surface::{SIZES, layered_keys, nothing, views};
 use glam::DVec3;
-use pointillist::cloud::attribute::{Attribute, Shown};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::cloud::{Cloud, Lattice, octahedral};
 use pointillist::config::NO_POINT;
 use pointillist::graph::Graph;
@@ -122,7 +122,7 @@ fn phong_lights_by_the_normals_of_points_as_f64_does() {
     let cloud = cloud(vec![part]);
     let (mut own, mut around, mut doubtful) = (0, 0, 0);
     gpu::with(Way::Compute64, |gpu| {
-        let mut shown = Shown::new(Attribute::Rgb, &cloud);
+        let mut shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
         shown.further.normal = true;
         let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
         let steps = |world: DVec3| (world / lattice.step).round().to_array().map(|v| v as i32);
@@ -238,7 +238,7 @@ fn back_faces_are_left_out_where_that_is_asked_for() {
         for way in gpu::WAYS {
             let depth = |cloud: &Cloud, effect: &str| {
                 gpu::with(way, |gpu| {
-                    let mut shown = Shown::new(Attribute::Rgb, cloud);
+                    let mut shown = DisplayAttribute::new(Attribute::Rgb, cloud);
                     shown.further.normal = true;
                     let resident = Resident::fill(gpu, cloud.clone(), shown, &Silent).unwrap();
                     let mut settings = gpu::bare();

@@ -9,8 +9,8 @@
 use super::header::{Layout, array_at, u32_at};
 use super::records::{Fields, Lane};
 use super::{Places, Sequence, Stretch};
-use crate::cloud::Wanted;
-use crate::cloud::guard::guard;
+use crate::cloud::ColumnSet;
+use crate::cloud::catch_panic::catch_panic;
 use crate::cloud::input::{Input, Meter};
 use crate::error::Result;
 use laz::las::selective::DecompressionSelection;
@@ -40,15 +40,22 @@ pub struct Coding {
 }
 
 /// The coding of a file, where its chunks are, and what was odd about finding them.
-pub fn open(input: &Input, layout: &Layout, available: Wanted) -> Result<(Coding, Places, String)> {
+pub fn open(
+    input: &Input,
+    layout: &Layout,
+    available: ColumnSet,
+) -> Result<(Coding, Places, String)> {
     let Some(laszip) = &layout.laszip else {
         return Err(input.wrong(
             "is compressed, but has no laszip record that says how: the header is damaged",
         ));
     };
-    let vlr = guard(|| LazVlr::read_from(laszip.as_slice()).map_err(|error| error.to_string()))
-        .flatten()
-        .map_err(|what| input.wrong(format!("has a laszip record that cannot be used: {what}")))?;
+    let vlr =
+        catch_panic(|| LazVlr::read_from(laszip.as_slice()).map_err(|error| error.to_string()))
+            .flatten()
+            .map_err(|what| {
+                input.wrong(format!("has a laszip record that cannot be used: {what}"))
+            })?;
     let compressor = u16::from_le_bytes(array_at(laszip, 0));
     let coding = Coding::new(input, layout, &vlr, compressor, available)?;
     let sequence = |at: u64, chunk_points| {
@@ -94,7 +101,7 @@ impl Coding {
         layout: &Layout,
         vlr: &LazVlr,
         compressor: u16,
-        available: Wanted,
+        available: ColumnSet,
     ) -> Result<Self> {
         if !(1..=3).contains(&compressor) {
             return Err(
@@ -180,7 +187,7 @@ impl Coding {
 }
 
 /// Layers that nobody wants are not decoded.
-fn selection(available: Wanted) -> DecompressionSelection {
+fn selection(available: ColumnSet) -> DecompressionSelection {
     let mut bits = DecompressionSelection::Z;
     for (there, bit) in [
         (available.rgb, DecompressionSelection::RGB),
@@ -230,7 +237,7 @@ fn table(
         ));
     }
     let bytes = read(8 + TABLE_ENTRY_BYTES * (count + 1))?;
-    let entries = guard(|| {
+    let entries = catch_panic(|| {
         ChunkTable::read(&mut Cursor::new(&bytes), chunk_points.is_none())
             .map_err(|error| error.to_string())
     })
@@ -329,7 +336,7 @@ pub fn chunk(
 ) -> Result<Outcome> {
     let source = Cursor::new(bytes);
     if !coding.is_layered() {
-        return match guard(|| coding.sequential(source).map_err(|error| error.to_string()))
+        return match catch_panic(|| coding.sequential(source).map_err(|error| error.to_string()))
             .flatten()
         {
             Ok(mut decoder) => decode(&mut decoder, points, fields, block, lane, meter),
@@ -340,7 +347,7 @@ pub fn chunk(
         return Ok(Some("its layers do not fit".into()));
     }
     let points = points.min(u32_at(bytes, coding.record_bytes) as u64);
-    match guard(|| coding.layered(source).map_err(|error| error.to_string())).flatten() {
+    match catch_panic(|| coding.layered(source).map_err(|error| error.to_string())).flatten() {
         Ok(mut decoder) => decode(&mut decoder, points, fields, block, lane, meter),
         Err(why) => Ok(Some(why)),
     }
@@ -384,7 +391,7 @@ fn decode<R, D: RecordDecompressor<R>>(
     let mut left = points as usize;
     while left > 0 {
         let room = lane.room(left);
-        let outcome = guard(|| decode_room(decoder, room, fields, block, lane)).flatten();
+        let outcome = catch_panic(|| decode_room(decoder, room, fields, block, lane)).flatten();
         lane.settle()?;
         meter.advance(room as u64)?;
         if let Err(why) = outcome {

@@ -7,7 +7,7 @@
 
 use super::header::Layout;
 use crate::cloud::color::{Occurred, RgbRange, to_8_bits};
-use crate::cloud::{Columns, Wanted};
+use crate::cloud::{ColumnSet, Columns};
 use crate::error::Result;
 
 /// Records a block at most: it fits the second-level cache.
@@ -60,8 +60,8 @@ impl Fields {
     }
 
     /// What is both wanted and there.
-    pub fn available(&self, wanted: Wanted) -> Wanted {
-        Wanted {
+    pub fn available(&self, wanted: ColumnSet) -> ColumnSet {
+        ColumnSet {
             rgb: wanted.rgb && self.rgb.is_some(),
             gps_time: wanted.gps_time && self.gps_time.is_some(),
             normal: false,
@@ -343,7 +343,7 @@ fn part<const N: usize>(row: &[u8], at: usize) -> [u8; N] {
 }
 
 /// [`zeros`], or `None` if there is no memory for them.
-pub fn columns(count: usize, available: Wanted) -> Option<Columns> {
+pub fn columns(count: usize, available: ColumnSet) -> Option<Columns> {
     // An allocation that fails ends the program, so the whole sum is asked for first, and given back.
     let bytes = 12
         + 3 * available.rgb as usize
@@ -358,7 +358,7 @@ pub fn columns(count: usize, available: Wanted) -> Option<Columns> {
 }
 
 /// Columns of `count` zeros, which cost no memory until they are written over.
-pub fn zeros(count: usize, available: Wanted) -> Columns {
+pub fn zeros(count: usize, available: ColumnSet) -> Columns {
     fn column<T: Clone + Default>(there: bool, count: usize) -> Option<Vec<T>> {
         there.then(|| vec![T::default(); count])
     }

@@ -4,7 +4,7 @@
 use super::header::Layout;
 use super::{Las, Places, Sequence, Stretch};
 use crate::cloud::input::Input;
-use crate::cloud::{Part, Wanted};
+use crate::cloud::{ColumnSet, Part};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -27,7 +27,7 @@ const SLACK: u64 = 1 << 16;
 /// About so many points; none where what stands in the middle is not found without reading what is before.
 pub fn sample(
     input: &Input,
-    wanted: Wanted,
+    wanted: ColumnSet,
     points: u64,
     progress: &dyn Progress,
 ) -> Result<Option<Part>> {

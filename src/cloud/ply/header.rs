@@ -2,7 +2,7 @@
 //!
 //! In: the first bytes of a file. Out: a [`Layout`]. Counts are only remembered: what they are worth is judged where the body is read.
 
-use crate::cloud::floats::Role;
+use crate::cloud::from_floats::Role;
 use crate::cloud::input::Input;
 use crate::cloud::text;
 use crate::error::Result;

@@ -3,7 +3,7 @@
 //! In: text such as `PROJCS["...",GEOGCS[...],UNIT["foot",0.3048]]`. Out: name, EPSG code, kind and units. Whatever is not understood is passed over:
 //! writers differ in everything but the brackets. What the projection is `proj4wkt` finds.
 
-use super::super::guard::guard;
+use super::super::catch_panic::catch_panic;
 use super::{Kind, System, Unit};
 
 /// A keyword with what stands in its brackets.
@@ -44,7 +44,7 @@ pub fn system(text: &str) -> Option<System> {
     if system.name.is_none() && system.unit.is_none() && system.epsg.is_none() {
         return None;
     }
-    let proj = guard(|| proj4wkt::wkt_to_projstring(text).ok()).ok().flatten();
+    let proj = catch_panic(|| proj4wkt::wkt_to_projstring(text).ok()).ok().flatten();
     Some(system.completed(proj))
 }
 

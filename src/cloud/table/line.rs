@@ -3,7 +3,7 @@
 //! In: a line. Out: a `Point`, or why it is none. A field that holds no number its column could have is missing in its place: nothing moves up.
 
 use super::{Delimiter, Reading, Role, Table};
-use crate::cloud::floats::Point;
+use crate::cloud::from_floats::Point;
 use crate::cloud::{Extra, text};
 
 /// What a line is.

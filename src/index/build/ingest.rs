@@ -7,9 +7,9 @@ use super::super::grow::{Kind, Tree};
 use super::super::record::{Batch, Colors, Layout};
 use super::super::samples::Cell;
 use super::{Builder, Derive, lock};
-use crate::cloud::counts::Tally;
+use crate::cloud::histograms::Tally;
 use crate::cloud::stream::{self, Source};
-use crate::cloud::{Lattice, Station, Wanted};
+use crate::cloud::{ColumnSet, Lattice, Station};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -86,12 +86,11 @@ impl Builder<'_> {
             union(&mut group.members.iter().filter_map(|&(number, shift)| {
                 Some((self.sources[number].stated_bounds()?, shift))
             }));
-        let has = group
-            .members
-            .iter()
-            .fold(Wanted::default(), |has, &(number, _)| has.and(self.sources[number].available()));
+        let has = group.members.iter().fold(ColumnSet::default(), |has, &(number, _)| {
+            has.and(self.sources[number].available())
+        });
         // Several stations need a number a point, even where no file names them.
-        let has = Wanted {
+        let has = ColumnSet {
             source: has.source || group.members.len() > 1 || self.sources.len() > 1,
             ..has
         };
@@ -124,7 +123,7 @@ impl Builder<'_> {
             let mut points = 0;
             let (mut own, mut worlds) = (Vec::new(), Vec::new());
             let mut notes = Vec::new();
-            let (mut found, mut again) = (Wanted::default(), false);
+            let (mut found, mut again) = (ColumnSet::default(), false);
             for &(number, shift) in &group.members {
                 let part = number as u16;
                 let streamed = self.sources[number].stream(self.progress, &|batch| {
@@ -200,7 +199,7 @@ impl Builder<'_> {
             worlds.into_iter().for_each(|own| self.widen(own));
             let lattice_number = self.lattice(&group.lattice, corner)?;
             // Colours that are all black are none, which only the points can tell.
-            let has = Wanted { rgb: found.rgb, ..has };
+            let has = ColumnSet { rgb: found.rgb, ..has };
             // Without colours there is no luminance.
             let derive = Derive {
                 luminance: self.options.derive.luminance && has.rgb,

@@ -7,7 +7,7 @@
 //! ```
 
 use super::{REFERENCE, draw, render_settings, values};
-use crate::cloud::attribute::{Attribute, Shown};
+use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::linear_to_srgb;
 use crate::cloud::{Cloud, Station};
 use crate::error::Result;
@@ -65,7 +65,7 @@ pub fn table(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Tabl
     let mut rows = Vec::new();
     let truth = lit(&wall, |_, second| (second as u16, 1.0));
     let picture = |gpu: &mut Gpu, cloud: Cloud, luminance: &str| {
-        let shown = Shown::new(Attribute::Rgb, &cloud);
+        let shown = DisplayAttribute::new(Attribute::Rgb, &cloud);
         let resident = Resident::fill(gpu, cloud, shown, progress)?;
         let drawn = draw(gpu, &view, &resident, &render_settings(luminance)?)?;
         resident.free(gpu);

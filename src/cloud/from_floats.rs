@@ -13,7 +13,7 @@ use super::digits::number;
 use super::input::Input;
 use super::strays::Core;
 use super::system::System;
-use super::{Columns, Header, Lattice, Part, Wanted};
+use super::{ColumnSet, Columns, Header, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -114,9 +114,9 @@ impl Role {
 }
 
 /// The columns that these roles fill: triples only if they are whole.
-pub fn there(roles: &[Role]) -> Wanted {
+pub fn there(roles: &[Role]) -> ColumnSet {
     let whole = |role: fn(usize) -> Role| (0..3).all(|i| roles.contains(&role(i)));
-    Wanted {
+    ColumnSet {
         rgb: whole(Role::Color),
         normal: whole(Role::Normal),
         intensity: roles.contains(&Role::Intensity),
@@ -151,7 +151,7 @@ impl Point {
 impl Floats {
     /// Empty, with columns for what is both wanted and `there`; `narrow` says that positions are `f32`, `bytes` that
     /// colours are bytes.
-    pub fn new(there: Wanted, wanted: Wanted, narrow: bool, bytes: bool) -> Self {
+    pub fn new(there: ColumnSet, wanted: ColumnSet, narrow: bool, bytes: bool) -> Self {
         let rgb = there.rgb && wanted.rgb;
         Self {
             axes: std::array::from_fn(|_| Axis::new(narrow)),

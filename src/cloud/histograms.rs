@@ -9,13 +9,13 @@ pub const CLASSES: usize = 256;
 
 /// Of every class and of every return number that occurs, in the order of their numbers, how many points there are.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Counts {
+pub struct Histograms {
     pub classes: Vec<(u8, u64)>,
     pub returns: Vec<(u8, u64)>,
 }
 
-impl Counts {
-    pub fn of<'a>(parts: impl IntoIterator<Item = &'a Columns>) -> Counts {
+impl Histograms {
+    pub fn of<'a>(parts: impl IntoIterator<Item = &'a Columns>) -> Histograms {
         let mut tally = Tally::default();
         parts.into_iter().for_each(|columns| tally.add(columns));
         tally.counts()
@@ -33,7 +33,7 @@ impl Counts {
     }
 }
 
-/// [`Counts`] on their way.
+/// [`Histograms`] on their way.
 #[derive(Clone, Debug)]
 pub struct Tally {
     classes: [u64; CLASSES],
@@ -61,11 +61,11 @@ impl Tally {
         self.returns.iter_mut().zip(other.returns).for_each(|(sum, count)| *sum += count);
     }
 
-    pub fn counts(&self) -> Counts {
+    pub fn counts(&self) -> Histograms {
         let occurring = |counts: &[u64]| {
             (0..=u8::MAX).zip(counts.iter().copied()).filter(|&(_, count)| count > 0).collect()
         };
-        Counts { classes: occurring(&self.classes), returns: occurring(&self.returns) }
+        Histograms { classes: occurring(&self.classes), returns: occurring(&self.returns) }
     }
 }
 
@@ -81,17 +81,17 @@ mod tests {
             ..Columns::default()
         };
         let other = Columns { returns: Some(vec![0xf2, 0]), ..Columns::default() };
-        let counts = Counts::of([&one, &other]);
+        let counts = Histograms::of([&one, &other]);
         assert_eq!(
             counts,
-            Counts { classes: vec![(2, 2), (6, 1)], returns: vec![(0, 1), (1, 2), (2, 2)] }
+            Histograms { classes: vec![(2, 2), (6, 1)], returns: vec![(0, 1), (1, 2), (2, 2)] }
         );
         assert!(counts.are_possible(5) && !counts.are_possible(4));
     }
 
     #[test]
     fn counts_that_nobody_counted_are_impossible() {
-        let of = |classes: &[(u8, u64)], returns: &[(u8, u64)]| Counts {
+        let of = |classes: &[(u8, u64)], returns: &[(u8, u64)]| Histograms {
             classes: classes.to_vec(),
             returns: returns.to_vec(),
         };
