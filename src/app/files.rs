@@ -35,9 +35,9 @@ impl App {
     fn load(&mut self, file: &Path) -> Result<()> {
         let mut scene = Scene::read(file)?;
         // As `render --scene` does: what the file does not say is as it was asked for.
-        let asked = self.options.scene.fineness;
-        scene.fineness.budget = scene.fineness.budget.or(asked.budget);
-        scene.fineness.lod_px = scene.fineness.lod_px.or(asked.lod_px);
+        let asked = self.options.scene.lod;
+        scene.lod.budget = scene.lod.budget.or(asked.budget);
+        scene.lod.lod_px = scene.lod.lod_px.or(asked.lod_px);
         let before = std::mem::replace(&mut self.scene, scene);
         self.framed = true;
         self.options.camera = Some(self.scene.camera);

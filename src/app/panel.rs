@@ -13,7 +13,7 @@ use crate::cloud::attribute::{Attribute, DisplayAttribute, class_name};
 use crate::passes::{Choice, Decided, Listed, Setting, Switch, Value};
 use crate::present::overlay::Overlay;
 use crate::render::scene::Scene;
-use crate::select::lod::Fineness;
+use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule, What};
 use crate::view::View;
 use crate::view::camera_path::CameraPath;
@@ -286,7 +286,7 @@ fn everything(
         grouped(facts.drawn),
         grouped(facts.points)
     ));
-    loading(ui, facts, view, &mut scene.fineness);
+    loading(ui, facts, view, &mut scene.lod);
     notes(ui, facts);
     ui.horizontal(|ui| {
         for mode in Mode::ALL {
@@ -439,7 +439,7 @@ fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
 }
 
 /// How much of an index is drawn, and what is being read of it.
-fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Fineness) {
+fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, options: &mut LodOptions) {
     let (
         Some(Loading {
             fitting, nodes, awaited, largest_error_px, pool_bytes: [pool, used], ..
@@ -461,7 +461,7 @@ fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Finen
         pool >> 20
     );
     ui.label(said).on_hover_text(fine);
-    let asked = fineness.of(view.size);
+    let asked = options.of(view.size);
     let (mut most, mut lod) = (asked.budget, asked.lod_px);
     ui.horizontal(|ui| {
         if ui
@@ -474,7 +474,7 @@ fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Finen
             )
             .changed()
         {
-            fineness.budget = Some(most);
+            options.budget = Some(most);
         }
         if ui
             .add(
@@ -487,10 +487,10 @@ fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, fineness: &mut Finen
             )
             .changed()
         {
-            fineness.lod_px = Some(lod);
+            options.lod_px = Some(lod);
         }
-        if *fineness != Fineness::default() && ui.small_button("auto").clicked() {
-            *fineness = Fineness::default();
+        if *options != LodOptions::default() && ui.small_button("auto").clicked() {
+            *options = LodOptions::default();
         }
     });
     if let Some(fitting) = fitting {

@@ -620,7 +620,7 @@ impl RenderLoop {
         let view = View::new(scene.camera, size)?;
         let (mut loading, taking_in) = (None, Instant::now());
         if let Brought::Parts(residency) = cloud {
-            let detail = scene.fineness.of(size);
+            let detail = scene.lod.of(size);
             let update = match self.redraw {
                 Redraw::Changed => residency.update_moving(&mut self.gpu, &view, &detail)?,
                 _ => residency.update(&mut self.gpu, &view, &detail)?,

@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
             }
         };
         for note in brought
-            .settle(&mut gpu, &view, &options.detail.fineness().of(size), &frames)?
+            .settle(&mut gpu, &view, &options.detail.lod().of(size), &frames)?
             .into_iter()
             .flat_map(|taken| taken.notes)
         {

@@ -16,7 +16,7 @@ use crate::passes::{Effects, Switch};
 use crate::render::scene::Scene;
 use crate::render::settings::{Background, RenderSettings, Style};
 use crate::select::clip::{Clip, Clips};
-use crate::select::lod::Fineness;
+use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
 use crate::source::{Opening, Source};
 use crate::view::light::Light;
@@ -158,8 +158,8 @@ impl TextArguments {
 }
 
 impl DetailOptions {
-    pub fn fineness(&self) -> Fineness {
-        Fineness { budget: self.budget, lod_px: self.lod }
+    pub fn lod(&self) -> LodOptions {
+        LodOptions { budget: self.budget, lod_px: self.lod }
     }
 
     pub fn pool_bytes(&self) -> u64 {
@@ -252,7 +252,7 @@ impl PictureOptions {
     /// The same with what a scene's file says in its place.
     pub fn with_scene(&self) -> Result<PictureOptions> {
         let Some(path) = &self.scene else { return Ok(self.clone()) };
-        let Scene { camera, color, settings, opacities, clips, fineness } = Scene::read(path)?;
+        let Scene { camera, color, settings, opacities, clips, lod } = Scene::read(path)?;
         let effect = settings.effects.clone().list().iter().map(ToString::to_string).collect();
         let (light, background, layer) = (
             settings.light,
@@ -262,8 +262,8 @@ impl PictureOptions {
         let (opacity, clip) = (opacities.0, clips.0);
         let own = &self.detail;
         let detail = DetailOptions {
-            budget: own.budget.or(fineness.budget),
-            lod: own.lod.or(fineness.lod_px),
+            budget: own.budget.or(lod.budget),
+            lod: own.lod.or(lod.lod_px),
             ..own.clone()
         };
         Ok(PictureOptions {

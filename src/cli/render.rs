@@ -5,7 +5,7 @@ use super::options::{DeviceOptions, PictureOptions, ends_in};
 use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu};
 use crate::output::export::Downloads;
-use crate::output::tiled::{self, Wanted};
+use crate::output::tiled::{self, PictureRequest};
 use crate::passes::counts::{self, Counts};
 use crate::passes::phong::{self, Backfaces};
 use crate::passes::{Effects, project::Statistics, shadows, significant, strokes};
@@ -126,8 +126,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if arguments.tile.is_some() || tiled::needs_pieces(&gpu, view.size, arguments.piece) {
         return in_pieces(arguments, &picture, &view, &mut gpu, brought, progress);
     }
-    facts.taken =
-        brought.settle(&mut gpu, &view, &picture.detail.fineness().of(view.size), progress)?;
+    facts.taken = brought.settle(&mut gpu, &view, &picture.detail.lod().of(view.size), progress)?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
             return Err(Error::Request(note.clone()));
@@ -193,10 +192,10 @@ fn in_pieces(
             view.size[0], view.size[1]
         )));
     };
-    let wanted = Wanted {
+    let wanted = PictureRequest {
         view: *view,
         settings: picture.settings()?,
-        fineness: picture.detail.fineness(),
+        lod: picture.detail.lod(),
         piece: arguments.piece,
         tile: arguments.tile,
     };

@@ -91,7 +91,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         settings: picture.settings()?,
         opacities: picture.opacities(),
         clips: picture.clips(),
-        fineness: picture.detail.fineness(),
+        lod: picture.detail.lod(),
     };
     let options = Options {
         files: arguments.files.clone(),

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph};
 use crate::output::image_io::{self, Samples};
-use crate::output::tiled::{self, Wanted};
+use crate::output::tiled::{self, PictureRequest};
 use crate::passes::encode::{self, Encoded};
 use crate::progress::Progress;
 use crate::render::frame::{self, Outcome};
@@ -57,18 +57,18 @@ impl Downloads {
 pub fn write(
     gpu: &mut Gpu,
     cloud: &mut Brought,
-    wanted: &Wanted,
+    request: &PictureRequest,
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>> {
-    let Wanted { view, settings, fineness, .. } = wanted;
+    let PictureRequest { view, settings, lod, .. } = request;
     if tiled::needs_pieces(gpu, view.size, None) {
         let [width, height] = view.size;
         return Err(Error::Request(format!(
             "{width}x{height} pixels are drawn in pieces, of which there are no layers; ask for fewer"
         )));
     }
-    let taken = cloud.settle(gpu, view, &fineness.of(view.size), progress)?;
+    let taken = cloud.settle(gpu, view, &lod.of(view.size), progress)?;
     let config = FrameConfig::new(settings, view, cloud.resident());
     let done = frame::draw(gpu, view, cloud.resident(), &config, progress, |g, outcome| {
         Downloads::ask(g, outcome, false, true)

@@ -6,7 +6,7 @@
 //! Points fall into the pixels of the whole picture, whichever part of it is drawn, and effects are decided for the whole. So where a border is as wide as effects look (`FrameConfig::reach_px`), pieces meet
 //! without a seam, bit by bit (`tests/tiled.rs`). One row of pieces is in memory at a time.
 //!
-//! Who has other things to do meanwhile, as a window has, draws smaller tiles, one at a time ([`Tiled`]): nodes are loaded for whole pieces all the same, so that the picture does not depend on tiles.
+//! Who has other things to do meanwhile, as a window has, draws smaller tiles, one at a time ([`TiledPicture`]): nodes are loaded for whole pieces all the same, so that the picture does not depend on tiles.
 
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
@@ -15,7 +15,7 @@ use crate::passes::{BLOCK_PX, encode, visibility};
 use crate::progress::{Progress, Whole};
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};
-use crate::select::lod::Fineness;
+use crate::select::lod::LodOptions;
 use crate::source::{Brought, Taken};
 use crate::view::View;
 use std::path::{Path, PathBuf};
@@ -109,19 +109,19 @@ impl Piece {
 
 /// What a picture is of, and how fine.
 #[derive(Clone)]
-pub struct Wanted {
+pub struct PictureRequest {
     pub view: View,
     pub settings: RenderSettings,
-    pub fineness: Fineness,
+    pub lod: LodOptions,
     /// Pieces of at most so many pixels a side.
     pub piece: Option<u32>,
     /// Drawn in tiles of at most so many pixels a side, for whoever has other things to do between them; the picture is the same, bit by bit.
     pub tile: Option<u32>,
 }
 
-/// A picture on its way into a file, which is there once [`Tiled::finish`] says so. Dropped before, it leaves nothing.
-pub struct Tiled {
-    wanted: Wanted,
+/// A picture on its way into a file, which is there once [`TiledPicture::finish`] says so. Dropped before, it leaves nothing.
+pub struct TiledPicture {
+    request: PictureRequest,
     path: PathBuf,
     rows: PngRows,
     plan: Option<Plan>,
@@ -150,12 +150,12 @@ struct Tile {
     is_last: bool,
 }
 
-impl Tiled {
+impl TiledPicture {
     /// Nothing is drawn yet.
-    pub fn begin(wanted: Wanted, path: &Path) -> Result<Tiled> {
-        let rows = PngRows::create(path, wanted.view.size)?;
-        Ok(Tiled {
-            wanted,
+    pub fn begin(request: PictureRequest, path: &Path) -> Result<TiledPicture> {
+        let rows = PngRows::create(path, request.view.size)?;
+        Ok(TiledPicture {
+            request,
             path: path.to_owned(),
             rows,
             plan: None,
@@ -202,10 +202,10 @@ impl Tiled {
         cloud: &mut Brought,
         progress: &dyn Progress,
     ) -> Result<Plan> {
-        let Wanted { view, settings, fineness, piece, tile } = self.wanted.clone();
+        let PictureRequest { view, settings, lod, piece, tile } = self.request.clone();
         // Of a picture in pieces effects are decided by as much of the cloud as shows it whole on a screen.
         let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
-        let taken = cloud.settle(gpu, &view, &fineness.of(overview), progress)?;
+        let taken = cloud.settle(gpu, &view, &lod.of(overview), progress)?;
         self.note(notes_of(taken));
         let config = FrameConfig::new(&settings, &view, cloud.resident());
         self.note(config.warnings(cloud.resident()));
@@ -226,14 +226,14 @@ impl Tiled {
         progress: &dyn Progress,
     ) -> Result<()> {
         let Tile { part, loaded, row: [top, height], is_last } = plan.tiles[plan.done];
-        let Wanted { view, fineness, .. } = &self.wanted;
+        let PictureRequest { view, lod, .. } = &self.request;
         let (done, total, width) =
             (plan.done as u64, plan.tiles.len() as u64, view.size[0] as usize);
         let whole = Whole { progress, doing: "drawing pieces", done, total };
         let taken = cloud.settle(
             gpu,
             &loaded,
-            &fineness.of(loaded.size),
+            &lod.of(loaded.size),
             if total > 1 { &whole } else { progress },
         )?;
         let window = view.window(part.window_corner.map(|at| at as i32), part.window_size);
@@ -308,11 +308,11 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
 pub fn write(
     gpu: &mut Gpu,
     cloud: &mut Brought,
-    wanted: Wanted,
+    request: PictureRequest,
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>> {
-    let mut picture = Tiled::begin(wanted, path)?;
+    let mut picture = TiledPicture::begin(request, path)?;
     while !picture.step(gpu, cloud, progress)? {}
     picture.finish()
 }

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::passes::Effects;
 use crate::render::settings::{Background, RenderSettings};
 use crate::select::clip::{Clip, Clips};
-use crate::select::lod::Fineness;
+use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
 use crate::view::Camera;
 use crate::view::light::Light;
@@ -24,7 +24,7 @@ pub struct Scene {
     pub opacities: Opacities,
     pub clips: Clips,
     /// Of an index.
-    pub fineness: Fineness,
+    pub lod: LodOptions,
 }
 
 /// `scene.json`.
@@ -64,8 +64,8 @@ impl Scene {
             effects: self.settings.effects.clone().list().iter().map(ToString::to_string).collect(),
             opacity: self.opacities.0.iter().map(ToString::to_string).collect(),
             clip: self.clips.0.iter().map(ToString::to_string).collect(),
-            budget: self.fineness.budget,
-            lod: self.fineness.lod_px,
+            budget: self.lod.budget,
+            lod: self.lod.lod_px,
             layer: Some(self.settings.layer_m).filter(|layer| *layer > 0.0),
             light: Some(self.settings.light.to_string()),
             background: Some(Background(self.settings.background).to_string()),
@@ -116,14 +116,14 @@ impl Scene {
         if words.lod.is_some_and(|lod| !(lod.is_finite() && lod >= 0.0)) {
             return Err("lod is no number of pixels".into());
         }
-        let fineness = Fineness { budget: words.budget, lod_px: words.lod };
+        let lod = LodOptions { budget: words.budget, lod_px: words.lod };
         Ok(Scene {
             camera: words.camera,
             color: color.transpose()?,
             settings,
             opacities: Opacities(rules),
             clips: Clips(clips),
-            fineness,
+            lod,
         })
     }
 }
@@ -156,7 +156,7 @@ mod tests {
                 .map(|clip| clip.parse().unwrap())
                 .into(),
         );
-        let fineness = Fineness { budget: Some(123_456), lod_px: Some(1.5) };
+        let lod = LodOptions { budget: Some(123_456), lod_px: Some(1.5) };
         let corners =
             [glam::DVec3::splat(5e6), glam::DVec3::new(5e6 + 0.1, 5e6 + 1.0 / 3.0, 5e6 + 7.0)];
         let scene = Scene {
@@ -165,7 +165,7 @@ mod tests {
             settings,
             opacities,
             clips,
-            fineness,
+            lod,
         };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.json");

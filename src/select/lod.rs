@@ -38,12 +38,12 @@ impl Detail {
 
 /// What is asked of that; the rest follows the picture's size.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Fineness {
+pub struct LodOptions {
     pub budget: Option<u64>,
     pub lod_px: Option<f64>,
 }
 
-impl Fineness {
+impl LodOptions {
     /// For a picture of this size.
     pub fn of(self, size: [u32; 2]) -> Detail {
         let usual = Detail::of(size);
@@ -57,7 +57,7 @@ impl Fineness {
 
 /// A node of a cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wanted {
+pub struct CutNode {
     pub node: usize,
     /// Its projected error, pixels.
     pub error_px: f64,
@@ -71,7 +71,7 @@ pub struct Wanted {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cut {
     /// Those that are needed most come first.
-    pub nodes: Vec<Wanted>,
+    pub nodes: Vec<CutNode>,
     pub points: u64,
     /// Of the nodes; 0 where all are leaves.
     pub largest_error_px: f64,
@@ -123,7 +123,7 @@ pub fn choose(
 }
 
 /// A node that may be refined; the greatest error first, and of equals the first node.
-struct Open(Wanted);
+struct Open(CutNode);
 
 impl Ord for Open {
     fn cmp(&self, other: &Open) -> Ordering {
@@ -154,7 +154,7 @@ struct Seen<'a> {
 
 /// What shows a range of siblings.
 struct Siblings {
-    nodes: Vec<Wanted>,
+    nodes: Vec<CutNode>,
     points: u64,
     outside: usize,
     clipped: usize,
@@ -190,7 +190,7 @@ impl Seen<'_> {
                     Projection::Orthographic => record.spacing * self.view.focal_px(),
                 };
                 found.points += record.count as u64;
-                found.nodes.push(Wanted { node, error_px, gain_px, distance });
+                found.nodes.push(CutNode { node, error_px, gain_px, distance });
             }
         }
         found

@@ -8,7 +8,7 @@ use super::{Redraw, RenderEvent, RenderLoop, Superseded};
 use crate::app::complain;
 use crate::error::{Error, Result};
 use crate::output::export;
-use crate::output::tiled::{self, Tiled};
+use crate::output::tiled::{self, TiledPicture};
 use crate::progress::{Progress, Silent};
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
@@ -34,9 +34,9 @@ pub(super) struct RetiredCloud {
 }
 
 enum SaveTarget {
-    Picture(Box<Tiled>),
+    Picture(Box<TiledPicture>),
     /// All at once.
-    Layers(Box<tiled::Wanted>, PathBuf),
+    Layers(Box<tiled::PictureRequest>, PathBuf),
 }
 
 impl PendingSave {
@@ -57,10 +57,10 @@ impl RenderLoop {
             ));
             return Ok(());
         };
-        let wanted = tiled::Wanted {
+        let wanted = tiled::PictureRequest {
             view: View::new(scene.camera, size)?,
             settings: super::settings(scene, cloud.resident()),
-            fineness: scene.fineness,
+            lod: scene.lod,
             piece: None,
             tile: Some(TILE),
         };
@@ -72,9 +72,8 @@ impl RenderLoop {
             && size.map(u64::from).iter().product::<u64>() <= self.pixels();
         let asked = match layers {
             true => Ok(SaveTarget::Layers(Box::new(wanted), path.clone())),
-            false => {
-                Tiled::begin(wanted, &path).map(|picture| SaveTarget::Picture(Box::new(picture)))
-            }
+            false => TiledPicture::begin(wanted, &path)
+                .map(|picture| SaveTarget::Picture(Box::new(picture))),
         };
         match asked {
             Ok(asked) => self.saves.push_back(PendingSave {
@@ -184,7 +183,7 @@ impl RenderLoop {
             let update = residency.update(
                 &mut self.gpu,
                 &View::new(scene.camera, present.size())?,
-                &scene.fineness.of(present.size()),
+                &scene.lod.of(present.size()),
             )?;
             if !update.is_complete() {
                 self.redraw = self.redraw.max(Redraw::NodesArriving);
