@@ -16,10 +16,10 @@ use crate::cloud::attribute::{
 use crate::cloud::octahedral;
 use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
-use crate::index::fault::How;
-use crate::index::file::{Index, NodeRecord, PLANES, Plane};
-use crate::index::spacing::spacing;
-use crate::index::strokes;
+use crate::index::attributes::strokes;
+use crate::index::format::fault_injection::How;
+use crate::index::format::spacing::spacing;
+use crate::index::format::{Index, NodeRecord, PLANES, Plane};
 use queue::{Next, Queue};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};

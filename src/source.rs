@@ -11,12 +11,11 @@ use crate::cloud::{self, Cloud, ReadOptions, Station};
 use crate::config;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
+use crate::index::attributes::luminance;
+use crate::index::attributes::strokes::Found;
 use crate::index::cache::{self, Cached};
-use crate::index::fault::Fault;
-use crate::index::file::{Index, Plane};
-use crate::index::luminance;
-use crate::index::marks::Marks;
-use crate::index::strokes::Found;
+use crate::index::format::fault_injection::Fault;
+use crate::index::format::{Index, Plane};
 use crate::index::{self, build};
 use crate::progress::Progress;
 use crate::resident::{Filling, Residency, Resident, residency::Update};
@@ -60,7 +59,7 @@ impl Opening {
     /// With the shadows that were saved, and the faults that were asked for.
     fn equipped(&self, mut index: Index) -> Result<Source> {
         if let Some((path, light)) = &self.shadows {
-            let marks = Marks::open(path, &index)?;
+            let marks = index.open_shadows(path)?;
             if !light.is_written(&marks.contents.light) {
                 return Err(Error::Request(format!(
                     "{} has shadows of --light {}, and the picture's is {light}; ask for that light, or cast others with `pointillist shadows`",

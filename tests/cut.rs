@@ -5,7 +5,7 @@ mod tree;
 
 use glam::DVec3;
 use gpu::{Random, bumpy, orthographic, perspective};
-use pointillist::index::file::Index;
+use pointillist::index::format::Index;
 use pointillist::select::clip::Clips;
 use pointillist::select::lod::{Cut, Detail, choose};
 use pointillist::view::View;

@@ -7,7 +7,7 @@
 
 mod support;
 
-use pointillist::index::file::{Index, PLANES};
+use pointillist::index::format::{Index, PLANES};
 use pointillist::synth::SceneKind;
 use std::fs;
 use std::os::unix::process::ExitStatusExt;

@@ -162,7 +162,7 @@ fn unsafe_code_and_vulkan_stay_where_they_are_read_with_care() {
             || matches!(path, "graph/record.rs" | "present.rs")
     };
     // A map of a file, and hints to the system about one.
-    let files = |path: &str| matches!(path, "index/map.rs" | "index/file.rs");
+    let files = |path: &str| matches!(path, "index/format/mmap.rs" | "index/format/writer.rs");
     let names_vulkan = |path: &str| device(path) || path.starts_with("graph/");
     let mut wrong = Vec::new();
     for (path, code) in sources() {

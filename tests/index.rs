@@ -1,7 +1,7 @@
 //! FILES -> NAME.pnti: every point is in one leaf, bit by bit what `cloud::read` says of it; inner nodes are pictures of their children; the bytes depend
 //! on the points alone; and whatever becomes of the file, it is refused or read as it was written.
 //!
-//! Leaves are decoded here from the description in `index::file`, not by the code that packs them. Clouds are made here, or by `synth`, or lie in
+//! Leaves are decoded here from the description in `index::format`, not by the code that packs them. Clouds are made here, or by `synth`, or lie in
 //! `../shared`; where that folder is missing, the tests that need it say so and pass.
 
 mod support;
@@ -24,7 +24,7 @@ use pointillist::cloud::{self, Cloud, ColumnSet, Lattice, ReadOptions};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
 use pointillist::index::build::{self, Derive, Options, Summary};
-use pointillist::index::file::{Contents, Index, NodeRecord, PLANES, Plane};
+use pointillist::index::format::{Contents, Index, NodeRecord, PLANES, Plane};
 use pointillist::progress::{Progress, Silent};
 use pointillist::select::clip::Clips;
 use pointillist::select::lod::{self, Detail};

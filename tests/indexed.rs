@@ -3,7 +3,7 @@
 mod support;
 
 use pointillist::cloud::colormap::{linear_to_srgb, srgb_to_linear};
-use pointillist::index::file::{Index, Plane};
+use pointillist::index::format::{Index, Plane};
 use pointillist::synth::SceneKind;
 use serde_json::Value;
 use std::path::PathBuf;

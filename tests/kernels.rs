@@ -33,7 +33,7 @@ use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::{NO_POINT, POINTS_PER_PAGE};
 use pointillist::error::Error;
 use pointillist::graph::Graph;
-use pointillist::index::{self, pack};
+use pointillist::index::{self, build::pack};
 use pointillist::passes::project::{Band, Keys, Precision};
 use pointillist::passes::{Scene, Switch, composite, edl, resolve};
 use pointillist::progress::Silent;

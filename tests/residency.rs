@@ -9,7 +9,7 @@ use gpu::{Random, Way, bumpy, perspective};
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::config::{POINTS_PER_PAGE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
 use pointillist::graph::{Gpu, Graph};
-use pointillist::index::file::{Index, Plane};
+use pointillist::index::format::{Index, Plane};
 use pointillist::loader::{Answer, Destination, Loader, Outcome, Wish};
 use pointillist::passes::Switch;
 use pointillist::progress::Silent;

@@ -2,8 +2,7 @@
 
 mod support;
 
-use pointillist::index::file::Index;
-use pointillist::index::marks::Marks;
+use pointillist::index::format::Index;
 use pointillist::synth::SceneKind;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -118,7 +117,7 @@ fn samples_of_inner_nodes_have_the_mean_of_the_points_that_they_stand_for() {
     let place = Place::new(300_000);
     place.cast("a.shadows", "");
     let index = Index::open(&place.at("street.pnti")).unwrap();
-    let marks = Marks::open(&place.at("a.shadows"), &index).unwrap();
+    let marks = index.open_shadows(&place.at("a.shadows")).unwrap();
     let sums: Vec<(f64, f64)> = (0..index.nodes().len())
         .map(|node| {
             let mut own = vec![0; index.nodes()[node].count as usize];

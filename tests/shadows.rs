@@ -10,7 +10,7 @@ use pointillist::cloud::{Cloud, Lattice};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::graph::{Buffer, Gpu, Graph};
 use pointillist::index::build;
-use pointillist::index::file::Index;
+use pointillist::index::format::Index;
 use pointillist::passes::project::Precision;
 use pointillist::passes::shadows::cameras::Sight;
 use pointillist::passes::shadows::{self, Facts, Layer, Method, Reached, Settings, disc};

@@ -4,9 +4,9 @@ mod support;
 
 use pointillist::cloud::table::TextOptions;
 use pointillist::cloud::{self, ColumnSet, ReadOptions};
+use pointillist::index::attributes::exposure;
 use pointillist::index::build::{self, Derive, Options};
-use pointillist::index::exposure;
-use pointillist::index::file::{Index, Plane};
+use pointillist::index::format::{Index, Plane};
 use pointillist::progress::Silent;
 use pointillist::synth::SceneKind;
 use std::collections::BTreeSet;

@@ -7,7 +7,7 @@ mod tangents;
 
 use glam::DVec3;
 use pointillist::cloud::{Cloud, Columns, Part};
-use pointillist::index::strokes::{Stroke, householder, strokes};
+use pointillist::index::attributes::strokes::{Stroke, householder, strokes};
 use pointillist::progress::Silent;
 use pointillist::synth::{self, SceneKind};
 

@@ -711,7 +711,12 @@ fn strips_of_a_real_scan_meet_as_closely_as_offline_and_keep_as_many_details() {
             .collect(),
     );
     let (mut offline, mut marked) = (strips.clone(), strips.clone());
-    index::luminance::correct(&mut offline, index::luminance::NEIGHBOURS, &Silent).unwrap();
+    index::attributes::luminance::correct(
+        &mut offline,
+        index::attributes::luminance::NEIGHBOURS,
+        &Silent,
+    )
+    .unwrap();
     let sources = strips.parts[0].columns.source.as_ref().unwrap();
     marked.parts[0].columns.rgb = Some(
         sources
@@ -812,7 +817,7 @@ fn the_offline_reference_averages_the_nearest() {
         apart(&positions.x) + apart(&positions.y) + apart(&positions.z)
     };
     let value = |i: usize| *colors[i].iter().max().unwrap() as f64;
-    pointillist::index::luminance::correct(&mut cloud, 12, &Silent).unwrap();
+    pointillist::index::attributes::luminance::correct(&mut cloud, 12, &Silent).unwrap();
     let corrected = cloud.parts[0].columns.rgb.as_ref().unwrap();
     for i in (0..3_000).step_by(7) {
         let mut others: Vec<usize> = (0..3_000).filter(|&k| squared(i, k) > 0.0).collect();

@@ -9,7 +9,7 @@ use pointillist::app::measure::{Measure, Picked};
 use pointillist::cloud::find::{self, Sought};
 use pointillist::cloud::system::{self, Kind, System};
 use pointillist::cloud::{self, Cloud, ColumnSet, Header, ReadOptions};
-use pointillist::index::file::Index;
+use pointillist::index::format::Index;
 use pointillist::progress::Silent;
 use pointillist::resident::Point;
 use pointillist::source::Source;

@@ -34,7 +34,7 @@ pub mod statistics;
 
 use crate::cloud::find::Record;
 use crate::error::{Error, Result};
-use crate::index::strokes::Found;
+use crate::index::attributes::strokes::Found;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
 use crate::view::Camera;

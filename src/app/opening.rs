@@ -7,7 +7,7 @@ use crate::cloud::histograms::Histograms;
 use crate::cloud::system::Reference;
 use crate::cloud::{ColumnSet, ReadOptions, Station};
 use crate::error::{Error, Result};
-use crate::index::strokes::Found;
+use crate::index::attributes::strokes::Found;
 use crate::progress::Progress;
 use crate::source::{Opening, Prepared, Preview, Source};
 use std::path::PathBuf;

@@ -8,7 +8,7 @@ use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
 use crate::graph::{Gpu, Graph, Handle};
-use crate::index::file::{Index, Plane};
+use crate::index::format::{Index, Plane};
 use crate::progress::Progress;
 use crate::render::frame;
 use crate::render::settings::{FrameConfig, RenderSettings};

@@ -7,7 +7,7 @@
 use super::flight;
 use crate::app::statistics::{FlightSummary, Spread, Summary};
 use crate::error::{Error, Result};
-use crate::index::file::Index;
+use crate::index::format::Index;
 use crate::progress::Progress;
 use crate::synth::{self, LasFile, SceneKind};
 use crate::view::camera_path::CameraPath;

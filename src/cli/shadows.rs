@@ -6,7 +6,7 @@ use super::render::refuse_to_overwrite;
 use crate::config;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
-use crate::index::file::Index;
+use crate::index::format::Index;
 use crate::passes::Effects;
 use crate::passes::shadows::whole::{self, Summary};
 use crate::progress::Progress;

@@ -4,7 +4,7 @@ use super::options::{DeviceOptions, PictureOptions, Size};
 use crate::app::{self, Options, keys, navigation::Habit, panel::Enlarged};
 use crate::error::Result;
 use crate::gpu;
-use crate::index::fault::Fault;
+use crate::index::format::fault_injection::Fault;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
 use crate::source::Opening;

@@ -14,7 +14,7 @@ pub enum Attribute {
     Source,
     Return,
     Normal,
-    /// Colours whose luminance is the mean of their neighbourhoods (`index::luminance`)
+    /// Colours whose luminance is the mean of their neighbourhoods (`index::attributes::luminance`)
     Corrected,
     White,
 }
@@ -90,9 +90,9 @@ pub struct ExtraAttributes {
     pub kind: bool,
     /// Normal ([`octahedral`]), in 24 bits.
     pub normal: bool,
-    /// What a brush needs to know, two words (`index::strokes`).
+    /// What a brush needs to know, two words (`index::attributes::strokes`).
     pub strokes: bool,
-    /// How much of a light reaches it, where that was saved (`index::marks`).
+    /// How much of a light reaches it, where that was saved (`index::format::shadow_file`).
     pub light: bool,
 }
 

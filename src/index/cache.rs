@@ -4,9 +4,9 @@
 //! contents 64 samples of 16 KiB, because reading a terabyte to find out whether it is the same would take longer than anybody waits; a file that is
 //! edited in between, with its length and time kept, is not noticed. An index that is damaged is made again.
 
-use super::build::{self, Options, Summary};
-use super::file::Index;
+use super::build::{Options, Summary, build};
 use crate::error::{Error, Result};
+use crate::index::format::Index;
 use crate::progress::Progress;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -76,13 +76,13 @@ pub fn find_or_build(
                 }
             }
             std::fs::create_dir_all(folder).map_err(|error| Error::io("create", folder, error))?;
-            let made = build::build(paths, &path, options, progress)?;
+            let made = build(paths, &path, options, progress)?;
             Ok(Cached { index: Index::open(&path)?, made: Some(made) })
         }
         Place::Nowhere => {
             let path =
                 std::env::temp_dir().join(format!("pointillist-{}-{name}", std::process::id()));
-            let made = build::build(paths, &path, options, progress)?;
+            let made = build(paths, &path, options, progress)?;
             let index = Index::open(&path);
             // Its pages stay as long as it is open.
             std::fs::remove_file(&path).map_err(|error| Error::io("remove", &path, error))?;

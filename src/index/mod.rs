@@ -6,32 +6,9 @@
 //! Of a point and those around it: `neighbours` in a tree, and in a `forest` of those of all leaves (`surroundings`); `normals` of the surface through them, `clusters` of like colour, and of these
 //! `strokes`, which are painted in the `axes` of all of them; `luminance` averaged over them. `exposure` says how bright stations are where they overlap. `derive` finds these for an index, whose nodes then keep them; `marks` of a light lie beside it.
 
-pub mod axes;
-mod bucket;
+pub mod attributes;
 pub mod build;
 pub mod cache;
-pub mod clusters;
-pub mod derive;
-pub mod exposure;
-pub mod fault;
-pub mod file;
-pub mod forest;
-mod grow;
-pub mod luminance;
-mod map;
-pub mod marks;
-mod merge;
-pub mod morton;
-pub mod neighbours;
-pub mod normals;
-pub mod organise;
-pub mod pack;
-mod record;
-mod samples;
-mod sort;
-pub mod spacing;
-pub mod strokes;
-pub mod surroundings;
-mod unite;
+pub mod format;
 
-pub use organise::{Arrangement, Node, Organised, organise, shuffle};
+pub use build::partition::{Arrangement, Node, Organised, organise, shuffle};

@@ -1,4 +1,4 @@
-//! One exposure for all stations: a factor on the light of each, so that where two have seen the same it looks the same (`index::exposure`).
+//! One exposure for all stations: a factor on the light of each, so that where two have seen the same it looks the same (`index::attributes::exposure`).
 //!
 //! Colours number their station, and are looked up in a row of a table that is its own: what this takes is the table. It comes before all else that is done to colours, keeps every detail, and leaves to
 //! `luminance` what no factor mends: shadows, the time of day.
@@ -7,7 +7,7 @@ use super::{Decided, Effects, Layers, Reason, Scene, Setting};
 use crate::cloud::attribute::{Attribute, station_code};
 use crate::cloud::colormap::{linear_to_srgb, srgb_to_linear};
 use crate::graph::Graph;
-use crate::index::exposure::Balance;
+use crate::index::format::Balance;
 use crate::resident::Resident;
 use crate::view::View;
 

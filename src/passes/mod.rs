@@ -24,7 +24,7 @@ pub mod visibility;
 
 use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
-use crate::index::exposure::Balance;
+use crate::index::format::Balance;
 use crate::resident::{Overlap, Resident, Sampling};
 use crate::view::View;
 use crate::view::light::Light;

@@ -12,10 +12,11 @@ use crate::cloud::histograms::Histograms;
 use crate::cloud::{Cloud, Columns, Part, Station, spacing};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
-use crate::index::axes::Axes;
-use crate::index::exposure::{self, Balance};
-use crate::index::pack::{self, Frame};
-use crate::index::strokes::{self, Found};
+use crate::index::attributes::exposure;
+use crate::index::attributes::strokes::{self, Found};
+use crate::index::build::pack::{self, Frame};
+use crate::index::format::Axes;
+use crate::index::format::Balance;
 use crate::index::{self, Organised};
 use crate::progress::{self, Progress};
 use crate::select::clip::Clips;
@@ -70,8 +71,11 @@ impl Filling {
             .kind
             .then(|| Histograms::of(cloud.parts.iter().map(|part| &part.columns)));
         let spacing_m = spacing::spacing(&cloud).unwrap_or(0.0);
-        let axes =
-            if shown.further.strokes { index::axes::of(&cloud.parts) } else { Axes::default() };
+        let axes = if shown.further.strokes {
+            index::attributes::axes::of(&cloud.parts)
+        } else {
+            Axes::default()
+        };
         let mut parts: VecDeque<(usize, Part)> = cloud.parts.into_iter().enumerate().collect();
         parts.iter_mut().for_each(|(_, part)| part.columns.keep(shown.wanted()));
         Filling {

@@ -7,7 +7,7 @@
 use crate::cloud::Lattice;
 use crate::cloud::strays::Core;
 use crate::config::BITS_PER_PLANE;
-use crate::index::pack::Frame;
+use crate::index::build::pack::Frame;
 use clap::ValueEnum;
 use glam::DVec3;
 use serde::Serialize;

@@ -9,8 +9,8 @@
 
 use crate::cloud::Lattice;
 use crate::config::{BITS_PER_PLANE, BUDGET_LEAST, BUDGET_PER_PIXEL, LOD_PX, QUANTISATION_PX};
-use crate::index::file::Index;
-use crate::index::pack::Frame;
+use crate::index::build::pack::Frame;
+use crate::index::format::Index;
 use crate::select::clip::{Clips, Left};
 use crate::view::{Projection, View};
 use std::cmp::Ordering;

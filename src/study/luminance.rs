@@ -13,7 +13,7 @@ use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::cloud::colormap::linear_to_srgb;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph, Handle};
-use crate::index::luminance::{NEIGHBOURS, correct};
+use crate::index::attributes::luminance::{NEIGHBOURS, correct};
 use crate::passes::{EFFECTS, Scene};
 use crate::progress::Progress;
 use crate::render::frame;

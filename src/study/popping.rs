@@ -10,7 +10,7 @@ use super::lod::{covered, draw};
 use super::metrics;
 use crate::error::Result;
 use crate::graph::Gpu;
-use crate::index::file::Index;
+use crate::index::format::Index;
 use crate::progress::Progress;
 use crate::resident::Residency;
 use crate::select::clip::Clips;

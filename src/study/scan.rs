@@ -4,7 +4,7 @@ use super::precision::UTM;
 use crate::cloud::ColumnSet;
 use crate::error::{Error, Result};
 use crate::index::build::{self, Options};
-use crate::index::file::Index;
+use crate::index::format::Index;
 use crate::progress::Progress;
 use crate::synth::{self, LasFile, SceneKind, World};
 use std::io::ErrorKind;

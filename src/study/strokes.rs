@@ -7,7 +7,7 @@ use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::cloud::attribute::DisplayAttribute;
 use crate::error::{Error, Result};
 use crate::graph::{Gpu, Graph};
-use crate::index::strokes;
+use crate::index::attributes::strokes;
 use crate::passes::Effects;
 use crate::passes::strokes::{Order, Settings};
 use crate::progress::Progress;

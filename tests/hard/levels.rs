@@ -3,7 +3,7 @@
 use crate::gpu::{Random, Way, perspective, with};
 use glam::DVec3;
 use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
-use pointillist::index::file::Index;
+use pointillist::index::format::Index;
 use pointillist::progress::Silent;
 use pointillist::resident::Residency;
 use pointillist::select::clip::Clips;

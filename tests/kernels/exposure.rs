@@ -4,7 +4,7 @@ use crate::gpu::{Random, WAYS, Way, bare, bumpy, draw, orthographic, part, persp
 use glam::DVec3;
 use pointillist::cloud::colormap::linear_to_srgb;
 use pointillist::cloud::{Cloud, Lattice, Station};
-use pointillist::index::exposure::balance;
+use pointillist::index::attributes::exposure::balance;
 use pointillist::passes::exposure;
 use pointillist::render::settings::RenderSettings;
 use pointillist::study::oracle::exposure as oracle;

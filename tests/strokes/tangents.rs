@@ -76,7 +76,8 @@ fn hard_19_tangents_of_the_device_agree_with_f64_over_the_sphere_and_up_to_its_p
 fn strokes_turn_with_a_cloud_that_is_turned_in_its_file() {
     use glam::DQuat;
     use pointillist::cloud::Lattice;
-    use pointillist::index::axes::{self, Axes};
+    use pointillist::index::attributes::axes;
+    use pointillist::index::format::Axes;
     use pointillist::passes::strokes::Tangents;
     use pointillist::study::oracle::strokes::tangent;
 

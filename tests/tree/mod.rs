@@ -5,10 +5,10 @@
 use glam::DVec3;
 use pointillist::cloud::Columns;
 use pointillist::index::Arrangement;
-use pointillist::index::file::{
+use pointillist::index::build::pack;
+use pointillist::index::format::{
     CHECKSUMS, Contents, Directory, Index, NodeRecord, PLANES, Plane, Writer,
 };
-use pointillist::index::pack;
 use std::path::Path;
 use std::sync::Arc;
 

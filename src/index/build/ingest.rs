@@ -1,16 +1,16 @@
 //! Files in, chunks of points that lie together out, the stations that they are of, and what gives those one exposure: all that is known before the first node is grown.
 
-use super::super::bucket::{self, Bucket, Grid, Sorter};
-use super::super::exposure::{self, Balance};
-use super::super::file::{Contents, IndexedPart};
-use super::super::grow::{Kind, Tree};
-use super::super::record::{Batch, Colors, Layout};
-use super::super::samples::Cell;
-use super::{Builder, Derive, lock};
+use super::build_chunk::{Kind, Tree};
+use super::builder::{Builder, lock};
+use super::point_record::{Batch, Colors, Layout};
+use super::spill_bucket::{self, Bucket, Grid, Sorter};
 use crate::cloud::histograms::Tally;
 use crate::cloud::stream::{self, Source};
 use crate::cloud::{ColumnSet, Lattice, Station};
 use crate::error::{Error, Result};
+use crate::index::attributes::exposure;
+use crate::index::format::samples::{Cell, Derive};
+use crate::index::format::{Balance, Contents, IndexedPart};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -351,14 +351,14 @@ impl Builder<'_> {
                 Ok(())
             })?;
         }
-        Ok(sample.balance(stations))
+        Ok(exposure::of_sample(sample, stations))
     }
 }
 
 /// Cuts a grid's buckets into chunks, in Morton order. The grid covers the cell that `depth` bits of the code with the value `prefix` decide.
 fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>) {
     let levels = grid.levels;
-    let (points, buckets): (Vec<u64>, Vec<bucket::Contents>) =
+    let (points, buckets): (Vec<u64>, Vec<spill_bucket::Contents>) =
         grid.into_buckets().into_iter().unzip();
     let mut starts = vec![0u64];
     starts.extend(points.iter().scan(0, |sum, points| {
@@ -379,8 +379,8 @@ fn cut(grid: Grid, depth: u32, prefix: u128, limit: u64, chunks: &mut Vec<Chunk>
             buckets.by_ref().skip_while(|(i, _)| *i < range.start).take(range.len())
         {
             match contents {
-                bucket::Contents::Points(bucket) => own.push(bucket),
-                bucket::Contents::Finer(finer) => cut(finer, depth, prefix, limit, chunks),
+                spill_bucket::Contents::Points(bucket) => own.push(bucket),
+                spill_bucket::Contents::Finer(finer) => cut(finer, depth, prefix, limit, chunks),
             }
         }
         if !own.is_empty() {

@@ -68,7 +68,7 @@ pub enum Order {
     Stroke,
 }
 
-/// What strokes are painted along. All but the last take the normal alone, in the cloud's own axes (`index::axes`): in those of its file the same surface, turned there, would be painted along other lines
+/// What strokes are painted along. All but the last take the normal alone, in the cloud's own axes (`index::attributes::axes`): in those of its file the same surface, turned there, would be painted along other lines
 /// (52 degrees away in the mean on a torus that is turned by a quarter). The paper turns the tangents with the cloud instead, which takes someone who knows that it was turned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]

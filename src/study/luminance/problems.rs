@@ -12,7 +12,7 @@ use crate::cloud::colormap::linear_to_srgb;
 use crate::cloud::{Cloud, Station};
 use crate::error::Result;
 use crate::graph::Gpu;
-use crate::index::luminance::{NEIGHBOURS, correct};
+use crate::index::attributes::luminance::{NEIGHBOURS, correct};
 use crate::progress::Progress;
 use crate::resident::Resident;
 use crate::study::Plan;

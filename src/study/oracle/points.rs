@@ -3,7 +3,7 @@
 //! In: parts and the nodes that are resident. Out: the lattice coordinates of every id, exactly as the file has them.
 
 use crate::cloud::{Lattice, Part};
-use crate::index::{self, pack};
+use crate::index::{self, build::pack};
 use crate::progress::Silent;
 use crate::resident::ResidentNode;
 use glam::DVec3;

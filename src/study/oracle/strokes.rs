@@ -7,8 +7,9 @@
 use crate::cloud::Part;
 use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::octahedral;
-use crate::index::axes::{self, Axes};
-use crate::index::strokes::{Stroke, householder};
+use crate::index::attributes::axes;
+use crate::index::attributes::strokes::{Stroke, householder};
+use crate::index::format::Axes;
 use crate::passes::strokes::brush::{Bristles, turns};
 use crate::passes::strokes::ground::{DIRECTIONS, ENCLOSED_PX, NEARER, NEARER_PX};
 use crate::passes::strokes::{Blend, LEAST_PX, Order, Settings, Tangents};

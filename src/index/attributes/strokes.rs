@@ -9,13 +9,13 @@
 //! The words of a point depend on where it and its neighbours are, not on its number, the file's order or the threads: a stroke is the same in every frame.
 
 use super::clusters::{self, Cluster, NEAR, NOBODY};
-use super::file::{self, Index, PLANES};
-use super::forest::Leaf;
+use super::knn_query::Surroundings;
+use super::leaf_cache::Leaf;
 use super::normals::{self, FIT, Patch, Plane, Room};
-use super::surroundings::Surroundings;
 use crate::cloud::{Columns, Lattice, octahedral};
 use crate::config::BITS_PER_PLANE;
 use crate::error::Result;
+use crate::index::format::{self, Index, PLANES};
 use crate::progress::{Progress, Silent};
 use blake3::{Hash, Hasher};
 use glam::DVec3;
@@ -179,9 +179,9 @@ pub fn of_node(index: &Index, node: usize) -> Result<(Vec<[u32; 2]>, u64)> {
     let pad = BITS_PER_PLANE * record.position_planes() - record.bits as u32;
     let column = |axis: usize| cells.iter().map(|cells| (cells[axis] >> pad) as i32).collect();
     let mut columns = Columns { x: column(0), y: column(1), z: column(2), ..Columns::default() };
-    if record.has(file::Plane::Rgb) {
-        let mut bytes = vec![0; record.range(file::Plane::Rgb).1 as usize];
-        index.read(node, file::Plane::Rgb, &mut bytes)?;
+    if record.has(format::Plane::Rgb) {
+        let mut bytes = vec![0; record.range(format::Plane::Rgb).1 as usize];
+        index.read(node, format::Plane::Rgb, &mut bytes)?;
         read += bytes.len() as u64;
         columns.rgb = Some(bytes.as_chunks().0.to_vec());
     }

@@ -5,10 +5,10 @@
 //! A batch is first sorted by cell, so that a bucket is locked once a batch and not once a point. A bucket that gets more points than a chunk may have
 //! becomes a grid of finer buckets there and then, so that hardly any point is moved twice.
 
-use super::morton;
-use super::record::{Batch, Layout};
-use super::samples::Cell;
+use super::point_record::{Batch, Layout};
 use crate::error::{Error, Result};
+use crate::index::format::morton;
+use crate::index::format::samples::Cell;
 use crate::whole_file::scratch;
 use std::fs::File;
 use std::ops::Range;

@@ -1,7 +1,7 @@
 //! Points, or samples that stand for several, as columns on a tree's lattice, in Morton order; and the planes that a node keeps of them.
 
-use super::file::{HALVES, NodeRecord, ONE_STATION, PLANES, Plane};
 use super::morton;
+use super::schema::{HALVES, NodeRecord, ONE_STATION, PLANES, Plane};
 use crate::cloud::{ColumnSet, Lattice};
 use crate::config::BITS_PER_PLANE;
 use bytemuck::Zeroable;
@@ -221,7 +221,7 @@ impl Samples {
             }
         }
         record.extent = [0, 1, 2].map(|axis| high[axis] - low[axis]);
-        // Rounded positions are counted from the tree's corner, whole ones as the file counts them (`file::Contents::lattices`).
+        // Rounded positions are counted from the tree's corner, whole ones as the file counts them (`schema::Contents::lattices`).
         record.origin =
             [0, 1, 2].map(|axis| low[axis] as i64 + if coarser == 0 { corner[axis] } else { 0 });
         record.coarser = coarser as u8;

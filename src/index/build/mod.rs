@@ -17,86 +17,40 @@
 //! The input is read once, so that decoding LAZ is paid for once. Chunks are cells of the same kd-tree whatever their size, so the same files give the
 //! same nodes with any number of threads and any memory; only where in the file they lie depends on the chunks' size.
 
+mod build_chunk;
+mod builder;
 mod ingest;
+mod merge_lattices;
+mod morton_sort;
+pub mod pack;
+pub mod partition;
+mod point_record;
+mod spill_bucket;
 
-use super::bucket::Spill;
-use super::derive;
-use super::file::{self, Contents, Directory, IndexedPart, NodeRecord, Writer};
-use super::grow::{self, Built, Grown, Kind, Open, Tree, Worker};
-use super::merge::Gains;
-use super::record::Colors;
-pub use super::samples::Derive;
-use super::samples::{self, Samples};
-use super::unite;
+use super::attributes::derive;
+use super::format::merge::Gains;
+pub use super::format::samples::Derive;
+use super::format::samples::{self, Samples};
+use super::format::schema;
+use super::format::{Contents, Directory, NodeRecord, Writer};
+use crate::cloud::ReadOptions;
 use crate::cloud::attribute::percentiles;
-use crate::cloud::color::RgbRange;
 use crate::cloud::histograms::Tally;
-use crate::cloud::stream::{self, Source};
-use crate::cloud::table::TextOptions;
-use crate::cloud::{ColumnSet, ReadOptions};
-use crate::config::INDEX_MEMORY;
+use crate::cloud::stream;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use build_chunk::{Built, Grown, Kind, Open, Tree, Worker};
+pub use builder::Options;
+use builder::{Builder, lock};
 use ingest::{Chunk, Ingested, group};
+use point_record::Colors;
 use rayon::prelude::*;
+use spill_bucket::Spill;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Instant;
-
-/// How to build.
-#[derive(Clone, Copy, Debug)]
-pub struct Options {
-    /// Bytes, beside the program itself.
-    pub memory: u64,
-    pub threads: usize,
-    pub wanted: ColumnSet,
-    /// Refuse files that are cut off or lie, instead of indexing what is readable.
-    pub strict: bool,
-    /// How text files are read.
-    pub text: TextOptions,
-    /// As [`ReadOptions::rgb_range`].
-    pub rgb_range: Option<RgbRange>,
-    /// What is found out of the points beside what the files say.
-    pub derive: Derive,
-}
-
-impl Options {
-    /// As `index` does it when nothing is asked for but how to read.
-    pub fn reading(read: &ReadOptions) -> Options {
-        Options { text: read.text, rgb_range: read.rgb_range, ..Options::usual(read.strict) }
-    }
-
-    /// As `index` does it when nothing is asked for.
-    pub fn usual(strict: bool) -> Options {
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let wanted = ColumnSet { gps_time: false, ..ColumnSet::ALL };
-        Options {
-            memory: INDEX_MEMORY,
-            threads,
-            wanted,
-            strict,
-            text: TextOptions::NONE,
-            rgb_range: None,
-            derive: Derive::NONE,
-        }
-    }
-}
-
-impl Options {
-    /// The most points that a chunk may have.
-    fn chunk_points(&self) -> u64 {
-        let points = self.memory / 4 / self.threads as u64 / CHUNK_BYTES_PER_POINT;
-        points.clamp(*CHUNK_POINTS.start(), *CHUNK_POINTS.end())
-    }
-
-    /// What buckets may take: what growing chunks leaves, and where memory is short a good part of it.
-    fn bucket_bytes(&self) -> u64 {
-        let chunks = 2 * self.threads as u64 * self.chunk_points() * CHUNK_BYTES_PER_POINT + BESIDE;
-        self.memory.saturating_sub(chunks).max(self.memory * 3 / 8)
-    }
-}
 
 /// What became of it.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
@@ -121,14 +75,8 @@ pub struct Summary {
     pub notes: Vec<String>,
 }
 
-/// Bytes that a thread needs for each point of the chunk it grows: record, sorting, planes.
-const CHUNK_BYTES_PER_POINT: u64 = 96;
 /// A node as it was built, then as the directory has it, with its numbers in between.
 const HELD_BYTES_PER_NODE: usize = size_of::<Built>() + size_of::<NodeRecord>() + 16;
-
-/// The program, what readers hold, what waits to be written.
-const BESIDE: u64 = 192 << 20;
-const CHUNK_POINTS: std::ops::RangeInclusive<u64> = (1 << 17)..=(1 << 19);
 
 pub fn build(
     paths: &[PathBuf],
@@ -209,7 +157,9 @@ pub fn build(
         directory.contents.elevation_stretch = elevations(&directory, &writer)?;
         if options.derive != Derive::NONE {
             let began = Instant::now();
-            derive::derive(&mut directory, &writer, &corners, options, progress)?;
+            let Options { memory, threads, derive, .. } = *options;
+            let options = derive::Options { derive, memory, threads };
+            derive::derive(&mut directory, &writer, &corners, &options, progress)?;
             summary.derive_seconds = began.elapsed().as_secs_f64();
         }
         summary.bytes = writer.finish(&directory, end)?;
@@ -230,34 +180,9 @@ fn peak_mib() -> f64 {
 }
 
 fn core_bytes(node: &NodeRecord) -> u64 {
-    use super::file::Plane::*;
+    use super::format::Plane::*;
     let planes = [Coarse, Fine, Finest, Rgb, Intensity, Class, Weight];
     planes.into_iter().filter(|&plane| node.has(plane)).map(|plane| node.range(plane).1).sum()
-}
-
-struct Builder<'a> {
-    sources: &'a [Source],
-    options: &'a Options,
-    progress: &'a dyn Progress,
-    writer: &'a Writer,
-    spill: &'a Spill,
-    contents: Contents,
-    /// By the numbers of their sources.
-    parts: Vec<Option<IndexedPart>>,
-    colors: Vec<Colors>,
-    intensities: Vec<u64>,
-    tally: Tally,
-    /// Of the planes written so far.
-    end: u64,
-    nodes: Vec<Built>,
-    roots: Vec<u32>,
-    /// The same of trees of strays.
-    far_roots: Vec<u32>,
-    /// Of every lattice, where its tree starts, steps.
-    corners: Vec<[i64; 3]>,
-    /// Of the stations, by part and source.
-    numbers: BTreeMap<(u16, u16), u16>,
-    gains: Option<Arc<Gains>>,
 }
 
 impl Builder<'_> {
@@ -405,7 +330,7 @@ impl Builder<'_> {
                     batch
                         .iter_mut()
                         .map(|(_, nodes)| nodes)
-                        .filter(|nodes| grow::gathered(nodes))
+                        .filter(|nodes| build_chunk::gathered(nodes))
                         .collect(),
                 )?;
             }
@@ -425,7 +350,8 @@ impl Builder<'_> {
     fn unite(&mut self) -> Result<()> {
         let records: Vec<_> =
             self.roots.iter().map(|&root| &self.nodes[root as usize].record).collect();
-        let Some((mut kind, order)) = unite::over(&records, &self.contents, self.options.derive)
+        let Some((mut kind, order)) =
+            merge_lattices::over(&records, &self.contents, self.options.derive)
         else {
             return Ok(());
         };
@@ -437,7 +363,7 @@ impl Builder<'_> {
         };
         let mut open: Vec<Open> = order.iter().map(open).collect();
         while open.len() > 1 {
-            let mut lists = unite::lists(open);
+            let mut lists = merge_lattices::lists(open);
             for some in lists.chunks_mut(4 * self.options.threads) {
                 self.progress.tick("joining", 0, 1)?;
                 self.parents(&kind, some.iter_mut().filter(|list| list.len() > 1).collect())?;
@@ -469,13 +395,13 @@ impl Builder<'_> {
                         samples
                     } else {
                         samples
-                            .moved(&file::of_tree(record, lattices), &kind.lattice)
+                            .moved(&schema::of_tree(record, lattices), &kind.lattice)
                             .completed(kind.has)
                     })
                 };
                 let parts = open.iter().map(samples).collect::<Result<Vec<_>>>()?;
                 let mut planes = Vec::new();
-                let (built, _) = grow::parent(
+                let (built, _) = build_chunk::parent(
                     kind,
                     open,
                     |child| nodes[child as usize].record.spacing,
@@ -579,8 +505,8 @@ fn elevations(directory: &Directory, writer: &Writer) -> Result<[u32; 2]> {
     let Some([low, high]) = directory.contents.bounds else { return Ok([0, 255]) };
     let mut counts = vec![0u64; 1 << 16];
     for root in &directory.nodes[..directory.roots as usize] {
-        let lattice = file::lattice(root, &directory.contents.lattices);
-        for (position, weight) in file::samples(root, lattice, &mut |plane, bytes| {
+        let lattice = schema::lattice(root, &directory.contents.lattices);
+        for (position, weight) in schema::samples(root, lattice, &mut |plane, bytes| {
             writer.get(root.range(plane).0, bytes)
         })? {
             let level = if high.z > low.z {
@@ -592,8 +518,4 @@ fn elevations(directory: &Directory, writer: &Writer) -> Result<[u32; 2]> {
         }
     }
     Ok(percentiles(&counts))
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }

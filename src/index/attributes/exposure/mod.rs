@@ -9,9 +9,10 @@ mod sample;
 
 use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::{Cloud, Station};
+use crate::index::format::{Balance, MOST_STOPS};
 pub use sample::Sample;
 use sample::{AXIS_BITS, Point};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::collections::BTreeMap;
 
 #[derive(Debug, PartialEq, Serialize)]
@@ -35,23 +36,6 @@ pub struct Overlap {
     pub gain: f64,
 }
 
-/// What gives all stations one exposure.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Balance {
-    /// By number of the station, the factor on its light, 2^-4 to 2^4; 1 of one that overlaps with none.
-    pub gains: Vec<f64>,
-    /// Of the cells that stations share, the part where they surely differ by more than a quarter of a stop all the same: shadows, the time of day, what moves.
-    pub uneven: f64,
-}
-
-impl Balance {
-    /// Whether it may have been found.
-    pub fn is_possible(&self) -> bool {
-        self.gains.iter().all(|gain| gain.log2().abs() <= MOST_STOPS)
-            && (0.0..=1.0).contains(&self.uneven)
-    }
-}
-
 /// Points that occupied cells have in the mean: of a station that sees a cell well, dozens. In larger ones stations see other parts of what differs in itself.
 const POINTS: usize = 16;
 /// Cells twice as wide, and so on, are tried until all stations are connected: far from a station its points lie apart.
@@ -60,8 +44,6 @@ const WIDER: u32 = 4;
 const ENOUGH: u32 = 4;
 /// Cells that say by how much two stations differ.
 const ENOUGH_CELLS: usize = 16;
-/// No exposures differ by more.
-const MOST_STOPS: f64 = 4.0;
 /// What eyes see of a step, stops; and how many standard errors a mean may be off.
 const UNEVEN_STOPS: f64 = 0.25;
 const SURE: f64 = 3.0;
@@ -138,6 +120,11 @@ pub fn exposures(cloud: &Cloud) -> Option<Exposures> {
 /// Of some of the points, so many that a moment is enough; which ones, their order does not tell. None where no two stations overlap.
 pub fn balance(cloud: &Cloud) -> Option<Balance> {
     (cloud.stations.len() > 1).then(|| of_points(&sample::some(cloud)?, &cloud.stations))?
+}
+
+/// As [`balance`], of points that came in any order.
+pub fn of_sample(sample: Sample, stations: &[Station]) -> Option<Balance> {
+    of_points(&sample.into_points(), stations)
 }
 
 fn of_points(points: &[Point], stations: &[Station]) -> Option<Balance> {

@@ -12,16 +12,24 @@ mod inner;
 mod leaves;
 
 use super::axes::Moments;
-use super::build::Options;
-use super::file::{Directory, NodeRecord, Plane, Writer};
-use super::forest::{Forest, Read};
-use super::samples::Derived;
+use super::leaf_cache::{Forest, Read};
 use super::strokes;
 use crate::error::Result;
+use crate::index::format::samples::{Derive, Derived};
+use crate::index::format::{Directory, NodeRecord, Plane, Writer};
 use crate::progress::Progress;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+/// What to derive, and with what.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    pub derive: Derive,
+    /// Bytes.
+    pub memory: u64,
+    pub threads: usize,
+}
 
 /// `corners`: of every lattice where its tree starts, steps.
 pub fn derive(

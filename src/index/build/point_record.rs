@@ -3,8 +3,8 @@
 //! In: columns. Out: bytes that can be moved as a whole, in memory or through a file, and the columns again, of any records in any order. A record has no
 //! room for what no file has; memory, and what goes through the disk, shrink by as much.
 
-use super::samples::{Cell, Derived, Samples};
 use crate::cloud::{ColumnSet, Columns};
+use crate::index::format::samples::{Cell, Derived, Samples};
 use std::ops::Range;
 
 /// Points of one file.

@@ -6,14 +6,14 @@
 //! luminance   mean in linear light, as of other colours
 //! ```
 
-use super::super::file::{NodeRecord, Plane};
-use super::super::forest::Forest;
-use super::super::merge::{self, Runs};
-use super::super::normals::eigen;
-use super::super::samples::Derived;
+use super::super::leaf_cache::Forest;
+use super::super::linear_algebra::eigen;
 use super::super::strokes;
 use crate::cloud::octahedral;
 use crate::error::Result;
+use crate::index::format::merge::{self, Runs};
+use crate::index::format::samples::Derived;
+use crate::index::format::{NodeRecord, Plane};
 use glam::DVec3;
 use std::ops::Range;
 

@@ -12,9 +12,9 @@
 //! A grid of M cells over the box would hold few samples of a surface (M^(2/3)); this one is as fine as M samples allow, whatever the shape of the
 //! data. All sums are integers, so the result does not depend on any order of execution.
 
-use super::exposure::Balance;
 use super::morton;
 use super::samples::{Cell, Derived, Samples};
+use super::schema::Balance;
 use crate::cloud::ColumnSet;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use std::borrow::Cow;

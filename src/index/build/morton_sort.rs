@@ -8,10 +8,10 @@
 //! So the order depends on the points alone, not on the order in which they came. A bucket at a time, because most fit the cache, where a chunk of many
 //! buckets does not.
 
-use super::morton;
-use super::record::Layout;
-use super::samples::Cell;
+use super::point_record::Layout;
 use crate::error::{Error, Result};
+use crate::index::format::morton;
+use crate::index::format::samples::Cell;
 use std::cmp::Ordering;
 
 /// Of a key, from each axis: of the three, and 31 bits for the number of a record, comes a u64.
@@ -105,7 +105,7 @@ fn radix_sort(items: &mut Vec<u64>, other: &mut Vec<u64>, from: u32) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::Batch;
+    use super::super::point_record::Batch;
     use super::*;
     use crate::cloud::{ColumnSet, Columns};
     use proptest::prelude::*;

@@ -47,7 +47,7 @@ pub fn spacing(count: usize, word: impl Fn(usize) -> u32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::index::morton;
+    use crate::index::format::morton;
 
     fn sorted(mut points: Vec<[u32; 3]>) -> Vec<u32> {
         points.sort_by_key(|&p| morton::code(p));

@@ -7,39 +7,13 @@
 //! Where a cloud spreads alike along two axes there are none of its own, and it has those of its file: a frame that the last digits decide would be another one for the next version of the file. The same where
 //! nothing says which side is which.
 
-use super::normals::eigen;
+use super::linear_algebra::eigen;
 use crate::cloud::Part;
+use crate::index::format::Axes;
 use glam::DVec3;
 
 /// Spreads and lopsidednesses below this part of the largest spread are roundings.
 const NOTHING: f64 = 1e-6;
-
-/// Right-handed unit vectors.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Axes(pub [DVec3; 3]);
-
-impl Default for Axes {
-    fn default() -> Self {
-        Axes([DVec3::X, DVec3::Y, DVec3::Z])
-    }
-}
-
-impl Axes {
-    /// A vector of the world in them.
-    pub fn own(&self, v: DVec3) -> DVec3 {
-        DVec3::from_array(self.0.map(|axis| axis.dot(v)))
-    }
-
-    /// And back.
-    pub fn world(&self, v: DVec3) -> DVec3 {
-        let Axes([x, y, z]) = *self;
-        x * v.x + y * v.y + z * v.z
-    }
-
-    pub fn are_the_files(&self) -> bool {
-        *self == Axes::default()
-    }
-}
 
 /// Sums of products of points' coordinates from a middle that is the same for all.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

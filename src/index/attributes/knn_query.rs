@@ -7,8 +7,8 @@
 //! Nothing is left out where a leaf ends, however far a point's neighbours are. What is found is the same for one tree of all points as for many (equally far points are ordered by where they are and by their
 //! colours), so that what is made of it does not depend on how a cloud is cut.
 
-use super::forest::{Forest, Leaf, Near};
-use super::neighbours::{Neighbour, Query, keep_nearest};
+use super::kd_tree::{Neighbour, Query, keep_nearest};
+use super::leaf_cache::{Forest, Leaf, Near};
 use crate::error::Result;
 use glam::DVec3;
 

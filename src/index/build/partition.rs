@@ -7,11 +7,11 @@
 //!   a cell of one lattice step with more than M (coincident points) is cut into full nodes: it cannot be split (HARD_CASES 27).
 //! Strays are split by themselves. Every point is in exactly one node. The order of points within a node is made by `pack`.
 
-use super::morton;
 use crate::cloud::Columns;
 use crate::cloud::strays::{Core, steps};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
+use crate::index::format::morton;
 use crate::progress::Progress;
 use rayon::prelude::*;
 use std::ops::Range;

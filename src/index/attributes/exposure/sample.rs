@@ -2,9 +2,8 @@
 //!
 //! Which ones depends on where the cloud lies and how many points it has, and on nothing else: an index that is being made finds those that are found of its files in memory.
 
-use super::{Balance, of_points};
-use crate::cloud::{Cloud, Part, Station};
-use crate::index::morton;
+use crate::cloud::{Cloud, Part};
+use crate::index::format::morton;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -124,11 +123,12 @@ impl Sample {
         kept.thin();
     }
 
-    pub fn balance(self, stations: &[Station]) -> Option<Balance> {
+    /// Returns the points that were kept, in order.
+    pub fn into_points(self) -> Vec<Point> {
         let Kept { mut points, .. } =
             self.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
         sort(&mut points);
-        of_points(&points, stations)
+        points
     }
 }
 

@@ -7,8 +7,8 @@
 //! ```
 //! Sums of colours are integers and everything goes in the order of the points, so that the clusters do not depend on the number of threads.
 
-use super::neighbours::Tree;
-use super::normals::eigen;
+use super::kd_tree::Tree;
+use super::linear_algebra::eigen;
 use glam::DVec3;
 use rayon::prelude::*;
 

@@ -3,11 +3,11 @@
 //! The index itself says which leaves are near: its nodes' boxes are walked from the roots down. So the points around those of a leaf are found wherever they lie, and what is found does not depend on where
 //! leaves end, nor on what is in memory.
 
-use super::file::{self, Directory, NodeRecord, Plane};
-use super::neighbours::Tree;
-use super::samples::Samples;
+use super::kd_tree::Tree;
 use crate::cloud::{Columns, Lattice};
 use crate::error::{Error, Result};
+use crate::index::format::samples::Samples;
+use crate::index::format::schema::{self, Directory, NodeRecord, Plane};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
@@ -108,7 +108,7 @@ impl<'f> Forest<'f> {
     }
 
     pub fn lattice(&self, node: usize) -> Lattice {
-        file::lattice(self.record(node), &self.directory.contents.lattices)
+        schema::lattice(self.record(node), &self.directory.contents.lattices)
     }
 
     /// Bytes of one plane of a node; an error where they are not what was written.
@@ -130,7 +130,7 @@ impl<'f> Forest<'f> {
     pub fn samples(&self, node: usize, corner: [i64; 3], planes: &[Plane]) -> Result<Samples> {
         let record = self.record(node);
         let positions =
-            file::PLANES[..record.position_planes() as usize].iter().map(|(plane, _)| *plane);
+            schema::PLANES[..record.position_planes() as usize].iter().map(|(plane, _)| *plane);
         let wanted = positions.chain(planes.iter().copied()).filter(|&plane| record.has(plane));
         let read = wanted
             .map(|plane| Ok((plane, self.bytes(node, plane)?)))
@@ -154,7 +154,7 @@ impl<'f> Forest<'f> {
             let record = self.record(child);
             let mut samples = self.samples(child, corner(record), planes)?;
             bring(child, &mut samples)?;
-            let [from, to] = [record, own].map(|record| file::of_tree(record, lattices));
+            let [from, to] = [record, own].map(|record| schema::of_tree(record, lattices));
             Ok(if from == to { samples } else { samples.moved(&from, &to) })
         };
         Ok(Samples::together(&own.children().map(part).collect::<Result<Vec<_>>>()?))
@@ -196,13 +196,13 @@ impl<'f> Forest<'f> {
     pub fn beside(&self, leaf: usize, reach: f64, of_any_lattice: bool) -> Vec<Near> {
         let own = self.record(leaf);
         let lattices = &self.directory.contents.lattices;
-        let (low, high) = file::bounds(own, lattices);
+        let (low, high) = schema::bounds(own, lattices);
         let slack = ROUNDING * low.abs().max(high.abs()).max_element();
         let mut near = Vec::new();
         let mut open: Vec<usize> = (0..self.directory.roots as usize).collect();
         while let Some(node) = open.pop() {
             let record = self.record(node);
-            let (lo, hi) = file::bounds(record, lattices);
+            let (lo, hi) = schema::bounds(record, lattices);
             let apart = (lo - high).max(low - hi).max(DVec3::ZERO).length() - slack;
             if apart > reach {
                 continue;
@@ -223,12 +223,12 @@ impl<'f> Forest<'f> {
             DVec3::from_array([0, 1, 2].map(|axis| (to[axis] - from[axis]) as f64))
         };
         let extent = |record: &NodeRecord| DVec3::from_array(record.extent.map(f64::from));
-        let [lattice, other] = [own, record].map(|record| file::lattice(record, lattices));
+        let [lattice, other] = [own, record].map(|record| schema::lattice(record, lattices));
         let (lo, hi, scale, shift) = if own.lattice == record.lattice {
             let lo = steps(own.origin, record.origin);
             (lo, lo + extent(record), DVec3::ONE, -lo)
         } else {
-            let (a, b) = file::bounds(record, lattices);
+            let (a, b) = schema::bounds(record, lattices);
             let from = lattice.world(own.origin);
             let [a, b] = [a, b].map(|corner| (corner - from) / lattice.step);
             let pad = ROUNDING * from.abs().max_element() / lattice.step.abs()

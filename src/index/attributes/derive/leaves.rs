@@ -2,16 +2,16 @@
 
 use super::super::axes::Moments;
 use super::super::clusters::{self, Cluster, NEAR, NOBODY};
-use super::super::file::Plane;
-use super::super::forest::{Forest, Leaf};
+use super::super::kd_tree::Tree;
+use super::super::knn_query::Surroundings;
+use super::super::leaf_cache::{Forest, Leaf};
 use super::super::luminance::{self, NEIGHBOURS};
-use super::super::neighbours::Tree;
 use super::super::normals::{self, FIT, Patch, Room};
-use super::super::samples::{Derive, Derived};
 use super::super::strokes::{self, Stroke};
-use super::super::surroundings::Surroundings;
 use crate::cloud::{Columns, octahedral};
 use crate::error::Result;
+use crate::index::format::Plane;
+use crate::index::format::samples::{Derive, Derived};
 use glam::DVec3;
 use std::sync::Arc;
 

@@ -8,12 +8,12 @@
 //! roots in the Morton order of the middles of their boxes; as many of them, one after the other, as hold G samples get a parent; the same of those parents, until there is one
 //! ```
 
-use super::file::{self, Contents, NodeRecord, Plane};
-use super::grow::{self, Kind, Open};
-use super::morton;
-use super::samples::{Cell, Derive};
+use super::build_chunk::{self, Kind, Open};
 use crate::cloud::{ColumnSet, Lattice};
 use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
+use crate::index::format::morton;
+use crate::index::format::samples::{Cell, Derive};
+use crate::index::format::schema::{self, Contents, NodeRecord, Plane};
 use glam::DVec3;
 
 /// Steps of the common lattice, as a power of two: samples of all of the cloud fit their planes.
@@ -26,7 +26,7 @@ pub fn over(
     derive: Derive,
 ) -> Option<(Kind, Vec<usize>)> {
     // Without what lies far outside, which has roots of its own.
-    let boxes = || roots.iter().map(|root| file::bounds(root, &contents.lattices));
+    let boxes = || roots.iter().map(|root| schema::bounds(root, &contents.lattices));
     let (low, high) = boxes()
         .reduce(|(low, high), (a, b)| (low.min(a), high.max(b)))
         .filter(|_| roots.len() > 1)?;
@@ -41,7 +41,7 @@ pub fn over(
     }
     let lattice = Lattice { step: DVec3::splat(step), offset: low };
     let middle = |root: &NodeRecord| -> Cell {
-        let (a, b) = file::bounds(root, &contents.lattices);
+        let (a, b) = schema::bounds(root, &contents.lattices);
         (((a / 2.0 + b / 2.0) - low) / step).to_array().map(|v| v as u32)
     };
     let middles: Vec<Cell> = roots.iter().map(|root| middle(root)).collect();
@@ -72,7 +72,7 @@ pub fn over(
 pub fn lists(open: Vec<Open>) -> Vec<Vec<Open>> {
     let mut lists: Vec<Vec<Open>> = vec![Vec::new()];
     for open in open {
-        if grow::gathered(lists.last().expect("one is open")) {
+        if build_chunk::gathered(lists.last().expect("one is open")) {
             lists.push(Vec::new());
         }
         lists.last_mut().expect("one is open").push(open);

@@ -10,17 +10,17 @@
 //! The tree is the binary one of Pintus, section 7, but only cells that gather enough samples get a node: with G = 4 M inner nodes cost about a sixth of the
 //! leaves' bytes, where a node in every cell would cost as much again. Which cells get one depends on the points alone, not on chunks, threads or memory.
 
-use super::bucket::{Bucket, Spill};
-use super::file::NodeRecord;
-use super::merge::{Gains, Merged, merge};
-use super::morton;
-use super::record::{Colors, Layout};
-use super::samples::{Derive, Derived, Samples};
-use super::sort::RadixSorter;
+use super::morton_sort::RadixSorter;
+use super::point_record::{Colors, Layout};
+use super::spill_bucket::{Bucket, Spill};
 use crate::cloud::strays::Core;
 use crate::cloud::{ColumnSet, Lattice};
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
+use crate::index::format::NodeRecord;
+use crate::index::format::merge::{Gains, Merged, merge};
+use crate::index::format::morton;
+use crate::index::format::samples::{Derive, Derived, Samples};
 use glam::DVec3;
 use std::sync::Arc;
 

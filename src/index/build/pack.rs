@@ -4,11 +4,12 @@
 //! last one makes it lossless. Points are in Morton order of the coarse plane; within a coarse cell they are ordered by their whole position and then by
 //! what they show, so that the same points give the same picture in whatever order a file has them (HARD_CASES 0.4, M3).
 
-use super::spacing::spacing;
-use super::{Arrangement, morton};
+use super::partition::Arrangement;
 use crate::cloud::Columns;
 use crate::cloud::attribute::Words;
 use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
+use crate::index::format::morton;
+use crate::index::format::spacing::spacing;
 
 const MASK: u32 = (1 << BITS_PER_PLANE) - 1;
 

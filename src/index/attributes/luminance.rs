@@ -2,8 +2,8 @@
 //!
 //! V of HSV, of the values as they are stored, is averaged over a point and those nearest to it; hue and saturation stay. All points of all stations count, and all cores work.
 
-use super::forest::Leaf;
-use super::surroundings::Surroundings;
+use super::knn_query::Surroundings;
+use super::leaf_cache::Leaf;
 use crate::cloud::{Cloud, Columns, Lattice};
 use crate::error::Result;
 use crate::progress::Progress;

@@ -1,0 +1,136 @@
+//! Shadows of an index on their way into a file: marks of leaves as they are cast, of inner nodes the means of their children's.
+
+use super::leaf_cache::Forest;
+use crate::error::{Error, Result};
+use crate::index::format::samples::Samples;
+use crate::index::format::shadow_file::{
+    Contents, FileHeader, HEADER_BYTES, MAGIC, VERSION, is_of_shadows, places,
+};
+use crate::index::format::{self, Index, Plane, merge};
+use crate::progress::Progress;
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+/// Marks on their way.
+pub struct Writer<'i> {
+    index: &'i Index,
+    file: format::Writer,
+    places: Vec<u64>,
+    crcs: Mutex<Vec<u32>>,
+}
+
+impl<'i> Writer<'i> {
+    /// Refuses to replace what is no file of shadows: a scan has no copy.
+    pub fn create(path: &Path, index: &'i Index) -> Result<Writer<'i>> {
+        if path.metadata().is_ok_and(|file| file.is_file() && file.len() > 0)
+            && !is_of_shadows(path)?
+        {
+            return Err(Error::format(
+                path,
+                "is there, and is no file of shadows; give -o another name",
+            ));
+        }
+        let crcs = Mutex::new(vec![0; index.nodes().len()]);
+        Ok(Writer {
+            index,
+            file: format::Writer::create(path)?,
+            places: places(index.nodes()),
+            crcs,
+        })
+    }
+
+    /// All marks of a node, which replace those that were put before.
+    pub fn put(&self, node: usize, marks: &[u8]) -> Result<()> {
+        assert_eq!(marks.len() as u32, self.index.nodes()[node].count, "node {node}");
+        self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node] = crc32c::crc32c(marks);
+        self.file.put(self.places[node], marks)
+    }
+
+    /// What was put.
+    pub fn get(&self, node: usize) -> Result<Vec<u8>> {
+        let mut marks = vec![0; self.index.nodes()[node].count as usize];
+        self.file.get(self.places[node], &mut marks)?;
+        if crc32c::crc32c(&marks) != self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node]
+        {
+            return Err(Error::Request(format!(
+                "node {node}'s marks read otherwise than they were written: the disk has lost a write; try again"
+            )));
+        }
+        Ok(marks)
+    }
+
+    /// Marks of inner nodes, from those of all leaves: of every sample the mean of the points that it stands for.
+    pub fn join(&self, progress: &dyn Progress) -> Result<()> {
+        let (directory, nodes) = (&self.index.directory, self.index.nodes());
+        let read = |at: u64, bytes: &mut [u8]| self.index.copy(at, bytes);
+        let forest = Forest::new(directory, &read, false, 0, 0);
+        let deepest = nodes.iter().map(|node| node.level).max().unwrap_or(0);
+        for level in (0..=deepest).rev() {
+            progress.tick("joining", (deepest - level) as u64, deepest as u64 + 1)?;
+            let at_level: Vec<usize> = (0..nodes.len())
+                .filter(|&node| nodes[node].level == level && !nodes[node].is_leaf())
+                .collect();
+            at_level.into_par_iter().try_for_each(|node| {
+                // Marks go where their samples do, in the place of classes.
+                let mark = |child: usize, samples: &mut Samples| {
+                    samples.class = Some(self.get(child)?);
+                    Ok(())
+                };
+                let samples = forest.below(
+                    node,
+                    &|record| self.index.corner(record),
+                    &[Plane::Weight],
+                    &mark,
+                )?;
+                let below = samples.class.as_deref().unwrap_or_default();
+                let runs = merge::runs(&samples);
+                let own = runs.each(|run| {
+                    let (sum, weights) = run.fold((0u64, 0u64), |(sum, weights), i| {
+                        let weight = runs.weight(i) as u64;
+                        (sum + weight * below[i] as u64, weights + weight)
+                    });
+                    ((sum + weights / 2) / weights.max(1)) as u8
+                });
+                if own.len() as u32 != nodes[node].count {
+                    return Err(Error::format(
+                        self.index.path(),
+                        format!(
+                            "node {node} has other samples than its children say; make it again"
+                        ),
+                    ));
+                }
+                self.put(node, &own)
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Gives the file its name; its length.
+    pub fn finish(self, contents: &Contents) -> Result<u64> {
+        let crcs = self.crcs.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let contents =
+            serde_json::to_vec(contents).map_err(|error| Error::Request(error.to_string()))?;
+        let end = self.places.last().copied().unwrap_or(HEADER_BYTES);
+        let crcs_bytes: &[u8] = bytemuck::cast_slice(&crcs);
+        self.file.put(end, crcs_bytes)?;
+        self.file.put(end + crcs_bytes.len() as u64, &contents)?;
+        let length = end + (crcs_bytes.len() + contents.len()) as u64;
+        let mut header = FileHeader {
+            magic: MAGIC,
+            version: VERSION,
+            nodes: crcs.len() as u32,
+            index: self.index.identity(),
+            length,
+            directory_at: end,
+            contents_bytes: contents.len() as u64,
+            directory_crc: crc32c::crc32c_append(crc32c::crc32c(crcs_bytes), &contents),
+            header_crc: 0,
+        };
+        header.header_crc = header.own_crc();
+        let mut page = vec![0; HEADER_BYTES as usize];
+        page[..size_of::<FileHeader>()].copy_from_slice(bytemuck::bytes_of(&header));
+        self.file.close(&page)?;
+        Ok(length)
+    }
+}

@@ -1,0 +1,311 @@
+//! NAME.pnti: the node index as a file.
+//!
+//! ```text
+//! header, 4096 bytes   magic, version, length, where the directory lies, CRC-32C of both
+//! planes               node by node, plane by plane, packed; CRC-32C of each in the directory; those that are derived last
+//! directory            node records (children behind their parents, siblings side by side), then what was opened, as JSON
+//! ```
+//! All integers are little-endian. A plane is one number a point: ten bits an axis of the positions, or an attribute. A frame reads the planes that it needs.
+//! The header is written last, after the rest is on the disk (RELIABILITY, write protocol): an index is whole or it is none.
+
+use super::fault_injection::Fault;
+use super::mmap::Map;
+use super::schema::{
+    CHECKSUMS, Contents, Directory, IndexedPart, NodeRecord, PLANES, Plane, bounds, lattice,
+    of_tree, samples,
+};
+use super::shadow_file::Marks;
+use super::writer::{FileHeader, HEADER_BYTES, MAGIC, VERSION};
+use crate::cloud::Lattice;
+use crate::cloud::strays::Core;
+use crate::cloud::system::Reference;
+use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
+use crate::error::{Error, Result};
+use bytemuck::Zeroable;
+use glam::DVec3;
+use std::fs::File;
+use std::path::Path;
+
+/// Bytes of a record of the first version before its checksums, of these, and after them. Only there are fewer of them.
+const FIRST_VERSION: [usize; 3] = [64, 4 * 11, 20];
+
+/// A record of the first version.
+fn widened(bytes: &[u8]) -> NodeRecord {
+    let [before, checksums, _] = FIRST_VERSION;
+    let mut record = NodeRecord::zeroed();
+    let own = bytemuck::bytes_of_mut(&mut record);
+    own[..before + checksums].copy_from_slice(&bytes[..before + checksums]);
+    own[before + 4 * CHECKSUMS..].copy_from_slice(&bytes[before + checksums..]);
+    record
+}
+
+/// An index that can be read.
+pub struct Index {
+    map: Map,
+    pub directory: Directory,
+    /// Checksums of directory and header.
+    identity: u64,
+    /// How much of a light reaches its points, where somebody has saved that.
+    pub marks: Option<Marks>,
+    /// The box outside of which nothing is drawn.
+    pub hidden: Option<Core>,
+    /// For tests.
+    pub fault: Option<Fault>,
+}
+
+impl Index {
+    /// Whether a file begins as an index does. A pipe is none, and is not opened, which could wait for ever.
+    pub fn is_one(path: &Path) -> bool {
+        let mut magic = [0; 8];
+        path.is_file()
+            && File::open(path)
+                .and_then(|mut file| std::io::Read::read_exact(&mut file, &mut magic))
+                .is_ok()
+            && magic == MAGIC
+    }
+
+    /// Checks everything but the planes, which are checked when they are read.
+    pub fn open(path: &Path) -> Result<Index> {
+        let map = Map::open(path)?;
+        let wrong = |what: String| {
+            Error::format(path, format!("{what}; make it again with `pointillist index`"))
+        };
+        let mut header = FileHeader::zeroed();
+        if map.len() < HEADER_BYTES {
+            return Err(wrong(format!("is no complete index ({} bytes)", map.len())));
+        }
+        map.copy(0, bytemuck::bytes_of_mut(&mut header))?;
+        if header.magic != MAGIC {
+            return Err(wrong("is no index, or an unfinished one".into()));
+        }
+        if header.version > VERSION {
+            return Err(Error::format(
+                path,
+                format!(
+                    "is an index of version {}, made by a newer pointillist; this one reads up to {VERSION}",
+                    header.version
+                ),
+            ));
+        }
+        if header.own_crc() != header.header_crc || header.version == 0 {
+            return Err(wrong("has a damaged header".into()));
+        }
+        if header.length != map.len() {
+            return Err(wrong(format!("has {} bytes of {}", map.len(), header.length)));
+        }
+        // In u128, so that no sum of a crafted header overflows.
+        let record_bytes =
+            if header.version == 1 { FIRST_VERSION.iter().sum() } else { size_of::<NodeRecord>() };
+        let records = header.nodes as u128 * record_bytes as u128;
+        if header.directory_at as u128 + records + header.contents_bytes as u128
+            != header.length as u128
+        {
+            return Err(wrong("has a directory that does not fit its length".into()));
+        }
+        let mut bytes = vec![0; records as usize];
+        map.copy(header.directory_at, &mut bytes)?;
+        let mut contents = vec![0; header.contents_bytes as usize];
+        map.copy(header.directory_at + records as u64, &mut contents)?;
+        if crc32c::crc32c_append(crc32c::crc32c(&bytes), &contents) != header.directory_crc {
+            return Err(wrong("has a damaged directory".into()));
+        }
+        let record = if header.version == 1 { widened } else { bytemuck::pod_read_unaligned };
+        let nodes = bytes.chunks_exact(record_bytes).map(record).collect();
+        let contents: Contents = serde_json::from_slice(&contents)
+            .map_err(|error| wrong(format!("has unreadable contents ({error})")))?;
+        let directory = Directory { nodes, roots: header.roots, contents };
+        check(&directory, header.directory_at).map_err(wrong)?;
+        let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
+        Ok(Index { map, directory, identity, marks: None, hidden: None, fault: None })
+    }
+
+    pub fn path(&self) -> &Path {
+        self.map.path()
+    }
+
+    /// Opens a file of shadows, which must be of this index.
+    pub fn open_shadows(&self, path: &Path) -> Result<Marks> {
+        Marks::open(path, self.path(), self.identity, self.nodes())
+    }
+
+    /// What the coordinates of its points mean.
+    pub fn reference(&self) -> Reference {
+        let lattice = |part: &IndexedPart| Lattice { step: part.step, offset: part.offset };
+        Reference::of(
+            self.directory.contents.parts.iter().map(|part| (&part.header, lattice(part))),
+        )
+    }
+
+    /// Of this index, and of none with other points.
+    pub fn identity(&self) -> u64 {
+        self.identity
+    }
+
+    /// Copies bytes of the file, whatever they are.
+    pub(in crate::index) fn copy(&self, at: u64, into: &mut [u8]) -> Result<()> {
+        self.map.copy(at, into)
+    }
+
+    /// Where the tree of a node starts, in steps of its files' lattice.
+    pub(in crate::index) fn corner(&self, node: &NodeRecord) -> [i64; 3] {
+        let lattices = &self.directory.contents.lattices;
+        let [step, offset] = lattices[node.lattice as usize / 2 * 2];
+        ((of_tree(node, lattices).offset - offset) / step)
+            .round()
+            .to_array()
+            .map(|steps| steps as i64)
+    }
+
+    /// Bytes of the file.
+    pub fn bytes(&self) -> u64 {
+        self.map.len()
+    }
+
+    pub fn nodes(&self) -> &[NodeRecord] {
+        &self.directory.nodes
+    }
+
+    /// The lattice that a node's `origin` and `extent` count steps of.
+    pub fn lattice(&self, node: &NodeRecord) -> Lattice {
+        lattice(node, &self.directory.contents.lattices)
+    }
+
+    /// World corners of a box around all points of the file that lie in a node: that of its samples, and as far beyond as the points that a sample stands for.
+    pub fn bounds(&self, node: &NodeRecord) -> (DVec3, DVec3) {
+        bounds(node, &self.directory.contents.lattices)
+    }
+
+    /// Whether some node has this plane.
+    pub fn has(&self, plane: Plane) -> bool {
+        self.nodes().iter().any(|node| node.has(plane))
+    }
+
+    /// Copies one plane of one node out of the file and checks the copy. `into` has [`NodeRecord::range`]'s bytes.
+    pub fn read(&self, node: usize, plane: Plane, into: &mut [u8]) -> Result<()> {
+        let record = &self.directory.nodes[node];
+        let (at, bytes) = record.range(plane);
+        assert_eq!(
+            (into.len() as u64, record.has(plane)),
+            (record.unpacked(plane), true),
+            "node {node} has no such plane {plane:?}"
+        );
+        if plane != Plane::Station {
+            return self.stored(node, plane, at, into);
+        }
+        let mut stored = vec![0; bytes as usize];
+        self.stored(node, plane, at, &mut stored)?;
+        into.copy_from_slice(&record.stations(&stored));
+        Ok(())
+    }
+
+    /// As it is in the file, from this byte on.
+    fn stored(&self, node: usize, plane: Plane, at: u64, into: &mut [u8]) -> Result<()> {
+        self.map.copy(at, into)?;
+        if crc32c::crc32c(into) != self.directory.nodes[node].crc[plane as usize] {
+            let end = at + into.len() as u64;
+            return Err(Error::format(
+                self.path(),
+                format!(
+                    "is damaged: the checksum of node {node}'s {plane:?} plane (bytes {at} to {end}) is wrong"
+                ),
+            ));
+        }
+        Ok(())
+    }
+
+    /// World positions and weights of a node's samples, from as many planes as it has.
+    pub fn samples(&self, node: usize) -> Result<Vec<(DVec3, u32)>> {
+        let record = &self.directory.nodes[node];
+        samples(record, self.lattice(record), &mut |plane, into| self.read(node, plane, into))
+    }
+}
+
+/// What a walk over the tree relies on: children behind their parents and each under one, planes inside of the file, numbers in their ranges.
+fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
+    let nodes = &directory.nodes;
+    if directory.roots as usize > nodes.len() {
+        return Err(format!("claims {} roots among {} nodes", directory.roots, nodes.len()));
+    }
+    let mut next = directory.roots as usize;
+    for (i, node) in nodes.iter().enumerate() {
+        let wrong = |what: &str| Err(format!("has a node {i} {what}"));
+        if node.count == 0 || node.count > POINTS_PER_PAGE || node.points < node.count as u64 {
+            return wrong("with an impossible number of points");
+        }
+        if node.lattice as usize >= directory.contents.lattices.len() || node.coarser > 64 {
+            return wrong("on a lattice that there is not");
+        }
+        let longest = node.extent.iter().max().map_or(0, |&side| 32 - side.leading_zeros()).max(1);
+        if node.bits as u32 != longest || longest > BITS_PER_PLANE * POSITION_PLANES {
+            return wrong("whose box does not fit its planes");
+        }
+        if node.origin.iter().any(|origin| origin.unsigned_abs() > 1 << 60) {
+            return wrong("beyond any coordinate");
+        }
+        if (0..3)
+            .any(|plane| node.has(PLANES[plane].0) != ((plane as u32) < node.position_planes()))
+            || (node.one_station().is_some() && !node.has(Plane::Station))
+        {
+            return wrong("with the wrong planes");
+        }
+        if node.at < HEADER_BYTES || node.at.checked_add(node.bytes()).is_none_or(|last| last > end)
+        {
+            return wrong("outside of the file");
+        }
+        if !node.spacing.is_finite()
+            || node.spacing < 0.0
+            || (node.spacing == 0.0) != node.is_leaf()
+        {
+            return wrong("with an impossible spacing");
+        }
+        if node.is_leaf() {
+            if node.points != node.count as u64 {
+                return wrong("that is a leaf without all of its points");
+            }
+            continue;
+        }
+        // Children follow each other in the order of their parents, so ranges are disjoint, nothing is left out, and no walk can come back.
+        if node.first_child as usize != next
+            || next <= i
+            || node.first_child as u64 + node.children as u64 > nodes.len() as u64
+        {
+            return wrong("whose children are not where they must be");
+        }
+        next += node.children as usize;
+        let children = &nodes[node.children()];
+        let sum = children.iter().fold(0u64, |sum, child| sum.saturating_add(child.points));
+        if sum != node.points || children.iter().any(|child| child.parent as usize != i) {
+            return wrong("whose children are not its own");
+        }
+    }
+    if next != nodes.len() {
+        return Err(format!(
+            "has {} nodes that belong to no parent",
+            nodes.len() - next.min(nodes.len())
+        ));
+    }
+    let stations = directory.contents.stations.len();
+    if directory
+        .contents
+        .balance
+        .as_ref()
+        .is_some_and(|balance| balance.gains.len() != stations || !balance.is_possible())
+    {
+        return Err("has impossible exposures".into());
+    }
+    if directory
+        .contents
+        .counts
+        .as_ref()
+        .is_some_and(|counts| !counts.are_possible(directory.contents.points))
+    {
+        return Err("has impossible numbers of points of some class or return number".into());
+    }
+    let total = nodes[..directory.roots as usize]
+        .iter()
+        .fold(0u64, |sum, root| sum.saturating_add(root.points));
+    if total != directory.contents.points {
+        return Err(format!("claims {} points, and has {total}", directory.contents.points));
+    }
+    Ok(())
+}

@@ -1,0 +1,21 @@
+//! NAME.pnti and NAME.shadows, and what they hold.
+//!
+//! `schema` says what planes and nodes are; `samples` packs points into planes; `merge` makes a parent's samples of its children's; `writer` and `file` write and read.
+
+pub mod fault_injection;
+mod file;
+pub mod merge;
+mod mmap;
+pub mod morton;
+pub mod samples;
+pub mod schema;
+pub mod shadow_file;
+pub mod spacing;
+mod writer;
+
+pub use file::Index;
+pub use schema::{
+    Axes, Balance, CHECKSUMS, Contents, Directory, HALVES, IndexedPart, MOST_STOPS, NodeRecord,
+    ONE_STATION, PLANES, Plane,
+};
+pub use writer::Writer;

@@ -1,0 +1,157 @@
+//! NAME.shadows: how much of a light reaches every point of an index, as a file beside it.
+//!
+//! ```text
+//! header, 4096 bytes   magic, version, which index, length, where the directory lies, CRC-32C of both
+//! marks                node by node, a byte a point: of leaves as they were cast, of inner nodes the mean of the points that a sample stands for
+//! directory            CRC-32C of every node's marks, then which light and how it was cast, as JSON
+//! ```
+//! All integers are little-endian. The header is written last (RELIABILITY, write protocol).
+
+use super::mmap::Map;
+use super::schema::NodeRecord;
+use crate::error::{Error, Result};
+use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+pub(in crate::index) const MAGIC: [u8; 8] = *b"pnsh\r\n\x1a\n";
+pub(in crate::index) const VERSION: u32 = 1;
+pub(in crate::index) const HEADER_BYTES: u64 = 4096;
+
+/// Whose marks these are.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Contents {
+    /// As [`crate::view::light::Light`] is written.
+    pub light: String,
+    /// The mark of a point that all of the light reaches.
+    pub full: u32,
+    /// How they were cast; whoever casts knows what that says.
+    pub facts: serde_json::Value,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub(in crate::index) struct FileHeader {
+    pub(in crate::index) magic: [u8; 8],
+    pub(in crate::index) version: u32,
+    pub(in crate::index) nodes: u32,
+    pub(in crate::index) index: u64,
+    pub(in crate::index) length: u64,
+    pub(in crate::index) directory_at: u64,
+    pub(in crate::index) contents_bytes: u64,
+    pub(in crate::index) directory_crc: u32,
+    pub(in crate::index) header_crc: u32,
+}
+
+impl FileHeader {
+    pub(in crate::index) fn own_crc(&self) -> u32 {
+        crc32c::crc32c(bytemuck::bytes_of(&FileHeader { header_crc: 0, ..*self }))
+    }
+}
+
+/// Where each node's marks begin, and where the last ones end.
+pub(in crate::index) fn places(nodes: &[NodeRecord]) -> Vec<u64> {
+    let counts = nodes.iter().map(|node| node.count as u64);
+    let ends = counts.scan(HEADER_BYTES, |end, count| {
+        *end += count;
+        Some(*end)
+    });
+    std::iter::once(HEADER_BYTES).chain(ends).collect()
+}
+
+pub(in crate::index) fn is_of_shadows(path: &Path) -> Result<bool> {
+    let map = Map::open(path)?;
+    let mut magic = [0; MAGIC.len()];
+    if map.len() >= magic.len() as u64 {
+        map.copy(0, &mut magic)?;
+    }
+    Ok(magic == MAGIC)
+}
+
+/// Marks that can be read.
+pub struct Marks {
+    map: Map,
+    places: Vec<u64>,
+    crcs: Vec<u32>,
+    pub contents: Contents,
+}
+
+impl Marks {
+    /// Those of this index; checks everything but the marks, which are checked when they are read.
+    pub fn open(path: &Path, index: &Path, identity: u64, nodes: &[NodeRecord]) -> Result<Marks> {
+        let map = Map::open(path)?;
+        let again = format!(
+            "make it again with `pointillist shadows {} -o {}`",
+            index.display(),
+            path.display()
+        );
+        let wrong = |what: &str| Error::format(path, format!("{what}; {again}"));
+        let mut header = FileHeader::zeroed();
+        if map.len() < HEADER_BYTES {
+            return Err(wrong("is no complete file of shadows"));
+        }
+        map.copy(0, bytemuck::bytes_of_mut(&mut header))?;
+        if header.magic != MAGIC {
+            let make =
+                format!("`pointillist shadows {} -o NAME.shadows` makes one", index.display());
+            return Err(Error::format(path, format!("is no file of shadows; {make}")));
+        }
+        if header.version > VERSION {
+            return Err(Error::format(
+                path,
+                format!(
+                    "is of version {}, made by a newer pointillist; this one reads up to {VERSION}",
+                    header.version
+                ),
+            ));
+        }
+        if header.own_crc() != header.header_crc || header.length != map.len() {
+            return Err(wrong("has a damaged header, or another length than it says"));
+        }
+        let places = places(nodes);
+        if header.index != identity
+            || header.nodes as usize != nodes.len()
+            || places.last() != Some(&header.directory_at)
+        {
+            return Err(wrong(&format!("has shadows of another cloud than {}", index.display())));
+        }
+        let mut directory = vec![0; header.length.saturating_sub(header.directory_at) as usize];
+        map.copy(header.directory_at, &mut directory)?;
+        let crcs_bytes = 4 * header.nodes as usize;
+        if crc32c::crc32c(&directory) != header.directory_crc
+            || (crcs_bytes as u64).checked_add(header.contents_bytes)
+                != Some(directory.len() as u64)
+        {
+            return Err(wrong("has a damaged directory"));
+        }
+        let crcs = directory[..crcs_bytes]
+            .as_chunks()
+            .0
+            .iter()
+            .map(|&crc| u32::from_le_bytes(crc))
+            .collect();
+        let contents: Contents = serde_json::from_slice(&directory[crcs_bytes..])
+            .map_err(|error| wrong(&format!("has unreadable contents ({error})")))?;
+        if !(1..=255).contains(&contents.full) {
+            return Err(wrong("has contents that no marks have"));
+        }
+        Ok(Marks { map, places, crcs, contents })
+    }
+
+    pub fn path(&self) -> &Path {
+        self.map.path()
+    }
+
+    /// Those of a node, all of them, and checks the copy.
+    pub fn read(&self, node: usize, into: &mut [u8]) -> Result<()> {
+        assert_eq!(into.len() as u64, self.places[node + 1] - self.places[node], "node {node}");
+        self.map.copy(self.places[node], into)?;
+        if crc32c::crc32c(into) != self.crcs[node] {
+            return Err(Error::format(
+                self.path(),
+                format!("is damaged: the checksum of node {node}'s marks is wrong"),
+            ));
+        }
+        Ok(())
+    }
+}
