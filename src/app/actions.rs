@@ -132,7 +132,7 @@ impl App {
         }
     }
 
-    /// On the drawing thread, which says when it is there.
+    /// On the render thread, which says when it is there.
     fn save_picture(&mut self, layers: bool) {
         let path = unused_names(if layers { "exr" } else { "png" })
             .find(|path| !self.promised.contains(path))

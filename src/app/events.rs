@@ -1,10 +1,10 @@
 //! SYSTEM -> EVENTS: the window itself, and what the system and the other threads have to say.
 
-use super::flight::Flight;
 use super::navigation::{Input, Modifiers};
 use super::panel::Panel;
 use super::profile::Profile;
 use super::render_thread::{Message, RenderThread};
+use super::scripted_flight::ScriptedFlight;
 use super::{App, Event};
 use crate::error::{Error, Result};
 use crate::gpu::DeviceOptions;
@@ -39,7 +39,7 @@ impl App {
     /// Opens a device, and brings all that is open there.
     fn draw_in(&mut self, window: Arc<Window>) -> Result<()> {
         let gpu = Gpu::open(&DeviceOptions { window: true, ..self.options.wish.clone() })?;
-        self.statistics.device = format!("{} ({})", gpu.device.name, gpu.device.driver);
+        self.stats.device = format!("{} ({})", gpu.device.name, gpu.device.driver);
         let size = window.inner_size();
         let present = Present::open(&gpu, window)?;
         let proxy = self.events.clone();
@@ -92,14 +92,14 @@ impl ApplicationHandler<Event> for App {
     fn user_event(&mut self, events: &ActiveEventLoop, event: Event) {
         match event {
             // Nobody waits for it any more; another one may have taken its place.
-            Event::Progress(_, token) | Event::Opened(_, token) | Event::LookedUp(_, _, token)
+            Event::Progress(_, token) | Event::Loaded(_, token) | Event::LookedUp(_, _, token)
                 if token.is_cancelled() =>
             {
                 return;
             }
             Event::Progress(text, _) => self.facts.doing = Some(text),
-            Event::Opened(Ok(opened), _) => self.opened(*opened),
-            Event::Opened(Err(error), _) => self.not_opened(&error),
+            Event::Loaded(Ok(opened), _) => self.loaded(*opened),
+            Event::Loaded(Err(error), _) => self.load_failed(&error),
             Event::LookedUp(place, looked, _) => self.looked_up(place, looked),
             Event::Render(event) => return self.render_event(events, event),
             Event::Interrupted => {
@@ -179,7 +179,7 @@ impl ApplicationHandler<Event> for App {
         if self.flight.as_mut().is_some_and(|flight| flight.wake(now)) {
             return events.exit();
         }
-        let wakes = self.flight.as_ref().and_then(Flight::wakes);
+        let wakes = self.flight.as_ref().and_then(ScriptedFlight::wakes);
         events.set_control_flow(
             self.laid_out
                 .into_iter()
@@ -191,12 +191,12 @@ impl ApplicationHandler<Event> for App {
     }
 
     fn exiting(&mut self, _events: &ActiveEventLoop) {
-        self.opening.cancel();
-        self.point_lookup.cancel();
+        self.load_token.cancel();
+        self.lookup_token.cancel();
         if let Some(mut thread) = self.render_thread.take() {
             thread.close();
         }
         // What they have half written they take away. A panic has been printed where it happened.
-        self.openings.drain(..).for_each(|opening| drop(opening.join()));
+        self.workers.drain(..).for_each(|worker| drop(worker.join()));
     }
 }

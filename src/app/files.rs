@@ -1,8 +1,8 @@
-//! FILES -> CLOUD: what is to be opened goes to the opening thread, and what that has read on to the drawing thread.
+//! FILES -> CLOUD: what is to be opened goes to the load thread, and what that has read on to the render thread.
 
 use super::cancel::CancelToken;
+use super::load_thread::{self, CloudInfo, FirstStage, LoadRequest, LoadedCloud};
 use super::navigation::Input;
-use super::opening::{self, Asked, First, Opened, Said};
 use super::render_thread::{Message, Upload};
 use super::{App, Event, complain};
 use crate::cloud::attribute::ExtraAttributes;
@@ -65,26 +65,26 @@ impl App {
         if self.files.is_empty() {
             return Ok(());
         }
-        let token = self.opening.renew();
-        self.underway = true;
+        let token = self.load_token.renew();
+        self.loading = true;
         self.facts.doing = Some("opening".into());
-        let (asked, opening) = (self.asked(), self.options.opening.clone());
+        let (request, opening) = (self.load_request(), self.options.opening.clone());
         let further = ExtraAttributes { strokes: self.wants_strokes(), ..self.options.further };
         let is_painted = self.facts.shown.is_some_and(|shown| shown.further.strokes);
         // What is on the screen whole is seen until it is there again as a whole, and with its strokes where it had them.
         let first = match &self.whole {
-            Some(whole) if *whole == asked || whole.files == asked.files && is_painted => {
-                First::All
+            Some(whole) if *whole == request || whole.files == request.files && is_painted => {
+                FirstStage::All
             }
-            Some(whole) if whole.files == asked.files => First::Points,
-            _ => First::Sample,
+            Some(whole) if whole.files == request.files => FirstStage::Points,
+            _ => FirstStage::Sample,
         };
         let (watch, events) = (self.watch(token.clone()), self.events.clone());
-        let opened = move |result: Result<Opened>| {
-            drop(events.send_event(Event::Opened(result.map(Box::new), token.clone())))
+        let opened = move |result: Result<LoadedCloud>| {
+            drop(events.send_event(Event::Loaded(result.map(Box::new), token.clone())))
         };
-        self.openings.push(opening::start(
-            asked,
+        self.workers.push(load_thread::start(
+            request,
             opening,
             further,
             first,
@@ -96,18 +96,18 @@ impl App {
     }
 
     /// What is to be open.
-    fn asked(&self) -> Asked {
-        Asked { files: self.files.clone(), color: self.scene.color }
+    fn load_request(&self) -> LoadRequest {
+        LoadRequest { files: self.files.clone(), color: self.scene.color }
     }
 
     /// What cannot be opened, or cannot show what is asked for, leaves what was open as it was.
-    pub(super) fn not_opened(&mut self, error: &Error) {
-        (self.underway, self.facts.doing) = (false, None);
-        let failed = self.asked();
+    pub(super) fn load_failed(&mut self, error: &Error) {
+        (self.loading, self.facts.doing) = (false, None);
+        let failed = self.load_request();
         if self.paints_later() && self.whole.as_ref() == Some(&failed) {
             return self.not_painted(error);
         }
-        let before = self.last_opened.clone();
+        let before = self.last_loaded.clone();
         let is_wrong = |file: &PathBuf| {
             error.path() == Some(file)
                 && before.as_ref().is_none_or(|before| !before.files.contains(file))
@@ -115,13 +115,13 @@ impl App {
         match before {
             // What was asked for beside it may be in order.
             _ if self.files.iter().any(is_wrong) => self.files.retain(|file| !is_wrong(file)),
-            Some(Asked { files, color }) => (self.files, self.scene.color) = (files, color),
+            Some(LoadRequest { files, color }) => (self.files, self.scene.color) = (files, color),
             // Whatever was dropped last may be what is wrong.
             None => drop(self.files.pop()),
         }
         // A sample of what cannot be opened may be on the screen, or what came before has never been, or was on its way and is given up.
-        let asked = self.asked();
-        let reopened = if asked != failed && self.whole.as_ref() != Some(&asked) {
+        let request = self.load_request();
+        let reopened = if request != failed && self.whole.as_ref() != Some(&request) {
             self.open()
         } else {
             Ok(())
@@ -132,11 +132,11 @@ impl App {
         }
     }
 
-    pub(super) fn opened(&mut self, opened: Opened) {
-        let Opened { prepared, subject, said } = opened;
-        let is_whole = said.is_whole;
+    pub(super) fn loaded(&mut self, opened: LoadedCloud) {
+        let LoadedCloud { prepared, subject, info } = opened;
+        let is_whole = info.is_whole;
         if is_whole {
-            self.last_opened = Some(said.asked.clone());
+            self.last_loaded = Some(info.request.clone());
         }
         self.navigation.set_subject(subject);
         // Whoever has not moved since sees the whole from where `render` does.
@@ -154,21 +154,23 @@ impl App {
         if is_whole {
             self.views.clear();
         }
-        let (pool_bytes, watch) = (self.options.pool_bytes, self.watch(self.opening.clone()));
-        self.post(Message::Upload(Box::new(Upload { prepared, said, pool_bytes, watch })));
+        let (pool_bytes, watch) = (self.options.pool_bytes, self.watch(self.load_token.clone()));
+        self.post(Message::Upload(Box::new(Upload { prepared, info, pool_bytes, watch })));
         self.post_scene();
     }
 
     /// What was opened is in the picture, and what is said of it true, even where another one is on its way by now.
-    pub(super) fn uploaded(&mut self, said: Said, token: &CancelToken) {
-        let Said { asked, is_whole, origins, shown, kinds, points, why_shown, notes } = said;
-        self.whole = is_whole.then_some(asked);
+    pub(super) fn uploaded(&mut self, info: CloudInfo, token: &CancelToken) {
+        let CloudInfo { request, is_whole, origins, shown, categories, points, why_shown, notes } =
+            info;
+        self.whole = is_whole.then_some(request);
         if is_whole && !token.is_cancelled() {
-            (self.underway, self.facts.doing) = (false, None);
+            (self.loading, self.facts.doing) = (false, None);
         }
         self.origins = origins;
-        (self.facts.points, self.facts.shown, self.facts.kinds) = (points, Some(shown), kinds);
-        self.facts.measure.reference = self.facts.kinds.reference.clone();
+        (self.facts.points, self.facts.shown, self.facts.categories) =
+            (points, Some(shown), categories);
+        self.facts.measure.reference = self.facts.categories.reference.clone();
         self.facts.why_shown = why_shown;
         (self.facts.loading, self.facts.bytes_read) = (None, 0);
         // As `render` does; once, however often the files are read.
@@ -184,8 +186,8 @@ impl App {
 
     /// What was opened does not come; what is on the screen stays.
     pub(super) fn upload_failed(&mut self, error: &Error) {
-        (self.underway, self.facts.doing) = (false, None);
-        if self.paints_later() && self.whole.as_ref() == Some(&self.asked()) {
+        (self.loading, self.facts.doing) = (false, None);
+        if self.paints_later() && self.whole.as_ref() == Some(&self.load_request()) {
             return self.not_painted(error);
         }
         self.trouble(error);
@@ -199,7 +201,7 @@ impl App {
 
     /// Reads files again that are on the screen without strokes that were asked for: finding them takes long, so the cloud is there before.
     fn find_strokes(&mut self) -> Result<()> {
-        let is_there = self.whole.as_ref() == Some(&self.asked()) && !self.underway;
+        let is_there = self.whole.as_ref() == Some(&self.load_request()) && !self.loading;
         if is_there && self.paints_later() { self.open() } else { Ok(()) }
     }
 

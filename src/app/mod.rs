@@ -1,9 +1,9 @@
-//! THE WINDOW: events in, messages to the drawing thread out.
+//! THE WINDOW: events in, messages to the render thread out.
 //!
 //! ```text
 //!     events -> navigation -> camera --.
-//!     keys, files dropped -------------+-> drawing thread -> window
-//!     opening thread -> cloud ---------'         |
+//!     keys, files dropped -------------+-> render thread -> window
+//!     load thread -> cloud ---------'         |
 //!         ^--- what the picture shows, and how long it took
 //! ```
 //! This thread only reacts: it waits for events, and while nobody touches anything nothing is drawn.
@@ -15,14 +15,14 @@ mod clip_box_widget;
 pub mod dynamic_resolution;
 mod events;
 mod files;
-pub mod flight;
+pub mod frame_stats;
 mod input;
 pub mod keys;
 mod legend;
 mod light_widget;
+pub mod load_thread;
 pub mod measure;
 pub mod navigation;
-pub mod opening;
 mod options;
 pub mod panel;
 pub mod pick_buffer;
@@ -30,7 +30,7 @@ mod point_lookup;
 pub mod profile;
 mod render_events;
 pub mod render_thread;
-pub mod statistics;
+pub mod scripted_flight;
 
 use crate::cloud::find::Record;
 use crate::error::{Error, Result};
@@ -39,15 +39,15 @@ use crate::progress::Progress;
 use crate::render::scene::Scene;
 use crate::view::Camera;
 use cancel::CancelToken;
-use flight::Flight;
+use frame_stats::{FrameStats, Summary};
 use glam::{DVec2, DVec3};
+use load_thread::{LoadRequest, LoadedCloud, ProgressReporter};
 use navigation::{Input, Modifiers, Navigation};
-use opening::{Asked, Opened, Watch};
 pub use options::Options;
 use panel::{Facts, Panel};
 use pick_buffer::PickBuffer;
 use render_thread::{Message, RenderEvent, RenderThread};
-use statistics::{Statistics, Summary};
+use scripted_flight::ScriptedFlight;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -59,7 +59,7 @@ use winit::window::Window;
 /// From the other threads.
 enum Event {
     Progress(String, CancelToken),
-    Opened(Result<Box<Opened>>, CancelToken),
+    Loaded(Result<Box<LoadedCloud>>, CancelToken),
     /// The record of the point in this place, where there is one.
     LookedUp(DVec3, Result<Option<Record>>, CancelToken),
     Render(RenderEvent),
@@ -76,17 +76,17 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
     progress.when_interrupted(Box::new(move || drop(interrupted.send_event(Event::Interrupted))));
     let mut app = App {
         navigation: Navigation::new(options.habit, options.size),
-        statistics: Statistics::new(options.began),
+        stats: FrameStats::new(options.began),
         events: events.create_proxy(),
-        opening: CancelToken::default(),
-        point_lookup: CancelToken::default(),
-        openings: Vec::new(),
+        load_token: CancelToken::default(),
+        lookup_token: CancelToken::default(),
+        workers: Vec::new(),
         strokes: Arc::default(),
         origins: Vec::new(),
         files: options.files.clone(),
-        last_opened: None,
+        last_loaded: None,
         whole: None,
-        underway: false,
+        loading: false,
         facts: Facts { path: options.path.clone(), enlarged: options.enlarged, ..Facts::default() },
         titled: String::new(),
         promised: Vec::new(),
@@ -105,7 +105,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         clicked: None,
         picks_later: None,
         pressed: None,
-        flight: options.flight.map(Flight::new),
+        flight: options.flight.map(ScriptedFlight::new),
         moved: options.began,
         moves: None,
         played: Duration::ZERO,
@@ -116,7 +116,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
     events.run_app(&mut app).map_err(no_window)?;
     match app.ended {
         Some(error) => Err(error),
-        None => Ok(app.statistics.summary(app.flight.as_ref())),
+        None => Ok(app.stats.summary(app.flight.as_ref())),
     }
 }
 
@@ -128,11 +128,11 @@ struct App {
     size: [u32; 2],
     render_thread: Option<RenderThread>,
     navigation: Navigation,
-    statistics: Statistics,
-    /// What the opening thread is at, and those that look points up.
-    opening: CancelToken,
-    point_lookup: CancelToken,
-    openings: Vec<JoinHandle<()>>,
+    stats: FrameStats,
+    /// What the load thread is at, and those that look points up.
+    load_token: CancelToken,
+    lookup_token: CancelToken,
+    workers: Vec<JoinHandle<()>>,
     /// Those that were found of the files that are open.
     strokes: Arc<Found>,
     /// The files that the points on the screen are from.
@@ -140,11 +140,11 @@ struct App {
     /// All that are open, or are being opened.
     files: Vec<PathBuf>,
     /// What was, as a whole.
-    last_opened: Option<Asked>,
+    last_loaded: Option<LoadRequest>,
     /// What the picture shows, where that is a whole.
-    whole: Option<Asked>,
+    whole: Option<LoadRequest>,
     /// What is open is being read, or on its way to the device, and is not in the picture as a whole.
-    underway: bool,
+    loading: bool,
     facts: Facts,
     /// What the window's title says.
     titled: String,
@@ -168,7 +168,7 @@ struct App {
     picks_later: Option<(DVec2, bool)>,
     /// Where the first button went down.
     pressed: Option<DVec2>,
-    flight: Option<Flight>,
+    flight: Option<ScriptedFlight>,
     /// When what moves by itself last did.
     moved: Instant,
     /// When it does again, where no picture asks for it.
@@ -210,9 +210,11 @@ impl App {
     }
 
     /// Says in the window how far the work of a token is.
-    fn watch(&self, token: CancelToken) -> Watch {
+    fn watch(&self, token: CancelToken) -> ProgressReporter {
         let (events, of) = (self.events.clone(), token.clone());
-        Watch::new(token, move |text| drop(events.send_event(Event::Progress(text, of.clone()))))
+        ProgressReporter::new(token, move |text| {
+            drop(events.send_event(Event::Progress(text, of.clone())))
+        })
     }
 
     /// Of the window, no side of it zero.

@@ -2,9 +2,9 @@
 
 use super::actions::Action;
 use super::keys::{self, KEYS};
+use super::load_thread::Categories;
 use super::measure::{self, Looked, Measure};
 use super::navigation::{Habit, Input, Mode};
-use super::opening::Kinds;
 use super::profile::Profile;
 use super::render_thread::Loading;
 use super::{clip_box_widget, legend, light_widget};
@@ -58,7 +58,7 @@ pub struct Facts {
     /// Of an index, and all that has been read of it.
     pub loading: Option<Loading>,
     pub bytes_read: u64,
-    pub kinds: Kinds,
+    pub categories: Categories,
     pub mode: Mode,
     pub habit: Habit,
     /// All that was picked.
@@ -430,7 +430,7 @@ fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
         combo.response.on_hover_text(format!("because {}", facts.why_shown));
     }
     if let Some(shown) = &facts.shown {
-        legend::ramp(ui, shown, &facts.kinds.reference);
+        legend::ramp(ui, shown, &facts.categories.reference);
     }
     ui.horizontal(|ui| {
         ui.color_edit_button_srgb(&mut scene.settings.background);
@@ -579,7 +579,7 @@ fn setting(ui: &mut Ui, setting: Setting) {
 
 /// What is not ticked is not drawn: a rule of opacity 0. Beside it the colour that it is drawn in.
 fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
-    let Kinds { classes, returns, stations, .. } = &facts.kinds;
+    let Categories { classes, returns, stations, .. } = &facts.categories;
     let class = |&(number, count): &(u8, u64)| {
         let name = class_name(number).map_or(String::new(), |name| format!(" {name}"));
         (What::Class(number), number, format!("{number}{name}: {}", grouped(count)))

@@ -11,8 +11,8 @@ impl App {
     /// All that was picked.
     pub(super) fn forget(&mut self) {
         self.facts.measure.points.clear();
-        self.point_lookup.renew();
-        if !self.underway {
+        self.lookup_token.renew();
+        if !self.loading {
             self.facts.doing = None;
         }
     }
@@ -20,7 +20,7 @@ impl App {
     pub(super) fn look_up(&mut self, point: &Point) {
         let station = point
             .kind
-            .and_then(|kind| self.facts.kinds.stations.get((kind >> STATION_SHIFT) as usize));
+            .and_then(|kind| self.facts.categories.stations.get((kind >> STATION_SHIFT) as usize));
         let sought = Sought {
             position: point.position,
             kind: point.kind.map(|kind| [kind as u8, (kind >> 8) as u8 & 15]),
@@ -28,14 +28,14 @@ impl App {
         };
         let (files, done, read) =
             (self.origins.clone(), self.events.clone(), self.options.opening.read);
-        let token = self.point_lookup.clone();
+        let token = self.lookup_token.clone();
         let watch = self.watch(token.clone());
         let work = move || {
             let looked = find::find(&files, read, &sought, &watch);
             drop(done.send_event(Event::LookedUp(sought.position, looked, token)));
         };
         match std::thread::Builder::new().name("point lookup".into()).spawn(work) {
-            Ok(thread) => self.openings.push(thread),
+            Ok(thread) => self.workers.push(thread),
             Err(error) => self.trouble(&Error::Request(format!(
                 "cannot start a thread to look a point up: {error}"
             ))),

@@ -1,9 +1,9 @@
-//! DRAWING THREAD -> WINDOW: what the picture shows, and how long it took.
+//! RENDER THREAD -> WINDOW: what the picture shows, and how long it took.
 
-use super::flight::Step;
 use super::measure::Picked;
 use super::navigation::Way;
 use super::render_thread::{FrameReport, RenderEvent};
+use super::scripted_flight::Step;
 use super::{App, tell};
 use crate::resident::Point;
 use std::time::{Duration, Instant};
@@ -21,7 +21,7 @@ impl App {
             RenderEvent::Counted(points) => {
                 (self.facts.drawn, self.facts.at_most) = (points, false)
             }
-            RenderEvent::Uploaded(said, token) => self.uploaded(*said, &token),
+            RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
             RenderEvent::Picked { point, adds } => self.picked(point, adds),
             RenderEvent::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             RenderEvent::Profile(profile) => {
@@ -59,9 +59,9 @@ impl App {
     pub(super) fn drawn(&mut self, drawn: FrameReport) {
         // Nothing more comes, of the cloud or of the picture.
         let rests = drawn.whole
-            && !self.underway
+            && !self.loading
             && self.render_thread.as_ref().is_some_and(|thread| thread.is_newest(drawn.handled));
-        self.statistics.drawn(&drawn, rests);
+        self.stats.drawn(&drawn, rests);
         let step =
             self.flight.as_mut().and_then(|flight| flight.drawn(&drawn, rests, Instant::now()));
         self.pick_buffer = Some(drawn.pick_buffer);

@@ -1,4 +1,4 @@
-//! DRAWING THREAD: the newest that the window wants in, pictures on the screen and reports of them out.
+//! RENDER THREAD: the newest that the window wants in, pictures on the screen and reports of them out.
 //!
 //! The window's thread never waits for the device: it posts what it wants, and goes on. This one drains what was posted, keeps the newest, and
 //!   draws where that is another picture than the last: smaller while it keeps changing (dynamic_resolution.rs), and once as large as the window when it has stopped;
@@ -13,7 +13,7 @@ mod saving;
 
 use super::cancel::CancelToken;
 use super::dynamic_resolution::{ResolutionScale, divided};
-use super::opening::{Said, Watch};
+use super::load_thread::{CloudInfo, ProgressReporter};
 use super::pick_buffer::PickBuffer;
 use super::profile::Profile;
 use crate::error::{Error, Result};
@@ -47,9 +47,9 @@ use std::time::{Duration, Instant};
 /// A cloud that is to go to the device, some of it between two pictures, what is to be said of it then, and who is told how far it is.
 pub struct Upload {
     pub prepared: Prepared,
-    pub said: Said,
+    pub info: CloudInfo,
     pub pool_bytes: u64,
-    pub watch: Watch,
+    pub watch: ProgressReporter,
 }
 
 /// From the window's thread.
@@ -97,7 +97,7 @@ pub enum RenderEvent {
     /// Points in the last picture, where filters or clip boxes leave some out.
     Counted(u64),
     /// A cloud is on the device, of which this is to be said.
-    Uploaded(Box<Said>, CancelToken),
+    Uploaded(Box<CloudInfo>, CancelToken),
     /// It is not, and why.
     UploadFailed(Error, CancelToken),
     Picked {
@@ -514,7 +514,7 @@ impl RenderLoop {
                 if let Some(old) = self.cloud.replace(cloud) {
                     self.retire(old);
                 }
-                (self.report)(RenderEvent::Uploaded(Box::new(upload.said), upload.watch.token));
+                (self.report)(RenderEvent::Uploaded(Box::new(upload.info), upload.watch.token));
                 self.change(Instant::now());
             }
             // Nobody waits for it any more.

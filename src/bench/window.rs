@@ -5,7 +5,7 @@
 //! pictures without a point are even: they are counted, so that nobody takes them for the cloud's.
 
 use super::flight;
-use crate::app::statistics::{FlightSummary, Spread, Summary};
+use crate::app::frame_stats::{FlightSummary, Spread, Summary};
 use crate::error::{Error, Result};
 use crate::index::format::Index;
 use crate::progress::Progress;

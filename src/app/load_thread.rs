@@ -1,4 +1,4 @@
-//! OPENING THREAD: files in, a cloud for the drawing thread out, and on the way how far it is.
+//! LOAD THREAD: files in, a cloud for the render thread out, and on the way how far it is.
 
 use super::cancel::CancelToken;
 use super::navigation::Subject;
@@ -16,28 +16,28 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// A cloud that is read, or found in an index, and needs nothing but the device.
-pub struct Opened {
+pub struct LoadedCloud {
     pub prepared: Prepared,
     pub subject: Subject,
-    pub said: Said,
+    pub info: CloudInfo,
 }
 
 /// What is to be opened, and to show.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Asked {
+pub struct LoadRequest {
     pub files: Vec<PathBuf>,
     pub color: Option<Attribute>,
 }
 
 /// Of a cloud, for the panel and for picks.
-pub struct Said {
-    pub asked: Asked,
+pub struct CloudInfo {
+    pub request: LoadRequest,
     /// Not a sample, before the whole.
     pub is_whole: bool,
     /// The files that its points are from.
     pub origins: Vec<PathBuf>,
     pub shown: DisplayAttribute,
-    pub kinds: Kinds,
+    pub categories: Categories,
     /// Of the files, as their headers say while only a sample is there.
     pub points: u64,
     /// Why it shows that.
@@ -48,7 +48,7 @@ pub struct Said {
 
 /// What points can be told apart by, each with how many points are of it, where that is known.
 #[derive(Clone, Debug, Default)]
-pub struct Kinds {
+pub struct Categories {
     pub classes: Vec<(u8, u64)>,
     pub returns: Vec<(u8, u64)>,
     pub stations: Vec<Station>,
@@ -56,10 +56,10 @@ pub struct Kinds {
     pub reference: Reference,
 }
 
-impl Kinds {
-    fn of(source: &Source) -> Kinds {
+impl Categories {
+    fn of(source: &Source) -> Categories {
         let Histograms { classes, returns } = source.counts().unwrap_or_default();
-        Kinds {
+        Categories {
             classes,
             returns,
             stations: source.stations().to_vec(),
@@ -69,30 +69,33 @@ impl Kinds {
 }
 
 /// Says a few times a second how far something is; stops where nobody waits for it any more.
-pub struct Watch {
+pub struct ProgressReporter {
     pub token: CancelToken,
-    say: Box<dyn Fn(String) + Send + Sync>,
-    said: Mutex<Option<Instant>>,
+    report: Box<dyn Fn(String) + Send + Sync>,
+    reported: Mutex<Option<Instant>>,
 }
 
 const BETWEEN: Duration = Duration::from_millis(100);
 
-impl Watch {
-    pub fn new(token: CancelToken, say: impl Fn(String) + Send + Sync + 'static) -> Watch {
-        Watch { token, say: Box::new(say), said: Mutex::new(None) }
+impl ProgressReporter {
+    pub fn new(
+        token: CancelToken,
+        report: impl Fn(String) + Send + Sync + 'static,
+    ) -> ProgressReporter {
+        ProgressReporter { token, report: Box::new(report), reported: Mutex::new(None) }
     }
 }
 
-impl Progress for Watch {
+impl Progress for ProgressReporter {
     fn tick(&self, doing: &str, done: u64, total: u64) -> Result<()> {
         if self.token.is_cancelled() {
             return Err(Error::Interrupted);
         }
-        let mut said = self.said.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        if said.is_none_or(|last| last.elapsed() >= BETWEEN) {
-            *said = Some(Instant::now());
+        let mut reported = self.reported.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if reported.is_none_or(|last| last.elapsed() >= BETWEEN) {
+            *reported = Some(Instant::now());
             let percent = (100 * done.min(total)).checked_div(total);
-            (self.say)(
+            (self.report)(
                 percent.map_or(doing.to_string(), |percent| format!("{doing}: {percent} %")),
             );
         }
@@ -102,7 +105,7 @@ impl Progress for Watch {
 
 /// What of files is there first. Of an index everything is: it has its strokes, or they are found node by node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum First {
+pub enum FirstStage {
     /// A sample, where they have to be indexed or take long to be read, and then what follows.
     Sample,
     /// All points, without their strokes, which take long to be found.
@@ -113,55 +116,54 @@ pub enum First {
 
 /// Opens files on a thread of their own.
 pub fn start(
-    asked: Asked,
+    request: LoadRequest,
     opening: Opening,
     further: ExtraAttributes,
-    first: First,
+    first: FirstStage,
     found: Arc<Found>,
-    watch: Watch,
-    opened: impl Fn(Result<Opened>) + Send + 'static,
+    watch: ProgressReporter,
+    opened: impl Fn(Result<LoadedCloud>) + Send + 'static,
 ) -> Result<JoinHandle<()>> {
     // People choose while they look.
     let further = ExtraAttributes { kind: true, normal: true, ..further };
-    let shown = asked.color.map_or(
-        ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() },
-        Attribute::wanted,
-    );
-    let of_files = ExtraAttributes { strokes: further.strokes && first == First::All, ..further };
+    let shown = request
+        .color
+        .map_or(ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() }, Attribute::wanted);
+    let of_files = ExtraAttributes { strokes: further.strokes && first == FirstStage::All, ..further };
     let opening = Opening {
         read: ReadOptions { wanted: shown.and(of_files.wanted()), ..opening.read },
         ..opening
     };
-    let (files, color) = (asked.files.clone(), asked.color);
+    let (files, color) = (request.files.clone(), request.color);
     let ready = move |mut source: Source,
                       sample_of: Option<u64>,
                       progress: &dyn Progress|
-          -> Result<Opened> {
+          -> Result<LoadedCloud> {
         source.find(color, progress)?;
         let (mut shown, why_shown) = source.shown(color)?;
-        let (kinds, subject) = (Kinds::of(&source), Subject::of(source.core_points()));
+        let (categories, subject) = (Categories::of(&source), Subject::of(source.core_points()));
         let further = if let Source::Index(_) = source { further } else { of_files };
         shown.further =
             ExtraAttributes { normal: source.has_normals(), light: source.has_light(), ..further };
         // Of a sample, what is odd about it is said once the whole is there.
         let notes = if sample_of.is_none() { source.notes(shown.further) } else { Vec::new() };
-        let (asked, is_whole, points) =
-            (asked.clone(), sample_of.is_none(), sample_of.unwrap_or(source.points()));
-        let said = Said {
-            asked,
+        let (request, is_whole, points) =
+            (request.clone(), sample_of.is_none(), sample_of.unwrap_or(source.points()));
+        let info = CloudInfo {
+            request,
             is_whole,
             origins: source.files(),
             shown,
-            kinds,
+            categories,
             points,
             why_shown,
             notes,
         };
-        Ok(Opened { prepared: source.prepare(shown, &found, progress)?, subject, said })
+        Ok(LoadedCloud { prepared: source.prepare(shown, &found, progress)?, subject, info })
     };
     let work = move || {
         // What is wrong with the files is said once, of the whole.
-        if first == First::Sample
+        if first == FirstStage::Sample
             && let Ok(Some(Preview { source, points })) = Source::preview(&files, &opening, &watch)
         {
             opened(ready(source, Some(points), &watch));
@@ -175,7 +177,6 @@ pub fn start(
     };
     // Who draws what has been read so far would otherwise wait in one queue with all that is still to be read.
     let pool = rayon::ThreadPoolBuilder::new().build().map_err(|error| failed(&error))?;
-    let thread =
-        std::thread::Builder::new().name("opening".into()).spawn(move || pool.install(work));
+    let thread = std::thread::Builder::new().name("load".into()).spawn(move || pool.install(work));
     thread.map_err(|error| failed(&error))
 }

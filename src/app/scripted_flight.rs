@@ -1,10 +1,10 @@
 //! A flight without hands, to measure the window by: along a camera path, or straight ahead, as soon as the cloud is there; then a rest, then the end.
 
+use super::frame_stats::{self, Picture};
 use super::render_thread::FrameReport;
-use super::statistics::{self, Picture};
 use std::time::{Duration, Instant};
 
-pub struct Flight {
+pub struct ScriptedFlight {
     length: Duration,
     stage: Stage,
     /// All that were drawn on the way.
@@ -42,9 +42,9 @@ const SETTLING: Duration = Duration::from_millis(500);
 /// How long nothing is done.
 pub const REST: Duration = Duration::from_secs(2);
 
-impl Flight {
-    pub fn new(length: Duration) -> Flight {
-        Flight {
+impl ScriptedFlight {
+    pub fn new(length: Duration) -> ScriptedFlight {
+        ScriptedFlight {
             length,
             stage: Stage::Before,
             pictures: Vec::new(),
@@ -100,12 +100,12 @@ impl Flight {
         }
         match self.stage {
             Stage::Settling(_) => {
-                self.cpu_before = statistics::processor_time();
+                self.cpu_before = frame_stats::processor_time();
                 self.stage = Stage::Rest(now);
                 false
             }
             _ => {
-                let taken = statistics::processor_time().zip(self.cpu_before);
+                let taken = frame_stats::processor_time().zip(self.cpu_before);
                 self.rest_cpu = taken.map(|(after, before)| after.saturating_sub(before));
                 self.stage = Stage::Over;
                 true

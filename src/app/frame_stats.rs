@@ -1,13 +1,13 @@
 //! How long pictures took, for `--timings` and `bench window`.
 
-use super::flight::{Flight, REST};
 use super::render_thread::{FrameReport, FrameTimes};
+use super::scripted_flight::{REST, ScriptedFlight};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
 /// Of one run of the window.
 #[derive(Clone, Debug)]
-pub struct Statistics {
+pub struct FrameStats {
     began: Instant,
     /// The device, and its driver.
     pub device: String,
@@ -201,7 +201,7 @@ fn slow_by(steps: &[Step], slow: f64) -> Vec<(String, usize)> {
 }
 
 impl FlightSummary {
-    pub fn of(flight: &Flight) -> FlightSummary {
+    pub fn of(flight: &ScriptedFlight) -> FlightSummary {
         let steps: Vec<Step> =
             flight.pictures.windows(2).map(|pair| Step::between(&pair[0], &pair[1])).collect();
         let of_pictures = |time: fn(&Picture) -> Duration| {
@@ -245,9 +245,9 @@ impl FlightSummary {
     }
 }
 
-impl Statistics {
-    pub fn new(began: Instant) -> Statistics {
-        Statistics {
+impl FrameStats {
+    pub fn new(began: Instant) -> FrameStats {
+        FrameStats {
             began,
             device: String::new(),
             first: None,
@@ -271,7 +271,7 @@ impl Statistics {
         }
     }
 
-    pub fn summary(&self, flight: Option<&Flight>) -> Summary {
+    pub fn summary(&self, flight: Option<&ScriptedFlight>) -> Summary {
         Summary {
             device: self.device.clone(),
             first_ms: self.first.map(ms),
@@ -387,7 +387,7 @@ mod tests {
             loader: Duration::from_millis(loader),
             times: FrameTimes { taking_in: Duration::from_millis(1), ..FrameTimes::default() },
         };
-        let mut flight = Flight::new(Duration::from_secs(1));
+        let mut flight = ScriptedFlight::new(Duration::from_secs(1));
         // Of 10 ms, but for one of 24 with 5 of the loader and 1 of taking in, and one of 24 with 2 of the loader.
         flight.pictures = [(0, 0), (10, 0), (20, 0), (44, 5), (54, 5), (78, 7), (88, 7)]
             .map(|(after, loader)| at(after, loader))

@@ -2,8 +2,8 @@
 
 mod support;
 
-use pointillist::app::opening::{self, Asked, First, Opened, Watch};
-use pointillist::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
+use pointillist::app::load_thread::{self, FirstStage, LoadRequest, LoadedCloud, ProgressReporter};
+use pointillist::cloud::attribute::{Attribute, ExtraAttributes, DisplayAttribute};
 use pointillist::cloud::{ColumnSet, ReadOptions};
 use pointillist::config;
 use pointillist::config::POINTS_PER_PAGE;
@@ -25,28 +25,28 @@ fn opening() -> Opening {
 }
 
 /// What becomes of files, one after the other.
-fn opened(
+fn loaded(
     files: &[PathBuf],
     opening: Opening,
     further: ExtraAttributes,
-    first: First,
-) -> Vec<Opened> {
+    first: FirstStage,
+) -> Vec<LoadedCloud> {
     let (sender, receiver) = mpsc::channel();
-    let watch = Watch::new(Default::default(), |_| ());
-    let opened = move |opened| sender.send(opened).unwrap();
-    opening::start(
-        Asked { files: files.to_vec(), color: None },
+    let watch = ProgressReporter::new(Default::default(), |_| ());
+    let loaded = move |loaded| sender.send(loaded).unwrap();
+    load_thread::start(
+        LoadRequest { files: files.to_vec(), color: None },
         opening,
         further,
         first,
         Arc::default(),
         watch,
-        opened,
+        loaded,
     )
     .unwrap()
     .join()
     .unwrap();
-    receiver.into_iter().map(|opened| opened.unwrap()).collect()
+    receiver.into_iter().map(|loaded| loaded.unwrap()).collect()
 }
 
 #[test]
@@ -77,15 +77,15 @@ fn files_that_take_long_to_be_read_or_indexed_are_there_in_part_before() {
     let indexing = Opening { index: Some("asked for"), ..opening() };
     assert_eq!(part_of(&small, &indexing), Some((100_000, 100_000)));
 
-    let told_of = |files: &[PathBuf], opening: Opening, first: First| -> Vec<_> {
-        opened(files, opening, ExtraAttributes::default(), first)
+    let told_of = |files: &[PathBuf], opening: Opening, first: FirstStage| -> Vec<_> {
+        loaded(files, opening, ExtraAttributes::default(), first)
             .into_iter()
-            .map(|opened| (opened.said.is_whole, opened.prepared.points(), opened.said.points))
+            .map(|loaded| (loaded.info.is_whole, loaded.prepared.points(), loaded.info.points))
             .collect()
     };
-    let told = |files: &[PathBuf], opening: Opening| told_of(files, opening, First::Sample);
+    let told = |files: &[PathBuf], opening: Opening| told_of(files, opening, FirstStage::Sample);
     // What is on the screen already, and is read anew for other colours.
-    assert_eq!(told_of(&large, opening(), First::Points), [(true, slow, slow)]);
+    assert_eq!(told_of(&large, opening(), FirstStage::Points), [(true, slow, slow)]);
     assert_eq!(
         told(&large, opening()),
         [(false, slow / config::PREVIEW_SHARE, slow), (true, slow, slow)]
@@ -104,13 +104,15 @@ fn strokes_of_files_come_after_their_points_and_those_of_an_index_at_once() {
         &support::pointillist().arg("index").arg(&file).arg("-o").arg(&index).output().unwrap(),
     );
     let wanted = ExtraAttributes { strokes: true, ..ExtraAttributes::default() };
-    let knows = |path: &PathBuf, first: First| -> Vec<bool> {
-        opened(std::slice::from_ref(path), opening(), wanted, first)
+    let knows = |path: &PathBuf, first: FirstStage| -> Vec<bool> {
+        loaded(std::slice::from_ref(path), opening(), wanted, first)
             .into_iter()
-            .map(|opened| opened.said.shown.further.strokes)
+            .map(|loaded| loaded.info.shown.further.strokes)
             .collect()
     };
-    for (first, of_file) in [(First::Sample, false), (First::Points, false), (First::All, true)] {
+    for (first, of_file) in
+        [(FirstStage::Sample, false), (FirstStage::Points, false), (FirstStage::All, true)]
+    {
         assert_eq!(
             (knows(&file, first), knows(&index, first)),
             (vec![of_file], vec![true]),
