@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 use pointillist::app::navigation::{
-    Button, Habit, Input, Mode, Modifiers, Navigation, Subject, Way,
+    Button, Direction, Input, Mode, Modifiers, Navigation, NavigationStyle, Subject,
 };
 use pointillist::view::{Camera, Preset, Projection, View};
 use proptest::prelude::*;
@@ -11,7 +11,7 @@ const SIZE: [u32; 2] = [800, 600];
 /// A projected coordinate system's: far from the origin.
 const ORIGIN: DVec3 = DVec3::new(500_000.0, 5_000_000.0, 100.0);
 
-fn navigation(habit: Habit, from: Preset) -> Navigation {
+fn navigation(style: NavigationStyle, from: Preset) -> Navigation {
     let corners = (0..8)
         .map(|i| {
             ORIGIN
@@ -22,7 +22,7 @@ fn navigation(habit: Habit, from: Preset) -> Navigation {
                 )
         })
         .collect();
-    let mut navigation = Navigation::new(habit, SIZE);
+    let mut navigation = Navigation::new(style, SIZE);
     navigation.set_subject(Subject::of(corners));
     navigation.handle(Input::Look { from, covered_px: 0.0 });
     navigation
@@ -57,7 +57,7 @@ fn drag(navigation: &mut Navigation, button: Button, point: DVec3, to: DVec2) {
 #[test]
 fn the_wheel_brings_the_point_nearer_where_it_is_and_never_through() {
     for from in [Preset::Fit, Preset::Top] {
-        let mut navigation = navigation(Habit::default(), from);
+        let mut navigation = navigation(NavigationStyle::default(), from);
         let point = ORIGIN + DVec3::new(11.0, 7.0, 4.0);
         let (at, _) = seen(&navigation.camera, point);
         for notch in 0..300 {
@@ -86,9 +86,11 @@ fn the_wheel_brings_the_point_nearer_where_it_is_and_never_through() {
 
 #[test]
 fn a_drag_moves_the_point_along_with_the_cursor() {
-    for (habit, button) in [(Habit::Potree, Button::Right), (Habit::Cloudcompare, Button::Middle)] {
+    for (style, button) in
+        [(NavigationStyle::Potree, Button::Right), (NavigationStyle::Cloudcompare, Button::Middle)]
+    {
         for from in [Preset::Fit, Preset::Front] {
-            let mut navigation = navigation(habit, from);
+            let mut navigation = navigation(style, from);
             let (point, to) = (ORIGIN + DVec3::new(30.0, 5.0, 2.0), DVec2::new(123.0, 456.0));
             let before = seen(&navigation.camera, point).1;
             drag(&mut navigation, button, point, to);
@@ -101,7 +103,7 @@ fn a_drag_moves_the_point_along_with_the_cursor() {
 
 #[test]
 fn orbiting_turns_about_the_point_without_rolling_and_not_over_the_top() {
-    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
     let point = ORIGIN + DVec3::new(20.0, 15.0, 5.0);
     let before = seen(&navigation.camera, point);
     for to in [[700.0, 300.0], [100.0, 5000.0], [400.0, -9000.0], [-3000.0, 10.0]] {
@@ -119,7 +121,7 @@ fn orbiting_turns_about_the_point_without_rolling_and_not_over_the_top() {
 
 #[test]
 fn the_ground_is_grabbed_at_its_height_and_where_it_is_grazed_the_picture_moves() {
-    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
     navigation.mode = Mode::Earth;
     let (point, height) = (ORIGIN + DVec3::new(12.0, 9.0, 0.0), navigation.camera.eye.z);
     drag(&mut navigation, Button::Left, point, DVec2::new(420.0, 380.0));
@@ -132,10 +134,10 @@ fn the_ground_is_grabbed_at_its_height_and_where_it_is_grazed_the_picture_moves(
 
 #[test]
 fn flying_takes_the_diagonal_in_five_seconds_and_the_wheel_changes_the_speed() {
-    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
     navigation.mode = Mode::Fly;
     let (start, ahead) = (navigation.camera.eye, navigation.camera.basis().unwrap().forward);
-    navigation.handle(Input::Fly { way: Way::Forward, pressed: true });
+    navigation.handle(Input::Fly { direction: Direction::Forward, pressed: true });
     assert!(navigation.is_flying());
     (0..500).for_each(|_| navigation.advance(0.01));
     let diagonal = DVec3::new(40.0, 30.0, 10.0).length();
@@ -143,13 +145,13 @@ fn flying_takes_the_diagonal_in_five_seconds_and_the_wheel_changes_the_speed() {
     let speed = navigation.speed;
     navigation.handle(Input::Wheel { notches: 1.0, at: DVec2::ZERO, under: None });
     assert!(navigation.speed > speed);
-    navigation.handle(Input::Fly { way: Way::Forward, pressed: false });
+    navigation.handle(Input::Fly { direction: Direction::Forward, pressed: false });
     assert!(!navigation.is_flying());
 }
 
 #[test]
 fn the_middle_of_the_picture_is_where_two_clicks_were_and_projections_keep_sizes() {
-    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
     let point = ORIGIN + DVec3::new(3.0, 28.0, 9.0);
     navigation.handle(Input::Centre { on: point });
     let (at, depth) = seen(&navigation.camera, point);
@@ -169,7 +171,7 @@ fn the_middle_of_the_picture_is_where_two_clicks_were_and_projections_keep_sizes
 
 #[test]
 fn blenders_hands_turn_with_the_middle_button_move_with_shift_and_leave_the_left_one_alone() {
-    let mut navigation = navigation(Habit::Blender, Preset::Fit);
+    let mut navigation = navigation(NavigationStyle::Blender, Preset::Fit);
     let (point, before) = (ORIGIN + DVec3::splat(5.0), navigation.camera.eye);
     drag(&mut navigation, Button::Left, point, DVec2::new(10.0, 10.0));
     assert_eq!(navigation.camera.eye, before);
@@ -184,7 +186,7 @@ proptest! {
     /// Whatever hands do, there is a view, and without perspective nothing of the subject is behind the camera.
     #[test]
     fn no_hands_break_the_camera(deeds in prop::collection::vec((0u8..12, -900.0..900.0f64, -900.0..900.0f64, 0.0..40.0f64), 1..200)) {
-        let mut navigation = navigation(Habit::default(), Preset::Fit);
+        let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
         for (deed, x, y, z) in deeds {
             let (at, under) = (DVec2::new(x, y), (deed % 2 == 0).then(|| ORIGIN + DVec3::new(z, x.abs() / 30.0, y.abs() / 90.0)));
             match deed {
@@ -196,7 +198,7 @@ proptest! {
                 9 => navigation.handle(Input::NextMode),
                 10 => navigation.handle(Input::Look { from: Preset::Top, covered_px: 0.0 }),
                 _ => {
-                    navigation.handle(Input::Fly { way: Way::Forward, pressed: true });
+                    navigation.handle(Input::Fly { direction: Direction::Forward, pressed: true });
                     navigation.advance(0.1);
                     navigation.let_go();
                 }
@@ -215,7 +217,7 @@ proptest! {
 /// From near by the cursor is over a gap, and what is seen there is the street behind the wall.
 #[test]
 fn the_wheel_does_not_lead_through_the_gaps_of_a_surface() {
-    let mut navigation = navigation(Habit::default(), Preset::Fit);
+    let mut navigation = navigation(NavigationStyle::default(), Preset::Fit);
     let (wall, behind) = (ORIGIN + DVec3::new(11.0, 7.0, 4.0), 25.0);
     let (at, far) = seen(&navigation.camera, wall);
     let way = (wall - navigation.camera.eye).normalize();
@@ -227,7 +229,7 @@ fn the_wheel_does_not_lead_through_the_gaps_of_a_surface() {
     }
     assert!(seen(&navigation.camera, wall).1 < 1e-3 * far);
     // Something nearer takes its place, and so does what is under the cursor elsewhere.
-    navigation = self::navigation(Habit::default(), Preset::Fit);
+    navigation = self::navigation(NavigationStyle::default(), Preset::Fit);
     navigation.handle(Input::Wheel { notches: 1.0, at, under: Some(wall) });
     let (near, aside) = (navigation.camera.eye + way, at + DVec2::new(100.0, 0.0));
     let depth = seen(&navigation.camera, near).1;

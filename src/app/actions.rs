@@ -49,13 +49,13 @@ impl App {
     pub(super) fn lay_out(&mut self) {
         let (Some(window), Some(panel)) = (&self.window, &mut self.panel) else { return };
         let before = self.scene.clone();
-        (self.facts.mode, self.facts.habit) = (self.navigation.mode, self.navigation.habit);
+        (self.ui.mode, self.ui.style) = (self.navigation.mode, self.navigation.style);
         let view = View::new(self.scene.camera, self.size.map(|side| side.max(1))).ok();
-        let laid_out = panel.lay_out(window, &mut self.facts, view.as_ref(), &mut self.scene);
-        self.laid_out = laid_out.again_in.and_then(|wait| Instant::now().checked_add(wait));
+        let laid_out = panel.lay_out(window, &mut self.ui, view.as_ref(), &mut self.scene);
+        self.panel_due = laid_out.repaint_in.and_then(|wait| Instant::now().checked_add(wait));
         self.post(Message::Panel(Box::new(laid_out.overlay)));
         if let Err(error) = self.scene_changed(&before) {
-            self.trouble(&error);
+            self.report_error(&error);
         }
         for action in laid_out.actions {
             self.perform(action);
@@ -64,10 +64,10 @@ impl App {
 
     pub(super) fn perform(&mut self, action: Action) {
         // Who does something again is told again.
-        self.facts.put_away = None;
+        self.ui.dismissed_error = None;
         match action {
             Action::Navigate(Input::Look { from, .. }) => {
-                let covered_px = self.panel.as_ref().map_or(0.0, |panel| panel.covers_px(self.facts.hidden));
+                let covered_px = self.panel.as_ref().map_or(0.0, |panel| panel.covers_px(self.ui.hidden));
                 self.navigate(Input::Look { from, covered_px });
             }
             Action::Navigate(input) => self.navigate(input),
@@ -76,13 +76,13 @@ impl App {
             Action::SaveScene => self.save(&unused_name("json"), |app, path| app.scene.write(path)),
             Action::LoadScene => match last_name("json") {
                 Some(path) => self.take(path),
-                None => self.trouble(&Error::Request(
+                None => self.report_error(&Error::Request(
                     "there is no saved scene here; F8 saves one, and one from elsewhere is dropped on the window".into(),
                 )),
             },
-            Action::SavePath => self.save(&unused_name("path.json"), |app, path| app.facts.path.write(path)),
-            Action::Export(_) if self.facts.measure.points.is_empty() => {
-                self.trouble(&Error::Request("nothing was picked that could be saved; a click picks a point".into()));
+            Action::SavePath => self.save(&unused_name("path.json"), |app, path| app.ui.path.write(path)),
+            Action::Export(_) if self.ui.measure.points.is_empty() => {
+                self.report_error(&Error::Request("nothing was picked that could be saved; a click picks a point".into()));
             }
             Action::Export(extension) => {
                 if extension == "csv" {
@@ -92,33 +92,33 @@ impl App {
             }
             Action::Profile => self.profile(),
             Action::SaveProfile => self.save_profile(),
-            Action::CloseProfile => self.facts.profile = None,
+            Action::CloseProfile => self.ui.profile = None,
             Action::Forget => self.forget(),
             Action::AddBox => {
-                self.scene.clips.0.push(clip_box_widget::around(&self.facts.measure, &self.navigation.camera));
+                self.scene.clips.0.push(clip_box_widget::around(&self.ui.measure, &self.navigation.camera));
                 self.post_scene();
             }
             Action::AddKey => {
-                if let Err(error) = self.facts.path.add(self.navigation.camera) {
-                    self.trouble(&error);
+                if let Err(error) = self.ui.path.add(self.navigation.camera) {
+                    self.report_error(&error);
                 }
             }
-            Action::ForgetPath => self.facts.path.keys.clear(),
+            Action::ForgetPath => self.ui.path.keys.clear(),
             Action::Play => self.play(),
             Action::FullScreen => self.full_screen(),
-            Action::Help => self.facts.help = !self.facts.help,
-            Action::Panel => self.facts.hidden = !self.facts.hidden,
+            Action::Help => self.ui.help = !self.ui.help,
+            Action::Panel => self.ui.hidden = !self.ui.hidden,
         }
         self.title();
     }
 
     /// Of what is loaded now.
     fn profile(&mut self) {
-        let places = self.facts.measure.places();
-        let width = if self.facts.width > 0.0 {
-            self.facts.width
+        let places = self.ui.measure.places();
+        let width = if self.ui.width > 0.0 {
+            self.ui.width
         } else {
-            profile::SHARE * self.facts.measure.horizontal()
+            profile::SHARE * self.ui.measure.horizontal()
         };
         let slab = places
             .first()
@@ -126,7 +126,7 @@ impl App {
             .and_then(|(&start, &end)| Slab::new(start, end, width));
         match slab {
             Some(slab) => self.post(Message::Section(slab)),
-            None => self.trouble(&Error::Request(
+            None => self.report_error(&Error::Request(
                 "a profile needs two picked points, not one above the other; shift and click picks one more".into(),
             )),
         }
@@ -135,15 +135,15 @@ impl App {
     /// On the render thread, which says when it is there.
     fn save_picture(&mut self, layers: bool) {
         let path = unused_names(if layers { "exr" } else { "png" })
-            .find(|path| !self.promised.contains(path))
+            .find(|path| !self.pending_saves.contains(path))
             .expect("numbers do not end");
-        self.promised.push(path.clone());
-        self.post(Message::Save { path, size: self.facts.enlarged.of(self.size()), layers });
+        self.pending_saves.push(path.clone());
+        self.post(Message::Save { path, size: self.ui.save_size.of(self.size()), layers });
     }
 
     fn save_profile(&mut self) {
         if let Some(text) =
-            self.facts.profile.as_ref().map(|profile| profile.csv(&self.facts.measure.reference))
+            self.ui.profile.as_ref().map(|profile| profile.csv(&self.ui.measure.reference))
         {
             self.save(&unused_name("profile.csv"), |_, path| write(path, text));
         }
@@ -151,16 +151,16 @@ impl App {
 
     fn save(&mut self, path: &Path, write: impl FnOnce(&App, &Path) -> Result<()>) {
         match write(self, path) {
-            Ok(()) => self.facts.doing = Some(format!("saved {}", path.display())),
-            Err(error) => self.trouble(&error),
+            Ok(()) => self.ui.doing = Some(format!("saved {}", path.display())),
+            Err(error) => self.report_error(&error),
         }
     }
 
     /// What was picked, and what lies between.
     fn export(&self, extension: &str, path: &Path) -> Result<()> {
         let text = match extension {
-            "csv" => self.facts.measure.csv(),
-            _ => format!("{:#}\n", self.facts.measure.geojson()),
+            "csv" => self.ui.measure.csv(),
+            _ => format!("{:#}\n", self.ui.measure.geojson()),
         };
         write(path, text)
     }

@@ -65,14 +65,13 @@ impl App {
         if let Some(mut thread) = self.render_thread.take() {
             thread.close();
         }
-        self.facts.profile.iter_mut().for_each(Profile::forget_texture);
-        self.promised.clear();
+        self.ui.profile.iter_mut().for_each(Profile::forget_texture);
+        self.pending_saves.clear();
         // Nothing is on the screen, as at the start.
-        (self.whole, self.pick_buffer, self.facts.shown, self.facts.loading) =
-            (None, None, None, None);
+        (self.whole, self.pick_buffer, self.ui.shown, self.ui.loading) = (None, None, None, None);
         (self.options.wish.lost_after, self.options.wish.surface_lost_after) = (None, None);
         self.draw_in(window)?;
-        self.trouble(&Error::Device(format!(
+        self.report_error(&Error::Device(format!(
             "{error}; the device was opened again, and the files are read again"
         )));
         Ok(())
@@ -97,7 +96,7 @@ impl ApplicationHandler<Event> for App {
             {
                 return;
             }
-            Event::Progress(text, _) => self.facts.doing = Some(text),
+            Event::Progress(text, _) => self.ui.doing = Some(text),
             Event::Loaded(Ok(opened), _) => self.loaded(*opened),
             Event::Loaded(Err(error), _) => self.load_failed(&error),
             Event::LookedUp(place, looked, _) => self.looked_up(place, looked),
@@ -117,11 +116,11 @@ impl ApplicationHandler<Event> for App {
             return events.exit();
         }
         if let (Some(window), Some(panel)) = (&self.window, &mut self.panel) {
-            let heard = panel.hear(window, &event);
-            if heard.repaint && !matches!(event, WindowEvent::RedrawRequested) {
+            let response = panel.handle_event(window, &event);
+            if response.repaint && !matches!(event, WindowEvent::RedrawRequested) {
                 window.request_redraw();
             }
-            if heard.taken {
+            if response.consumed {
                 return;
             }
         }
@@ -169,8 +168,8 @@ impl ApplicationHandler<Event> for App {
 
     fn about_to_wait(&mut self, events: &ActiveEventLoop) {
         let now = Instant::now();
-        if self.laid_out.is_some_and(|when| when <= now) {
-            self.laid_out = None;
+        if self.panel_due.is_some_and(|when| when <= now) {
+            self.panel_due = None;
             self.ask_for_panel();
         }
         if self.moves.is_some_and(|when| when <= now) {
@@ -181,7 +180,7 @@ impl ApplicationHandler<Event> for App {
         }
         let wakes = self.flight.as_ref().and_then(ScriptedFlight::wakes);
         events.set_control_flow(
-            self.laid_out
+            self.panel_due
                 .into_iter()
                 .chain(self.moves)
                 .chain(wakes)

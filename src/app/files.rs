@@ -4,7 +4,7 @@ use super::cancel::CancelToken;
 use super::load_thread::{self, CloudInfo, FirstStage, LoadRequest, LoadedCloud};
 use super::navigation::Input;
 use super::render_thread::{Message, Upload};
-use super::{App, Event, complain};
+use super::{App, Event, warn};
 use crate::cloud::attribute::ExtraAttributes;
 use crate::error::{Error, Result};
 use crate::passes::Switch;
@@ -15,7 +15,7 @@ impl App {
     /// Another cloud beside those that are open, or a scene, which takes the place of the one that is drawn.
     pub(super) fn take(&mut self, file: PathBuf) {
         // Whoever asks for something else has read what went wrong before.
-        self.facts.trouble = None;
+        self.ui.error = None;
         let is_scene =
             file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         let taken = if is_scene {
@@ -27,7 +27,7 @@ impl App {
             self.open()
         };
         if let Err(error) = taken {
-            self.trouble(&error);
+            self.report_error(&error);
         }
         self.title();
     }
@@ -43,14 +43,14 @@ impl App {
         self.options.camera = Some(self.scene.camera);
         self.navigation.camera = self.scene.camera;
         self.scene_changed(&before)?;
-        self.facts.doing = Some(format!("loaded {}", file.display()));
+        self.ui.doing = Some(format!("loaded {}", file.display()));
         Ok(())
     }
 
     /// Draws it, and reads files again where they have what is shown now, or what brushes need to know.
     pub(super) fn scene_changed(&mut self, before: &Scene) -> Result<()> {
         if self.scene.color != before.color {
-            self.facts.trouble = None;
+            self.ui.error = None;
             self.open()?;
         }
         self.find_strokes()?;
@@ -67,10 +67,10 @@ impl App {
         }
         let token = self.load_token.renew();
         self.loading = true;
-        self.facts.doing = Some("opening".into());
+        self.ui.doing = Some("opening".into());
         let (request, opening) = (self.load_request(), self.options.opening.clone());
         let further = ExtraAttributes { strokes: self.wants_strokes(), ..self.options.further };
-        let is_painted = self.facts.shown.is_some_and(|shown| shown.further.strokes);
+        let is_painted = self.ui.shown.is_some_and(|shown| shown.further.strokes);
         // What is on the screen whole is seen until it is there again as a whole, and with its strokes where it had them.
         let first = match &self.whole {
             Some(whole) if *whole == request || whole.files == request.files && is_painted => {
@@ -102,7 +102,7 @@ impl App {
 
     /// What cannot be opened, or cannot show what is asked for, leaves what was open as it was.
     pub(super) fn load_failed(&mut self, error: &Error) {
-        (self.loading, self.facts.doing) = (false, None);
+        (self.loading, self.ui.doing) = (false, None);
         let failed = self.load_request();
         if self.paints_later() && self.whole.as_ref() == Some(&failed) {
             return self.not_painted(error);
@@ -126,9 +126,9 @@ impl App {
         } else {
             Ok(())
         };
-        self.trouble(error);
+        self.report_error(error);
         if let Err(error) = reopened {
-            self.trouble(&error);
+            self.report_error(&error);
         }
     }
 
@@ -165,38 +165,37 @@ impl App {
             info;
         self.whole = is_whole.then_some(request);
         if is_whole && !token.is_cancelled() {
-            (self.loading, self.facts.doing) = (false, None);
+            (self.loading, self.ui.doing) = (false, None);
         }
         self.origins = origins;
-        (self.facts.points, self.facts.shown, self.facts.categories) =
-            (points, Some(shown), categories);
-        self.facts.measure.reference = self.facts.categories.reference.clone();
-        self.facts.why_shown = why_shown;
-        (self.facts.loading, self.facts.bytes_read) = (None, 0);
+        (self.ui.points, self.ui.shown, self.ui.categories) = (points, Some(shown), categories);
+        self.ui.measure.reference = self.ui.categories.reference.clone();
+        self.ui.why_shown = why_shown;
+        (self.ui.loading, self.ui.bytes_read) = (None, 0);
         // As `render` does; once, however often the files are read.
         notes
             .iter()
-            .filter(|note| !self.facts.notes.contains(note))
-            .for_each(|note| complain(&format!("note: {note}")));
-        self.facts.notes = notes;
+            .filter(|note| !self.ui.notes.contains(note))
+            .for_each(|note| warn(&format!("note: {note}")));
+        self.ui.notes = notes;
         if let Err(error) = self.find_strokes() {
-            self.trouble(&error);
+            self.report_error(&error);
         }
     }
 
     /// What was opened does not come; what is on the screen stays.
     pub(super) fn upload_failed(&mut self, error: &Error) {
-        (self.loading, self.facts.doing) = (false, None);
+        (self.loading, self.ui.doing) = (false, None);
         if self.paints_later() && self.whole.as_ref() == Some(&self.load_request()) {
             return self.not_painted(error);
         }
-        self.trouble(error);
+        self.report_error(error);
     }
 
     /// Strokes that cannot be found, or for which there is no room, are asked for no longer.
     fn not_painted(&mut self, error: &Error) {
         self.scene.settings.effects.strokes.switch = Switch::Off;
-        self.trouble(error);
+        self.report_error(error);
     }
 
     /// Reads files again that are on the screen without strokes that were asked for: finding them takes long, so the cloud is there before.
@@ -207,7 +206,7 @@ impl App {
 
     /// Whether strokes were asked for that the cloud in the picture does not know.
     fn paints_later(&self) -> bool {
-        self.wants_strokes() && self.facts.shown.is_none_or(|shown| !shown.further.strokes)
+        self.wants_strokes() && self.ui.shown.is_none_or(|shown| !shown.further.strokes)
     }
 
     fn wants_strokes(&self) -> bool {

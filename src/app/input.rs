@@ -36,7 +36,7 @@ impl App {
                 Some(id) => self.post(Message::Pick { id, at, adds }),
                 // Who wants one more is told that there is none; other clicks may be meant for nothing.
                 None if adds => {
-                    self.facts.doing = Some("there is no point to pick".into());
+                    self.ui.doing = Some("there is no point to pick".into());
                     self.title();
                 }
                 None => {}
@@ -48,7 +48,7 @@ impl App {
 
     pub(super) fn navigate(&mut self, input: Input) {
         // Who takes hold of the camera has it.
-        self.facts.plays &= matches!(
+        self.ui.plays &= matches!(
             input,
             Input::Move { .. }
                 | Input::Release { .. }
@@ -108,10 +108,10 @@ impl App {
         repeated: bool,
     ) {
         match keys::find(code) {
-            Some(Binding::Fly(way)) => self.fly(way, pressed),
+            Some(Binding::Fly(direction)) => self.fly(direction, pressed),
             Some(Binding::Do(action)) if pressed && !repeated => self.perform(action),
             // What has gone wrong is put away first.
-            Some(Binding::Close) if pressed => match self.facts.put_away() {
+            Some(Binding::Close) if pressed => match self.ui.dismiss() {
                 true => self.title(),
                 false => events.exit(),
             },

@@ -1,14 +1,14 @@
 //! What a key does: one table, from which the window acts and the help is written.
 
 use super::actions::Action;
-use super::navigation::{Habit, Input, Mode, Way};
+use super::navigation::{Direction, Input, Mode, NavigationStyle};
 use crate::view::{Preset, Projection};
 use winit::keyboard::KeyCode;
 
 /// What the window does at a key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Binding {
-    Fly(Way),
+    Fly(Direction),
     Do(Action),
     Close,
 }
@@ -55,15 +55,20 @@ pub const KEYS: &[Key] = &[
     ),
     key(&[KeyCode::KeyP], "P", project(Projection::Perspective), "with perspective"),
     key(&[KeyCode::KeyO], "O", project(Projection::Orthographic), "without"),
-    key(&[KeyCode::KeyW, KeyCode::ArrowUp], "W", Binding::Fly(Way::Forward), "fly ahead"),
-    key(&[KeyCode::KeyS, KeyCode::ArrowDown], "S", Binding::Fly(Way::Back), "back"),
-    key(&[KeyCode::KeyA, KeyCode::ArrowLeft], "A", Binding::Fly(Way::Left), "left"),
-    key(&[KeyCode::KeyD, KeyCode::ArrowRight], "D", Binding::Fly(Way::Right), "right"),
-    key(&[KeyCode::KeyE, KeyCode::KeyR, KeyCode::PageUp], "E", Binding::Fly(Way::Up), "up; R too"),
+    key(&[KeyCode::KeyW, KeyCode::ArrowUp], "W", Binding::Fly(Direction::Forward), "fly ahead"),
+    key(&[KeyCode::KeyS, KeyCode::ArrowDown], "S", Binding::Fly(Direction::Back), "back"),
+    key(&[KeyCode::KeyA, KeyCode::ArrowLeft], "A", Binding::Fly(Direction::Left), "left"),
+    key(&[KeyCode::KeyD, KeyCode::ArrowRight], "D", Binding::Fly(Direction::Right), "right"),
+    key(
+        &[KeyCode::KeyE, KeyCode::KeyR, KeyCode::PageUp],
+        "E",
+        Binding::Fly(Direction::Up),
+        "up; R too",
+    ),
     key(
         &[KeyCode::KeyQ, KeyCode::KeyF, KeyCode::PageDown],
         "Q",
-        Binding::Fly(Way::Down),
+        Binding::Fly(Direction::Down),
         "down; F too",
     ),
     key(
@@ -131,15 +136,15 @@ pub const KEYS: &[Key] = &[
 ];
 
 /// What the mouse does, for the hands of each program and what a drag does.
-pub fn mouse(habit: Habit, mode: Mode) -> Vec<(&'static str, &'static str)> {
+pub fn mouse(style: NavigationStyle, mode: Mode) -> Vec<(&'static str, &'static str)> {
     let turns = match mode {
         Mode::Orbit => "turn about the point under the cursor",
         Mode::Fly => "look around",
         Mode::Earth => "grab the ground",
     };
     let moves = "move the point under the cursor along";
-    let drags = match (habit, mode) {
-        (Habit::Blender, _) => vec![
+    let drags = match (style, mode) {
+        (NavigationStyle::Blender, _) => vec![
             ("middle drag", turns),
             ("shift middle drag", moves),
             ("ctrl middle drag", "nearer and farther"),

@@ -44,7 +44,7 @@ use glam::{DVec2, DVec3};
 use load_thread::{LoadRequest, LoadedCloud, ProgressReporter};
 use navigation::{Input, Modifiers, Navigation};
 pub use options::Options;
-use panel::{Facts, Panel};
+use panel::{Panel, UiState};
 use pick_buffer::PickBuffer;
 use render_thread::{Message, RenderEvent, RenderThread};
 use scripted_flight::ScriptedFlight;
@@ -75,7 +75,7 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
     let interrupted = events.create_proxy();
     progress.when_interrupted(Box::new(move || drop(interrupted.send_event(Event::Interrupted))));
     let mut app = App {
-        navigation: Navigation::new(options.habit, options.size),
+        navigation: Navigation::new(options.style, options.size),
         stats: FrameStats::new(options.began),
         events: events.create_proxy(),
         load_token: CancelToken::default(),
@@ -87,11 +87,15 @@ pub fn run(options: Options, progress: &dyn Progress) -> Result<Summary> {
         last_loaded: None,
         whole: None,
         loading: false,
-        facts: Facts { path: options.path.clone(), enlarged: options.enlarged, ..Facts::default() },
-        titled: String::new(),
-        promised: Vec::new(),
+        ui: UiState {
+            path: options.path.clone(),
+            save_size: options.save_size,
+            ..UiState::default()
+        },
+        window_title: String::new(),
+        pending_saves: Vec::new(),
         panel: None,
-        laid_out: None,
+        panel_due: None,
         scene: options.scene.clone(),
         window: None,
         size: options.size,
@@ -145,14 +149,14 @@ struct App {
     whole: Option<LoadRequest>,
     /// What is open is being read, or on its way to the device, and is not in the picture as a whole.
     loading: bool,
-    facts: Facts,
+    ui: UiState,
     /// What the window's title says.
-    titled: String,
+    window_title: String,
     /// Pictures that are on their way into files.
-    promised: Vec<PathBuf>,
+    pending_saves: Vec<PathBuf>,
     panel: Option<Panel>,
     /// When the panel is to be laid out again by itself.
-    laid_out: Option<Instant>,
+    panel_due: Option<Instant>,
     scene: Scene,
     /// Somebody has chosen where to look from.
     framed: bool,
@@ -181,12 +185,12 @@ struct App {
 }
 
 /// To be copied from the terminal. Where nobody reads it any more, the window goes on.
-fn tell(what: &str) {
+fn print_line(what: &str) {
     drop(writeln!(std::io::stdout(), "{what}"));
 }
 
-/// As [`tell`], on standard error.
-fn complain(what: &str) {
+/// As [`print_line`], on standard error.
+fn warn(what: &str) {
     drop(writeln!(std::io::stderr(), "pointillist: {what}"));
 }
 
@@ -222,11 +226,11 @@ impl App {
         self.size.map(|side| side.max(1))
     }
 
-    fn trouble(&mut self, error: &Error) {
-        complain(&error.to_string());
+    fn report_error(&mut self, error: &Error) {
+        warn(&error.to_string());
         // Of several files each may be wrong in its own way.
-        let before = self.facts.trouble.take().filter(|before| *before != error.to_string());
-        self.facts.trouble =
+        let before = self.ui.error.take().filter(|before| *before != error.to_string());
+        self.ui.error =
             Some(before.map_or(error.to_string(), |before| format!("{before}\n{error}")));
     }
 }

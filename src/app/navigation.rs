@@ -38,7 +38,7 @@ impl Mode {
 
 /// The hands of other programs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Habit {
+pub enum NavigationStyle {
     /// Left turns, right and middle move
     #[default]
     Potree,
@@ -63,7 +63,7 @@ pub struct Modifiers {
 
 /// Ways to fly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Way {
+pub enum Direction {
     Forward,
     Back,
     Left,
@@ -98,7 +98,7 @@ pub enum Input {
         on: DVec3,
     },
     Fly {
-        way: Way,
+        direction: Direction,
         pressed: bool,
     },
     Look {
@@ -193,26 +193,26 @@ const GRAZING: f64 = 0.05;
 pub struct Navigation {
     pub camera: Camera,
     pub mode: Mode,
-    pub habit: Habit,
+    pub style: NavigationStyle,
     /// Metres a second.
     pub speed: f64,
     subject: Subject,
     /// Pixels.
     size: [u32; 2],
     drag: Option<Drag>,
-    held: Vec<Way>,
+    held: Vec<Direction>,
     /// What the wheel goes towards, where the cursor was at its first notch, and the camera as the last one left it.
     wheeled: Option<(DVec2, DVec3, Camera)>,
 }
 
 impl Navigation {
-    pub fn new(habit: Habit, size: [u32; 2]) -> Navigation {
+    pub fn new(style: NavigationStyle, size: [u32; 2]) -> Navigation {
         let subject = Subject::of(Vec::new());
         let camera = Camera::framing(Preset::Fit, &[], size);
         Navigation {
             camera,
             mode: Mode::default(),
-            habit,
+            style,
             speed: SPEED * subject.radius,
             subject,
             size,
@@ -272,10 +272,10 @@ impl Navigation {
             Input::Centre { on } => {
                 self.shift(on - self.camera.eye - self.basis().forward * self.depth(on))
             }
-            Input::Fly { way, pressed } => {
-                self.held.retain(|&held| held != way);
+            Input::Fly { direction, pressed } => {
+                self.held.retain(|&held| held != direction);
                 if pressed {
-                    self.held.push(way);
+                    self.held.push(direction);
                 }
             }
             Input::Look { from, covered_px } => {
@@ -300,16 +300,16 @@ impl Navigation {
     /// Flies on.
     pub fn advance(&mut self, seconds: f64) {
         let Basis { right, forward, .. } = self.basis();
-        let along = |way: &Way| match way {
-            Way::Forward => forward,
-            Way::Back => -forward,
-            Way::Right => right,
-            Way::Left => -right,
-            Way::Up => DVec3::Z,
-            Way::Down => -DVec3::Z,
+        let along = |direction: &Direction| match direction {
+            Direction::Forward => forward,
+            Direction::Back => -forward,
+            Direction::Right => right,
+            Direction::Left => -right,
+            Direction::Up => DVec3::Z,
+            Direction::Down => -DVec3::Z,
         };
-        let way: DVec3 = self.held.iter().map(along).sum();
-        let step = way.normalize_or_zero() * self.speed * seconds;
+        let direction: DVec3 = self.held.iter().map(along).sum();
+        let step = direction.normalize_or_zero() * self.speed * seconds;
         if self.camera.projection == Projection::Orthographic {
             // Nothing comes nearer without perspective: the picture shows less.
             let height = self.camera.ortho_height.unwrap_or(1.0);
@@ -327,7 +327,7 @@ impl Navigation {
         modifiers: Modifiers,
         point: DVec3,
     ) -> Option<DragAction> {
-        if self.habit == Habit::Blender {
+        if self.style == NavigationStyle::Blender {
             return match (button, modifiers) {
                 (Button::Middle, Modifiers { shift: true, .. }) => Some(DragAction::Move(point)),
                 (Button::Middle, Modifiers { control: true, .. }) => Some(DragAction::Zoom(point)),

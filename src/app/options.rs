@@ -1,7 +1,7 @@
 //! What a window is opened with.
 
-use super::navigation::Habit;
-use super::panel::Enlarged;
+use super::navigation::NavigationStyle;
+use super::panel::SaveSize;
 use crate::cloud::attribute::ExtraAttributes;
 use crate::gpu::DeviceOptions;
 use crate::render::scene::Scene;
@@ -25,9 +25,9 @@ pub struct Options {
     pub camera: Option<Camera>,
     /// Of the window, pixels.
     pub size: [u32; 2],
-    pub habit: Habit,
+    pub style: NavigationStyle,
     /// How large pictures are saved.
-    pub enlarged: Enlarged,
+    pub save_size: SaveSize,
     pub wish: DeviceOptions,
     pub pool_bytes: u64,
     /// To be played.

@@ -1,10 +1,10 @@
-//! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. Facts and a scene in, triangles and actions out.
+//! The panel: what is drawn and why, and everything that people may choose, from the registry of effects. UiState and a scene in, triangles and actions out.
 
 use super::actions::Action;
 use super::keys::{self, KEYS};
 use super::load_thread::Categories;
 use super::measure::{self, Looked, Measure};
-use super::navigation::{Habit, Input, Mode};
+use super::navigation::{Input, Mode, NavigationStyle};
 use super::profile::Profile;
 use super::render_thread::Loading;
 use super::{clip_box_widget, legend, light_widget};
@@ -31,14 +31,14 @@ use winit::window::Window;
 
 /// What the panel says.
 #[derive(Default)]
-pub struct Facts {
+pub struct UiState {
     /// What is open.
     pub title: String,
     /// What is going on besides.
     pub doing: Option<String>,
     /// The last thing that went wrong, until somebody puts it away; and that.
-    pub trouble: Option<String>,
-    pub put_away: Option<String>,
+    pub error: Option<String>,
+    pub dismissed_error: Option<String>,
     /// Of the whole cloud.
     pub points: u64,
     /// Of the last picture; some of them may be left out.
@@ -54,17 +54,17 @@ pub struct Facts {
     pub why_shown: String,
     /// What is odd about the files, and what was asked for of the picture and changes nothing.
     pub notes: Vec<String>,
-    pub idle: Vec<String>,
+    pub picture_notes: Vec<String>,
     /// Of an index, and all that has been read of it.
     pub loading: Option<Loading>,
     pub bytes_read: u64,
     pub categories: Categories,
     pub mode: Mode,
-    pub habit: Habit,
+    pub style: NavigationStyle,
     /// All that was picked.
     pub measure: Measure,
     /// How large pictures are saved.
-    pub enlarged: Enlarged,
+    pub save_size: SaveSize,
     /// Of profiles, metres; 0: by their length.
     pub width: f64,
     pub profile: Option<Profile>,
@@ -77,54 +77,54 @@ pub struct Facts {
     pub hidden: bool,
 }
 
-impl Facts {
+impl UiState {
     /// Whether there was anything to put away: what went wrong, or else a profile.
-    pub fn put_away(&mut self) -> bool {
-        let was = self.trouble.take();
+    pub fn dismiss(&mut self) -> bool {
+        let was = self.error.take();
         if was.is_none() && self.profile.take().is_some() {
             return true;
         }
         let any = was.is_some();
-        self.put_away = was.or(self.put_away.take());
+        self.dismissed_error = was.or(self.dismissed_error.take());
         any
     }
 }
 
 /// The size of a picture that is saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Enlarged {
+pub enum SaveSize {
     /// The window's, so many times.
     Times(u32),
     /// Pixels.
     To([u32; 2]),
 }
 
-impl Default for Enlarged {
-    fn default() -> Enlarged {
-        Enlarged::Times(1)
+impl Default for SaveSize {
+    fn default() -> SaveSize {
+        SaveSize::Times(1)
     }
 }
 
-impl Enlarged {
+impl SaveSize {
     pub fn of(self, window: [u32; 2]) -> [u32; 2] {
         match self {
-            Enlarged::Times(times) => window.map(|side| side * times),
-            Enlarged::To(size) => size,
+            SaveSize::Times(times) => window.map(|side| side * times),
+            SaveSize::To(size) => size,
         }
     }
 }
 
-pub struct LaidOut {
+pub struct PanelOutput {
     pub overlay: Overlay,
     pub actions: Vec<Action>,
     /// Something in it moves by itself.
-    pub again_in: Option<Duration>,
+    pub repaint_in: Option<Duration>,
 }
 
 /// What became of an event.
-pub struct Heard {
+pub struct EventResponse {
     /// It was the panel's.
-    pub taken: bool,
+    pub consumed: bool,
     /// The panel may look different now.
     pub repaint: bool,
 }
@@ -165,13 +165,13 @@ impl Panel {
         renewed
     }
 
-    pub fn hear(&mut self, window: &Window, event: &WindowEvent) -> Heard {
+    pub fn handle_event(&mut self, window: &Window, event: &WindowEvent) -> EventResponse {
         if let WindowEvent::ScaleFactorChanged { scale_factor, .. } = event {
             // Some systems say so before their windows know of it, which egui asks.
             self.input.egui_ctx().set_zoom_factor((scale_factor / window.scale_factor()) as f32);
         }
         let response = self.input.on_window_event(window, event);
-        let taken = match event {
+        let consumed = match event {
             WindowEvent::CursorMoved { position, .. } => {
                 self.cursor = egui::pos2(position.x as f32, position.y as f32);
                 response.consumed
@@ -190,7 +190,7 @@ impl Panel {
             }
             _ => response.consumed,
         };
-        Heard { taken, repaint: response.repaint }
+        EventResponse { consumed, repaint: response.repaint }
     }
 
     /// Whether the cursor is over something that was laid out last.
@@ -208,66 +208,67 @@ impl Panel {
     pub fn lay_out(
         &mut self,
         window: &Window,
-        facts: &mut Facts,
+        state: &mut UiState,
         view: Option<&View>,
         scene: &mut Scene,
-    ) -> LaidOut {
+    ) -> PanelOutput {
         let input = self.input.take_egui_input(window);
         let context = self.input.egui_ctx().clone();
         let (mut actions, mut reaches) = (Vec::new(), 0.0);
         let output = context.run_ui(input, |ui| {
             if let Some(view) = view {
-                marks(ui, &facts.measure, view);
+                measure_overlay(ui, &state.measure, view);
             }
             let tall = ui.ctx().content_rect().height() - 60.0;
-            if let Some(view) = view.filter(|_| !facts.hidden) {
+            if let Some(view) = view.filter(|_| !state.hidden) {
                 clip_box_widget::handles(ui, &mut scene.clips, view);
             }
-            if !facts.hidden {
+            if !state.hidden {
                 let shown = egui::Window::new("pointillist")
                     .default_pos([8.0, 8.0])
                     .default_size([WIDTH, tall])
                     .show(ui.ctx(), |ui| {
                         ScrollArea::vertical()
-                            .show(ui, |ui| everything(ui, facts, view, scene, &mut actions));
+                            .show(ui, |ui| contents(ui, state, view, scene, &mut actions));
                     });
                 let rect = shown.map_or(egui::Rect::NOTHING, |shown| shown.response.rect);
                 let at_the_left = rect.left() < WIDTH / 4.0 && rect.height() > tall / 2.0;
                 reaches = if at_the_left { rect.right() } else { 0.0 };
             }
-            if let Some(profile) = &mut facts.profile {
+            if let Some(profile) = &mut state.profile {
                 egui::Window::new("profile")
                     .default_pos([WIDTH + 60.0, 60.0])
-                    .show(ui.ctx(), |ui| profile.show(ui, &facts.measure.reference, &mut actions));
+                    .show(ui.ctx(), |ui| profile.show(ui, &state.measure.reference, &mut actions));
             }
-            trouble(ui.ctx(), facts);
-            if facts.help {
+            error_window(ui.ctx(), state);
+            if state.help {
                 egui::Window::new("keys")
                     .default_pos([WIDTH + 60.0, 8.0])
-                    .show(ui.ctx(), |ui| keys(ui, facts));
+                    .show(ui.ctx(), |ui| keys(ui, state));
             }
         });
         self.reaches_px = (reaches * output.pixels_per_point).into();
         self.unfolded = egui::Popup::is_any_open(&context);
         self.input.handle_platform_output(window, output.platform_output);
-        let again_in = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
+        let repaint_in =
+            output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
         let overlay = Overlay {
             triangles: context.tessellate(output.shapes, output.pixels_per_point),
             pixels_per_point: output.pixels_per_point,
             textures: output.textures_delta,
         };
-        LaidOut { overlay, actions, again_in }
+        PanelOutput { overlay, actions, repaint_in }
     }
 }
 
-fn everything(
+fn contents(
     ui: &mut Ui,
-    facts: &mut Facts,
+    state: &mut UiState,
     view: Option<&View>,
     scene: &mut Scene,
     actions: &mut Vec<Action>,
 ) {
-    if let Some(doing) = &facts.doing {
+    if let Some(doing) = &state.doing {
         ui.label(RichText::new(doing).color(Color32::LIGHT_BLUE));
     }
     let hidden = scene
@@ -279,18 +280,18 @@ fn everything(
     let without = hidden
         .reduce(|all, one| format!("{all}, {one}"))
         .map_or(String::new(), |hidden| format!(", but for those of {hidden}"));
-    let at_most = if facts.at_most { "at most " } else { "" };
+    let at_most = if state.at_most { "at most " } else { "" };
     ui.label(format!(
         "{}\n{at_most}{} of {} points{without}",
-        facts.title,
-        grouped(facts.drawn),
-        grouped(facts.points)
+        state.title,
+        grouped(state.drawn),
+        grouped(state.points)
     ));
-    loading(ui, facts, view, &mut scene.lod);
-    notes(ui, facts);
+    loading(ui, state, view, &mut scene.lod);
+    notes(ui, state);
     ui.horizontal(|ui| {
         for mode in Mode::ALL {
-            if ui.selectable_label(facts.mode == mode, mode.name()).clicked() && facts.mode != mode
+            if ui.selectable_label(state.mode == mode, mode.name()).clicked() && state.mode != mode
             {
                 actions.push(Action::Navigate(Input::Drag { mode }));
             }
@@ -299,9 +300,9 @@ fn everything(
             actions.push(Action::Help);
         }
     });
-    picked(ui, facts, actions);
-    color(ui, facts, scene);
-    filters(ui, facts, &mut scene.opacities);
+    picked(ui, state, actions);
+    color(ui, state, scene);
+    filters(ui, state, &mut scene.opacities);
     let mut added = false;
     clip_box_widget::list(ui, &mut scene.clips, &mut added);
     if added {
@@ -310,12 +311,12 @@ fn everything(
     light_widget::choose(ui, &mut scene.settings.light, scene.camera.eye);
     CollapsingHeader::new("effects").default_open(true).show(ui, |ui| {
         for listed in scene.settings.effects.list() {
-            effect(ui, listed, &facts.decided);
+            effect(ui, listed, &state.decided);
         }
         layer_distance(ui, &mut scene.settings.layer_m);
     });
     CollapsingHeader::new("what runs, and why").show(ui, |ui| {
-        for (name, reason) in &facts.decided.0 {
+        for (name, reason) in &state.decided.0 {
             let title =
                 RichText::new(format!("{name} {}:", if reason.runs { "on" } else { "off" }));
             ui.horizontal_wrapped(|ui| {
@@ -324,15 +325,15 @@ fn everything(
                 } else {
                     Color32::GRAY
                 }));
-                ui.label(apart(ui, &reason.why));
+                ui.label(spaced_hyphens(ui, &reason.why));
             });
         }
     });
-    camera_path(ui, facts, actions);
-    CollapsingHeader::new(format!("picture, {:.1} ms", facts.took.as_secs_f64() * 1e3))
+    camera_path(ui, state, actions);
+    CollapsingHeader::new(format!("picture, {:.1} ms", state.took.as_secs_f64() * 1e3))
         .id_salt("passes")
-        .show(ui, |ui| passes(ui, facts));
-    enlarged(ui, &mut facts.enlarged, view);
+        .show(ui, |ui| passes(ui, state));
+    save_size_row(ui, &mut state.save_size, view);
     ui.horizontal(|ui| {
         if ui.button("save picture").on_hover_text("F9").clicked() {
             actions.push(Action::SavePicture);
@@ -346,7 +347,7 @@ fn everything(
         }
     });
     ui.horizontal(|ui| {
-        let for_render = apart(ui, "F8, for render --scene");
+        let for_render = spaced_hyphens(ui, "F8, for render --scene");
         if ui.button("save scene").on_hover_text(for_render).clicked() {
             actions.push(Action::SaveScene);
         }
@@ -361,10 +362,10 @@ fn everything(
 }
 
 /// What is odd about the files and the picture; folded where it would push everything else away.
-fn notes(ui: &mut Ui, facts: &Facts) {
+fn notes(ui: &mut Ui, state: &UiState) {
     const FEW: usize = 4;
     let noted = |text: &str| RichText::new(text).color(Color32::LIGHT_YELLOW);
-    let notes: Vec<_> = facts.notes.iter().chain(&facts.idle).collect();
+    let notes: Vec<_> = state.notes.iter().chain(&state.picture_notes).collect();
     let all = |ui: &mut Ui| notes.iter().for_each(|note| drop(ui.label(noted(note))));
     if notes.len() <= FEW {
         all(ui);
@@ -376,47 +377,47 @@ fn notes(ui: &mut Ui, facts: &Facts) {
 }
 
 /// The last thing that went wrong, until somebody has read it.
-fn trouble(context: &egui::Context, facts: &mut Facts) {
-    let Some(text) = &facts.trouble else { return };
+fn error_window(context: &egui::Context, state: &mut UiState) {
+    let Some(text) = &state.error else { return };
     let mut unread = true;
-    let above = egui::Window::new("trouble")
+    let above = egui::Window::new("error")
         .open(&mut unread)
         .anchor(egui::Align2::CENTER_BOTTOM, [0.0, -20.0])
         .collapsible(false);
     above.show(context, |ui| ui.label(RichText::new(text).color(Color32::LIGHT_RED)));
     if !unread {
-        facts.put_away();
+        state.dismiss();
     }
 }
 
 /// How large pictures are saved: as the window, or of any size, drawn in pieces.
-fn enlarged(ui: &mut Ui, enlarged: &mut Enlarged, view: Option<&View>) {
+fn save_size_row(ui: &mut Ui, save_size: &mut SaveSize, view: Option<&View>) {
     const MOST: u32 = 262_144;
     let window = view.map_or([1, 1], |view| view.size);
     ui.horizontal(|ui| {
         for times in [1, 2, 4] {
-            ui.selectable_value(enlarged, Enlarged::Times(times), format!("{times}x"));
+            ui.selectable_value(save_size, SaveSize::Times(times), format!("{times}x"));
         }
-        let is_other = matches!(enlarged, Enlarged::To(_));
+        let is_other = matches!(save_size, SaveSize::To(_));
         if ui.selectable_label(is_other, "other").clicked() && !is_other {
-            *enlarged = Enlarged::To(enlarged.of(window));
+            *save_size = SaveSize::To(save_size.of(window));
         }
-        match enlarged {
-            Enlarged::To(sides) => {
+        match save_size {
+            SaveSize::To(sides) => {
                 sides.iter_mut().for_each(|side| drop(ui.add(DragValue::new(side).range(1..=MOST))))
             }
-            Enlarged::Times(_) => {
-                drop(ui.label(enlarged.of(window).map(|side| side.to_string()).join(" x ")))
+            SaveSize::Times(_) => {
+                drop(ui.label(save_size.of(window).map(|side| side.to_string()).join(" x ")))
             }
         }
     });
 }
 
-fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
+fn color(ui: &mut Ui, state: &UiState, scene: &mut Scene) {
     /// As high as a list of all that points may show, points.
     const LIST: f32 = 300.0;
     let automatic =
-        || facts.shown.map_or("auto".into(), |shown| format!("auto: {}", shown.attribute.name()));
+        || state.shown.map_or("auto".into(), |shown| format!("auto: {}", shown.attribute.name()));
     let combo = ComboBox::from_label("color")
         .height(LIST)
         .selected_text(scene.color.map_or_else(automatic, Attribute::name))
@@ -426,11 +427,11 @@ fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
                 ui.selectable_value(&mut scene.color, Some(attribute), attribute.name());
             }
         });
-    if scene.color.is_none() && !facts.why_shown.is_empty() {
-        combo.response.on_hover_text(format!("because {}", facts.why_shown));
+    if scene.color.is_none() && !state.why_shown.is_empty() {
+        combo.response.on_hover_text(format!("because {}", state.why_shown));
     }
-    if let Some(shown) = &facts.shown {
-        legend::ramp(ui, shown, &facts.categories.reference);
+    if let Some(shown) = &state.shown {
+        legend::ramp(ui, shown, &state.categories.reference);
     }
     ui.horizontal(|ui| {
         ui.color_edit_button_srgb(&mut scene.settings.background);
@@ -439,13 +440,13 @@ fn color(ui: &mut Ui, facts: &Facts, scene: &mut Scene) {
 }
 
 /// How much of an index is drawn, and what is being read of it.
-fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, options: &mut LodOptions) {
+fn loading(ui: &mut Ui, state: &UiState, view: Option<&View>, options: &mut LodOptions) {
     let (
         Some(Loading {
             fitting, nodes, awaited, largest_error_px, pool_bytes: [pool, used], ..
         }),
         Some(view),
-    ) = (facts.loading, view)
+    ) = (state.loading, view)
     else {
         return;
     };
@@ -454,7 +455,7 @@ fn loading(ui: &mut Ui, facts: &Facts, view: Option<&View>, options: &mut LodOpt
     } else {
         format!("{nodes} nodes, all there")
     };
-    let said = format!("index: {reading}, {:.1} MB read", facts.bytes_read as f64 / 1e6);
+    let said = format!("index: {reading}, {:.1} MB read", state.bytes_read as f64 / 1e6);
     let fine = format!(
         "Largest projected error: {largest_error_px:.2} px. Pool: {} of at most {} MiB in use.",
         used >> 20,
@@ -578,8 +579,8 @@ fn setting(ui: &mut Ui, setting: Setting) {
 }
 
 /// What is not ticked is not drawn: a rule of opacity 0. Beside it the colour that it is drawn in.
-fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
-    let Categories { classes, returns, stations, .. } = &facts.categories;
+fn filters(ui: &mut Ui, state: &UiState, opacities: &mut Opacities) {
+    let Categories { classes, returns, stations, .. } = &state.categories;
     let class = |&(number, count): &(u8, u64)| {
         let name = class_name(number).map_or(String::new(), |name| format!(" {name}"));
         (What::Class(number), number, format!("{number}{name}: {}", grouped(count)))
@@ -601,7 +602,7 @@ fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
         ("stations", Attribute::Source, stations.iter().map(station).collect()),
     ];
     for (title, attribute, list) in lists.into_iter().filter(|(.., list)| list.len() > 1) {
-        let is_legend = facts.shown.is_some_and(|shown| shown.attribute == attribute);
+        let is_legend = state.shown.is_some_and(|shown| shown.attribute == attribute);
         CollapsingHeader::new(title).default_open(is_legend).show(ui, |ui| {
             for (what, number, text) in list {
                 let hides = |rule: &Rule| rule.what == what && rule.opacity == 0.0;
@@ -623,20 +624,20 @@ fn filters(ui: &mut Ui, facts: &Facts, opacities: &mut Opacities) {
     }
 }
 
-fn camera_path(ui: &mut Ui, facts: &Facts, actions: &mut Vec<Action>) {
-    let keys = facts.path.keys.len();
-    CollapsingHeader::new(format!("camera path, {keys} views, {:.1} s", facts.path.duration()))
+fn camera_path(ui: &mut Ui, state: &UiState, actions: &mut Vec<Action>) {
+    let keys = state.path.keys.len();
+    CollapsingHeader::new(format!("camera path, {keys} views, {:.1} s", state.path.duration()))
         .id_salt("camera path")
         .show(ui, |ui| {
             ui.horizontal(|ui| {
-                let play = if facts.plays { "stop" } else { "play" };
+                let play = if state.plays { "stop" } else { "play" };
                 for (name, key, action, useful) in [
                     ("add view", "K", Action::AddKey, true),
                     (play, "Space", Action::Play, keys > 0),
                     ("save", "F7, for render --path", Action::SavePath, keys > 0),
                     ("forget", "", Action::ForgetPath, keys > 0),
                 ] {
-                    let key = apart(ui, key);
+                    let key = spaced_hyphens(ui, key);
                     if ui.add_enabled(useful, egui::Button::new(name)).on_hover_text(key).clicked()
                     {
                         actions.push(action);
@@ -647,8 +648,8 @@ fn camera_path(ui: &mut Ui, facts: &Facts, actions: &mut Vec<Action>) {
 }
 
 /// Coordinates in full: f64 tells a micrometre at ten million metres.
-fn picked(ui: &mut Ui, facts: &mut Facts, actions: &mut Vec<Action>) {
-    let Facts { measure, width, .. } = facts;
+fn picked(ui: &mut Ui, state: &mut UiState, actions: &mut Vec<Action>) {
+    let UiState { measure, width, .. } = state;
     let Some(measure::Picked { point, record }) = measure.points.last() else { return };
     CollapsingHeader::new("picked").default_open(true).show(ui, |ui| {
         let DVec3 { x, y, z } = measure.reference.digits.round(point.position);
@@ -722,7 +723,7 @@ fn picked(ui: &mut Ui, facts: &mut Facts, actions: &mut Vec<Action>) {
 }
 
 /// Picked points and the line through them, over the picture, with lengths, the last angle and the area.
-fn marks(ui: &Ui, measure: &Measure, view: &View) {
+fn measure_overlay(ui: &Ui, measure: &Measure, view: &View) {
     let painter = ui.ctx().layer_painter(egui::LayerId::background());
     let per_point = ui.ctx().pixels_per_point();
     let seen =
@@ -758,17 +759,17 @@ fn marks(ui: &Ui, measure: &Measure, view: &View) {
     }
 }
 
-fn passes(ui: &mut Ui, facts: &Facts) {
-    let total: f64 = facts.passes.iter().map(|(_, ms)| ms).sum();
+fn passes(ui: &mut Ui, state: &UiState) {
+    let total: f64 = state.passes.iter().map(|(_, ms)| ms).sum();
     let mut by_name: Vec<(&str, f64)> = Vec::new();
-    for (name, ms) in &facts.passes {
+    for (name, ms) in &state.passes {
         match by_name.iter_mut().find(|(known, _)| known == name) {
             Some((_, sum)) => *sum += ms,
             None => by_name.push((name, *ms)),
         }
     }
     // Once its driver has rasterised a panel it takes all timestamps at the end of a submission.
-    if total < 0.5 * facts.took.as_secs_f64() * 1e3 {
+    if total < 0.5 * state.took.as_secs_f64() * 1e3 {
         ui.label(
             RichText::new("a device that is software times no passes under a panel; render tells them with its option timings").weak(),
         );
@@ -777,23 +778,23 @@ fn passes(ui: &mut Ui, facts: &Facts) {
             ui.add(ProgressBar::new((ms / total) as f32).text(format!("{name} {ms:.2} ms")));
         }
     }
-    ui.label(format!("from change to picture: {:.1} ms", facts.latency.as_secs_f64() * 1e3));
+    ui.label(format!("from change to picture: {:.1} ms", state.latency.as_secs_f64() * 1e3));
 }
 
 /// The mouse first, then every key.
-fn keys(ui: &mut Ui, facts: &Facts) {
+fn keys(ui: &mut Ui, state: &UiState) {
     let keys = KEYS.iter().map(|key| (key.name, key.about));
     egui::Grid::new("keys").show(ui, |ui| {
-        for (name, about) in keys::mouse(facts.habit, facts.mode).into_iter().chain(keys) {
+        for (name, about) in keys::mouse(state.style, state.mode).into_iter().chain(keys) {
             ui.label(RichText::new(name).strong());
-            ui.label(apart(ui, about));
+            ui.label(spaced_hyphens(ui, about));
             ui.end_row();
         }
     });
 }
 
 /// The font has one sign for two hyphens, which is a dash, and without it they touch: there is a little room between them.
-fn apart(ui: &Ui, text: &str) -> LayoutJob {
+fn spaced_hyphens(ui: &Ui, text: &str) -> LayoutJob {
     const ROOM: f32 = 1.5;
     let format = TextFormat::simple(TextStyle::Body.resolve(ui.style()), Color32::PLACEHOLDER);
     let mut job = LayoutJob::default();

@@ -1,6 +1,6 @@
 //! PICKED POINT -> RECORD: what its file says of it, looked up by a thread, since files are long.
 
-use super::{App, Event, tell};
+use super::{App, Event, print_line};
 use crate::cloud::attribute::STATION_SHIFT;
 use crate::cloud::find::{self, Record, Sought};
 use crate::error::{Error, Result};
@@ -10,17 +10,17 @@ use glam::DVec3;
 impl App {
     /// All that was picked.
     pub(super) fn forget(&mut self) {
-        self.facts.measure.points.clear();
+        self.ui.measure.points.clear();
         self.lookup_token.renew();
         if !self.loading {
-            self.facts.doing = None;
+            self.ui.doing = None;
         }
     }
 
     pub(super) fn look_up(&mut self, point: &Point) {
         let station = point
             .kind
-            .and_then(|kind| self.facts.categories.stations.get((kind >> STATION_SHIFT) as usize));
+            .and_then(|kind| self.ui.categories.stations.get((kind >> STATION_SHIFT) as usize));
         let sought = Sought {
             position: point.position,
             kind: point.kind.map(|kind| [kind as u8, (kind >> 8) as u8 & 15]),
@@ -36,26 +36,26 @@ impl App {
         };
         match std::thread::Builder::new().name("point lookup".into()).spawn(work) {
             Ok(thread) => self.workers.push(thread),
-            Err(error) => self.trouble(&Error::Request(format!(
+            Err(error) => self.report_error(&Error::Request(format!(
                 "cannot start a thread to look a point up: {error}"
             ))),
         }
     }
 
     pub(super) fn looked_up(&mut self, place: DVec3, looked: Result<Option<Record>>) {
-        self.facts.doing = None;
+        self.ui.doing = None;
         match looked {
             Ok(record) => {
-                for number in self.facts.measure.found(place, &record) {
+                for number in self.ui.measure.found(place, &record) {
                     match &record {
-                        Some(record) => tell(&format!("record {number}: {record}")),
-                        None => tell(&format!(
+                        Some(record) => print_line(&format!("record {number}: {record}")),
+                        None => print_line(&format!(
                             "record {number}: none, since it is a sample that stands for several points"
                         )),
                     }
                 }
             }
-            Err(error) => self.trouble(&error),
+            Err(error) => self.report_error(&error),
         }
     }
 }

@@ -1,10 +1,10 @@
 //! RENDER THREAD -> WINDOW: what the picture shows, and how long it took.
 
 use super::measure::Picked;
-use super::navigation::Way;
+use super::navigation::Direction;
 use super::render_thread::{FrameReport, RenderEvent};
 use super::scripted_flight::Step;
-use super::{App, tell};
+use super::{App, print_line};
 use crate::resident::Point;
 use std::time::{Duration, Instant};
 use winit::event_loop::ActiveEventLoop;
@@ -18,30 +18,28 @@ impl App {
             // The picture is not there yet, so there is nothing to say.
             RenderEvent::FrameStarted => return self.move_on(),
             RenderEvent::FrameDone(drawn) => return self.drawn(*drawn),
-            RenderEvent::Counted(points) => {
-                (self.facts.drawn, self.facts.at_most) = (points, false)
-            }
+            RenderEvent::Counted(points) => (self.ui.drawn, self.ui.at_most) = (points, false),
             RenderEvent::Uploaded(info, token) => self.uploaded(*info, &token),
             RenderEvent::Picked { point, adds } => self.picked(point, adds),
             RenderEvent::PickLater { at, adds } => self.picks_later = Some((at, adds)),
             RenderEvent::Profile(profile) => {
-                tell(&profile.says(&self.facts.measure.reference));
-                (self.facts.profile, self.facts.trouble) = (Some(*profile), None);
+                print_line(&profile.says(&self.ui.measure.reference));
+                (self.ui.profile, self.ui.error) = (Some(*profile), None);
             }
-            RenderEvent::Status(text) => self.facts.doing = Some(text),
+            RenderEvent::Status(text) => self.ui.doing = Some(text),
             RenderEvent::Saved(path) => {
-                self.facts.doing = Some(format!("saved {}", path.display()));
-                self.promised.retain(|promised| *promised != path);
+                self.ui.doing = Some(format!("saved {}", path.display()));
+                self.pending_saves.retain(|pending_saves| *pending_saves != path);
             }
             RenderEvent::SaveFailed(path, error) => {
-                self.facts.doing = None;
-                self.promised.retain(|promised| *promised != path);
-                self.trouble(&error);
+                self.ui.doing = None;
+                self.pending_saves.retain(|pending_saves| *pending_saves != path);
+                self.report_error(&error);
             }
             // What goes wrong with every picture is read once.
             RenderEvent::Failed(error)
-                if self.facts.put_away.as_ref() == Some(&error.to_string()) => {}
-            RenderEvent::Failed(error) => self.trouble(&error),
+                if self.ui.dismissed_error.as_ref() == Some(&error.to_string()) => {}
+            RenderEvent::Failed(error) => self.report_error(&error),
             RenderEvent::UploadFailed(error, token) if !token.is_cancelled() => {
                 self.upload_failed(&error)
             }
@@ -68,18 +66,18 @@ impl App {
         if let Some((at, adds)) = self.picks_later.take() {
             self.pick(at, adds);
         }
-        (self.facts.drawn, self.facts.at_most) = (drawn.statistics.points_drawn, drawn.leaves_out);
-        self.facts.loading = drawn.loading;
-        self.facts.bytes_read += drawn.loading.map_or(0, |loading| loading.bytes_read);
-        (self.facts.latency, self.facts.took) = (drawn.latency, drawn.took);
-        self.facts.passes = drawn.passes;
-        (self.facts.decided, self.facts.idle) = (drawn.decided, drawn.notes);
+        (self.ui.drawn, self.ui.at_most) = (drawn.statistics.points_drawn, drawn.leaves_out);
+        self.ui.loading = drawn.loading;
+        self.ui.bytes_read += drawn.loading.map_or(0, |loading| loading.bytes_read);
+        (self.ui.latency, self.ui.took) = (drawn.latency, drawn.took);
+        self.ui.passes = drawn.passes;
+        (self.ui.decided, self.ui.picture_notes) = (drawn.decided, drawn.notes);
         match step {
-            Some(Step::Start) if !self.facts.path.keys.is_empty() => self.play(),
-            Some(Step::Start) => self.fly(Way::Forward, true),
+            Some(Step::Start) if !self.ui.path.keys.is_empty() => self.play(),
+            Some(Step::Start) => self.fly(Direction::Forward, true),
             Some(Step::Stop) => {
-                self.facts.plays = false;
-                self.fly(Way::Forward, false);
+                self.ui.plays = false;
+                self.fly(Direction::Forward, false);
             }
             None => {}
         }
@@ -88,19 +86,19 @@ impl App {
 
     /// What the panel says of pictures need not change with every one of them; what lies over the picture moves with it.
     fn says_later(&mut self) {
-        if !self.facts.measure.points.is_empty() || self.scene.clips.active() > 0 {
+        if !self.ui.measure.points.is_empty() || self.scene.clips.active() > 0 {
             return self.ask_for_panel();
         }
         let soon = Instant::now() + BETWEEN;
-        self.laid_out = Some(self.laid_out.map_or(soon, |when| when.min(soon)));
+        self.panel_due = Some(self.panel_due.map_or(soon, |when| when.min(soon)));
     }
 
     pub(super) fn picked(&mut self, point: Point, adds: bool) {
         if !adds {
             self.forget();
         }
-        self.facts.measure.points.push(Picked::new(point));
-        tell(&self.facts.measure.to_string());
+        self.ui.measure.points.push(Picked::new(point));
+        print_line(&self.ui.measure.to_string());
         self.look_up(&point);
     }
 
@@ -118,18 +116,18 @@ impl App {
         } else {
             String::new()
         };
-        self.facts.title = format!("{file}{more}");
+        self.ui.title = format!("{file}{more}");
         let parts =
-            [Some(self.facts.title.clone()), self.facts.doing.clone(), Some("pointillist".into())];
+            [Some(self.ui.title.clone()), self.ui.doing.clone(), Some("pointillist".into())];
         let title = parts
             .into_iter()
             .flatten()
             .filter(|part| !part.is_empty())
             .collect::<Vec<_>>()
             .join(" - ");
-        if title != self.titled {
+        if title != self.window_title {
             window.set_title(&title);
-            self.titled = title;
+            self.window_title = title;
         }
         self.ask_for_panel();
     }

@@ -36,7 +36,7 @@ pub enum Step {
     Stop,
 }
 
-/// The panel shows the last picture's facts.
+/// The panel shows the last picture's state.
 const SETTLING: Duration = Duration::from_millis(500);
 
 /// How long nothing is done.

@@ -1,7 +1,7 @@
 //! `pointillist view`: files in a window.
 
 use super::options::{DeviceOptions, PictureOptions, Size};
-use crate::app::{self, Options, keys, navigation::Habit, panel::Enlarged};
+use crate::app::{self, Options, keys, navigation::NavigationStyle, panel::SaveSize};
 use crate::error::Result;
 use crate::gpu;
 use crate::index::format::fault_injection::Fault;
@@ -33,7 +33,7 @@ pub struct Arguments {
     pub device: DeviceOptions,
     /// Whose mouse buttons
     #[arg(long, value_enum, default_value_t)]
-    pub navigation: Habit,
+    pub navigation: NavigationStyle,
     /// Key views to fly along, as the window saves them; Space plays them
     #[arg(long, value_name = "PATH.json")]
     pub path: Option<PathBuf>,
@@ -41,8 +41,8 @@ pub struct Arguments {
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u16).range(1..=3600))]
     pub flight: Option<u16>,
     /// How large pictures are that the window saves: so many times as large as it, or so many pixels
-    #[arg(long, value_name = "Nx|WxH", default_value = "1x", value_parser = enlarged)]
-    pub save_size: Enlarged,
+    #[arg(long, value_name = "Nx|WxH", default_value = "1x", value_parser = save_size)]
+    pub save_size: SaveSize,
     /// Say at the end how long pictures took, milliseconds: to standard error, or as JSON to standard output
     #[arg(long, value_name = "json", num_args = 0..=1, require_equals = true, default_missing_value = "text", value_parser = ["text", "json"])]
     pub timings: Option<String>,
@@ -60,16 +60,16 @@ pub struct Arguments {
     pub strict: bool,
 }
 
-fn enlarged(text: &str) -> std::result::Result<Enlarged, String> {
+fn save_size(text: &str) -> std::result::Result<SaveSize, String> {
     let times = text
         .strip_suffix('x')
         .and_then(|times| times.parse().ok())
         .filter(|times| (1..=64).contains(times));
     match times {
-        Some(times) => Ok(Enlarged::Times(times)),
+        Some(times) => Ok(SaveSize::Times(times)),
         None => text
             .parse()
-            .map(|Size(size)| Enlarged::To(size))
+            .map(|Size(size)| SaveSize::To(size))
             .map_err(|why| format!("{why}, nor 1x to 64x")),
     }
 }
@@ -104,8 +104,8 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         preset: picture.view,
         camera,
         size: picture.size.0,
-        habit: arguments.navigation,
-        enlarged: arguments.save_size,
+        style: arguments.navigation,
+        save_size: arguments.save_size,
         wish: gpu::DeviceOptions {
             lost_after: arguments.lose_device,
             surface_lost_after: arguments.lose_surface,

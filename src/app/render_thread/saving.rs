@@ -5,7 +5,7 @@
 //! not there, which is said.
 
 use super::{Redraw, RenderEvent, RenderLoop, Superseded};
-use crate::app::complain;
+use crate::app::warn;
 use crate::error::{Error, Result};
 use crate::output::export;
 use crate::output::tiled::{self, TiledPicture};
@@ -198,7 +198,7 @@ impl RenderLoop {
 
     pub(super) fn cancel_saves(&mut self) {
         for saving in self.saves.drain(..) {
-            complain(&format!(
+            warn(&format!(
                 "{} was not saved: drawing has ended before all of it was there",
                 saving.path().display()
             ));
