@@ -3,7 +3,7 @@
 mod support;
 
 use pointillist::app::load_thread::{self, FirstStage, LoadRequest, LoadedCloud, ProgressReporter};
-use pointillist::cloud::attribute::{Attribute, ExtraAttributes, DisplayAttribute};
+use pointillist::cloud::attribute::{Attribute, DisplayAttribute, ExtraAttributes};
 use pointillist::cloud::{ColumnSet, ReadOptions};
 use pointillist::config;
 use pointillist::config::POINTS_PER_PAGE;

@@ -126,10 +126,12 @@ pub fn start(
 ) -> Result<JoinHandle<()>> {
     // People choose while they look.
     let further = ExtraAttributes { kind: true, normal: true, ..further };
-    let shown = request
-        .color
-        .map_or(ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() }, Attribute::wanted);
-    let of_files = ExtraAttributes { strokes: further.strokes && first == FirstStage::All, ..further };
+    let shown = request.color.map_or(
+        ColumnSet { rgb: true, intensity: true, ..ColumnSet::default() },
+        Attribute::wanted,
+    );
+    let of_files =
+        ExtraAttributes { strokes: further.strokes && first == FirstStage::All, ..further };
     let opening = Opening {
         read: ReadOptions { wanted: shown.and(of_files.wanted()), ..opening.read },
         ..opening
