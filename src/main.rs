@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use pointillist::cli::{
-    bench, guide, index, info, render, shadows, study, synth, terminal::Terminal, view,
+    bench, guide, index, info, renamed, render, shadows, study, synth, terminal::Terminal, view,
 };
 use pointillist::error::Error;
 use std::io::Write;
@@ -54,6 +54,9 @@ fn say(what: &str) {
 
 fn main() -> ExitCode {
     let program = Program::parse();
+    let arguments: Vec<String> =
+        std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    renamed::notes(&arguments).iter().for_each(|note| say(&format!("note: {note}")));
     let progress = Terminal::new();
     let done = match &program.command {
         Command::View(arguments) => view::run(arguments, &progress),

@@ -552,7 +552,7 @@ impl Brought {
         if budget < detail.budget {
             let pool = pool_bytes >> 20;
             notes.push(format!(
-                "the pool of {pool} MiB holds {} points of this view, fewer than were to be drawn; --pool makes it larger",
+                "the pool of {pool} MiB holds {} points of this view, fewer than were to be drawn; --gpu-memory makes it larger",
                 cut.points
             ));
         }
@@ -604,7 +604,7 @@ impl std::fmt::Display for Taken {
         let share = 100.0 * self.bytes_read as f64 / self.index_bytes.max(1) as f64;
         writeln!(
             f,
-            "cut: {} points of {} nodes, {} nodes left out (outside of the view); largest projected error {:.3} px (--lod {}, --budget {})",
+            "cut: {} points of {} nodes, {} nodes left out (outside of the view); largest projected error {:.3} px (--lod {}, --point-budget {})",
             self.points,
             self.nodes,
             self.nodes_outside,

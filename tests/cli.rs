@@ -155,7 +155,7 @@ fn one_layer_distance_is_that_of_masks_layers_and_shadows() {
     let cloud = place.scan("tori.las", SceneKind::NestedTori, 60_000);
     let explained = |line: &str| {
         let line = format!(
-            "-o @out.png --size 96x64 --opacity 0.5 --effect fill=method=dobrev --effect shadows=on,size=256 --light direction:0.3,0.8,-0.8 --explain {line}"
+            "-o @out.png --size 96x64 --opacity 0.5 --effect fill=method=mask --effect shadows=on,size=256 --light direction:0.3,0.8,-0.8 --explain {line}"
         );
         succeeded(&place.render(&cloud, &line))
     };

@@ -219,7 +219,7 @@ fn of_an_index_nothing_is_read_that_boxes_leave_out_and_explain_says_so() {
         (explained, read_exr(&exr).floats("raw.Z"))
     };
     let clip = "--clip box:500000,5000000,90,500010,5000010,200";
-    let fine = "--lod 0 --budget 1000000";
+    let fine = "--lod 0 --point-budget 1000000";
     let (all, _) = drawn("street.pnti", fine);
     let (some, depth) = drawn("street.pnti", &format!("{fine} {clip}"));
     let number =

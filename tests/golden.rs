@@ -181,7 +181,7 @@ fn fill_of_sparse_points() {
         Style::Surface,
         "fill",
         Attribute::Rgb,
-        "visibility=on,levels=1,kernel=9 fill=on,method=pintus shape=off edl=off",
+        "visibility=on,levels=1,kernel=9 fill=on,method=median shape=off edl=off",
         Preset::Iso,
     );
 }
@@ -192,7 +192,7 @@ fn fill_by_masks() {
         Style::Surface,
         "dobrev",
         Attribute::Rgb,
-        "fill=method=dobrev smooth=off shape=off antialias=off",
+        "fill=method=mask smooth=off shape=off antialias=off",
         Preset::Iso,
     );
 }
@@ -203,7 +203,7 @@ fn smooth_after_masks() {
         Style::Surface,
         "smooth",
         Attribute::Rgb,
-        "fill=method=dobrev smooth=on,filter=gaussian antialias=off",
+        "fill=method=mask smooth=on,filter=gaussian antialias=off",
         Preset::Iso,
     );
 }

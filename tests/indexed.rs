@@ -1,4 +1,4 @@
-//! Pictures of an index, as a user asks for them: the same as of the file itself where everything is drawn, and otherwise what `--budget`, `--lod` and `--pool` say.
+//! Pictures of an index, as a user asks for them: the same as of the file itself where everything is drawn, and otherwise what `--point-budget`, `--lod` and `--gpu-memory` say.
 
 mod support;
 
@@ -58,7 +58,7 @@ fn an_index_drawn_to_its_leaves_is_the_picture_of_the_file() {
         succeeded(&place.render("street.las", &format!("{options} --color {color} -o @file.png")));
         succeeded(&place.render(
             "street.pnti",
-            &format!("{options} --color {color} --lod 0 --budget 1000000 -o @index.png"),
+            &format!("{options} --color {color} --lod 0 --point-budget 1000000 -o @index.png"),
         ));
         let [file, index] = ["file.png", "index.png"].map(|name| read_png(&place.at(name)));
         assert!(
@@ -176,29 +176,30 @@ fn budget_and_lod_and_pool_decide_the_cut_and_explain_says_it() {
         "{coarse}"
     );
     assert!(coarse["bytes_read"].as_u64() < usual["bytes_read"].as_u64());
-    let bounded = cut("--lod 0 --budget 100000");
+    let bounded = cut("--lod 0 --point-budget 100000");
     assert!(
         bounded["points"].as_u64().unwrap() <= 100_000
             && bounded["largest_error_px"].as_f64().unwrap() > 0.0,
         "{bounded}"
     );
-    let all = cut("--lod 0 --budget 1000000");
+    let all = cut("--lod 0 --point-budget 1000000");
     assert_eq!(
         (&all["largest_error_px"], all["notes"].as_array().unwrap().len()),
         (&Value::from(0.0), 0),
         "{all}"
     );
-    let said = succeeded(
-        &place.render("street.pnti", "-o @a.png --lod 0 --budget 1000000 --pool 2MiB --explain"),
-    );
+    let said = succeeded(&place.render(
+        "street.pnti",
+        "-o @a.png --lod 0 --point-budget 1000000 --gpu-memory 2MiB --explain",
+    ));
     assert!(
-        said.contains("--pool")
+        said.contains("--gpu-memory")
             && said.contains("cut: ")
             && said.contains("read: ")
             && said.contains("left out"),
         "{said}"
     );
-    for wrong in ["--lod -1", "--lod nan", "--budget many", "--pool much"] {
+    for wrong in ["--lod -1", "--lod nan", "--point-budget many", "--gpu-memory much"] {
         failed(&place.render("street.pnti", &format!("-o @a.png {wrong}")), 2);
     }
 }
@@ -206,14 +207,13 @@ fn budget_and_lod_and_pool_decide_the_cut_and_explain_says_it() {
 #[test]
 fn the_same_index_gives_the_same_bits() {
     let place = Place::new(200_000);
-    let layers =
-        |pool: &str| {
-            succeeded(&place.render(
-                "street.pnti",
-                &format!("--exr @a.exr --size 320x200 --lod 2 --pool {pool}"),
-            ));
-            read_exr(&place.at("a.exr")).layers
-        };
+    let layers = |pool: &str| {
+        succeeded(&place.render(
+            "street.pnti",
+            &format!("--exr @a.exr --size 320x200 --lod 2 --gpu-memory {pool}"),
+        ));
+        read_exr(&place.at("a.exr")).layers
+    };
     let first = layers("1GiB");
     assert!(first == layers("1GiB") && first == layers("24MiB"));
 }
@@ -228,7 +228,7 @@ fn damage_is_said_and_drawn_around_and_strict_refuses_it() {
     bytes[at + 100] ^= 1;
     std::fs::write(place.at("damaged.pnti"), bytes).unwrap();
     let said = succeeded(
-        &place.render("damaged.pnti", "-o @a.png --lod 0 --budget 1000000 --size 320x200"),
+        &place.render("damaged.pnti", "-o @a.png --lod 0 --point-budget 1000000 --size 320x200"),
     );
     assert_eq!(said.lines().count(), 1, "{said}");
     assert!(
@@ -239,7 +239,10 @@ fn damage_is_said_and_drawn_around_and_strict_refuses_it() {
     );
     std::fs::remove_file(place.at("a.png")).unwrap();
     failed(
-        &place.render("damaged.pnti", "-o @a.png --lod 0 --budget 1000000 --size 320x200 --strict"),
+        &place.render(
+            "damaged.pnti",
+            "-o @a.png --lod 0 --point-budget 1000000 --size 320x200 --strict",
+        ),
         1,
     );
     assert!(!place.at("a.png").exists());
@@ -267,7 +270,7 @@ fn a_flight_through_more_than_the_pool_holds_waits_for_nothing_and_leaves_no_hol
     let place = Place::new(600_000);
     let fly = |more: &str| {
         let line = format!(
-            "--size 240x135 --frames 60 --lod 0 --budget 400000 --pool 8MiB --validate {more}"
+            "--size 240x135 --frames 60 --lod 0 --point-budget 400000 --gpu-memory 8MiB --validate {more}"
         );
         pointillist()
             .args(["bench", "flight", "--index"])

@@ -86,8 +86,8 @@ fn hard_15_layers_are_laid_over_each_other_as_sorted_surfaces_are() {
     let view = view(&cloud);
     let opacities = [0.3, 0.5, 1.0];
     for (way, fill) in [
-        (Way::Compute64, "fill=method=dobrev"),
-        (Way::Compute32, "fill=method=dobrev"),
+        (Way::Compute64, "fill=method=mask"),
+        (Way::Compute32, "fill=method=mask"),
         (Way::Compute64, "fill=auto"),
     ] {
         for opaque in [true, false] {
@@ -162,7 +162,7 @@ fn layers_of_sparse_points_have_no_holes() {
             &view,
             Way::Compute64,
             &["0.5"],
-            &["fill=method=dobrev", "smooth=off", visibility],
+            &["fill=method=mask", "smooth=off", visibility],
         );
         let off = |i: &usize| {
             (0..3).any(|c| (drawn.front[*i][c] as f64 - over.color[c]).abs() > 1e-5)
@@ -192,7 +192,7 @@ fn a_sparse_part_beside_a_dense_one_has_no_holes() {
     let view = View::new(gpu::orthographic(DVec3::ZERO, DVec3::Y, 4.8), [48, 48]).unwrap();
     let empty = |visibility: &str| {
         let drawn =
-            draw(&cloud, &view, Way::Compute64, &["0.5"], &["fill=method=dobrev", visibility]);
+            draw(&cloud, &view, Way::Compute64, &["0.5"], &["fill=method=mask", visibility]);
         drawn.peeled.iter().filter(|count| **count != 1.0).count()
     };
     let (found, masks) = (empty("visibility=auto"), empty("visibility=off"));
@@ -216,7 +216,7 @@ fn layers_of_sparse_surfaces_are_counted_where_these_turn_away() {
         ortho_height: None,
     };
     let view = View::new(camera, [SIDE as u32; 2]).unwrap();
-    for fill in ["fill=method=dobrev", "fill=auto"] {
+    for fill in ["fill=method=mask", "fill=auto"] {
         let drawn = draw(&cloud, &view, Way::Compute64, &["0.5"], &[fill]);
         let expected = |i: &usize| {
             oracle::layers(
@@ -317,14 +317,14 @@ fn layers_are_drawn_only_where_they_show_something_and_the_picture_is_the_same()
     let looks: [&[&str]; 8] = [
         &[],
         &["shape=on", "ao=on"],
-        &["fill=method=dobrev"],
-        &["fill=method=dobrev,iterations=20", "smooth=on,iterations=3", "antialias=on", "phong=on"],
+        &["fill=method=mask"],
+        &["fill=method=mask,iterations=20", "smooth=on,iterations=3", "antialias=on", "phong=on"],
         &["visibility=off", "fill=off", "edl=on,radius=3"],
         &["visibility=off", "fill=on,method=splat,radius=9", "edl=on"],
         &["fill=method=pullpush", "phong=on"],
         &[
             "visibility=levels=1,kernel=15",
-            "fill=method=pintus,iterations=3,surrounded=4",
+            "fill=method=median,iterations=3,surrounded=4",
             "shadows=on,samples=2",
             "antialias=on",
         ],

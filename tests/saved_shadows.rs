@@ -58,7 +58,7 @@ fn casts(explained: &Value) -> bool {
 fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
     let place = Place::new(400_000);
     place.cast("a.shadows", "");
-    let all = "--lod 0 --budget 1000000";
+    let all = "--lod 0 --point-budget 1000000";
     let cast = place.explained(&format!("-o @cast.png {all} {LIGHT} --effect shadows=on,{CAST}"));
     let saved = place.explained(&format!("-o @saved.png {all} {LIGHT} --shadows @a.shadows"));
     assert!(casts(&cast) && !casts(&saved), "{saved}");
@@ -104,7 +104,7 @@ fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
     assert!(!casts(&coarse) && coarse["shadows"]["saved"] == true, "{coarse}");
 
     // However little memory there is.
-    let said = place.cast("b.shadows", "--memory 3MiB");
+    let said = place.cast("b.shadows", "--gpu-memory 3MiB");
     assert!(said.contains("read 12 times"), "{said}");
     assert!(
         std::fs::read(place.at("a.shadows")).unwrap()

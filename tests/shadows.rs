@@ -430,7 +430,7 @@ fn shadows_take_what_phong_adds_and_leave_its_ambient_part() {
     cloud.parts[0].columns.rgb = Some(vec![color; 400_000]);
     let view =
         View::new(perspective(DVec3::new(0.5, -2.5, 2.5), DVec3::ZERO, 60.0), [200, 150]).unwrap();
-    for fill in ["fill=off", "fill=on,method=dobrev", "fill=on,method=splat"] {
+    for fill in ["fill=off", "fill=on,method=mask", "fill=on,method=splat"] {
         let drawn = |shadows: &str| {
             let mut settings = RenderSettings {
                 light: Light::Direction(DVec3::new(0.3, 0.2, -1.0)),

@@ -163,8 +163,7 @@ fn pictures_of_classes_have_the_colours_of_classes_alone() {
     let path = place.folder.path().join("classes.las");
     write(&path, &sheet(5000, DVec3::ZERO), |i| 2 + (i * 31 % 7) as u8 / 2);
     for cloud in [path.clone(), place.index(&path)] {
-        for fill in
-            ["fill=method=pintus", "fill=method=pullpush", "fill=method=dobrev", "fill=auto"]
+        for fill in ["fill=method=median", "fill=method=pullpush", "fill=method=mask", "fill=auto"]
         {
             let colors = |options: &str| -> BTreeSet<[u8; 3]> {
                 let picture = place.picture(

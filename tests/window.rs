@@ -282,7 +282,7 @@ fn one_ctrl_c_closes_the_window_and_leaves_nothing_half_written() {
 
     // While an index is being made there is a file beside its place.
     let large = place.scan("large.las", SceneKind::Street, 3_000_000);
-    let line = format!("--budget 100000 --cache-dir {}", cache.display());
+    let line = format!("--point-budget 100000 --cache-dir {}", cache.display());
     let mut viewer = place.view_with_panel(&[&large], SIZE, &line);
     viewer.until("half an index", |_| cache.exists() && !names(&cache).is_empty());
     viewer.signal("INT");

@@ -512,7 +512,7 @@ fn a_scene_that_does_not_say_how_fine_leaves_that_as_it_was_asked_for() {
     succeeded(&pointillist().arg("index").arg(&cloud).arg("-o").arg(&index).output().unwrap());
     let words = r#"{"camera": {"eye": [500020, 4999960, 130], "target": [500000, 5000020, 105]}, "color": "elevation"}"#;
     std::fs::write(&scene, words).unwrap();
-    let line = "--lod 4 --budget 100000";
+    let line = "--lod 4 --point-budget 100000";
     let mut viewer = place.view(&[&index], line);
     viewer.shows(&place.picture(&[&index], "fit.png", line));
     drop_file(&place.display, &viewer.window, &scene);

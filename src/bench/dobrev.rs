@@ -74,7 +74,7 @@ const WAYS: [Way; 6] = [
 
 const SURFACE: [&str; 6] = [
     "visibility=off",
-    "fill=on,method=dobrev,iterations=1",
+    "fill=on,method=mask,iterations=1",
     "smooth=on",
     "shape=off",
     "phong=on",

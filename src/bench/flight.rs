@@ -259,7 +259,7 @@ pub fn table(flights: &[Flight]) -> String {
         let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
         writeln!(
             text,
-            "{} points, {} frames of {} at --lod {} and --budget {}; pool {:.0} MiB of {:.0} MiB that all nodes would take",
+            "{} points, {} frames of {} at --lod {} and --point-budget {}; pool {:.0} MiB of {:.0} MiB that all nodes would take",
             f.points,
             f.frames,
             f.size,

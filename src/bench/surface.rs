@@ -71,7 +71,7 @@ const WAYS: [Way; 9] = [
     (
         "fill",
         Walls::Lattice(1.0),
-        &["visibility=on,levels=1,kernel=9", "fill=on,method=pintus,iterations=18", "shape=off"],
+        &["visibility=on,levels=1,kernel=9", "fill=on,method=median,iterations=18", "shape=off"],
         &["fill_pintus"],
         18.0,
     ),

@@ -20,8 +20,8 @@ Examples:
   pointillist bench --json > before.json                   keep the rows ...
   pointillist bench --baseline before.json                 ... and compare with them later
   pointillist bench index --points 20000000 --laz          how fast an index is made, and how near that is to the floor
-  pointillist bench flight --index site.pnti --pool 128MiB a camera flight through more than the device may hold
-  pointillist bench window --index site.pnti --pool 64MiB --points 1000000 --size 1280x720
+  pointillist bench flight --index site.pnti --gpu-memory 128MiB a camera flight through more than the device may hold
+  pointillist bench window --index site.pnti --gpu-memory 64MiB --points 1000000 --size 1280x720
                                                            flights in a window: how even its pictures come";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -238,22 +238,22 @@ fn flights(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<flight:
         index: path,
         sizes: sizes(arguments),
         frames: arguments.frames as usize,
-        budget: detail.budget,
+        budget: detail.point_budget,
         lod_px: detail.lod.unwrap_or(crate::config::LOD_PX),
-        pool_bytes: detail.pool.map(|bytes| bytes.0),
+        pool_bytes: detail.gpu_memory.map(|bytes| bytes.0),
     };
     flight::run(&arguments.device.wish(), &plan, progress)
 }
 
 fn windows(arguments: &Arguments, progress: &dyn Progress) -> Result<Vec<window::Row>> {
-    let DetailOptions { budget, lod, pool, .. } = &arguments.detail;
+    let DetailOptions { point_budget, lod, gpu_memory, .. } = &arguments.detail;
     let mut options: Vec<OsString> = Vec::new();
     let mut word = |name: &str, value: Option<String>| {
         options.extend(value.into_iter().flat_map(|value| [name.into(), value.into()]))
     };
-    word("--budget", budget.map(|points| points.to_string()));
+    word("--point-budget", point_budget.map(|points| points.to_string()));
     word("--lod", lod.map(|pixels| pixels.to_string()));
-    word("--pool", pool.map(|bytes| bytes.to_string()));
+    word("--gpu-memory", gpu_memory.map(|bytes| bytes.to_string()));
     word("--device", arguments.device.device.clone());
     options.extend(arguments.device.validate.then(|| "--validate".into()));
     let plan = window::Plan {

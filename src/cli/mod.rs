@@ -7,6 +7,7 @@ pub mod index;
 pub mod indexed_info;
 pub mod info;
 pub mod options;
+pub mod renamed;
 pub mod render;
 pub mod shadows;
 pub mod study;

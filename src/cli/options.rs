@@ -112,15 +112,15 @@ pub struct PictureOptions {
 #[command(next_help_heading = "Large clouds")]
 pub struct DetailOptions {
     /// Points to draw at most [default: 4 for every pixel, a million at least]; what does not fit is drawn from coarser nodes, those that show it least first
-    #[arg(long, value_name = "POINTS")]
-    pub budget: Option<u64>,
+    #[arg(long, alias = "budget", value_name = "POINTS")]
+    pub point_budget: Option<u64>,
     /// Refine until samples lie this near to each other [default: 1]; 0 draws every point that the budget allows, 4 a sixteenth as many, with gaps
     #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     pub lod: Option<f64>,
     /// Device memory for nodes [default: 1GiB]; a picture that needs more is coarser, and says so
-    #[arg(long, value_name = "BYTES")]
-    pub pool: Option<Bytes>,
-    /// Where indexes of files are kept that are too large to be drawn whole, or drawn with --budget or --lod [default: pointillist in the user's cache folder]
+    #[arg(long, alias = "pool", value_name = "BYTES")]
+    pub gpu_memory: Option<Bytes>,
+    /// Where indexes of files are kept that are too large to be drawn whole, or drawn with --point-budget or --lod [default: pointillist in the user's cache folder]
     #[arg(long, value_name = "FOLDER")]
     pub cache_dir: Option<PathBuf>,
     /// Keep no index: make it again each time
@@ -159,16 +159,16 @@ impl TextArguments {
 
 impl DetailOptions {
     pub fn lod(&self) -> LodOptions {
-        LodOptions { budget: self.budget, lod_px: self.lod }
+        LodOptions { budget: self.point_budget, lod_px: self.lod }
     }
 
     pub fn pool_bytes(&self) -> u64 {
-        self.pool.map_or(config::POOL_BYTES, |bytes| bytes.0)
+        self.gpu_memory.map_or(config::POOL_BYTES, |bytes| bytes.0)
     }
 
     pub fn opening(&self, read: ReadOptions, light: Light) -> Opening {
-        let chosen = self.budget.is_some() || self.lod.is_some();
-        let index = chosen.then_some("--budget and --lod choose among the nodes of an index");
+        let chosen = self.point_budget.is_some() || self.lod.is_some();
+        let index = chosen.then_some("--point-budget and --lod choose among the nodes of an index");
         let place = match &self.cache_dir {
             _ if self.no_cache => Some(cache::Place::Nowhere),
             folder => folder.clone().map(cache::Place::Folder),
@@ -262,7 +262,7 @@ impl PictureOptions {
         let (opacity, clip) = (opacities.0, clips.0);
         let own = &self.detail;
         let detail = DetailOptions {
-            budget: own.budget.or(lod.budget),
+            point_budget: own.point_budget.or(lod.budget),
             lod: own.lod.or(lod.lod_px),
             ..own.clone()
         };

@@ -36,9 +36,9 @@ pub struct Arguments {
     /// How shadows are cast, as `render` takes it: shadows=samples=16,radius=2
     #[arg(long, value_name = "shadows=key=value[,...]", value_parser = shadows)]
     pub effect: Vec<String>,
-    /// Memory of the device for points and pictures of the light; with less, points are read more often
-    #[arg(long, value_name = "BYTES", default_value_t = Bytes(config::POOL_BYTES))]
-    pub memory: Bytes,
+    /// Device memory for points and pictures of the light; with less, points are read more often
+    #[arg(long, alias = "memory", value_name = "BYTES", default_value_t = Bytes(config::POOL_BYTES))]
+    pub gpu_memory: Bytes,
     #[command(flatten)]
     pub device: DeviceOptions,
 }
@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         &index,
         arguments.light,
         settings,
-        arguments.memory.0,
+        arguments.gpu_memory.0,
         &arguments.output,
         progress,
     )?;

@@ -1,11 +1,11 @@
 //! Filling: depths and colours with holes in, without out.
 //!
-//! `pintus` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of their neighbours, those that have been given one the weighted mean. It works on the tiles that
+//! `median` (Pintus et al. 2011, sec. 5): step by step, pixels without a value take the median of their neighbours, those that have been given one the weighted mean. It works on the tiles that
 //! `visibility` has listed, goes back and forth between two images, and stops where nothing changes any more.
 //!
 //! `pullpush` fills all from means of ever coarser pictures: holes of any width cost the same, and surfaces are smooth, but contours between them are less exact.
 //!
-//! `dobrev` (Dobrev et al. 2010, sec. 3.2 and 3.3) needs no visibility: masks tell holes from background, and hidden pixels from those that are seen.
+//! `mask` (Dobrev et al. 2010, sec. 3.2 and 3.3) needs no visibility: masks tell holes from background, and hidden pixels from those that are seen.
 //! `splat` is what others are compared with. Each has a file of its own.
 //!
 //! How much of a light reaches a surface, where lighting is to come, is filled like its colour: from means by the same passes with it in the colour's place, from one point by looking that point up.
@@ -31,28 +31,30 @@ pub struct Settings {
     pub method: Method,
     /// Of pullpush, with the picture itself.
     pub levels: f64,
-    /// Steps at most; 0: the width of the kernel that looked for holes, and with dobrev, of either kind, one and a half of a point's spacings on the screen. Dobrev counts to 127.
+    /// Steps at most; 0: the width of the kernel that looked for holes, and with `mask`, of either kind, one and a half of a point's spacings on the screen. `mask` counts to 127.
     pub iterations: f64,
-    /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as eight cells of a level at that depth, and with pintus as 31 pixels.
+    /// Depths that differ by more are of different surfaces and are not averaged, metres; 0: as wide as eight cells of a level at that depth, and with `median` as 31 pixels.
     pub tolerance: f64,
     /// Background is a hole, too, where so many of its eight neighbours have a value; 9: never.
     pub surrounded: f64,
     /// Of splats, pixels; 0: 2.
     pub radius: f64,
-    /// Of dobrev: what is nearer by at least this is another surface, metres; 0: the layer distance of the picture.
+    /// Of `mask`: what is nearer by at least this is another surface, metres; 0: the layer distance of the picture.
     pub layer: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Pintus where points are dense or transparent, else pullpush ([`settled`]).
+    /// `median` where points are dense or transparent, else pullpush ([`settled`]).
     #[default]
     Auto,
     /// Step by step from the rim of a hole inwards.
-    Pintus,
+    #[value(alias = "pintus")]
+    Median,
     /// From the nearest neighbour, where masks say that a pixel is a hole or hidden.
-    Dobrev,
+    #[value(alias = "dobrev")]
+    Mask,
     /// Points as discs of one size; with visibility=off these are plain splats.
     Splat,
     /// From means of ever coarser pictures.
@@ -85,12 +87,12 @@ impl super::Settings for Settings {
             },
             Setting {
                 name: "iterations",
-                about: "of pintus: steps at most; 0: the width of the kernel; with dobrev one and a half spacings of the points, 127 at most",
+                about: "of median and mask: most steps; 0: the width of the kernel for median, one and a half point spacings for mask (at most 127)",
                 value: Value::Whole(&mut self.iterations, 0.0..=1000.0),
             },
             Setting {
                 name: "tolerance",
-                about: "difference in depth from which two surfaces are not mixed, metres; 0: eight cells of a level, wherever a pixel is; with pintus 31 pixels",
+                about: "difference in depth from which two surfaces are not mixed, metres; 0: eight cells of a level, wherever a pixel is; with median 31 pixels",
                 value: number(&mut self.tolerance, 0.0..=1e9),
             },
             Setting {
@@ -105,7 +107,7 @@ impl super::Settings for Settings {
             },
             Setting {
                 name: "layer",
-                about: "of dobrev: layer distance of this effect alone, metres; 0: that of --layer",
+                about: "of mask: layer distance of this effect alone, metres; 0: that of --layer",
                 value: number(&mut self.layer, 0.0..=1e9),
             },
         ]
@@ -113,9 +115,9 @@ impl super::Settings for Settings {
 
     fn grows_px(&self, spacing_px: f64) -> f64 {
         match self.method {
-            Method::Pintus if self.iterations == 0.0 => WIDEST,
-            Method::Pintus => self.iterations,
-            Method::Dobrev => dobrev::most_steps(self, spacing_px) as f64,
+            Method::Median if self.iterations == 0.0 => WIDEST,
+            Method::Median => self.iterations,
+            Method::Mask => dobrev::most_steps(self, spacing_px) as f64,
             Method::Splat => splat::radius(self),
             Method::Auto | Method::Pullpush => pullpush::reach_px(self) as f64,
         }
@@ -126,8 +128,8 @@ impl super::Settings for Settings {
 pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
     let steps = settings.iterations.max(WIDEST) as u32;
     match settings.method {
-        Method::Pintus => Some(steps + TILE_PX),
-        Method::Dobrev => Some(2 * steps + TILE_PX),
+        Method::Median => Some(steps + TILE_PX),
+        Method::Mask => Some(2 * steps + TILE_PX),
         Method::Splat => Some(settings.radius.max(splat::RADIUS_PX).ceil() as u32),
         Method::Auto | Method::Pullpush => Some(pullpush::reach_px(settings)),
     }
@@ -136,11 +138,11 @@ pub fn reach_px(_view: &View, settings: &Settings) -> Option<u32> {
 pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
     let settings = &asked.fill.settings;
     match settings.method {
-        Method::Auto | Method::Pintus => {}
+        Method::Auto | Method::Median => {}
         _ if scene.points == 0 => {
             return Reason { runs: false, why: "there is nothing to fill with".to_string() };
         }
-        Method::Dobrev => {
+        Method::Mask => {
             let layer_m = scene.layer_m(settings.layer);
             return Reason {
                 runs: true,
@@ -188,7 +190,7 @@ const LEAST_LEVELS: f64 = 4.0;
 /// Settings of a picture in which the sparsest points are so many pixels apart. Layers behind others begin behind the depth of a surface nearby, not behind a mean from afar, so that these are filled by steps.
 pub fn settled(asked: &Settings, transparent: bool, floods: bool, widest_px: f64) -> Settings {
     let method = match asked.method {
-        Method::Auto if transparent || widest_px <= STEPS_PX => Method::Pintus,
+        Method::Auto if transparent || widest_px <= STEPS_PX => Method::Median,
         Method::Auto => Method::Pullpush,
         asked => asked,
     };
@@ -204,8 +206,8 @@ pub(super) const WIDEST: f64 = 31.0;
 pub fn record(g: &mut Graph, scene: &Scene, settings: &Settings, layers: Layers) -> Layers {
     let view = scene.view;
     match settings.method {
-        Method::Pintus => {}
-        Method::Dobrev => return dobrev::record(g, scene, settings, layers),
+        Method::Median => {}
+        Method::Mask => return dobrev::record(g, scene, settings, layers),
         Method::Splat => return splat::record(g, view, settings, layers),
         Method::Auto | Method::Pullpush => {
             return pullpush::record(g, view, settings, scene.shown.is_label(), layers);

@@ -196,7 +196,7 @@ pub fn sums(
 ) -> Result<Sums> {
     if drawn.statistics.points_drawn > MOST_POINTS {
         return Err(Error::Request(format!(
-            "luminance correction adds up to {MOST_POINTS} points, and {} are drawn; draw fewer with --budget, or --effect luminance=off",
+            "luminance correction adds up to {MOST_POINTS} points, and {} are drawn; draw fewer with --point-budget, or --effect luminance=off",
             drawn.statistics.points_drawn
         )));
     }

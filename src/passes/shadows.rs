@@ -302,7 +302,7 @@ fn counted(
     let bytes = resident.nodes.len() as u64 * POINTS_PER_PAGE as u64;
     if bytes.next_power_of_two() > g.binding_limit() {
         return Err(Error::Request(format!(
-            "shadows mark {} nodes at once, and this device binds the marks of {} at most; draw fewer with --budget, or --effect shadows=off",
+            "shadows mark {} nodes at once, and this device binds the marks of {} at most; draw fewer with --point-budget, or --effect shadows=off",
             resident.nodes.len(),
             g.binding_limit() / POINTS_PER_PAGE as u64
         )));

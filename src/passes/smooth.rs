@@ -140,7 +140,7 @@ pub fn called_for(scene: &Scene, asked: &Effects, before: &Decided) -> Reason {
             (false, "what points show are labels, which are not mixed".to_string())
         }
         (false, _) => (false, "points are not smoothed, and no surface was filled".to_string()),
-        (true, fill::Method::Dobrev) => (
+        (true, fill::Method::Mask) => (
             true,
             format!(
                 "filling from the nearest neighbour leaves patches of one depth and colour: {filter}, {often}; tiles in which nothing was filled are skipped"

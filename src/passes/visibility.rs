@@ -167,7 +167,7 @@ fn kernel_px(settings: &Settings) -> u32 {
 pub fn called_for(scene: &Scene, asked: &Effects, _before: &Decided) -> Reason {
     match scene.points {
         0 => Reason { runs: false, why: "there is nothing to hide".to_string() },
-        _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Dobrev => beside_masks(scene),
+        _ if asked.fill.switch != Switch::Off && asked.fill.settings.method == fill::Method::Mask => beside_masks(scene),
         _ => Reason {
             runs: true,
             why: "points are sparse somewhere, and what lies behind shines through; tiles without gaps are skipped".to_string(),

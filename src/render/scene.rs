@@ -42,7 +42,7 @@ struct Words {
     /// As after `--clip`.
     #[serde(default)]
     clip: Vec<String>,
-    /// As after `--budget` and `--lod`.
+    /// As after `--point-budget` and `--lod`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     budget: Option<u64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -143,7 +143,7 @@ mod tests {
         };
         for effect in [
             "edl=on,strength=0.30000000000000004",
-            "fill=off,method=dobrev",
+            "fill=off,method=mask",
             "shadows=auto,samples=7",
         ] {
             settings.effects.set(effect).unwrap();

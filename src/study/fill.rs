@@ -76,7 +76,7 @@ impl Question for Fill {
         };
         let masks = [
             "visibility=off",
-            "fill=on,method=dobrev",
+            "fill=on,method=mask",
             "smooth=off",
             "antialias=off",
             "shape=off",
@@ -92,19 +92,19 @@ impl Question for Fill {
             bare(&format!("splat {radius} px"), &format!("fill=on,method=splat,radius={radius}"))
         }))
         .chain([
-            own("method", "pintus", "fill=on,method=pintus"),
+            own("method", "pintus", "fill=on,method=median"),
             own("method", "pullpush", "fill=on,method=pullpush"),
             bare("pullpush, no visibility", "fill=on,method=pullpush"),
         ])
         .chain(["2", "4", "8", "16", "32"].map(|steps| {
-            own("iterations", steps, &format!("fill=on,method=pintus,iterations={steps}"))
+            own("iterations", steps, &format!("fill=on,method=median,iterations={steps}"))
         }))
         .chain(["3", "5", "8"].map(|levels| {
             own("levels", levels, &format!("fill=on,method=pullpush,levels={levels}"))
         }))
         .chain([2.0, 4.0, 8.0, 16.0, 64.0, 128.0].map(tolerance))
         .chain(["3", "4", "6", "7", "9"].map(|around| {
-            own("surrounded", around, &format!("fill=on,method=pintus,surrounded={around}"))
+            own("surrounded", around, &format!("fill=on,method=median,surrounded={around}"))
         }))
         .collect()
     }

@@ -46,7 +46,7 @@ const KNOBS: [(&str, &[Value]); 4] = [
         "distance",
         &[("1/8", "", 0.125), ("1/4", "", 0.25), ("1/2", "", 0.5), ("2", "", 2.0), ("4", "", 4.0)],
     ),
-    ("fill", &[("dobrev", "fill=method=dobrev", 0.0), ("off", "fill=off", 0.0)]),
+    ("fill", &[("dobrev", "fill=method=mask", 0.0), ("off", "fill=off", 0.0)]),
 ];
 
 /// Root of the mean square of what linear colours are off; the share of pixels with another number of layers.

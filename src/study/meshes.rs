@@ -29,10 +29,10 @@ const VIEWS: [(&str, DVec3, f64); 2] =
 const STYLES: [(&str, &[&str]); 4] = [
     ("auto", &["visibility=auto", "fill=auto", "shape=off", "edl=off"]),
     ("pullpush", &["visibility=auto", "fill=auto,method=pullpush", "shape=off", "edl=off"]),
-    ("pintus", &["visibility=auto", "fill=auto,method=pintus", "shape=off", "edl=off"]),
+    ("pintus", &["visibility=auto", "fill=auto,method=median", "shape=off", "edl=off"]),
     (
         "single",
-        &["visibility=auto,levels=1,kernel=9", "fill=auto,method=pintus", "shape=off", "edl=off"],
+        &["visibility=auto,levels=1,kernel=9", "fill=auto,method=median", "shape=off", "edl=off"],
     ),
 ];
 

@@ -45,7 +45,7 @@ impl Question for Smooth {
     const COUNTERS: &'static [&'static str] = &["pixels with a depth"];
     const REFERENCE: &'static [&'static str] = &[
         "visibility=off",
-        "fill=on,method=dobrev",
+        "fill=on,method=mask",
         "smooth=off",
         "antialias=off",
         "shape=off",
@@ -68,7 +68,7 @@ impl Question for Smooth {
             }
         };
         let (masks, pintus) =
-            (after("visibility=off", "fill=on,method=dobrev"), after("visibility=on", "fill=on"));
+            (after("visibility=off", "fill=on,method=mask"), after("visibility=on", "fill=on"));
         let filters = ["none", "alleviated", "gaussian", "box"].map(|filter| match filter {
             "none" => (filter, "smooth=off".to_string()),
             _ => (filter, format!("smooth=on,filter={filter}")),

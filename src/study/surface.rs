@@ -27,7 +27,7 @@ const STYLES: [(&str, &[&str]); 4] = [
     ("splat", &["visibility=off", "fill=auto,method=splat", "shape=off", "edl=off"]),
     (
         "single",
-        &["visibility=auto,levels=1,kernel=9", "fill=auto,method=pintus", "shape=off", "edl=off"],
+        &["visibility=auto,levels=1,kernel=9", "fill=auto,method=median", "shape=off", "edl=off"],
     ),
 ];
 

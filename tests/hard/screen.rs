@@ -122,15 +122,15 @@ fn hard_00_light_and_filters_leave_nothing_that_is_no_number() {
             for view in views(size) {
                 for light in lights {
                     for asked in [
-                        ["fill=on,method=dobrev", "smooth=on", "phong=on", "antialias=on"],
+                        ["fill=on,method=mask", "smooth=on", "phong=on", "antialias=on"],
                         [
-                            "fill=on,method=dobrev,layer=1e9",
+                            "fill=on,method=mask,layer=1e9",
                             "smooth=on,filter=box,iterations=4,pixels=all",
                             "phong=on,radius=7",
                             "antialias=on,laplacian=depth",
                         ],
                         [
-                            "fill=on,method=dobrev,layer=1e-300,iterations=40",
+                            "fill=on,method=mask,layer=1e-300,iterations=40",
                             "shape=on",
                             "phong=on,radius=1,shininess=255",
                             "antialias=on,jump=0,threshold=high",

@@ -334,7 +334,7 @@ fn hard_09_filling() {
                     let mut before: Option<Stage> = None;
                     for iterations in 1..=4 {
                         effects.fill.settings = fill::Settings {
-                            method: fill::Method::Pintus,
+                            method: fill::Method::Median,
                             tolerance,
                             iterations: iterations as f64,
                             ..fill::Settings::default()
@@ -480,20 +480,20 @@ fn hard_00_nothing_that_is_no_number() {
                         "fill=on,levels=1,tolerance=1e9",
                         "shape=on",
                     ],
-                    ["visibility=on,levels=1,kernel=9", "fill=on,method=pintus", "shape=on"],
+                    ["visibility=on,levels=1,kernel=9", "fill=on,method=median", "shape=on"],
                     [
                         "visibility=on,levels=1,kernel=3,threshold=6.2,holes=6.2,tiles=all",
-                        "fill=on,method=pintus,tolerance=1e9,surrounded=1",
+                        "fill=on,method=median,tolerance=1e9,surrounded=1",
                         "shape=on,softness=0,levels=20",
                     ],
                     [
                         "visibility=on,levels=1,kernel=9,threshold=0,holes=0",
-                        "fill=on,method=pintus,tolerance=1e-300",
+                        "fill=on,method=median,tolerance=1e-300",
                         "shape=on,softness=1000,levels=1",
                     ],
                     [
                         "visibility=on,levels=1,kernel=5,sectors=16",
-                        "fill=on,method=pintus,iterations=3",
+                        "fill=on,method=median,iterations=3",
                         "shape=on,xi=0,first=1",
                     ],
                 ] {

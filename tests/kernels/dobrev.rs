@@ -33,7 +33,7 @@ fn fill_as_the_twin_does(visibility: &str) -> (usize, usize) {
                     effects.set(visibility).unwrap();
                     effects.fill.switch = Switch::On;
                     effects.fill.settings = fill::Settings {
-                        method: fill::Method::Dobrev,
+                        method: fill::Method::Mask,
                         layer,
                         iterations: steps as f64,
                         ..fill::Settings::default()
@@ -108,7 +108,7 @@ fn every_mask_keeps_what_it_should() {
                 }
             }
             let mut effects = nothing();
-            effects.set("fill=on,method=dobrev,layer=1,iterations=1").unwrap();
+            effects.set("fill=on,method=mask,layer=1,iterations=1").unwrap();
             // Both kinds of steps run: of what is occluded here, no pixel is background.
             let got = canvas.draw(&views(size)[0], &keys, &effects).filled;
             for mask in 0..256usize {

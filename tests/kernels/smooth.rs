@@ -25,7 +25,7 @@ fn smoothing_takes_the_means_that_f64_does() {
                 ] {
                     let mut effects = nothing();
                     (effects.fill.switch, effects.fill.settings.method) =
-                        (Switch::On, fill::Method::Dobrev);
+                        (Switch::On, fill::Method::Mask);
                     effects.smooth.switch = Switch::On;
                     effects.smooth.settings = smooth::Settings { filter, iterations: 1.0, pixels };
                     let surface = canvas.draw(&views(size)[0], &keys, &effects);
@@ -81,8 +81,7 @@ fn smoothing_again_and_again_stays_where_something_was_filled() {
         for size in SIZES {
             let keys = layered_keys(size, random);
             let mut effects = nothing();
-            (effects.fill.switch, effects.fill.settings.method) =
-                (Switch::On, fill::Method::Dobrev);
+            (effects.fill.switch, effects.fill.settings.method) = (Switch::On, fill::Method::Mask);
             effects.smooth.switch = Switch::On;
             effects.smooth.settings = smooth::Settings {
                 filter: smooth::Filter::Box,

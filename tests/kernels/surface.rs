@@ -281,7 +281,7 @@ fn after_steps(
 ) -> (Stage, Stage) {
     let mut effects = effects.clone();
     effects.fill.switch = if steps == 0 { Switch::Off } else { Switch::On };
-    effects.fill.settings.method = fill::Method::Pintus;
+    effects.fill.settings.method = fill::Method::Median;
     effects.fill.settings.iterations = steps as f64;
     let surface = canvas.draw(view, keys, &effects);
     let filled = if steps == 0 { surface.seen.clone() } else { surface.filled };
@@ -349,7 +349,7 @@ fn filling_takes_every_step_as_f64_does() {
                         ..visibility::Settings::default()
                     });
                     effects.fill.settings = fill::Settings {
-                        method: fill::Method::Pintus,
+                        method: fill::Method::Median,
                         tolerance,
                         surrounded,
                         ..fill::Settings::default()
@@ -415,7 +415,7 @@ fn what_reaches_a_surface_is_filled_and_smoothed_like_its_colour() {
     canvas(|canvas| {
         for size in SIZES {
             for view in views(size) {
-                for method in ["pintus", "pullpush"] {
+                for method in ["median", "pullpush"] {
                     let mut effects = only_visibility(visibility::Settings {
                         levels: 1.0,
                         kernel: 5.0,

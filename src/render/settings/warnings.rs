@@ -44,7 +44,7 @@ impl FrameConfig {
         let (fill, transparency) =
             (&self.effects.fill.settings, &self.effects.transparency.settings);
         let own_layers = [
-            ("fill", fill.layer, fill.method == Method::Dobrev),
+            ("fill", fill.layer, fill.method == Method::Mask),
             ("transparency", transparency.layer, true),
             ("shadows", self.effects.shadows.settings.layer, true),
         ];
@@ -95,7 +95,7 @@ impl FrameConfig {
         let (fill, transparency) =
             (&self.effects.fill.settings, &self.effects.transparency.settings);
         let masks =
-            (self.decided.runs("fill") && fill.method == Method::Dobrev).then(|| layer(fill.layer));
+            (self.decided.runs("fill") && fill.method == Method::Mask).then(|| layer(fill.layer));
         let peels = self.decided.runs("transparency").then(|| layer(transparency.layer));
         let quantum_m = significant(self.quantum_m);
         if let Some(layer_m) = [masks, peels]
