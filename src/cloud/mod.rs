@@ -85,6 +85,8 @@ pub struct Columns {
     pub normal: Option<Vec<[i8; 3]>>,
     /// GPS time as in the file; may be NaN.
     pub gps_time: Option<Vec<f64>>,
+    /// What all places say, once that was asked for.
+    pub extent: strays::Kept,
 }
 
 impl Columns {
@@ -131,6 +133,7 @@ impl Columns {
             source: cut(&self.source, &points),
             normal: cut(&self.normal, &points),
             gps_time: cut(&self.gps_time, &points),
+            ..Columns::default()
         }
     }
 
@@ -157,6 +160,7 @@ impl Columns {
             source: pick(&self.source, points),
             normal: pick(&self.normal, points),
             gps_time: pick(&self.gps_time, points),
+            ..Columns::default()
         }
     }
 
@@ -375,7 +379,7 @@ impl Part {
 
     /// The box around this part's points, world; exact up to one rounding of `offset + step * q`.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        self.columns.bounds().map(|bounds| self.lattice.world_box(bounds))
+        self.columns.extent().map(|extent| self.lattice.world_box([extent.low, extent.high]))
     }
 }
 

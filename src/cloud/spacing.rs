@@ -8,6 +8,7 @@
 //! only. The first cell is guessed from how far apart the seeds themselves are, not from the bounding box, which one stray point inflates.
 //! It grows until the places sought of three quarters of the seeds lie within a cell's width, where none can be missed.
 
+use super::strays::scatter_steps;
 use super::{Cloud, Columns, Part};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -117,17 +118,15 @@ fn between(seeds: &[DVec3]) -> Option<f64> {
     distances.get(distances.len() / 2).copied().filter(|distance| distance.is_finite())
 }
 
-/// About so many places, each once: those whose steps have certain hashes, whatever order the points are in.
+/// Returns about so many places, each once: those whose steps have certain hashes, whatever order
+/// the points are in.
 fn seeds(cloud: &Cloud) -> Vec<DVec3> {
     let every = cloud.len().div_ceil(SEEDS).max(1);
+    let chosen = |place: &[i32; 3]| u64::from(scatter_steps(*place)) < (1 << 32) / every;
     let of_part = |part: &Part| {
-        let Columns { x, y, z, .. } = &part.columns;
-        let steps = |i: usize| [x[i], y[i], z[i]].map(i64::from);
-        let chosen = (0..x.len())
-            .into_par_iter()
-            .with_min_len(1 << 15)
-            .filter(|&i| hash(steps(i)) >> 32 < (1 << 32) / every);
-        chosen.map(|i| part.lattice.world(steps(i))).collect::<Vec<_>>()
+        let samples = part.columns.extent().map_or(&[][..], |extent| &extent.samples);
+        let chosen = samples.iter().copied().filter(chosen);
+        chosen.map(|place| part.lattice.world(place.map(i64::from))).collect::<Vec<_>>()
     };
     let mut seeds: Vec<DVec3> = cloud.parts.iter().flat_map(of_part).collect();
     seeds.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
@@ -137,11 +136,12 @@ fn seeds(cloud: &Cloud) -> Vec<DVec3> {
 
 /// For each seed the nearest places, of those in its own and the adjacent cells.
 fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
-    let key = |p: DVec3| ((p - lo) / cell).floor().as_i64vec3().to_array();
+    // The cells on both sides of 0 are one, which only lets more points be asked.
+    let key = |p: DVec3| p.as_i64vec3().to_array();
     // Each seed in all cells that see it, so that a point looks into one cell only.
     let mut watching: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
     for (index, &seed) in seeds.iter().enumerate() {
-        let [x, y, z] = key(seed);
+        let [x, y, z] = key((seed - lo) / cell);
         for offset in 0..27 {
             watching
                 .entry([x + offset / 9 - 1, y + offset / 3 % 3 - 1, z + offset % 3 - 1])
@@ -160,15 +160,16 @@ fn around(cloud: &Cloud, seeds: &[DVec3], lo: DVec3, cell: f64) -> Vec<Around> {
     let bounds: Vec<AtomicU64> =
         seeds.iter().map(|_| AtomicU64::new(f64::INFINITY.to_bits())).collect();
     for part in &cloud.parts {
-        let columns = &part.columns;
-        (0..columns.len()).into_par_iter().with_min_len(1 << 15).for_each(|i| {
-            let p =
-                part.lattice.world([columns.x[i].into(), columns.y[i].into(), columns.z[i].into()]);
-            let cell = key(p);
+        let Columns { x, y, z, .. } = &part.columns;
+        let (first, step) = ((part.lattice.offset - lo) / cell, part.lattice.step / cell);
+        (0..x.len()).into_par_iter().with_min_len(1 << 15).for_each(|i| {
+            let q = [x[i], y[i], z[i]];
+            let cell = key(first + step * DVec3::from_array(q.map(f64::from)));
             let bit = filter_bit(cell);
             if near[bit / 64] >> (bit % 64) & 1 == 0 {
                 return;
             }
+            let p = part.lattice.world(q.map(i64::from));
             for &seed in watching.get(&cell).into_iter().flatten() {
                 let square = (p - seeds[seed]).length_squared();
                 if square > 0.0 && square.to_bits() < bounds[seed].load(Ordering::Relaxed) {

@@ -8,6 +8,8 @@ use super::digits::number;
 use super::{Cloud, Columns, Lattice, Part};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::OnceLock;
 
 /// Points below which none is called a stray.
 const FEWEST: usize = 32;
@@ -17,6 +19,8 @@ const SAMPLES: usize = 4096;
 const FACTORS: usize = 2048;
 /// Points that one task looks at.
 const AT_ONCE: usize = 1 << 15;
+/// Points that are asked together whether one of them is a sample.
+const BLOCK: usize = 64;
 
 /// What is to become of strays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -36,17 +40,15 @@ pub struct Core {
 }
 
 impl Core {
-    /// Returns the box where some of so many places are strays, and nothing where none is.
+    /// Returns the box if some of so many places are strays, and `None` if none is.
     pub fn of(count: usize, place: impl Fn(usize) -> DVec3 + Sync) -> Option<Core> {
         if count < FEWEST {
             return None;
         }
-        // One of so many points is asked for the middle half, by its place alone.
-        let chosen = u64::MAX / (count / SAMPLES + 1) as u64;
-        let look = |start: usize| {
+        let chosen = chosen(count);
+        let look = |range: Range<usize>| {
             let mut seen = Seen::default();
-            for i in start..count.min(start + AT_ONCE) {
-                let p = place(i);
+            for p in range.map(&place) {
                 seen.all = Core { low: seen.all.low.min(p), high: seen.all.high.max(p) };
                 if scatter(p) <= chosen {
                     seen.samples.push(p);
@@ -54,9 +56,17 @@ impl Core {
             }
             seen
         };
-        let starts = (0..count.div_ceil(AT_ONCE)).into_par_iter().map(|task| task * AT_ONCE);
-        let seen = starts.map(look).reduce(Seen::default, Seen::and);
-        let middle = middle_half(seen.samples.clone())?;
+        let seen = tasks(count).map(look).reduce(Seen::default, Seen::and);
+        Core::among(count, seen, place)
+    }
+
+    /// Returns the box that a first look at all places leads to.
+    fn among(
+        count: usize,
+        Seen { all, samples }: Seen,
+        place: impl Fn(usize) -> DVec3 + Sync,
+    ) -> Option<Core> {
+        let middle = middle_half(samples.clone())?;
         let size = (middle.high - middle.low).max_element();
         if !(size > 0.0 && size.is_finite()) {
             return None;
@@ -66,23 +76,19 @@ impl Core {
             (((1.0 + middle.beyond(p) / size).to_bits() >> 52) as usize - 1023).min(FACTORS - 1)
         };
         // Where some of the samples lie within each factor there is no gap, and nothing to count.
-        let farthest = factor(seen.all.low).max(factor(seen.all.high));
+        let farthest = factor(all.low).max(factor(all.high));
         let mut met = vec![false; farthest + 1];
-        seen.samples.iter().for_each(|&p| met[factor(p)] = true);
+        samples.iter().for_each(|&p| met[factor(p)] = true);
         if met[..farthest].iter().all(|&met| met) {
             return None;
         }
-        let count_one = |mut counts: Vec<u64>, i: usize| {
-            counts[factor(place(i))] += 1;
+        let count_all = |range: Range<usize>| {
+            let mut counts = vec![0; farthest + 1];
+            range.for_each(|i| counts[factor(place(i))] += 1);
             counts
         };
         let add = |a: Vec<u64>, b: Vec<u64>| a.into_iter().zip(b).map(|(a, b)| a + b).collect();
-        let none = || vec![0; FACTORS];
-        let counts = (0..count)
-            .into_par_iter()
-            .with_min_len(AT_ONCE)
-            .fold(none, count_one)
-            .reduce(none, add);
+        let counts = tasks(count).map(count_all).reduce(|| vec![0; farthest + 1], add);
         let gap = counts.iter().position(|&points| points == 0)?;
         let strays: u64 = counts[gap..].iter().sum();
         let few = (count as f64).sqrt() as u64;
@@ -92,11 +98,6 @@ impl Core {
             .then(|| Core { low: middle.low - reach, high: middle.high + reach })
     }
 
-    /// Returns the box of a part where some of its points are strays: lattice steps.
-    pub fn in_steps(columns: &Columns) -> Option<Core> {
-        Core::of(columns.len(), |i| steps(columns, i))
-    }
-
     pub fn has(&self, p: DVec3) -> bool {
         p.cmpge(self.low).all() && p.cmple(self.high).all()
     }
@@ -104,6 +105,85 @@ impl Core {
     /// Returns how far outside a point lies along the axis where that is most.
     fn beyond(&self, p: DVec3) -> f64 {
         (self.low - p).max(p - self.high).max_element().max(0.0)
+    }
+}
+
+/// What the places of a part's points say of all of them: lattice steps.
+#[derive(Clone, Debug)]
+pub struct Extent {
+    pub low: [i32; 3],
+    pub high: [i32; 3],
+    /// Places of points that [`scatter_steps`] has chosen: several thousand, or all.
+    pub samples: Vec<[i32; 3]>,
+    /// The box around all but strays, if there are some.
+    pub core: Option<Core>,
+}
+
+impl Extent {
+    /// Returns `None` where there is no point.
+    pub fn of(columns: &Columns) -> Option<Extent> {
+        let (count, chosen) = (columns.len(), (chosen(columns.len()) >> 32) as u32);
+        let look = |range: Range<usize>| {
+            let places = [&columns.x, &columns.y, &columns.z].map(|column| &column[range.clone()]);
+            let low = places.map(|column| column.iter().fold(i32::MAX, |low, &v| low.min(v)));
+            let high = places.map(|column| column.iter().fold(i32::MIN, |high, &v| high.max(v)));
+            let mut samples = Vec::new();
+            // Most blocks have none, which processors find out for several points at a time.
+            let [x, y, z] = places.map(|column| column.chunks(BLOCK));
+            for ((x, y), z) in x.zip(y).zip(z) {
+                let places = || x.iter().zip(y).zip(z).map(|((&x, &y), &z)| [x, y, z]);
+                let is_chosen = |place: &[i32; 3]| scatter_steps(*place) <= chosen;
+                if places().map(|place| u32::from(is_chosen(&place))).sum::<u32>() > 0 {
+                    samples.extend(places().filter(is_chosen));
+                }
+            }
+            Extent { low, high, samples, core: None }
+        };
+        let mut extent = tasks(count).map(look).reduce_with(Extent::and)?;
+        if count >= FEWEST {
+            let all = Core { low: steps(extent.low), high: steps(extent.high) };
+            let samples = extent.samples.iter().map(|&place| steps(place)).collect();
+            extent.core = Core::among(count, Seen { all, samples }, |i| columns.place(i));
+        }
+        Some(extent)
+    }
+
+    fn and(mut self, mut other: Extent) -> Extent {
+        for axis in 0..3 {
+            self.low[axis] = self.low[axis].min(other.low[axis]);
+            self.high[axis] = self.high[axis].max(other.high[axis]);
+        }
+        self.samples.append(&mut other.samples);
+        self
+    }
+}
+
+/// An extent that is found when it is first asked for, and kept.
+#[derive(Clone, Debug, Default)]
+pub struct Kept(OnceLock<Option<Extent>>);
+
+/// The places alone say what it is.
+impl PartialEq for Kept {
+    fn eq(&self, _: &Kept) -> bool {
+        true
+    }
+}
+
+impl Columns {
+    /// Returns the box around the points, and around all but strays; `None` if there is no point.
+    /// Places must not change after the first call.
+    pub fn extent(&self) -> Option<&Extent> {
+        self.extent.0.get_or_init(|| Extent::of(self)).as_ref()
+    }
+
+    /// Returns the box around all points but strays, if there are some: lattice steps.
+    pub fn core(&self) -> Option<Core> {
+        self.extent()?.core
+    }
+
+    /// Returns where a point lies, lattice steps.
+    pub fn place(&self, i: usize) -> DVec3 {
+        steps([self.x[i], self.y[i], self.z[i]])
     }
 }
 
@@ -148,9 +228,19 @@ fn middle_half(mut samples: Vec<DVec3>) -> Option<Core> {
     Some(Core { low, high })
 }
 
-/// Returns where a point of a part lies, lattice steps.
-pub fn steps(columns: &Columns, i: usize) -> DVec3 {
-    DVec3::new(columns.x[i].into(), columns.y[i].into(), columns.z[i].into())
+fn steps(place: [i32; 3]) -> DVec3 {
+    DVec3::from_array(place.map(f64::from))
+}
+
+/// Returns the ranges of points that tasks look at.
+fn tasks(count: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
+    let range = move |task: usize| task * AT_ONCE..count.min((task + 1) * AT_ONCE);
+    (0..count.div_ceil(AT_ONCE)).into_par_iter().map(range)
+}
+
+/// Returns the greatest of the numbers that choose a point as a sample.
+fn chosen(count: usize) -> u64 {
+    u64::MAX / (count / SAMPLES + 1) as u64
 }
 
 /// Points that lie far outside of their part.
@@ -165,12 +255,12 @@ impl Strays {
     const LISTED: usize = 10;
 
     fn of(lattice: &Lattice, columns: &Columns) -> Strays {
-        let Some(core) = Core::in_steps(columns) else { return Strays::default() };
-        let outside = (0..columns.len())
+        let Some(core) = columns.core() else { return Strays::default() };
+        let outside: Vec<usize> = (0..columns.len())
             .into_par_iter()
             .with_min_len(AT_ONCE)
-            .filter(|&i| !core.has(steps(columns, i)));
-        let outside: Vec<usize> = outside.collect();
+            .filter(|&i| !core.has(columns.place(i)))
+            .collect();
         let place = |&i: &usize| {
             lattice.world([columns.x[i].into(), columns.y[i].into(), columns.z[i].into()])
         };
@@ -212,9 +302,9 @@ impl Part {
 
     /// Leaves strays out, and returns whether the part has other points.
     pub fn hide_strays(&mut self) -> bool {
-        if let Some(core) = Core::in_steps(&self.columns) {
+        if let Some(core) = self.columns.core() {
             let kept: Vec<u32> = (0..self.columns.len() as u32)
-                .filter(|&i| core.has(steps(&self.columns, i as usize)))
+                .filter(|&i| core.has(self.columns.place(i as usize)))
                 .collect();
             self.columns = self.columns.pick(&kept);
         }
@@ -223,12 +313,11 @@ impl Part {
 
     /// Returns the least and the greatest height of points that are no strays, world.
     pub fn heights(&self) -> Option<[f64; 2]> {
-        let z = &self.columns.z;
-        let (lo, hi) = match Core::in_steps(&self.columns) {
-            None => super::range(z)?,
-            Some(core) => {
-                let inside =
-                    (0..z.len()).filter(|&i| core.has(steps(&self.columns, i))).map(|i| z[i]);
+        let (columns, z) = (&self.columns, &self.columns.z);
+        let (lo, hi) = match columns.extent()? {
+            Extent { core: None, low, high, .. } => (low[2], high[2]),
+            Extent { core: Some(core), .. } => {
+                let inside = (0..z.len()).filter(|&i| core.has(columns.place(i))).map(|i| z[i]);
                 inside.fold((i32::MAX, i32::MIN), |(lo, hi), v| (lo.min(v), hi.max(v)))
             }
         };
@@ -247,6 +336,14 @@ impl Cloud {
         let parts = self.parts.iter().filter(|part| !part.header.strays);
         parts.filter_map(Part::heights).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
     }
+}
+
+/// Returns a number that looks random and depends on a place alone, in lattice steps.
+/// Two products are as many as processors do for every point at no cost beside reading it.
+pub fn scatter_steps([x, y, z]: [i32; 3]) -> u32 {
+    let h = (x as u32 ^ (y as u32).rotate_left(11) ^ (z as u32).rotate_left(22))
+        .wrapping_mul(0x9E37_79B1);
+    (h ^ h >> 15).wrapping_mul(0x85EB_CA77)
 }
 
 /// Returns a number that looks random and depends on a place alone.

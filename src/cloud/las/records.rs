@@ -7,6 +7,7 @@
 
 use super::header::Layout;
 use crate::cloud::color::{Occurred, RgbRange, to_8_bits};
+use crate::cloud::strays::Kept;
 use crate::cloud::{ColumnSet, Columns};
 use crate::error::Result;
 
@@ -373,6 +374,7 @@ pub fn zeros(count: usize, available: ColumnSet) -> Columns {
         source: column(available.source, count),
         normal: None,
         gps_time: column(available.gps_time, count),
+        extent: Kept::default(),
     }
 }
 

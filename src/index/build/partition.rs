@@ -8,7 +8,7 @@
 //! Strays are split by themselves. Every point is in exactly one node. The order of points within a node is made by `pack`.
 
 use crate::cloud::Columns;
-use crate::cloud::strays::{Core, steps};
+use crate::cloud::strays::Extent;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
 use crate::error::Result;
 use crate::index::format::morton;
@@ -50,21 +50,23 @@ const AT_ONCE: usize = 1 << 18;
 
 pub fn organise(columns: &Columns, progress: &dyn Progress) -> Result<Organised> {
     let mut organised = Organised::default();
-    if columns.is_empty() {
-        return Ok(organised);
-    }
+    let Some(&Extent { low, high, core, .. }) = columns.extent() else { return Ok(organised) };
     organised.order = (0..columns.len() as u32).collect();
     // Strays have nodes of their own: those of all other points are as they would be without.
-    let core = Core::in_steps(columns).map_or(organised.order.len(), |core| {
+    let inside = core.map_or(organised.order.len(), |core| {
         let (inside, strays): (Vec<u32>, Vec<u32>) =
-            organised.order.iter().partition(|&&i| core.has(steps(columns, i as usize)));
+            organised.order.iter().partition(|&&i| core.has(columns.place(i as usize)));
         organised.order = [&inside[..], &strays[..]].concat();
         inside.len()
     });
     let mut splitting = Splitting { columns, nodes: Vec::new(), progress };
-    let (inside, strays) = organised.order.split_at_mut(core);
-    splitting.whole(inside, 0)?;
-    splitting.whole(strays, core)?;
+    let (core, strays) = organised.order.split_at_mut(inside);
+    if strays.is_empty() {
+        splitting.whole(core, 0, [low, high])?;
+    } else {
+        splitting.whole(core, 0, around(columns, core))?;
+        splitting.whole(strays, inside, around(columns, strays))?;
+    }
     organised.nodes = splitting.nodes;
     Ok(organised)
 }
@@ -88,6 +90,19 @@ pub fn shuffle(columns: &Columns, _progress: &dyn Progress) -> Result<Organised>
     Ok(Organised { nodes, order, arrangement: Arrangement::Shuffled })
 }
 
+/// Returns the ends of the box around some points.
+fn around(columns: &Columns, points: &[u32]) -> [[i32; 3]; 2] {
+    let mut ends = [[i32::MAX; 3], [i32::MIN; 3]];
+    for &i in points {
+        let place = [columns.x[i as usize], columns.y[i as usize], columns.z[i as usize]];
+        for axis in 0..3 {
+            ends[0][axis] = ends[0][axis].min(place[axis]);
+            ends[1][axis] = ends[1][axis].max(place[axis]);
+        }
+    }
+    ends
+}
+
 struct Splitting<'s> {
     columns: &'s Columns,
     /// Made so far.
@@ -96,19 +111,11 @@ struct Splitting<'s> {
 }
 
 impl Splitting<'_> {
-    /// Splits these points, which start at `first` of the whole order, by the cube around them.
-    fn whole(&mut self, points: &mut [u32], first: usize) -> Result<()> {
-        if points.is_empty() {
-            return Ok(());
-        }
-        let range = |column: &[i32]| {
-            let values = points.par_iter().map(|&i| (column[i as usize], column[i as usize]));
-            values.reduce(|| (i32::MAX, i32::MIN), |a, b| (a.0.min(b.0), a.1.max(b.1)))
-        };
-        let ranges = [range(&self.columns.x), range(&self.columns.y), range(&self.columns.z)];
-        let min = ranges.map(|(lo, _)| lo as i64);
-        let extent = ranges.map(|(lo, hi)| hi as i64 - lo as i64).into_iter().max().unwrap_or(0);
-        self.split(points, first, min, 64 - (extent as u64).leading_zeros())
+    /// Splits points within these ends, which start at `first` of the whole order.
+    fn whole(&mut self, points: &mut [u32], first: usize, ends: [[i32; 3]; 2]) -> Result<()> {
+        let [low, high] = ends.map(|end| end.map(i64::from));
+        let extent = (0..3).map(|axis| high[axis] - low[axis]).max().unwrap_or(0);
+        self.split(points, first, low, 64 - (extent as u64).leading_zeros())
     }
 
     /// `points` lie in the cube of 2^bits steps at `min`; they start at `first` of the whole order.
