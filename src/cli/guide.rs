@@ -28,7 +28,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                 let names = names.join(", ");
                 Error::Request(format!("the guide has no page {name:?}; its pages are {names}"))
             })?;
-            page.text.to_string()
+            let is_shown = |line: &&str| !line.starts_with("<!--");
+            page.text.lines().filter(is_shown).flat_map(|line| [line, "\n"]).collect()
         }
     };
     // A pager that was closed is no error.

@@ -1,7 +1,6 @@
 //! The guide: one page a subject, as documentation and for `pointillist guide PAGE`.
 //!
-//! Pages are Markdown files beside this one. Tables between `<!-- measured: NAME -->` lines are
-//! made by `tools/measure` from `tools/measured/NAME.json`.
+//! Pages are Markdown files beside this one. `tools/measure` renders their measured tables.
 
 /// One page of the guide.
 pub struct Page {
@@ -31,9 +30,22 @@ macro_rules! pages {
 }
 
 pages! {
+    command_line: "commands, options, effects, large pictures, clip boxes, camera paths",
+    window: "mouse, keys, panel, measuring, saving",
+    large_clouds: "indexes of clouds larger than memory",
+    surfaces: "from points to closed, shaded surfaces",
+    layers_and_light: "transparency, shadows, the layer distance",
+    luminance: "stations of different brightness",
+    strokes: "paintings of clouds",
+    formats: "inputs, outputs, coordinates, simulated scans",
+    studies: "accuracy against time, benchmarks, measured tables",
+    embedding: "the library",
+    architecture: "the flow of the data, the modules, the tools",
+    adding_an_effect: "one shader, one pass, one line",
     numerics: "what must stay stable, why it breaks, and how it is tested",
     reliability: "what users may rely on when files, disks and devices fail",
     papers: "what was taken from which paper",
+    changelog: "what changed",
 }
 
 /// Returns the page of this name, also written with hyphens; none if there is no such page.
