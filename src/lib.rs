@@ -55,6 +55,11 @@
 //! # }
 //! ```
 
+/// The README's example, compiled with the others.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 pub mod app;
 pub mod bench;
 pub mod cli;

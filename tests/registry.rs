@@ -1,6 +1,8 @@
 //! Nothing is there twice, and nothing is there for nobody: shaders and who runs them, effects and what belongs to each.
 
+use pointillist::guide::{self, PAGES};
 use pointillist::passes::EFFECTS;
+use pointillist::study::STUDIES;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -49,10 +51,10 @@ fn every_effect_has_a_file_a_twin_a_picture_and_a_line_for_its_user() {
             goldens.iter().any(|golden| golden.contains(effect)),
             "{effect} has no picture in tests/golden"
         );
-        assert!(
-            readme.contains(&format!("\n| `{effect}` |")),
-            "{effect} is not in README's table of effects"
-        );
+        let line = format!("\n| `{effect}` |");
+        assert!(readme.contains(&line), "{effect} is not in README's table of effects");
+        let page = guide::page("command_line").unwrap().text;
+        assert!(page.contains(&line), "{effect} is not in the guide's table of effects");
     }
 }
 
@@ -67,5 +69,29 @@ fn every_module_is_in_the_crates_documentation() {
             library.contains(&format!("[`{module}`]")),
             "lib.rs does not say what {module} is for"
         );
+    }
+}
+
+#[test]
+fn every_study_is_in_the_guide() {
+    let page = guide::page("studies").unwrap().text;
+    for (study, _) in STUDIES {
+        assert!(page.contains(&format!("`{study}`")), "the guide does not have the study {study}");
+    }
+}
+
+/// Comments cite pages as "guide: numerics, case 12".
+#[test]
+fn what_comments_cite_is_in_the_guide() {
+    let sources: String = ["src", "glsl", "tests"].map(text).concat();
+    for (at, cited) in sources.match_indices("guide: ") {
+        let rest = &sources[at + cited.len()..];
+        let word = |c: char| !(c.is_alphanumeric() || c == '_');
+        let name = rest.split(word).next().unwrap();
+        let Some(page) = PAGES.iter().find(|page| page.name == name) else { continue };
+        if let Some(case) = rest.strip_prefix(&format!("{name}, case ")) {
+            let case = case.split(word).next().unwrap();
+            assert!(page.text.contains(&format!("\n{case}. **")), "no case {case} in {name}");
+        }
     }
 }
