@@ -1,7 +1,8 @@
-//! Everything that can go wrong outside our own code, as one enum whose messages carry the values.
+//! Errors of user, files and device, with messages that carry the values.
 //!
-//! A message says what failed, where, and what to do about it, in one line: the program prints it as it is and exits with 1.
-//! Misuse of the render graph is a programming error and panics instead, with pass and resource names.
+//! A message says in one line what failed, where, and what to do about it. The program prints it as
+//! it is and exits with 1. Misuse of the render graph is a programming error and panics instead,
+//! with pass and resource names.
 
 use std::path::{Path, PathBuf};
 
@@ -9,42 +10,42 @@ pub type Result<T> = std::result::Result<T, Error>;
 
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The operating system refused a file operation.
+    /// A file operation failed.
     #[error("cannot {doing} {}: {source}", path.display())]
     Io { doing: &'static str, path: PathBuf, source: std::io::Error },
 
-    /// A file's contents are not what its format promises.
+    /// A file does not follow its format.
     #[error("{}: {what}", path.display())]
     Format { path: PathBuf, what: String },
 
-    /// What the user asked for makes no sense together (a camera without direction, a size beyond the device).
+    /// A request makes no sense (a camera without direction, a size beyond the device).
     #[error("{0}")]
     Request(String),
 
-    /// No Vulkan device, a missing feature, or a device memory limit.
+    /// No Vulkan device, a missing feature, or exhausted device memory.
     #[error("{0}")]
     Device(String),
 
-    /// A Vulkan call failed; `during` names the call or the pass that was running.
+    /// A Vulkan call failed; `during` names the call or the running pass.
     #[error("Vulkan failed with {code} during {during}")]
     Vulkan { during: String, code: String },
 
-    /// The validation layers, which `--validate` and every test turn on, objected.
+    /// The validation layers, enabled by `--validate` and every test, reported an error.
     #[error("Vulkan validation: {0}")]
     Validation(String),
 
-    /// Ctrl-C; whatever was being written has been removed.
+    /// Ctrl-C; partly written files have been removed.
     #[error("interrupted; nothing was left half written")]
     Interrupted,
 }
 
 impl Error {
-    /// Whether all that was on the device is gone, and another one may be opened.
+    /// Tests whether the device is lost, and another one may be opened.
     pub fn is_lost_device(&self) -> bool {
         matches!(self, Error::Vulkan { code, .. } if code == "ERROR_DEVICE_LOST")
     }
 
-    /// The file that it is about, where it is about one.
+    /// Returns the file that the error is about, if any.
     pub fn path(&self) -> Option<&Path> {
         match self {
             Error::Io { path, .. } | Error::Format { path, .. } => Some(path),

@@ -1,7 +1,7 @@
-//! Where the picture is taken from: the camera, in world coordinates, f64.
+//! The camera, in world coordinates, f64; camera paths and the light.
 //!
-//! Pixel (0, 0) is top left and pixel i covers [i, i + 1). Depth is the planar view-space distance in metres, positive in front,
-//! for both projections (papers/README.md, conventions).
+//! Pixel (0, 0) is top left and pixel i covers [i, i + 1). Depth is the planar view-space distance
+//! [m], positive in front of the camera, for both projections.
 
 pub mod camera_path;
 pub mod light;
@@ -17,7 +17,7 @@ pub enum Projection {
     Orthographic,
 }
 
-/// `cam.json`. Lengths in metres (the cloud's unit), angles in degrees.
+/// A camera as in `cam.json`. Lengths in metres (the cloud's unit), angles in degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
@@ -25,12 +25,12 @@ pub struct Camera {
     pub target: DVec3,
     #[serde(default = "z_up")]
     pub up: DVec3,
-    /// Vertical field of view of a perspective camera, degrees.
+    /// Vertical field of view of a perspective camera [degrees].
     #[serde(default = "default_fov_y")]
     pub fov_y: f64,
     #[serde(default = "perspective")]
     pub projection: Projection,
-    /// Height of the picture in the world, for an orthographic camera, metres.
+    /// Height of the picture in the world of an orthographic camera [m].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ortho_height: Option<f64>,
 }
@@ -56,7 +56,8 @@ pub struct Basis {
 }
 
 impl Camera {
-    /// The camera's axes. An `up` parallel to the view direction is replaced by the world axis farthest from it.
+    /// Returns the camera's axes. An `up` parallel to the view direction is replaced by the world
+    /// axis farthest from it. Errors if eye and target coincide.
     pub fn basis(&self) -> Result<Basis> {
         let Some(forward) =
             (self.target - self.eye).try_normalize().filter(|forward| forward.is_finite())
@@ -80,15 +81,15 @@ impl Camera {
     }
 }
 
-/// A camera and the size of its picture; or of a window of that, which is drawn as if it had been cut out of the whole.
+/// A camera and the size of its picture, or a window of that picture, drawn as if cut out of it.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     pub camera: Camera,
-    /// Of what is drawn, pixels.
+    /// Size of the window [px].
     pub size: [u32; 2],
-    /// Of the whole picture, pixels.
+    /// Size of the whole picture [px].
     pub whole: [u32; 2],
-    /// Of what is drawn, the top left pixel in the whole.
+    /// Top left pixel of the window in the whole picture.
     pub corner: [i32; 2],
     pub basis: Basis,
 }
@@ -115,22 +116,23 @@ impl View {
         Ok(View { camera, size, whole: size, corner: [0, 0], basis: camera.basis()? })
     }
 
-    /// A part of the whole picture, or more than that; its depths and pixels are those of the whole.
+    /// Returns a window of the whole picture, which may extend beyond it. Depths and pixels are
+    /// those of the whole.
     pub fn window(&self, corner: [i32; 2], size: [u32; 2]) -> View {
         View { corner, size, ..*self }
     }
 
-    /// All of the picture.
+    /// Returns the whole picture.
     pub fn entire(&self) -> View {
         self.window([0, 0], self.whole)
     }
 
-    /// Where the camera looks, pixels from the top left of what is drawn.
+    /// Returns the principal point [px], from the window's top left.
     pub fn centre(&self) -> [f64; 2] {
         [0, 1].map(|axis| self.whole[axis] as f64 / 2.0 - self.corner[axis] as f64)
     }
 
-    /// Pixels per unit of X/Z (perspective) or per metre (orthographic).
+    /// Returns pixels per unit of X/Z (perspective) or per metre (orthographic).
     pub fn focal_px(&self) -> f64 {
         let half = self.whole[1] as f64 / 2.0;
         match self.camera.projection {
@@ -141,8 +143,9 @@ impl View {
         }
     }
 
-    /// The ray through a pixel position (pixel centres at +0.5): origin and direction, world. The direction's component along
-    /// `basis.forward` is 1, so the ray parameter **is** planar depth.
+    /// Returns the ray through a pixel position (pixel centres at +0.5): origin and direction,
+    /// world. The direction's component along `basis.forward` is 1, so the ray parameter **is**
+    /// planar depth.
     pub fn ray(&self, x_px: f64, y_px: f64) -> (DVec3, DVec3) {
         let (f, [x, y]) = (self.focal_px(), self.centre());
         let aside = self.basis.right * ((x_px - x) / f) - self.basis.up * ((y_px - y) / f);
@@ -152,7 +155,7 @@ impl View {
         }
     }
 
-    /// Where a point is seen, pixels; nowhere if it is behind the camera.
+    /// Projects a point to pixels; `None` if it is behind the camera.
     pub fn pixel(&self, point: DVec3) -> Option<[f64; 2]> {
         let from_eye = point - self.camera.eye;
         let depth = from_eye.dot(self.basis.forward);
@@ -169,26 +172,27 @@ impl View {
         })
     }
 
-    /// The least planar depth of a box, given by its world corners, in front of the camera, or none if no point of the box can be seen.
+    /// Returns the least planar depth [m] of a world box in front of the camera; `None` if no point
+    /// of the box is in view.
     pub fn least_depth(&self, bounds: (DVec3, DVec3)) -> Option<f64> {
         self.depths(bounds).map(|(least, _)| least)
     }
 
-    /// The least planar depth of a box, as [`View::least_depth`], and the greatest.
+    /// Returns the least and the greatest planar depth of a box; see [`View::least_depth`].
     pub fn depths(&self, (min, max): (DVec3, DVec3)) -> Option<(f64, f64)> {
         let centre = (min + max) / 2.0 - self.camera.eye;
         let half = (max - min) / 2.0;
         let reach = |axis: DVec3| half.dot(axis.abs());
         let basis = &self.basis;
         let depth = centre.dot(basis.forward);
-        // A hair more than the box, against rounding.
+        // Slightly larger than the box, against rounding.
         let slack = 1e-9 * (centre.length() + half.length());
         if depth + reach(basis.forward) + slack <= 0.0 {
             return None;
         }
         let (f, [x, y]) = (self.focal_px(), self.centre());
         let [width, height] = self.size.map(f64::from);
-        // What is drawn ends so far to each side of where the camera looks.
+        // Extent of the window to each side of the principal point.
         let edges =
             [(basis.right, width - x), (-basis.right, x), (basis.up, y), (-basis.up, height - y)];
         let outside = |(side, edge): (DVec3, f64)| match self.camera.projection {
@@ -208,7 +212,7 @@ impl View {
     }
 }
 
-/// `--view`.
+/// The presets of `--view`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Preset {
     /// From above, north up, without perspective
@@ -224,16 +228,20 @@ pub enum Preset {
 }
 
 impl Camera {
-    /// A camera for which the points just fill the picture. Nothing, or one point, is looked at from a metre away.
+    /// Returns a camera for which the points just fill the picture. No or one point is seen from a
+    /// metre away.
     ///
-    /// Perspective, in the camera's axes: every point needs |x - ex| <= t (z - ez), and the same for y. With a = max(x - t z) and b = max(-x - t z) that is
-    /// a - ex <= -t ez and b + ex <= -t ez, so the nearest eye is ex = (a - b) / 2, ez = -(a + b) / 2t; of the two ez the farther serves both.
+    /// Perspective, in the camera's axes: every point needs |x - ex| <= t (z - ez), and the same
+    /// for y. With a = max(x - t z) and b = max(-x - t z) that is a - ex <= -t ez and b + ex <= -t
+    /// ez, so the nearest eye is ex = (a - b) / 2, ez = -(a + b) / 2t; of the two ez the farther
+    /// serves both.
     pub fn framing(preset: Preset, points: &[DVec3], size: [u32; 2]) -> Camera {
         Camera::framing_beside(preset, points, size, 0.0)
     }
 
-    /// The same where a part of the picture's width is covered at its left, from 0 to below 1: the points fill what is beside it. The planes to the left and to the right then have slopes of their own,
-    /// so ex = a + t_right ez = -b - t_left ez, and of what the farther ez leaves room for, the middle.
+    /// Returns the camera as [`Camera::framing`] for a picture whose left part (a share in 0..1) is
+    /// covered. The left and right planes then have different slopes, so ex = a + t_right ez = -b -
+    /// t_left ez, or the middle of the range that the farther ez allows.
     pub fn framing_beside(
         preset: Preset,
         points: &[DVec3],
@@ -252,7 +260,7 @@ impl Camera {
             Preset::Front => (DVec3::Y, DVec3::Z),
             Preset::Side => (-DVec3::X, DVec3::Z),
             Preset::Iso => (DVec3::new(-1.0, 1.0, -0.816_496_580_927_726).normalize(), DVec3::Z),
-            // The longer side lies across the picture; land is seen from higher up than things.
+            // The longer side lies across the picture; land is seen from higher up than objects.
             Preset::Fit => {
                 let along = if half.y > half.x {
                     DVec3::new(-0.9, 0.436, 0.0)
@@ -274,7 +282,7 @@ impl Camera {
         };
         let Basis { right, up, .. } = camera.basis().expect("eye and target are a metre apart");
         let aspect = size[0] as f64 / size[1] as f64;
-        // The greatest of a linear form over the points, relative to their centre.
+        // The maximum of a linear form over the points, relative to their centre.
         let most = |form: DVec3| {
             points.iter().map(|&p| (p - centre).dot(form)).fold(f64::NEG_INFINITY, f64::max)
         };
@@ -289,7 +297,7 @@ impl Camera {
                 let (a, b) = (most(axis - forward * after), most(-axis - forward * before));
                 ((a, b), -(a + b) / (before + after))
             };
-            // The margin is one of what is beside what is covered.
+            // The margin is relative to the uncovered part.
             let (half, middle) = (slope * aspect * (1.0 - covered), tangent * aspect * covered);
             let ((wide, z_by_width), (high, z_by_height)) =
                 (side(right, half - middle, half + middle), side(up, slope, slope));

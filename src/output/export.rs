@@ -1,4 +1,4 @@
-//! A frame in; its picture and its layers as files out, PNG and EXR: what `render` writes, of one frame or of many, and a window.
+//! Export of a frame: picture and layers as PNG and EXR.
 
 use crate::error::{Error, Result};
 use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph};
@@ -11,7 +11,7 @@ use crate::render::settings::FrameConfig;
 use crate::source::Brought;
 use std::path::Path;
 
-/// The images that come back.
+/// The images to download.
 pub struct Downloads {
     picture: Option<Encoded>,
     linear: Option<Buffer>,
@@ -20,7 +20,7 @@ pub struct Downloads {
     raw: Option<Buffer>,
     raw_index: Option<Buffer>,
     normal: Option<Buffer>,
-    /// None where nothing takes light away.
+    /// Shading; `None` if no effect darkens.
     lit: Option<Buffer>,
 }
 
@@ -37,7 +37,7 @@ impl Downloads {
         Ok(Downloads { picture, linear, depth, index, raw, raw_index, normal, lit })
     }
 
-    /// The files that were asked for.
+    /// Writes the requested files.
     pub fn write(
         &self,
         frame: &CompletedSubmission,
@@ -53,7 +53,7 @@ impl Downloads {
     }
 }
 
-/// Draws layers into a file, in one piece. What could not be read is said in the end.
+/// Draws a frame and writes its layers to a file, in one piece. Returns warnings.
 pub fn write(
     gpu: &mut Gpu,
     cloud: &mut Brought,
@@ -83,7 +83,7 @@ pub fn write(
         .collect())
 }
 
-/// Linear picture (its alpha says where a surface is) and layers.
+/// Writes the linear picture (its alpha is the coverage) and the layers.
 fn write_layers(
     path: &Path,
     size: [u32; 2],
@@ -94,7 +94,7 @@ fn write_layers(
     let depth: &[f32] = frame.read(downloads.depth.as_ref().expect("asked for with --exr"));
     let index: &[u32] = frame.read(downloads.index.as_ref().expect("asked for with --exr"));
     let raw: &[f32] = frame.read(downloads.raw.as_ref().expect("asked for with --exr"));
-    // What stayed unknown is nothing to an outsider.
+    // Pixels of unknown depth are empty in the file.
     let depth: Vec<f32> =
         depth.iter().map(|&z| if z == f32::NEG_INFINITY { f32::INFINITY } else { z }).collect();
     let raw_index: &[u32] = frame.read(downloads.raw_index.as_ref().expect("asked for with --exr"));

@@ -1,4 +1,4 @@
-//! Finished images in, PNG and EXR files out, whole or not at all.
+//! PNG and EXR files, written atomically.
 
 use crate::error::{Error, Result};
 use crate::whole_file::{WholeFile, whole_file};
@@ -12,24 +12,27 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-/// An 8-bit sRGB picture of red, green and blue of each pixel, rows of them from the top left, in as many pieces as there are ([`crate::passes::encode`]).
+/// Writes an 8-bit sRGB picture: RGB, rows from the top left, split into any number of pieces
+/// ([`crate::passes::encode`]).
 pub fn write_png(path: &Path, size: [u32; 2], pieces: &[&[u8]]) -> Result<()> {
-    // Piece by piece, so that no second picture is in memory.
+    // Piece by piece, so that no second copy of the picture is in memory.
     let mut rows = PngRows::create(path, size)?;
     pieces.iter().try_for_each(|piece| rows.write(piece))?;
     rows.finish()
 }
 
-/// The same of pixels that are handed over as somebody comes by them, from the top left on. Dropped before it is finished, it leaves nothing.
+/// A PNG file written row by row from the top left. Dropped before [`PngRows::finish`], it leaves
+/// no file.
 pub struct PngRows {
     path: PathBuf,
-    // Dropped first: it writes the end, into a file that is then removed.
+    // Dropped first: it writes the end of a file that is then removed.
     rows: png::StreamWriter<'static, Watched>,
     whole: WholeFile,
     failed: Arc<Mutex<Option<std::io::Error>>>,
 }
 
-/// The file; and the last thing that went wrong with it, since whatever is written as the encoder is dropped, as the end of the picture, fails in silence.
+/// The file and the last error of it, since the encoder ignores errors when it writes the end in
+/// its destructor.
 struct Watched {
     file: BufWriter<File>,
     failed: Arc<Mutex<Option<std::io::Error>>>,
@@ -58,7 +61,7 @@ impl Write for Watched {
 
 impl Drop for Watched {
     fn drop(&mut self) {
-        // It is said in the end.
+        // The error is kept and reported by `finish`.
         let _ = self.flush();
     }
 }
@@ -111,7 +114,7 @@ pub enum Samples {
     Id(Vec<u32>),
 }
 
-/// A 32-bit EXR picture of named channels; the same bytes whatever the number of threads.
+/// Writes a 32-bit EXR picture of named channels. The bytes do not depend on the number of threads.
 pub fn write_exr(path: &Path, size: [u32; 2], channels: Vec<(&str, Samples)>) -> Result<()> {
     let channels: SmallVec<[_; 4]> = channels
         .into_iter()
@@ -120,7 +123,7 @@ pub fn write_exr(path: &Path, size: [u32; 2], channels: Vec<(&str, Samples)>) ->
             Samples::Id(values) => AnyChannel::new(name, FlatSamples::U32(values)),
         })
         .collect();
-    // Blocks in order: the parallel compressor would otherwise write them as they come.
+    // Blocks in order: the parallel compressor would otherwise write them as they are completed.
     let encoding = Encoding {
         compression: Compression::ZIP16,
         blocks: Blocks::ScanLines,

@@ -1,12 +1,16 @@
-//! A PICTURE OF ANY SIZE: view in, PNG file out, drawn in pieces where it is larger than a device's images, or than a device should be asked for at once.
+//! Pictures of any size as PNG, drawn in pieces if larger than a device's images or its safe load.
 //!
 //! ```text
-//!     whole picture -> rows of pieces -> window around each, wider by what its pixels depend on -> frame -> its middle -> rows of pixels -> file
+//!     whole picture -> rows of pieces -> window around each, wider by what its pixels depend on
+//!                   -> frame -> its middle -> rows of pixels -> file
 //! ```
-//! Points fall into the pixels of the whole picture, whichever part of it is drawn, and effects are decided for the whole. So where a border is as wide as effects look (`FrameConfig::reach_px`), pieces meet
-//! without a seam, bit by bit (`tests/tiled.rs`). One row of pieces is in memory at a time.
+//! Points fall into the pixels of the whole picture, whichever part is drawn, and effects are
+//! decided for the whole. If the border is as wide as effects look (`FrameConfig::reach_px`),
+//! pieces therefore meet without a seam, bit by bit (`tests/tiled.rs`). One row of pieces is in
+//! memory at a time.
 //!
-//! Who has other things to do meanwhile, as a window has, draws smaller tiles, one at a time ([`TiledPicture`]): nodes are loaded for whole pieces all the same, so that the picture does not depend on tiles.
+//! A window draws smaller tiles, one at a time, between its other work ([`TiledPicture`]). Nodes
+//! are still loaded for whole pieces, so the picture does not depend on tiles.
 
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
@@ -20,16 +24,17 @@ use crate::source::{Brought, Taken};
 use crate::view::View;
 use std::path::{Path, PathBuf};
 
-/// A picture of more pixels is drawn in pieces: a frame takes a hundred bytes a pixel and more.
+/// A larger picture is drawn in pieces: a frame takes a hundred bytes a pixel and more.
 const WHOLE_PIXELS: u64 = 3 << 23;
 
-/// Of a piece, pixels: a picture takes two gigabytes with these, since buffers of the smaller windows at its edges stay on the shelf beside the others.
+/// Size of a piece [px]. A picture takes two gigabytes with it, since buffers of the smaller
+/// windows at the edges stay in the pool beside the others.
 const PIECE: [u32; 2] = [4096, 1024];
 
-/// Of one row of pieces.
+/// Most bytes of one row of pieces.
 const ROW_BYTES: u64 = 1 << 27;
 
-/// How a picture is cut.
+/// The division of a picture into pieces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pieces {
     whole: [u32; 2],
@@ -37,7 +42,7 @@ pub struct Pieces {
     border: u32,
 }
 
-/// A part of the picture, and the window that it is drawn in, which is wider: corners and sizes.
+/// A part of the picture, and the wider window that is drawn for it: corners and sizes [px].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Piece {
     pub corner: [u32; 2],
@@ -46,7 +51,7 @@ pub struct Piece {
     pub window_size: [u32; 2],
 }
 
-/// Whether a picture has to be drawn in pieces; `asked`: of at most so many pixels a side.
+/// Tests whether a picture must be drawn in pieces. `asked` is the most pixels per side of a piece.
 pub fn needs_pieces(gpu: &Gpu, size: [u32; 2], asked: Option<u32>) -> bool {
     let largest = asked
         .map_or(gpu.device.limits.max_image_dimension2_d - visibility::BEYOND_PX, |asked| {
@@ -56,7 +61,7 @@ pub fn needs_pieces(gpu: &Gpu, size: [u32; 2], asked: Option<u32>) -> bool {
     too_many || size.iter().any(|&side| side > largest)
 }
 
-/// Up to the next multiple of a block of 16 x 16 pixels, which effects divide pictures into.
+/// Rounds up to a multiple of the 16 x 16 blocks that effects divide pictures into.
 fn in_blocks(pixels: u32) -> u32 {
     pixels.next_multiple_of(BLOCK_PX)
 }
@@ -79,7 +84,7 @@ impl Pieces {
         Ok(Pieces { whole, piece, border: in_blocks(reach) })
     }
 
-    /// From the top down, each from the left to the right.
+    /// Returns the rows of pieces from the top down, each from left to right.
     pub fn rows(&self) -> impl Iterator<Item = Vec<Piece>> + '_ {
         let starts = |axis: usize| (0..self.whole[axis]).step_by(self.piece[axis] as usize);
         starts(1).map(move |y| starts(0).map(|x| self.piece([x, y])).collect())
@@ -92,9 +97,9 @@ impl Pieces {
 }
 
 impl Piece {
-    /// With a border as wide as the picture has it.
+    /// Returns a piece with its border clipped to the picture.
     fn around(corner: [u32; 2], end: [u32; 2], border: u32, whole: [u32; 2]) -> Piece {
-        // Whole blocks, but at the picture's own edges.
+        // Whole blocks, except at the picture's own edges.
         let window_corner = corner.map(|at| at.saturating_sub(border));
         let window_end = [0, 1].map(|axis| end[axis].saturating_add(border).min(whole[axis]));
         let size = |end: [u32; 2], corner: [u32; 2]| [0, 1].map(|axis| end[axis] - corner[axis]);
@@ -107,51 +112,53 @@ impl Piece {
     }
 }
 
-/// What a picture is of, and how fine.
+/// A picture to draw.
 #[derive(Clone)]
 pub struct PictureRequest {
     pub view: View,
     pub settings: RenderSettings,
     pub lod: LodOptions,
-    /// Pieces of at most so many pixels a side.
+    /// Most pixels per side of a piece.
     pub piece: Option<u32>,
-    /// Drawn in tiles of at most so many pixels a side, for whoever has other things to do between them; the picture is the same, bit by bit.
+    /// Most pixels per side of a tile, to return to the caller between tiles. The picture stays the
+    /// same, bit by bit.
     pub tile: Option<u32>,
 }
 
-/// A picture on its way into a file, which is there once [`TiledPicture::finish`] says so. Dropped before, it leaves nothing.
+/// A picture being written to a file, which exists after [`TiledPicture::finish`]. Dropped before,
+/// it leaves no file.
 pub struct TiledPicture {
     request: PictureRequest,
     path: PathBuf,
     rows: PngRows,
     plan: Option<Plan>,
-    /// The tiles of one row.
+    /// The pixels of one row of tiles.
     pixels: Vec<u8>,
-    /// What could not be read, and what was asked for and changes nothing.
+    /// Warnings: unreadable parts, and settings without effect.
     notes: Vec<String>,
 }
 
-/// How it is drawn.
+/// The configuration and the tiles to draw.
 struct Plan {
     config: FrameConfig,
     tiles: Vec<Tile>,
     done: usize,
 }
 
-/// What is drawn at a time, of a piece for which nodes are loaded.
+/// A tile, and the piece for which nodes are loaded.
 #[derive(Clone, Copy)]
 struct Tile {
     part: Piece,
     /// The window of the piece.
     loaded: View,
-    /// The row of pixels that a row of tiles, or of pieces, begins at, and how many it has.
+    /// First row of pixels and number of rows of this row of tiles or pieces.
     row: [u32; 2],
-    /// With this one the row is there.
+    /// Whether this tile completes its row.
     is_last: bool,
 }
 
 impl TiledPicture {
-    /// Nothing is drawn yet.
+    /// Creates the file; draws nothing yet.
     pub fn begin(request: PictureRequest, path: &Path) -> Result<TiledPicture> {
         let rows = PngRows::create(path, request.view.size)?;
         Ok(TiledPicture {
@@ -168,12 +175,13 @@ impl TiledPicture {
         &self.path
     }
 
-    /// Tiles that are drawn, of how many; none before that is known.
+    /// Returns the number of drawn tiles and of all tiles; `None` before the first.
     pub fn so_far(&self) -> Option<(usize, usize)> {
         self.plan.as_ref().map(|plan| (plan.done, plan.tiles.len()))
     }
 
-    /// One tile more; whether it was the last. Where `progress` stops it, it is as if it had not been asked for.
+    /// Draws one more tile. Returns whether it was the last. If `progress` cancels it, the call has
+    /// no effect.
     pub fn step(
         &mut self,
         gpu: &mut Gpu,
@@ -190,7 +198,7 @@ impl TiledPicture {
         drawn.map(|()| is_whole)
     }
 
-    /// Notes, now that the file is there.
+    /// Completes the file and returns the warnings.
     pub fn finish(self) -> Result<Vec<String>> {
         self.rows.finish()?;
         Ok(self.notes)
@@ -203,7 +211,8 @@ impl TiledPicture {
         progress: &dyn Progress,
     ) -> Result<Plan> {
         let PictureRequest { view, settings, lod, piece, tile } = self.request.clone();
-        // Of a picture in pieces effects are decided by as much of the cloud as shows it whole on a screen.
+        // For a picture in pieces, effects are decided by as much of the cloud as shows the whole
+        // picture on a screen.
         let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
         let taken = cloud.settle(gpu, &view, &lod.of(overview), progress)?;
         self.note(notes_of(taken));
@@ -267,7 +276,7 @@ fn notes_of(taken: Option<Taken>) -> Vec<String> {
     taken.map_or(Vec::new(), |taken| taken.notes)
 }
 
-/// A row of pieces as it is drawn: in tiles of this side, with borders as wide; else as it is.
+/// Divides a row of pieces into tiles of this side with these borders; keeps it as it is if `None`.
 fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>) -> Vec<Tile> {
     let loaded =
         |piece: &Piece| view.window(piece.window_corner.map(|at| at as i32), piece.window_size);
@@ -286,7 +295,7 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
         };
         let [right, bottom] = [0, 1].map(|axis| piece.corner[axis] + piece.size[axis]);
         for y in (piece.corner[1]..bottom).step_by(side as usize) {
-            // Where pieces lie side by side, their row is there with the last of them.
+            // Pieces side by side complete their row with the last of them.
             let row_of_tiles = if row.len() == 1 { [y, side.min(bottom - y)] } else { whole_row };
             for x in (piece.corner[0]..right).step_by(side as usize) {
                 let end = [(x + side).min(right), (y + side).min(bottom)];
@@ -304,7 +313,7 @@ fn row_of_tiles(view: &View, row: &[Piece], side_and_border: Option<(u32, u32)>)
     tiles
 }
 
-/// Draws a picture into a file. What could not be read, and what changes nothing, is said in the end.
+/// Draws a picture into a file. Returns warnings.
 pub fn write(
     gpu: &mut Gpu,
     cloud: &mut Brought,
@@ -317,7 +326,8 @@ pub fn write(
     picture.finish()
 }
 
-/// The middle of a window's bytes, to its place among rows of pixels from this one on, so many pixels wide.
+/// Copies the middle of a window to its place in `pixels`, whose first row is `first_row` and which
+/// are `width` pixels wide.
 fn cut_out(bytes: &[&[u8]], part: &Piece, first_row: u32, width: usize, pixels: &mut [u8]) {
     let rows = bytes.iter().flat_map(|band| band.chunks_exact(3 * part.window_size[0] as usize));
     let [left, top] = [0, 1].map(|axis| (part.corner[axis] - part.window_corner[axis]) as usize);

@@ -1,4 +1,4 @@
-//! THE WHOLE FRAME, top to bottom.
+//! The whole frame, top to bottom.
 
 use crate::error::Result;
 use crate::graph::{Buffer, CompletedSubmission, Gpu, Graph, Image, ReusedImages, TileList};
@@ -16,28 +16,28 @@ use crate::render::settings::FrameConfig;
 use crate::resident::Resident;
 use crate::view::View;
 
-/// What a frame leaves behind.
+/// The results of a frame.
 pub struct Outcome {
     pub picture: Image,
     /// World normals of the surface, zero where it has none.
     pub normal: Image,
-    /// Of the nearest surface.
+    /// G-buffer of the nearest surface.
     pub layers: Layers,
     pub statistics: project::Statistics,
-    /// Where points are painted.
+    /// Statistics of strokes, if drawn.
     pub strokes: Option<strokes::Painted>,
 }
 
-/// A frame that has been drawn.
+/// A completed frame.
 pub struct Done<T> {
     pub frame: CompletedSubmission,
-    /// What was asked of it.
+    /// The value that `ask` returned.
     pub asked: T,
-    /// What only a frame that has run knows, and whoever sees its picture should.
+    /// Warnings that only a completed frame can give.
     pub notes: Vec<String>,
 }
 
-/// Draws a frame to its end, for whoever wants to see what came of it: `ask` says what.
+/// Draws a frame and waits for it. `ask` requests downloads while it is recorded.
 pub fn draw<T>(
     gpu: &mut Gpu,
     view: &View,
@@ -115,8 +115,9 @@ pub fn record(
     Ok(Outcome { picture, normal, layers, statistics: drawn.statistics, strokes })
 }
 
-/// The layers behind the nearest one: the middle of the frame again for each, until the device finds nothing more to draw. Where a layer shows nothing no later one does, so that each is drawn over the
-/// images of the one before, and only where that showed something.
+/// Draws the layers behind the nearest one: the middle of the frame again for each, until the
+/// device finds nothing more to draw. A layer that shows nothing ends the sequence, so each layer
+/// is drawn into the images of the one before, and only where that showed something.
 fn behind(
     g: &mut Graph,
     points: &Points,
@@ -141,7 +142,7 @@ fn behind(
     Ok(nearest)
 }
 
-/// Copies of what is shown, which later layers are drawn over; those that nobody reads are dropped.
+/// Copies the images that later layers overwrite; unread copies are culled.
 fn kept(g: &mut Graph, layers: Layers) -> Layers {
     let images = [
         ("depth", &layers.depth),
@@ -155,18 +156,18 @@ fn kept(g: &mut Graph, layers: Layers) -> Layers {
     Layers { depth, raw, index, raw_index, color, lit, ..layers }
 }
 
-/// A layer that is to be drawn behind others.
+/// A layer to draw behind others.
 struct Next<'b> {
     front: Front,
-    /// What walks over points keep from layer to layer.
+    /// State of the walks over points, kept from layer to layer.
     alive: &'b mut Buffer,
-    /// From 1.
+    /// Number of the layer, from 1.
     layer: u32,
-    /// How far from its points something of a layer may show, pixels.
+    /// Distance from its points within which a layer may show something [px].
     grows_px: f64,
 }
 
-/// What layers are drawn from.
+/// The inputs of every layer.
 struct Points<'p> {
     scene: &'p Scene<'p>,
     config: &'p FrameConfig,
@@ -177,7 +178,8 @@ struct Points<'p> {
 }
 
 impl Points<'_> {
-    /// Of all points, or of those behind others, the nearest of each pixel; with the keys of each band, what walks over points keep from layer to layer, and which layer it is.
+    /// Resolves the nearest point of each pixel, of all points or of those behind earlier layers.
+    /// `behind` has the keys of each band, the state of the walks, and the layer's number.
     fn nearest(
         &self,
         g: &mut Graph,
@@ -212,7 +214,8 @@ impl Points<'_> {
         Ok(Layers { sums, ..layers })
     }
 
-    /// The next layer, over those in front of it, drawn where the one before has shown something; and where it shows something itself.
+    /// Draws the next layer where the one before showed something. Returns it with the area where
+    /// it shows something itself.
     fn next(
         &self,
         g: &mut Graph,
@@ -240,7 +243,7 @@ impl Points<'_> {
         Ok((layers, covered))
     }
 
-    /// All points, as strokes.
+    /// Draws all points as strokes.
     fn painted(
         &self,
         g: &mut Graph,

@@ -1,6 +1,7 @@
-//! What a picture is of and how it is drawn, as a file: what a window saves is what `render --scene` draws.
+//! The scene file: camera, colour, settings, filters. The window saves it, `render --scene` draws
+//! it.
 //!
-//! The file says everything in the words of the command line, so that what one takes the other does too.
+//! Its values are written as on the command line, so that both accept the same words.
 
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
@@ -18,36 +19,36 @@ use std::path::Path;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     pub camera: Camera,
-    /// What points show; chosen by what they have where nothing is said.
+    /// Attribute to show; chosen by the points' attributes if `None`.
     pub color: Option<Attribute>,
     pub settings: RenderSettings,
     pub opacities: Opacities,
     pub clips: Clips,
-    /// Of an index.
+    /// LOD limits, for an index.
     pub lod: LodOptions,
 }
 
-/// `scene.json`.
+/// The JSON of `scene.json`.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Words {
     camera: Camera,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     color: Option<String>,
-    /// As after `--effect`; those that are not named are as they are when nothing is asked for.
+    /// Effects as after `--effect`; those not named have their defaults.
     #[serde(default)]
     effects: Vec<String>,
     #[serde(default)]
     opacity: Vec<String>,
-    /// As after `--clip`.
+    /// Boxes as after `--clip`.
     #[serde(default)]
     clip: Vec<String>,
-    /// As after `--point-budget` and `--lod`.
+    /// Limits as after `--point-budget` and `--lod`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     budget: Option<u64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lod: Option<f64>,
-    /// As after `--layer`, metres.
+    /// Layer distance as after `--layer` [m].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     layer: Option<f64>,
     #[serde(default)]

@@ -1,4 +1,4 @@
-//! What the user asked for + what the scene calls for -> the look of this frame, with reasons.
+//! The user's settings, and the configuration of one frame that they and the cloud lead to.
 
 mod warnings;
 
@@ -11,7 +11,7 @@ use crate::view::View;
 use crate::view::light::Light;
 use std::sync::Arc;
 
-/// How points become a picture: which effects may run when nothing is said of them.
+/// A set of effects that run by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Style {
     /// A surface: what is hidden is hidden, holes are filled, shape is shaded
@@ -38,7 +38,7 @@ impl Effects {
     }
 }
 
-/// sRGB.
+/// An sRGB colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Background(pub [u8; 3]);
 
@@ -60,29 +60,31 @@ impl std::fmt::Display for Background {
     }
 }
 
-/// What the user asked for, whatever the scene.
+/// The user's settings, independent of cloud and view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderSettings {
     pub effects: Effects,
     pub light: Light,
-    /// sRGB.
+    /// Background, sRGB.
     pub background: [u8; 3],
     pub precision: Precision,
-    /// The layer distance, metres: nearer surfaces are one; 0: from the spacing of points and pixels.
+    /// Layer distance [m]: nearer surfaces count as one. 0: derived from the spacing of points and
+    /// pixels.
     pub layer_m: f64,
 }
 
 impl RenderSettings {
-    /// Every point one pixel.
+    /// Returns settings that draw every point as one pixel.
     pub fn points() -> RenderSettings {
         RenderSettings { effects: Effects::of(Style::Points), ..RenderSettings::default() }
     }
 }
 
-/// Strokes of a pixel that one more frame brings into order: behind so many little of the light is left (`study strokes`), so that already the first of these frames shows nearly the whole picture.
+/// Strokes of a pixel that each further frame sorts. Little light passes this many (`study
+/// strokes`), so the first such frame already shows nearly the whole picture.
 const STROKES_AT_ONCE: u32 = 8;
 
-/// Of occlusion: enough for corners to stay dark.
+/// Directions of ambient occlusion while the camera moves: enough for corners to stay dark.
 const HURRIED_DIRECTIONS: f64 = 2.0;
 
 impl Default for RenderSettings {
@@ -93,26 +95,27 @@ impl Default for RenderSettings {
     }
 }
 
-/// How this frame is drawn.
+/// The configuration of one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameConfig {
     pub effects: Effects,
     pub decided: Decided,
     pub light: Light,
-    /// Linear.
+    /// Background, linear.
     pub background: [f32; 3],
     pub precision: Precision,
-    /// Samples of the light that this frame adds at most to those that shadows are made of already; all where nothing is said.
+    /// Most light samples this frame adds to the shadows; all if `None`.
     pub light_at_once: Option<u32>,
-    /// Of the strokes that lie over each other in a pixel, those that this frame brings into order at most beside those that are; all where nothing is said.
+    /// Most overlapping strokes of a pixel that this frame sorts in addition to those already
+    /// sorted; all if `None`.
     pub strokes_at_once: Option<u32>,
-    /// Of the whole picture: parts of it go by the same.
+    /// Point density of the whole picture; its parts use the same.
     pub sampling: Sampling,
-    /// As [`RenderSettings`] has it.
+    /// Layer distance as in [`RenderSettings`] [m].
     pub layer_m: f64,
-    /// How finely the depth of the farthest of what is in view is known, metres (HARD_CASES 4).
+    /// Depth resolution at the farthest depth in view [m] (guide: numerics, case 4).
     pub quantum_m: f64,
-    /// Where luminance is corrected.
+    /// Tiles where luminance is corrected.
     pub overlap: Arc<Overlap>,
 }
 
@@ -121,7 +124,7 @@ impl FrameConfig {
         let scene =
             Scene { asked_layer_m: settings.layer_m, ..Scene::of(view, resident, settings.light) };
         let decided = settings.effects.decide(&scene);
-        // Who asks for means gets them everywhere.
+        // If switched on explicitly, luminance is averaged everywhere.
         let partly = decided.runs("luminance") && settings.effects.luminance.switch == Switch::Auto;
         let effects = settled(
             &settings.effects,
@@ -145,7 +148,7 @@ impl FrameConfig {
         }
     }
 
-    /// What effects work on in a picture, or in a part of it.
+    /// Returns the context of effects for a picture or a part of it.
     pub fn scene<'v>(&self, view: &'v View, resident: &'v Resident) -> Scene<'v> {
         Scene {
             sampling: self.sampling,
@@ -155,19 +158,21 @@ impl FrameConfig {
         }
     }
 
-    /// As [`Effects::reach_px`]: every layer depends on those before it.
+    /// Returns how far effects look [px], as [`Effects::reach_px`] times the layers, since each
+    /// layer depends on those before it.
     pub fn reach_px(&self, view: &View) -> Option<u32> {
         self.effects.reach_px(view, &self.decided).map(|reach| reach * self.layers())
     }
 
-    /// Whether points that face away from the camera are left out: where Phong lighting is asked to, and normals say which side is outside.
+    /// Tests whether back-facing points are dropped: if Phong lighting is set to, and normals are
+    /// oriented.
     pub fn drops_back_faces(&self, resident: &Resident) -> bool {
         self.decided.runs("phong")
             && self.effects.phong.settings.backfaces == Backfaces::Drop
             && resident.oriented
     }
 
-    /// Surfaces behind each other that are drawn at most.
+    /// Returns the most surfaces drawn behind each other.
     pub fn layers(&self) -> u32 {
         if self.decided.runs("transparency") {
             self.effects.transparency.settings.layers as u32
@@ -176,8 +181,10 @@ impl FrameConfig {
         }
     }
 
-    /// What is drawn at rest, a frame after the other, until nothing is left to add: of a light that is new one sample (Dobrev et al. 2010, sec. 6), to which others are added beside the frames; of strokes
-    /// over each other the nearest few, and a few more every frame (dos Anjos et al. 2018, sec. 3.3.3).
+    /// Returns the configuration of frames at rest, which add a little each until nothing is left
+    /// to add. A new light gets one sample, and others between frames (Dobrev et al. 2010, sec. 6).
+    /// Overlapping strokes are sorted a few more each frame, nearest first (dos Anjos et al. 2018,
+    /// sec. 3.3.3).
     pub fn progressive(&self) -> FrameConfig {
         FrameConfig {
             light_at_once: Some(0),
@@ -186,11 +193,12 @@ impl FrameConfig {
         }
     }
 
-    /// What is drawn while the camera moves, so many times smaller; the pictures that follow at rest have everything. Of strokes over each other only the nearest, softened; less occlusion, and fewer levels of shape.
+    /// Returns the configuration while the camera moves, for a picture `smaller` times smaller:
+    /// only the nearest of overlapping strokes, softened; less occlusion; fewer levels of shape.
     pub fn interactive(&self, smaller: u32) -> FrameConfig {
         let mut hurried = self.progressive();
         let Effects { strokes, ao, shape, .. } = &mut hurried.effects;
-        // A level looks a pixel farther, and pixels are wider.
+        // A level looks one pixel farther, and pixels are wider.
         if self.decided.runs("shape") {
             shape.settings.levels = (shape.settings.levels / smaller as f64).ceil();
         }
@@ -204,7 +212,8 @@ impl FrameConfig {
     }
 }
 
-/// What settings leave to the picture, where the sparsest points are so many pixels apart; the same for all its parts.
+/// Fills in settings that depend on the picture, the same for all its parts. `widest_px` is the
+/// spacing of the sparsest points.
 fn settled(asked: &Effects, widest_px: f64, transparent: bool) -> Effects {
     let mut effects = asked.clone();
     effects.visibility.settings = visibility::settled(&asked.visibility.settings, widest_px);
@@ -213,7 +222,7 @@ fn settled(asked: &Effects, widest_px: f64, transparent: bool) -> Effects {
     effects
 }
 
-/// Of f32, at the farthest depth in view.
+/// Returns the resolution of f32 at the farthest depth in view [m].
 fn quantum_m(view: &View, resident: &Resident) -> f64 {
     let farthest =
         resident.seen(&view.entire()).map(|((_, farthest), _)| farthest).fold(0.0, f64::max) as f32;

@@ -1,8 +1,9 @@
-//! Which part of a cloud is there: boxes of the user's in the world, and what they come to for one node, on its own lattice.
+//! Clip boxes: axis-aligned boxes in the world that keep or remove points, exactly.
 //!
-//! A point is there where it lies in one of the boxes that keep what is inside, if there are any, and in none of those that keep what is outside; a box's faces are part of it.
-//! `Lattice::world` rises or falls with its steps, also as f64 rounds it. So the steps that lie within a box are found by that very function, and the device compares whole numbers: exactly
-//! the points stay that an f64 comparison of their coordinates keeps, wherever in the world they are.
+//! A point is kept if it lies in at least one `box` (if there are any) and in no `outside` box.
+//! Faces belong to their box. `Lattice::world` is monotonic in the lattice step, also after f64
+//! rounding. The steps inside a box are therefore found with that function, and the device compares
+//! integers. The result equals an f64 comparison of world coordinates anywhere in the world.
 
 use crate::cloud::Lattice;
 use crate::cloud::strays::Core;
@@ -12,20 +13,20 @@ use clap::ValueEnum;
 use glam::DVec3;
 use serde::Serialize;
 
-/// What a box leaves there.
+/// The points that a box keeps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Keeps {
-    /// What lies in it, with what lies in others like it.
+    /// Points inside it, together with those inside other such boxes.
     #[default]
     Box,
-    /// What lies outside of it.
+    /// Points outside of it.
     Outside,
-    /// Everything: it is switched off.
+    /// All points; the box is switched off.
     Off,
 }
 
-/// `KIND:X0,Y0,Z0,X1,Y1,Z1`: two opposite corners, world, metres.
+/// One box, written `KIND:X0,Y0,Z0,X1,Y1,Z1`: two opposite corners, world [m].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Clip {
     pub keeps: Keeps,
@@ -33,20 +34,20 @@ pub struct Clip {
     pub max: DVec3,
 }
 
-/// All boxes.
+/// All clip boxes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Clips(pub Vec<Clip>);
 
-/// What boxes leave of a node.
+/// What clip boxes leave of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Left {
     Nothing,
     Everything,
-    /// It takes a look at every point.
+    /// A part, which needs a test of every point.
     Some,
 }
 
-/// The cells of a node's finest plane that lie in a box, both ends included; none where the least is above the most.
+/// The cells of a node's finest plane inside a box, both ends included; empty if `least > most`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Within {
     pub least: [i32; 3],
@@ -82,7 +83,7 @@ impl std::fmt::Display for Clip {
 }
 
 impl Clip {
-    /// Returns the boxes that leave out what lies outside of a box in the world.
+    /// Returns six boxes that together remove everything outside a box in the world.
     pub fn around(core: &Core) -> [Clip; 6] {
         let all = Clip { keeps: Keeps::Outside, min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
         std::array::from_fn(|side| {
@@ -107,7 +108,8 @@ impl Clip {
         self.has(min) && self.has(max)
     }
 
-    /// Cells at `cell = step << pad` of the steps from the frame's origin on.
+    /// Returns the cells inside the box, with `cell = step << pad` and steps counted from the
+    /// frame's origin.
     fn within(&self, lattice: &Lattice, frame: &Frame, planes: u32) -> Within {
         let (pad, dropped) =
             (BITS_PER_PLANE * frame.planes - frame.bits, BITS_PER_PLANE * (frame.planes - planes));
@@ -134,7 +136,7 @@ impl Clip {
     }
 }
 
-/// Of the numbers from 0 to below `end` the first for which something holds that holds for all after it; `end` where there is none.
+/// Returns the first number in `0..end` for which a monotonic predicate holds; `end` if none.
 fn first(end: i64, holds: impl Fn(i64) -> bool) -> i64 {
     let (mut low, mut high) = (0, end);
     while low < high {
@@ -149,19 +151,19 @@ impl Clips {
         self.0.iter().filter(move |clip| clip.keeps == keeps)
     }
 
-    /// Those that are not switched off.
+    /// Returns the number of boxes that are not switched off.
     pub fn active(&self) -> usize {
         self.0.iter().filter(|clip| clip.keeps != Keeps::Off).count()
     }
 
-    /// Whether a point is there.
+    /// Tests whether a point is kept.
     pub fn keep(&self, p: DVec3) -> bool {
         let mut kept = self.of(Keeps::Box).peekable();
         (kept.peek().is_none() || kept.any(|clip| clip.has(p)))
             && !self.of(Keeps::Outside).any(|clip| clip.has(p))
     }
 
-    /// Of all points between two corners.
+    /// Returns what the boxes leave of the points between two corners.
     pub fn left(&self, bounds: (DVec3, DVec3)) -> Left {
         let mut kept = self.of(Keeps::Box).peekable();
         let (all, some) = match kept.peek() {
@@ -181,8 +183,9 @@ impl Clips {
         }
     }
 
-    /// For a node of which [`Left::Some`] is left, drawn from so many planes: its cells within each box that keeps what is inside, where one of them has to have a point, and within each of which none may.
-    /// Where planes are missing, cells on a face count as inside.
+    /// Returns, for a node with [`Left::Some`], its cells within each keeping box (a point must lie
+    /// in one of them) and within each removing box (a point must lie in none). Missing planes
+    /// count cells on a face as inside.
     pub fn within(
         &self,
         lattice: &Lattice,
@@ -199,7 +202,7 @@ impl Clips {
         [if is_held { Vec::new() } else { of(Keeps::Box).collect() }, of(Keeps::Outside).collect()]
     }
 
-    /// What says which points they leave, in numbers.
+    /// Returns numbers that are equal for boxes that keep the same points.
     pub fn identity(&self) -> impl Iterator<Item = u64> + '_ {
         let clip = |clip: &Clip| {
             [
@@ -256,7 +259,8 @@ mod tests {
         }
     }
 
-    /// Faces on, just beside and between lattice points, where f64 rounds by half a nanometre, rising and falling.
+    /// Faces on, next to and between lattice points, where f64 rounds by half a nanometre, in both
+    /// directions.
     #[test]
     fn cells_within_a_box_are_those_whose_places_an_f64_comparison_keeps() {
         for step in [0.001, -0.001, 1e-9] {

@@ -1,11 +1,13 @@
-//! Index and view in, the nodes to draw out: a cut through the tree, pure.
+//! The LOD cut: the nodes of an index to draw for a view. Pure functions.
 //!
-//! A node's projected error is the side of the cells that its samples were merged in, in pixels at the least depth of its box; a leaf has every point, and
-//! none. Greedy refinement: of all inner nodes the one with the greatest error gives way to those of its children that can be seen, while that error is
-//! above `lod_px` and the cut stays within its budget of points. One that the budget keeps is drawn as it is, and smaller ones are still refined.
-//! The sequence does not depend on `lod_px`, which only says where it ends, so a smaller one never makes anything coarser.
+//! A node's projected error is the side of the cells its samples were merged in, in pixels at the
+//! least depth of its box. A leaf has all its points and error 0. Refinement is greedy: the inner
+//! node with the greatest error is replaced by its visible children, while that error is above
+//! `lod_px` and the cut stays within its point budget. A node that the budget keeps is drawn as it
+//! is, and nodes with smaller errors are still refined. The sequence does not depend on `lod_px`,
+//! which only ends it, so a smaller `lod_px` never makes any part coarser.
 //!
-//! Only what is refined is looked at: the cost follows the picture, not the cloud.
+//! Only refined nodes are visited: the cost follows the picture, not the cloud.
 
 use crate::cloud::Lattice;
 use crate::config::{BITS_PER_PLANE, BUDGET_LEAST, BUDGET_PER_PIXEL, LOD_PX, QUANTISATION_PX};
@@ -17,18 +19,18 @@ use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashSet};
 use std::ops::Range;
 
-/// How fine a picture is to be.
+/// The limits of a cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detail {
-    /// Points of a cut at most; only the roots may be more.
+    /// Most points of a cut; only the roots may exceed it.
     pub budget: u64,
-    /// Nodes with a smaller projected error are not refined, pixels.
+    /// Least projected error [px] at which nodes are refined.
     pub lod_px: f64,
     pub precision: Precision,
 }
 
 impl Detail {
-    /// What a picture of this size shows.
+    /// Returns the default for a picture of this size [px].
     pub fn of(size: [u32; 2]) -> Detail {
         let budget =
             ((size[0] as f64 * size[1] as f64 * BUDGET_PER_PIXEL) as u64).max(BUDGET_LEAST);
@@ -36,7 +38,7 @@ impl Detail {
     }
 }
 
-/// What is asked of that; the rest follows the picture's size.
+/// The user's limits; the picture's size decides those that are `None`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LodOptions {
     pub budget: Option<u64>,
@@ -44,7 +46,7 @@ pub struct LodOptions {
 }
 
 impl LodOptions {
-    /// For a picture of this size.
+    /// Returns the limits for a picture of this size [px].
     pub fn of(self, size: [u32; 2]) -> Detail {
         let usual = Detail::of(size);
         Detail {
@@ -59,29 +61,31 @@ impl LodOptions {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CutNode {
     pub node: usize,
-    /// Its projected error, pixels.
+    /// Projected error [px].
     pub error_px: f64,
-    /// That of its parent, which may have to stand in for it: the greater, the sooner it is needed. Infinite for a root.
+    /// Projected error of its parent [px], which may stand in for it: the greater, the sooner the
+    /// node is needed. Infinite for a root.
     pub gain_px: f64,
-    /// Least planar depth of its box, metres.
+    /// Least planar depth of its box [m].
     pub distance: f64,
 }
 
-/// Nodes that together show everything that a view can see, each part once.
+/// Nodes that show everything in view exactly once.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cut {
-    /// Those that are needed most come first.
+    /// Nodes in order of need, most needed first.
     pub nodes: Vec<CutNode>,
     pub points: u64,
-    /// Of the nodes; 0 where all are leaves.
+    /// Largest projected error of the nodes [px]; 0 if all are leaves.
     pub largest_error_px: f64,
-    /// Nodes that were looked at and lie outside of the view.
+    /// Visited nodes outside the view.
     pub nodes_outside: usize,
-    /// Nodes in view of which no clip box leaves anything.
+    /// Nodes in view that clip boxes remove entirely.
     pub nodes_clipped: usize,
 }
 
-/// The cut for a view, of what clip boxes leave. Nodes that are `unreadable` are never in it: their children are, or else their parents, and where there are neither, nothing.
+/// Chooses the cut for a view of what clip boxes leave. A node in `unreadable` is replaced by its
+/// children, else by its parent, else by nothing.
 pub fn choose(
     index: &Index,
     view: &View,
@@ -122,7 +126,7 @@ pub fn choose(
     cut
 }
 
-/// A node that may be refined; the greatest error first, and of equals the first node.
+/// A node that may be refined, ordered by error; the lower node index first among equals.
 struct Open(CutNode);
 
 impl Ord for Open {
@@ -152,13 +156,13 @@ struct Seen<'a> {
     unreadable: &'a HashSet<usize>,
 }
 
-/// What shows a range of siblings.
+/// The visible nodes that stand for a range of siblings.
 struct Siblings {
     nodes: Vec<CutNode>,
     points: u64,
     outside: usize,
     clipped: usize,
-    /// All that can be seen of them is there.
+    /// Whether nothing visible is missing.
     complete: bool,
 }
 
@@ -185,7 +189,7 @@ impl Seen<'_> {
                 }
                 let error_px = match self.view.camera.projection {
                     _ if record.is_leaf() => 0.0,
-                    // Infinite where the camera may be within the node.
+                    // Infinite if the camera may be inside the node.
                     Projection::Perspective => record.spacing * self.view.focal_px() / distance,
                     Projection::Orthographic => record.spacing * self.view.focal_px(),
                 };
@@ -197,18 +201,18 @@ impl Seen<'_> {
     }
 }
 
-/// How much of each position to read.
+/// The number of position planes to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
-    /// As few planes as keep the quantisation below a quarter of a thousandth of a pixel.
+    /// As few planes as keep the quantisation below `QUANTISATION_PX`.
     Auto,
-    /// At most so many planes of ten bits.
+    /// At most this many planes of ten bits.
     Planes(u32),
 }
 
 impl Precision {
-    /// The planes to draw a node from whose least depth is `distance`.
+    /// Returns the number of planes to draw a node with, given its least depth [m].
     pub fn planes(self, view: &View, lattice: &Lattice, frame: &Frame, distance: f64) -> u32 {
         match self {
             Precision::Planes(most) => most.clamp(1, frame.planes),
@@ -221,13 +225,15 @@ impl Precision {
     }
 }
 
-/// Lattice steps of one cell of a node drawn from so many planes; below 1 where the planes hold more bits than the node has.
+/// Returns the lattice steps a cell of a node spans with this many planes; below 1 if the planes
+/// hold more bits than the node has.
 pub fn cell_steps(frame: &Frame, planes: u32) -> f64 {
     (2f64).powi(frame.bits as i32 - (BITS_PER_PLANE * planes) as i32)
 }
 
-/// How far a point may be drawn from where it is, pixels, at the node's least depth. With perspective a displacement d moves a point's pixel by at most
-/// |d| f / depth, times the secant of its angle from the axis: f (dx - tan dz) / depth, by Cauchy and Schwarz.
+/// Returns a bound [px] on how far quantisation may displace a drawn point, at the node's least
+/// depth. With perspective, a displacement d moves a point's pixel by at most |d| f / depth, times
+/// the secant of its angle from the axis: f (dx - tan dz) / depth, by Cauchy and Schwarz.
 pub fn quantisation_px(
     view: &View,
     lattice: &Lattice,

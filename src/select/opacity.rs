@@ -1,40 +1,41 @@
-//! How opaque points are: rules of the user, and what they come to for every class, return and station.
+//! Opacity rules, and the tables that they make for classes, return numbers and stations.
 
 use crate::cloud::Station;
 use crate::cloud::histograms::{CLASSES, Histograms, RETURNS};
 use serde::Serialize;
 
-/// What a rule is about.
+/// The points a rule applies to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum What {
     All,
     Class(u8),
     Return(u8),
-    /// Its name, `source N` for the LAS point source id N of every file, or its number in the list that `info` gives, from 1 on.
+    /// A station: its name, `source N` (LAS point source id N of every file), or its number in the
+    /// list of `info`, from 1.
     Station(String),
-    /// A file's name: all stations in it.
+    /// All stations of the file with this name.
     File(String),
 }
 
-/// `[WHAT=]OPACITY`.
+/// One rule, written `[WHAT=]OPACITY`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rule {
     pub what: What,
-    /// 0: is not drawn at all; 1: hides what is behind.
+    /// Opacity from 0 (not drawn) to 1 (hides what is behind).
     pub opacity: f64,
 }
 
-/// What is known of the points that rules may be about.
+/// What is known about the points of a cloud.
 #[derive(Clone, Copy, Debug)]
 pub struct Known<'c> {
     pub stations: &'c [Station],
     pub points: u64,
-    /// Of classes and returns, where somebody has counted.
+    /// Histograms of classes and returns, if counted.
     pub counts: Option<&'c Histograms>,
 }
 
-/// All rules; the opacities of those that are about a point are multiplied.
+/// All rules. A point's opacity is the product of those of its matching rules.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Opacities(pub Vec<Rule>);
 
@@ -99,7 +100,7 @@ impl What {
                     || name.parse() == Ok(number + 1)
                     || source.is_some() && source == station.source
             }
-            // A station is named after its file, or after its scan in it.
+            // A station is named after its file, or after its scan in the file.
             What::File(name) => {
                 station.name == *name || station.name.starts_with(&format!("{name} "))
             }
@@ -107,9 +108,9 @@ impl What {
         }
     }
 
-    /// Whether there may be points that it is about.
+    /// Tests whether the rule may match any point.
     fn is_of_some(&self, known: &Known) -> bool {
-        // A point that says nothing of its class or return has 0.
+        // A point without class or return number has 0.
         let counted = |list: &[(u8, u64)], wanted: u8| {
             let silent = || list.iter().map(|(_, count)| count).sum::<u64>() < known.points;
             list.iter().any(|(kind, _)| *kind == wanted) || wanted == 0 && silent()
@@ -135,36 +136,36 @@ impl What {
     }
 }
 
-/// How many names a message lists.
+/// Most names that a message lists.
 const MOST_NAMES: usize = 8;
 
-/// A station that is one of several in a file is named after it, and after itself.
+/// Returns the file name of a station; a station that shares its file carries both names.
 fn file_of(station: &Station) -> &str {
     let source = station.source.map_or(String::new(), |source| format!(" source {source}"));
     station.name.strip_suffix(&source).unwrap_or(&station.name)
 }
 
 impl Opacities {
-    /// Whether some points let through what is behind them.
+    /// Tests whether some points let light through.
     pub fn is_transparent(&self, known: &Known) -> bool {
         self.0
             .iter()
             .any(|rule| rule.opacity > 0.0 && rule.opacity < 1.0 && rule.what.is_of_some(known))
     }
 
-    /// Whether some points are not drawn at all.
+    /// Tests whether some points are not drawn at all.
     pub fn hides(&self, known: &Known) -> bool {
         self.0.iter().any(|rule| rule.opacity == 0.0 && rule.what.is_of_some(known))
     }
 
-    /// Whether no point is drawn, whatever it is.
+    /// Tests whether no point is drawn.
     pub fn hides_all(&self, known: &Known) -> bool {
         let table = self.table(known.stations);
         table[..CLASSES].iter().all(|factor| *factor == 0.0)
             || table[CLASSES + RETURNS..].iter().all(|factor| *factor == 0.0)
     }
 
-    /// Of each rule that is about no point there is, that, in words.
+    /// Returns a message for each rule that matches no point.
     pub fn idle(&self, known: &Known) -> Vec<String> {
         let list = |kinds: &[(u8, u64)]| {
             let numbers: Vec<_> = kinds.iter().take(16).map(|(kind, _)| kind.to_string()).collect();
@@ -186,18 +187,18 @@ impl Opacities {
         self.0.iter().filter_map(said).collect()
     }
 
-    /// Numbers of the stations of which points may be drawn.
+    /// Returns the numbers of stations with points that may be drawn.
     pub fn drawn_stations(&self, stations: &[Station]) -> Vec<u32> {
         let factors = self.table(stations).into_iter().skip(CLASSES + RETURNS).take(stations.len());
         (0..).zip(factors).filter(|&(_, factor)| factor > 0.0).map(|(number, _)| number).collect()
     }
 
-    /// Whether it takes a point's kind to tell its opacity.
+    /// Tests whether opacity depends on a point's kind.
     pub fn needs_kinds(&self) -> bool {
         self.0.iter().any(|rule| rule.what != What::All)
     }
 
-    /// The rule that is about no station there is, in words.
+    /// Returns a message for the first rule whose station does not exist.
     pub fn lost(&self, stations: &[Station]) -> Option<String> {
         let known = Known { stations, points: 0, counts: None };
         let is_lost = |rule: &&Rule| rule.what.names_stations() && !rule.what.is_of_some(&known);
@@ -214,7 +215,8 @@ impl Opacities {
         Some(format!("no {kind} {name:?}; there are: {}{more}", names.join(", ")))
     }
 
-    /// Factors: 256 of classes, 16 of return numbers, one of every station; a point's opacity is the product of its three (glsl/lib/kind.glsl).
+    /// Returns the factors: 256 for classes, 16 for return numbers, one per station. A point's
+    /// opacity is the product of its three (`glsl/lib/kind.glsl`).
     pub fn table(&self, stations: &[Station]) -> Vec<f32> {
         let mut table = vec![1.0; CLASSES + RETURNS + stations.len().max(1)];
         let (classes, others) = table.split_at_mut(CLASSES);
@@ -288,7 +290,8 @@ mod tests {
         );
     }
 
-    /// Rules about points that are not there peel no layers and leave nothing out; points that say nothing of their class are of class 0.
+    /// Rules about absent points peel no layers and remove nothing; points without a class are of
+    /// class 0.
     #[test]
     fn rules_about_no_point_there_is_change_nothing_and_say_so() {
         let of = |rule: &str| Opacities(vec![rule.parse().unwrap()]);

@@ -1,7 +1,9 @@
-//! KEY VIEWS -> CAMERA at any time: the eye and what it looks at follow centripetal Catmull-Rom splines, f64.
+//! Camera paths: eye and target follow centripetal Catmull-Rom splines through key views, f64.
 //!
-//! These pass through every key, and whatever the distances between keys are, they make no loop and no cusp there (Yuksel, Schaefer and Keyser 2011). Knots are
-//! spaced by the square root of how far the eye and its target move together, so that both are where they belong at the same time. By Barry and Goldman's pyramid.
+//! The splines pass through every key without loops or cusps, whatever the distances between keys
+//! (Yuksel, Schaefer and Keyser 2011). Knots are spaced by the square root of the joint distance of
+//! eye and target, so that both reach a key at the same time. Evaluated by Barry and Goldman's
+//! pyramid.
 
 use crate::error::{Error, Result};
 use crate::view::{Camera, View};
@@ -10,7 +12,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// A camera at a time, seconds.
+/// A camera at a time [s].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Key {
@@ -18,13 +20,13 @@ pub struct Key {
     pub camera: Camera,
 }
 
-/// `path.json`.
+/// A camera path as in `path.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPath {
     #[serde(default = "frames_per_second")]
     pub frames_per_second: f64,
-    /// In the order of their times.
+    /// Keys in the order of their times.
     pub keys: Vec<Key>,
 }
 
@@ -32,7 +34,7 @@ fn frames_per_second() -> f64 {
     25.0
 }
 
-/// Between two keys for which nobody has said a time, seconds.
+/// Default time between two keys [s].
 pub const STEP: f64 = 2.0;
 
 const MIXED: &str = "a camera path is with perspective or without, not both";
@@ -81,7 +83,7 @@ impl CameraPath {
         Ok(())
     }
 
-    /// One more key, after the last; what the camera looks at from there on. All are with perspective, or all without.
+    /// Appends a key [`STEP`] after the last. Errors if its projection differs from the path's.
     pub fn add(&mut self, camera: Camera) -> Result<()> {
         if self.keys.last().is_some_and(|last| last.camera.projection != camera.projection) {
             return Err(Error::Request(MIXED.into()));
@@ -91,14 +93,15 @@ impl CameraPath {
         Ok(())
     }
 
-    /// From the first key to the last, seconds.
+    /// Returns the time from the first key to the last [s].
     pub fn duration(&self) -> f64 {
         self.keys.last().map_or(0.0, |last| last.time - self.keys[0].time)
     }
 
-    /// Frames from the first key to the last, both among them where a frame falls on them.
+    /// Returns the number of frames from the first key to the last, both included where a frame
+    /// falls on them.
     pub fn frames(&self) -> u64 {
-        // A hair more, since tenths of seconds are no binary numbers.
+        // A small addition, since tenths of seconds are not binary numbers.
         (self.duration() * self.frames_per_second + 1e-6) as u64 + 1
     }
 
@@ -106,7 +109,7 @@ impl CameraPath {
         self.camera(number as f64 / self.frames_per_second)
     }
 
-    /// After so many seconds; before the first key and after the last, as there.
+    /// Returns the camera after this time [s]; that of the first or last key outside the path.
     pub fn camera(&self, seconds: f64) -> Camera {
         let time = self.keys[0].time + seconds;
         let next = self.keys.partition_point(|key| key.time <= time);
@@ -128,23 +131,23 @@ impl CameraPath {
     }
 }
 
-/// The square root of how far apart two cameras are.
+/// Returns the square root of the distance between two cameras.
 fn apart(a: &Camera, b: &Camera) -> f64 {
     (a.eye.distance_squared(b.eye) + a.target.distance_squared(b.target)).powf(0.25)
 }
 
-/// `share` of the way from the second camera to the third.
+/// Interpolates between the second camera and the third; `share` in 0..1.
 fn between([before, from, to, after]: [Option<Camera>; 4], share: f64) -> Camera {
     let (from, to) = (from.expect("a path has both"), to.expect("a path has both"));
     let step = apart(&from, &to);
-    // What is not there, or no other place, lies as far on the other side.
+    // A missing or coincident neighbour is mirrored to the other side.
     let reach = |other: &Option<Camera>, end: &Camera| {
         other.as_ref().map(|other| apart(other, end)).filter(|apart| *apart > 0.0)
     };
     let (left, right) = (reach(&before, &from), reach(&after, &to));
     let knots = [-left.unwrap_or(step), 0.0, step, step + right.unwrap_or(step)];
     let along = |of: fn(&Camera) -> DVec3| {
-        // Relative to where it starts, since coordinates are large.
+        // Relative to the start, since coordinates are large.
         let start = of(&from);
         let way = of(&to) - start;
         let first = left.and(before.as_ref()).map_or(-way, |camera| of(camera) - start);
@@ -156,7 +159,7 @@ fn between([before, from, to, after]: [Option<Camera>; 4], share: f64) -> Camera
         };
         start + there
     };
-    // Sizes do not swing beyond those of the two keys.
+    // Sizes stay between those of the two keys.
     let lens =
         |camera: &Camera| DVec3::new(camera.fov_y, camera.ortho_height.unwrap_or(1.0).ln(), 0.0);
     let sizes = along(lens).clamp(lens(&from).min(lens(&to)), lens(&from).max(lens(&to)));
@@ -170,7 +173,7 @@ fn between([before, from, to, after]: [Option<Camera>; 4], share: f64) -> Camera
     }
 }
 
-/// Through `points` at `knots`, at `t` between the second and the third.
+/// Evaluates the spline through `points` at `knots`, at `t` between the second and the third.
 fn spline(points: [DVec3; 4], knots: [f64; 4], t: f64) -> DVec3 {
     let mut level = points.to_vec();
     let mix =
@@ -231,7 +234,7 @@ mod tests {
                 "key {number}"
             );
         }
-        // Its direction on both sides of a key is one.
+        // The direction is the same on both sides of a key.
         for key in [1.0, 2.0] {
             let heading =
                 |from: f64, to: f64| (path.camera(to).eye - path.camera(from).eye).normalize();
@@ -242,7 +245,7 @@ mod tests {
         assert_eq!((path.camera(-1.0), path.camera(99.0)), (cameras[0], cameras[3]));
     }
 
-    /// As the pyramid is defined, against the cubic that a uniform spline is.
+    /// Checks the pyramid against the cubic of a uniform spline.
     #[test]
     fn evenly_spaced_keys_on_a_line_are_passed_evenly_and_a_rest_is_a_rest() {
         let on = |x: f64| camera([x, 0.0, 10.0], [x, 10.0, 0.0]);

@@ -1,26 +1,26 @@
-//! Where light comes from: with the camera, from far away, or from a place; world, f64.
+//! The light: at the camera, at infinity, or at a place; world, f64.
 
 use glam::DVec3;
 use serde::Serialize;
 
-/// One light, white. Shading and shadows ask it where it stands.
+/// The one light, white; used by shading and shadows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Light {
-    /// At the camera's eye; with a camera without perspective, along its view.
+    /// At the camera's eye; along the view for an orthographic camera.
     #[default]
     Headlight,
-    /// From infinitely far: the way in which it travels, world, any length but 0.
+    /// At infinity: the direction in which it travels, world, any length but 0.
     Direction(DVec3),
-    /// At a place: world, metres.
+    /// At a place, world [m].
     Position(DVec3),
 }
 
 impl Light {
-    /// Whether both are one light, however long a direction is.
+    /// Tests whether both are the same light, whatever the length of a direction.
     pub fn is_as(&self, other: &Light) -> bool {
         match (self, other) {
-            // Directions differ by what dividing by a length rounds.
+            // Normalised directions differ by rounding.
             (Light::Direction(a), Light::Direction(b)) => {
                 (a.normalize() - b.normalize()).length() <= 8.0 * f64::EPSILON
             }
@@ -28,7 +28,7 @@ impl Light {
         }
     }
 
-    /// The same of one that was written down.
+    /// Tests whether `text` describes this light.
     pub fn is_written(&self, text: &str) -> bool {
         text.parse::<Light>().is_ok_and(|written| written.is_as(self))
     }
@@ -37,7 +37,7 @@ impl Light {
 impl std::str::FromStr for Light {
     type Err = String;
 
-    /// `headlight`, `direction:X,Y,Z` or `position:X,Y,Z`.
+    /// Parses `headlight`, `direction:X,Y,Z` or `position:X,Y,Z`.
     fn from_str(text: &str) -> Result<Light, String> {
         let wrong = || format!("{text:?} is not headlight, direction:X,Y,Z or position:X,Y,Z");
         if text == "headlight" {
@@ -52,7 +52,7 @@ impl std::str::FromStr for Light {
         let place = DVec3::new(x, y, z);
         match kind {
             _ if !place.is_finite() => Err(format!("{text:?} has a number that is not finite")),
-            // Its square must be a number that a division survives.
+            // Its squared length must be normal, to divide by it.
             "direction" => place
                 .try_normalize()
                 .map(|_| Light::Direction(place))

@@ -1,4 +1,4 @@
-//! A look and the cloud it is of -> what was asked for and changes nothing, in words, for whoever asked.
+//! Warnings about settings that have no effect on a cloud.
 
 use super::FrameConfig;
 use crate::passes::fill::Method;
@@ -64,7 +64,8 @@ impl FrameConfig {
         notes
     }
 
-    /// Of effects that do not run, and that nobody has switched off, settings that somebody has chosen.
+    /// Returns a warning for each effect that does not run, is not switched off, and has changed
+    /// settings.
     fn unused(&self) -> Vec<String> {
         let (mut asked, mut usual) = (self.effects.clone(), Effects::default());
         let pairs = asked.list().into_iter().zip(usual.list());
@@ -89,7 +90,7 @@ impl FrameConfig {
             .collect()
     }
 
-    /// That depths are not known as finely as what is asked of them (HARD_CASES 4).
+    /// Returns a warning if depths are coarser than the settings need (guide: numerics, case 4).
     fn coarse(&self) -> Option<String> {
         let layer = |of_effect: f64| layer_m([of_effect, self.layer_m], &self.sampling);
         let (fill, transparency) =
@@ -110,7 +111,7 @@ impl FrameConfig {
                 significant(2.0 * self.quantum_m)
             ));
         }
-        // A surface that rises by a pixel's width from pixel to pixel is a staircase then.
+        // A surface that rises by a pixel's width per pixel is then a staircase.
         let surface = ["fill", "shape", "phong"].iter().any(|effect| self.decided.runs(effect));
         let pixel_m = self.sampling.pixel_m;
         (surface && pixel_m > 0.0 && pixel_m < 2.0 * self.quantum_m)
@@ -124,7 +125,7 @@ impl FrameConfig {
             notes.push("shadows=ambient changes nothing, since phong runs, whose own ambient is what shows in shadow".into());
         }
         if resident.light.as_ref().is_some_and(|saved| self.light.is_written(&saved.light)) {
-            // But for how dark shadows are.
+            // Except for the darkness of shadows.
             let (mut own, mut usual) =
                 (settings, shadows::Settings { ambient: settings.ambient, ..Default::default() });
             let idle = chosen(&own.list(), &usual.list());
@@ -147,7 +148,7 @@ impl FrameConfig {
     }
 }
 
-/// Names of those that are not as usual.
+/// Returns the names of settings that differ from the default.
 fn chosen(own: &[Setting], usual: &[Setting]) -> Vec<&'static str> {
     own.iter()
         .zip(usual)
