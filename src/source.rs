@@ -52,7 +52,10 @@ impl Opening {
         let points = cloud::stream::summary(files)?.points;
         let many = points > config::WHOLE_POINTS;
         Ok(many.then(|| {
-            format!("{points} points are more than are drawn whole ({})", config::WHOLE_POINTS)
+            format!(
+                "{points} points are more than are drawn without an index ({})",
+                config::WHOLE_POINTS
+            )
         }))
     }
 
@@ -62,7 +65,7 @@ impl Opening {
             let marks = index.open_shadows(path)?;
             if !light.is_written(&marks.contents.light) {
                 return Err(Error::Request(format!(
-                    "{} has shadows of --light {}, and the picture's is {light}; ask for that light, or cast others with `pointillist shadows`",
+                    "{} has shadows of --light {}, but the picture's light is {light}; use that light, or cast new ones with `pointillist shadows`",
                     path.display(),
                     marks.contents.light
                 )));
@@ -84,7 +87,7 @@ impl Opening {
 pub fn refuse_rgb_range(index: &Path, asked: Option<RgbRange>) -> Result<()> {
     match asked {
         Some(_) => Err(Error::Request(format!(
-            "--rgb-range: {} is an index, whose colours were read when it was made; give --rgb-range to `pointillist index`",
+            "--rgb-range has no effect: {} is an index, whose colours were read when it was made; give --rgb-range to `pointillist index`",
             index.display()
         ))),
         None => Ok(()),
@@ -113,7 +116,7 @@ impl Source {
             }
             Some(path) => {
                 return Err(Error::Request(format!(
-                    "{} is an index, and is drawn alone; `pointillist index` makes one of several files",
+                    "{} is an index and must be the only input; `pointillist index` makes one of several files",
                     path.display()
                 )));
             }
@@ -122,7 +125,7 @@ impl Source {
         let Some(why) = opening.needs_index(paths)? else {
             if let Some((path, _)) = &opening.shadows {
                 return Err(Error::Request(format!(
-                    "{} has shadows of an index, and these files are none; `pointillist index` makes one",
+                    "{} has shadows of an index, but the input is not one; `pointillist index` makes one",
                     path.display()
                 )));
             }
@@ -179,12 +182,12 @@ impl Source {
                 let lacks = wanted.strokes && !index.has(Plane::Brush);
                 let found = || {
                     format!(
-                        "strokes are found node by node, so that nodes may show: {} for all",
+                        "strokes are derived node by node, so that nodes may show: {} for all",
                         self.index_again(indexed_files(index), "--strokes")
                     )
                 };
                 let strays = strays(index).said().map(|said| match index.hidden {
-                    Some(_) => format!("{said}; left out, as asked for"),
+                    Some(_) => format!("{said}; hidden by --strays hide"),
                     None => said,
                 });
                 index
@@ -269,13 +272,15 @@ impl Source {
         };
         if self.points() > 0 && !self.has(attribute) {
             let (name, how) = (attribute.name(), self.how_to_find(attribute));
-            return Err(Error::Request(format!("--color {name}: these points have none; {how}")));
+            return Err(Error::Request(format!(
+                "--color {name}: the points do not have it; {how}"
+            )));
         }
         let shown = match self {
             Source::Files(cloud) => DisplayAttribute::new(attribute, cloud),
             Source::Index(index) => shown(index, attribute),
         };
-        Ok((shown, format!("asked for with --color {}", attribute.name())))
+        Ok((shown, format!("requested with --color {}", attribute.name())))
     }
 
     /// Finds what points are to show where nobody has found it yet: corrected colours of a cloud in memory, which then stand in place of its own.
@@ -298,7 +303,7 @@ impl Source {
             (Source::Index(index), Attribute::Corrected) if index.has(Plane::Rgb) => {
                 (indexed_files(index), "--luminance")
             }
-            _ => return "`info` lists what they have".into(),
+            _ => return "`pointillist info` lists their attributes".into(),
         };
         self.index_again(files, option)
     }
@@ -552,7 +557,7 @@ impl Brought {
         if budget < detail.budget {
             let pool = pool_bytes >> 20;
             notes.push(format!(
-                "the pool of {pool} MiB holds {} points of this view, fewer than were to be drawn; --gpu-memory makes it larger",
+                "the pool of {pool} MiB holds only {} points of this view; --gpu-memory makes it larger",
                 cut.points
             ));
         }

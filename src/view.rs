@@ -63,7 +63,7 @@ impl Camera {
             (self.target - self.eye).try_normalize().filter(|forward| forward.is_finite())
         else {
             return Err(Error::Request(format!(
-                "the camera has no direction: eye {} and target {} must be two places, and no farther apart than numbers go",
+                "the camera has no direction: eye {} and target {} must be two different, finite positions",
                 self.eye, self.target
             )));
         };

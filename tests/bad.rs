@@ -17,8 +17,8 @@ const LOST: &[(&str, &str)] = &[
     ("ply_inf_coordinates.ply", "3 points"),
     ("d_las_count_times_10.las", "2732 could be read"),
     ("d_las_cut_mid_record.las", "1261 could be read"),
-    ("d_laz_cut_at_60pct.laz", "header says 110000 points"),
-    ("d_ply_cut_in_vertices.ply", "header says 64365 points"),
+    ("d_laz_cut_at_60pct.laz", "header declares 110000 points"),
+    ("d_ply_cut_in_vertices.ply", "header declares 64365 points"),
 ];
 
 /// Files of which nothing can be shown.

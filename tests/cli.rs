@@ -180,13 +180,13 @@ fn one_layer_distance_is_that_of_masks_layers_and_shadows() {
     let gap: f64 =
         thin.split("shadow begins ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     assert!(
-        gap > 0.01 && thin.contains("note: surfaces are told apart from 0.0000001 m on, and depths so far away are known to"),
+        gap > 0.01 && thin.contains("note: the layer distance 0.0000001 m is too small for the depth resolution in view,"),
         "{thin}"
     );
     place.write("far.json", r#"{"eye": [0, -1000000, 0], "target": [0, 0, 0], "fov_y": 0.0002}"#);
     let far = succeeded(&place.render(&cloud, "-o @out.png --size 96x64 --camera @far.json"));
     assert!(
-        far.contains("note: depths so far away are known to 0.0625 m only, and pixels are"),
+        far.contains("note: the depth resolution in view is 0.0625 m, and pixels are"),
         "{far}"
     );
 }
@@ -734,32 +734,24 @@ fn settings_that_change_nothing_are_said() {
     assert!(!there.contains("note:") && picture != plain, "{there}");
     let (drop, ..) = said("--light direction:0.3,0.8,-0.8 --effect phong=backfaces=drop");
     assert!(
-        drop.contains(
-            "note: phong=backfaces=drop: no normals of the files say which side is outside"
-        ),
+        drop.contains("note: phong=backfaces=drop: the files have no oriented normals"),
         "{drop}"
     );
     let (unused, same, _) = said(
         "--effect shadows=samples=4,radius=2 --effect smooth=filter=box --effect edl=off,radius=3",
     );
-    assert!(unused.contains("note: shadows: nothing comes of samples and radius, since it does not run: nobody asked"), "{unused}");
+    assert!(unused.contains("note: shadows: samples and radius has no effect, since the effect does not run: nobody asked"), "{unused}");
     assert!(
-        unused.contains("note: smooth: nothing comes of filter")
+        unused.contains("note: smooth: filter has no effect")
             && !unused.contains("edl")
             && same == plain,
         "{unused}"
     );
     let (wide, ..) = said("--effect shadows=on,radius=60,size=64");
-    assert!(
-        wide.contains("note: shadows=radius=60: a light far away is at most 45 degrees"),
-        "{wide}"
-    );
+    assert!(wide.contains("note: shadows=radius=60 is limited to 45 degrees"), "{wide}");
     let (ambient, ..) =
         said("--light direction:0.3,0.8,-0.8 --effect shadows=on,ambient=0,size=64");
-    assert!(
-        ambient.contains("note: shadows=ambient changes nothing, since phong runs"),
-        "{ambient}"
-    );
+    assert!(ambient.contains("note: shadows=ambient has no effect, since phong runs"), "{ambient}");
     let shadows = |settings: &str| {
         said(&format!("--light direction:0.3,0.8,-0.8 --effect shadows=on,size=64{settings}"))
     };

@@ -321,11 +321,11 @@ fn bad_files_with_good_points_are_read_and_what_is_missing_is_said() {
     let expected = [
         ("las_zero_points.las", 0, ""),
         ("laz_zero_points.laz", 0, ""),
-        ("las_bad_vlr_count.las", 10, "says it has 3 variable-length records, and 2 fit"),
+        ("las_bad_vlr_count.las", 10, "declares 3 variable-length records, but only 2 fit"),
         ("las_lots_of_vlr.las", 1, ""),
         ("las_bad_geotiff_keys.las", 10, ""),
-        ("las_header_bounds_unscaled.las", 999, "header says bounds -235434519"),
-        ("las_malformed_extrabytes.las", 10, "header says bounds"),
+        ("las_header_bounds_unscaled.las", 999, "header declares bounds -235434519"),
+        ("las_malformed_extrabytes.las", 10, "header declares bounds"),
         ("las_gps_time_nan.las", 1, ""),
         ("las_bad_return_numbers.las", 1, ""),
         ("laz_duplicates_431k.laz", 431_853, ""),
@@ -347,14 +347,22 @@ fn bad_files_with_good_points_are_read_and_what_is_missing_is_said() {
         (
             "derived/d_laz_cut_at_60pct.laz",
             64_556,
-            "header says 110000 points, 64556 could be read",
+            "header declares 110000 points, 64556 could be read",
         ),
-        ("derived/d_las_count_times_10.las", 2732, "header says 27320 points, 2732 could be read"),
-        ("derived/d_las_cut_mid_record.las", 1261, "header says 2732 points, 1261 could be read"),
+        (
+            "derived/d_las_count_times_10.las",
+            2732,
+            "header declares 27320 points, 2732 could be read",
+        ),
+        (
+            "derived/d_las_cut_mid_record.las",
+            1261,
+            "header declares 2732 points, 1261 could be read",
+        ),
         (
             "derived/d_ply_cut_in_vertices.ply",
             33_322,
-            "header says 64365 points, 33322 could be read",
+            "header declares 64365 points, 33322 could be read",
         ),
     ];
     for (name, count, note) in expected {
@@ -367,7 +375,7 @@ fn bad_files_with_good_points_are_read_and_what_is_missing_is_said() {
         );
     }
     let refused = [
-        ("las_no_points_but_count_1065.las", "header says 1065 points, 0 could be read"),
+        ("las_no_points_but_count_1065.las", "header declares 1065 points, 0 could be read"),
         ("e57_bad_crc.e57", "checksum"),
         ("ply_empty_header.ply", "no vertex element"),
         ("ply_truncated_header_crash.ply", "header line 7"),
@@ -588,7 +596,7 @@ fn an_e57_scan_of_records_without_bits_is_refused() {
         <cartesianX type="Integer" minimum="1" maximum="1"/><cartesianY type="Integer" minimum="1" maximum="1"/><cartesianZ type="Integer" minimum="1" maximum="1"/>
         </prototype></points></vectorChild></data3D></e57Root>"#;
     let error = read_bytes("void.e57", &e57_with_xml(xml)).unwrap_err().to_string();
-    assert!(error.contains("take no bytes"), "{error}");
+    assert!(error.contains("of zero bytes each"), "{error}");
 }
 
 /// An E57 file that is all XML, in pages of 1024 bytes with their checksums.
@@ -709,7 +717,7 @@ fn a_count_below_what_the_file_holds_is_said() {
     assert_eq!((cloud.len(), cloud.parts[0].columns.x[99]), (100, 99));
     assert!(
         cloud.notes.iter().any(|note| note
-            .contains("header says 60 points (number of point records), 100 could be read")),
+            .contains("header declares 60 points (number of point records), 100 could be read")),
         "{:?}",
         cloud.notes
     );
@@ -752,7 +760,9 @@ fn las_1_5_is_read_as_1_4() {
     }
     let mut file = Made { minor: 4, format: 6, ..Made::default() }.bytes();
     file[25] = 6;
-    assert!(read_bytes("6.las", &file).unwrap_err().to_string().contains("1.0 to 1.5 can be read"));
+    assert!(
+        read_bytes("6.las", &file).unwrap_err().to_string().contains("supported are 1.0 to 1.5")
+    );
 }
 
 #[test]
@@ -778,7 +788,7 @@ fn negative_scales_are_read_as_they_are() {
             let cloud = read_strictly(&path).unwrap();
             assert!(cloud.parts[0].lattice.step.min_element() > 0.0);
             assert!(
-                cloud.notes.iter().any(|note| note.contains("is negative, and was taken as it is")),
+                cloud.notes.iter().any(|note| note.contains("is negative; it is used as given")),
                 "{:?}",
                 cloud.notes
             );
@@ -838,7 +848,7 @@ fn extra_bytes_without_room_are_said_and_not_listed() {
         .write(folder.path(), "b.las");
     let cloud = read(&path).unwrap();
     assert!(
-        cloud.notes.iter().any(|note| note.contains("has 10 more bytes a point than")),
+        cloud.notes.iter().any(|note| note.contains("has 10 more bytes per point than")),
         "{:?}",
         cloud.notes
     );
@@ -1023,7 +1033,10 @@ fn ply_colours_of_all_kinds_become_the_same_bytes() {
             .unwrap();
     assert_eq!(cloud.parts[0].columns.rgb, Some(vec![[0, 128, 255], [0, 255, 255]]));
     assert!(
-        cloud.notes.iter().any(|note| note.contains("2 points have NaN or out-of-range colours")),
+        cloud
+            .notes
+            .iter()
+            .any(|note| note.contains("clamped NaN or out-of-range colours of 2 points")),
         "{:?}",
         cloud.notes
     );

@@ -154,7 +154,7 @@ fn mixed_depths_are_said() {
         cloud
             .notes
             .iter()
-            .any(|line| line.contains("2500 of 5000 coloured points have none above 255")),
+            .any(|line| line.contains("2500 of 5000 coloured points have no channel above 255")),
         "{:?}",
         cloud.notes
     );
@@ -211,7 +211,7 @@ fn float_colours_count_to_one_or_to_255() {
         let cloud = read(&path);
         assert_eq!((scale(&cloud), colors(&cloud)[1]), ((full, by), [200, 100, 50]), "{name}");
         assert_eq!(
-            cloud.notes.iter().any(|note| note.contains("colours are taken as")),
+            cloud.notes.iter().any(|note| note.contains("colours are read as")),
             by == By::Values,
             "{name} {:?}",
             cloud.notes

@@ -84,19 +84,14 @@ fn saved_shadows_are_those_of_all_points_and_nothing_is_cast_any_more() {
     let (quiet, same) = note("--light direction:0.6,1.6,-1.6");
     assert!(!quiet.contains("note:") && same, "{quiet}");
     let (said, same) = note(&format!("{LIGHT} --effect shadows=on,samples=16,radius=20"));
-    assert!(
-        said.contains(
-            "note: shadows are those that were saved, and take no account of samples and radius;"
-        ) && same,
-        "{said}"
-    );
+    assert!(said.contains("note: saved shadows ignore samples and radius;") && same, "{said}");
     for line in ["shadows=on,ambient=0.1 --effect phong=off", "phong=on,ambient=0.1"] {
         let (said, same) = note(&format!("{LIGHT} --effect {line}"));
         assert!(!said.contains("note:") && !same, "{said}");
     }
     let (said, _) = note(&format!("{LIGHT} --clip outside:499998,5000020,90,500002,5000030,110"));
     assert!(
-        said.contains("note: shadows that were saved are those of all points, also of those that --opacity or --clip leave out"),
+        said.contains("note: saved shadows include points that --opacity or --clip remove"),
         "{said}"
     );
     // A coarse picture has them, too.
@@ -153,9 +148,9 @@ fn shadows_of_another_cloud_or_light_are_refused_and_damaged_ones_are_said() {
     place.cast("a.shadows", "");
     let render = |line: &str| place.run(&format!("render --size 64x64 -o @a.png {line}"));
     let said = failed(&render("@street.pnti --shadows @a.shadows"), 1);
-    assert!(said.contains("a.shadows has shadows of --light direction:0.3,0.8,-0.8, and the picture's is headlight"), "{said}");
+    assert!(said.contains("a.shadows has shadows of --light direction:0.3,0.8,-0.8, but the picture's light is headlight"), "{said}");
     let said = failed(&render(&format!("@street.las --shadows @a.shadows {LIGHT}")), 1);
-    assert!(said.contains("these files are none"), "{said}");
+    assert!(said.contains("the input is not one"), "{said}");
     let said = failed(&render(&format!("@street.pnti --shadows @street.las {LIGHT}")), 1);
     assert!(said.contains("is no file of shadows") && !said.contains("street.las`"), "{said}");
     let scan_before = std::fs::read(place.at("street.las")).unwrap();

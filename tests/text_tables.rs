@@ -575,7 +575,7 @@ fn tables_are_read_as_written_or_refused_with_the_line() {
                     cloud.notes,
                     text()
                 );
-                prop_assert!(!says(&cloud, "left out"), "{:?}\n{}", cloud.notes, text());
+                prop_assert!(!says(&cloud, "skipped"), "{:?}\n{}", cloud.notes, text());
             }
             Err(error) => {
                 refusals.set(refusals.get() + 1);
@@ -740,8 +740,9 @@ fn what_damage_changes_is_said_or_is_what_the_damaged_line_says() {
             )
         };
         prop_assert!(same, "{}", about());
-        let tells =
-            ["left out", "passed over", "counts say"].iter().any(|words| says(&cloud, words));
+        let tells = ["skipped", "passed over", "count lines declare"]
+            .iter()
+            .any(|words| says(&cloud, words));
         prop_assert!(odd == 0 || tells, "{}", about());
         exact.set(exact.get() + 1);
         Ok(())
@@ -980,10 +981,7 @@ fn lines_that_are_no_rows_are_counted_and_the_first_is_shown() {
     let cloud = read("a.txt", text);
     assert_eq!(points(&cloud), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
     assert!(
-        says(
-            &cloud,
-            "3 lines are not points, and were left out; line 5: \"1 2 3\": 3 fields, not 4"
-        ),
+        says(&cloud, "3 lines are not points and were skipped; line 5: \"1 2 3\": 3 fields, not 4"),
         "{:?}",
         cloud.notes
     );
@@ -995,7 +993,10 @@ fn lines_that_are_no_rows_are_counted_and_the_first_is_shown() {
     let error = read_as("a.txt", text.as_bytes(), &ReadOptions::new(ColumnSet::ALL, true))
         .unwrap_err()
         .to_string();
-    assert!(error.contains("line 5 is no row of the table: \"1 2 3\": 3 fields, not 4"), "{error}");
+    assert!(
+        error.contains("line 5 is not a row of the table: \"1 2 3\": 3 fields, not 4"),
+        "{error}"
+    );
     // What a line lacks that is no row is not counted.
     let cloud = read("gaps.csv", "x,y,z,i,class\n1,2,3,,5\n4,5,6,\n-1.7e38,0,0,,1\n7,8,9,1,2\n");
     assert!(
@@ -1011,7 +1012,7 @@ fn lines_that_are_no_rows_are_counted_and_the_first_is_shown() {
     // A first row that is damaged is no heading.
     let cloud = read("b.xyz", "1.2.3 4 5\n6 7 8\n");
     assert!(
-        says(&cloud, "1 line is no point, and was left out; line 1: \"1.2.3 4 5\""),
+        says(&cloud, "1 line is not a point and was skipped; line 1: \"1.2.3 4 5\""),
         "{:?}",
         cloud.notes
     );
@@ -1028,7 +1029,7 @@ fn coordinates_that_stand_for_none_are_left_out() {
     assert!(
         says(
             &cloud,
-            "3 lines without data (coordinates such as -1.70141E+38) left out, the first is line 2"
+            "3 lines without data (coordinates such as -1.70141E+38) were skipped, the first is line 2"
         ),
         "{:?}",
         cloud.notes
@@ -1051,7 +1052,7 @@ fn counts_are_held_against_what_is_there() {
     // What the table and its colours are taken for; nothing about counts.
     assert_eq!(cloud.notes.len(), 2, "{:?}", cloud.notes);
     let cloud = read("a.txt", &blocks.replace("1\n7", "5\n7"));
-    assert!(says(&cloud, "counts say 7 points, 3 could be read"), "{:?}", cloud.notes);
+    assert!(says(&cloud, "count lines declare 7 points, 3 could be read"), "{:?}", cloud.notes);
 }
 
 const PTX: &str = "2\n2\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n100 200 300 1\n1 0 0 0.5\n0 0 0 0.5\n0 2 0 0.25\n0 0 3 1\n";
@@ -1108,7 +1109,7 @@ fn ptx_scans_stand_where_their_matrices_say() {
     );
     for end in ["\n", "\r\n", "\r"] {
         let cloud = read("rest.ptx", &format!("{PTX}1 2 3 4\n5 6 7 8\n").replace('\n', end));
-        let what = "line 15 should begin scan 2, and does not: \"1 2 3 4\"; the rest was left out";
+        let what = "line 15 should begin scan 2, but reads \"1 2 3 4\"; the rest was skipped";
         assert!(says(&cloud, what), "{:?}", cloud.notes);
     }
 }

@@ -137,7 +137,7 @@ fn units_are_those_of_text_and_of_keys() {
         );
         assert_eq!(system.height_unit.as_ref().map(|unit| unit.symbol()), height, "{name}");
         assert_eq!(
-            cloud.notes.iter().any(|note| note.contains("lengths of both")),
+            cloud.notes.iter().any(|note| note.contains("slanted lengths are wrong")),
             height.is_some(),
             "{name}: {:?}",
             cloud.notes
@@ -288,7 +288,7 @@ fn degrees_are_drawn_on_a_plane_in_metres_in_memory_and_through_an_index() {
         let cloud = read(&[&path]);
         let plane = system_of(&cloud).plane.expect("a plane");
         assert!(
-            cloud.notes.iter().any(|note| note.contains("degrees, and drawn in metres")),
+            cloud.notes.iter().any(|note| note.contains("degrees, drawn in metres")),
             "{:?}",
             cloud.notes
         );
@@ -360,7 +360,7 @@ fn files_in_degrees_share_a_plane_and_others_are_said_to_differ() {
         let notes = read(paths).notes;
         assert!(notes.iter().any(|note| note.contains(what)), "{notes:?}");
     };
-    said(&[&west, &plain], "drawn on a local plane, where the others are not");
+    said(&[&west, &plain], "drawn on a local plane, the others are not");
     said(&[&plain, &feet], "different units (metre, foot)");
 }
 
@@ -385,11 +385,14 @@ fn strays_do_not_move_a_plane_and_what_are_no_degrees_stay_as_they_are() {
         cloud::read(std::slice::from_ref(&path), &ALL, &Silent)
             .unwrap_err()
             .to_string()
-            .contains("to be degrees, and are none")
+            .contains("as degrees, but are not degrees")
     );
     let cloud = cloud::read(&[path], &ReadOptions { strict: false, ..ALL }, &Silent).unwrap();
     assert!(
-        cloud.notes.iter().any(|note| note.contains("are said to be degrees, and are none")),
+        cloud
+            .notes
+            .iter()
+            .any(|note| note.contains("are declared as degrees, but are not degrees")),
         "{:?}",
         cloud.notes
     );

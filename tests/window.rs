@@ -715,7 +715,9 @@ fn a_saved_scene_is_loaded_by_a_key_and_when_it_is_dropped() {
     // What is no scene is said, and changes nothing.
     std::fs::write(&scene, "{}").unwrap();
     viewer.key("F6");
-    viewer.until("word of it", |viewer| viewer.said().iter().any(|line| line.contains("no scene")));
+    viewer.until("word of it", |viewer| {
+        viewer.said().iter().any(|line| line.contains("not a scene file"))
+    });
     put_away(&mut viewer);
     viewer.shows(&above);
     viewer.close();

@@ -135,7 +135,7 @@ pub struct DetailOptions {
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 #[command(next_help_heading = "Text files")]
 pub struct TextArguments {
-    /// What the columns are, in their order, - for one to leave aside: x,y,z,-,red,green,blue; also nx ny nz intensity class return returns source time [default: by their names, else by their order and values]
+    /// What the columns are, in their order, - to skip one: x,y,z,-,red,green,blue; also nx ny nz intensity class return returns source time [default: by their names, else by their order and values]
     #[arg(long, value_name = "NAME,...")]
     pub columns: Option<Columns>,
     /// What lies between fields: , ; tab space [default: found out]

@@ -299,7 +299,7 @@ fn explain(
             match (config.effects.phong.settings.backfaces, config.drops_back_faces(resident)) {
                 (Backfaces::Keep, _) => "drawn",
                 (_, true) => "left out",
-                (_, false) => "drawn, since no normals of the files say which side is outside",
+                (_, false) => "drawn, since the files have no oriented normals",
             };
         text += &format!("back faces: {back}\n");
     }

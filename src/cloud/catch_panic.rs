@@ -33,7 +33,7 @@ pub fn catch_panic<T>(call: impl FnOnce() -> T) -> Result<T, String> {
             .map(|text| text.to_string())
             .or_else(|| payload.downcast_ref::<String>().cloned());
         format!(
-            "the decoder gave up: {}",
+            "the decoder failed: {}",
             message.unwrap_or_default().lines().next().unwrap_or("no reason given")
         )
     })

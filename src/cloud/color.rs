@@ -49,7 +49,7 @@ impl FromStr for RgbRange {
             "0..1" | "1" => Ok(RgbRange::Unit),
             "0..255" | "255" => Ok(RgbRange::Bytes),
             "0..65535" | "65535" => Ok(RgbRange::Words),
-            _ => Err(format!("{text:?} is none of 0..1, 255, 65535")),
+            _ => Err(format!("{text:?} is not a colour range; give 0..1, 255 or 65535")),
         }
     }
 }
@@ -164,17 +164,19 @@ impl Occurred {
         let narrow = coloured - wide;
         if coloured == 0 || scale.by == By::Request {
             return (wide > 0 && scale.full < 65535.0)
-                .then(|| format!("{wide} points have out-of-range colours, which were clamped"));
+                .then(|| format!("clamped out-of-range colours of {wide} points"));
         }
         if scale.full > 255.0 {
             return is_many(narrow, coloured).then(|| {
                 format!(
-                    "colours are taken as 16-bit values, though {narrow} of {coloured} coloured points have none above 255; {OTHERWISE} 255"
+                    "colours are read as 16-bit values, but {narrow} of {coloured} coloured points have no channel above 255; {OTHERWISE} 255"
                 )
             });
         }
         let outliers = if wide > 0 {
-            format!(" but for {wide} of {coloured} points, which were clamped; {OTHERWISE} 65535")
+            format!(
+                " except those of {wide} of {coloured} points, which were clamped; {OTHERWISE} 65535"
+            )
         } else {
             String::new()
         };
@@ -185,4 +187,4 @@ impl Occurred {
 /// The option that decides otherwise, before the value that it is given.
 pub const OTHERWISE: &str = "otherwise give --rgb-range";
 
-const NOTE_8_IN_16: &str = "colours are 8-bit values in 16-bit fields, and taken as such";
+const NOTE_8_IN_16: &str = "colours are 8-bit values in 16-bit fields, and read as such";

@@ -30,7 +30,7 @@ pub fn convert(
     let clamped = chunked(stored).filter(|color| is_beyond(color)).count() as u64;
     let rgb = chunked(stored).map(|color| bytes(color, &limits)).collect();
     let note =
-        (by == By::Values).then(|| format!("colours are taken as values of {scale}; {OTHERWISE}"));
+        (by == By::Values).then(|| format!("colours are read as values of {scale}; {OTHERWISE}"));
     Converted { rgb, scale, clamped, note }
 }
 

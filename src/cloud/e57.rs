@@ -40,7 +40,7 @@ pub fn read(
         let read = found.floats.len() as u64 + found.floats.not_finite + found.invalid;
         if read < scan.records {
             let what = format!(
-                "scan \"{name}\" says {} points, {read} could be read: {}",
+                "scan \"{name}\" declares {} points, only {read} could be read: {}",
                 scan.records, found.why
             );
             if options.strict || read == 0 {
@@ -50,7 +50,7 @@ pub fn read(
         }
         if found.invalid > 0 {
             notes.push(format!(
-                "{}: {} of {} points of scan \"{name}\" are marked invalid, and were left out",
+                "{}: {} of {} points of scan \"{name}\" are marked invalid and were skipped",
                 input.name(),
                 found.invalid,
                 scan.records
@@ -68,7 +68,7 @@ pub fn read(
         let own = found.floats.into_parts(input, header, unit, found.intensity_limits, notes);
         if options.strict && own[0].rgb_scale.by == By::Values {
             return Err(input.wrong(format!(
-                "scan \"{name}\" states limits of colours that are not those of its points"
+                "scan \"{name}\" declares colour limits that its points do not have"
             )));
         }
         parts.extend(own.into_iter().map(|part| Part { name: Some(name.clone()), ..part }));
@@ -104,8 +104,10 @@ fn points(
     }
     // The decoder never ends on records that take no bits at all.
     if scan.records > 0 && bits == 0 {
-        return Err(input
-            .wrong(format!("scan \"{name}\" claims {} points that take no bytes", scan.records)));
+        return Err(input.wrong(format!(
+            "scan \"{name}\" declares {} points of zero bytes each; the file is damaged",
+            scan.records
+        )));
     }
     let mut floats = Floats::new(there(&shape.roles()), options.wanted, false, false);
     floats.reserve(scan.records.min(input.length.saturating_mul(8) / bits.max(1)) as usize);

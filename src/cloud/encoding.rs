@@ -24,9 +24,8 @@ pub fn decoded(input: &Input, notes: &mut Vec<String>) -> Result<Option<Input>> 
     } else {
         let zeros = start.iter().filter(|&&byte| byte == 0).count();
         if zeros * 4 > start.len() {
-            return Err(
-                input.wrong("is no text, or UTF-16 without a byte order mark; save it as UTF-8")
-            );
+            return Err(input
+                .wrong("is not text, or is UTF-16 without a byte order mark; save it as UTF-8"));
         }
         return Ok(None);
     };

@@ -241,7 +241,7 @@ impl Floats {
         let name = input.name();
         if self.not_finite > 0 {
             notes.push(format!(
-                "{name}: {} points with NaN or infinite coordinates were left out",
+                "{name}: {} points with NaN or infinite coordinates were skipped",
                 self.not_finite
             ));
         }
@@ -270,16 +270,14 @@ impl Floats {
             rgb.iter_mut().for_each(|color| *color = color.map(|v| asked.to_8_bits(v.into())));
         }
         if clamped > 0 {
-            notes.push(format!(
-                "{name}: {clamped} points have NaN or out-of-range colours, which were clamped"
-            ));
+            notes.push(format!("{name}: clamped NaN or out-of-range colours of {clamped} points"));
         }
         columns.rgb = columns.rgb.filter(|rgb| rgb.iter().any(|color| *color != [0; 3]));
         let mut intensity_range = [0.0, 65535.0];
         if let Some(intensity) = self.intensity {
             let undefined = intensity.iter().filter(|v| !v.is_finite()).count();
             if undefined > 0 {
-                notes.push(format!("{name}: {undefined} intensities are missing, NaN or infinite, and taken as the smallest"));
+                notes.push(format!("{name}: {undefined} intensities are missing, NaN or infinite; they were set to the smallest"));
             }
             let (column, range) = intensities(&intensity, limits);
             (columns.intensity, intensity_range) = (Some(column), range);
@@ -317,7 +315,7 @@ impl Floats {
         let (_, step) = parts[0];
         if step > LARGEST_QUIET_STEP {
             notes.push(format!(
-                "{name}: the coordinates span so much that positions are kept to steps of {} only",
+                "{name}: the extent is so large that coordinates are rounded to steps of {}",
                 number(step)
             ));
         }

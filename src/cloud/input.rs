@@ -85,7 +85,7 @@ impl Input {
         let there = self.read_at(offset, bytes)?;
         if there < bytes.len() {
             return Err(self.wrong(format!(
-                "became shorter while it was read: byte {} is gone",
+                "was truncated while being read: byte {} is missing",
                 offset + there as u64
             )));
         }

@@ -94,7 +94,7 @@ impl Las {
             Places::Known(stretches) => {
                 let no_room = || {
                     let what = format!(
-                        "has {} points, more than fit the memory; index it instead, or ask for fewer attributes",
+                        "has {} points, more than fit in memory; index it with `pointillist index`, or read fewer attributes",
                         self.points()
                     );
                     input.wrong(what)
@@ -279,7 +279,7 @@ impl Las {
             let because = if why.is_empty() { String::new() } else { format!(": {why}") };
             let field = if points > self.layout.points { " (number of point records)" } else { "" };
             let what = format!(
-                "header says {} points{field}, {points} could be read{because}",
+                "header declares {} points{field}, {points} could be read{because}",
                 self.layout.points
             );
             if strict || points == 0 {
@@ -368,7 +368,7 @@ fn plain(input: &Input, layout: &Layout) -> Result<(Places, String)> {
         (
             layout.points,
             format!(
-                "the file has room for {more} more points than its header says, and no such records there"
+                "the file has room for {more} more points than its header declares, but no such records"
             ),
         )
     };

@@ -434,7 +434,7 @@ pub fn read(paths: &[PathBuf], options: &ReadOptions, progress: &dyn Progress) -
                 cloud.notes.extend(
                     part.strays()
                         .said()
-                        .map(|said| format!("{own}: {said}; left out, as asked for")),
+                        .map(|said| format!("{own}: {said}; hidden by --strays hide")),
                 );
                 if !part.hide_strays() {
                     continue;
@@ -509,9 +509,9 @@ fn read_one(
         "obj" => obj::read(input, options, progress, notes),
         "xyz" | "csv" | "tsv" | "txt" | "asc" | "pts" | "ptx" | "xyzrgb" | "xyzi" | "xyzn" => xyz::read(input, options, progress, notes),
         "las" | "laz" | "ply" | "e57" => {
-            Err(input.wrong(format!("does not begin as a {} file does; it is damaged or misnamed", extension.to_uppercase())))
+            Err(input.wrong(format!("does not begin like a {} file; it is damaged or misnamed", extension.to_uppercase())))
         }
-        _ => Err(input.wrong("is none of LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS, PTX, by its content or by its name")),
+        _ => Err(input.wrong("has an unknown format; supported are LAS, LAZ, COPC, PLY, E57, OBJ, XYZ, CSV, TXT, PTS and PTX")),
     }
 }
 
@@ -543,7 +543,7 @@ fn far_error(path: &Path, lattice: Lattice, bounds: Option<(DVec3, DVec3)>) -> R
     Err(Error::format(
         path,
         format!(
-            "has {name} coordinates of up to {far:e}, more than 2^53 steps of {step:e} or beyond all numbers: places there are not told apart"
+            "has {name} coordinates of up to {far:e}, more than 2^53 steps of {step:e} or beyond f64: positions there cannot be distinguished"
         ),
     ))
 }
@@ -567,7 +567,7 @@ fn wrong_bounds(
             .join(" ")
     };
     Some(format!(
-        "header says bounds {} to {}, the points lie in {} to {}",
+        "header declares bounds {} to {}, the points lie in {} to {}",
         shown(stated_lo),
         shown(stated_hi),
         shown(lo),

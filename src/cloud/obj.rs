@@ -37,7 +37,7 @@ pub fn read(
         bad += its_bad;
     })?;
     if bad > 0 {
-        let what = format!("{bad} vertex lines are not three numbers, and were left out");
+        let what = format!("{bad} vertex lines are not three numbers and were skipped");
         if options.strict {
             return Err(input.wrong(what));
         }

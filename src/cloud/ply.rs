@@ -34,8 +34,9 @@ pub fn read(
 ) -> Result<Vec<Part>> {
     let layout = header::read(input)?;
     let Some(index) = layout.elements.iter().position(|element| element.name == "vertex") else {
-        return Err(input
-            .wrong(format!("declares no vertex element, only {} others", layout.elements.len())));
+        return Err(
+            input.wrong(format!("has no vertex element, only {} others", layout.elements.len()))
+        );
     };
     let vertex = &layout.elements[index];
     let roles: Vec<Role> = vertex.properties.iter().map(|property| property.role).collect();
@@ -71,7 +72,7 @@ pub fn read(
         (Some(at), _) if layout.coding == Coding::Ascii => {
             let decimal_comma = has_decimal_commas(&input.take(at, SAMPLE_BYTES)?, vertex);
             if decimal_comma {
-                notes.push(format!("{}: numbers have decimal commas", input.name()));
+                notes.push(format!("{}: numbers use decimal commas", input.name()));
             }
             ascii(input, vertex, at, decimal_comma, empty, progress)?
         }
@@ -84,7 +85,7 @@ pub fn read(
     };
     if found.records < vertex.count {
         let what = format!(
-            "header says {} points, {} could be read: the file ends or is damaged after them",
+            "header declares {} points, {} could be read; the file ends or is damaged after them",
             vertex.count, found.records
         );
         if options.strict || found.records == 0 {
@@ -94,7 +95,7 @@ pub fn read(
     }
     if vertex.is_splats() && options.wanted.rgb {
         notes.push(format!(
-            "{}: colours are those of Gaussian splats seen from all around, 0.5 + {HARMONIC} f_dc",
+            "{}: colours are the base colours of Gaussian splats, 0.5 + {HARMONIC} f_dc",
             input.name()
         ));
     }

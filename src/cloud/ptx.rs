@@ -103,7 +103,7 @@ fn scans(
         let Some(head) = head(&start) else {
             let shown = text::lines(&start).next().map(text::shown).unwrap_or_default();
             let what = format!(
-                "line {} should begin scan {}, and does not: {shown}; the rest was left out",
+                "line {} should begin scan {}, but reads {shown}; the rest was skipped",
                 line + 1,
                 parts.len() + 1
             );
@@ -293,7 +293,7 @@ impl Scan {
         }
         if let Some((line, shown)) = &self.first_bad {
             lost.push(format!(
-                "{} no points, and left out; line {line}: {shown}",
+                "{} not points and were skipped; line {line}: {shown}",
                 text::lines_in_words(self.bad)
             ));
         }
@@ -305,7 +305,7 @@ impl Scan {
         }
         if self.misses > 0 {
             notes.push(format!(
-                "{name}: {} of {} directions hit nothing, and were left out",
+                "{name}: {} of {} directions hit nothing and were skipped",
                 self.misses, self.records
             ));
         }

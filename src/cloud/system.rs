@@ -322,17 +322,15 @@ pub fn differences<'a>(headers: impl Iterator<Item = &'a Header>) -> Option<Stri
     if units.len() > 1 {
         let names: Vec<&str> = units.iter().map(|unit| unit.name.as_str()).collect();
         return Some(format!(
-            "the files are in different units ({}), and are drawn as their numbers are",
+            "the files use different units ({}); their numbers are used unchanged",
             names.join(", ")
         ));
     }
     let mixed = systems.iter().any(is_angular) && !systems.iter().all(is_angular);
-    mixed.then(|| {
-        "some files are in degrees, and drawn on a local plane, where the others are not".into()
-    })
+    mixed.then(|| "some files are in degrees and drawn on a local plane, the others are not".into())
 }
 
-const NO_DEGREES: &str = "the coordinates are said to be degrees, and are none";
+const NO_DEGREES: &str = "the coordinates are declared as degrees, but are not degrees";
 
 /// What a header was found to have said wrongly when it was [settled](settle).
 pub fn lie(header: &Header) -> Option<&'static str> {
@@ -355,7 +353,7 @@ pub fn settle(
     let Some(degrees) = system.degrees.filter(|_| system.kind == Kind::Geographic) else {
         if let (Some(unit), Some(height)) = (&system.unit, &system.height_unit) {
             notes.push(format!(
-                "{name}: heights are in {}, distances in {}: lengths of both are not true",
+                "{name}: heights are in {}, distances in {}: slanted lengths are wrong",
                 height.name, unit.name
             ));
         }
@@ -364,7 +362,7 @@ pub fn settle(
     let Some(Sample { middle, lo, hi }) = sample else { return lattice };
     let own = shared.or_else(|| Plane::about(middle * degrees));
     let Some(plane) = own.filter(|_| plane::are_degrees(lo * degrees, hi * degrees)) else {
-        notes.push(format!("{name}: {NO_DEGREES}: they are drawn as they are"));
+        notes.push(format!("{name}: {NO_DEGREES}; they are used unchanged"));
         system.unit = None;
         return lattice;
     };
@@ -373,7 +371,7 @@ pub fn settle(
     notes.push(format!("{name}: {plane}"));
     let height = system.height_unit.take().unwrap_or_default();
     if !height.is_metre() {
-        notes.push(format!("{name}: heights are in {}, and were brought to metres", height.name));
+        notes.push(format!("{name}: heights are in {} and were converted to metres", height.name));
     }
     plane.flatten(lattice, degrees, height.metres)
 }

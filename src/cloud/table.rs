@@ -56,7 +56,7 @@ impl FromStr for Delimiter {
             ";" | "semicolon" => Ok(Delimiter::Semicolon),
             "\t" | "\\t" | "tab" => Ok(Delimiter::Tab),
             " " | "space" => Ok(Delimiter::Space),
-            _ => Err(format!("{text:?} is none of , ; tab space")),
+            _ => Err(format!("{text:?} is not a delimiter; give one of , ; tab space")),
         }
     }
 }
@@ -86,12 +86,12 @@ impl FromStr for Columns {
             let role = if name == "-" { Some(Role::Other) } else { names::role(name) };
             let role = role.ok_or_else(|| {
                 format!(
-                    "{name:?} is no column; there are {}, and - for one to leave aside",
+                    "{name:?} is not a column; known are {}, and - to skip one",
                     names::listed()
                 )
             })?;
             if role != Role::Other && columns.roles().contains(&role) {
-                return Err(format!("{} is there twice", word(role)));
+                return Err(format!("{} is given twice", word(role)));
             }
             if columns.count == MOST_COLUMNS {
                 return Err(format!("there are more than {MOST_COLUMNS} columns"));
@@ -121,8 +121,12 @@ impl TextOptions {
 
     /// The note on a file that is no table, where something is said of tables.
     pub(super) fn idle(&self, input: &Input) -> Option<String> {
-        (*self != TextOptions::NONE)
-            .then(|| format!("{}: is no table of text, so that --columns, --delimiter and --scalar change nothing", input.name()))
+        (*self != TextOptions::NONE).then(|| {
+            format!(
+                "{}: --columns, --delimiter and --scalar have no effect: it is not a text table",
+                input.name()
+            )
+        })
     }
 }
 
@@ -243,13 +247,12 @@ impl Table {
         let [_, texts] = self.left_aside();
         match self.source {
             Source::Asked => None,
-            Source::Values if has_more => Some(format!(
-                "has no names of columns, which by their values could be {}",
-                self.words()
-            )),
+            Source::Values if has_more => {
+                Some(format!("has no column names; by their values they could be {}", self.words()))
+            }
             Source::Partly(line) => Some(format!("names no x, y and z in line {line}")),
             _ => (!texts.is_empty())
-                .then(|| format!("has columns of text, which are not kept: {}", texts.join(", "))),
+                .then(|| format!("has text columns, which are not kept: {}", texts.join(", "))),
         }
     }
 
@@ -317,7 +320,7 @@ impl fmt::Display for Table {
             write!(f, "; {unfit}")?;
         }
         if self.lacks_returns {
-            f.write_str("; no numbers of returns, so that each return counts as the last")?;
+            f.write_str("; no numbers of returns: each return counts as the last")?;
         }
         if self.passed > 0 {
             write!(f, "; {} before them passed over", text::lines_in_words(self.passed))?;

@@ -28,9 +28,7 @@ pub fn read(
     let table = sniff::sniff(&start, is_whole, &options.text).map_err(|what| input.wrong(what))?;
     notes.push(format!("{}: {table}", input.name()));
     if let Some(what) = table.guess_or_loss().filter(|_| options.strict) {
-        return Err(input.wrong(format!(
-            "{what}; say what all columns are with --columns, - for one to leave aside"
-        )));
+        return Err(input.wrong(format!("{what}; name all columns with --columns, - to skip one")));
     }
     let mut rows = rows(input, begin + table.body_at as u64, &table, options, progress)?;
     tell(input, &table, &rows, options, notes)?;
@@ -199,12 +197,12 @@ fn tell(
     let lines = |count: u64| text::lines_in_words(count);
     if let Some((line, what)) = &rows.bad.first {
         if options.strict {
-            return Err(input.wrong(format!("line {line} is no row of the table: {what}")));
+            return Err(input.wrong(format!("line {line} is not a row of the table: {what}")));
         }
         let are = if rows.bad.lines == 1 {
-            "is no point, and was left out"
+            "is not a point and was skipped"
         } else {
-            "are not points, and were left out"
+            "are not points and were skipped"
         };
         notes.push(format!(
             "{}: {} {are}; line {line}: {what}",
@@ -215,7 +213,7 @@ fn tell(
     if rows.no_data.lines > 0 {
         let Missing { lines: count, first } = rows.no_data;
         notes.push(format!(
-            "{}: {} without data (coordinates such as -1.70141E+38) left out, the first is line {first}",
+            "{}: {} without data (coordinates such as -1.70141E+38) were skipped, the first is line {first}",
             input.name(),
             lines(count)
         ));
@@ -234,7 +232,7 @@ fn tell(
     if let Some(count) =
         table.count.map(|first| first.saturating_add(rows.counted)).filter(|&count| count != read)
     {
-        let what = format!("the lines of counts say {count} points, {read} could be read");
+        let what = format!("the count lines declare {count} points, {read} could be read");
         if options.strict {
             return Err(input.wrong(what));
         }

@@ -65,7 +65,7 @@ pub fn write(
     if tiled::needs_pieces(gpu, view.size, None) {
         let [width, height] = view.size;
         return Err(Error::Request(format!(
-            "{width}x{height} pixels are drawn in pieces, of which there are no layers; ask for fewer"
+            "cannot write layers of {width}x{height} pixels: such pictures are drawn in pieces; make it smaller"
         )));
     }
     let taken = cloud.settle(gpu, view, &lod.of(view.size), progress)?;

@@ -75,7 +75,7 @@ impl Pieces {
         let reach = config.reach_px(view).ok_or_else(|| {
             let [width, height] = whole;
             Error::Request(format!(
-                "{width}x{height} pixels are drawn in pieces, and ao=radius= in metres with perspective depends on more than a piece; switch it off"
+                "cannot draw {width}x{height} pixels with ao=radius= in metres and perspective: it reaches beyond a piece; use ao=off or pixels"
             ))
         })?;
         let rows = (ROW_BYTES / (3 * whole[0] as u64)).max(1).min(PIECE[1] as u64) as u32;

@@ -80,7 +80,7 @@ impl Scene {
     pub fn read(path: &Path) -> Result<Scene> {
         let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
         let words: Words = serde_json::from_str(&text)
-            .map_err(|error| Error::format(path, format!("no scene ({error})")))?;
+            .map_err(|error| Error::format(path, format!("not a scene file: {error}")))?;
         Scene::of(words).map_err(|why| Error::format(path, why))
     }
 
@@ -97,12 +97,12 @@ impl Scene {
             settings.background = background.parse::<Background>()?.0;
         }
         if words.layer.is_some_and(|layer| !(layer.is_finite() && layer > 0.0)) {
-            return Err("layer is no number of metres above 0".into());
+            return Err("layer must be a number of metres above 0".into());
         }
         settings.layer_m = words.layer.unwrap_or(0.0);
         let color = words.color.map(|name| {
             <Attribute as clap::ValueEnum>::from_str(&name, false)
-                .map_err(|_| format!("there is no color {name:?}"))
+                .map_err(|_| format!("unknown color {name:?}"))
         });
         let rules = words
             .opacity
@@ -115,7 +115,7 @@ impl Scene {
             .map(|clip| clip.parse::<Clip>())
             .collect::<std::result::Result<_, _>>()?;
         if words.lod.is_some_and(|lod| !(lod.is_finite() && lod >= 0.0)) {
-            return Err("lod is no number of pixels".into());
+            return Err("lod must be a number of pixels, at least 0".into());
         }
         let lod = LodOptions { budget: words.budget, lod_px: words.lod };
         Ok(Scene {

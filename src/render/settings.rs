@@ -48,7 +48,8 @@ impl std::str::FromStr for Background {
     fn from_str(text: &str) -> std::result::Result<Background, String> {
         let digits = text.strip_prefix('#').unwrap_or(text);
         let number = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
-        let number = number.ok_or(format!("{text:?} is not RRGGBB in hexadecimal digits"))?;
+        let number =
+            number.ok_or(format!("{text:?} is not a colour; give RRGGBB in hexadecimal digits"))?;
         Ok(Background([(number >> 16) as u8, (number >> 8) as u8, number as u8]))
     }
 }

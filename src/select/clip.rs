@@ -58,7 +58,11 @@ impl std::str::FromStr for Clip {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Clip, String> {
-        let wrong = || format!("{text:?} is not box:X0,Y0,Z0,X1,Y1,Z1, outside:... or off:...");
+        let wrong = || {
+            format!(
+                "{text:?} is not a clip box; give box:X0,Y0,Z0,X1,Y1,Z1, outside:... or off:..."
+            )
+        };
         let (kind, numbers) = text.split_once(':').ok_or_else(wrong)?;
         let keeps = Keeps::from_str(kind, false).map_err(|_| wrong())?;
         let numbers: Vec<f64> = numbers

@@ -62,7 +62,7 @@ impl std::str::FromStr for Rule {
             Some(("file", name)) => What::File(name.into()),
             _ => {
                 return Err(format!(
-                    "{what:?} is neither class:N, return:N, station:NAME nor file:NAME"
+                    "{what:?} is not a rule; give class:N, return:N, station:NAME or file:NAME"
                 ));
             }
         };

@@ -37,7 +37,7 @@ fn frames_per_second() -> f64 {
 /// Default time between two keys [s].
 pub const STEP: f64 = 2.0;
 
-const MIXED: &str = "a camera path is with perspective or without, not both";
+const MIXED: &str = "all keys of a camera path must have the same projection";
 
 impl Default for CameraPath {
     fn default() -> CameraPath {
@@ -50,7 +50,7 @@ impl CameraPath {
         let text = std::fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
         let words = "it needs at least {\"keys\": [{\"time\": 0, \"camera\": {\"eye\": [x,y,z], \"target\": [x,y,z]}}]}";
         let read: CameraPath = serde_json::from_str(&text)
-            .map_err(|error| Error::format(path, format!("no camera path ({error}); {words}")))?;
+            .map_err(|error| Error::format(path, format!("not a camera path: {error}; {words}")))?;
         read.check().map_err(|why| Error::format(path, why)).map(|()| read)
     }
 
@@ -63,15 +63,18 @@ impl CameraPath {
 
     fn check(&self) -> std::result::Result<(), String> {
         let [first, ..] = &self.keys[..] else {
-            return Err("a camera path has at least one key".into());
+            return Err("a camera path needs at least one key".into());
         };
         if !(self.frames_per_second > 0.0 && self.frames_per_second.is_finite()) {
-            return Err(format!("{} frames a second are none", self.frames_per_second));
+            return Err(format!(
+                "frames_per_second must be above 0, not {}",
+                self.frames_per_second
+            ));
         }
         for (number, key) in self.keys.iter().enumerate() {
             let wrong = |why: &str| Err(format!("key {} of the camera path: {why}", number + 1));
             if !key.time.is_finite() || number > 0 && key.time <= self.keys[number - 1].time {
-                return wrong("its time is not after the one before");
+                return wrong("its time must be after the one before");
             }
             if key.camera.projection != first.camera.projection {
                 return wrong(MIXED);

@@ -39,7 +39,9 @@ impl std::str::FromStr for Light {
 
     /// Parses `headlight`, `direction:X,Y,Z` or `position:X,Y,Z`.
     fn from_str(text: &str) -> Result<Light, String> {
-        let wrong = || format!("{text:?} is not headlight, direction:X,Y,Z or position:X,Y,Z");
+        let wrong = || {
+            format!("{text:?} is not a light; give headlight, direction:X,Y,Z or position:X,Y,Z")
+        };
         if text == "headlight" {
             return Ok(Light::Headlight);
         }
@@ -56,7 +58,7 @@ impl std::str::FromStr for Light {
             "direction" => place
                 .try_normalize()
                 .map(|_| Light::Direction(place))
-                .ok_or(format!("{text:?} is no direction: its length is 0 or beyond all measure")),
+                .ok_or(format!("{text:?} is not a direction: its length is 0 or out of range")),
             "position" => Ok(Light::Position(place)),
             _ => Err(wrong()),
         }

@@ -42,13 +42,13 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
     let head = input.take(0, 375)?;
     if head.len() < 227 {
         return Err(input.wrong(format!(
-            "has {} bytes, a LAS header alone has 227: cut off, or not LAS",
+            "has {} bytes, but a LAS header has at least 227; it is truncated or not LAS",
             head.len()
         )));
     }
     let (major, minor) = (head[24], head[25]);
     if major != 1 || minor > 5 {
-        return Err(input.wrong(format!("is LAS {major}.{minor}; 1.0 to 1.5 can be read")));
+        return Err(input.wrong(format!("is LAS {major}.{minor}; supported are 1.0 to 1.5")));
     }
     let header_bytes = u16_at(&head, 94) as u64;
     let points_at = u32_at(&head, 96) as u64;
@@ -56,14 +56,14 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
     let compressed = head[104] & 0xc0 != 0;
     let record_bytes = u16_at(&head, 105);
     let Some(&least) = RECORD_BYTES.get(format as usize) else {
-        return Err(input.wrong(format!("has point format {format}; 0 to 10 are defined")));
+        return Err(input.wrong(format!("has point format {format}; supported are 0 to 10")));
     };
     if record_bytes < least {
-        return Err(input.wrong(format!("says {record_bytes} bytes a point, point format {format} needs {least}: the header is damaged")));
+        return Err(input.wrong(format!("declares {record_bytes} bytes per point, but point format {format} needs {least}; the header is damaged")));
     }
     if points_at < 227 || points_at > input.length {
         return Err(input.wrong(format!(
-            "says its points begin at byte {points_at} of {}: the header is damaged or the file is cut off",
+            "declares that points begin at byte {points_at} of {}; the header is damaged or the file is truncated",
             input.length
         )));
     }
@@ -119,7 +119,7 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
     let room = layout.record_bytes - least as usize;
     if declared < room {
         let spare = room - declared;
-        layout.lies.push(format!("has {spare} more bytes a point than point format {format} and its extra bytes need: they are not read"));
+        layout.lies.push(format!("has {spare} more bytes per point than point format {format} and its extra bytes need; they are ignored"));
     }
     // Points of return number 0 are in no count; there are never more by returns than in all.
     let narrow: u64 = (0..5).map(|k| u32_at(&head, 111 + 4 * k) as u64).sum();
@@ -127,12 +127,14 @@ pub fn read(input: &Input, notes: &mut Vec<String>) -> Result<Layout> {
         .fold(0u64, |sum, k| sum.saturating_add(u64_at(&head, 255 + 8 * k)));
     if narrow.max(wide) > points {
         layout.lies.push(format!(
-            "says {points} points (number of point records) and {} by return",
+            "declares {points} points (number of point records), but {} by return",
             narrow.max(wide)
         ));
     }
     if has_wide_count && legacy != 0 && legacy != points {
-        layout.lies.push(format!("says {points} points in one field (number of point records) and {legacy} in another (legacy number)"));
+        layout.lies.push(format!(
+            "declares {points} points (number of point records), but {legacy} in the legacy field"
+        ));
     }
     if has_wide_count {
         evlrs(input, u64_at(&head, 235), u32_at(&head, 243), &mut facts, &mut projection)?;
@@ -168,7 +170,7 @@ fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Latti
     let (step, offset) = (triple(131), triple(155));
     if !step.is_finite() || step.abs().min_element() == 0.0 {
         return Err(input.wrong(format!(
-            "has the scale {}; coordinates need three finite scales that are not 0",
+            "has the scale {}; coordinates need three finite scales other than 0",
             step.to_array().map(number).join(" ")
         )));
     }
@@ -177,7 +179,7 @@ fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Latti
         let steps = own.abs() / step[axis].abs() + 2f64.powi(31);
         if !(steps <= MOST_STEPS && (own.abs() + step[axis].abs() * 2f64.powi(31)).is_finite()) {
             return Err(input.wrong(format!(
-                "has the {name} offset {own:e}, which lies more than 2^53 steps of its scale {:e} from 0: coordinates there are not told apart",
+                "has the {name} offset {own:e}, more than 2^53 steps of its scale {:e} from 0: coordinates there cannot be distinguished",
                 step[axis]
             )));
         }
@@ -186,7 +188,7 @@ fn lattice(input: &Input, head: &[u8], notes: &mut Vec<String>) -> Result<(Latti
         (0..3).filter(|&axis| step[axis] < 0.0).map(|axis| ["x", "y", "z"][axis]).collect();
     if !negative.is_empty() {
         notes.push(format!(
-            "{}: the scale of {} is negative, and was taken as it is",
+            "{}: the scale of {} is negative; it is used as given",
             input.name(),
             negative.join(" and ")
         ));
@@ -220,7 +222,7 @@ fn vlrs(
             && at + VLR_HEADER_BYTES + u16_at(&head, 20) as u64 <= layout.points_at;
         if !fits {
             layout.lies.push(format!(
-                "says it has {count} variable-length records, and {index} fit before the points"
+                "declares {count} variable-length records, but only {index} fit before the points"
             ));
             return Ok(extra_bytes);
         }
@@ -250,7 +252,7 @@ fn vlrs(
                     let names: Vec<&str> =
                         declared[fit..].iter().map(|attribute| attribute.name.as_str()).collect();
                     layout.lies.push(format!(
-                        "declares the extra bytes {}, and its records have room for {room} bytes of {}: what does not fit is not there",
+                        "declares the extra bytes {}, but its records have room for {room} of {} bytes; those that do not fit are ignored",
                         names.join(", "),
                         declared.iter().map(|attribute| attribute.bytes).sum::<usize>()
                     ));

@@ -46,16 +46,12 @@ pub fn open(
     available: ColumnSet,
 ) -> Result<(Coding, Places, String)> {
     let Some(laszip) = &layout.laszip else {
-        return Err(input.wrong(
-            "is compressed, but has no laszip record that says how: the header is damaged",
-        ));
+        return Err(input.wrong("is compressed, but has no laszip record; the header is damaged"));
     };
     let vlr =
         catch_panic(|| LazVlr::read_from(laszip.as_slice()).map_err(|error| error.to_string()))
             .flatten()
-            .map_err(|what| {
-                input.wrong(format!("has a laszip record that cannot be used: {what}"))
-            })?;
+            .map_err(|what| input.wrong(format!("has an unusable laszip record: {what}")))?;
     let compressor = u16::from_le_bytes(array_at(laszip, 0));
     let coding = Coding::new(input, layout, &vlr, compressor, available)?;
     let sequence = |at: u64, chunk_points| {
@@ -78,7 +74,7 @@ pub fn open(
             (Err(lost), Some(points)) => (sequence(layout.points_at + 8, points), lost),
             (Err(lost), None) => {
                 return Err(input.wrong(format!(
-                    "{lost}, and chunks of varying size cannot be found without it"
+                    "{lost}; chunks of varying size cannot be located without it"
                 )));
             }
         }
@@ -88,7 +84,7 @@ pub fn open(
             chunks.iter().find(|chunk| chunk.points > chunk.bytes.saturating_mul(POINTS_PER_BYTE))
     {
         return Err(input.wrong(format!(
-            "claims {} points in a LAZ chunk of {} bytes",
+            "declares {} points in a LAZ chunk of {} bytes",
             chunk.points, chunk.bytes
         )));
     }
@@ -105,7 +101,7 @@ impl Coding {
     ) -> Result<Self> {
         if !(1..=3).contains(&compressor) {
             return Err(
-                input.wrong(format!("uses the LAZ compressor {compressor}; 1 to 3 can be read"))
+                input.wrong(format!("uses LAZ compressor {compressor}; supported are 1 to 3"))
             );
         }
         let mut bytes = 0;
@@ -125,7 +121,7 @@ impl Coding {
             };
             if item.size() as usize != size {
                 return Err(input.wrong(format!(
-                    "says {} bytes for a LAZ item of {size}: the laszip record is damaged",
+                    "declares {} bytes for a LAZ item of {size}; the laszip record is damaged",
                     item.size()
                 )));
             }
@@ -134,7 +130,7 @@ impl Coding {
         }
         if bytes != layout.record_bytes {
             return Err(input.wrong(format!(
-                "has LAZ items of {bytes} bytes for points of {}: the laszip record is damaged",
+                "has LAZ items of {bytes} bytes for points of {} bytes; the laszip record is damaged",
                 layout.record_bytes
             )));
         }
@@ -145,7 +141,7 @@ impl Coding {
             || (layers > 0) != (layout.format >= 6)
         {
             return Err(input.wrong(format!(
-                "has LAZ items that do not belong to compressor {compressor} and point format {}",
+                "has LAZ items that do not match compressor {compressor} and point format {}",
                 layout.format
             )));
         }
@@ -227,7 +223,7 @@ fn table(
             .take(at, length)
             .ok()
             .filter(|bytes| bytes.len() >= 8)
-            .ok_or("the LAZ chunk table is cut off")
+            .ok_or("the LAZ chunk table is truncated")
     };
     let count = u32_at(&read(8)?, 4) as u64;
     if count > (at - first) / layout.record_bytes as u64 {
@@ -344,7 +340,7 @@ pub fn chunk(
         };
     }
     if layered_bytes(bytes, coding).is_none_or(|length| length > bytes.len() as u64) {
-        return Ok(Some("its layers do not fit".into()));
+        return Ok(Some("its layers exceed the chunk".into()));
     }
     let points = points.min(u32_at(bytes, coding.record_bytes) as u64);
     match catch_panic(|| coding.layered(source).map_err(|error| error.to_string())).flatten() {

@@ -171,7 +171,7 @@ pub fn read(input: &Input) -> Result<Layout> {
                     b"binary_little_endian" => Coding::Little,
                     b"binary_big_endian" => Coding::Big,
                     other => {
-                        return Err(wrong(format!("the format {} is not known", shown(other))));
+                        return Err(wrong(format!("unknown format {}", shown(other))));
                     }
                 };
                 has_format = true;
@@ -189,12 +189,12 @@ pub fn read(input: &Input) -> Result<Layout> {
             [b"property", kind @ .., name] => {
                 let scalar = |word: &[u8]| {
                     Scalar::named(word)
-                        .ok_or_else(|| wrong(format!("the type {} is not known", shown(word))))
+                        .ok_or_else(|| wrong(format!("unknown type {}", shown(word))))
                 };
                 let (length, scalar) = match kind {
                     [b"list", length, value] => (Some(scalar(length)?), scalar(value)?),
                     [value] => (None, scalar(value)?),
-                    _ => return Err(wrong("this is no property".into())),
+                    _ => return Err(wrong("this is not a property".into())),
                 };
                 let role = if length.is_some() { Role::Other } else { role(&shown(name)) };
                 let harmonic =
@@ -215,14 +215,14 @@ pub fn read(input: &Input) -> Result<Layout> {
             }
             [word, ..] => {
                 return Err(wrong(format!(
-                    "{} is no header line: cut off, or not PLY",
+                    "{} is not a header line; the file is truncated or not PLY",
                     shown(word)
                 )));
             }
         }
     }
     Err(input.wrong(format!(
-        "has no end_header within its first {} bytes: cut off, or not PLY",
+        "has no end_header within its first {} bytes; it is truncated or not PLY",
         start.len()
     )))
 }

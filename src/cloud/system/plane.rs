@@ -60,7 +60,7 @@ impl fmt::Display for Plane {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "coordinates are degrees, and drawn in metres on a plane about longitude {}, latitude {}",
+            "coordinates are degrees, drawn in metres on a plane around longitude {}, latitude {}",
             self.longitude, self.latitude
         )
     }

@@ -58,10 +58,7 @@ impl Heading {
                     );
                     match remark {
                         true => heading.unfit = Some(what),
-                        false => {
-                            heading.misfit =
-                                Some(format!("{what}; say what they are with --columns"))
-                        }
+                        false => heading.misfit = Some(format!("{what}; name them with --columns")),
                     }
                 }
                 None => {}
@@ -84,7 +81,7 @@ impl Heading {
         if (1..3).contains(&positions.len()) && !remark {
             let named = positions.join(" and ");
             self.misfit = Some(format!(
-                "line {line} names {named}, but not all of x, y and z; say what columns are with --columns"
+                "line {line} names {named}, but not all of x, y and z; name the columns with --columns"
             ));
         }
         if has_all(&roles)

@@ -71,7 +71,7 @@ pub struct Row<'a> {
 
 pub fn sniff(start: &[u8], is_whole: bool, asked: &TextOptions) -> Result<Table, String> {
     let lines = sampled(start, is_whole);
-    let first = lines.first().ok_or("holds no line of text")?;
+    let first = lines.first().ok_or("has no line of text")?;
     if first.bytes.trim_ascii_start().to_ascii_lowercase().starts_with(b"ncols") {
         return Err("is a grid of heights (it begins with ncols), not a table of points".into());
     }
@@ -150,11 +150,11 @@ fn no_table(lines: &[Sampled], asked: &TextOptions) -> String {
     let what = match asked.columns {
         Some(columns) => {
             format!(
-                "no rows of the {} columns that were asked for (one for every field, - for one to leave aside)",
+                "no rows of the {} columns that were asked for (one for every field, - to skip one)",
                 columns.roles().len()
             )
         }
-        None => "no rows of at least three numbers, all of one width".into(),
+        None => "no rows of at least three numbers with equal field counts".into(),
     };
     let shown = lines
         .iter()
@@ -162,7 +162,7 @@ fn no_table(lines: &[Sampled], asked: &TextOptions) -> String {
         .map(|line| (line.number, text::shown(line.bytes)));
     let (number, shown) = shown.unwrap_or_default();
     format!(
-        "has {what} within its first {} lines (line {number}: {shown}): no text point cloud, or one that --delimiter and --columns have to explain",
+        "has {what} within its first {} lines (line {number}: {shown}); it is not a text point cloud, or needs --delimiter and --columns",
         lines.len()
     )
 }
@@ -416,7 +416,7 @@ fn two_meanings(candidates: &[Candidate]) -> Option<String> {
             let others = same?.position.filter(|position| position.map(f64::to_bits) != own.map(f64::to_bits))?;
             let place = |[x, y, z]: [f64; 3]| format!("{x} {y} {z}");
             Some(format!(
-                "line {} has two meanings: {} is the point {} ({}) or {} ({}); say which with --delimiter or --columns",
+                "line {} has two meanings: {} is the point {} ({}) or {} ({}); choose with --delimiter or --columns",
                 row.line.number,
                 text::shown(row.line.bytes),
                 place(own),

@@ -13,10 +13,10 @@ impl FrameConfig {
     pub fn warnings(&self, resident: &Resident) -> Vec<String> {
         let mut notes = resident.opacities.idle(&resident.known());
         if resident.opacities.hides_all(&resident.known()) {
-            notes.push("--opacity leaves no point".into());
+            notes.push("--opacity hides all points".into());
         }
         if resident.is_transparent() && self.effects.transparency.switch == Switch::Off {
-            notes.push("transparency is off, so that points hide what is behind them, however opaque --opacity says they are".into());
+            notes.push("transparency=off: --opacity has no effect on points that are drawn".into());
         }
         notes.extend(self.unused());
         let phong = self.effects.phong.settings;
@@ -26,19 +26,20 @@ impl FrameConfig {
         {
             let why = match phong.normals {
                 Normals::Depth => {
-                    "normals=depth leaves those of the files unread, which say which side is outside"
+                    "normals=depth does not read the files' normals, which tell the outside"
                 }
-                _ => "no normals of the files say which side is outside",
+                _ => "the files have no oriented normals",
             };
-            notes
-                .push(format!("phong=backfaces=drop: {why}; points that face away are drawn, too"));
+            notes.push(format!("phong=backfaces=drop has no effect: {why}"));
         }
         let smooth = &self.effects.smooth;
         if smooth.settings.pixels == Pixels::Filled
             && self.decided.runs("smooth")
             && !self.decided.runs("fill")
         {
-            notes.push("smooth: nothing is filled, and so nothing is smoothed; smooth=pixels=all smooths points".into());
+            notes.push(
+                "smooth has no effect: nothing is filled; smooth=pixels=all smooths points".into(),
+            );
         }
         notes.extend(self.coarse());
         let (fill, transparency) =
@@ -54,7 +55,7 @@ impl FrameConfig {
             })
         {
             notes.push(format!(
-                "a layer distance of {} m changes nothing: neither filling by masks, transparency nor shadows go by it here",
+                "a layer distance of {} m has no effect: fill=method=dobrev, transparency or shadows would use it",
                 self.layer_m
             ));
         }
@@ -81,7 +82,7 @@ impl FrameConfig {
                     .map_or("", |(_, reason)| reason.why.as_str());
                 (!chosen.is_empty()).then(|| {
                     format!(
-                        "{}: nothing comes of {}, since it does not run: {why}",
+                        "{}: {} has no effect, since the effect does not run: {why}",
                         own.name,
                         chosen.join(" and ")
                     )
@@ -107,7 +108,7 @@ impl FrameConfig {
         {
             let layer_m = significant(layer_m);
             return Some(format!(
-                "surfaces are told apart from {layer_m} m on, and depths so far away are known to {quantum_m} m only: some may run into each other; look from nearer, or with --layer {}",
+                "the layer distance {layer_m} m is too small for the depth resolution in view, {quantum_m} m: surfaces may merge; move closer, or use --layer {}",
                 significant(2.0 * self.quantum_m)
             ));
         }
@@ -115,14 +116,17 @@ impl FrameConfig {
         let surface = ["fill", "shape", "phong"].iter().any(|effect| self.decided.runs(effect));
         let pixel_m = self.sampling.pixel_m;
         (surface && pixel_m > 0.0 && pixel_m < 2.0 * self.quantum_m)
-            .then(|| format!("depths so far away are known to {quantum_m} m only, and pixels are {} m wide there: surfaces are torn and shaded in steps; look from nearer", significant(pixel_m)))
+            .then(|| format!("the depth resolution in view is {quantum_m} m, and pixels are {} m wide there: surfaces show steps and gaps; move closer", significant(pixel_m)))
     }
 
     fn of_shadows(&self, resident: &Resident) -> Vec<String> {
         let mut notes = Vec::new();
         let settings = self.effects.shadows.settings;
         if self.decided.runs("phong") && settings.ambient != shadows::Settings::default().ambient {
-            notes.push("shadows=ambient changes nothing, since phong runs, whose own ambient is what shows in shadow".into());
+            notes.push(
+                "shadows=ambient has no effect, since phong runs: phong=ambient lights shadows"
+                    .into(),
+            );
         }
         if resident.light.as_ref().is_some_and(|saved| self.light.is_written(&saved.light)) {
             // Except for the darkness of shadows.
@@ -131,16 +135,16 @@ impl FrameConfig {
             let idle = chosen(&own.list(), &usual.list());
             if !idle.is_empty() {
                 notes.push(format!(
-                    "shadows are those that were saved, and take no account of {}; cast others with `pointillist shadows`",
+                    "saved shadows ignore {}; cast new ones with `pointillist shadows`",
                     idle.join(" and ")
                 ));
             }
             if resident.hides() || resident.clips.active() > 0 {
-                notes.push("shadows that were saved are those of all points, also of those that --opacity or --clip leave out".into());
+                notes.push("saved shadows include points that --opacity or --clip remove".into());
             }
         } else if !matches!(self.light, Light::Position(_)) && settings.radius > WIDEST_DEGREES {
             notes.push(format!(
-                "shadows=radius={}: a light far away is at most {WIDEST_DEGREES} degrees to each side wide, and drawn so",
+                "shadows=radius={} is limited to {WIDEST_DEGREES} degrees to each side, as a directional light allows no more",
                 settings.radius
             ));
         }
