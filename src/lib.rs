@@ -24,7 +24,7 @@
 //! - [`bench`](mod@bench): timings of passes. [`study`]: accuracy against time. [`cli`]: the
 //!   program, one file a subcommand.
 //! - [`guide`]: the pages of the guide, from the window to the numerics.
-//! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`whole_file`].
+//! - For all: [`config`] (limits and defaults), [`error`], [`progress`], [`atomic_file`].
 //!
 //! A picture of a file, without the program:
 //!
@@ -61,6 +61,7 @@
 struct Readme;
 
 pub mod app;
+pub mod atomic_file;
 pub mod bench;
 pub mod cli;
 pub mod cloud;
@@ -83,4 +84,3 @@ pub mod source;
 pub mod study;
 pub mod synth;
 pub mod view;
-pub mod whole_file;

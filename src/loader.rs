@@ -17,7 +17,7 @@ use crate::cloud::octahedral;
 use crate::config::{BITS_PER_PLANE, PATIENCE, POINTS_PER_PAGE};
 use crate::error::{Error, Result};
 use crate::index::attributes::strokes;
-use crate::index::format::fault_injection::How;
+use crate::index::format::fault_injection::FaultKind;
 use crate::index::format::spacing::spacing;
 use crate::index::format::{Index, NodeRecord, PLANES, Plane};
 use queue::{Next, Queue};
@@ -41,9 +41,9 @@ pub trait Destination: Send {
 }
 
 /// A node that a frame wants, in the order of the list.
-pub type Wish = queue::Wish<Box<dyn Destination>>;
+pub type NodeRequest = queue::NodeRequest<Box<dyn Destination>>;
 
-/// How a wish ended.
+/// FaultKind a wish ended.
 #[derive(Debug)]
 pub enum Outcome {
     /// The pages are written.
@@ -58,7 +58,7 @@ pub enum Outcome {
 pub struct Read {
     /// Of the file.
     pub bytes: u64,
-    /// How far apart its points are, in cells of the coarsest plane.
+    /// FaultKind far apart its points are, in cells of the coarsest plane.
     pub spacing: f64,
 }
 
@@ -118,9 +118,9 @@ impl Loader {
     }
 
     /// Replaces the wish-list.
-    pub fn post(&self, wishes: Vec<Wish>) {
+    pub fn post(&self, requests: Vec<NodeRequest>) {
         // Where the thread is gone, `answer` and `wait` say so.
-        self.queue.post(wishes);
+        self.queue.post(requests);
     }
 
     /// The node whose reading nobody should have to wait for any longer.
@@ -129,7 +129,7 @@ impl Loader {
         reading.node.filter(|_| reading.since.is_some_and(|since| since.elapsed() >= PATIENCE))
     }
 
-    /// How long the thread has had a core since the start, within a tick of the system's; nothing any more once it has ended. Where the system does not tell as Linux does, how long nodes have been read,
+    /// FaultKind long the thread has had a core since the start, within a tick of the system's; nothing any more once it has ended. Where the system does not tell as Linux does, how long nodes have been read,
     /// waiting for cores and for the disk included.
     pub fn worked(&self) -> Duration {
         let reading = lock(&self.reading);
@@ -239,11 +239,11 @@ impl<P: FnMut()> Thread<P> {
     ) -> Outcome {
         self.nodes += 1;
         let fault = self.index.fault.and_then(|fault| fault.at(self.nodes));
-        assert!(fault != Some(How::End), "on purpose, between two nodes");
+        assert!(fault != Some(FaultKind::End), "on purpose, between two nodes");
         self.watch(Some(node));
         let read = catch_unwind(AssertUnwindSafe(|| {
-            assert!(fault != Some(How::Panic), "on purpose");
-            while fault == Some(How::Hang) {
+            assert!(fault != Some(FaultKind::Panic), "on purpose");
+            while fault == Some(FaultKind::Hang) {
                 std::thread::park();
             }
             self.read(node, planes, &mut *destination)
@@ -303,7 +303,7 @@ impl<P: FnMut()> Thread<P> {
         let planes_of = Plane::of(self.shown.attribute);
         match planes_of.iter().copied().find(|&plane| record.has(plane)) {
             Some(plane) => {
-                self.bytes.resize(record.unpacked(plane) as usize, 0);
+                self.bytes.resize(record.unpacked_bytes(plane) as usize, 0);
                 index.read(node, plane, &mut self.bytes)?;
                 read.bytes += record.range(plane).1;
                 widen(plane, &self.bytes, words);
@@ -373,7 +373,7 @@ impl<P: FnMut()> Thread<P> {
                 }
             }
         }
-        if let (Some(word), Some(marks)) = (self.shown.light(), &index.marks) {
+        if let (Some(word), Some(marks)) = (self.shown.light(), &index.shadows) {
             self.bytes.resize(count, 0);
             marks.read(node, &mut self.bytes)?;
             read.bytes += count as u64;
@@ -395,7 +395,7 @@ fn gather(
     let record = &index.nodes()[node];
     let (mut read, mut own) = (0, vec![0; words.len()]);
     for &(plane, shift) in parts.iter().filter(|(plane, _)| record.has(*plane)) {
-        bytes.resize(record.unpacked(plane) as usize, 0);
+        bytes.resize(record.unpacked_bytes(plane) as usize, 0);
         index.read(node, plane, bytes)?;
         read += record.range(plane).1;
         widen(plane, bytes, &mut own);

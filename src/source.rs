@@ -12,13 +12,13 @@ use crate::config;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::index::attributes::luminance;
-use crate::index::attributes::strokes::Found;
+use crate::index::attributes::strokes::StrokeCache;
 use crate::index::cache::{self, Cached};
 use crate::index::format::fault_injection::Fault;
 use crate::index::format::{Index, Plane};
 use crate::index::{self, build};
 use crate::progress::Progress;
-use crate::resident::{Filling, Residency, Resident, residency::Update};
+use crate::resident::{CloudUpload, Residency, Resident, residency::Update};
 use crate::select::clip::{Clip, Clips};
 use crate::select::lod::Detail;
 use crate::select::opacity::Opacities;
@@ -36,7 +36,7 @@ pub struct Opening {
     /// Why files are indexed before they are drawn, however few points they hold.
     pub index: Option<&'static str>,
     /// Where their indexes are kept; the usual place where nothing is said.
-    pub place: Option<cache::Place>,
+    pub place: Option<cache::CacheLocation>,
     /// Shadows of the index that were saved, and the light that they are to be of.
     pub shadows: Option<(PathBuf, Light)>,
     /// What is to go wrong while nodes of the index are read, for tests.
@@ -70,7 +70,7 @@ impl Opening {
                     marks.contents.light
                 )));
             }
-            index.marks = Some(marks);
+            index.shadows = Some(marks);
         }
         index.hidden =
             if self.read.strays == Treatment::Hide { root_samples(&index).1 } else { None };
@@ -78,8 +78,8 @@ impl Opening {
         Ok(Source::Index(Arc::new(index)))
     }
 
-    fn place(&self) -> Result<cache::Place> {
-        self.place.clone().map_or_else(cache::Place::usual, Ok)
+    fn place(&self) -> Result<cache::CacheLocation> {
+        self.place.clone().map_or_else(cache::CacheLocation::user_folder, Ok)
     }
 }
 
@@ -324,7 +324,7 @@ impl Source {
 
     /// Whether all points say how much of a light reaches them.
     pub fn has_light(&self) -> bool {
-        matches!(self, Source::Index(index) if index.marks.is_some())
+        matches!(self, Source::Index(index) if index.shadows.is_some())
     }
 
     /// Whether some points say which way their surface faces.
@@ -382,14 +382,14 @@ impl Source {
     pub fn prepare(
         self,
         shown: DisplayAttribute,
-        found: &Arc<Found>,
+        found: &Arc<StrokeCache>,
         progress: &dyn Progress,
     ) -> Result<Prepared> {
         Ok(match self {
             Source::Files(cloud) => {
-                let mut filling = Filling::new(cloud, shown, Some(found.clone()));
-                while filling.organise(index::organise, progress)? {}
-                Prepared::Files(Box::new(filling))
+                let mut upload = CloudUpload::new(cloud, shown, Some(found.clone()));
+                while upload.build_nodes(index::partition, progress)? {}
+                Prepared::Files(Box::new(upload))
             }
             Source::Index(index) => Prepared::Index(index, Box::new(shown)),
         })
@@ -398,7 +398,7 @@ impl Source {
 
 /// A source that needs nothing but the device.
 pub enum Prepared {
-    Files(Box<Filling>),
+    Files(Box<CloudUpload>),
     Index(Arc<Index>, Box<DisplayAttribute>),
 }
 
@@ -408,16 +408,16 @@ const STEP: Duration = Duration::from_millis(16);
 impl Prepared {
     pub fn points(&self) -> u64 {
         match self {
-            Prepared::Files(filling) => filling.points(),
+            Prepared::Files(upload) => upload.points(),
             Prepared::Index(index, _) => index.directory.contents.points,
         }
     }
 
     /// Some of it goes to the device; whether more is to go there.
     pub fn step(&mut self, gpu: &mut Gpu, progress: &dyn Progress) -> Result<bool> {
-        let Prepared::Files(filling) = self else { return Ok(false) };
+        let Prepared::Files(upload) = self else { return Ok(false) };
         let began = Instant::now();
-        while filling.write(gpu, rayon::current_num_threads(), progress)? {
+        while upload.upload_nodes(gpu, rayon::current_num_threads(), progress)? {
             if began.elapsed() >= STEP {
                 return Ok(true);
             }
@@ -428,7 +428,7 @@ impl Prepared {
     /// Once all of it has gone.
     pub fn finish(self, gpu: &mut Gpu, pool_bytes: u64) -> Result<Brought> {
         Ok(match self {
-            Prepared::Files(filling) => Brought::Whole(Box::new(filling.finish(gpu))),
+            Prepared::Files(upload) => Brought::Whole(Box::new(upload.finish(gpu))),
             Prepared::Index(index, shown) => {
                 Brought::Parts(Box::new(Residency::open(gpu, index, *shown, pool_bytes)?))
             }
@@ -436,8 +436,8 @@ impl Prepared {
     }
 
     pub fn free(self, gpu: &mut Gpu) {
-        if let Prepared::Files(filling) = self {
-            filling.free(gpu);
+        if let Prepared::Files(upload) = self {
+            upload.free(gpu);
         }
     }
 }
@@ -446,10 +446,10 @@ fn indexed_files(index: &Index) -> Vec<&PathBuf> {
     index.directory.contents.parts.iter().map(|part| &part.path).collect()
 }
 
-fn kept(place: &cache::Place) -> String {
+fn kept(place: &cache::CacheLocation) -> String {
     match place {
-        cache::Place::Folder(folder) => format!("in {}", folder.display()),
-        cache::Place::Nowhere => "not at all".into(),
+        cache::CacheLocation::Folder(folder) => format!("in {}", folder.display()),
+        cache::CacheLocation::Temporary => "not at all".into(),
     }
 }
 
@@ -543,7 +543,7 @@ pub struct Taken {
 
 impl Brought {
     /// Waits for all that the view shows; nothing to wait for where the whole cloud is there.
-    pub fn settle(
+    pub fn wait_until_resident(
         &mut self,
         gpu: &mut Gpu,
         view: &View,
@@ -552,7 +552,7 @@ impl Brought {
     ) -> Result<Option<Taken>> {
         let Brought::Parts(residency) = self else { return Ok(None) };
         let Update { cut, budget, bytes_read, errors: mut notes, .. } =
-            residency.settle(gpu, view, detail, progress)?;
+            residency.wait_until_resident(gpu, view, detail, progress)?;
         let [pool_bytes, pool_used_bytes] = residency.pool_bytes();
         if budget < detail.budget {
             let pool = pool_bytes >> 20;

@@ -12,7 +12,7 @@ use pointillist::graph::Graph;
 use pointillist::index::attributes::axes;
 use pointillist::index::attributes::luminance::{self, NEIGHBOURS};
 use pointillist::index::attributes::strokes::{self, strokes};
-use pointillist::index::build::{self, Derive, Options, Summary};
+use pointillist::index::build::{self, DerivedPlanes, Options, Summary};
 use pointillist::index::format::{Index, Plane};
 use pointillist::passes::Effects;
 use pointillist::progress::{Progress, Silent};
@@ -34,7 +34,7 @@ const OPTIONS: Options = Options {
     strict: false,
     text: TextOptions::NONE,
     rgb_range: None,
-    derive: Derive::ALL,
+    derive: DerivedPlanes::ALL,
 };
 
 /// A folder with a scan.
@@ -140,8 +140,10 @@ fn corrected_colours_of_leaves_are_those_of_the_cloud_in_memory() {
     for (i, color) in columns.rgb.as_ref().unwrap().iter().enumerate() {
         expected.entry([columns.x[i], columns.y[i], columns.z[i]]).or_default().push(*color);
     }
-    let (index, _) =
-        place.build(&Options { derive: Derive { luminance: true, ..Derive::NONE }, ..OPTIONS });
+    let (index, _) = place.build(&Options {
+        derive: DerivedPlanes { luminance: true, ..DerivedPlanes::NONE },
+        ..OPTIONS
+    });
     let mut changed = 0;
     for leaf in leaves(&index) {
         let (own, corrected) =
@@ -164,7 +166,7 @@ fn contents(index: &Index) -> Vec<Vec<u8>> {
     let planes = [Plane::Coarse, Plane::Facing, Plane::Brush, Plane::Corrected];
     let all = (0..index.nodes().len()).flat_map(|node| planes.map(|plane| (node, plane)));
     let bytes = |(node, plane): (usize, Plane)| {
-        let mut bytes = vec![0; index.nodes()[node].unpacked(plane) as usize];
+        let mut bytes = vec![0; index.nodes()[node].unpacked_bytes(plane) as usize];
         index.read(node, plane, &mut bytes).unwrap();
         bytes
     };
@@ -251,18 +253,18 @@ fn a_sample_that_stands_for_one_point_is_its_stroke() {
 #[test]
 fn what_is_not_asked_for_is_not_there_and_takes_no_room() {
     let place = Place::new(SceneKind::Torus, 100_000);
-    let bytes = |derive: Derive| {
+    let bytes = |derive: DerivedPlanes| {
         let (index, summary) = place.build(&Options { derive, ..OPTIONS });
         let planes = [Plane::Facing, Plane::Brush, Plane::Corrected].map(|plane| index.has(plane));
         (planes, summary.bytes / index.nodes().iter().map(|node| node.count as u64).sum::<u64>())
     };
-    let (none, least) = bytes(Derive::NONE);
+    let (none, least) = bytes(DerivedPlanes::NONE);
     assert_eq!(none, [false; 3]);
     let cases = [
-        (Derive { normals: true, ..Derive::NONE }, [true, false, false], 4),
-        (Derive { strokes: true, ..Derive::NONE }, [true, true, false], 8),
-        (Derive { luminance: true, ..Derive::NONE }, [false, false, true], 3),
-        (Derive::ALL, [true; 3], 11),
+        (DerivedPlanes { normals: true, ..DerivedPlanes::NONE }, [true, false, false], 4),
+        (DerivedPlanes { strokes: true, ..DerivedPlanes::NONE }, [true, true, false], 8),
+        (DerivedPlanes { luminance: true, ..DerivedPlanes::NONE }, [false, false, true], 3),
+        (DerivedPlanes::ALL, [true; 3], 11),
     ];
     for (derive, planes, more) in cases {
         let (there, size) = bytes(derive);
@@ -277,7 +279,12 @@ fn painted(index: Index, view: &View, budget: u64) -> (Vec<f32>, u64) {
         shown.further.strokes = true;
         let mut residency = Residency::open(gpu, Arc::new(index), shown, 1 << 28).unwrap();
         let update = residency
-            .settle(gpu, view, &Detail { budget, lod_px: 0.0, ..Detail::of(view.size) }, &Silent)
+            .wait_until_resident(
+                gpu,
+                view,
+                &Detail { budget, lod_px: 0.0, ..Detail::of(view.size) },
+                &Silent,
+            )
             .unwrap();
         let settings =
             RenderSettings { effects: Effects::of(Style::Strokes), ..RenderSettings::default() };
@@ -308,8 +315,10 @@ fn strokes_of_a_tenth_of_the_points_cover_what_all_of_them_do() {
     let inside: Vec<bool> = (0..400 * 300).map(hit).collect();
     let surface = inside.iter().filter(|inside| **inside).count();
     for budget in [1, u64::MAX] {
-        let (index, _) =
-            place.build(&Options { derive: Derive { strokes: true, ..Derive::NONE }, ..OPTIONS });
+        let (index, _) = place.build(&Options {
+            derive: DerivedPlanes { strokes: true, ..DerivedPlanes::NONE },
+            ..OPTIONS
+        });
         let (covered, points) = painted(index, &view, budget);
         let holes = inside
             .iter()
@@ -359,7 +368,7 @@ fn interrupted_it_leaves_nothing() {
 fn a_picture_that_lacks_a_plane_says_in_one_line_how_to_make_it() {
     let place = Place::new(SceneKind::Torus, 60_000);
     let line = |words: &str| format!("-o {} --size 64x48 {words}", place.at("a.png").display());
-    place.build(&Options { derive: Derive::NONE, ..OPTIONS });
+    place.build(&Options { derive: DerivedPlanes::NONE, ..OPTIONS });
     let lacking = [
         ("--color normal", "--normals"),
         ("--effect phong=on,normals=file", "--normals"),
@@ -410,8 +419,10 @@ fn with_normals(path: &Path) {
 fn normals_of_files_are_kept_and_say_which_side_is_outside() {
     let place = Place { folder: tempfile::tempdir().unwrap() };
     with_normals(&place.at("scan.las"));
-    let (index, _) =
-        place.build(&Options { derive: Derive { normals: true, ..Derive::NONE }, ..OPTIONS });
+    let (index, _) = place.build(&Options {
+        derive: DerivedPlanes { normals: true, ..DerivedPlanes::NONE },
+        ..OPTIONS
+    });
     assert!(index.directory.contents.oriented);
     for node in 0..index.nodes().len() {
         for facing in words(&index, node, Plane::Facing) {
@@ -430,13 +441,13 @@ fn luminance_is_that_of_all_files_even_where_their_lattices_differ() {
     bytes[155..163].copy_from_slice(&offset.to_le_bytes());
     std::fs::write(place.at("other.las"), bytes).unwrap();
     let files = [place.at("scan.las"), place.at("other.las")];
-    let options = Options { derive: Derive::ALL, ..OPTIONS };
+    let options = Options { derive: DerivedPlanes::ALL, ..OPTIONS };
     build::build(&files, &place.at("both.pnti"), &options, &Silent).unwrap();
     let index = Index::open(&place.at("both.pnti")).unwrap();
     // Two trees, and what stands above them, which knows all that they do.
     assert_eq!((index.directory.roots, index.directory.contents.lattices.len()), (1, 6));
     assert!(
-        Derive::ALL.planes().into_iter().all(|plane| index.nodes()[0].has(plane))
+        DerivedPlanes::ALL.planes().into_iter().all(|plane| index.nodes()[0].has(plane))
             && index.nodes()[0].lattice >= 4
     );
     let mut cloud = cloud::read(&files, &ReadOptions::new(ColumnSet::ALL, false), &Silent).unwrap();

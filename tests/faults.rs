@@ -311,7 +311,7 @@ fn is_readable(path: &Path) -> bool {
     (0..index.nodes().len()).all(|number| {
         let node = &index.nodes()[number];
         PLANES.iter().filter(|(plane, _)| node.has(*plane)).all(|&(plane, _)| {
-            let mut bytes = vec![0; node.unpacked(plane) as usize];
+            let mut bytes = vec![0; node.unpacked_bytes(plane) as usize];
             index.read(number, plane, &mut bytes).is_ok()
         })
     })

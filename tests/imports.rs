@@ -28,7 +28,7 @@ const BEFORE: &[(&str, &[&str])] = &[
     ("cli", &["study", "guide"]),
 ];
 
-const FOR_ALL: &[&str] = &["error", "config", "progress", "whole_file"];
+const FOR_ALL: &[&str] = &["error", "config", "progress", "atomic_file"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

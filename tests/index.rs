@@ -23,7 +23,7 @@ use pointillist::cloud::table::TextOptions;
 use pointillist::cloud::{self, Cloud, ColumnSet, Lattice, ReadOptions};
 use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
-use pointillist::index::build::{self, Derive, Options, Summary};
+use pointillist::index::build::{self, DerivedPlanes, Options, Summary};
 use pointillist::index::format::{Contents, Index, NodeRecord, PLANES, Plane};
 use pointillist::progress::{Progress, Silent};
 use pointillist::select::clip::Clips;
@@ -46,7 +46,7 @@ const OPTIONS: Options = Options {
     strict: false,
     text: TextOptions::NONE,
     rgb_range: None,
-    derive: Derive::NONE,
+    derive: DerivedPlanes::NONE,
 };
 const READ: ReadOptions = ReadOptions::new(ColumnSet::ALL, false);
 

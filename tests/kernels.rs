@@ -153,7 +153,7 @@ fn resolved(
 /// The words that the points of a one-node cloud show, by id.
 fn words(cloud: &Cloud, shown: &DisplayAttribute) -> Vec<u32> {
     let part = &cloud.parts[0];
-    let organised = index::organise(&part.columns, &Silent).unwrap();
+    let organised = index::partition(&part.columns, &Silent).unwrap();
     assert_eq!(organised.nodes.len(), 1);
     let frame = pack::frame(&part.columns, &organised.order);
     let mut pages = vec![vec![0; part.columns.len()]; frame.planes as usize + 1];

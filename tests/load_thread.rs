@@ -10,8 +10,8 @@ use pointillist::config::POINTS_PER_PAGE;
 use pointillist::error::{Error, Result};
 use pointillist::gpu::DeviceOptions;
 use pointillist::graph::Gpu;
-use pointillist::index::attributes::strokes::Found;
-use pointillist::index::cache::Place;
+use pointillist::index::attributes::strokes::StrokeCache;
+use pointillist::index::cache::CacheLocation;
 use pointillist::progress::{Progress, Silent};
 use pointillist::resident::Resident;
 use pointillist::source::{Opening, Source};
@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, mpsc};
 
 fn opening() -> Opening {
     let read = ReadOptions::new(ColumnSet { rgb: true, ..ColumnSet::default() }, false);
-    Opening { read, index: None, place: Some(Place::Nowhere), shadows: None, fault: None }
+    Opening { read, index: None, place: Some(CacheLocation::Temporary), shadows: None, fault: None }
 }
 
 /// What becomes of files, one after the other.
@@ -209,7 +209,7 @@ fn a_cloud_on_its_way_to_the_device_goes_forward_once() {
 fn strokes_are_found_once_whatever_is_shown_of_their_points_and_can_be_given_up() {
     let folder = tempfile::tempdir().unwrap();
     const POINTS: [u64; 2] = [60_000, 40_000];
-    let found = Arc::new(Found::default());
+    let found = Arc::new(StrokeCache::default());
     let ticks = |color: Option<Attribute>, further: ExtraAttributes| {
         let (heard, (source, shown)) =
             (Heard::default(), source(folder.path(), POINTS, color, further));

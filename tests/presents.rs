@@ -108,7 +108,7 @@ fn pages_that_come_and_go_are_not_those_of_pictures_that_are_under_way() {
     let mut overlaps = 0;
     for seed in 0..16 {
         let own = view(seed);
-        residency.settle(&mut gpu, &own, &few, &Silent).unwrap();
+        residency.wait_until_resident(&mut gpu, &own, &few, &Silent).unwrap();
         let evictions = residency.evictions;
         let (disturbed, at_work) =
             draw(&mut gpu, &mut present, &mut residency, &own, |gpu, residency| {
@@ -117,7 +117,7 @@ fn pages_that_come_and_go_are_not_those_of_pictures_that_are_under_way() {
                 }
             });
         overlaps += (at_work && residency.evictions > evictions) as u32;
-        residency.settle(&mut gpu, &own, &few, &Silent).unwrap();
+        residency.wait_until_resident(&mut gpu, &own, &few, &Silent).unwrap();
         let (alone, _) = draw(&mut gpu, &mut present, &mut residency, &own, |_, _| ());
         assert!(disturbed == alone, "picture {seed} shows pages of other nodes");
     }

@@ -6,7 +6,7 @@ use loom::model;
 use loom::sync::Arc;
 use loom::sync::atomic::{AtomicUsize, Ordering::SeqCst};
 use loom::thread;
-use queue::{Next, Queue, Wish};
+use queue::{Next, NodeRequest, Queue};
 
 #[path = "../src/loader/queue.rs"]
 mod queue;
@@ -37,12 +37,12 @@ fn shared() -> Shared {
     (Arc::new(Queue::new()), Arc::new(AtomicUsize::new(0)))
 }
 
-fn new(node: usize, places: &Arc<AtomicUsize>) -> Wish<Place> {
-    Wish { node, planes: 1, destination: Some(Place::new(places)) }
+fn new(node: usize, places: &Arc<AtomicUsize>) -> NodeRequest<Place> {
+    NodeRequest { node, planes: 1, destination: Some(Place::new(places)) }
 }
 
-fn again(node: usize) -> Wish<Place> {
-    Wish { node, planes: 2, destination: None }
+fn again(node: usize) -> NodeRequest<Place> {
+    NodeRequest { node, planes: 2, destination: None }
 }
 
 /// What the loader has done, in order.

@@ -10,13 +10,13 @@ use pointillist::cloud::attribute::{Attribute, DisplayAttribute};
 use pointillist::config::{POINTS_PER_PAGE, UPLOAD_BYTES, UPLOAD_BYTES_SHARED};
 use pointillist::graph::{Gpu, Graph};
 use pointillist::index::format::{Index, Plane};
-use pointillist::loader::{Answer, Destination, Loader, Outcome, Wish};
+use pointillist::loader::{Answer, Destination, Loader, NodeRequest, Outcome};
 use pointillist::passes::Switch;
 use pointillist::progress::Silent;
 use pointillist::render::frame;
 use pointillist::render::settings::{FrameConfig, RenderSettings};
 use pointillist::resident::residency::{Residency, Update};
-use pointillist::resident::section::Slab;
+use pointillist::resident::slab_query::Slab;
 use pointillist::resident::{Resident, pool::PAGE_BYTES};
 use pointillist::select::clip::Clips;
 use pointillist::select::lod::{self, Detail};
@@ -110,7 +110,7 @@ fn settled(
     view: &View,
     detail: &Detail,
 ) -> (Update, Picture) {
-    let update = residency.settle(gpu, view, detail, &Silent).unwrap();
+    let update = residency.wait_until_resident(gpu, view, detail, &Silent).unwrap();
     (update, draw(gpu, view, residency.resident()))
 }
 
@@ -151,9 +151,9 @@ fn a_settled_picture_depends_neither_on_the_pool_nor_on_what_was_drawn_before() 
         // The pages of the largest cut below, and not one more than the roots need beside it.
         let mut huge = planted.open(gpu, HUGE);
         let most = (0..6).map(|seed| {
-            huge.settle(gpu, &view(seed), &detail, &Silent).unwrap();
+            huge.wait_until_resident(gpu, &view(seed), &detail, &Silent).unwrap();
             let mut fresh = planted.open(gpu, HUGE);
-            fresh.settle(gpu, &view(seed), &detail, &Silent).unwrap();
+            fresh.wait_until_resident(gpu, &view(seed), &detail, &Silent).unwrap();
             let used = fresh.pool_bytes()[1];
             fresh.free(gpu);
             used
@@ -199,7 +199,8 @@ fn a_cut_that_does_not_fit_the_pool_is_coarser_and_complete() {
         residency.free(gpu);
         // And one that does not hold the root says so.
         let mut residency = planted.open(gpu, PAGE_BYTES);
-        let error = residency.settle(gpu, &view(1), &all(), &Silent).unwrap_err().to_string();
+        let error =
+            residency.wait_until_resident(gpu, &view(1), &all(), &Silent).unwrap_err().to_string();
         assert!(error.contains("roots"), "{error}");
         residency.free(gpu);
     });
@@ -310,7 +311,7 @@ fn a_damaged_leaf_is_said_once_and_its_parent_is_drawn() {
             let expected =
                 lod::choose(&index, &view, &Clips::default(), &all(), &HashSet::from([leaf]));
             assert_eq!(update.cut, expected);
-            let again = residency.settle(gpu, &view, &all(), &Silent).unwrap();
+            let again = residency.wait_until_resident(gpu, &view, &all(), &Silent).unwrap();
             assert!(again.errors.is_empty() && again.bytes_read == 0, "tried again: {again:?}");
             residency.free(gpu);
         });
@@ -394,7 +395,7 @@ fn a_device_whose_memory_is_not_mapped_draws_the_same_and_tells_the_same() {
                     residency.update(gpu, &self::view(50 + 3 * seed + step), &few(6000)).unwrap();
                     draw(gpu, &view, residency.resident());
                 }
-                residency.settle(gpu, &view, &few(6000), &Silent).unwrap();
+                residency.wait_until_resident(gpu, &view, &few(6000), &Silent).unwrap();
                 config(gpu, residency.resident(), &view);
             }
             assert!(residency.evictions > 0);
@@ -432,8 +433,8 @@ impl Gate {
         Gate { node, written: Arc::default(), pass: None, began: None, panics: false }
     }
 
-    fn wish(self) -> Wish {
-        Wish { node: self.node, planes: 1, destination: Some(Box::new(self)) }
+    fn request(self) -> NodeRequest {
+        NodeRequest { node: self.node, planes: 1, destination: Some(Box::new(self)) }
     }
 }
 
@@ -461,16 +462,16 @@ fn the_newest_wish_list_wins() {
     let held =
         Gate { pass: Some(gate), began: Some(begins), written: written.clone(), ..Gate::open(1) };
     loader.post(vec![
-        held.wish(),
-        Gate::open(2).wish(),
-        Gate::open(3).wish(),
-        Gate::open(4).wish(),
+        held.request(),
+        Gate::open(2).request(),
+        Gate::open(3).request(),
+        Gate::open(4).request(),
     ]);
     // Node 1 has begun. Of the rest the second list keeps 4 only, and the third asks for 5 before it.
     began.recv().unwrap();
-    let kept = |node| Wish { node, planes: 1, destination: None };
+    let kept = |node| NodeRequest { node, planes: 1, destination: None };
     loader.post(vec![kept(4), kept(1)]);
-    loader.post(vec![Gate::open(5).wish(), kept(4)]);
+    loader.post(vec![Gate::open(5).request(), kept(4)]);
     pass.send(()).unwrap();
     let said: Vec<_> = answers(&loader, 5)
         .into_iter()
@@ -486,7 +487,7 @@ fn the_newest_wish_list_wins() {
 fn a_panic_in_the_loader_is_an_error_of_one_node() {
     let planted = Planted::new();
     let loader = Loader::start(planted.index.clone(), planted.shown(), || ()).unwrap();
-    loader.post(vec![Gate { panics: true, ..Gate::open(1) }.wish(), Gate::open(2).wish()]);
+    loader.post(vec![Gate { panics: true, ..Gate::open(1) }.request(), Gate::open(2).request()]);
     let [first, second]: [Answer; 2] = answers(&loader, 2).try_into().unwrap();
     assert!(
         matches!(&first.outcome, Outcome::Failed(error) if error.to_string().contains("node 1") && error.to_string().contains("on purpose"))
@@ -501,7 +502,7 @@ fn a_loader_that_is_gone_is_said_and_never_waited_for() {
     let loader =
         Loader::start(planted.index.clone(), planted.shown(), || panic!("outside of any node"))
             .unwrap();
-    loader.post(vec![Gate::open(1).wish(), Gate::open(2).wish()]);
+    loader.post(vec![Gate::open(1).request(), Gate::open(2).request()]);
     assert_eq!(answers(&loader, 1)[0].node, 1);
     let began = Instant::now();
     assert!(loader.wait(Duration::from_secs(600)).unwrap_err().to_string().contains("ended"));
@@ -617,7 +618,7 @@ fn every_attribute_is_shown_as_the_cloud_itself_shows_it() {
     }
     let loader = Loader::start(planted.index.clone(), shown, || ()).unwrap();
     for node in [0, planted.index.nodes().len() - 1] {
-        loader.post(vec![Wish {
+        loader.post(vec![NodeRequest {
             node,
             planes: 1,
             destination: Some(Box::new(Keep(words.clone()))),

@@ -648,7 +648,7 @@ fn marks_of_nodes_that_come_and_go_are_those_of_casting_all_anew() {
                     lod_px: 0.0,
                     ..Detail::of([320, 200])
                 };
-                residency.settle(gpu, &view, &detail, &Silent).unwrap();
+                residency.wait_until_resident(gpu, &view, &detail, &Silent).unwrap();
                 let resident = residency.resident();
                 let (facts, found) = marks(gpu, resident, &view, false);
                 let (all, expected) = marks(gpu, resident, &view, true);

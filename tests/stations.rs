@@ -5,7 +5,7 @@ mod support;
 use pointillist::cloud::table::TextOptions;
 use pointillist::cloud::{self, ColumnSet, ReadOptions};
 use pointillist::index::attributes::exposure;
-use pointillist::index::build::{self, Derive, Options};
+use pointillist::index::build::{self, DerivedPlanes, Options};
 use pointillist::index::format::{Index, Plane};
 use pointillist::progress::Silent;
 use pointillist::synth::SceneKind;
@@ -21,7 +21,7 @@ const OPTIONS: Options = Options {
     strict: false,
     text: TextOptions::NONE,
     rgb_range: None,
-    derive: Derive::NONE,
+    derive: DerivedPlanes::NONE,
 };
 const READ: ReadOptions = ReadOptions::new(ColumnSet::ALL, false);
 
@@ -146,11 +146,11 @@ fn a_node_takes_as_few_bytes_as_it_may_to_say_which_stations_have_seen_it() {
     let index = Index::open(&path).unwrap();
     let mut seen = [0; 5];
     for (node, record) in index.nodes().iter().enumerate().filter(|(_, record)| record.is_leaf()) {
-        let mut stations = vec![255; record.unpacked(Plane::Station) as usize];
+        let mut stations = vec![255; record.unpacked_bytes(Plane::Station) as usize];
         index.read(node, Plane::Station, &mut stations).unwrap();
         stations.iter().for_each(|&station| seen[station as usize] += 1);
         let one = stations.iter().all(|station| *station == stations[0]);
-        assert_eq!(record.one_station().is_some(), one);
+        assert_eq!(record.single_station().is_some(), one);
         assert_eq!(
             record.range(Plane::Station).1,
             if one { 0 } else { (record.count as u64).div_ceil(2) }
@@ -158,7 +158,7 @@ fn a_node_takes_as_few_bytes_as_it_may_to_say_which_stations_have_seen_it() {
     }
     let read = cloud::read(&files, &READ, &Silent).unwrap();
     assert_eq!(seen.to_vec(), read.parts.iter().map(|part| part.columns.len()).collect::<Vec<_>>());
-    assert!(index.nodes().iter().filter(|record| record.one_station().is_some()).count() >= 5);
+    assert!(index.nodes().iter().filter(|record| record.single_station().is_some()).count() >= 5);
 
     // What is shown of stations is the same.
     let picture = |name: &str, cloud: &[PathBuf]| {

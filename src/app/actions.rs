@@ -4,10 +4,10 @@ use super::navigation::Input;
 use super::profile;
 use super::render_thread::Message;
 use super::{App, clip_box_widget};
+use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
-use crate::resident::section::Slab;
+use crate::resident::slab_query::Slab;
 use crate::view::View;
-use crate::whole_file::whole_file;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use winit::window::Fullscreen;
@@ -174,7 +174,7 @@ impl App {
 }
 
 fn write(path: &Path, text: String) -> Result<()> {
-    whole_file(path, |partial| {
+    write_atomically(path, |partial| {
         std::fs::write(partial, text).map_err(|error| Error::io("write", path, error))
     })
 }

@@ -7,7 +7,7 @@ use crate::cloud::histograms::Histograms;
 use crate::cloud::system::Reference;
 use crate::cloud::{ColumnSet, ReadOptions, Station};
 use crate::error::{Error, Result};
-use crate::index::attributes::strokes::Found;
+use crate::index::attributes::strokes::StrokeCache;
 use crate::progress::Progress;
 use crate::source::{Opening, Prepared, Preview, Source};
 use std::path::PathBuf;
@@ -120,7 +120,7 @@ pub fn start(
     opening: Opening,
     further: ExtraAttributes,
     first: FirstStage,
-    found: Arc<Found>,
+    found: Arc<StrokeCache>,
     watch: ProgressReporter,
     opened: impl Fn(Result<LoadedCloud>) + Send + 'static,
 ) -> Result<JoinHandle<()>> {

@@ -34,7 +34,7 @@ pub mod scripted_flight;
 
 use crate::cloud::find::Record;
 use crate::error::{Error, Result};
-use crate::index::attributes::strokes::Found;
+use crate::index::attributes::strokes::StrokeCache;
 use crate::progress::Progress;
 use crate::render::scene::Scene;
 use crate::view::Camera;
@@ -138,7 +138,7 @@ struct App {
     lookup_token: CancelToken,
     workers: Vec<JoinHandle<()>>,
     /// Those that were found of the files that are open.
-    strokes: Arc<Found>,
+    strokes: Arc<StrokeCache>,
     /// The files that the points on the screen are from.
     origins: Vec<PathBuf>,
     /// All that are open, or are being opened.

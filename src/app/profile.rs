@@ -5,7 +5,7 @@ use super::measure;
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::colormap;
 use crate::cloud::system::Reference;
-use crate::resident::section::{Found, Section, Slab};
+use crate::resident::slab_query::{Slab, SlabPoint, SlabPoints};
 use egui::{Color32, ColorImage, RichText, TextureHandle, TextureOptions, Ui, Vec2};
 use glam::{DVec2, DVec3};
 
@@ -21,7 +21,7 @@ const FLATTEST: f64 = 0.02;
 /// A section as it is shown.
 pub struct Profile {
     pub slab: Slab,
-    section: Section,
+    section: SlabPoints,
     shown: DisplayAttribute,
     /// Of the points, metres.
     heights: [f64; 2],
@@ -30,7 +30,7 @@ pub struct Profile {
 }
 
 impl Profile {
-    pub fn new(slab: Slab, section: Section, shown: DisplayAttribute) -> Profile {
+    pub fn new(slab: Slab, section: SlabPoints, shown: DisplayAttribute) -> Profile {
         let heights = || section.points.iter().map(|found| found.point.position.z);
         let (lo, hi) =
             (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
@@ -46,7 +46,7 @@ impl Profile {
         (SIZE[1] as f64 / (hi - lo)) / (SIZE[0] as f64 / self.slab.length)
     }
 
-    fn pixel(&self, found: &Found) -> [usize; 2] {
+    fn pixel(&self, found: &SlabPoint) -> [usize; 2] {
         let [lo, hi] = self.heights;
         let at =
             DVec2::new(found.place.x / self.slab.length, (hi - found.point.position.z) / (hi - lo));
@@ -70,7 +70,7 @@ impl Profile {
         } else {
             String::new()
         };
-        let line = |found: &Found| {
+        let line = |found: &SlabPoint| {
             let DVec3 { x, y, z } = reference.digits.round(found.point.position);
             let kind = measure::kind(&found.point)
                 .map_or(",,".into(), |kind| kind.map(|number| number.to_string()).join(","));
@@ -92,7 +92,7 @@ impl Profile {
 
     /// What it is made of.
     pub fn says(&self, reference: &Reference) -> String {
-        let Section { points, resident, all } = &self.section;
+        let SlabPoints { points, resident, all } = &self.section;
         let part = if resident < all {
             format!(", of the {resident} of {all} that are loaded")
         } else {

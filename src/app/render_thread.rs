@@ -29,7 +29,7 @@ use crate::render::frame;
 use crate::render::scene::Scene;
 use crate::render::settings::{FrameConfig, RenderSettings};
 use crate::resident::residency::Update;
-use crate::resident::section::Slab;
+use crate::resident::slab_query::Slab;
 use crate::resident::{Point, Resident};
 use crate::source::{Brought, Prepared};
 use crate::view::View;

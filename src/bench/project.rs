@@ -49,7 +49,8 @@ pub fn run(options: &DeviceOptions, plan: &Plan, progress: &dyn Progress) -> Res
         let cloud = synth::collect("sphere", &world, points, plan.seed, 0.0, progress)?;
         let sample = cloud.core_points();
         for order in ["morton", "shuffled"] {
-            let arrange = if order == "morton" { index::organise } else { index::shuffle };
+            let arrange =
+                if order == "morton" { index::partition } else { index::shuffled_partition };
             let shown = DisplayAttribute::new(Attribute::White, &cloud);
             let resident =
                 Resident::arrange(&mut gpus.compute, cloud.clone(), shown, arrange, progress)?;

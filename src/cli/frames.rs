@@ -3,6 +3,7 @@
 //! Frames are pictures as `render` draws them, each whole or not there. One that is there is drawn again, unless `--resume` keeps it, which is said.
 
 use super::render::{Arguments, refuse_to_overwrite};
+use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::output::export::Downloads;
@@ -12,7 +13,6 @@ use crate::render::settings::FrameConfig;
 use crate::source::Source;
 use crate::view::View;
 use crate::view::camera_path::CameraPath;
-use crate::whole_file::WholeFile;
 use std::path::{Path, PathBuf};
 
 /// Of a frame's number, so that names sort as numbers do.
@@ -48,7 +48,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
     }
     let [first, ..] = missing[..] else { return Ok(()) };
     // A folder that cannot be written to is said before the work is done.
-    png(first).iter().chain(&exr(first)).try_for_each(|file| WholeFile::create(file).map(drop))?;
+    png(first).iter().chain(&exr(first)).try_for_each(|file| AtomicFile::create(file).map(drop))?;
     let options = arguments.picture.with_scene()?;
     let (size, settings) = (options.size.0, options.settings()?);
     let source = Source::open(
@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments, path: &Path, progress: &dyn Progress) -> Resul
             }
         };
         for note in brought
-            .settle(&mut gpu, &view, &options.detail.lod().of(size), &frames)?
+            .wait_until_resident(&mut gpu, &view, &options.detail.lod().of(size), &frames)?
             .into_iter()
             .flat_map(|taken| taken.notes)
         {

@@ -5,7 +5,7 @@ use super::render::refuse_to_overwrite;
 use crate::cloud::ColumnSet;
 use crate::config;
 use crate::error::{Error, Result};
-use crate::index::build::{self, Derive, Options, Summary};
+use crate::index::build::{self, DerivedPlanes, Options, Summary};
 use crate::progress::Progress;
 use std::path::PathBuf;
 
@@ -106,8 +106,11 @@ impl Arguments {
         }
         let usual = Options::usual(self.strict);
         let threads = self.threads.map_or(usual.threads, |threads| threads as usize);
-        let derive =
-            Derive { normals: self.normals, strokes: self.strokes, luminance: self.luminance };
+        let derive = DerivedPlanes {
+            normals: self.normals,
+            strokes: self.strokes,
+            luminance: self.luminance,
+        };
         let wanted = ColumnSet { gps_time: self.gps_time, ..usual.wanted };
         let (text, rgb_range) = (self.text.options(), self.colors.rgb_range);
         Ok(Options { memory: self.memory.0, threads, wanted, text, rgb_range, derive, ..usual })

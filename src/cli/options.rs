@@ -170,8 +170,8 @@ impl DetailOptions {
         let chosen = self.point_budget.is_some() || self.lod.is_some();
         let index = chosen.then_some("--point-budget and --lod choose among the nodes of an index");
         let place = match &self.cache_dir {
-            _ if self.no_cache => Some(cache::Place::Nowhere),
-            folder => folder.clone().map(cache::Place::Folder),
+            _ if self.no_cache => Some(cache::CacheLocation::Temporary),
+            folder => folder.clone().map(cache::CacheLocation::Folder),
         };
         Opening {
             read,

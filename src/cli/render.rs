@@ -2,6 +2,7 @@
 
 use super::frames;
 use super::options::{DeviceOptions, PictureOptions, ends_in};
+use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
 use crate::graph::{CompletedSubmission, Gpu};
 use crate::output::export::Downloads;
@@ -15,7 +16,6 @@ use crate::render::settings::FrameConfig;
 use crate::resident::Resident;
 use crate::source::{Brought, Source, Taken};
 use crate::view::View;
-use crate::whole_file::WholeFile;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
         refuse_to_overwrite(output, &arguments.files)?;
         ends_in(output, &[ending])?;
         // A folder that cannot be written to is said before the work is done.
-        drop(WholeFile::create(output)?);
+        drop(AtomicFile::create(output)?);
     }
     let settings = picture.settings()?;
     let mut stages = Stages::new();
@@ -126,7 +126,12 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if arguments.tile.is_some() || tiled::needs_pieces(&gpu, view.size, arguments.piece) {
         return in_pieces(arguments, &picture, &view, &mut gpu, brought, progress);
     }
-    facts.taken = brought.settle(&mut gpu, &view, &picture.detail.lod().of(view.size), progress)?;
+    facts.taken = brought.wait_until_resident(
+        &mut gpu,
+        &view,
+        &picture.detail.lod().of(view.size),
+        progress,
+    )?;
     for note in facts.taken.iter().flat_map(|taken| &taken.notes) {
         if arguments.strict {
             return Err(Error::Request(note.clone()));

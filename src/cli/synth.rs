@@ -1,13 +1,13 @@
 //! `pointillist synth`: a simulated scan of an analytic scene into a LAS file, or its truth for a camera into an EXR picture.
 
 use super::options::{Size, ends_in, read_camera};
+use crate::atomic_file::write_atomically;
 use crate::config;
 use crate::error::{Error, Result};
 use crate::output::image_io::{Samples, write_exr};
 use crate::progress::Progress;
 use crate::synth::{self, LasFile, SceneKind, Viewpoint, World};
 use crate::view::{Camera, Projection, View};
-use crate::whole_file::whole_file;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -84,7 +84,7 @@ pub fn run(arguments: &Arguments, progress: &dyn Progress) -> Result<()> {
     if let Some(path) = &arguments.camera_out {
         let text = serde_json::to_string_pretty(&camera(world.camera()))
             .expect("a camera is plain numbers");
-        whole_file(path, |partial| {
+        write_atomically(path, |partial| {
             std::fs::write(partial, text + "\n").map_err(|e| Error::io("write", path, e))
         })?;
     }

@@ -25,7 +25,7 @@ impl Terminal {
         // Without a handler Ctrl-C ends the process as it always does.
         let _ = ctrlc::set_handler(|| {
             if INTERRUPTED.swap(true, Relaxed) {
-                crate::whole_file::abandon_all();
+                crate::atomic_file::remove_unfinished();
                 std::process::exit(130);
             }
             call_waiting();

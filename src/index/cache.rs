@@ -20,15 +20,15 @@ const SAMPLE_BYTES: u64 = 16 << 10;
 
 /// Where indexes are kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum CacheLocation {
     Folder(PathBuf),
-    /// Nowhere: made in the system's temporary folder, and gone with the process.
-    Nowhere,
+    /// Temporary: made in the system's temporary folder, and gone with the process.
+    Temporary,
 }
 
-impl Place {
+impl CacheLocation {
     /// The user's own cache folder.
-    pub fn usual() -> Result<Place> {
+    pub fn user_folder() -> Result<CacheLocation> {
         let set = |name: &str| {
             std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)
         };
@@ -38,7 +38,7 @@ impl Place {
         let folder = folder.ok_or_else(|| {
             Error::Request("there is no cache folder (neither HOME nor XDG_CACHE_HOME is set); give --cache-dir or --no-cache".into())
         })?;
-        Ok(Place::Folder(folder.join("pointillist")))
+        Ok(CacheLocation::Folder(folder.join("pointillist")))
     }
 }
 
@@ -49,8 +49,8 @@ pub struct Cached {
 }
 
 /// Whether there is an index of these files, as far as can be told without opening it.
-pub fn is_there(paths: &[PathBuf], place: &Place, options: &Options) -> Result<bool> {
-    let Place::Folder(folder) = place else { return Ok(false) };
+pub fn is_there(paths: &[PathBuf], place: &CacheLocation, options: &Options) -> Result<bool> {
+    let CacheLocation::Folder(folder) = place else { return Ok(false) };
     Ok(folder.join(name(paths, options)?).exists())
 }
 
@@ -60,13 +60,13 @@ fn name(paths: &[PathBuf], options: &Options) -> Result<String> {
 
 pub fn find_or_build(
     paths: &[PathBuf],
-    place: &Place,
+    place: &CacheLocation,
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Cached> {
     let name = name(paths, options)?;
     match place {
-        Place::Folder(folder) => {
+        CacheLocation::Folder(folder) => {
             let path = folder.join(name);
             if path.exists() {
                 match Index::open(&path) {
@@ -79,7 +79,7 @@ pub fn find_or_build(
             let made = build(paths, &path, options, progress)?;
             Ok(Cached { index: Index::open(&path)?, made: Some(made) })
         }
-        Place::Nowhere => {
+        CacheLocation::Temporary => {
             let path =
                 std::env::temp_dir().join(format!("pointillist-{}-{name}", std::process::id()));
             let made = build(paths, &path, options, progress)?;

@@ -11,4 +11,4 @@ pub mod build;
 pub mod cache;
 pub mod format;
 
-pub use build::partition::{Arrangement, Node, Organised, organise, shuffle};
+pub use build::partition::{Arrangement, Node, Partition, partition, shuffled_partition};

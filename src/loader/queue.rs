@@ -13,7 +13,7 @@ use super::sync::{Condvar, Mutex, MutexGuard};
 use std::collections::{BTreeMap, VecDeque};
 
 /// A node that a frame wants, in the order of the list.
-pub struct Wish<D> {
+pub struct NodeRequest<D> {
     pub node: usize,
     /// Position planes.
     pub planes: u32,
@@ -36,7 +36,7 @@ pub enum Next<D> {
 }
 
 struct Waiting<D> {
-    wished: VecDeque<(usize, u32, D)>,
+    requested: VecDeque<(usize, u32, D)>,
     dropped: VecDeque<(usize, D)>,
     closed: bool,
 }
@@ -50,7 +50,7 @@ impl<D> Queue<D> {
     pub fn new() -> Queue<D> {
         Queue {
             waiting: Mutex::new(Waiting {
-                wished: VecDeque::new(),
+                requested: VecDeque::new(),
                 dropped: VecDeque::new(),
                 closed: false,
             }),
@@ -59,15 +59,17 @@ impl<D> Queue<D> {
     }
 
     /// Replaces the wish-list.
-    pub fn post(&self, list: Vec<Wish<D>>) {
+    pub fn post(&self, list: Vec<NodeRequest<D>>) {
         let mut waiting = self.lock();
-        let older = std::mem::take(&mut waiting.wished).into_iter();
+        let older = std::mem::take(&mut waiting.requested).into_iter();
         let mut older: BTreeMap<usize, (u32, D)> =
             older.map(|(node, planes, destination)| (node, (planes, destination))).collect();
-        for Wish { node, planes, destination } in list {
+        for NodeRequest { node, planes, destination } in list {
             // Neither where it has been begun in the meantime.
             let found = destination.map(|own| (planes, own)).or_else(|| older.remove(&node));
-            waiting.wished.extend(found.map(|(planes, destination)| (node, planes, destination)));
+            waiting
+                .requested
+                .extend(found.map(|(planes, destination)| (node, planes, destination)));
         }
         waiting
             .dropped
@@ -86,7 +88,7 @@ impl<D> Queue<D> {
             if let Some((node, destination)) = waiting.dropped.pop_front() {
                 return Some(Next::Dropped { node, destination });
             }
-            if let Some((node, planes, destination)) = waiting.wished.pop_front() {
+            if let Some((node, planes, destination)) = waiting.requested.pop_front() {
                 return Some(Next::Read { node, planes, destination });
             }
             waiting = self.changed.wait(waiting).unwrap_or_else(|poisoned| poisoned.into_inner());

@@ -68,7 +68,7 @@ pub fn write(
             "cannot write layers of {width}x{height} pixels: such pictures are drawn in pieces; make it smaller"
         )));
     }
-    let taken = cloud.settle(gpu, view, &lod.of(view.size), progress)?;
+    let taken = cloud.wait_until_resident(gpu, view, &lod.of(view.size), progress)?;
     let config = FrameConfig::new(settings, view, cloud.resident());
     let done = frame::draw(gpu, view, cloud.resident(), &config, progress, |g, outcome| {
         Downloads::ask(g, outcome, false, true)

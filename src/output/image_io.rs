@@ -1,7 +1,7 @@
 //! PNG and EXR files, written atomically.
 
+use crate::atomic_file::{AtomicFile, write_atomically};
 use crate::error::{Error, Result};
-use crate::whole_file::{WholeFile, whole_file};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,
     LayerAttributes, LineOrder,
@@ -27,7 +27,7 @@ pub struct PngRows {
     path: PathBuf,
     // Dropped first: it writes the end of a file that is then removed.
     rows: png::StreamWriter<'static, Watched>,
-    whole: WholeFile,
+    whole: AtomicFile,
     failed: Arc<Mutex<Option<std::io::Error>>>,
 }
 
@@ -68,7 +68,7 @@ impl Drop for Watched {
 
 impl PngRows {
     pub fn create(path: &Path, [width, height]: [u32; 2]) -> Result<PngRows> {
-        let whole = WholeFile::create(path)?;
+        let whole = AtomicFile::create(path)?;
         let file =
             File::create(whole.partial()).map_err(|error| Error::io("write", path, error))?;
         let failed = Arc::new(Mutex::new(None));
@@ -135,7 +135,7 @@ pub fn write_exr(path: &Path, size: [u32; 2], channels: Vec<(&str, Samples)>) ->
         encoding,
         AnyChannels::sort(channels),
     );
-    whole_file(path, |partial| {
+    write_atomically(path, |partial| {
         Image::from_layer(layer).write().to_file(partial).map_err(|error| match error {
             exr::error::Error::Io(source) => Error::io("write", path, source),
             other => Error::format(path, other.to_string()),

@@ -214,7 +214,7 @@ impl TiledPicture {
         // For a picture in pieces, effects are decided by as much of the cloud as shows the whole
         // picture on a screen.
         let overview = if needs_pieces(gpu, view.size, piece) { PIECE } else { view.size };
-        let taken = cloud.settle(gpu, &view, &lod.of(overview), progress)?;
+        let taken = cloud.wait_until_resident(gpu, &view, &lod.of(overview), progress)?;
         self.note(notes_of(taken));
         let config = FrameConfig::new(&settings, &view, cloud.resident());
         self.note(config.warnings(cloud.resident()));
@@ -239,7 +239,7 @@ impl TiledPicture {
         let (done, total, width) =
             (plan.done as u64, plan.tiles.len() as u64, view.size[0] as usize);
         let whole = Whole { progress, doing: "drawing pieces", done, total };
-        let taken = cloud.settle(
+        let taken = cloud.wait_until_resident(
             gpu,
             &loaded,
             &lod.of(loaded.size),

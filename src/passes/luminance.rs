@@ -5,7 +5,7 @@
 //!     luminance_sum   points, front depth -> sums     a second walk, over those chunks: points at most epsilon behind the front count, value and number
 //!     luminance       sums, color -> color            hue and saturation of the front point, the mean of all values
 //! ```
-//! Where one station alone has seen what is there (`resident::overlap`), there is nothing to correct: points that lie there only are not walked again, and pixels keep their own colours.
+//! Where one station alone has seen what is there (`resident::station_overlap`), there is nothing to correct: points that lie there only are not walked again, and pixels keep their own colours.
 //! Sums are whole numbers, so that neither the order of points nor that of threads shows. The walk finds depths by the very function that the first one found them by, so that the front point is always
 //! in its own sum (HARD_CASES 25). Colours come as the values that front points have, and are made linear here. It runs before hidden points are taken out and holes are filled, so that filling fills with corrected colours.
 

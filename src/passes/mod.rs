@@ -25,7 +25,7 @@ pub mod visibility;
 use crate::cloud::attribute::Attribute;
 use crate::graph::{Buffer, Graph, Image};
 use crate::index::format::Balance;
-use crate::resident::{Overlap, Resident, Sampling};
+use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::view::View;
 use crate::view::light::Light;
 use std::sync::Arc;
@@ -126,7 +126,7 @@ pub struct Scene<'s> {
     pub light: Light,
     pub points: u64,
     /// How densely points sample the picture.
-    pub sampling: Sampling,
+    pub sampling: PointDensity,
     pub stations: usize,
     /// What points show.
     pub shown: Attribute,
@@ -141,7 +141,7 @@ pub struct Scene<'s> {
     /// What gives all stations one exposure, where that is known.
     pub balance: Option<&'s Balance>,
     /// Where in the picture several stations have seen something.
-    pub overlap: Arc<Overlap>,
+    pub overlap: Arc<StationOverlap>,
 }
 
 impl<'s> Scene<'s> {
@@ -150,7 +150,7 @@ impl<'s> Scene<'s> {
             view,
             light,
             points: resident.points,
-            sampling: Sampling::of(resident, &view.entire()),
+            sampling: PointDensity::of(resident, &view.entire()),
             stations: resident.stations.len(),
             shown: resident.shown.attribute,
             transparent: resident.is_transparent(),
@@ -170,7 +170,7 @@ impl<'s> Scene<'s> {
 
 /// The layer distance: surfaces nearer to each other than this are taken for one, metres: as asked for, of an effect or else of the picture. Where nobody asks, four spacings of the points, or of the pixels
 /// where those are wider, which holds what neighbours on one surface differ by unless it is steep (papers/README.md, Dobrev).
-pub fn layer_m(asked: [f64; 2], &Sampling { spacing_m, pixel_m, .. }: &Sampling) -> f64 {
+pub fn layer_m(asked: [f64; 2], &PointDensity { spacing_m, pixel_m, .. }: &PointDensity) -> f64 {
     asked.into_iter().find(|asked| *asked > 0.0).unwrap_or(4.0 * spacing_m.max(pixel_m))
 }
 

@@ -3,6 +3,7 @@
 //!
 //! Its values are written as on the command line, so that both accept the same words.
 
+use crate::atomic_file::write_atomically;
 use crate::cloud::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::passes::Effects;
@@ -12,7 +13,6 @@ use crate::select::lod::LodOptions;
 use crate::select::opacity::{Opacities, Rule};
 use crate::view::Camera;
 use crate::view::light::Light;
-use crate::whole_file::whole_file;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -72,7 +72,7 @@ impl Scene {
             background: Some(Background(self.settings.background).to_string()),
         };
         let text = serde_json::to_string_pretty(&words).expect("words are JSON");
-        whole_file(path, |partial| {
+        write_atomically(path, |partial| {
             std::fs::write(partial, text).map_err(|error| Error::io("write", path, error))
         })
     }

@@ -6,7 +6,7 @@ use crate::cloud::colormap::srgb_to_linear;
 use crate::passes::phong::Backfaces;
 use crate::passes::project::Precision;
 use crate::passes::{Decided, Effects, Scene, Switch, fill, resolve, strokes, visibility};
-use crate::resident::{Overlap, Resident, Sampling};
+use crate::resident::{PointDensity, Resident, StationOverlap};
 use crate::view::View;
 use crate::view::light::Light;
 use std::sync::Arc;
@@ -111,13 +111,13 @@ pub struct FrameConfig {
     /// sorted; all if `None`.
     pub strokes_at_once: Option<u32>,
     /// Point density of the whole picture; its parts use the same.
-    pub sampling: Sampling,
+    pub sampling: PointDensity,
     /// Layer distance as in [`RenderSettings`] [m].
     pub layer_m: f64,
     /// Depth resolution at the farthest depth in view [m] (guide: numerics, case 4).
     pub quantum_m: f64,
     /// Tiles where luminance is corrected.
-    pub overlap: Arc<Overlap>,
+    pub overlap: Arc<StationOverlap>,
 }
 
 impl FrameConfig {
@@ -138,7 +138,11 @@ impl FrameConfig {
             sampling: scene.sampling,
             layer_m: settings.layer_m,
             quantum_m: quantum_m(view, resident),
-            overlap: if partly { scene.overlap } else { Arc::new(Overlap::everywhere(view.whole)) },
+            overlap: if partly {
+                scene.overlap
+            } else {
+                Arc::new(StationOverlap::everywhere(view.whole))
+            },
             light: settings.light,
             background: settings
                 .background
@@ -252,10 +256,10 @@ mod tests {
             precision: Precision::Auto,
             light_at_once: None,
             strokes_at_once: None,
-            sampling: Sampling::default(),
+            sampling: PointDensity::default(),
             layer_m: 0.0,
             quantum_m: 0.0,
-            overlap: Arc::new(Overlap::everywhere([1, 1])),
+            overlap: Arc::new(StationOverlap::everywhere([1, 1])),
         };
         assert_eq!(config(&["phong"]).interactive(1).effects, config(&["phong"]).effects);
         let all = config(&["strokes", "shadows"]);

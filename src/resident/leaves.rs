@@ -1,7 +1,7 @@
 //! Nodes of an index in pages, some at a time: for passes over all points of a cloud larger than memory, which look at where they are and at nothing else.
 
+use super::point_density::weighted_median;
 use super::pool::{PAGE_BYTES, Pages, Pool};
-use super::sampling::middle;
 use super::{Resident, ResidentNode, in_metres};
 use crate::cloud::attribute::{Attribute, DisplayAttribute};
 use crate::config::POINTS_PER_PAGE;
@@ -65,7 +65,7 @@ impl Resident {
             index.read(node, Plane::Coarse, bytemuck::cast_slice_mut(&mut words))?;
             Ok((spacing_m(index, record, &words), record.count as u64))
         };
-        Ok(middle((0..asked).into_par_iter().map(of_leaf).collect::<Result<Vec<_>>>()?))
+        Ok(weighted_median((0..asked).into_par_iter().map(of_leaf).collect::<Result<Vec<_>>>()?))
     }
 
     /// As many of these nodes, from the first on, as fit the room, and at least one.

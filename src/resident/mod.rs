@@ -7,19 +7,19 @@
 //! is its node's place among the nodes of the frame. Those are in node order, so ids, and with them ties, depend neither on which thread packed
 //! which node, nor on which pages were free when a node arrived.
 
-mod filling;
+mod cloud_upload;
 mod leaves;
-pub mod overlap;
+pub mod point_density;
 pub mod pool;
 pub mod residency;
-mod ring;
-pub mod sampling;
-pub mod section;
+pub mod slab_query;
+mod staging_ring;
+pub mod station_overlap;
 
-pub use filling::{Filling, Organise};
-pub use overlap::Overlap;
+pub use cloud_upload::{CloudUpload, Partitioner};
+pub use point_density::PointDensity;
 pub use residency::Residency;
-pub use sampling::Sampling;
+pub use station_overlap::StationOverlap;
 
 use crate::cloud::attribute::DisplayAttribute;
 use crate::cloud::histograms::Histograms;
@@ -31,7 +31,7 @@ use crate::index;
 use crate::index::build::pack::Frame;
 use crate::index::format::Axes;
 use crate::index::format::Balance;
-use crate::index::format::shadow_file::Contents;
+use crate::index::format::shadow_file::ShadowContents;
 use crate::progress::Progress;
 use crate::select::clip::{Clips, Left};
 use crate::select::opacity::{Known, Opacities};
@@ -124,7 +124,7 @@ pub struct Resident {
     /// Of an index, whose nodes come and go.
     pub comes_and_goes: bool,
     /// Of which light points say how much reaches them, where they have brought that.
-    pub light: Option<Box<Contents>>,
+    pub light: Option<Box<ShadowContents>>,
     /// Which part of it is there.
     pub clips: Clips,
 }
@@ -167,7 +167,7 @@ impl Resident {
         shown: DisplayAttribute,
         progress: &dyn Progress,
     ) -> Result<Resident> {
-        Resident::arrange(gpu, cloud, shown, index::organise, progress)
+        Resident::arrange(gpu, cloud, shown, index::partition, progress)
     }
 
     /// The same with another way of organising than the Morton order; for benchmarks.
@@ -175,20 +175,20 @@ impl Resident {
         gpu: &mut Gpu,
         cloud: Cloud,
         shown: DisplayAttribute,
-        organise: Organise,
+        partitioner: Partitioner,
         progress: &dyn Progress,
     ) -> Result<Resident> {
-        let mut filling = Filling::new(cloud, shown, None);
+        let mut upload = CloudUpload::new(cloud, shown, None);
         let mut fill = || {
-            while filling.organise(organise, progress)? {
-                filling.write(gpu, usize::MAX, progress)?;
+            while upload.build_nodes(partitioner, progress)? {
+                upload.upload_nodes(gpu, usize::MAX, progress)?;
             }
             Ok(())
         };
         match fill() {
-            Ok(()) => Ok(filling.finish(gpu)),
+            Ok(()) => Ok(upload.finish(gpu)),
             Err(error) => {
-                filling.free(gpu);
+                upload.free(gpu);
                 Err(error)
             }
         }
@@ -285,7 +285,9 @@ impl Resident {
         if let Some(spacing_m) = self.spacing_m {
             return spacing_m;
         }
-        sampling::middle(self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect())
+        point_density::weighted_median(
+            self.nodes.iter().map(|node| (node.spacing, node.count as u64)).collect(),
+        )
     }
 
     /// Nodes of which the view can see something, with the least and the greatest depth of each.

@@ -4,7 +4,7 @@
 //! A page is 65,536 words of 32 bits. The pages of a run lie side by side in one block, because a dispatch reads one block. Runs are given first fit, lowest
 //! page first, so that where things go depends on the order of asking alone. Blocks are allocated when a run first falls into them.
 
-use super::ring::Ring;
+use super::staging_ring::StagingRing;
 use crate::config::{PAGES_PER_BLOCK, POINTS_PER_PAGE};
 use crate::error::Result;
 use crate::gpu::memory::{LifetimeGuard, MappedRange, RawBuffer};
@@ -78,7 +78,7 @@ pub struct Pool {
     pub pages: Pages,
     blocks: Vec<RawBuffer>,
     /// None where pages are mapped.
-    ring: Option<Ring>,
+    ring: Option<StagingRing>,
     /// Ended before its memory is given back, for threads that may still want to write there.
     alive: LifetimeGuard,
 }
@@ -86,7 +86,7 @@ pub struct Pool {
 impl Pool {
     /// At most so many pages.
     pub fn new(gpu: &Gpu, budget: u32) -> Pool {
-        let ring = (!gpu.device.has_host_visible_vram).then(Ring::default);
+        let ring = (!gpu.device.has_host_visible_vram).then(StagingRing::default);
         Pool {
             pages: Pages::new(budget),
             blocks: Vec::new(),
@@ -135,7 +135,7 @@ impl Pool {
     /// An open run for another thread to write.
     pub fn mapped_range(&self, first: u32, count: u32) -> MappedRange {
         let (block, page) = self.place(first);
-        let memory = &self.ring.as_ref().map_or(&self.blocks[..], Ring::memory)[block];
+        let memory = &self.ring.as_ref().map_or(&self.blocks[..], StagingRing::memory)[block];
         let at = PAGE_BYTES * page as u64;
         memory.mapped_range(at..at + PAGE_BYTES * count as u64, &self.alive)
     }
@@ -146,13 +146,13 @@ impl Pool {
     }
 
     /// Sends closed runs on their way; submissions from now on find them in their pages.
-    pub fn land(&mut self, gpu: &mut Gpu) -> Result<()> {
-        self.ring.as_mut().map_or(Ok(()), |ring| ring.land(gpu, &self.blocks))
+    pub fn submit_copies(&mut self, gpu: &mut Gpu) -> Result<()> {
+        self.ring.as_mut().map_or(Ok(()), |ring| ring.submit_copies(gpu, &self.blocks))
     }
 
     /// Whether runs are on their way that take up room.
-    pub fn is_landing(&self) -> bool {
-        self.ring.as_ref().is_some_and(Ring::is_landing)
+    pub fn has_pending_copies(&self) -> bool {
+        self.ring.as_ref().is_some_and(StagingRing::has_pending_copies)
     }
 
     /// Writes runs that have been taken, each by a job of its own on any thread: all at once where pages are mapped, else as many at a time as the ring holds. A job gets the words of each page.
@@ -173,7 +173,7 @@ impl Pool {
             let firsts: Vec<u32> = opened.iter().map(|(first, ..)| *first).collect();
             let places: Vec<(usize, u32)> = firsts.iter().map(|&first| self.place(first)).collect();
             let memory: &mut [RawBuffer] =
-                self.ring.as_mut().map_or(&mut self.blocks, Ring::memory_mut);
+                self.ring.as_mut().map_or(&mut self.blocks, StagingRing::memory_mut);
             let mut placed: Vec<_> = opened
                 .into_iter()
                 .zip(places)
@@ -192,8 +192,8 @@ impl Pool {
             });
             firsts.into_iter().for_each(|first| self.close(first, written.is_ok()));
             written?;
-            self.land(gpu)?;
-            if self.is_landing() {
+            self.submit_copies(gpu)?;
+            if self.has_pending_copies() {
                 gpu.wait_detached()?;
             }
         }
@@ -258,7 +258,7 @@ impl Pool {
         self.alive.close(|| ());
         // A device that is lost has nothing on its way any more.
         let _ = gpu.wait_detached();
-        let ring = self.ring.into_iter().flat_map(Ring::into_memory);
+        let ring = self.ring.into_iter().flat_map(StagingRing::into_memory);
         self.blocks.into_iter().chain(ring).for_each(|block| gpu.memory.destroy_buffer(block));
     }
 }

@@ -9,7 +9,7 @@
 //! Roots stay, so that there is always an ancestor. A node that cannot be read is said once and left to its parent or its children ([`lod::choose`]); so is one that
 //! nobody has brought in time, which is drawn once it comes. Where the loader itself has ended, another one goes on.
 //!
-//! [`Residency::settle`] repeats that until the cut is complete: the picture then depends on view, detail and pool alone, not on what was drawn before.
+//! [`Residency::wait_until_resident`] repeats that until the cut is complete: the picture then depends on view, detail and pool alone, not on what was drawn before.
 //!
 //! Pages are reused when the device has passed the last submission that may read them (`Gpu::completed`). So update between frames: not between recording a
 //! frame and submitting it.
@@ -24,7 +24,7 @@ use crate::gpu::timeline::Timeline;
 use crate::graph::Gpu;
 use crate::index::build::pack::Frame;
 use crate::index::format::{Index, Plane};
-use crate::loader::{Answer, Destination, Loader, Outcome, Wish};
+use crate::loader::{Answer, Destination, Loader, NodeRequest, Outcome};
 use crate::progress::Progress;
 use crate::select::clip::{Clips, Left};
 use crate::select::lod::{self, Cut, Detail};
@@ -183,7 +183,7 @@ impl Residency {
             opacities: Opacities::default(),
             comes_and_goes: true,
             light: index
-                .marks
+                .shadows
                 .as_ref()
                 .filter(|_| shown.light().is_some())
                 .map(|marks| Box::new(marks.contents.clone())),
@@ -253,7 +253,7 @@ impl Residency {
     }
 
     /// Waits until the cut is complete. Nodes that cannot be read are left out, and said in the outcome's errors.
-    pub fn settle(
+    pub fn wait_until_resident(
         &mut self,
         gpu: &mut Gpu,
         view: &View,
@@ -278,7 +278,7 @@ impl Residency {
                     ..update
                 });
             }
-            if self.pages_coming == 0 && self.resident.pool.is_landing() {
+            if self.pages_coming == 0 && self.resident.pool.has_pending_copies() {
                 gpu.wait_detached()?;
                 continue;
             }
@@ -323,7 +323,7 @@ impl Residency {
             self.entries.get_mut(node).expect("what is drawn is resident").read_by = gpu.submitted;
         }
         self.hear()?;
-        self.resident.pool.land(gpu)?;
+        self.resident.pool.submit_copies(gpu)?;
         self.reclaim(gpu)?;
         let (cut, budget) = self.fitting(view, detail, asking.fall_back);
         let mut update = Update { cut, budget, ..std::mem::take(&mut self.unsaid) };
@@ -518,7 +518,7 @@ impl Residency {
                 .get(&want.node)
                 .map_or((None, None), |entry| (entry.here, entry.coming));
             if coming.is_some() {
-                list.push(Wish { node: want.node, planes: want.planes, destination: None });
+                list.push(NodeRequest { node: want.node, planes: want.planes, destination: None });
                 continue;
             }
             if here.is_some_and(|run| run.planes >= want.planes) {
@@ -546,7 +546,7 @@ impl Residency {
             let run = Run { first_page, planes: want.planes, pages };
             self.entries.entry(want.node).or_default().coming = Some(run);
             self.pages_coming += pages;
-            list.push(Wish {
+            list.push(NodeRequest {
                 node: want.node,
                 planes: want.planes,
                 destination: Some(Box::new(Mapped(window))),
@@ -651,7 +651,7 @@ impl Residency {
             let record = &self.index.nodes()[node];
             let (lattice, frame) = (self.index.lattice(record), self.frame(node));
             let spacing = in_metres(self.entries[&node].spacing, &lattice, &frame);
-            let station = record.one_station().map(u32::from);
+            let station = record.single_station().map(u32::from);
             ResidentNode {
                 lattice,
                 frame,

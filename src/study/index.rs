@@ -231,7 +231,7 @@ fn read(index: &Index, planes: u32) -> Result<f64> {
     let mut bytes = Vec::new();
     for (leaf, node) in index.nodes().iter().enumerate().filter(|(_, node)| node.is_leaf()) {
         for &(plane, _) in &PLANES[..node.position_planes().min(planes) as usize] {
-            bytes.resize(node.unpacked(plane) as usize, 0);
+            bytes.resize(node.unpacked_bytes(plane) as usize, 0);
             index.read(leaf, plane, &mut bytes)?;
         }
     }

@@ -118,7 +118,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
                 (open(gpu, &scan)?, SETTINGS.map(|value| (value, detail(value, plan.size))));
             let times = sweep::interleaved(&settings, plan.repeat, |(_, detail)| {
                 progress.tick("study lod", 0, 0)?;
-                residency.settle(gpu, &view, detail, progress)?;
+                residency.wait_until_resident(gpu, &view, detail, progress)?;
                 project_ms(gpu, &view, residency.resident())
             })?;
             residency.free(gpu);
@@ -304,7 +304,7 @@ fn cold(
     progress: &dyn Progress,
 ) -> Result<(Taken, Drawing)> {
     let mut residency = open(gpu, scan)?;
-    let update = residency.settle(gpu, view, detail, progress)?;
+    let update = residency.wait_until_resident(gpu, view, detail, progress)?;
     let drawing = draw(gpu, view, residency.resident())?;
     residency.free(gpu);
     Ok((

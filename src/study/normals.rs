@@ -7,9 +7,9 @@ use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics, sweep};
 use crate::error::Result;
 use crate::graph::Gpu;
-use crate::index::attributes::knn_query::Surroundings;
+use crate::index::attributes::knn_query::KnnQuery;
 use crate::index::attributes::leaf_cache::Leaf;
-use crate::index::attributes::normals::{self, FIT, Fit, Room};
+use crate::index::attributes::normals::{self, FIT, Fit, Scratch};
 use crate::progress::Progress;
 use crate::synth::{self, SceneKind};
 use glam::DVec3;
@@ -172,9 +172,9 @@ fn places(points: usize) -> Vec<usize> {
 
 /// In the order of the places.
 fn planes(leaf: &Leaf, places: &[usize], fit: Fit) -> Result<Vec<Option<DVec3>>> {
-    let (mut around, mut room) = (Surroundings::alone(leaf), Room::default());
+    let (mut around, mut scratch) = (KnnQuery::alone(leaf), Scratch::default());
     let normal = |&place: &usize| {
-        Ok(normals::patch(&mut around, place, fit, &mut room, &mut |_| {})?
+        Ok(normals::patch(&mut around, place, fit, &mut scratch, &mut |_| {})?
             .plane
             .map(|plane| plane.normal))
     };

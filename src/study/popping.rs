@@ -69,7 +69,7 @@ pub fn watch(
     for number in 0..frames {
         progress.tick("dolly", number as u64, frames as u64)?;
         let view = view(first + number)?;
-        cuts.push(residency.settle(gpu, &view, detail, progress)?.cut);
+        cuts.push(residency.wait_until_resident(gpu, &view, detail, progress)?.cut);
         let drawing = draw(gpu, &view, residency.resident())?;
         popping.ms.push(drawing.ms);
         seen.push((

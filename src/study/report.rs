@@ -2,9 +2,9 @@
 
 use super::chart::{Chart, Mark, Panel};
 use super::{Plan, Row};
+use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
-use crate::whole_file::whole_file;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -108,7 +108,7 @@ pub fn write(folder: &Path, sections: &[Section], plan: &Plan, origin: &Origin) 
     std::fs::create_dir_all(folder).map_err(|error| Error::io("create", folder, error))?;
     let put = |name: &str, text: &str| {
         let path = folder.join(name);
-        whole_file(&path, |partial| {
+        write_atomically(&path, |partial| {
             std::fs::write(partial, text).map_err(|error| Error::io("write", &path, error))
         })
     };

@@ -8,7 +8,7 @@ use super::report::{Figure, Section, Table};
 use super::{Plan, Row, mark_fronts, metrics};
 use crate::error::Result;
 use crate::graph::Gpu;
-use crate::index::attributes::kd_tree::Tree;
+use crate::index::attributes::kd_tree::KdTree;
 use crate::index::attributes::strokes;
 use crate::passes::strokes::Tangents;
 use crate::passes::strokes::tangents::on_device;
@@ -81,7 +81,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         )?;
         let part = &cloud.parts[0];
         let middle = part.bounds().map_or(DVec3::ZERO, |(lo, hi)| (lo + hi) / 2.0);
-        let tree = Tree::new(&part.columns, &part.lattice);
+        let tree = KdTree::new(&part.columns, &part.lattice);
         let known = strokes::strokes(&part.columns, &part.lattice, progress)?;
         let frames: Vec<Option<(DVec3, DVec3)>> = (0..tree.len())
             .map(|place| {
@@ -176,7 +176,7 @@ fn direction(normal: DVec3, along: DVec3) -> Direction {
 }
 
 /// Of every place those nearest to it.
-fn beside(tree: &Tree) -> Vec<Vec<u32>> {
+fn beside(tree: &KdTree) -> Vec<Vec<u32>> {
     use rayon::prelude::*;
     let of = |place| {
         let mut found = Vec::new();

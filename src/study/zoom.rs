@@ -67,7 +67,7 @@ pub fn run(gpu: &mut Gpu, plan: &Plan, progress: &dyn Progress) -> Result<Sectio
         DisplayAttribute::new(Attribute::White, &pilot),
         progress,
     )?;
-    let pilot_px = crate::resident::Sampling::of(&apart, &view).spacing_px();
+    let pilot_px = crate::resident::PointDensity::of(&apart, &view).spacing_px();
     apart.free(gpu);
     let count = (5000.0 * (pilot_px / APART_PX).powi(2)).max(1.0) as u64;
     let cloud = synth::collect(

@@ -1,11 +1,11 @@
 //! Chunks in, a LAS or LAZ file out: LAS 1.2, point format 3 (time and colour), streamed and atomic.
 //!
-//! The file is whole or not there (`whole_file`). Records are packed here, 34 bytes each, and handed to the `las` crate as they are,
+//! The file is whole or not there (`atomic_file`). Records are packed here, 34 bytes each, and handed to the `las` crate as they are,
 //! which keeps the header's counts and bounds and compresses when the name ends in `.laz`.
 
 use super::chunk::{Chunk, Lattice};
+use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
-use crate::whole_file::WholeFile;
 use las::point::Format;
 use las::{Builder, PointDataBuilder, Transform, Vector, Writer};
 use std::fs::File;
@@ -18,7 +18,7 @@ pub struct LasFile {
     path: PathBuf,
     // Before the file that it writes to, so that it is closed before that is removed.
     writer: Writer<Sink>,
-    file: WholeFile,
+    file: AtomicFile,
     lattice: Lattice,
 }
 
@@ -31,7 +31,7 @@ impl LasFile {
                 u32::MAX
             )));
         }
-        let whole = WholeFile::create(path)?;
+        let whole = AtomicFile::create(path)?;
         let file = File::create(whole.partial()).map_err(|e| Error::io("create", path, e))?;
         let compressed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("laz"));
         let mut builder = Builder::from((1, 2));

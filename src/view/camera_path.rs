@@ -5,9 +5,9 @@
 //! eye and target, so that both reach a key at the same time. Evaluated by Barry and Goldman's
 //! pyramid.
 
+use crate::atomic_file::write_atomically;
 use crate::error::{Error, Result};
 use crate::view::{Camera, View};
-use crate::whole_file::whole_file;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -56,7 +56,7 @@ impl CameraPath {
 
     pub fn write(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self).expect("cameras are JSON");
-        whole_file(path, |partial| {
+        write_atomically(path, |partial| {
             std::fs::write(partial, text).map_err(|error| Error::io("write", path, error))
         })
     }

@@ -154,7 +154,7 @@ fn no_more_at_borders(
         let mut residency = open(gpu);
         let one = |_| {
             let (view, detail) = views(&mut random, spacing_px);
-            residency.settle(gpu, &view, &detail, &Silent).unwrap();
+            residency.wait_until_resident(gpu, &view, &detail, &Silent).unwrap();
             let covered: Vec<bool> = draw(gpu, &view, residency.resident())
                 .unwrap()
                 .depth

@@ -9,7 +9,7 @@ use pointillist::config::NO_POINT;
 use pointillist::passes::{Scene, fill, shape, visibility};
 use pointillist::progress::Silent;
 use pointillist::render::settings::RenderSettings;
-use pointillist::resident::{Overlap, Sampling};
+use pointillist::resident::{PointDensity, StationOverlap};
 use pointillist::study::oracle::fill::{self as fill_oracle, Pixel};
 use pointillist::study::oracle::visibility::{Depths, sector};
 use pointillist::study::oracle::{Bounded, shape as shape_oracle};
@@ -536,11 +536,11 @@ fn hard_00_surfaces_are_part_of_every_picture() {
         view: &view,
         light: Light::default(),
         points: 1000,
-        sampling: Sampling { spacing_m: 0.01, density: 1.0, ..Sampling::default() },
+        sampling: PointDensity { spacing_m: 0.01, density: 1.0, ..PointDensity::default() },
         stations: 1,
         shown: Attribute::White,
         asked_layer_m: 0.0,
-        overlap: Overlap::everywhere([16, 16]).into(),
+        overlap: StationOverlap::everywhere([16, 16]).into(),
         transparent: false,
         normals: false,
         lit: false,

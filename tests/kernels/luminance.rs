@@ -13,7 +13,7 @@ use pointillist::progress::Silent;
 use pointillist::render::frame;
 use pointillist::render::settings::FrameConfig;
 use pointillist::resident::Resident;
-use pointillist::resident::overlap::OVERLAP_PX;
+use pointillist::resident::station_overlap::OVERLAP_PX;
 use pointillist::select::opacity::{Opacities, Rule, What};
 use pointillist::study::oracle::{luminance as oracle, project};
 use pointillist::view::{Camera, View};

@@ -7,7 +7,7 @@
 //! ```
 //! Sums of colours are integers and everything goes in the order of the points, so that the clusters do not depend on the number of threads.
 
-use super::kd_tree::Tree;
+use super::kd_tree::KdTree;
 use super::linear_algebra::eigen;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -18,9 +18,9 @@ const JOIN: f64 = 12.0;
 /// Points that make a region; fewer are noise.
 const LEAST: u64 = 12;
 
-/// Of every point, by its place in the tree, near neighbours by theirs; `NOBODY` where there are fewer.
-pub const NEAR: usize = 8;
-pub const NOBODY: u32 = u32::MAX;
+/// Of every point, by its place in the tree, near neighbours by theirs; `NO_NEIGHBOUR` where there are fewer.
+pub const NEAREST: usize = 8;
+pub const NO_NEIGHBOUR: u32 = u32::MAX;
 
 pub struct Clusters {
     /// Of every point, by its place in the tree.
@@ -56,7 +56,7 @@ impl Region {
     }
 }
 
-pub fn clusters(tree: &Tree, near: &[[u32; NEAR]], colors: &[[u8; 3]]) -> Clusters {
+pub fn clusters(tree: &KdTree, near: &[[u32; NEAREST]], colors: &[[u8; 3]]) -> Clusters {
     let (mut of, mut regions) = grow(near, colors);
     let touching = touching(near, &of);
     join(&mut regions, &touching);
@@ -76,12 +76,12 @@ pub fn clusters(tree: &Tree, near: &[[u32; NEAR]], colors: &[[u8; 3]]) -> Cluste
     Clusters { of, clusters }
 }
 
-fn grow(near: &[[u32; NEAR]], colors: &[[u8; 3]]) -> (Vec<u32>, Vec<Region>) {
-    let mut of = vec![NOBODY; near.len()];
+fn grow(near: &[[u32; NEAREST]], colors: &[[u8; 3]]) -> (Vec<u32>, Vec<Region>) {
+    let mut of = vec![NO_NEIGHBOUR; near.len()];
     let mut regions: Vec<Region> = Vec::new();
     let mut queue = std::collections::VecDeque::new();
     for seed in 0..near.len() {
-        if of[seed] != NOBODY {
+        if of[seed] != NO_NEIGHBOUR {
             continue;
         }
         let number = regions.len() as u32;
@@ -94,9 +94,9 @@ fn grow(near: &[[u32; NEAR]], colors: &[[u8; 3]]) -> (Vec<u32>, Vec<Region>) {
                 color: colors[place as usize].map(u64::from),
                 part_of: number,
             });
-            for &next in near[place as usize].iter().filter(|next| **next != NOBODY) {
+            for &next in near[place as usize].iter().filter(|next| **next != NO_NEIGHBOUR) {
                 let [r, g, b] = colors[next as usize].map(f64::from);
-                if of[next as usize] == NOBODY
+                if of[next as usize] == NO_NEIGHBOUR
                     && region.mean().distance_squared(DVec3::new(r, g, b)) <= GROW * GROW
                 {
                     of[next as usize] = number;
@@ -110,14 +110,14 @@ fn grow(near: &[[u32; NEAR]], colors: &[[u8; 3]]) -> (Vec<u32>, Vec<Region>) {
 }
 
 /// Pairs of regions with points that are neighbours, each once, in order, the lower number first.
-fn touching(near: &[[u32; NEAR]], of: &[u32]) -> Vec<[u32; 2]> {
+fn touching(near: &[[u32; NEAREST]], of: &[u32]) -> Vec<[u32; 2]> {
     const CHUNK: usize = 1 << 16;
-    let of_chunk = |(chunk, near): (usize, &[[u32; NEAR]])| {
-        let pair = |(i, near): (usize, &[u32; NEAR])| {
+    let of_chunk = |(chunk, near): (usize, &[[u32; NEAREST]])| {
+        let pair = |(i, near): (usize, &[u32; NEAREST])| {
             let own = of[chunk * CHUNK + i];
             let others = near
                 .iter()
-                .filter(|next| **next != NOBODY)
+                .filter(|next| **next != NO_NEIGHBOUR)
                 .map(|&next| of[next as usize])
                 .filter(|&other| other != own);
             others.map(|other| [own.min(other), own.max(other)]).collect::<Vec<_>>()
@@ -183,7 +183,7 @@ fn absorb(regions: &mut [Region], touching: &[[u32; 2]]) {
 }
 
 /// How long clusters are, by the covariance of their points about the first of each.
-fn elongate(tree: &Tree, of: &[u32], clusters: &mut [Cluster]) {
+fn elongate(tree: &KdTree, of: &[u32], clusters: &mut [Cluster]) {
     #[derive(Clone, Copy, Default)]
     struct Moments {
         first: Option<u32>,
@@ -216,7 +216,7 @@ mod tests {
     use crate::cloud::{Columns, Lattice};
 
     /// A flat grid of points a step apart, coloured by where they are.
-    fn painted(width: i32, height: i32, color: impl Fn(i32, i32) -> [u8; 3]) -> (Tree, Clusters) {
+    fn painted(width: i32, height: i32, color: impl Fn(i32, i32) -> [u8; 3]) -> (KdTree, Clusters) {
         let at = |k: i32| (k % width, k / width);
         let columns = Columns {
             x: (0..width * height).map(|k| at(k).0).collect(),
@@ -224,12 +224,14 @@ mod tests {
             z: vec![0; (width * height) as usize],
             ..Columns::default()
         };
-        let tree = Tree::new(&columns, &Lattice { step: DVec3::ONE, offset: DVec3::ZERO });
+        let tree = KdTree::new(&columns, &Lattice { step: DVec3::ONE, offset: DVec3::ZERO });
         let mut found = Vec::new();
-        let near: Vec<[u32; NEAR]> = (0..tree.len())
+        let near: Vec<[u32; NEAREST]> = (0..tree.len())
             .map(|place| {
-                tree.nearest(place, NEAR, &mut found);
-                std::array::from_fn(|k| found.get(k).map_or(NOBODY, |neighbour| neighbour.place))
+                tree.nearest(place, NEAREST, &mut found);
+                std::array::from_fn(|k| {
+                    found.get(k).map_or(NO_NEIGHBOUR, |neighbour| neighbour.place)
+                })
             })
             .collect();
         let colors: Vec<[u8; 3]> = (0..tree.len())

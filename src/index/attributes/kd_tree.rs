@@ -44,7 +44,7 @@ pub struct Query {
     pub tree: u32,
 }
 
-pub struct Tree {
+pub struct KdTree {
     /// In the order of the leaves: neighbours in space are mostly neighbours here.
     points: Vec<Point>,
     /// Around the points of every node, a node before its halves, the first half before the second.
@@ -77,8 +77,8 @@ impl Branch {
     }
 }
 
-impl Tree {
-    pub fn new(columns: &Columns, lattice: &Lattice) -> Tree {
+impl KdTree {
+    pub fn new(columns: &Columns, lattice: &Lattice) -> KdTree {
         let point =
             |i: usize| Point { at: [columns.x[i], columns.y[i], columns.z[i]], number: i as u32 };
         let mut points: Vec<Point> = (0..columns.len()).into_par_iter().map(point).collect();
@@ -86,7 +86,7 @@ impl Tree {
         let mut boxes = vec![[Steps::default(); 2]; 2 * leaves - 1];
         let step = lattice.step.abs();
         build(&mut points, &mut boxes, step);
-        Tree { points, boxes, step }
+        KdTree { points, boxes, step }
     }
 
     pub fn len(&self) -> usize {
@@ -324,14 +324,14 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn tree(points: &[Steps], step: DVec3) -> Tree {
+    fn tree(points: &[Steps], step: DVec3) -> KdTree {
         let column = |axis: usize| points.iter().map(|p| p[axis]).collect();
         let columns = Columns { x: column(0), y: column(1), z: column(2), ..Columns::default() };
-        Tree::new(&columns, &Lattice { step, offset: DVec3::splat(5e6) })
+        KdTree::new(&columns, &Lattice { step, offset: DVec3::splat(5e6) })
     }
 
     /// All distances to others, nearest first.
-    fn by_hand(tree: &Tree, place: usize) -> Vec<f64> {
+    fn by_hand(tree: &KdTree, place: usize) -> Vec<f64> {
         let mut squares: Vec<f64> = (0..tree.len())
             .map(|other| tree.between(place, other).length_squared())
             .filter(|squared| *squared > 0.0)

@@ -8,7 +8,7 @@
 //! colours), so that what is made of it does not depend on how a cloud is cut.
 
 use super::kd_tree::{Neighbour, Query, keep_nearest};
-use super::leaf_cache::{Forest, Leaf, Near};
+use super::leaf_cache::{Leaf, LeafCache, Near};
 use crate::error::Result;
 use glam::DVec3;
 
@@ -24,9 +24,9 @@ const WIDER: f64 = 3.0;
 /// Where it is known how far, a little more, so that the next point finds its own there too.
 const SLIGHTLY_WIDER: f64 = 1.25;
 
-pub struct Surroundings<'s> {
+pub struct KnnQuery<'s> {
     own: &'s Leaf,
-    forest: Option<(&'s Forest<'s>, usize)>,
+    leaf_cache: Option<(&'s LeafCache<'s>, usize)>,
     of_any_lattice: bool,
     /// Leaves within so many metres of the own one's box.
     near: Vec<Near>,
@@ -35,12 +35,12 @@ pub struct Surroundings<'s> {
     held: u64,
 }
 
-impl<'s> Surroundings<'s> {
+impl<'s> KnnQuery<'s> {
     /// Of a tree that is all there is.
-    pub fn alone(own: &'s Leaf) -> Surroundings<'s> {
-        Surroundings {
+    pub fn alone(own: &'s Leaf) -> KnnQuery<'s> {
+        KnnQuery {
             own,
-            forest: None,
+            leaf_cache: None,
             of_any_lattice: false,
             near: Vec::new(),
             covered: f64::INFINITY,
@@ -50,14 +50,14 @@ impl<'s> Surroundings<'s> {
 
     /// Of a leaf: of those on its own lattice, or of all.
     pub fn of(
-        forest: &'s Forest<'s>,
+        leaf_cache: &'s LeafCache<'s>,
         node: usize,
         own: &'s Leaf,
         of_any_lattice: bool,
-    ) -> Surroundings<'s> {
-        Surroundings {
+    ) -> KnnQuery<'s> {
+        KnnQuery {
             own,
-            forest: Some((forest, node)),
+            leaf_cache: Some((leaf_cache, node)),
             of_any_lattice,
             near: Vec::new(),
             covered: -1.0,
@@ -179,8 +179,8 @@ impl<'s> Surroundings<'s> {
     ) -> Result<()> {
         let query = self.own.tree.query(place);
         search(self, query, found);
-        let Some((forest, _)) = self.forest else { return Ok(()) };
-        if self.held > forest.hold.clamp(*HELD.start(), *HELD.end()) {
+        let Some((leaf_cache, _)) = self.leaf_cache else { return Ok(()) };
+        if self.held > leaf_cache.hold.clamp(*HELD.start(), *HELD.end()) {
             self.near.iter_mut().for_each(|near| near.leaf = None);
             self.held = 0;
         }
@@ -191,7 +191,7 @@ impl<'s> Surroundings<'s> {
             {
                 if near.away_from(query.at, step) <= reach(found) {
                     if near.leaf.is_none() {
-                        let leaf = forest.leaf(near.node)?;
+                        let leaf = leaf_cache.leaf(near.node)?;
                         self.held += leaf.bytes();
                         near.leaf = Some(leaf);
                     }
@@ -208,20 +208,20 @@ impl<'s> Surroundings<'s> {
 
     /// Looks farther, if all within `squared` are not known yet. Leaves that were near stay where they are in the list.
     fn widen(&mut self, squared: f64) -> bool {
-        let Some((forest, node)) = self.forest else { return false };
+        let Some((leaf_cache, node)) = self.leaf_cache else { return false };
         if self.covered * self.covered >= squared && self.covered >= 0.0
-            || self.covered > forest.diagonal
+            || self.covered > leaf_cache.diagonal
         {
             return false;
         }
-        let own = &forest.directory.nodes[node];
+        let own = &leaf_cache.directory.nodes[node];
         let step = self.own.tree.step();
         let width = (DVec3::from_array(own.extent.map(f64::from)) * step)
             .max_element()
             .max(step.max_element());
         let farther = (WIDER * self.covered).max(FIRST_REACH * width);
         self.covered = farther.min(SLIGHTLY_WIDER * squared.sqrt());
-        let mut near = forest.beside(node, self.covered, self.of_any_lattice);
+        let mut near = leaf_cache.beside(node, self.covered, self.of_any_lattice);
         near.iter_mut()
             .zip(&mut self.near)
             .for_each(|(near, before)| near.leaf = before.leaf.take());

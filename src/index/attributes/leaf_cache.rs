@@ -3,7 +3,7 @@
 //! The index itself says which leaves are near: its nodes' boxes are walked from the roots down. So the points around those of a leaf are found wherever they lie, and what is found does not depend on where
 //! leaves end, nor on what is in memory.
 
-use super::kd_tree::Tree;
+use super::kd_tree::KdTree;
 use crate::cloud::{Columns, Lattice};
 use crate::error::{Error, Result};
 use crate::index::format::samples::Samples;
@@ -17,7 +17,7 @@ const ROUNDING: f64 = 1e-12;
 
 /// The points of a leaf, or of a cloud that is no index, and their colours by their places in the tree.
 pub struct Leaf {
-    pub tree: Tree,
+    pub tree: KdTree,
     pub colors: Vec<[u8; 3]>,
     /// Of the tree's coordinates, steps of the lattice.
     pub origin: [i64; 3],
@@ -26,7 +26,7 @@ pub struct Leaf {
 impl Leaf {
     /// Of columns that are a cloud of their own; colours where they are asked for.
     pub fn of(columns: &Columns, lattice: &Lattice, origin: [i64; 3], colored: bool) -> Leaf {
-        let tree = Tree::new(columns, lattice);
+        let tree = KdTree::new(columns, lattice);
         let rgb = columns.rgb.as_ref().filter(|_| colored);
         let colors = rgb.map_or(Vec::new(), |rgb| {
             (0..tree.len()).map(|place| rgb[tree.number(place)]).collect()
@@ -69,7 +69,7 @@ impl Near {
 /// Reads bytes of the index from a place in it.
 pub type Read<'r> = dyn Fn(u64, &mut [u8]) -> Result<()> + Sync + 'r;
 
-pub struct Forest<'f> {
+pub struct LeafCache<'f> {
     pub directory: &'f Directory,
     read: &'f Read<'f>,
     colored: bool,
@@ -90,7 +90,7 @@ struct Kept {
     asked: u64,
 }
 
-impl<'f> Forest<'f> {
+impl<'f> LeafCache<'f> {
     /// `memory` is what leaves may take that are kept; `hold` what those may take that each who looks around has at hand beside, about; bytes.
     pub fn new(
         directory: &'f Directory,
@@ -98,9 +98,9 @@ impl<'f> Forest<'f> {
         colored: bool,
         memory: u64,
         hold: u64,
-    ) -> Forest<'f> {
+    ) -> LeafCache<'f> {
         let diagonal = directory.contents.bounds.map_or(0.0, |[lo, hi]| (hi - lo).length());
-        Forest { directory, read, colored, most: memory, hold, kept: Mutex::default(), diagonal }
+        LeafCache { directory, read, colored, most: memory, hold, kept: Mutex::default(), diagonal }
     }
 
     fn record(&self, node: usize) -> &NodeRecord {
@@ -154,7 +154,7 @@ impl<'f> Forest<'f> {
             let record = self.record(child);
             let mut samples = self.samples(child, corner(record), planes)?;
             bring(child, &mut samples)?;
-            let [from, to] = [record, own].map(|record| schema::of_tree(record, lattices));
+            let [from, to] = [record, own].map(|record| schema::tree_lattice(record, lattices));
             Ok(if from == to { samples } else { samples.moved(&from, &to) })
         };
         Ok(Samples::together(&own.children().map(part).collect::<Result<Vec<_>>>()?))

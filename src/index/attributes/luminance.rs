@@ -2,7 +2,7 @@
 //!
 //! V of HSV, of the values as they are stored, is averaged over a point and those nearest to it; hue and saturation stay. All points of all stations count, and all cores work.
 
-use super::knn_query::Surroundings;
+use super::knn_query::KnnQuery;
 use super::leaf_cache::Leaf;
 use crate::cloud::{Cloud, Columns, Lattice};
 use crate::error::Result;
@@ -40,7 +40,7 @@ pub fn correct(cloud: &mut Cloud, neighbours: usize, progress: &dyn Progress) ->
     let corrected = batches.into_par_iter().map(|first| {
         let places = first..(first + BATCH).min(tree.len());
         let count = places.len() as u64;
-        let own = average(&mut Surroundings::alone(&leaf), places, neighbours)?;
+        let own = average(&mut KnnQuery::alone(&leaf), places, neighbours)?;
         progress.tick("averaging luminance", done.fetch_add(count, Relaxed), tree.len() as u64)?;
         Ok(own)
     });
@@ -62,7 +62,7 @@ pub fn correct(cloud: &mut Cloud, neighbours: usize, progress: &dyn Progress) ->
 
 /// Corrected colours of some places of the own tree, in their order: neighbours there are mostly neighbours in space, and share what is in the cache.
 pub fn average(
-    around: &mut Surroundings,
+    around: &mut KnnQuery,
     places: Range<usize>,
     neighbours: usize,
 ) -> Result<Vec<[u8; 3]>> {

@@ -9,9 +9,9 @@
 //!
 //! A plane that the points do not determine is none, never a guess (HARD_CASES 18): fewer than three points, all on a line, or thinner than the lattice can say.
 
-use super::clusters::NEAR;
+use super::clusters::NEAREST;
 use super::kd_tree::Neighbour;
-use super::knn_query::Surroundings;
+use super::knn_query::KnnQuery;
 use super::linear_algebra::eigen;
 use crate::error::Result;
 use glam::DVec3;
@@ -38,7 +38,7 @@ pub struct Fit {
 }
 
 /// The paper's three radii, of the nearest eight.
-pub const FIT: Fit = Fit { near: NEAR, reach: 3.0 };
+pub const FIT: Fit = Fit { near: NEAREST, reach: 3.0 };
 
 /// What a point's neighbours tell of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,32 +52,32 @@ pub struct Patch {
 
 /// What a search needs room for, from point to point.
 #[derive(Default)]
-pub struct Room {
+pub struct Scratch {
     pub found: Vec<Neighbour>,
     steps: Vec<DVec3>,
 }
 
 /// Of a point of the own tree. Those nearest to it are in `near`, as many as it has room for.
 pub fn patch(
-    around: &mut Surroundings,
+    around: &mut KnnQuery,
     place: usize,
     fit: Fit,
-    room: &mut Room,
+    scratch: &mut Scratch,
     near: &mut dyn FnMut(&[Neighbour]),
 ) -> Result<Patch> {
     let step = around.own().tree.step();
-    around.nearest(place, fit.near, &mut room.found)?;
-    near(&room.found);
-    let radius_m = spread(room.found.iter().map(|neighbour| neighbour.squared.sqrt()))
+    around.nearest(place, fit.near, &mut scratch.found)?;
+    near(&scratch.found);
+    let radius_m = spread(scratch.found.iter().map(|neighbour| neighbour.squared.sqrt()))
         .max(step.max_element() / 2.0);
     let reach = fit.reach * radius_m;
-    let lonely = around.within(place, reach, &mut room.found)? < reach;
-    room.steps.clear();
-    room.steps.extend(room.found.iter().map(|neighbour| around.steps_to(place, neighbour)));
-    let plane = plane(&room.steps, step);
+    let lonely = around.within(place, reach, &mut scratch.found)? < reach;
+    scratch.steps.clear();
+    scratch.steps.extend(scratch.found.iter().map(|neighbour| around.steps_to(place, neighbour)));
+    let plane = plane(&scratch.steps, step);
     let gap = plane
         .filter(|_| !lonely)
-        .and_then(|plane| gap(&plane, &room.steps, step, reach))
+        .and_then(|plane| gap(&plane, &scratch.steps, step, reach))
         .unwrap_or(0.0);
     Ok(Patch { radius_m: radius_m.max(CLOSES * gap), lonely, plane })
 }

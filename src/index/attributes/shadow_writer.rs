@@ -1,10 +1,10 @@
 //! Shadows of an index on their way into a file: marks of leaves as they are cast, of inner nodes the means of their children's.
 
-use super::leaf_cache::Forest;
+use super::leaf_cache::LeafCache;
 use crate::error::{Error, Result};
 use crate::index::format::samples::Samples;
 use crate::index::format::shadow_file::{
-    Contents, FileHeader, HEADER_BYTES, MAGIC, VERSION, is_of_shadows, places,
+    FileHeader, HEADER_BYTES, MAGIC, ShadowContents, VERSION, is_shadow_file, offsets,
 };
 use crate::index::format::{self, Index, Plane, merge};
 use crate::progress::Progress;
@@ -12,19 +12,19 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// Marks on their way.
-pub struct Writer<'i> {
+/// SavedShadows on their way.
+pub struct ShadowWriter<'i> {
     index: &'i Index,
     file: format::Writer,
-    places: Vec<u64>,
+    offsets: Vec<u64>,
     crcs: Mutex<Vec<u32>>,
 }
 
-impl<'i> Writer<'i> {
+impl<'i> ShadowWriter<'i> {
     /// Refuses to replace what is no file of shadows: a scan has no copy.
-    pub fn create(path: &Path, index: &'i Index) -> Result<Writer<'i>> {
+    pub fn create(path: &Path, index: &'i Index) -> Result<ShadowWriter<'i>> {
         if path.metadata().is_ok_and(|file| file.is_file() && file.len() > 0)
-            && !is_of_shadows(path)?
+            && !is_shadow_file(path)?
         {
             return Err(Error::format(
                 path,
@@ -32,10 +32,10 @@ impl<'i> Writer<'i> {
             ));
         }
         let crcs = Mutex::new(vec![0; index.nodes().len()]);
-        Ok(Writer {
+        Ok(ShadowWriter {
             index,
             file: format::Writer::create(path)?,
-            places: places(index.nodes()),
+            offsets: offsets(index.nodes()),
             crcs,
         })
     }
@@ -44,13 +44,13 @@ impl<'i> Writer<'i> {
     pub fn put(&self, node: usize, marks: &[u8]) -> Result<()> {
         assert_eq!(marks.len() as u32, self.index.nodes()[node].count, "node {node}");
         self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node] = crc32c::crc32c(marks);
-        self.file.put(self.places[node], marks)
+        self.file.put(self.offsets[node], marks)
     }
 
     /// What was put.
     pub fn get(&self, node: usize) -> Result<Vec<u8>> {
         let mut marks = vec![0; self.index.nodes()[node].count as usize];
-        self.file.get(self.places[node], &mut marks)?;
+        self.file.get(self.offsets[node], &mut marks)?;
         if crc32c::crc32c(&marks) != self.crcs.lock().unwrap_or_else(PoisonError::into_inner)[node]
         {
             return Err(Error::Request(format!(
@@ -60,11 +60,11 @@ impl<'i> Writer<'i> {
         Ok(marks)
     }
 
-    /// Marks of inner nodes, from those of all leaves: of every sample the mean of the points that it stands for.
-    pub fn join(&self, progress: &dyn Progress) -> Result<()> {
+    /// SavedShadows of inner nodes, from those of all leaves: of every sample the mean of the points that it stands for.
+    pub fn merge_inner_nodes(&self, progress: &dyn Progress) -> Result<()> {
         let (directory, nodes) = (&self.index.directory, self.index.nodes());
         let read = |at: u64, bytes: &mut [u8]| self.index.copy(at, bytes);
-        let forest = Forest::new(directory, &read, false, 0, 0);
+        let leaves = LeafCache::new(directory, &read, false, 0, 0);
         let deepest = nodes.iter().map(|node| node.level).max().unwrap_or(0);
         for level in (0..=deepest).rev() {
             progress.tick("joining", (deepest - level) as u64, deepest as u64 + 1)?;
@@ -72,14 +72,14 @@ impl<'i> Writer<'i> {
                 .filter(|&node| nodes[node].level == level && !nodes[node].is_leaf())
                 .collect();
             at_level.into_par_iter().try_for_each(|node| {
-                // Marks go where their samples do, in the place of classes.
+                // SavedShadows go where their samples do, in the place of classes.
                 let mark = |child: usize, samples: &mut Samples| {
                     samples.class = Some(self.get(child)?);
                     Ok(())
                 };
-                let samples = forest.below(
+                let samples = leaves.below(
                     node,
-                    &|record| self.index.corner(record),
+                    &|record| self.index.tree_corner(record),
                     &[Plane::Weight],
                     &mark,
                 )?;
@@ -107,11 +107,11 @@ impl<'i> Writer<'i> {
     }
 
     /// Gives the file its name; its length.
-    pub fn finish(self, contents: &Contents) -> Result<u64> {
+    pub fn finish(self, contents: &ShadowContents) -> Result<u64> {
         let crcs = self.crcs.into_inner().unwrap_or_else(PoisonError::into_inner);
         let contents =
             serde_json::to_vec(contents).map_err(|error| Error::Request(error.to_string()))?;
-        let end = self.places.last().copied().unwrap_or(HEADER_BYTES);
+        let end = self.offsets.last().copied().unwrap_or(HEADER_BYTES);
         let crcs_bytes: &[u8] = bytemuck::cast_slice(&crcs);
         self.file.put(end, crcs_bytes)?;
         self.file.put(end + crcs_bytes.len() as u64, &contents)?;

@@ -8,10 +8,10 @@
 //! ```
 //! The words of a point depend on where it and its neighbours are, not on its number, the file's order or the threads: a stroke is the same in every frame.
 
-use super::clusters::{self, Cluster, NEAR, NOBODY};
-use super::knn_query::Surroundings;
+use super::clusters::{self, Cluster, NEAREST, NO_NEIGHBOUR};
+use super::knn_query::KnnQuery;
 use super::leaf_cache::Leaf;
-use super::normals::{self, FIT, Patch, Plane, Room};
+use super::normals::{self, FIT, Patch, Plane, Scratch};
 use crate::cloud::{Columns, Lattice, octahedral};
 use crate::config::BITS_PER_PLANE;
 use crate::error::Result;
@@ -44,13 +44,13 @@ pub struct Stroke {
 
 /// What was found of parts, kept for as long as they are: who shows other colours of them, or others beside them, need not find it again.
 #[derive(Default)]
-pub struct Found(Mutex<Vec<Kept>>);
+pub struct StrokeCache(Mutex<Vec<CachedWords>>);
 
-struct Kept {
+struct CachedWords {
     key: Hash,
     words: Arc<Vec<[u32; 2]>>,
     /// By the cloud that asks now.
-    wanted: bool,
+    requested: bool,
 }
 
 /// Of all that the words of a part depend on: where its points are, and their colours.
@@ -67,7 +67,7 @@ fn key(columns: &Columns, lattice: &Lattice) -> Hash {
     hasher.finalize()
 }
 
-impl Found {
+impl StrokeCache {
     /// The words of every point, in the order of the columns.
     pub fn of(
         &self,
@@ -77,22 +77,22 @@ impl Found {
     ) -> Result<Arc<Vec<[u32; 2]>>> {
         let key = key(columns, lattice);
         if let Some(kept) = self.all().iter_mut().find(|kept| kept.key == key) {
-            kept.wanted = true;
+            kept.requested = true;
             return Ok(kept.words.clone());
         }
         let words = Arc::new(words(columns, lattice, progress)?);
-        self.all().push(Kept { key, words: words.clone(), wanted: true });
+        self.all().push(CachedWords { key, words: words.clone(), requested: true });
         Ok(words)
     }
 
     /// Forgets what was not asked for since this was said last.
-    pub fn keep_wanted(&self) {
+    pub fn retain_requested(&self) {
         let mut all = self.all();
-        all.retain(|kept| kept.wanted);
-        all.iter_mut().for_each(|kept| kept.wanted = false);
+        all.retain(|kept| kept.requested);
+        all.iter_mut().for_each(|kept| kept.requested = false);
     }
 
-    fn all(&self) -> MutexGuard<'_, Vec<Kept>> {
+    fn all(&self) -> MutexGuard<'_, Vec<CachedWords>> {
         self.0.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 }
@@ -122,12 +122,12 @@ pub fn strokes(
     let (total, done) = (tree.len() as u64, AtomicU64::new(0));
 
     const CHUNK: usize = 1 << 12;
-    let of_chunk = |first: usize| -> Result<Vec<(Patch, [u32; NEAR])>> {
+    let of_chunk = |first: usize| -> Result<Vec<(Patch, [u32; NEAREST])>> {
         let last = (first + CHUNK).min(tree.len());
-        let (mut around, mut room) = (Surroundings::alone(&leaf), Room::default());
+        let (mut around, mut scratch) = (KnnQuery::alone(&leaf), Scratch::default());
         let known = (first..last).map(|place| {
-            let mut near = [NOBODY; NEAR];
-            let patch = normals::patch(&mut around, place, FIT, &mut room, &mut |found| {
+            let mut near = [NO_NEIGHBOUR; NEAREST];
+            let patch = normals::patch(&mut around, place, FIT, &mut scratch, &mut |found| {
                 near.iter_mut().zip(found).for_each(|(near, neighbour)| *near = neighbour.place);
             })?;
             Ok((patch, near))
@@ -141,7 +141,7 @@ pub fn strokes(
 
     let largest = cap(known.iter().map(|(patch, _)| patch.radius_m).collect());
     let clusters = columns.rgb.is_some().then(|| {
-        let near: Vec<[u32; NEAR]> = known.par_iter().map(|(_, near)| *near).collect();
+        let near: Vec<[u32; NEAREST]> = known.par_iter().map(|(_, near)| *near).collect();
         clusters::clusters(tree, &near, &leaf.colors)
     });
     let cluster = |place: usize| match &clusters {
@@ -318,16 +318,16 @@ mod tests {
             ..Columns::default()
         };
         let lattice = Lattice { step: DVec3::splat(0.01), offset: DVec3::ZERO };
-        let found = Found::default();
+        let found = StrokeCache::default();
         let of = |columns: &Columns| found.of(columns, &lattice, &Silent).unwrap();
         let (here, other) = (of(&columns(0)), of(&columns(3)));
         assert!(*here == words(&columns(0), &lattice, &Silent).unwrap() && here != other);
         assert!(Arc::ptr_eq(&here, &of(&columns(0))));
         let repainted = Columns { rgb: Some(vec![[200, 9, 9]; 5000]), ..columns(0) };
         assert!(!Arc::ptr_eq(&here, &of(&repainted)));
-        found.keep_wanted();
+        found.retain_requested();
         of(&columns(0));
-        found.keep_wanted();
+        found.retain_requested();
         assert!(Arc::ptr_eq(&here, &of(&columns(0))) && !Arc::ptr_eq(&other, &of(&columns(3))));
     }
 }

@@ -20,19 +20,19 @@ use crate::error::Result;
 use crate::index::format::NodeRecord;
 use crate::index::format::merge::{Gains, Merged, merge};
 use crate::index::format::morton;
-use crate::index::format::samples::{Derive, Derived, Samples};
+use crate::index::format::samples::{DerivedColumns, DerivedPlanes, Samples};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Open nodes with so many samples between them get a parent.
-const GATHERED: u64 = 4 * POINTS_PER_PAGE as u64;
+/// OpenNode nodes with so many samples between them get a parent.
+const PARENT_SAMPLES: u64 = 4 * POINTS_PER_PAGE as u64;
 
 /// What all nodes of one tree have in common.
-pub struct Kind {
+pub struct TreeSpec {
     /// The columns that nodes keep.
     pub has: ColumnSet,
     /// And those that they have room for.
-    pub derive: Derive,
+    pub derive: DerivedPlanes,
     /// Where the tree's lattice starts, in steps of the file's.
     pub corner: [i64; 3],
     /// The tree's cube is 2^bits steps wide.
@@ -45,35 +45,35 @@ pub struct Kind {
 }
 
 /// And what its points come as.
-pub struct Tree {
-    pub kind: Kind,
+pub struct TreeLayout {
+    pub kind: TreeSpec,
     pub layout: Layout,
 }
 
 /// A node with the numbers of its children.
-pub struct Built {
+pub struct BuiltNode {
     pub record: NodeRecord,
     pub children: Vec<u32>,
 }
 
 /// A node without a parent yet, and its samples where they are still at hand.
-pub struct Open {
+pub struct OpenNode {
     pub node: u32,
     pub count: u32,
     pub samples: Option<Samples>,
 }
 
 /// Whether nodes that are open in one cell of the kd-tree are enough for a parent.
-pub fn gathered(open: &[Open]) -> bool {
-    open.len() > 1 && open.iter().map(|open| open.count as u64).sum::<u64>() >= GATHERED
+pub fn has_enough_samples(open: &[OpenNode]) -> bool {
+    open.len() > 1 && open.iter().map(|open| open.count as u64).sum::<u64>() >= PARENT_SAMPLES
 }
 
 /// Nodes numbered from 0, their planes from byte 0.
 #[derive(Default)]
-pub struct Grown {
+pub struct GrownChunk {
     pub planes: Vec<u8>,
-    pub nodes: Vec<Built>,
-    pub open: Vec<Open>,
+    pub nodes: Vec<BuiltNode>,
+    pub open: Vec<OpenNode>,
 }
 
 /// What a thread keeps from chunk to chunk.
@@ -93,13 +93,13 @@ impl Worker {
     /// Grows one chunk: `depth` bits of the code are decided, and the buckets' points lie in that cell, in Morton order of the buckets. `colors` are those of every part.
     pub fn grow(
         &mut self,
-        tree: &Tree,
+        tree: &TreeLayout,
         colors: &[Colors],
         depth: u32,
         buckets: Vec<Bucket>,
         station: &impl Fn(u16, u16) -> u16,
         spill: &Spill,
-    ) -> Result<Grown> {
+    ) -> Result<GrownChunk> {
         let layout = &tree.layout;
         self.records.clear();
         self.order.clear();
@@ -116,7 +116,7 @@ impl Worker {
         let mut planes = std::mem::take(&mut self.planes);
         planes.clear();
         planes.reserve(self.records.len());
-        let grown = Grown { planes, ..Grown::default() };
+        let grown = GrownChunk { planes, ..GrownChunk::default() };
         let mut growth = Growth {
             tree,
             records: &self.records,
@@ -125,21 +125,21 @@ impl Worker {
             grown,
         };
         let open = growth.grow(&self.order, 3 * tree.kind.bits - depth);
-        Ok(Grown { open, ..growth.grown })
+        Ok(GrownChunk { open, ..growth.grown })
     }
 }
 
 struct Growth<'a, S> {
-    tree: &'a Tree,
+    tree: &'a TreeLayout,
     records: &'a [u8],
     station: &'a S,
     intensities: &'a mut Vec<u64>,
-    grown: Grown,
+    grown: GrownChunk,
 }
 
 impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
     /// The open nodes of a cell that leaves `left` bits of the code open.
-    fn grow(&mut self, order: &[u32], left: u32) -> Vec<Open> {
+    fn grow(&mut self, order: &[u32], left: u32) -> Vec<OpenNode> {
         if order.is_empty() {
             return Vec::new();
         }
@@ -169,7 +169,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
     }
 
     /// Makes a leaf, and where some of its points are strays another one of these: else they would decide how wide it is.
-    fn leaves(&mut self, order: &[u32]) -> Vec<Open> {
+    fn leaves(&mut self, order: &[u32]) -> Vec<OpenNode> {
         let samples = self.read(order);
         let place = |i: usize| DVec3::from_array(samples.q[i].map(f64::from));
         let Some(core) = Core::of(samples.len(), place) else { return vec![self.leaf(samples)] };
@@ -185,22 +185,22 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
         self.tree.layout.read(self.records, order, self.tree.kind.has, self.station)
     }
 
-    fn leaf(&mut self, mut samples: Samples) -> Open {
+    fn leaf(&mut self, mut samples: Samples) -> OpenNode {
         if let Some(column) = &samples.intensity {
             self.intensities.resize(1 << 16, 0);
             column.iter().for_each(|&v| self.intensities[v as usize] += 1);
         }
         let record = pack(&self.tree.kind, &mut samples, 0, &mut self.grown.planes);
-        self.grown.nodes.push(Built { record, children: Vec::new() });
-        Open {
+        self.grown.nodes.push(BuiltNode { record, children: Vec::new() });
+        OpenNode {
             node: self.grown.nodes.len() as u32 - 1,
             count: samples.len() as u32,
             samples: Some(samples),
         }
     }
 
-    fn parent(&mut self, mut open: Vec<Open>) -> Vec<Open> {
-        if !gathered(&open) {
+    fn parent(&mut self, mut open: Vec<OpenNode>) -> Vec<OpenNode> {
+        if !has_enough_samples(&open) {
             return open;
         }
         let parts: Vec<Samples> = open
@@ -216,7 +216,7 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
             &mut self.grown.planes,
         );
         self.grown.nodes.push(built);
-        vec![Open {
+        vec![OpenNode {
             node: self.grown.nodes.len() as u32 - 1,
             count: samples.len() as u32,
             samples: Some(samples),
@@ -227,12 +227,12 @@ impl<S: Fn(u16, u16) -> u16> Growth<'_, S> {
 /// The parent of open nodes whose samples are `parts`: its record with its planes appended, and its samples as the planes hold them. `spacing` is that of
 /// a node.
 pub fn parent(
-    kind: &Kind,
-    open: &[Open],
+    kind: &TreeSpec,
+    open: &[OpenNode],
     spacing: impl Fn(u32) -> f64,
     parts: Vec<Samples>,
     planes: &mut Vec<u8>,
-) -> (Built, Samples) {
+) -> (BuiltNode, Samples) {
     let Merged { mut samples, dropped, coarser } =
         merge(&Samples::together(&parts), kind.has, kind.gains.as_deref());
     let mut record = pack(kind, &mut samples, coarser, planes);
@@ -244,13 +244,13 @@ pub fn parent(
     // number would be refused.
     let own = widest(0).max(widest(1)).max(widest(2)).min(f64::MAX);
     record.spacing = open.iter().fold(own, |coarsest, open| coarsest.max(spacing(open.node)));
-    (Built { record, children: open.iter().map(|open| open.node).collect() }, samples)
+    (BuiltNode { record, children: open.iter().map(|open| open.node).collect() }, samples)
 }
 
-fn pack(kind: &Kind, samples: &mut Samples, coarser: u32, planes: &mut Vec<u8>) -> NodeRecord {
-    samples.derived = Derived::room(kind.derive, samples.len());
+fn pack(kind: &TreeSpec, samples: &mut Samples, coarser: u32, planes: &mut Vec<u8>) -> NodeRecord {
+    samples.derived = DerivedColumns::zeroed(kind.derive, samples.len());
     let mut record = samples.pack(kind.corner, coarser, planes);
-    samples.derived = Derived::default();
+    samples.derived = DerivedColumns::default();
     record.lattice = kind.lattice_number + (coarser > 0) as u16;
     record
 }

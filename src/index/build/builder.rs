@@ -1,6 +1,6 @@
 //! What all steps of a build work on, and how it is to be built.
 
-use super::build_chunk::Built;
+use super::build_chunk::BuiltNode;
 use super::point_record::Colors;
 use super::spill_bucket::Spill;
 use crate::cloud::color::RgbRange;
@@ -10,7 +10,7 @@ use crate::cloud::table::TextOptions;
 use crate::cloud::{ColumnSet, ReadOptions};
 use crate::config::INDEX_MEMORY;
 use crate::index::format::merge::Gains;
-use crate::index::format::samples::Derive;
+use crate::index::format::samples::DerivedPlanes;
 use crate::index::format::{Contents, IndexedPart, Writer};
 use crate::progress::Progress;
 use std::collections::BTreeMap;
@@ -30,7 +30,7 @@ pub struct Options {
     /// As [`ReadOptions::rgb_range`].
     pub rgb_range: Option<RgbRange>,
     /// What is found out of the points beside what the files say.
-    pub derive: Derive,
+    pub derive: DerivedPlanes,
 }
 
 impl Options {
@@ -50,7 +50,7 @@ impl Options {
             strict,
             text: TextOptions::NONE,
             rgb_range: None,
-            derive: Derive::NONE,
+            derive: DerivedPlanes::NONE,
         }
     }
 }
@@ -90,7 +90,7 @@ pub(super) struct Builder<'a> {
     pub tally: Tally,
     /// Of the planes written so far.
     pub end: u64,
-    pub nodes: Vec<Built>,
+    pub nodes: Vec<BuiltNode>,
     pub roots: Vec<u32>,
     /// The same of trees of strays.
     pub far_roots: Vec<u32>,

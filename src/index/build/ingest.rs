@@ -1,6 +1,6 @@
 //! Files in, chunks of points that lie together out, the stations that they are of, and what gives those one exposure: all that is known before the first node is grown.
 
-use super::build_chunk::{Kind, Tree};
+use super::build_chunk::{TreeLayout, TreeSpec};
 use super::builder::{Builder, lock};
 use super::point_record::{Batch, Colors, Layout};
 use super::spill_bucket::{self, Bucket, Grid, Sorter};
@@ -9,7 +9,7 @@ use crate::cloud::stream::{self, Source};
 use crate::cloud::{ColumnSet, Lattice, Station};
 use crate::error::{Error, Result};
 use crate::index::attributes::exposure;
-use crate::index::format::samples::{Cell, Derive};
+use crate::index::format::samples::{Cell, DerivedPlanes};
 use crate::index::format::{Balance, Contents, IndexedPart};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -48,7 +48,7 @@ pub fn group(sources: &[Source]) -> Vec<Group> {
 /// What distributing a group found.
 pub struct Ingested {
     group: Group,
-    pub tree: Tree,
+    pub tree: TreeLayout,
     pub chunks: Vec<Chunk>,
     pub points: u64,
     /// Points of every part and source.
@@ -201,11 +201,11 @@ impl Builder<'_> {
             // Colours that are all black are none, which only the points can tell.
             let has = ColumnSet { rgb: found.rgb, ..has };
             // Without colours there is no luminance.
-            let derive = Derive {
+            let derive = DerivedPlanes {
                 luminance: self.options.derive.luminance && has.rgb,
                 ..self.options.derive
             };
-            let kind = Kind {
+            let kind = TreeSpec {
                 has,
                 derive,
                 corner,
@@ -223,7 +223,7 @@ impl Builder<'_> {
             return Ok(Ingested {
                 group,
                 chunks,
-                tree: Tree { kind, layout },
+                tree: TreeLayout { kind, layout },
                 points,
                 stations: stations.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()),
             });
@@ -323,7 +323,7 @@ impl Builder<'_> {
         // As files count, so that points are where they are in a cloud in memory, to the last bit.
         let mut own: Vec<_> =
             self.sources.iter().map(|source| (source.lattice(), [0; 3])).collect();
-        for Ingested { group, tree: Tree { kind, layout }, chunks, .. } in
+        for Ingested { group, tree: TreeLayout { kind, layout }, chunks, .. } in
             trees.iter().filter(|tree| tree.tree.kind.has.rgb)
         {
             for &(number, shift) in &group.members {

@@ -8,11 +8,11 @@
 //! roots in the Morton order of the middles of their boxes; as many of them, one after the other, as hold G samples get a parent; the same of those parents, until there is one
 //! ```
 
-use super::build_chunk::{self, Kind, Open};
+use super::build_chunk::{self, OpenNode, TreeSpec};
 use crate::cloud::{ColumnSet, Lattice};
 use crate::config::{BITS_PER_PLANE, POSITION_PLANES};
 use crate::index::format::morton;
-use crate::index::format::samples::{Cell, Derive};
+use crate::index::format::samples::{Cell, DerivedPlanes};
 use crate::index::format::schema::{self, Contents, NodeRecord, Plane};
 use glam::DVec3;
 
@@ -23,8 +23,8 @@ const BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
 pub fn over(
     roots: &[&NodeRecord],
     contents: &Contents,
-    derive: Derive,
-) -> Option<(Kind, Vec<usize>)> {
+    derive: DerivedPlanes,
+) -> Option<(TreeSpec, Vec<usize>)> {
     // Without what lies far outside, which has roots of its own.
     let boxes = || roots.iter().map(|root| schema::bounds(root, &contents.lattices));
     let (low, high) = boxes()
@@ -58,21 +58,29 @@ pub fn over(
         gps_time: some(Plane::GpsTime),
     };
     // Nobody knows the luminance of what has no colours.
-    let derive = Derive {
+    let derive = DerivedPlanes {
         luminance: derive.luminance && roots.iter().all(|root| root.has(Plane::Corrected)),
         ..derive
     };
     Some((
-        Kind { has, derive, corner: [0; 3], bits: BITS, lattice, lattice_number: 0, gains: None },
+        TreeSpec {
+            has,
+            derive,
+            corner: [0; 3],
+            bits: BITS,
+            lattice,
+            lattice_number: 0,
+            gains: None,
+        },
         order,
     ))
 }
 
-/// Open nodes, in their order, that are to get a parent together.
-pub fn lists(open: Vec<Open>) -> Vec<Vec<Open>> {
-    let mut lists: Vec<Vec<Open>> = vec![Vec::new()];
+/// OpenNode nodes, in their order, that are to get a parent together.
+pub fn lists(open: Vec<OpenNode>) -> Vec<Vec<OpenNode>> {
+    let mut lists: Vec<Vec<OpenNode>> = vec![Vec::new()];
     for open in open {
-        if build_chunk::gathered(lists.last().expect("one is open")) {
+        if build_chunk::has_enough_samples(lists.last().expect("one is open")) {
             lists.push(Vec::new());
         }
         lists.last_mut().expect("one is open").push(open);

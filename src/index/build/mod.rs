@@ -29,7 +29,7 @@ mod spill_bucket;
 
 use super::attributes::derive;
 use super::format::merge::Gains;
-pub use super::format::samples::Derive;
+pub use super::format::samples::DerivedPlanes;
 use super::format::samples::{self, Samples};
 use super::format::schema;
 use super::format::{Contents, Directory, NodeRecord, Writer};
@@ -39,7 +39,7 @@ use crate::cloud::histograms::Tally;
 use crate::cloud::stream;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use build_chunk::{Built, Grown, Kind, Open, Tree, Worker};
+use build_chunk::{BuiltNode, GrownChunk, OpenNode, TreeLayout, TreeSpec, Worker};
 pub use builder::Options;
 use builder::{Builder, lock};
 use ingest::{Chunk, Ingested, group};
@@ -76,7 +76,7 @@ pub struct Summary {
 }
 
 /// A node as it was built, then as the directory has it, with its numbers in between.
-const HELD_BYTES_PER_NODE: usize = size_of::<Built>() + size_of::<NodeRecord>() + 16;
+const HELD_BYTES_PER_NODE: usize = size_of::<BuiltNode>() + size_of::<NodeRecord>() + 16;
 
 pub fn build(
     paths: &[PathBuf],
@@ -155,7 +155,7 @@ pub fn build(
         };
         let mut directory = Directory { nodes, roots, contents };
         directory.contents.elevation_stretch = elevations(&directory, &writer)?;
-        if options.derive != Derive::NONE {
+        if options.derive != DerivedPlanes::NONE {
             let began = Instant::now();
             let Options { memory, threads, derive, .. } = *options;
             let options = derive::Options { derive, memory, threads };
@@ -207,10 +207,10 @@ impl Builder<'_> {
     /// Grows the chunks on all threads and writes their planes in the chunks' order; the open nodes of each chunk's cell.
     fn grow(
         &mut self,
-        tree: &Tree,
+        tree: &TreeLayout,
         chunks: Vec<Chunk>,
         points: u64,
-    ) -> Result<BTreeMap<(u32, u128), Vec<Open>>> {
+    ) -> Result<BTreeMap<(u32, u128), Vec<OpenNode>>> {
         let count = chunks.len();
         let chunks: Vec<Mutex<Option<Chunk>>> =
             chunks.into_iter().map(|chunk| Mutex::new(Some(chunk))).collect();
@@ -312,11 +312,15 @@ impl Builder<'_> {
     }
 
     /// From the deepest level up: open nodes of sibling cells come together and get parents, until one is left at the top.
-    fn join(&mut self, kind: &Kind, mut open: BTreeMap<(u32, u128), Vec<Open>>) -> Result<u32> {
+    fn join(
+        &mut self,
+        kind: &TreeSpec,
+        mut open: BTreeMap<(u32, u128), Vec<OpenNode>>,
+    ) -> Result<u32> {
         let deepest = open.keys().map(|&(depth, _)| depth).max().unwrap_or(0);
         for depth in (1..=deepest).rev() {
             let at_depth: Vec<_> = open.split_off(&(depth, 0)).into_iter().collect();
-            let mut joined: Vec<((u32, u128), Vec<Open>)> = Vec::new();
+            let mut joined: Vec<((u32, u128), Vec<OpenNode>)> = Vec::new();
             for ((_, prefix), nodes) in at_depth {
                 match joined.last_mut() {
                     Some((cell, together)) if cell.1 == prefix >> 1 => together.extend(nodes),
@@ -330,7 +334,7 @@ impl Builder<'_> {
                     batch
                         .iter_mut()
                         .map(|(_, nodes)| nodes)
-                        .filter(|nodes| build_chunk::gathered(nodes))
+                        .filter(|nodes| build_chunk::has_enough_samples(nodes))
                         .collect(),
                 )?;
             }
@@ -359,9 +363,9 @@ impl Builder<'_> {
         kind.gains = self.gains.clone();
         let open = |&place: &usize| {
             let node = self.roots[place];
-            Open { node, count: self.nodes[node as usize].record.count, samples: None }
+            OpenNode { node, count: self.nodes[node as usize].record.count, samples: None }
         };
-        let mut open: Vec<Open> = order.iter().map(open).collect();
+        let mut open: Vec<OpenNode> = order.iter().map(open).collect();
         while open.len() > 1 {
             let mut lists = merge_lattices::lists(open);
             for some in lists.chunks_mut(4 * self.options.threads) {
@@ -375,13 +379,13 @@ impl Builder<'_> {
     }
 
     /// Replaces each list of open nodes by their parent.
-    fn parents(&mut self, kind: &Kind, lists: Vec<&mut Vec<Open>>) -> Result<()> {
+    fn parents(&mut self, kind: &TreeSpec, lists: Vec<&mut Vec<OpenNode>>) -> Result<()> {
         let (nodes, writer, corners, lattices) =
             (&self.nodes, self.writer, &self.corners, &self.contents.lattices);
-        let made: Vec<(Vec<u8>, Built)> = lists
+        let made: Vec<(Vec<u8>, BuiltNode)> = lists
             .par_iter()
             .map(|open| {
-                let samples = |open: &Open| {
+                let samples = |open: &OpenNode| {
                     let record = &nodes[open.node as usize].record;
                     let mut planes = vec![0; record.bytes() as usize];
                     writer.get(record.at, &mut planes)?;
@@ -395,7 +399,7 @@ impl Builder<'_> {
                         samples
                     } else {
                         samples
-                            .moved(&schema::of_tree(record, lattices), &kind.lattice)
+                            .moved(&schema::tree_lattice(record, lattices), &kind.lattice)
                             .completed(kind.has)
                     })
                 };
@@ -415,7 +419,7 @@ impl Builder<'_> {
             built.record.at = self.end;
             self.writer.put(self.end, &planes)?;
             self.end += planes.len() as u64;
-            *open = vec![Open {
+            *open = vec![OpenNode {
                 node: self.nodes.len() as u32,
                 count: built.record.count,
                 samples: None,
@@ -426,15 +430,15 @@ impl Builder<'_> {
     }
 }
 
-/// Grown chunks on their way into the file, in order.
+/// GrownChunk chunks on their way into the file, in order.
 #[derive(Default)]
 struct Placing {
     next: usize,
-    waiting: BTreeMap<usize, (u32, u128, Grown)>,
+    waiting: BTreeMap<usize, (u32, u128, GrownChunk)>,
     end: u64,
     points: u64,
-    nodes: Vec<Built>,
-    open: BTreeMap<(u32, u128), Vec<Open>>,
+    nodes: Vec<BuiltNode>,
+    open: BTreeMap<(u32, u128), Vec<OpenNode>>,
     failed: bool,
 }
 
@@ -453,15 +457,15 @@ impl Drop for Alarm<'_> {
 
 impl Placing {
     /// Gives the next chunk's nodes their numbers and its planes their place.
-    fn place(&mut self, depth: u32, prefix: u128, grown: Grown) -> (u64, Vec<u8>) {
+    fn place(&mut self, depth: u32, prefix: u128, grown: GrownChunk) -> (u64, Vec<u8>) {
         let (at, first) = (self.end, self.nodes.len() as u32);
-        for Built { mut record, mut children } in grown.nodes {
+        for BuiltNode { mut record, mut children } in grown.nodes {
             record.at += at;
             children.iter_mut().for_each(|child| *child += first);
             self.points += if children.is_empty() { record.points } else { 0 };
-            self.nodes.push(Built { record, children });
+            self.nodes.push(BuiltNode { record, children });
         }
-        let open = grown.open.into_iter().map(|open| Open {
+        let open = grown.open.into_iter().map(|open| OpenNode {
             node: open.node + first,
             samples: None,
             ..open
@@ -474,14 +478,14 @@ impl Placing {
 }
 
 /// Numbers nodes so that roots come first and siblings lie side by side behind them.
-fn number(built: Vec<Built>, roots: &[u32]) -> (Vec<NodeRecord>, u32) {
+fn number(built: Vec<BuiltNode>, roots: &[u32]) -> (Vec<NodeRecord>, u32) {
     let mut order: Vec<u32> = roots.to_vec();
     let mut records: Vec<NodeRecord> = Vec::with_capacity(built.len());
     let mut parents: Vec<u32> = (0..roots.len() as u32).collect();
     let mut levels = vec![0u8; roots.len()];
     let mut i = 0;
     while i < order.len() {
-        let Built { record, children } = &built[order[i] as usize];
+        let BuiltNode { record, children } = &built[order[i] as usize];
         let first_child = if children.is_empty() { 0 } else { order.len() as u32 };
         let children_count = children.len() as u32;
         records.push(NodeRecord {

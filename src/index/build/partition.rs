@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// A run of [`Organised::order`].
+/// A run of [`Partition::order`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Node {
     pub points: Range<usize>,
@@ -34,7 +34,7 @@ pub enum Arrangement {
 
 /// Nodes of one part, in Morton order, and the point numbers that they are runs of.
 #[derive(Clone, Debug, Default)]
-pub struct Organised {
+pub struct Partition {
     pub nodes: Vec<Node>,
     pub order: Vec<u32>,
     pub arrangement: Arrangement,
@@ -48,31 +48,31 @@ const MAX_NODE_BITS: u32 = BITS_PER_PLANE * POSITION_PLANES;
 /// Points that are counted or sorted between two looks at whether somebody still waits.
 const AT_ONCE: usize = 1 << 18;
 
-pub fn organise(columns: &Columns, progress: &dyn Progress) -> Result<Organised> {
-    let mut organised = Organised::default();
-    let Some(&Extent { low, high, core, .. }) = columns.extent() else { return Ok(organised) };
-    organised.order = (0..columns.len() as u32).collect();
+pub fn partition(columns: &Columns, progress: &dyn Progress) -> Result<Partition> {
+    let mut partition = Partition::default();
+    let Some(&Extent { low, high, core, .. }) = columns.extent() else { return Ok(partition) };
+    partition.order = (0..columns.len() as u32).collect();
     // Strays have nodes of their own: those of all other points are as they would be without.
-    let inside = core.map_or(organised.order.len(), |core| {
+    let inside = core.map_or(partition.order.len(), |core| {
         let (inside, strays): (Vec<u32>, Vec<u32>) =
-            organised.order.iter().partition(|&&i| core.has(columns.place(i as usize)));
-        organised.order = [&inside[..], &strays[..]].concat();
+            partition.order.iter().partition(|&&i| core.has(columns.place(i as usize)));
+        partition.order = [&inside[..], &strays[..]].concat();
         inside.len()
     });
     let mut splitting = Splitting { columns, nodes: Vec::new(), progress };
-    let (core, strays) = organised.order.split_at_mut(inside);
+    let (core, strays) = partition.order.split_at_mut(inside);
     if strays.is_empty() {
         splitting.whole(core, 0, [low, high])?;
     } else {
         splitting.whole(core, 0, around(columns, core))?;
         splitting.whole(strays, inside, around(columns, strays))?;
     }
-    organised.nodes = splitting.nodes;
-    Ok(organised)
+    partition.nodes = splitting.nodes;
+    Ok(partition)
 }
 
 /// The same, but with nodes that are random samples of the whole part.
-pub fn shuffle(columns: &Columns, _progress: &dyn Progress) -> Result<Organised> {
+pub fn shuffled_partition(columns: &Columns, _progress: &dyn Progress) -> Result<Partition> {
     let mut order: Vec<u32> = (0..columns.len() as u32).collect();
     // Fisher and Yates, with a generator of one line (xorshift64, Marsaglia 2003): the bench needs disorder, not quality.
     let mut state = 0x9E37_79B9_7F4A_7C15u64;
@@ -87,7 +87,7 @@ pub fn shuffle(columns: &Columns, _progress: &dyn Progress) -> Result<Organised>
         .step_by(limit)
         .map(|at| Node { points: at..order.len().min(at + limit) })
         .collect();
-    Ok(Organised { nodes, order, arrangement: Arrangement::Shuffled })
+    Ok(Partition { nodes, order, arrangement: Arrangement::Shuffled })
 }
 
 /// Returns the ends of the box around some points.
@@ -236,19 +236,19 @@ mod tests {
     use crate::progress::Silent;
     use proptest::prelude::*;
 
-    fn check(columns: &Columns) -> Organised {
-        let organised = organise(columns, &Silent).unwrap();
-        let mut seen = organised.order.clone();
+    fn check(columns: &Columns) -> Partition {
+        let partition = partition(columns, &Silent).unwrap();
+        let mut seen = partition.order.clone();
         seen.sort_unstable();
         assert_eq!(seen, (0..columns.len() as u32).collect::<Vec<_>>(), "every point exactly once");
         let mut next = 0;
-        for node in &organised.nodes {
+        for node in &partition.nodes {
             assert_eq!(node.points.start, next);
             assert!(!node.points.is_empty() && node.points.len() <= POINTS_PER_PAGE as usize);
             next = node.points.end;
             for column in [&columns.x, &columns.y, &columns.z] {
                 let values =
-                    organised.order[node.points.clone()].iter().map(|&i| column[i as usize] as i64);
+                    partition.order[node.points.clone()].iter().map(|&i| column[i as usize] as i64);
                 let (lo, hi) =
                     values.fold((i64::MAX, i64::MIN), |(lo, hi), v| (lo.min(v), hi.max(v)));
                 assert!(
@@ -259,7 +259,7 @@ mod tests {
             }
         }
         assert_eq!(next, columns.len());
-        organised
+        partition
     }
 
     fn columns(points: Vec<[i32; 3]>) -> Columns {
@@ -328,7 +328,7 @@ mod tests {
         let part = columns((0..1 << 20).map(|i| [i % 1024, i / 1024, i % 7]).collect());
         for looks in 0..6 {
             let looks = Looks { left: AtomicU32::new(looks) };
-            assert!(matches!(organise(&part, &looks), Err(Error::Interrupted)));
+            assert!(matches!(partition(&part, &looks), Err(Error::Interrupted)));
         }
     }
 }

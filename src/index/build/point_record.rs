@@ -4,7 +4,7 @@
 //! room for what no file has; memory, and what goes through the disk, shrink by as much.
 
 use crate::cloud::{ColumnSet, Columns};
-use crate::index::format::samples::{Cell, Derived, Samples};
+use crate::index::format::samples::{Cell, DerivedColumns, Samples};
 use std::ops::Range;
 
 /// Points of one file.
@@ -190,7 +190,7 @@ impl Layout {
             normal: column(keep.normal, points),
             gps_time: column(keep.gps_time, points),
             weight: None,
-            derived: Derived::default(),
+            derived: DerivedColumns::default(),
         };
         for some in order.chunks(POINTS) {
             let rows = || some.iter().map(|&number| self.record(records, number));

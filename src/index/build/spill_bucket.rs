@@ -6,10 +6,10 @@
 //! becomes a grid of finer buckets there and then, so that hardly any point is moved twice.
 
 use super::point_record::{Batch, Layout};
+use crate::atomic_file::temporary_file;
 use crate::error::{Error, Result};
 use crate::index::format::morton;
 use crate::index::format::samples::Cell;
-use crate::whole_file::scratch;
 use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
@@ -55,7 +55,7 @@ pub struct Spill {
 impl Spill {
     /// A nameless file beside `output`, empty until `limit` bytes of memory are full.
     pub fn new(output: &Path, limit: u64) -> Result<Spill> {
-        let (path, file) = (output.to_owned(), scratch(output)?);
+        let (path, file) = (output.to_owned(), temporary_file(output)?);
         Ok(Spill { path, file, end: AtomicU64::new(0), used: AtomicU64::new(0), limit })
     }
 

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum How {
+pub enum FaultKind {
     /// While a node is read.
     Panic,
     /// The node is never read to its end.
@@ -15,13 +15,13 @@ pub enum How {
 /// `panic:3`: at the third node that a thread reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
-    how: How,
+    how: FaultKind,
     node: u64,
 }
 
 impl Fault {
     /// What goes wrong at this node, counted from 1.
-    pub fn at(&self, node: u64) -> Option<How> {
+    pub fn at(&self, node: u64) -> Option<FaultKind> {
         (self.node == node).then_some(self.how)
     }
 }
@@ -32,9 +32,9 @@ impl FromStr for Fault {
     fn from_str(text: &str) -> Result<Fault, String> {
         let (how, node) = text.split_once(':').unwrap_or_default();
         let how = match how {
-            "panic" => Some(How::Panic),
-            "hang" => Some(How::Hang),
-            "end" => Some(How::End),
+            "panic" => Some(FaultKind::Panic),
+            "hang" => Some(FaultKind::Hang),
+            "end" => Some(FaultKind::End),
             _ => None,
         };
         let fault = how.and_then(|how| Some(Fault { how, node: node.parse().ok()? }));

@@ -12,9 +12,9 @@ use super::fault_injection::Fault;
 use super::mmap::Map;
 use super::schema::{
     CHECKSUMS, Contents, Directory, IndexedPart, NodeRecord, PLANES, Plane, bounds, lattice,
-    of_tree, samples,
+    samples, tree_lattice,
 };
-use super::shadow_file::Marks;
+use super::shadow_file::SavedShadows;
 use super::writer::{FileHeader, HEADER_BYTES, MAGIC, VERSION};
 use crate::cloud::Lattice;
 use crate::cloud::strays::Core;
@@ -30,7 +30,7 @@ use std::path::Path;
 const FIRST_VERSION: [usize; 3] = [64, 4 * 11, 20];
 
 /// A record of the first version.
-fn widened(bytes: &[u8]) -> NodeRecord {
+fn from_version_1(bytes: &[u8]) -> NodeRecord {
     let [before, checksums, _] = FIRST_VERSION;
     let mut record = NodeRecord::zeroed();
     let own = bytemuck::bytes_of_mut(&mut record);
@@ -46,7 +46,7 @@ pub struct Index {
     /// Checksums of directory and header.
     identity: u64,
     /// How much of a light reaches its points, where somebody has saved that.
-    pub marks: Option<Marks>,
+    pub shadows: Option<SavedShadows>,
     /// The box outside of which nothing is drawn.
     pub hidden: Option<Core>,
     /// For tests.
@@ -109,14 +109,15 @@ impl Index {
         if crc32c::crc32c_append(crc32c::crc32c(&bytes), &contents) != header.directory_crc {
             return Err(wrong("has a damaged directory".into()));
         }
-        let record = if header.version == 1 { widened } else { bytemuck::pod_read_unaligned };
+        let record =
+            if header.version == 1 { from_version_1 } else { bytemuck::pod_read_unaligned };
         let nodes = bytes.chunks_exact(record_bytes).map(record).collect();
         let contents: Contents = serde_json::from_slice(&contents)
             .map_err(|error| wrong(format!("has unreadable contents ({error})")))?;
         let directory = Directory { nodes, roots: header.roots, contents };
         check(&directory, header.directory_at).map_err(wrong)?;
         let identity = (header.directory_crc as u64) << 32 | header.header_crc as u64;
-        Ok(Index { map, directory, identity, marks: None, hidden: None, fault: None })
+        Ok(Index { map, directory, identity, shadows: None, hidden: None, fault: None })
     }
 
     pub fn path(&self) -> &Path {
@@ -124,8 +125,8 @@ impl Index {
     }
 
     /// Opens a file of shadows, which must be of this index.
-    pub fn open_shadows(&self, path: &Path) -> Result<Marks> {
-        Marks::open(path, self.path(), self.identity, self.nodes())
+    pub fn open_shadows(&self, path: &Path) -> Result<SavedShadows> {
+        SavedShadows::open(path, self.path(), self.identity, self.nodes())
     }
 
     /// What the coordinates of its points mean.
@@ -147,10 +148,10 @@ impl Index {
     }
 
     /// Where the tree of a node starts, in steps of its files' lattice.
-    pub(in crate::index) fn corner(&self, node: &NodeRecord) -> [i64; 3] {
+    pub(in crate::index) fn tree_corner(&self, node: &NodeRecord) -> [i64; 3] {
         let lattices = &self.directory.contents.lattices;
         let [step, offset] = lattices[node.lattice as usize / 2 * 2];
-        ((of_tree(node, lattices).offset - offset) / step)
+        ((tree_lattice(node, lattices).offset - offset) / step)
             .round()
             .to_array()
             .map(|steps| steps as i64)
@@ -186,7 +187,7 @@ impl Index {
         let (at, bytes) = record.range(plane);
         assert_eq!(
             (into.len() as u64, record.has(plane)),
-            (record.unpacked(plane), true),
+            (record.unpacked_bytes(plane), true),
             "node {node} has no such plane {plane:?}"
         );
         if plane != Plane::Station {
@@ -244,7 +245,7 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         }
         if (0..3)
             .any(|plane| node.has(PLANES[plane].0) != ((plane as u32) < node.position_planes()))
-            || (node.one_station().is_some() && !node.has(Plane::Station))
+            || (node.single_station().is_some() && !node.has(Plane::Station))
         {
             return wrong("with the wrong planes");
         }
@@ -289,7 +290,7 @@ fn check(directory: &Directory, end: u64) -> std::result::Result<(), String> {
         .contents
         .balance
         .as_ref()
-        .is_some_and(|balance| balance.gains.len() != stations || !balance.is_possible())
+        .is_some_and(|balance| balance.gains.len() != stations || !balance.is_valid())
     {
         return Err("has impossible exposures".into());
     }

@@ -13,7 +13,7 @@
 //! data. All sums are integers, so the result does not depend on any order of execution.
 
 use super::morton;
-use super::samples::{Cell, Derived, Samples};
+use super::samples::{Cell, DerivedColumns, Samples};
 use super::schema::Balance;
 use crate::cloud::ColumnSet;
 use crate::config::{BITS_PER_PLANE, POINTS_PER_PAGE, POSITION_PLANES};
@@ -79,7 +79,7 @@ pub fn merge(samples: &Samples, has: ColumnSet, gains: Option<&Gains>) -> Merged
         normal: has.normal.then(|| runs.normals(samples.normal.as_deref().unwrap_or_default())),
         gps_time: has.gps_time.then(|| runs.times(samples.gps_time.as_deref().unwrap_or_default())),
         weight: Some(weights.iter().map(|&weight| weight.min(u32::MAX as u64) as u32).collect()),
-        derived: Derived::default(),
+        derived: DerivedColumns::default(),
     };
     Merged { samples: merged, dropped, coarser }
 }

@@ -15,7 +15,7 @@ mod writer;
 
 pub use file::Index;
 pub use schema::{
-    Axes, Balance, CHECKSUMS, Contents, Directory, HALVES, IndexedPart, MOST_STOPS, NodeRecord,
-    ONE_STATION, PLANES, Plane,
+    Axes, Balance, CHECKSUMS, Contents, Directory, IndexedPart, MAX_STOPS, NodeRecord, PLANES,
+    Plane, SINGLE_STATION, TWO_PER_BYTE,
 };
 pub use writer::Writer;

@@ -1,7 +1,7 @@
 //! Points, or samples that stand for several, as columns on a tree's lattice, in Morton order; and the planes that a node keeps of them.
 
 use super::morton;
-use super::schema::{HALVES, NodeRecord, ONE_STATION, PLANES, Plane};
+use super::schema::{NodeRecord, PLANES, Plane, SINGLE_STATION, TWO_PER_BYTE};
 use crate::cloud::{ColumnSet, Lattice};
 use crate::config::BITS_PER_PLANE;
 use bytemuck::Zeroable;
@@ -25,12 +25,12 @@ pub struct Samples {
     pub gps_time: Option<Vec<f64>>,
     /// Points that each stands for; one where this is none.
     pub weight: Option<Vec<u32>>,
-    pub derived: Derived,
+    pub derived: DerivedColumns,
 }
 
 /// Columns that depend on the points around, in whatever leaf those are: nodes have room for them, and get them once all points are in their leaves (`derive`).
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Derived {
+pub struct DerivedColumns {
     /// As [`Plane::Facing`], [`Plane::Brush`] and [`Plane::Corrected`] say.
     pub facing: Option<Vec<u32>>,
     pub brush: Option<Vec<u32>>,
@@ -39,15 +39,16 @@ pub struct Derived {
 
 /// Which of them there are to be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Derive {
+pub struct DerivedPlanes {
     pub normals: bool,
     pub strokes: bool,
     pub luminance: bool,
 }
 
-impl Derive {
-    pub const NONE: Derive = Derive { normals: false, strokes: false, luminance: false };
-    pub const ALL: Derive = Derive { normals: true, strokes: true, luminance: true };
+impl DerivedPlanes {
+    pub const NONE: DerivedPlanes =
+        DerivedPlanes { normals: false, strokes: false, luminance: false };
+    pub const ALL: DerivedPlanes = DerivedPlanes { normals: true, strokes: true, luminance: true };
 
     /// Strokes need normals.
     pub fn has_normals(self) -> bool {
@@ -64,10 +65,10 @@ impl Derive {
     }
 }
 
-impl Derived {
+impl DerivedColumns {
     /// Zeros.
-    pub fn room(derive: Derive, points: usize) -> Derived {
-        Derived {
+    pub fn zeroed(derive: DerivedPlanes, points: usize) -> DerivedColumns {
+        DerivedColumns {
             facing: derive.has_normals().then(|| vec![0; points]),
             brush: derive.strokes.then(|| vec![0; points]),
             corrected: derive.luminance.then(|| vec![[0; 3]; points]),
@@ -152,7 +153,7 @@ impl Samples {
             normal: column(self.normal, &order),
             gps_time: column(self.gps_time, &order),
             weight: column(self.weight, &order),
-            derived: Derived {
+            derived: DerivedColumns {
                 facing: column(self.derived.facing, &order),
                 brush: column(self.derived.brush, &order),
                 corrected: column(self.derived.corrected, &order),
@@ -181,7 +182,7 @@ impl Samples {
             weight: Some(
                 parts.iter().flat_map(|part| (0..part.len()).map(|i| part.weight(i))).collect(),
             ),
-            derived: Derived {
+            derived: DerivedColumns {
                 facing: column(parts, |part| &part.derived.facing),
                 brush: column(parts, |part| &part.derived.brush),
                 corrected: column(parts, |part| &part.derived.corrected),
@@ -261,10 +262,10 @@ impl Samples {
         planes.keep(Plane::Corrected, &self.derived.corrected);
         match narrow.as_deref() {
             Some([station, rest @ ..]) if rest.iter().all(|other| other == station) => {
-                planes.one_station(*station)
+                planes.single_station(*station)
             }
             Some(stations) if stations.iter().all(|&station| station < 16) => {
-                planes.record.station = HALVES;
+                planes.record.station = TWO_PER_BYTE;
                 let both = |pair: &[u8]| pair[0] | pair.get(1).map_or(0, |second| second << 4);
                 planes
                     .keep(Plane::Station, &Some(stations.chunks(2).map(both).collect::<Vec<u8>>()));
@@ -317,7 +318,7 @@ impl Samples {
             normal: column(bytes(Plane::Normal)),
             gps_time: column(bytes(Plane::GpsTime)),
             weight: column(bytes(Plane::Weight)),
-            derived: Derived {
+            derived: DerivedColumns {
                 facing: column(bytes(Plane::Facing)),
                 brush: column(bytes(Plane::Brush)),
                 corrected: column(bytes(Plane::Corrected)),
@@ -343,9 +344,9 @@ struct Planes<'a> {
 
 impl Planes<'_> {
     /// Says so in the record, and takes nothing.
-    fn one_station(&mut self, station: u8) {
+    fn single_station(&mut self, station: u8) {
         self.record.station = station;
-        self.record.planes |= 1 << Plane::Station as u16 | ONE_STATION;
+        self.record.planes |= 1 << Plane::Station as u16 | SINGLE_STATION;
     }
 
     /// Appends a column, if it is there, and says so in the record.

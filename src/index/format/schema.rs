@@ -107,7 +107,7 @@ pub struct NodeRecord {
     pub children: u32,
     /// Of itself for a root.
     pub parent: u32,
-    /// Bit `k`: it has `PLANES[k]`; [`ONE_STATION`].
+    /// Bit `k`: it has `PLANES[k]`; [`SINGLE_STATION`].
     pub planes: u16,
     pub lattice: u16,
     /// Bits that the longest side needs.
@@ -115,14 +115,14 @@ pub struct NodeRecord {
     /// Inner nodes keep positions to 2^`coarser` lattice steps.
     pub coarser: u8,
     pub level: u8,
-    /// With [`ONE_STATION`] that station; else [`HALVES`] where two numbers share a byte.
+    /// With [`SINGLE_STATION`] that station; else [`TWO_PER_BYTE`] where two numbers share a byte.
     pub station: u8,
 }
 
 /// Of [`NodeRecord::planes`], beside the bit of [`Plane::Station`].
-pub const ONE_STATION: u16 = 1 << PLANES.len();
+pub const SINGLE_STATION: u16 = 1 << PLANES.len();
 /// Numbers of stations below 16, the first of two in the lower half.
-pub const HALVES: u8 = 2;
+pub const TWO_PER_BYTE: u8 = 2;
 
 impl NodeRecord {
     pub fn is_leaf(&self) -> bool {
@@ -142,15 +142,15 @@ impl NodeRecord {
     }
 
     /// The station of all of its points, where it has been one.
-    pub fn one_station(&self) -> Option<u8> {
-        (self.planes & ONE_STATION != 0).then_some(self.station)
+    pub fn single_station(&self) -> Option<u8> {
+        (self.planes & SINGLE_STATION != 0).then_some(self.station)
     }
 
     /// Numbers of the points' stations, from what [`Plane::Station`] has in the file.
     pub fn stations(&self, stored: &[u8]) -> Vec<u8> {
-        match self.one_station() {
+        match self.single_station() {
             Some(station) => vec![station; self.count as usize],
-            None if self.station == HALVES => stored
+            None if self.station == TWO_PER_BYTE => stored
                 .iter()
                 .flat_map(|both| [both & 15, both >> 4])
                 .take(self.count as usize)
@@ -160,16 +160,18 @@ impl NodeRecord {
     }
 
     /// Bytes of a plane once it is read.
-    pub fn unpacked(&self, plane: Plane) -> u64 {
+    pub fn unpacked_bytes(&self, plane: Plane) -> u64 {
         plane.bytes_per_point() * self.count as u64
     }
 
     /// Where a plane lies in the file, and how many bytes it has there.
     pub fn range(&self, plane: Plane) -> (u64, u64) {
         let stored = |plane| match plane {
-            Plane::Station if self.one_station().is_some() => 0,
-            Plane::Station if self.station == HALVES => self.unpacked(plane).div_ceil(2),
-            _ => self.unpacked(plane),
+            Plane::Station if self.single_station().is_some() => 0,
+            Plane::Station if self.station == TWO_PER_BYTE => {
+                self.unpacked_bytes(plane).div_ceil(2)
+            }
+            _ => self.unpacked_bytes(plane),
         };
         let before = PLANES[..plane as usize].iter().filter(|(p, _)| self.has(*p));
         (self.at + before.map(|(p, _)| stored(*p)).sum::<u64>(), stored(plane))
@@ -287,7 +289,7 @@ pub fn lattice(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
 }
 
 /// The lattice that starts where the tree of a node does.
-pub fn of_tree(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
+pub fn tree_lattice(node: &NodeRecord, lattices: &[[DVec3; 2]]) -> Lattice {
     // Every tree has two lattices, one behind the other, that differ by nothing else.
     let [step, offset] = lattices[(node.lattice as usize | 1).min(lattices.len() - 1)];
     Lattice { step, offset }
@@ -357,7 +359,7 @@ impl Axes {
 }
 
 /// No exposures differ by more.
-pub const MOST_STOPS: f64 = 4.0;
+pub const MAX_STOPS: f64 = 4.0;
 
 /// What gives all stations one exposure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -370,8 +372,8 @@ pub struct Balance {
 
 impl Balance {
     /// Whether it may have been found.
-    pub fn is_possible(&self) -> bool {
-        self.gains.iter().all(|gain| gain.log2().abs() <= MOST_STOPS)
+    pub fn is_valid(&self) -> bool {
+        self.gains.iter().all(|gain| gain.log2().abs() <= MAX_STOPS)
             && (0.0..=1.0).contains(&self.uneven)
     }
 }

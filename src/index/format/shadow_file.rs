@@ -20,7 +20,7 @@ pub(in crate::index) const HEADER_BYTES: u64 = 4096;
 
 /// Whose marks these are.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Contents {
+pub struct ShadowContents {
     /// As [`crate::view::light::Light`] is written.
     pub light: String,
     /// The mark of a point that all of the light reaches.
@@ -50,7 +50,7 @@ impl FileHeader {
 }
 
 /// Where each node's marks begin, and where the last ones end.
-pub(in crate::index) fn places(nodes: &[NodeRecord]) -> Vec<u64> {
+pub(in crate::index) fn offsets(nodes: &[NodeRecord]) -> Vec<u64> {
     let counts = nodes.iter().map(|node| node.count as u64);
     let ends = counts.scan(HEADER_BYTES, |end, count| {
         *end += count;
@@ -59,7 +59,7 @@ pub(in crate::index) fn places(nodes: &[NodeRecord]) -> Vec<u64> {
     std::iter::once(HEADER_BYTES).chain(ends).collect()
 }
 
-pub(in crate::index) fn is_of_shadows(path: &Path) -> Result<bool> {
+pub(in crate::index) fn is_shadow_file(path: &Path) -> Result<bool> {
     let map = Map::open(path)?;
     let mut magic = [0; MAGIC.len()];
     if map.len() >= magic.len() as u64 {
@@ -68,17 +68,22 @@ pub(in crate::index) fn is_of_shadows(path: &Path) -> Result<bool> {
     Ok(magic == MAGIC)
 }
 
-/// Marks that can be read.
-pub struct Marks {
+/// SavedShadows that can be read.
+pub struct SavedShadows {
     map: Map,
-    places: Vec<u64>,
+    offsets: Vec<u64>,
     crcs: Vec<u32>,
-    pub contents: Contents,
+    pub contents: ShadowContents,
 }
 
-impl Marks {
+impl SavedShadows {
     /// Those of this index; checks everything but the marks, which are checked when they are read.
-    pub fn open(path: &Path, index: &Path, identity: u64, nodes: &[NodeRecord]) -> Result<Marks> {
+    pub fn open(
+        path: &Path,
+        index: &Path,
+        identity: u64,
+        nodes: &[NodeRecord],
+    ) -> Result<SavedShadows> {
         let map = Map::open(path)?;
         let again = format!(
             "make it again with `pointillist shadows {} -o {}`",
@@ -108,10 +113,10 @@ impl Marks {
         if header.own_crc() != header.header_crc || header.length != map.len() {
             return Err(wrong("has a damaged header, or another length than it says"));
         }
-        let places = places(nodes);
+        let offsets = offsets(nodes);
         if header.index != identity
             || header.nodes as usize != nodes.len()
-            || places.last() != Some(&header.directory_at)
+            || offsets.last() != Some(&header.directory_at)
         {
             return Err(wrong(&format!("has shadows of another cloud than {}", index.display())));
         }
@@ -130,12 +135,12 @@ impl Marks {
             .iter()
             .map(|&crc| u32::from_le_bytes(crc))
             .collect();
-        let contents: Contents = serde_json::from_slice(&directory[crcs_bytes..])
+        let contents: ShadowContents = serde_json::from_slice(&directory[crcs_bytes..])
             .map_err(|error| wrong(&format!("has unreadable contents ({error})")))?;
         if !(1..=255).contains(&contents.full) {
             return Err(wrong("has contents that no marks have"));
         }
-        Ok(Marks { map, places, crcs, contents })
+        Ok(SavedShadows { map, offsets, crcs, contents })
     }
 
     pub fn path(&self) -> &Path {
@@ -144,8 +149,8 @@ impl Marks {
 
     /// Those of a node, all of them, and checks the copy.
     pub fn read(&self, node: usize, into: &mut [u8]) -> Result<()> {
-        assert_eq!(into.len() as u64, self.places[node + 1] - self.places[node], "node {node}");
-        self.map.copy(self.places[node], into)?;
+        assert_eq!(into.len() as u64, self.offsets[node + 1] - self.offsets[node], "node {node}");
+        self.map.copy(self.offsets[node], into)?;
         if crc32c::crc32c(into) != self.crcs[node] {
             return Err(Error::format(
                 self.path(),

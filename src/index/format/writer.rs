@@ -1,8 +1,8 @@
 //! An index on its way into a file: planes anywhere, then the directory, then the header.
 
 use super::schema::{Contents, Directory};
+use crate::atomic_file::AtomicFile;
 use crate::error::{Error, Result};
-use crate::whole_file::WholeFile;
 use bytemuck::{Pod, Zeroable};
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -35,14 +35,14 @@ impl FileHeader {
 
 /// An index on its way.
 pub struct Writer {
-    whole: WholeFile,
+    whole: AtomicFile,
     file: File,
     path: PathBuf,
 }
 
 impl Writer {
     pub fn create(path: &Path) -> Result<Writer> {
-        let whole = WholeFile::create(path)?;
+        let whole = AtomicFile::create(path)?;
         let file = File::options()
             .read(true)
             .write(true)

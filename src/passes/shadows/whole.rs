@@ -15,9 +15,9 @@ use crate::error::{Error, Result};
 use crate::gpu::memory::RawBuffer;
 use crate::gpu::{BufferDesc, Place};
 use crate::graph::{Gpu, Graph, Handle};
-use crate::index::attributes::shadow_writer::Writer;
+use crate::index::attributes::shadow_writer::ShadowWriter;
 use crate::index::format::Index;
-use crate::index::format::shadow_file::Contents;
+use crate::index::format::shadow_file::ShadowContents;
 use crate::passes::project::{self, Band, Precision};
 use crate::progress::Progress;
 use crate::resident::Resident;
@@ -68,7 +68,7 @@ pub fn cast(
             index.path().display()
         )));
     };
-    let writer = Writer::create(path, index)?;
+    let writer = ShadowWriter::create(path, index)?;
     let samples = settings.samples as u32;
     let mut room = Resident::room(gpu, index, memory / 2);
     let wanted =
@@ -118,10 +118,11 @@ pub fn cast(
         marked?;
     }
     room.free(gpu);
-    writer.join(progress)?;
+    writer.merge_inner_nodes(progress)?;
     let facts_json =
         serde_json::to_value(facts).map_err(|error| Error::Request(error.to_string()))?;
-    let contents = Contents { light: light.to_string(), full: unit * samples, facts: facts_json };
+    let contents =
+        ShadowContents { light: light.to_string(), full: unit * samples, facts: facts_json };
     let readings = if batches.len() == 1 { 1 } else { 2 * groups.len() };
     Ok(Summary { facts, leaves: leaves.len(), readings, bytes: writer.finish(&contents)? })
 }

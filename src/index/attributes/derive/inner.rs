@@ -6,28 +6,28 @@
 //! luminance   mean in linear light, as of other colours
 //! ```
 
-use super::super::leaf_cache::Forest;
+use super::super::leaf_cache::LeafCache;
 use super::super::linear_algebra::eigen;
 use super::super::strokes;
 use crate::cloud::octahedral;
 use crate::error::Result;
 use crate::index::format::merge::{self, Runs};
-use crate::index::format::samples::Derived;
+use crate::index::format::samples::DerivedColumns;
 use crate::index::format::{NodeRecord, Plane};
 use glam::DVec3;
 use std::ops::Range;
 
 /// `corners`: of every lattice where its tree starts, steps.
 pub fn node(
-    forest: &Forest,
+    leaf_cache: &LeafCache,
     node: usize,
     corners: &[[i64; 3]],
     planes: &[Plane],
     oriented: bool,
-) -> Result<Derived> {
+) -> Result<DerivedColumns> {
     let wanted: Vec<Plane> = planes.iter().copied().chain([Plane::Weight]).collect();
     let corner_of = |record: &NodeRecord| corners[record.lattice as usize];
-    let below = forest.below(node, &corner_of, &wanted, &|_, _| Ok(()))?;
+    let below = leaf_cache.below(node, &corner_of, &wanted, &|_, _| Ok(()))?;
     let runs = merge::runs(&below);
     // The bits that look random are those of the heaviest one, too: it is the same stroke, wherever rounding has put it.
     let facing = below.derived.facing.as_deref().map(|below| {
@@ -46,7 +46,7 @@ pub fn node(
         _ => None,
     };
     let corrected = below.derived.corrected.as_deref().map(|colors| runs.mean_colors(colors));
-    Ok(Derived { facing, brush, corrected })
+    Ok(DerivedColumns { facing, brush, corrected })
 }
 
 /// Directions that two ways are nearly equally near to are no direction.

@@ -1,17 +1,17 @@
 //! A leaf in, what the points around each of its points tell of it out.
 
 use super::super::axes::Moments;
-use super::super::clusters::{self, Cluster, NEAR, NOBODY};
-use super::super::kd_tree::Tree;
-use super::super::knn_query::Surroundings;
-use super::super::leaf_cache::{Forest, Leaf};
+use super::super::clusters::{self, Cluster, NEAREST, NO_NEIGHBOUR};
+use super::super::kd_tree::KdTree;
+use super::super::knn_query::KnnQuery;
+use super::super::leaf_cache::{Leaf, LeafCache};
 use super::super::luminance::{self, NEIGHBOURS};
-use super::super::normals::{self, FIT, Patch, Room};
+use super::super::normals::{self, FIT, Patch, Scratch};
 use super::super::strokes::{self, Stroke};
 use crate::cloud::{Columns, octahedral};
 use crate::error::Result;
 use crate::index::format::Plane;
-use crate::index::format::samples::{Derive, Derived};
+use crate::index::format::samples::{DerivedColumns, DerivedPlanes};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -19,8 +19,8 @@ use std::sync::Arc;
 const BATCH: usize = 1 << 12;
 
 /// Of what a leaf's points were found to be.
-pub struct Found {
-    pub derived: Derived,
+pub struct LeafAttributes {
+    pub derived: DerivedColumns,
     /// From the middle of the whole cloud; where there are to be strokes.
     pub moments: Moments,
     /// All normals are those of the file.
@@ -29,20 +29,20 @@ pub struct Found {
 
 /// `found` is told of points that are looked around, by each pass over them.
 pub fn leaf(
-    forest: &Forest,
+    leaf_cache: &LeafCache,
     node: usize,
-    derive: Derive,
+    derive: DerivedPlanes,
     found: &(dyn Fn(u64) -> Result<()> + Sync),
-) -> Result<Found> {
-    let own = forest.leaf(node)?;
-    let record = &forest.directory.nodes[node];
+) -> Result<LeafAttributes> {
+    let own = leaf_cache.leaf(node)?;
+    let record = &leaf_cache.directory.nodes[node];
     let count = own.tree.len();
     let luminance = derive.luminance && record.has(Plane::Corrected);
-    let mut derived = Derived::room(Derive { luminance, ..derive }, count);
+    let mut derived = DerivedColumns::zeroed(DerivedPlanes { luminance, ..derive }, count);
     let mut oriented = false;
     if let Some(facing) = &mut derived.facing {
         let bytes = if record.has(Plane::Normal) {
-            forest.bytes(node, Plane::Normal)?
+            leaf_cache.bytes(node, Plane::Normal)?
         } else {
             vec![0; 3 * count]
         };
@@ -53,11 +53,13 @@ pub fn leaf(
         let patches = if oriented && !derive.strokes {
             None
         } else {
-            Some(patches(forest, node, &own, found)?)
+            Some(patches(leaf_cache, node, &own, found)?)
         };
         let clusters = derive
             .strokes
-            .then(|| patches.as_ref().map(|patches| clusters_around(forest, node, &own, patches)))
+            .then(|| {
+                patches.as_ref().map(|patches| clusters_around(leaf_cache, node, &own, patches))
+            })
             .flatten();
         let clusters = clusters.transpose()?;
         for place in 0..count {
@@ -79,7 +81,7 @@ pub fn leaf(
         }
     }
     if let Some(corrected) = &mut derived.corrected {
-        let mut around = Surroundings::of(forest, node, &own, true);
+        let mut around = KnnQuery::of(leaf_cache, node, &own, true);
         for first in (0..count).step_by(BATCH) {
             let places = first..(first + BATCH).min(count);
             found(places.len() as u64)?;
@@ -87,14 +89,14 @@ pub fn leaf(
             places.zip(colors).for_each(|(place, color)| corrected[own.tree.number(place)] = color);
         }
     }
-    let moments = if derive.strokes { moments(forest, node, &own) } else { Moments::default() };
-    Ok(Found { derived, moments, oriented })
+    let moments = if derive.strokes { moments(leaf_cache, node, &own) } else { Moments::default() };
+    Ok(LeafAttributes { derived, moments, oriented })
 }
 
-fn moments(forest: &Forest, node: usize, own: &Leaf) -> Moments {
+fn moments(leaf_cache: &LeafCache, node: usize, own: &Leaf) -> Moments {
     let (lattice, middle) = (
-        forest.lattice(node),
-        forest.directory.contents.bounds.map_or(DVec3::ZERO, |[lo, hi]| (lo + hi) / 2.0),
+        leaf_cache.lattice(node),
+        leaf_cache.directory.contents.bounds.map_or(DVec3::ZERO, |[lo, hi]| (lo + hi) / 2.0),
     );
     let world = |place: usize| {
         let steps = own.tree.steps(place);
@@ -105,18 +107,19 @@ fn moments(forest: &Forest, node: usize, own: &Leaf) -> Moments {
 
 /// By their places.
 fn patches(
-    forest: &Forest,
+    leaf_cache: &LeafCache,
     node: usize,
     own: &Leaf,
     found: &(dyn Fn(u64) -> Result<()> + Sync),
 ) -> Result<Vec<Patch>> {
-    let (mut around, mut room) = (Surroundings::of(forest, node, own, false), Room::default());
+    let (mut around, mut scratch) =
+        (KnnQuery::of(leaf_cache, node, own, false), Scratch::default());
     let mut patches = Vec::with_capacity(own.tree.len());
     for place in 0..own.tree.len() {
         if place % BATCH == 0 {
             found(BATCH.min(own.tree.len() - place) as u64)?;
         }
-        patches.push(normals::patch(&mut around, place, FIT, &mut room, &mut |_| {})?);
+        patches.push(normals::patch(&mut around, place, FIT, &mut scratch, &mut |_| {})?);
     }
     Ok(patches)
 }
@@ -126,14 +129,14 @@ const HALO: f64 = 16.0;
 
 /// The clusters that points are part of, by their places; of everything, of no shape, where there are no colours.
 fn clusters_around(
-    forest: &Forest,
+    leaf_cache: &LeafCache,
     node: usize,
     own: &Arc<Leaf>,
     patches: &[Patch],
 ) -> Result<Vec<Cluster>> {
     if own.colors.is_empty() {
         return Ok(vec![
-            Cluster { points: forest.directory.contents.points, elongation: 1.0 };
+            Cluster { points: leaf_cache.directory.contents.points, elongation: 1.0 };
             patches.len()
         ]);
     }
@@ -148,9 +151,9 @@ fn clusters_around(
         columns.z.push(at[2]);
     };
     (0..own.tree.len()).for_each(|place| add(own.tree.steps(place)));
-    let (step, extent) = (own.tree.step(), forest.directory.nodes[node].extent);
-    for near in forest.beside(node, reach, false) {
-        let leaf = forest.leaf(near.node)?;
+    let (step, extent) = (own.tree.step(), leaf_cache.directory.nodes[node].extent);
+    for near in leaf_cache.beside(node, reach, false) {
+        let leaf = leaf_cache.leaf(near.node)?;
         for place in 0..leaf.tree.len() {
             let steps = leaf.tree.steps(place);
             let at =
@@ -165,12 +168,12 @@ fn clusters_around(
             }
         }
     }
-    let tree = Tree::new(&columns, &forest.lattice(node));
-    let mut found = Vec::with_capacity(NEAR);
-    let near: Vec<[u32; NEAR]> = (0..tree.len())
+    let tree = KdTree::new(&columns, &leaf_cache.lattice(node));
+    let mut found = Vec::with_capacity(NEAREST);
+    let near: Vec<[u32; NEAREST]> = (0..tree.len())
         .map(|place| {
-            tree.nearest(place, NEAR, &mut found);
-            std::array::from_fn(|k| found.get(k).map_or(NOBODY, |neighbour| neighbour.place))
+            tree.nearest(place, NEAREST, &mut found);
+            std::array::from_fn(|k| found.get(k).map_or(NO_NEIGHBOUR, |neighbour| neighbour.place))
         })
         .collect();
     let colors: Vec<[u8; 3]> = (0..tree.len()).map(|place| colors[tree.number(place)]).collect();
@@ -185,7 +188,7 @@ fn clusters_around(
 pub const RADII: usize = 1 << 16;
 
 /// How often each radius occurs.
-pub fn radii(derived: &Derived) -> Vec<(u16, u32)> {
+pub fn radii(derived: &DerivedColumns) -> Vec<(u16, u32)> {
     let mut all: Vec<u16> =
         derived.brush.iter().flatten().map(|&brush| (brush >> 16) as u16).collect();
     all.sort_unstable();

@@ -12,10 +12,10 @@ mod inner;
 mod leaves;
 
 use super::axes::Moments;
-use super::leaf_cache::{Forest, Read};
+use super::leaf_cache::{LeafCache, Read};
 use super::strokes;
 use crate::error::Result;
-use crate::index::format::samples::{Derive, Derived};
+use crate::index::format::samples::{DerivedColumns, DerivedPlanes};
 use crate::index::format::{Directory, NodeRecord, Plane, Writer};
 use crate::progress::Progress;
 use rayon::prelude::*;
@@ -25,7 +25,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 /// What to derive, and with what.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    pub derive: Derive,
+    pub derive: DerivedPlanes,
     /// Bytes.
     pub memory: u64,
     pub threads: usize,
@@ -46,18 +46,19 @@ pub fn derive(
         crcs.into_iter()
             .for_each(|Crc { node, plane, crc }| directory.nodes[node].crc[plane as usize] = crc);
     };
-    let Leaves { crcs, radii, moments, oriented } = work.leaves(&work.forest(directory, &read))?;
+    let Leaves { crcs, radii, moments, oriented } =
+        work.leaves(&work.leaf_cache(directory, &read))?;
     keep(directory, crcs);
     directory.contents.oriented = oriented;
     directory.contents.axes = moments.axes();
     if options.derive.strokes {
-        let crcs = work.cap(&work.forest(directory, &read), &radii)?;
+        let crcs = work.cap(&work.leaf_cache(directory, &read), &radii)?;
         keep(directory, crcs);
     }
     let deepest = directory.nodes.iter().map(|node| node.level).max().unwrap_or(0);
     for level in (0..=deepest).rev() {
         progress.tick("joining", (deepest - level) as u64, deepest as u64 + 1)?;
-        let crcs = work.inner(&work.forest(directory, &read), level)?;
+        let crcs = work.inner(&work.leaf_cache(directory, &read), level)?;
         keep(directory, crcs);
     }
     Ok(())
@@ -89,10 +90,10 @@ struct Work<'w> {
 }
 
 impl Work<'_> {
-    fn forest<'f>(&self, directory: &'f Directory, read: &'f Read<'f>) -> Forest<'f> {
+    fn leaf_cache<'f>(&self, directory: &'f Directory, read: &'f Read<'f>) -> LeafCache<'f> {
         // Half of the memory for leaves that are kept, a quarter for those that threads have at hand, the rest for what they find.
         let Options { memory, threads, derive, .. } = *self.options;
-        Forest::new(
+        LeafCache::new(
             directory,
             read,
             derive.strokes || derive.luminance,
@@ -113,7 +114,12 @@ impl Work<'_> {
         Ok(Crc { node, plane, crc: crc32c::crc32c(bytes) })
     }
 
-    fn put_all(&self, record: &NodeRecord, node: usize, derived: &Derived) -> Result<Vec<Crc>> {
+    fn put_all(
+        &self,
+        record: &NodeRecord,
+        node: usize,
+        derived: &DerivedColumns,
+    ) -> Result<Vec<Crc>> {
         self.planes(record)
             .into_iter()
             .map(|plane| self.put(record, node, plane, derived.bytes(plane)))
@@ -134,9 +140,9 @@ impl Work<'_> {
         leaves
     }
 
-    fn leaves(&self, forest: &Forest) -> Result<Leaves> {
-        let leaves = Work::leaves_in_order(forest.directory);
-        let nodes = &forest.directory.nodes;
+    fn leaves(&self, leaf_cache: &LeafCache) -> Result<Leaves> {
+        let leaves = Work::leaves_in_order(leaf_cache.directory);
+        let nodes = &leaf_cache.directory.nodes;
         let passes =
             self.options.derive.has_normals() as u64 + self.options.derive.luminance as u64;
         let total = passes * leaves.iter().map(|&leaf| nodes[leaf].points).sum::<u64>();
@@ -149,7 +155,7 @@ impl Work<'_> {
             )
         };
         let of_leaf = |&leaf: &usize| {
-            let found = leaves::leaf(forest, leaf, self.options.derive, &found)?;
+            let found = leaves::leaf(leaf_cache, leaf, self.options.derive, &found)?;
             let counts = leaves::radii(&found.derived);
             Ok((
                 self.put_all(&nodes[leaf], leaf, &found.derived)?,
@@ -182,30 +188,31 @@ impl Work<'_> {
     }
 
     /// As [`strokes::capped`]: by the radius of all but some of a tree's points.
-    fn cap(&self, forest: &Forest, radii: &BTreeMap<u16, Vec<u64>>) -> Result<Vec<Crc>> {
-        let nodes = &forest.directory.nodes;
+    fn cap(&self, leaf_cache: &LeafCache, radii: &BTreeMap<u16, Vec<u64>>) -> Result<Vec<Crc>> {
+        let nodes = &leaf_cache.directory.nodes;
         let largest: BTreeMap<u16, u32> =
             radii.iter().map(|(&lattice, counts)| (lattice, leaves::largest(counts))).collect();
         let of_leaf = |&leaf: &usize| {
-            let mut brushes = forest.bytes(leaf, Plane::Brush)?;
+            let mut brushes = leaf_cache.bytes(leaf, Plane::Brush)?;
             let largest = largest[&nodes[leaf].lattice];
             for brush in brushes.as_chunks_mut().0 {
                 *brush = strokes::capped(u32::from_le_bytes(*brush), largest).to_le_bytes();
             }
             self.put(&nodes[leaf], leaf, Plane::Brush, &brushes)
         };
-        Work::leaves_in_order(forest.directory).par_iter().map(of_leaf).collect()
+        Work::leaves_in_order(leaf_cache.directory).par_iter().map(of_leaf).collect()
     }
 
-    fn inner(&self, forest: &Forest, level: u8) -> Result<Vec<Crc>> {
-        let nodes = &forest.directory.nodes;
+    fn inner(&self, leaf_cache: &LeafCache, level: u8) -> Result<Vec<Crc>> {
+        let nodes = &leaf_cache.directory.nodes;
         let at_level: Vec<usize> = (0..nodes.len())
             .filter(|&node| nodes[node].level == level && !nodes[node].is_leaf())
             .collect();
-        let oriented = forest.directory.contents.oriented;
+        let oriented = leaf_cache.directory.contents.oriented;
         let of_node = |&node: &usize| {
             let record = &nodes[node];
-            let derived = inner::node(forest, node, self.corners, &self.planes(record), oriented)?;
+            let derived =
+                inner::node(leaf_cache, node, self.corners, &self.planes(record), oriented)?;
             self.put_all(record, node, &derived)
         };
         let crcs = at_level.par_iter().map(of_node).collect::<Result<Vec<_>>>()?;

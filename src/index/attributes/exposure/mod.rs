@@ -9,7 +9,7 @@ mod sample;
 
 use crate::cloud::colormap::srgb_to_linear;
 use crate::cloud::{Cloud, Station};
-use crate::index::format::{Balance, MOST_STOPS};
+use crate::index::format::{Balance, MAX_STOPS};
 pub use sample::Sample;
 use sample::{AXIS_BITS, Point};
 use serde::Serialize;
@@ -273,7 +273,7 @@ fn gains(pairs: &Pairs, groups: &mut Groups, points: &[u64]) -> Vec<f64> {
     }
     let own = |(number, x): (usize, &f64)| {
         let (sum, count) = means[groups.of(number)];
-        (x - sum / count.max(1.0)).clamp(-MOST_STOPS, MOST_STOPS).exp2()
+        (x - sum / count.max(1.0)).clamp(-MAX_STOPS, MAX_STOPS).exp2()
     };
     x.iter().enumerate().map(own).collect()
 }

@@ -23,7 +23,7 @@ struct Run {
     count: u32,
 }
 
-pub struct Ring {
+pub struct StagingRing {
     slots: Pages,
     /// One buffer, once somebody has written.
     memory: Vec<RawBuffer>,
@@ -34,9 +34,9 @@ pub struct Ring {
     landing: Vec<(Run, u64)>,
 }
 
-impl Default for Ring {
-    fn default() -> Ring {
-        Ring {
+impl Default for StagingRing {
+    fn default() -> StagingRing {
+        StagingRing {
             slots: Pages::new(SLOTS),
             memory: Vec::new(),
             open: HashMap::new(),
@@ -46,13 +46,13 @@ impl Default for Ring {
     }
 }
 
-impl Ring {
+impl StagingRing {
     pub fn open(&mut self, gpu: &mut Gpu, page: u32, count: u32) -> Result<bool> {
         if self.memory.is_empty() {
             let desc = BufferDesc { bytes: PAGE_BYTES * SLOTS as u64, place: Place::Upload };
             self.memory.push(gpu.memory.buffer(&gpu.device, desc, "ring")?);
         }
-        if self.is_landing() {
+        if self.has_pending_copies() {
             let passed = gpu.completed.value()?;
             self.landing.retain(|(run, submission)| {
                 let landed = *submission <= passed;
@@ -91,7 +91,7 @@ impl Ring {
     }
 
     /// Copies all that has been written to its pages in `blocks`.
-    pub fn land(&mut self, gpu: &mut Gpu, blocks: &[RawBuffer]) -> Result<()> {
+    pub fn submit_copies(&mut self, gpu: &mut Gpu, blocks: &[RawBuffer]) -> Result<()> {
         if self.written.is_empty() {
             return Ok(());
         }
@@ -114,7 +114,7 @@ impl Ring {
         Ok(())
     }
 
-    pub fn is_landing(&self) -> bool {
+    pub fn has_pending_copies(&self) -> bool {
         !self.landing.is_empty()
     }
 

@@ -10,7 +10,7 @@ pub const OVERLAP_PX: u32 = 64;
 
 /// Tiles of a whole picture, and in which of them points of several stations may be seen; whether they lie behind each other is not asked.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Overlap {
+pub struct StationOverlap {
     /// Across and down.
     pub size: [u32; 2],
     /// Row by row.
@@ -22,7 +22,7 @@ pub struct Overlap {
 }
 
 impl Resident {
-    pub fn overlap(&self, view: &View) -> Overlap {
+    pub fn overlap(&self, view: &View) -> StationOverlap {
         let (view, size) = (view.entire(), tiles_of(view.whole));
         // Of every tile that shows something: its station, if it is one.
         let mut stations: Vec<Option<Option<u32>>> = vec![None; (size[0] * size[1]) as usize];
@@ -41,16 +41,16 @@ impl Resident {
         }
         let several: Vec<bool> = stations.iter().map(|own| *own == Some(None)).collect();
         let count = several.iter().filter(|several| **several).count();
-        Overlap { size, several, count, seen: stations.iter().flatten().count() }
+        StationOverlap { size, several, count, seen: stations.iter().flatten().count() }
     }
 }
 
-impl Overlap {
+impl StationOverlap {
     /// As if there were several all over a picture of so many pixels.
-    pub fn everywhere(size_px: [u32; 2]) -> Overlap {
+    pub fn everywhere(size_px: [u32; 2]) -> StationOverlap {
         let size = tiles_of(size_px);
         let several = vec![true; (size[0] * size[1]) as usize];
-        Overlap { size, seen: several.len(), count: several.len(), several }
+        StationOverlap { size, seen: several.len(), count: several.len(), several }
     }
 
     /// Whether no tile shows one station alone.

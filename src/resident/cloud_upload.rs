@@ -1,8 +1,8 @@
 //! CLOUD -> PAGES, in two halves: what takes long and needs no device, on any thread; and pages, as many at a time as whoever draws meanwhile has time for.
 //!
-//!   [`Filling::new`]: what is known of all points
-//!   [`Filling::organise`]: the nodes of one more part, and its strokes
-//!   [`Filling::write`]: the pages of some more nodes
+//!   [`CloudUpload::new`]: what is known of all points
+//!   [`CloudUpload::organise`]: the nodes of one more part, and its strokes
+//!   [`CloudUpload::write`]: the pages of some more nodes
 //! Pages are taken in node order, so that the cloud is the same however the halves are cut.
 
 use super::pool::Pool;
@@ -13,11 +13,11 @@ use crate::cloud::{Cloud, Columns, Part, Station, spacing};
 use crate::error::{Error, Result};
 use crate::graph::Gpu;
 use crate::index::attributes::exposure;
-use crate::index::attributes::strokes::{self, Found};
+use crate::index::attributes::strokes::{self, StrokeCache};
 use crate::index::build::pack::{self, Frame};
 use crate::index::format::Axes;
 use crate::index::format::Balance;
-use crate::index::{self, Organised};
+use crate::index::{self, Partition};
 use crate::progress::{self, Progress};
 use crate::select::clip::Clips;
 use crate::select::opacity::Opacities;
@@ -27,10 +27,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// How the points of a part are put into nodes.
-pub type Organise = fn(&Columns, &dyn Progress) -> Result<Organised>;
+pub type Partitioner = fn(&Columns, &dyn Progress) -> Result<Partition>;
 
 /// A cloud on its way to the device.
-pub struct Filling {
+pub struct CloudUpload {
     shown: DisplayAttribute,
     stations: Vec<Station>,
     counts: Option<Histograms>,
@@ -39,12 +39,12 @@ pub struct Filling {
     spacing_m: f64,
     points: u64,
     /// Strokes that were found before, where somebody keeps them.
-    found: Option<Arc<Found>>,
+    found: Option<Arc<StrokeCache>>,
     /// Parts that are not organised yet, with their numbers.
     parts: VecDeque<(usize, Part)>,
-    organised: VecDeque<Ready>,
-    organised_nodes: u64,
-    organised_points: u64,
+    ready: VecDeque<Ready>,
+    built_nodes: u64,
+    built_points: u64,
     /// What has pages.
     resident: Option<Resident>,
 }
@@ -54,7 +54,7 @@ struct Ready {
     part: Part,
     first_station: usize,
     stations: Vec<Station>,
-    organised: Organised,
+    partition: Partition,
     /// With the station of the points of each node, where it is one.
     framed: Vec<(Frame, Option<u32>)>,
     strokes: Arc<Vec<[u32; 2]>>,
@@ -62,8 +62,12 @@ struct Ready {
     written: usize,
 }
 
-impl Filling {
-    pub fn new(cloud: Cloud, shown: DisplayAttribute, found: Option<Arc<Found>>) -> Filling {
+impl CloudUpload {
+    pub fn new(
+        cloud: Cloud,
+        shown: DisplayAttribute,
+        found: Option<Arc<StrokeCache>>,
+    ) -> CloudUpload {
         let (balance, points) =
             (if shown.coded { exposure::balance(&cloud) } else { None }, cloud.len());
         let counts = shown
@@ -78,7 +82,7 @@ impl Filling {
         };
         let mut parts: VecDeque<(usize, Part)> = cloud.parts.into_iter().enumerate().collect();
         parts.iter_mut().for_each(|(_, part)| part.columns.keep(shown.wanted()));
-        Filling {
+        CloudUpload {
             shown,
             stations: cloud.stations,
             spacing_m,
@@ -88,9 +92,9 @@ impl Filling {
             points,
             found,
             parts,
-            organised: VecDeque::new(),
-            organised_nodes: 0,
-            organised_points: 0,
+            ready: VecDeque::new(),
+            built_nodes: 0,
+            built_points: 0,
             resident: None,
         }
     }
@@ -100,18 +104,22 @@ impl Filling {
     }
 
     /// One more part; false where there is none.
-    pub fn organise(&mut self, organise: Organise, progress: &dyn Progress) -> Result<bool> {
+    pub fn build_nodes(
+        &mut self,
+        partitioner: Partitioner,
+        progress: &dyn Progress,
+    ) -> Result<bool> {
         let Some((number, part)) = self.parts.pop_front() else {
             if let Some(found) = self.found.as_ref().filter(|_| self.shown.further.strokes) {
-                found.keep_wanted();
+                found.retain_requested();
             }
             return Ok(false);
         };
-        let before = self.organised_points;
-        let organised = organise(&part.columns, &self.half(progress))?;
-        self.organised_nodes += organised.nodes.len() as u64;
-        self.organised_points += organised.order.len() as u64;
-        if self.organised_nodes > MOST_NODES {
+        let before = self.built_points;
+        let partition = partitioner(&part.columns, &self.half(progress))?;
+        self.built_nodes += partition.nodes.len() as u64;
+        self.built_points += partition.order.len() as u64;
+        if self.built_nodes > MOST_NODES {
             return Err(Error::Request(format!(
                 "{} points are more than the 4,294,901,760 that can be resident at once",
                 self.points
@@ -128,7 +136,7 @@ impl Filling {
             Some(found) => found.of(&part.columns, &part.lattice, &painting)?,
             None => Arc::new(strokes::words(&part.columns, &part.lattice, &painting)?),
         };
-        let one_station = |order: &[u32]| match (&stations[..], &part.columns.source) {
+        let single_station = |order: &[u32]| match (&stations[..], &part.columns.source) {
             ([_], _) => Some(first_station as u32),
             (_, Some(column)) => {
                 let source = column[order[0] as usize];
@@ -140,17 +148,17 @@ impl Filling {
             }
             (_, None) => None,
         };
-        let of_node = |order: &[u32]| (pack::frame(&part.columns, order), one_station(order));
-        let framed = organised
+        let of_node = |order: &[u32]| (pack::frame(&part.columns, order), single_station(order));
+        let framed = partition
             .nodes
             .par_iter()
-            .map(|node| of_node(&organised.order[node.points.clone()]))
+            .map(|node| of_node(&partition.order[node.points.clone()]))
             .collect();
-        self.organised.push_back(Ready {
+        self.ready.push_back(Ready {
             part,
             first_station,
             stations,
-            organised,
+            partition,
             framed,
             strokes,
             written: 0,
@@ -159,20 +167,25 @@ impl Filling {
     }
 
     /// Pages of so many nodes at most, of the parts that are organised; whether some are left.
-    pub fn write(&mut self, gpu: &mut Gpu, most: usize, progress: &dyn Progress) -> Result<bool> {
-        let Some(mut ready) = self.organised.pop_front() else { return Ok(false) };
-        let half = progress::Part { progress, done: self.organised_points, total: 2 * self.points };
+    pub fn upload_nodes(
+        &mut self,
+        gpu: &mut Gpu,
+        most: usize,
+        progress: &dyn Progress,
+    ) -> Result<bool> {
+        let Some(mut ready) = self.ready.pop_front() else { return Ok(false) };
+        let half = progress::Part { progress, done: self.built_points, total: 2 * self.points };
         let written = ready.write(self.resident(gpu), gpu, most, &half);
-        if ready.written < ready.organised.nodes.len() {
-            self.organised.push_front(ready);
+        if ready.written < ready.partition.nodes.len() {
+            self.ready.push_front(ready);
         }
-        written.map(|()| !self.organised.is_empty())
+        written.map(|()| !self.ready.is_empty())
     }
 
     /// Every point is organised, and every one is written: in both halves together that is how far it is.
     fn half<'p>(&self, progress: &'p dyn Progress) -> progress::Part<'p> {
         let written = self.resident.as_ref().map_or(0, |resident| resident.points);
-        progress::Part { progress, done: self.organised_points + written, total: 2 * self.points }
+        progress::Part { progress, done: self.built_points + written, total: 2 * self.points }
     }
 
     fn resident(&mut self, gpu: &mut Gpu) -> &mut Resident {
@@ -218,11 +231,11 @@ impl Ready {
         most: usize,
         progress: &dyn Progress,
     ) -> Result<()> {
-        let Ready { part, first_station, stations, organised, framed, strokes, written } = self;
+        let Ready { part, first_station, stations, partition, framed, strokes, written } = self;
         let (shown, first) = (resident.shown, resident.nodes.len());
-        let nodes = *written..written.saturating_add(most).min(organised.nodes.len());
+        let nodes = *written..written.saturating_add(most).min(partition.nodes.len());
         for (node, &(frame, station)) in
-            organised.nodes[nodes.clone()].iter().zip(&framed[nodes.clone()])
+            partition.nodes[nodes.clone()].iter().zip(&framed[nodes.clone()])
         {
             let first_page = resident
                 .pool
@@ -245,14 +258,14 @@ impl Ready {
 
         let runs = resident.nodes[first..]
             .iter_mut()
-            .zip(&organised.nodes[nodes])
+            .zip(&partition.nodes[nodes])
             .map(|(node, range)| {
                 (node.first_page, node.frame.planes + shown.words(), (node, range))
             })
             .collect();
         let done = AtomicU64::new(resident.points);
         resident.pool.write(gpu, runs, |(node, range), mut pages| {
-            let order = &organised.order[range.points.clone()];
+            let order = &partition.order[range.points.clone()];
             let words = |i| {
                 let mut words = shown.words_of(part, stations, *first_station, i);
                 if let Some(place) = shown.strokes() {
@@ -264,7 +277,7 @@ impl Ready {
                 &part.columns,
                 &node.frame,
                 order,
-                organised.arrangement,
+                partition.arrangement,
                 words,
                 &mut pages,
             );

@@ -24,7 +24,7 @@ pub struct Slab {
 
 /// A point of a slab.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found {
+pub struct SlabPoint {
     pub point: Point,
     /// What it shows ([`crate::cloud::attribute::DisplayAttribute::word`]).
     pub shown: u32,
@@ -34,8 +34,8 @@ pub struct Found {
 
 /// Points of a slab, in the order of their ids.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Section {
-    pub points: Vec<Found>,
+pub struct SlabPoints {
+    pub points: Vec<SlabPoint>,
     /// Resident points, and those of the whole cloud.
     pub resident: u64,
     pub all: u64,
@@ -75,7 +75,7 @@ impl Slab {
 }
 
 impl Resident {
-    pub fn section(&self, gpu: &mut Gpu, slab: &Slab) -> Result<Section> {
+    pub fn section(&self, gpu: &mut Gpu, slab: &Slab) -> Result<SlabPoints> {
         let factors = self.opacities.table(&self.stations);
         let opaque = |kind: u32| {
             let [class, number, station] = [kind & 255, 256 + (kind >> 8 & 15), 272 + (kind >> 16)]
@@ -97,7 +97,7 @@ impl Resident {
                 let point = self.point_of(node, words, i);
                 let is_there =
                     (whole || self.clips.keep(point.position)) && point.kind.is_none_or(opaque);
-                is_there.then(|| Found {
+                is_there.then(|| SlabPoint {
                     point,
                     shown: words[(node.planes * POINTS_PER_PAGE + i) as usize],
                     place,
@@ -105,7 +105,7 @@ impl Resident {
             });
             points.par_extend(found);
         })?;
-        Ok(Section {
+        Ok(SlabPoints {
             points,
             resident: self.nodes.iter().map(|node| node.count as u64).sum(),
             all: self.points,

@@ -13,8 +13,8 @@ use std::sync::Mutex;
 /// What is being written at this moment, for [`abandon_all`].
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// A file on its way: write to [`WholeFile::partial`], then [`WholeFile::finish`]. Dropped before that, it leaves nothing.
-pub struct WholeFile {
+/// A file on its way: write to [`AtomicFile::partial`], then [`AtomicFile::finish`]. Dropped before that, it leaves nothing.
+pub struct AtomicFile {
     path: PathBuf,
     /// None once it has its name.
     partial: Option<PathBuf>,
@@ -22,9 +22,9 @@ pub struct WholeFile {
     _lock: File,
 }
 
-impl WholeFile {
+impl AtomicFile {
     /// Creates the empty partial file, so that a folder that cannot be written to is refused before the work is done.
-    pub fn create(path: &Path) -> Result<WholeFile> {
+    pub fn create(path: &Path) -> Result<AtomicFile> {
         // A rename would put a file in the place of a pipe, and as root in the place of /dev/null.
         if path.metadata().is_ok_and(|found| !found.is_file()) {
             return Err(Error::Request(format!(
@@ -35,7 +35,7 @@ impl WholeFile {
         let begin = partial_begin(path)?;
         remove_stale(path, &begin);
         let (partial, lock) = claim(path, &begin)?;
-        Ok(WholeFile { path: path.to_owned(), partial: Some(partial), _lock: lock })
+        Ok(AtomicFile { path: path.to_owned(), partial: Some(partial), _lock: lock })
     }
 
     pub fn partial(&self) -> &Path {
@@ -62,7 +62,7 @@ impl WholeFile {
     }
 }
 
-impl Drop for WholeFile {
+impl Drop for AtomicFile {
     fn drop(&mut self) {
         let Some(partial) = self.partial.take() else { return };
         let mut unfinished = unfinished();
@@ -73,15 +73,15 @@ impl Drop for WholeFile {
 }
 
 /// Writes `path` whole, or not at all.
-pub fn whole_file(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-    let file = WholeFile::create(path)?;
+pub fn write_atomically(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+    let file = AtomicFile::create(path)?;
     write(file.partial())?;
     file.finish()
 }
 
 /// A nameless file beside `path`, to read and write, which the system removes with the process, however that ends. Killed within the instant in which it
 /// has a name, it is as stale as a partial file.
-pub fn scratch(path: &Path) -> Result<File> {
+pub fn temporary_file(path: &Path) -> Result<File> {
     let (partial, file) = claim(path, &partial_begin(path)?)?;
     let mut unfinished = unfinished();
     let removed = std::fs::remove_file(&partial);
@@ -140,7 +140,7 @@ fn is_at(_file: &File, path: &Path) -> bool {
 }
 
 /// Removes whatever is half written, for a process that is about to exit without unwinding.
-pub fn abandon_all() {
+pub fn remove_unfinished() {
     for partial in unfinished().drain(..) {
         // It may have been renamed this instant.
         let _ = std::fs::remove_file(partial);
@@ -217,7 +217,7 @@ mod tests {
         std::fs::write(&stale, "half").unwrap();
         let living = File::create(&alive).unwrap();
         living.lock().unwrap();
-        whole_file(&path, |partial| {
+        write_atomically(&path, |partial| {
             std::fs::write(partial, "new").map_err(|error| Error::io("write", partial, error))
         })
         .unwrap();
@@ -229,12 +229,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         let (first, second) =
-            (WholeFile::create(&path).unwrap(), WholeFile::create(&path).unwrap());
+            (AtomicFile::create(&path).unwrap(), AtomicFile::create(&path).unwrap());
         std::fs::write(first.partial(), "first").unwrap();
         std::fs::write(second.partial(), "second").unwrap();
         first.finish().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"first");
-        let third = WholeFile::create(&path).unwrap();
+        let third = AtomicFile::create(&path).unwrap();
         second.finish().unwrap();
         assert!(third.partial().exists());
         drop(third);
@@ -248,12 +248,12 @@ mod tests {
         let path = folder.path().join("a.png");
         let write = |v: u8| {
             for _ in 0..200 {
-                whole_file(&path, |partial| {
+                write_atomically(&path, |partial| {
                     std::fs::write(partial, [v; 5000])
                         .map_err(|error| Error::io("write", partial, error))
                 })
                 .unwrap();
-                drop(scratch(&path).unwrap());
+                drop(temporary_file(&path).unwrap());
             }
         };
         std::thread::scope(|scope| {
@@ -274,14 +274,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("picture.png");
         std::fs::write(&path, "old").unwrap();
-        let failing = whole_file(&path, |partial| {
+        let failing = write_atomically(&path, |partial| {
             std::fs::write(partial, "half").unwrap();
             Err(Error::Interrupted)
         });
         assert!(failing.is_err());
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-        whole_file(&path, |partial| {
+        write_atomically(&path, |partial| {
             std::fs::write(partial, "new").map_err(|error| Error::io("write", partial, error))
         })
         .unwrap();

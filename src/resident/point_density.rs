@@ -5,7 +5,7 @@ use crate::view::{Projection, View};
 
 /// Numbers of a picture, by the nodes that it shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sampling {
+pub struct PointDensity {
     /// As [`Resident::spacing_m`].
     pub spacing_m: f64,
     /// How wide a pixel is, metres: in the middle of the node that the middle point is in, from near nodes to far ones; 0 where there are none.
@@ -16,9 +16,9 @@ pub struct Sampling {
     pub apart_px: f64,
 }
 
-impl Sampling {
+impl PointDensity {
     /// Of what the view sees.
-    pub fn of(resident: &Resident, view: &View) -> Sampling {
+    pub fn of(resident: &Resident, view: &View) -> PointDensity {
         let seen: Vec<Node> =
             resident.seen(view).map(|(depths, node)| Node::of(view, depths, node)).collect();
         let number = |of: fn(&Node) -> Option<f64>| {
@@ -26,10 +26,10 @@ impl Sampling {
         };
         // Of points that are all in one place nobody knows how dense they are.
         let density = |node: &Node| (node.covered > 0.0).then(|| node.count as f64 / node.covered);
-        Sampling {
+        PointDensity {
             spacing_m: resident.spacing_m(),
-            pixel_m: middle(number(|node| Some(node.pixel_m))),
-            density: middle(number(density)),
+            pixel_m: weighted_median(number(|node| Some(node.pixel_m))),
+            density: weighted_median(number(density)),
             apart_px: quantile(seen.iter().map(|node| (node.apart, node.covered)).collect(), 0.9),
         }
     }
@@ -68,7 +68,7 @@ impl Node {
 }
 
 /// Of numbers that so many points have each, the middle one; 0 of none.
-pub fn middle(numbers: Vec<(f64, u64)>) -> f64 {
+pub fn weighted_median(numbers: Vec<(f64, u64)>) -> f64 {
     quantile(numbers.into_iter().map(|(number, points)| (number, points as f64)).collect(), 0.5)
 }
 
@@ -90,8 +90,8 @@ mod tests {
 
     #[test]
     fn quantiles_are_by_weight() {
-        assert_eq!(middle(vec![]), 0.0);
-        assert_eq!(middle(vec![(3.0, 1), (1.0, 2), (2.0, 1)]), 1.0);
+        assert_eq!(weighted_median(vec![]), 0.0);
+        assert_eq!(weighted_median(vec![(3.0, 1), (1.0, 2), (2.0, 1)]), 1.0);
         let numbers = vec![(5.0, 2.0), (1.0, 7.0), (2.0, 1.0)];
         assert_eq!(
             [0.0, 0.7, 0.75, 0.8, 0.81, 1.0].map(|share| quantile(numbers.clone(), share)),
